@@ -15,21 +15,17 @@ from bench.analysis.comparison import compare
 from bench.analysis.recognition import true_gallery
 from bench.catalogue.methods import FLOORS, known_method
 from bench.catalogue.metrics import JUDGE, column, is_mean
-from bench.checking.claim_rules import (
-    CHAIR,
+from bench.checking.claim_findings import VERDICTS, ClaimFinding, Verdict, corrected
+from bench.checking.claim_rules import CHAIR, RECOGNISABLE
+from bench.checking.claims import CHAIRS, CLASSES, LATENT, SPEED, Claim, claims
+from bench.checking.evidence import (
     DISTANCES,
-    RECOGNISABLE,
-    VERDICTS,
     Evidence,
-    Finding,
     MissingEvidence,
     QualityEvidence,
     TimingEvidence,
     Training,
-    Verdict,
-    corrected,
 )
-from bench.checking.claims import CHAIRS, CLASSES, LATENT, SPEED, Claim, claims
 from bench.judges.answers import found, why_no_retrieval
 from bench.records.features import Features
 from bench.records.journal import PROTOCOL, read_finished
@@ -52,7 +48,7 @@ SUITES = (CHAIRS, CLASSES, SPEED, LATENT)
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A run that is asked: its name for people, its suite, and what it has to say."""
+    """A run as evidence, with its suite and its name for people."""
 
     name: str
     suite: str
@@ -61,31 +57,33 @@ class Run:
 
 @dataclass(frozen=True)
 class ClaimResult:
-    """A claim and what a run says about it; `run` is empty where none was asked.
+    """The finding of a run about a claim.
 
+    run      its name; empty where no run of the claim's suite was given
     verdict  after Holm's correction for the claims of its family about the same method and run
     """
 
     claim: Claim
     run: str
-    finding: Finding
+    finding: ClaimFinding
     verdict: Verdict = "not testable here"
 
 
 def check_claims(directories: Sequence[Path], subjects: Sequence[str] = ()) -> list[ClaimResult]:
-    """What finished runs say about the claims, in the order of the table.
+    """Return the results of finished runs about the claims, in the order of the table.
 
-    `subjects` are methods in place of the variants of pc2pix. Raises BadInput where one is no
-    finished run, where no claim is about its suite, and where runs do not fit together.
+    `subjects` are methods in place of the variants of pc2pix. Raises BadInput for a folder without
+    a finished run, for a suite that no claim is about, and for runs that do not fit together.
     """
     with threadpool_limits(1):
         manifests = {directory: read_finished(directory) for directory in directories}
         _refuse_misfits(manifests)
-        return checked([read_run(of, manifests[of], subjects) for of in directories])
+        runs = [read_run(folder, manifests[folder], subjects) for folder in directories]
+        return judge(claims(), runs)
 
 
 def _refuse_misfits(manifests: Mapping[Path, Mapping[str, Any]]) -> None:
-    """Raises BadInput for runs of which one table would compare what differs."""
+    """Raise BadInput for runs whose values cannot stand in one table."""
     first: dict[tuple[str, str], tuple[Path, object]] = {}
     for directory, manifest in manifests.items():
         suite = str(manifest["suite"])
@@ -98,43 +96,51 @@ def _refuse_misfits(manifests: Mapping[Path, Mapping[str, Any]]) -> None:
             ("objects", suite, manifest.get("objects")),
             *((f"features of {name}", "", identity) for name, identity in features),
         ):
-            known = first.setdefault((what, of_suite), (directory, value))
-            if known[1] != value:
-                shown = f": {known[1]} and {value}" if what != "objects" else ""
+            other, known = first.setdefault((what, of_suite), (directory, value))
+            if known != value:
+                shown = f": {known} and {value}" if what != "objects" else ""
                 raise BadInput(
-                    f"{known[0]} and {directory} do not fit together, they have different "
+                    f"{other} and {directory} do not fit together, they have different "
                     f"{what}{shown}; give runs that were made alike"
                 )
 
 
-def checked(runs: Sequence[Run]) -> list[ClaimResult]:
-    """Every claim against every run of its suite; a line of its own where there is none."""
-    made = []
-    for claim in claims():
-        asked = [run for run in runs if claim.rule is not None and run.suite == claim.suite]
-        if not asked:
+def judge(table: Sequence[Claim], runs: Sequence[Run]) -> list[ClaimResult]:
+    """Return the results of every claim and run of its suite, with corrected verdicts.
+
+    A claim without such a run has one result, which names the remedy.
+    """
+    results = []
+    for claim in table:
+        own_runs = [run for run in runs if claim.rule is not None and run.suite == claim.suite]
+        if not own_runs:
             reason = claim.why_not or f"give a run of {claim.suite}"
-            made.append(ClaimResult(claim, "", Finding("-", "", (), reason)))
-        for run in asked:
-            made += [ClaimResult(claim, run.name, finding) for finding in _findings(claim, run)]
-    return _corrected(made)
+            results.append(ClaimResult(claim, "", ClaimFinding("-", "", (), reason)))
+        for run in own_runs:
+            assert claim.rule is not None
+            try:
+                findings = claim.rule(run.evidence)
+            except MissingEvidence as error:
+                findings = [ClaimFinding("-", "", (), str(error))]
+            results += [ClaimResult(claim, run.name, finding) for finding in findings]
+    return _corrected(results)
 
 
-def _corrected(made: Sequence[ClaimResult]) -> list[ClaimResult]:
-    """With verdicts corrected for the claims of each family about one method of one run."""
+def _corrected(results: Sequence[ClaimResult]) -> list[ClaimResult]:
+    """Return results corrected for the claims of each family about one method of one run."""
     families: dict[tuple[str, str, str], list[int]] = {}
-    for i, entry in enumerate(made):
-        key = entry.claim.family, entry.run, entry.finding.subject
+    for i, result in enumerate(results):
+        key = result.claim.family, result.run, result.finding.subject
         families.setdefault(key, []).append(i)
     verdicts: dict[int, Verdict] = {}
     for places in families.values():
-        found = corrected([made[i].finding for i in places])
-        verdicts |= dict(zip(places, found, strict=True))
-    return [replace(entry, verdict=verdicts[i]) for i, entry in enumerate(made)]
+        family = corrected([results[i].finding for i in places])
+        verdicts |= dict(zip(places, family, strict=True))
+    return [replace(result, verdict=verdicts[i]) for i, result in enumerate(results)]
 
 
-def to_markdown(made: Sequence[ClaimResult]) -> str:
-    """The checklist: counts, then a row for each claim, run and method."""
+def to_markdown(results: Sequence[ClaimResult]) -> str:
+    """Return the checklist: counts, then a row for each claim, run and method."""
     return markdown.document(
         [
             "# The paper's claims",
@@ -146,34 +152,34 @@ def to_markdown(made: Sequence[ClaimResult]) -> str:
             "a spread there is one training. "
             "Values are ours, on our data; the paper's stand in the quotations. "
             "`fd-views` is not FID: where it stands in, no Inception weights were given.",
-            _counts(made),
-            _claims(made),
+            _counts(results),
+            _claims(results),
         ]
     )
 
 
-def _claims(made: Sequence[ClaimResult]) -> Grid:
-    """The claim itself stands in its first row."""
-    several = len({entry.run for entry in made if entry.run}) > 1
+def _claims(results: Sequence[ClaimResult]) -> Grid:
+    """Return a row for each result, with the words of the claim in its first row only."""
+    several = len({result.run for result in results if result.run}) > 1
     lines = []
     last = None
-    for entry in made:
-        claim, found = entry.claim, entry.finding
+    for result in results:
+        claim, finding = result.claim, result.finding
         first = claim is not last
         last = claim
-        raw = f"uncorrected: {found.verdict}" if found.verdict != entry.verdict else ""
-        why = "; ".join(filter(None, [raw, found.why]))
+        raw = f"uncorrected: {finding.verdict}" if finding.verdict != result.verdict else ""
+        why = "; ".join(filter(None, [raw, finding.why]))
         lines.append(
             [
                 claim.id,
                 Cell(
-                    entry.verdict,
+                    result.verdict,
                     rest=f": {why}" if why else "",
-                    special=BOLD if entry.verdict == "supported" else None,
+                    special=BOLD if result.verdict == "supported" else None,
                 ),
-                f"{found.subject} ({entry.run})" if several and entry.run else found.subject,
-                str(found.objects or "-"),
-                found.numbers,
+                f"{finding.subject} ({result.run})" if several and result.run else finding.subject,
+                str(finding.objects or "-"),
+                finding.numbers,
                 f"“{claim.quoted}” ({claim.where})" if first else "",
                 claim.measured if first else "",
             ]
@@ -182,17 +188,20 @@ def _claims(made: Sequence[ClaimResult]) -> Grid:
     return grid(heads, lines)
 
 
-def write_checklist(made: Sequence[ClaimResult], directory: Path) -> Path:
+def write_checklist(results: Sequence[ClaimResult], directory: Path) -> Path:
     """Write `claims.md` into the folder of a run, and return its path."""
     path = directory / CHECKLIST
-    write_whole(path, to_markdown(made).encode())
+    write_whole(path, to_markdown(results).encode())
     return path
 
 
 def read_run(
     directory: Path, manifest: Mapping[str, Any] | None = None, subjects: Sequence[str] = ()
 ) -> Run:
-    """A finished run, as evidence. Raises BadInput: not finished, damaged, or of another suite."""
+    """Return a finished run as evidence.
+
+    Raises BadInput for a run that is not finished, is damaged, or is of another suite.
+    """
     manifest = dict(manifest or read_finished(directory))
     suite = manifest["suite"]
     if suite not in SUITES:
@@ -207,22 +216,25 @@ def read_run(
             name, suite, TimingEvidence(samples, machine, _trainings(samples["method"].unique()))
         )
     if suite == LATENT:
-        of_both = [_read_table(directory, f"latent_{of}") for of in ("interpolation", "arithmetic")]
-        return Run(name, suite, pd.concat(of_both, ignore_index=True))
-    return Run(name, suite, _scored(directory, manifest, subjects))
+        names = ("latent_interpolation", "latent_arithmetic")
+        means = [_read_table(directory, table) for table in names]
+        return Run(name, suite, pd.concat(means, ignore_index=True))
+    return Run(name, suite, _quality_evidence(directory, manifest, subjects))
 
 
-def _scored(directory: Path, manifest: dict[str, Any], subjects: Sequence[str]) -> QualityEvidence:
+def _quality_evidence(
+    directory: Path, manifest: dict[str, Any], subjects: Sequence[str]
+) -> QualityEvidence:
     scored = read_scored(directory)
-    asked = (*scored.suite.image_metrics, *scored.suite.class_metrics, *DISTANCES, *RECOGNISABLE)
-    there = [
+    wanted = (*scored.suite.image_metrics, *scored.suite.class_metrics, *DISTANCES, *RECOGNISABLE)
+    metrics = [
         metric
-        for metric in asked
+        for metric in dict.fromkeys(wanted)
         if metric in scored.features or (is_mean(metric) and column(metric) in scored.records)
     ]
     known = [m for m in manifest["methods"] if m.partition("@")[0] == NETWORK or m in subjects]
     chosen = scored.records["method"].isin([SURFACE, "true-mesh", *FLOORS, *known])
-    compared = compare(scored.records[chosen], scored.features, list(dict.fromkeys(there)))
+    compared = compare(scored.records[chosen], scored.features, metrics)
     if not compared:
         raise BadInput(f"{directory}: no object of this run could be drawn; fix the dataset")
     features = scored.features.get("fd-views")
@@ -239,8 +251,8 @@ def _scored(directory: Path, manifest: dict[str, Any], subjects: Sequence[str]) 
 
 
 def _trainings(methods: Iterable[str]) -> dict[str, Training]:
-    """What the weights of networks say; methods without, or whose file is gone, are left out."""
-    found = {}
+    """Return the trainings of networks; a method without a file of weights has none."""
+    trainings = {}
     for name in methods:
         method = known_method(str(name))
         if method is None or method.weights_file is None:
@@ -251,62 +263,59 @@ def _trainings(methods: Iterable[str]) -> dict[str, Training]:
             continue
         width = PAPER_WIDTHS.get(str(name), card.get("model", {}).get("width"))
         if width is not None:
-            found[str(name)] = Training(float(width), bool(card.get("augment", False)))
-    return found
+            trainings[str(name)] = Training(float(width), bool(card.get("augment", False)))
+    return trainings
 
 
 def retrieval_of_chairs(records: pd.DataFrame, judged: Features) -> dict[tuple[str, str], Any]:
-    """By method and condition, the share of each chair's images by which the judge finds it."""
+    """Return the share of each chair's images by which the judge finds it, [G].
+
+    It is by method and condition; empty without chairs, and where the gallery is too small.
+    """
     chairs = records[records["class"] == CHAIR]
     if chairs.empty:
         return {}
-    among = true_gallery(judged, CHAIR)
-    if why_no_retrieval(among):
+    gallery = true_gallery(judged, CHAIR)
+    if why_no_retrieval(gallery):
         return {}
-    made = {}
+    by_cell = {}
     for cell, group in cells(chairs[chairs["outcome"] == "ok"]):
         images = image_keys(group)
-        hits = pd.Series(found(among, judged.of(*cell, images), images))
+        hits = pd.Series(found(gallery, judged.of(*cell, images), images))
         shares = hits.groupby(group["object"].to_numpy()).mean()
-        # an object without images is not found
-        made[cell[0], cell[1]] = shares.reindex(sorted(among.objects), fill_value=0.0).to_numpy()
-    return made
+        # An object without images is not found.
+        per_object = shares.reindex(sorted(gallery.objects), fill_value=0.0).to_numpy()
+        by_cell[cell[0], cell[1]] = per_object
+    return by_cell
 
 
 def spreads(features: Features, classes: Iterable[str]) -> dict[str, tuple[float, Any]]:
-    """How much true objects of a class differ: the variance of their mean features, added up.
+    """Return how much true objects of each class differ.
 
-    By class, with the same without each object; classes of fewer than 3 objects are left out.
+    That is the sum of the variances of their mean features, with the sums [G] without each object.
+    Classes of fewer than 3 objects are left out.
     """
-    made = {}
+    by_class = {}
     for name in classes:
         truth = (GROUND_TRUTH, "", name)
         images = features.images(*truth)
         values = pd.DataFrame(features.of(*truth, images).astype(np.float64))
         means = values.groupby([obj for obj, _ in images]).mean().to_numpy()
         if len(means) >= 3:
-            left_out = [_variance(np.delete(means, i, axis=0)) for i in range(len(means))]
-            made[name] = _variance(means), np.array(left_out)
-    return made
+            without = [_variance(np.delete(means, i, axis=0)) for i in range(len(means))]
+            by_class[name] = _variance(means), np.array(without)
+    return by_class
 
 
 def _variance(means: Any) -> float:
     return float(means.var(axis=0, ddof=1).sum())
 
 
-def _findings(claim: Claim, run: Run) -> list[Finding]:
-    assert claim.rule is not None
-    try:
-        return claim.rule(run.evidence)
-    except MissingEvidence as error:
-        return [Finding("-", "", (), str(error))]
-
-
-def _counts(made: Sequence[ClaimResult]) -> Grid:
-    """How many claims of each verdict, by method: one line for each that any claim is about."""
+def _counts(results: Sequence[ClaimResult]) -> Grid:
+    """Return the number of claims of each verdict, a line for each method of each run."""
     subjects: dict[tuple[str, str], list[Verdict]] = {}
-    for entry in made:
-        subjects.setdefault((entry.finding.subject, entry.run), []).append(entry.verdict)
+    for result in results:
+        subjects.setdefault((result.finding.subject, result.run), []).append(result.verdict)
     lines = (
         [subject, run, *(str(verdicts.count(verdict)) for verdict in VERDICTS)]
         for (subject, run), verdicts in subjects.items()

@@ -1,8 +1,7 @@
-"""The claims of the paper (Atienza 2019) that can be tested.
+"""The claims of the paper (Atienza 2019), each with the suite and the rule that can test it.
 
-Each has a short quotation, where it stands, what is measured here, and the suite whose run can
-decide. A claim without a rule cannot be tested by what is here, and says why. What the paper's text
-says is a literal table; what its Tables 3 to 5 say is made from the values in `results/paper`.
+The claims of the paper's text are a literal table; those of its Tables 3 to 5 are made from the
+values in `results/paper`.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from typing import Any
 
 from bench.catalogue.metrics import higher_is_better
 from bench.checking import claim_rules as rules
-from bench.checking.claim_rules import Finding
+from bench.checking.claim_findings import ClaimFinding
 from bench.tables.classes import AVERAGE
 from bench.tables.published import published_rows
 
@@ -26,15 +25,15 @@ AHEAD = {"surface": "SR is ahead", "network": "pc2pix is ahead", "equal": "they 
 
 @dataclass(frozen=True)
 class Claim:
-    """One claim.
+    """A claim of the paper.
 
     id        kebab-case, unique
     quoted    the paper's words, shortened
     where     section, table or figure
-    measured  what is held against it, and when it counts as supported
-    suite     whose run can tell; empty where none can
-    rule      evidence of such a run -> findings; None where nothing here can tell
-    why_not   why nothing can; empty otherwise
+    measured  the measurement that tests it, and when it counts as supported
+    suite     its runs test the claim; empty where no suite does
+    rule      from the evidence of such a run to findings; None where no suite tests the claim
+    why_not   why no suite tests it; empty otherwise
     """
 
     id: str
@@ -42,30 +41,33 @@ class Claim:
     where: str
     measured: str = "-"
     suite: str = ""
-    rule: Callable[[Any], list[Finding]] | None = None
+    rule: Callable[[Any], list[ClaimFinding]] | None = None
     why_not: str = ""
 
     @property
     def family(self) -> str:
-        """The claims that are corrected together: those of a table, or those of the text."""
+        """Return the name of the claims corrected together: those of a table, or of the text."""
         return self.where.partition(",")[0] if self.id.startswith("table-") else "text"
 
 
 def claims() -> tuple[Claim, ...]:
-    """All claims, in the order of the checklist.
+    """Return all claims, in the order of the checklist.
 
-    Raises BadInput where the published values are not there.
+    Raises BadInput where the published values are missing.
     """
     return (*PROMISES, *_printed(CHAIRS), *_printed(CLASSES), *CONCLUSIONS)
 
 
 def _printed(suite: str) -> Iterator[Claim]:
-    """Of each pair SR and PC2PIX that Tables 3 to 5 print: who is ahead."""
+    """Yield a claim for each pair SR and PC2PIX that Tables 3 to 5 print: which is ahead."""
     rows = published_rows(suite)
     for keys, pair in rows.groupby(["table", "class", "metric", "condition"], sort=False):
         table, class_name, metric, condition = map(str, keys)
         surface, network = pair["value"]
-        ahead = _ahead(metric, surface, network)
+        ahead: rules.Ahead = "equal"
+        if surface != network:
+            higher = float(network) > float(surface)
+            ahead = "network" if higher == higher_is_better(metric) else "surface"
         label = "FID" if metric == "fid" else metric
         if suite == CHAIRS:
             place, subject = condition, " on chairs"
@@ -85,15 +87,7 @@ def _printed(suite: str) -> Iterator[Claim]:
         )
 
 
-def _ahead(metric: str, surface: str, network: str) -> rules.Ahead:
-    """By two printed values; similarities are better the larger, distances the smaller."""
-    if surface == network:
-        return "equal"
-    higher = float(network) > float(surface)
-    return "network" if higher == higher_is_better(metric) else "surface"
-
-
-# What the abstract and the introduction promise.
+# Claims of the abstract and the introduction.
 PROMISES = (
     Claim(
         "a-gan-can-render",
@@ -193,7 +187,7 @@ PROMISES = (
     ),
 )
 
-# What section 4.2 concludes, and the space of codes.
+# Conclusions of section 4.2, and claims about the space of codes.
 CONCLUSIONS = (
     Claim(
         "rifle-is-no-difference",

@@ -1,15 +1,14 @@
-"""A run compared with known values: our golden values, and the paper's.
+"""The comparison of a run with our golden values, and remarks on the paper's values.
 
-Golden values are ours, made by one run of the default protocol; each carries a tolerance and the
-reason for it. Those of the whole run are compared with a whole run, those of objects
-(`bench.checking.objects`) with any part of one. The paper's values are never a criterion: other
-data, other weights. What can be compared is which of the two methods is ahead in each cell.
+Golden values are those of one run of the default protocol; each has a tolerance and the reason for
+it. Values of the whole run are compared with a whole run, values of objects
+(`bench.checking.objects`) with any part of one.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,7 @@ import pandas as pd
 from bench.catalogue.methods import role
 from bench.catalogue.suites import STABILITY
 from bench.checking.objects import (
-    Deviation,
+    GoldenDeviation,
     GoldenObjects,
     compare_objects,
     read_objects,
@@ -44,10 +43,10 @@ PROTOCOL = ["dataset", "objects", "views", "seed"]
 
 
 @dataclass(frozen=True)
-class Verdict:
-    """What came of a check.
+class CheckResult:
+    """The result of a check.
 
-    compared     how many values
+    compared     number of values
     regressions  a line for each
     remarks      lines that are no criterion
     moved        the values of objects that moved
@@ -56,59 +55,58 @@ class Verdict:
     compared: int
     regressions: tuple[str, ...]
     remarks: tuple[str, ...]
-    moved: tuple[Deviation, ...] = ()
+    moved: tuple[GoldenDeviation, ...] = ()
 
 
-def check(directory: Path) -> Verdict:
+def check(directory: Path) -> CheckResult:
     """Compare a finished run with the golden values of its suite.
 
-    Where there are golden values by object, the run may have a part of the objects, methods and
-    conditions, and others, which are left out. Means and distances of the whole run are compared
-    where all objects are there.
+    With golden values by object, the run may have a part of the objects, methods and conditions,
+    and others, which are left out. Means and distances of the whole run are compared where the run
+    has all objects. A run of the suite `stability` is compared with its expected outcomes.
 
     Raises BadInput where `directory` is not a finished run, and where the golden values belong to
-    another protocol (dataset, objects, views or seed): then there is nothing to compare with. A run
-    of the suite `stability` is compared with what is stated there.
+    another protocol (dataset, objects, views or seed).
     """
     manifest = read_finished(directory)
     if manifest["suite"] == STABILITY.id:
-        return _check_stated(directory)
+        return _check_outcomes(directory)
     run, expected = read_scored(directory), golden(manifest["suite"])
     objects = read_objects(manifest["suite"])
     whole = _is_whole(directory, manifest, expected, objects)
-    made = tables(run)
-    written: list[Table[Any]] = [*made, *filter(None, (class_orderings(run), crossings(run)))]
+    own_tables = tables(run)
+    written: list[Table[Any]] = [*own_tables, *filter(None, (class_orderings(run), crossings(run)))]
     compared, regressions = 0, _stale_tables(directory, written)
     if whole:
-        compared, moved = _compare_means(made, manifest, expected)
+        compared, moved = _compare_means(own_tables, manifest, expected)
         regressions += moved
-    remarks = _against_paper(made)
+    remarks = _against_paper(own_tables)
     if objects is None:
-        return Verdict(compared, tuple(regressions), tuple(remarks))
+        return CheckResult(compared, tuple(regressions), tuple(remarks))
     if not whole:
         remarks.append("not all golden objects: means and distances of the run are not compared")
     by_object = compare_objects(run, objects)
     regressions += by_object.lines
-    return Verdict(
+    return CheckResult(
         compared + by_object.compared,
         tuple(regressions),
-        (*remarks, *_left_out(manifest, objects), by_object.remark),
+        (*remarks, *_without_golden(manifest, objects), by_object.remark),
         by_object.moved,
     )
 
 
 def _compare_means(
-    made: Sequence[Table[Row]], manifest: dict[str, Any], expected: pd.DataFrame
+    own_tables: Sequence[Table[Row]], manifest: dict[str, Any], expected: pd.DataFrame
 ) -> tuple[int, list[str]]:
-    """How many golden values of the whole run were compared, and a line for each that moved."""
-    found = {_cell(row): row.value for table in made for row in table.rows}
+    """Return the number of golden values of the whole run, and a line for each that moved."""
+    values = {_cell(row): row.value for table in own_tables for row in table.rows}
     compared, regressions = 0, []
     methods, conditions = set(manifest["methods"]), set(manifest["conditions"])
     for row in expected.to_dict("records"):
         if row["method"] not in methods or row["condition"] not in conditions:
             continue
         compared += 1
-        value = found.get((row["method"], row["condition"], row["class"], row["metric"]), math.nan)
+        value = values.get((row["method"], row["condition"], row["class"], row["metric"]), math.nan)
         if not abs(value - row["value"]) <= row["tolerance"]:  # also for NaN
             got = f"{value:.6f}" if math.isfinite(value) else "nothing"
             regressions.append(
@@ -118,31 +116,40 @@ def _compare_means(
     return compared, regressions
 
 
-def _left_out(manifest: dict[str, Any], golden_objects: GoldenObjects) -> list[str]:
-    """What of a run has no golden values by object."""
-    of = golden_objects.names
+def _without_golden(manifest: dict[str, Any], golden_objects: GoldenObjects) -> list[str]:
+    """Return a line for each kind of name in a run that has no golden values by object."""
     lines = []
-    for kind in ("methods", "conditions", "objects"):
-        if strange := [name for name in manifest[kind] if name not in of[kind]]:
-            lines.append(f"without golden values, left out: {kind} {', '.join(strange)}")
+    for kind, known in golden_objects.names.items():
+        if unknown := [name for name in manifest[kind] if name not in known]:
+            lines.append(f"without golden values, left out: {kind} {', '.join(unknown)}")
     return lines
 
 
 def bless(directory: Path) -> list[Path]:
-    """Make this run's values the golden ones of its suite (for developers; see CONTRIBUTING).
+    """Make this run's values the golden ones of its suite, and return the files (see CONTRIBUTING).
 
-    Metrics without a tolerance have none: fid, whose weights the default protocol does not need.
-    The files that were written. Raises BadInput where this is not the whole default run, or its
-    images are gone.
+    Raises BadInput where this is not the whole default run, or its images are gone.
     """
     manifest = read_finished(directory)
     run = read_scored(directory)
     _refuse_other_protocol(run)
     protocol = _protocol(manifest)
+    lines = golden_lines((row for table in tables(run) for row in table.rows), protocol)
+    # Of 390 objects of thirteen classes, the thumbnails alone would be 3 MB.
+    by_object = write_objects(run, protocol) if len(run.suite.classes) == 1 else []
+    path = golden_path(manifest["suite"])
+    write_whole(path, pd.DataFrame(lines).to_csv(index=False, lineterminator="\n").encode())
+    return [path, *by_object]
+
+
+def golden_lines(rows: Iterable[Row], protocol: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return the lines of a file of golden values, one for each cell.
+
+    Metrics without a tolerance have no line: the default protocol has no weights for fid.
+    """
     lines = []
-    every = (row for table in tables(run) for row in table.rows)
-    once = {_cell(row): row for row in every}  # a metric may stand in two tables
-    for row in once.values():
+    by_cell = {_cell(row): row for row in rows}  # a metric may stand in two tables
+    for cell, row in by_cell.items():
         rule = tolerance(row.method, row.metric)
         if role(row.method) == "chosen":  # the value of another method
             continue
@@ -151,18 +158,15 @@ def bless(directory: Path) -> list[Path]:
         allowed = rule.absolute + rule.relative * abs(row.value)
         lines.append(
             protocol
-            | dict(zip(CELL, _cell(row), strict=True))
+            | dict(zip(CELL, cell, strict=True))
             | {"value": f"{row.value:.6f}", "tolerance": f"{allowed:.6f}"}
             | {"reason": rule.reason}
         )
-    # Of 390 objects of thirteen classes, the thumbnails alone would be 3 MB.
-    by_object = write_objects(run, protocol) if len(run.suite.classes) == 1 else []
-    path = golden_path(manifest["suite"])
-    write_whole(path, pd.DataFrame(lines).to_csv(index=False, lineterminator="\n").encode())
-    return [path, *by_object]
+    return lines
 
 
 def _refuse_other_protocol(run: ScoredRun) -> None:
+    """Raise BadInput for a run that is not the whole default run of its suite."""
     suite, manifest = run.suite, run.manifest
     default = Options(suite.id)
     objects = suite.endless_limit * len(suite.classes)
@@ -176,8 +180,8 @@ def _refuse_other_protocol(run: ScoredRun) -> None:
     other = [f"{n} {have[n]} (default: {wanted[n]})" for n in PROTOCOL if have[n] != wanted[n]]
     for kind, names in (("methods", suite.methods), ("conditions", suite.conditions)):
         for word, some, others in (("no", names, manifest[kind]), ("also", manifest[kind], names)):
-            if lacking := [name for name in some if name not in others]:
-                other.append(f"{word} {kind} {', '.join(lacking)}")
+            if only := [name for name in some if name not in others]:
+                other.append(f"{word} {kind} {', '.join(only)}")
     if other:
         raise BadInput(
             f"{run.directory}: golden values are of the whole default run, this one has "
@@ -200,9 +204,9 @@ def _is_whole(
     expected: pd.DataFrame,
     objects: GoldenObjects | None,
 ) -> bool:
-    """Whether a run has all golden objects and no others, so that its means can be compared.
+    """Return whether a run has all golden objects and no others: its means can be compared then.
 
-    Raises BadInput where it has another protocol. Without golden values by object that is also
+    Raises BadInput where it has another protocol. Without golden values by object, that includes
     another number of objects; with them, one golden object is enough.
     """
     have = _protocol(manifest)
@@ -217,9 +221,9 @@ def _is_whole(
                 "object beside it; restore both with git, or write them with "
                 "'bench check DIR --bless'"
             )
-        there, named = set(manifest["objects"]), objects.names["objects"]
-        whole = there == named
-        if there.isdisjoint(named):
+        measured, named = set(manifest["objects"]), objects.names["objects"]
+        whole = measured == named
+        if measured.isdisjoint(named):
             other.append("none of its objects is golden")
     if other:
         raise BadInput(
@@ -229,10 +233,10 @@ def _is_whole(
     return whole
 
 
-def _stale_tables(directory: Path, made: Sequence[Table[Any]]) -> list[str]:
-    """Table files that do not say what the records say."""
+def _stale_tables(directory: Path, written: Sequence[Table[Any]]) -> list[str]:
+    """Return a line for each file of a table that differs from the table of the records."""
     stale = []
-    for name, text in table_files(made).items():
+    for name, text in table_files(written).items():
         path = directory / TABLES / name
         if not path.is_file() or path.read_bytes() != text.encode():
             stale.append(
@@ -241,14 +245,14 @@ def _stale_tables(directory: Path, made: Sequence[Table[Any]]) -> list[str]:
     return stale
 
 
-def _check_stated(directory: Path) -> Verdict:
-    """What a stability run has found, by its tables: each outcome that nobody has stated."""
-    found = read_outcomes(directory / TABLES)
-    return Verdict(
-        len(found),
+def _check_outcomes(directory: Path) -> CheckResult:
+    """Return a regression for each unexpected outcome in the tables of a stability run."""
+    outcomes = read_outcomes(directory / TABLES)
+    return CheckResult(
+        len(outcomes),
         tuple(
             f"{o.subject}, {o.case}: {o.observed}; stated was: {o.expected}"
-            for o in found
+            for o in outcomes
             if o.kind == "unexpected"
         ),
         (),
@@ -259,9 +263,12 @@ def _cell(row: Row) -> tuple[str, str, str, str]:
     return row.method, row.condition, row.class_name, row.metric
 
 
-def _against_paper(made: list[Table[Row]]) -> list[str]:
-    """For each metric that the paper has: in how many cells the same method is ahead."""
-    rows = {_cell(row): row for table in made for row in table.rows}
+def _against_paper(own_tables: list[Table[Row]]) -> list[str]:
+    """Return a line for each metric of the paper: in how many cells the same method is ahead.
+
+    The values themselves are no criterion, as the paper has other data and other weights.
+    """
+    rows = {_cell(row): row for table in own_tables for row in table.rows}
     sr, network, *_ = PAPER_METHODS  # the bundled default; the others are variants
     if any(method == PAPER_NETWORK for method, *_ in rows):  # of all classes
         network = PAPER_NETWORK

@@ -1,4 +1,4 @@
-"""Golden values by object: any complete part of a run is compared with them, object by object.
+"""Golden values by object, with which any complete part of a run is compared.
 
 They lie beside the golden means of a suite:
 
@@ -42,13 +42,13 @@ from data_prep.scene import UInt8Images
 
 KEY = ["method", "condition", "class", "object"]
 IMAGES = "images"
-ANY = "any"  # condition of what sees no cloud
+ANY = "any"  # condition of methods that see no cloud
 WORST = 3  # objects named for each regression
 LIBRARIES = ("torch", "pymeshlab", "pyrender", "PyOpenGL", "trimesh", "numpy", "scipy")
 
 
 def environment_of(manifest: Mapping[str, Any]) -> dict[str, str]:
-    """What images depend on beside the project's own code and weights.
+    """Return everything that images depend on beside the project's own code and weights.
 
     Where two runs have the same, their values are the same to the last digit.
     """
@@ -67,8 +67,11 @@ def environment_of(manifest: Mapping[str, Any]) -> dict[str, str]:
 
 
 def object_values(run: ScoredRun) -> pd.DataFrame:
-    """By method, condition, class and object (the index, in the order of the run), a column for
-    each image metric: its mean over the views that have a value; NaN where none has."""
+    """Return each object's mean of each image metric over the views that have a value.
+
+    The index is method, condition, class and object, in the order of the run; the columns are the
+    metrics. NaN where no view has a value.
+    """
     metrics = [*run.suite.image_metrics, *run.suite.detail_metrics]
     records = in_order(run.records, run.manifest, KEY)
     columns = {column(metric): metric for metric in metrics}
@@ -77,18 +80,18 @@ def object_values(run: ScoredRun) -> pd.DataFrame:
 
 
 class StoredImages:
-    """The images of a run's items, read when they are asked for."""
+    """The images of a run's jobs, each read on demand."""
 
     def __init__(self, directory: Path) -> None:
-        there = artifacts_of(directory, read_jobs(directory))
-        self._artifacts = {artifact.item: artifact for artifact in there}
+        artifacts = artifacts_of(directory, read_jobs(directory))
+        self._artifacts = {artifact.item: artifact for artifact in artifacts}
 
     def __contains__(self, item: Item) -> bool:
-        """Whether an item has images, also where their file is gone; failed ones have none."""
+        """Return whether an item has images, even without their file; failed items have none."""
         return item in self._artifacts
 
     def images(self, item: Item) -> NDArray[np.uint8] | None:
-        """All views [V, H, W, 3]; None where there are none, or their file cannot be read."""
+        """Return all views [V, H, W, 3]; None without images, or where their file is unreadable."""
         artifact = self._artifacts.get(item)
         if artifact is None or not zipfile.is_zipfile(artifact.path):
             return None
@@ -99,13 +102,13 @@ class StoredImages:
 
 
 def checksum(images: NDArray[np.uint8] | None) -> str:
-    """Of the pixels of all views: 16 hexadecimal digits; empty where there are none."""
+    """Return the first 16 digits of the sha256 of the pixels of all views; empty without views."""
     return "" if images is None else sha256(images.tobytes()).hexdigest()[:16]
 
 
 @dataclass(frozen=True, eq=False)
 class GoldenObjects:
-    """Golden values by object.
+    """The golden values of a suite by object.
 
     protocol     dataset, objects, views and seed of their run
     environment  of their run, see `environment_of`
@@ -118,8 +121,10 @@ class GoldenObjects:
 
     @property
     def names(self) -> dict[str, set[str]]:
-        """Methods, conditions and objects, as in manifests; conditions are those of methods that
-        see a cloud."""
+        """Return the names of methods, conditions and objects, as in manifests.
+
+        Conditions are those of methods that see a cloud.
+        """
         return {
             "methods": set(self.lines["method"]),
             "conditions": set(self.lines["condition"]) - {ANY},
@@ -127,18 +132,20 @@ class GoldenObjects:
         }
 
     def part(self, manifest: Mapping[str, Any]) -> pd.DataFrame:
-        """The lines that a run should have, with its conditions in place of ANY: the index is KEY,
-        the column `line` the number of the line in the file."""
+        """Return the lines that a run should have, with its conditions in place of ANY.
+
+        The index is KEY; the column `line` is the number of the line in the file.
+        """
         every = self.lines.assign(line=range(len(self.lines)))
-        once = every["condition"] == ANY
-        spread = [every[once].assign(condition=condition) for condition in manifest["conditions"]]
-        named = pd.concat([every[~once], *spread])
-        of_run = (
+        blind = every["condition"] == ANY
+        spread = [every[blind].assign(condition=condition) for condition in manifest["conditions"]]
+        named = pd.concat([every[~blind], *spread])
+        in_run = (
             named["method"].isin(manifest["methods"])
             & named["condition"].isin(manifest["conditions"])
             & (named["class"] + "/" + named["object"]).isin(manifest["objects"])
         )
-        return in_order(named[of_run], manifest, KEY).set_index(KEY)
+        return in_order(named[in_run], manifest, KEY).set_index(KEY)
 
 
 def _paths(suite: str) -> tuple[Path, Path, Path]:
@@ -150,17 +157,17 @@ def _paths(suite: str) -> tuple[Path, Path, Path]:
 
 
 def read_objects(suite: str) -> GoldenObjects | None:
-    """The golden values of a suite by object; None where it has none.
+    """Return the golden values of a suite by object; None where it has none.
 
-    Raises BadInput where a file is missing, or is not the one that was written with the others.
+    Raises BadInput where a file is missing, or was not written with the others.
     """
     csv, png, about = _paths(suite)
     if not any(path.is_file() for path in (csv, png, about)):
         return None
     remedy = "restore it with git, or write all of them with 'bench check DIR --bless'"
     try:
-        stated = json.loads(about.read_text(encoding="utf-8"))
-        protocol, environment, sums = (stated[n] for n in ("protocol", "environment", "sha256"))
+        fields = json.loads(about.read_text(encoding="utf-8"))
+        protocol, environment, sums = (fields[n] for n in ("protocol", "environment", "sha256"))
         for path in (csv, png):
             if sha256(path.read_bytes()).hexdigest() != sums[path.name]:
                 raise BadInput(f"{path}: damaged, or of another run than {about.name}; {remedy}")
@@ -175,7 +182,7 @@ def read_objects(suite: str) -> GoldenObjects | None:
 
 
 def golden_thumbnails(suite: str) -> UInt8Images:
-    """[lines, SIDE, SIDE, 3], in the order of the golden values by object.
+    """Return the thumbnails [lines, SIDE, SIDE, 3], in the order of the golden values by object.
 
     Raises BadInput for a file that is not readable.
     """
@@ -184,7 +191,7 @@ def golden_thumbnails(suite: str) -> UInt8Images:
 
 
 def write_objects(run: ScoredRun, protocol: Mapping[str, Any]) -> list[Path]:
-    """Make the values and images of a run the golden ones of its suite; the files.
+    """Make the values and images of a run the golden ones of its suite, and return the files.
 
     Raises BadInput where its images are gone.
     """
@@ -210,19 +217,19 @@ def write_objects(run: ScoredRun, protocol: Mapping[str, Any]) -> list[Path]:
     csv, png, about = _paths(run.suite.id)
     table = pd.DataFrame(lines).to_csv(index=False, lineterminator="\n", float_format="%.6f")
     contents = {csv: table.encode(), png: to_png(thumbnails)}
-    stated = {
+    fields = {
         "protocol": dict(protocol),
         "environment": environment_of(run.manifest),
         "sha256": {path.name: sha256(data).hexdigest() for path, data in contents.items()},
     }
-    contents[about] = (json.dumps(stated, indent=2, ensure_ascii=False) + "\n").encode()
+    contents[about] = (json.dumps(fields, indent=2, ensure_ascii=False) + "\n").encode()
     for path, data in contents.items():
         write_whole(path, data)
     return list(contents)
 
 
 @dataclass(frozen=True, eq=False)
-class Deviation:
+class GoldenDeviation:
     """A value of an object that is not within its tolerance; NaN is no value.
 
     line  of the golden file
@@ -230,72 +237,81 @@ class Deviation:
 
     item: Item
     metric: str
-    found: float
+    actual: float
     golden: float
     allowed: float
     line: int
 
     @property
     def excess(self) -> float:
-        """How many times farther it moved than is allowed; infinite where a value is missing."""
-        by = abs(self.found - self.golden) / self.allowed
+        """Return the move as a multiple of the allowed one; infinite where a value is missing."""
+        by = abs(self.actual - self.golden) / self.allowed
         return by if math.isfinite(by) else math.inf
 
 
 @dataclass(frozen=True)
-class Comparison:
-    """What came of a comparison object by object.
+class ObjectComparison:
+    """The result of a comparison object by object.
 
-    remark    whether the golden values were made in the same environment
-    compared  how many values
-    lines     for each metric of a method at a condition that moved, what moved most
+    remark    whether the golden values come from the same environment
+    compared  number of values
+    lines     one for each metric of a method at a condition that moved, with the largest moves
     moved     every value that moved
     """
 
     remark: str
     compared: int
     lines: tuple[str, ...]
-    moved: tuple[Deviation, ...]
+    moved: tuple[GoldenDeviation, ...]
 
 
-def compare_objects(run: ScoredRun, golden: GoldenObjects) -> Comparison:
-    """The values of a run, or of a part of one, with the golden ones.
+def compare_objects(run: ScoredRun, golden: GoldenObjects) -> ObjectComparison:
+    """Compare the values of a run, or of a part of one, with the golden ones.
 
-    Where the environment is the same, a value may differ by the digits that are not written;
-    elsewhere as `bench.checking.tolerances.object_tolerance` says.
+    In the same environment a value may differ by the digits that are not written; elsewhere by
+    `bench.checking.tolerances.object_tolerance`.
     """
     expected = golden.part(run.manifest)
     metrics = [name for name in golden.lines.columns if name not in (*KEY, IMAGES)]
-    found = object_values(run).reindex(index=expected.index, columns=metrics)
+    actual = object_values(run).reindex(index=expected.index, columns=metrics)
     here = environment_of(run.manifest)
     same = here == golden.environment
     stored = StoredImages(run.directory)
     lines: list[str] = []
-    moved: list[Deviation] = []
-    for cell, of_cell in expected.groupby(KEY[:2], sort=False):
+    moved: list[GoldenDeviation] = []
+    for cell, wanted in expected.groupby(KEY[:2], sort=False):
         method, condition = map(str, cell)
-        of_run = found.loc[of_cell.index]
+        measured = actual.loc[wanted.index]
         for metric in metrics:
             allowed = object_tolerance(method, metric, same)
             values = zip(
-                of_cell.index, of_run[metric], of_cell[metric], of_cell["line"], strict=True
+                wanted.index, measured[metric], wanted[metric], wanted["line"], strict=True
             )
             beyond = [
-                Deviation(Item(*key), metric, now, was, allowed, line)
+                GoldenDeviation(Item(*key), metric, now, was, allowed, line)
                 for key, now, was, line in values
                 if not (abs(now - was) <= allowed or (math.isnan(now) and math.isnan(was)))
             ]
             if not beyond:
                 continue
-            beyond.sort(key=lambda one: -one.excess)
-            worst = [_of_object(one, stored, of_cell[IMAGES]) for one in beyond[:WORST]]
+            beyond.sort(key=lambda deviation: -deviation.excess)
+            worst = []
+            for deviation in beyond[:WORST]:
+                now = checksum(stored.images(deviation.item))
+                same_images = now != "" and now == wanted[IMAGES][deviation.item]
+                worst.append(
+                    f"{'/'.join(deviation.item.object)} {number(deviation.actual)}, golden "
+                    f"{number(deviation.golden)}" + " (same images)" * same_images
+                )
             more = "; ..." * (len(beyond) > WORST)
             lines.append(
-                f"{metric} of {method} at {condition}: {len(beyond)} of {len(of_cell)} objects "
+                f"{metric} of {method} at {condition}: {len(beyond)} of {len(wanted)} objects "
                 f"moved by more than {allowed:.6f}: {'; '.join(worst)}{more}"
             )
             moved += beyond
-    return Comparison(_remark(here, golden.environment), found.size, tuple(lines), tuple(moved))
+    return ObjectComparison(
+        _remark(here, golden.environment), actual.size, tuple(lines), tuple(moved)
+    )
 
 
 def _remark(here: Mapping[str, str], golden: Mapping[str, str]) -> str:
@@ -309,14 +325,6 @@ def _remark(here: Mapping[str, str], golden: Mapping[str, str]) -> str:
     return "same environment as the golden values: objects are compared to the last digit"
 
 
-def _of_object(moved: Deviation, stored: StoredImages, golden: pd.Series) -> str:
-    now = checksum(stored.images(moved.item))
-    return (
-        f"{'/'.join(moved.item.object)} {number(moved.found)}, golden {number(moved.golden)}"
-        + " (same images)" * (now != "" and now == golden[moved.item])
-    )
-
-
 def number(value: float) -> str:
-    """A value as it is shown to people."""
+    """Return a value in digits for people, "nothing" where it is not finite."""
     return f"{value:.6f}" if math.isfinite(value) else "nothing"

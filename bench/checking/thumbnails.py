@@ -1,4 +1,4 @@
-"""Thumbnails of golden images, in one PNG: for people to compare with; checksums tell the rest."""
+"""Thumbnails of golden images in one PNG, for people; checksums compare the images themselves."""
 
 from __future__ import annotations
 
@@ -19,20 +19,23 @@ COLOURS = 256  # of the whole sheet: a third of the bytes that all colours take
 
 
 def thumbnail(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """An image [IMAGE_SIZE, IMAGE_SIZE, 3] as [SIDE, SIDE, 3]: means of blocks, rounded half up."""
+    """Return an image [IMAGE_SIZE, IMAGE_SIZE, 3] as [SIDE, SIDE, 3].
+
+    Pixels are means of blocks, rounded half up.
+    """
     block = IMAGE_SIZE // SIDE
     blocks = image.reshape(SIDE, block, SIDE, block, 3).astype(np.float64)
     return np.floor(blocks.mean(axis=(1, 3)) + 0.5).astype(np.uint8)
 
 
 def to_png(thumbnails: Sequence[NDArray[np.uint8]]) -> bytes:
-    """All of them, ACROSS in a row, in their order; what is left of the last row is white."""
+    """Return a sheet of thumbnails in their order, ACROSS in a row; the last row ends in white."""
     from PIL import Image
 
     rows = -(-len(thumbnails) // ACROSS)
-    places = np.full((rows * ACROSS, SIDE, SIDE, 3), 255, np.uint8)
-    places[: len(thumbnails)] = thumbnails
-    grid = places.reshape(rows, ACROSS, SIDE, SIDE, 3).swapaxes(1, 2)
+    tiles = np.full((rows * ACROSS, SIDE, SIDE, 3), 255, np.uint8)
+    tiles[: len(thumbnails)] = thumbnails
+    grid = tiles.reshape(rows, ACROSS, SIDE, SIDE, 3).swapaxes(1, 2)
     sheet = Image.fromarray(grid.reshape(rows * SIDE, ACROSS * SIDE, 3))
     buffer = io.BytesIO()
     sheet.quantize(COLOURS).save(buffer, "PNG", optimize=True)
@@ -40,7 +43,7 @@ def to_png(thumbnails: Sequence[NDArray[np.uint8]]) -> bytes:
 
 
 def read_png(path: Path) -> UInt8Images:
-    """The thumbnails [N, SIDE, SIDE, 3] of a sheet, and white ones up to the end of its last row.
+    """Return the thumbnails [N, SIDE, SIDE, 3] of a sheet, up to the end of its last row.
 
     Raises BadInput for a file that is no sheet.
     """

@@ -1,4 +1,4 @@
-"""How far a golden value may move on another machine, and why: the project's error budget.
+"""Tolerances of golden values on another machine, with their reasons: the error budget.
 
 On one machine a run repeats to the last digit, so these tolerances leave room only for other GL
 drivers and processors. How they were measured, at 128 px:
@@ -12,16 +12,17 @@ drivers and processors. How they were measured, at 128 px:
   0.0146 (contrast), 0.0043 (structure) and 0.0017 (luminance), hence by 3 standard errors over 24
   chairs of 0.010, 0.009, 0.003 and 0.001; and in fd-views by up to 40 % in a cell of 12 chairs, the
   largest of five.
-* The same two for what came later. The turn by 0.1 degree moved the cells of `splat`, `blank` and
-  `constant` by at most 0.0003 (ssim-object), 0.0053 (thin-recall), 0.0004 (thin-precision; 0.025
-  for `constant`, which draws enough beside thin parts in few images only) and 1 %
-  (fd-views-grey). For APSS, one point in fifty was moved by one rounding error, on 12 chairs
-  clean and noisy: per chair, ssim-object moved by 1.8 times as much as ssim, thin-precision by 0.4
-  and thin-recall by 0.1 times. With the 0.0156 of ssim, 3 standard errors over 24 chairs are 0.017,
-  0.004 and 0.001; less is never allowed than for a driver.
-* The judge, asked the same: its medians moved by up to 2 % of themselves (azimuth: and by the 0.1
-  degree of the turn), and one image in 40 to another object; by APSS no more than by the turn.
-* All of it again by `studies.noise_floor` on as many images as a golden cell has (24 chairs x
+* The same two sources, for later metrics. The turn by 0.1 degree moved the cells of `splat`,
+  `blank` and `constant` by at most 0.0003 (ssim-object), 0.0053 (thin-recall), 0.0004
+  (thin-precision; 0.025 for `constant`, which draws enough beside thin parts in few images only)
+  and 1 % (fd-views-grey). For APSS, one point in fifty was moved by one rounding error, on 12
+  chairs clean and noisy: per chair, ssim-object moved by 1.8 times as much as ssim, thin-precision
+  by 0.4 and thin-recall by 0.1 times. With the 0.0156 of ssim, 3 standard errors over 24 chairs are
+  0.017, 0.004 and 0.001; less is never allowed than for a driver.
+* The same two sources for the judge: its medians moved by up to 2 % of themselves (azimuth: and by
+  the 0.1 degree of the turn), and one image in 40 to another object; by APSS no more than by the
+  turn.
+* All of this again by `studies.noise_floor` on as many images as a golden cell has (24 chairs x
   20 views; 2048, 512 and noise-0.10; both networks, `splat`, `constant`, `blank`): the largest move
   of a cell by the turn of 0.1 degree, by an independent ray-caster that samples where OpenGL does,
   and by one with the mirrored pattern of samples, was
@@ -36,7 +37,7 @@ drivers and processors. How they were measured, at 128 px:
 
   Three times of that is allowed, or more. Whether a part counts as thin is decided by whole pixels,
   so that few images tell little: 40 of `splat` showed less.
-* silhouette-iou came later. The same three sources, at 2048 and 512, moved a cell by at most
+* silhouette-iou, a later metric. The same three sources, at 2048 and 512, moved a cell by at most
   0.00016, 0.00014 and 0.00028 (`splat`, `constant`). For APSS, one point in fifty moved by one
   rounding error on 12 chairs moved it per chair by 1.5 times as much as ssim on clean clouds and
   0.24 times on noisy ones. With the larger, 3 standard errors over 24 chairs are 0.0143.
@@ -48,23 +49,23 @@ drivers and processors. How they were measured, at 128 px:
   moved by at most 0.0045 by the turn and 0.0061 by rounding, and kd-views, by at most 2.6 % of
   itself, and where it is small by 0.03. Three times the largest is allowed for all methods; true
   images, too, are neither certain nor at no kernel distance from themselves.
-* psnr came later, and ssim-object over the windows that meet a silhouette, where white no longer
-  dilutes a move: (1 - value) of a cell is 1.2 to 1.4 times what it was over the box. On 8 chairs x
-  20 views at 2048 the three sources moved a cell by at most 0.00017 (ssim-object) and 0.0016 dB
-  (psnr); three times that is 0.0005 and 0.005 dB. For APSS, one point in fifty moved by one
-  rounding error moved psnr per chair by 10.4 dB for 1 of ssim, and ssim-object by 1.6 times as much
-  as ssim; by the 1.8 above, not diluted, it is 2.2. With the 0.0156 of ssim, 3 standard errors over
-  24 chairs are 0.10 dB and 0.021.
-* lpips and the distances by AlexNet came later. On 24 chairs x 20 views at 2048 the three sources
-  moved a cell by at most 0.00036 (lpips), 0.24 and 0.3 % of itself (fd-alexnet) and 0.0031 and
-  0.6 % (kd-alexnet); the unbiased distance of true images from themselves is -0.006, and moves,
+* psnr, a later metric, and ssim-object over the windows that meet a silhouette, where white no
+  longer dilutes a move: (1 - value) of a cell is 1.2 to 1.4 times what it was over the box. On 8
+  chairs x 20 views at 2048 the three sources moved a cell by at most 0.00017 (ssim-object) and
+  0.0016 dB (psnr); three times that is 0.0005 and 0.005 dB. For APSS, one point in fifty moved by
+  one rounding error moved psnr per chair by 10.4 dB for 1 of ssim, and ssim-object by 1.6 times as
+  much as ssim; by the 1.8 above, not diluted, it is 2.2. With the 0.0156 of ssim, 3 standard errors
+  over 24 chairs are 0.10 dB and 0.021.
+* lpips and the distances by AlexNet, later metrics. On 24 chairs x 20 views at 2048 the three
+  sources moved a cell by at most 0.00036 (lpips), 0.24 and 0.3 % of itself (fd-alexnet) and 0.0031
+  and 0.6 % (kd-alexnet); the unbiased distance of true images from themselves is -0.006, and moves,
   too. For APSS, one point in fifty moved by one rounding error (12 chairs x 10 views, 2048 and
   noise-0.10) moved lpips per chair by up to 2.5 times as much as ssim, hence by 3 standard errors
   over 24 chairs of 0.024; fd-alexnet by a smaller part of itself than fd-views, whose 40 % are
-  allowed; kd-alexnet by 1.6 times that part. The same rounding moved the cells of
-  `denoised-alpha` and `denoised-bpa` by less than the turn. These were not measured by class.
-* What does not matter beside that: views one at a time or 20 in a batch, 1 thread or 2, float64 for
-  float32 in pc2pix and in the feature networks. They move no cell by more than 6e-8 (ssim, its
+  allowed; kd-alexnet by 1.6 times that part. The same rounding moved the cells of `denoised-alpha`
+  and `denoised-bpa` by less than the turn. These were not measured by class.
+* No other choice matters beside these: views one at a time or 20 in a batch, 1 thread or 2, float64
+  for float32 in pc2pix and in the feature networks. They move no cell by more than 6e-8 (ssim, its
   components and ssim-object), 0 (thin parts, retrieval), 2e-5 (fd) and 2e-4 degrees (the judge).
   bfloat16 is another matter: 0.0007 (ssim), 0.05 (fd-views). See `docs/noise-floor.md`.
 
@@ -94,7 +95,7 @@ from bench.catalogue.methods import known_method
 
 @dataclass(frozen=True)
 class Tolerance:
-    """A golden value may move by `absolute` + `relative` times itself."""
+    """A tolerance: a golden value may move by `absolute` + `relative` times itself."""
 
     absolute: float
     relative: float
@@ -148,7 +149,7 @@ OF_CLASSES: Mapping[str, Tolerance] = {
     "class-confidence": Tolerance(0.018, 0.0, f"{_DRIVER}, or of rounding"),
     "kd-views": Tolerance(0.1, 0.08, f"{_DRIVER}, or of rounding"),
 }
-_OF_FEW = {  # (method, metric) whose value is a mean over few images
+_FEW_IMAGES = {  # (method, metric) with a value that is a mean over few images
     ("constant", "thin-precision"): Tolerance(0.08, 0.0, f"{_DRIVER}, in few pictures"),
 }
 PRINTED = 1e-6  # files keep 6 decimals: a rounding of 5e-7, and room for the comparison
@@ -182,13 +183,13 @@ def tolerance(method: str, metric: str) -> Tolerance | None:
     `fid` and `kid` have none: their weights are not part of the default protocol. The judge and
     the classifier err on true images too, so that their answers are never exact.
     """
-    for of_all_methods in (JUDGED, OF_CLASSES):
-        if metric in of_all_methods:
-            return of_all_methods[metric]
+    for of_any_method in (JUDGED, OF_CLASSES):
+        if metric in of_any_method:
+            return of_any_method[metric]
     if method == "true-mesh" and metric in RENDERING and metric != "kd-alexnet":
         return EXACT
-    if (method, metric) in _OF_FEW:
-        return _OF_FEW[method, metric]
+    if (method, metric) in _FEW_IMAGES:
+        return _FEW_IMAGES[method, metric]
     if not _has_papers_chain(method):
         return RENDERING.get(metric)
     rule = RECONSTRUCTION.get(metric)
@@ -205,7 +206,7 @@ def _has_papers_chain(method: str) -> bool:
 def object_tolerance(method: str, metric: str, same_environment: bool) -> float:
     """Return how far the value of an object may move: the mean of an image metric over its views.
 
-    Raises KeyError for a metric that is none of images.
+    Raises KeyError for a metric that is not one of images.
     """
     if same_environment or method == "true-mesh":
         return PRINTED

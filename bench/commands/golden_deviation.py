@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.checking.objects import Deviation, StoredImages, golden_thumbnails, number
+from bench.checking.objects import GoldenDeviation, StoredImages, golden_thumbnails, number
 from bench.checking.thumbnails import SIDE
 from bench.records.journal import read_manifest
 from bench.rendering.files import write_images
@@ -23,7 +23,7 @@ ACROSS = 4  # tiles: two objects in a row
 SCALE = 2
 
 
-def write_deviations(directory: Path, moved: Sequence[Deviation]) -> Path | None:
+def write_deviations(directory: Path, moved: Sequence[GoldenDeviation]) -> Path | None:
     """Draw the objects that moved most beside their golden thumbnails into a run's folder.
 
     The image is of the first view. Of an object with a method at a condition, the metric counts
@@ -31,7 +31,7 @@ def write_deviations(directory: Path, moved: Sequence[Deviation]) -> Path | None
     CannotWrite.
     """
     path = directory / FIGURES / MOVED
-    worst: dict[object, Deviation] = {}
+    worst: dict[object, GoldenDeviation] = {}
     for one in sorted(moved, key=lambda one: -one.excess):
         worst.setdefault(one.item, one)
     shown = list(worst.values())[:MOST]
@@ -48,7 +48,7 @@ def write_deviations(directory: Path, moved: Sequence[Deviation]) -> Path | None
         images = stored.images(one.item)
         method, condition, *obj = one.item
         drawn = "no image" if images is None else images[:1]
-        tiles.append(Tile(f"{'/'.join(obj)}: {one.metric} {number(one.found)}", drawn))
+        tiles.append(Tile(f"{'/'.join(obj)}: {one.metric} {number(one.actual)}", drawn))
         before = f"golden {number(one.golden)}, {method}, {condition}"
         tiles.append(Tile(before, _enlarged(thumbnails[one.line])))
     write_images(draw_sheet(tiles, min(ACROSS, len(tiles)), SCALE), path)

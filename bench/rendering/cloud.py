@@ -1,7 +1,4 @@
-"""Images of a cloud in a file, by any method.
-
-The file is read and the method runs in a worker process: neither is trusted.
-"""
+"""Images of a cloud in a file, by any method, in a worker process: neither is trusted."""
 
 from __future__ import annotations
 
@@ -24,18 +21,27 @@ from data_prep.rendering.dots import draw_dots
 from data_prep.scene import PointCloud, Renderer, UInt8Images, View
 
 LIMITS = Limits(time_s=120.0, memory_gib=4.0)
-Notes = tuple[str, ...]  # a line each on what a file holds that is left out
+Notes = tuple[str, ...]  # a line for each part of a file that is left out
 
 
 @dataclass(frozen=True)
 class CloudFile:
-    """A file with points, and how they become a cloud.
+    """A file with points, and the way in which they become a cloud.
 
-    as_is         keep their units (in float32), else they are brought to the unit sphere
-    up, front     of the file's axes, see `data_prep.clouds.orientations.upright`
-    most          of more points so many are chosen at random, the same each time; None: all are
-                  kept
-    drop_invalid  leave out points that are not finite; else they are refused, unless as_is
+    Attributes
+    ----------
+    path : Path
+        The file; its suffix names the format.
+    as_is : bool
+        Whether to keep the units of the file (in float32); else points are brought to the unit
+        sphere.
+    up, front : str
+        Axes of the file, see `data_prep.clouds.orientations.upright`.
+    most : int or None
+        Largest number of points; of more points, as many are chosen at random, the same each time.
+        None keeps all.
+    drop_invalid : bool
+        Whether to leave out points that are not finite; else they are refused, unless `as_is`.
     """
 
     path: Path
@@ -48,12 +54,15 @@ class CloudFile:
     def load(self) -> PointCloud:
         """Return the cloud.
 
-        Raises BadInput for what is no cloud, or cannot be brought to the unit sphere.
+        Raises
+        ------
+        data_prep.failures.BadInput
+            For a file without a cloud, and for a cloud that cannot be brought to the unit sphere.
         """
         return self.load_with_notes()[0]
 
     def load_with_notes(self) -> tuple[PointCloud, Notes]:
-        """Return the cloud as `load` does, and a note on each thing that is left out."""
+        """Return the cloud as `load` does, and a note on each part of the file that is left out."""
         contents = read_cloud(self.path)
         notes = [
             f"{self.path}: {what} are not used; only the coordinates of its points are"
@@ -86,9 +95,20 @@ class CloudFile:
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """What is wanted of a cloud: views by a method, `batch` of them a call (None: all).
+    """A request for views of a cloud by a method.
 
-    `rng` is None for the random numbers of `bench render`, the same each time.
+    Attributes
+    ----------
+    method : str
+        Id of a method, see `bench list`.
+    views : tuple of View
+        The views, in the order of the images.
+    device : str
+        "auto", "cpu" or "cuda", for networks.
+    batch : int or None
+        Views a call; None draws all in one.
+    rng : Generator or None
+        Random numbers for the method; None takes those of `bench render`, the same each time.
     """
 
     method: str
@@ -100,7 +120,7 @@ class Drawing:
 
 @dataclass(frozen=True, eq=False)
 class Dots:
-    """What is wanted of a cloud: its points themselves, seen from there."""
+    """A request for images of the points themselves."""
 
     views: tuple[View, ...]
 
@@ -110,13 +130,19 @@ Wanted = Drawing | Dots
 
 @dataclass(frozen=True)
 class Failed:
-    """Why there are no images, in the words of a record."""
+    """A failure in place of images.
+
+    Attributes
+    ----------
+    reason : str
+        As in a record: the stage or the exception, and the problem.
+    """
 
     reason: str
 
 
 def make_view(azimuth_deg: float, elevation_deg: float) -> View:
-    """Return the view of these angles. Raises BadInput where there is none."""
+    """Return the view of these angles. Raises BadInput for angles out of their range."""
     try:
         return View(azimuth_deg, elevation_deg)
     except ValueError as error:
@@ -124,7 +150,7 @@ def make_view(azimuth_deg: float, elevation_deg: float) -> View:
 
 
 def find_drawer(method_id: str) -> Method:
-    """Return the method. Raises BadInput as `find_method`, and where it draws meshes alone."""
+    """Return the method. Raises BadInput as `find_method`, and for one that draws meshes alone."""
     method = find_method(method_id)
     if method.sees_mesh:
         raise BadInput(
@@ -134,33 +160,69 @@ def find_drawer(method_id: str) -> Method:
     return method
 
 
-def draw_file(file: CloudFile, drawing: Drawing) -> UInt8Images | Failed:
-    """Return the images, made in a worker; or what became of the method, or of its worker.
+def draw_file(file: CloudFile, drawing: Drawing, limits: Limits = LIMITS) -> UInt8Images | Failed:
+    """Return images of the cloud in a file, drawn in a worker process.
 
-    Raises BadInput for a file that cannot be used, and a method that cannot be had.
+    Parameters
+    ----------
+    file : CloudFile
+        The file, which the worker reads.
+    drawing : Drawing
+        The method and the views.
+    limits : Limits
+        Time and memory after which the worker is killed.
+
+    Returns
+    -------
+    ndarray or Failed
+        uint8 [views, 128, 128, 3]; or the failure of the method, or of its worker.
+
+    Raises
+    ------
+    data_prep.failures.BadInput
+        For a file that cannot be used, and for an unknown or unusable method.
     """
-    ((_, drawn, _),) = draw_each(file, [drawing], 1)
+    ((_, drawn, _),) = draw_each(file, [drawing], 1, limits)
     return drawn
 
 
 def draw_each(
-    file: CloudFile, wanted: Sequence[Wanted], workers: int
+    file: CloudFile, requests: Sequence[Wanted], workers: int, limits: Limits = LIMITS
 ) -> Iterator[tuple[Wanted, UInt8Images | Failed, Notes]]:
-    """Yield all that is wanted of a file, as it comes; each reads the file for itself.
+    """Yield each request with its images and notes, as they come.
 
-    Raises BadInput as `draw_file`, for a method before anything is drawn.
+    Each task reads the file by itself. Raises BadInput as `draw_file`, for a method before anything
+    is drawn.
     """
-    for one in wanted:
-        if isinstance(one, Drawing):
-            find_drawer(one.method)
-    tasks = [(file, one) for one in wanted]
-    for (_, one), result in run_tasks(tasks, _load_and_draw, workers, LIMITS):
+    for wanted in requests:
+        if isinstance(wanted, Drawing):
+            find_drawer(wanted.method)
+    tasks = [(file, wanted) for wanted in requests]
+    for (_, wanted), result in run_tasks(tasks, _load_and_draw, workers, limits):
         drawn, notes = (Failed(result.reason), ()) if isinstance(result, WorkerFailure) else result
-        yield one, drawn, notes
+        yield wanted, drawn, notes
 
 
 def draw_cloud(cloud: PointCloud, drawing: Drawing) -> UInt8Images | Failed:
-    """Return the images, made in this process. Raises BadInput for a method that cannot be had."""
+    """Return images of a cloud, drawn in this process.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        Points float32 [N, 3], in unit-sphere coordinates.
+    drawing : Drawing
+        The method and the views.
+
+    Returns
+    -------
+    ndarray or Failed
+        uint8 [views, 128, 128, 3], or the failure of the method.
+
+    Raises
+    ------
+    data_prep.failures.BadInput
+        For an unknown method, and for one that cannot be loaded.
+    """
     renderer: Renderer | None = None
     rng = drawing.rng or generator("render")
     try:
@@ -170,7 +232,7 @@ def draw_cloud(cloud: PointCloud, drawing: Drawing) -> UInt8Images | Failed:
     except MissingDependency:
         raise
     except (Exception, SystemExit) as error:
-        if renderer is None and isinstance(error, BadInput):  # unusable weights, say
+        if renderer is None and isinstance(error, BadInput):  # unusable weights, for example
             raise
         return Failed(reason_of(error))
     return drawn.images

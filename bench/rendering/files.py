@@ -1,4 +1,4 @@
-"""Images as PNG, and turntables as GIF, WebP or APNG, by the name of the file."""
+"""Files of images: PNG, and turntables as GIF, WebP or APNG, by the suffix of the name."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ KMEANS_STEPS = 4  # turntable of one chair: 4.8 grey levels off (rms) in place o
 
 
 def moves(path: Path) -> bool:
-    """Whether a turntable goes by that name, and not an image. Raises BadInput if neither does."""
+    """Return whether a name is a turntable's, else an image's. Raises BadInput for any other."""
     suffix = path.suffix.lower()
     if suffix != STILL and suffix not in MOVING:
         raise BadInput(
@@ -35,14 +35,28 @@ def moves(path: Path) -> bool:
 
 
 def frame_ms(frames: int) -> int:
-    """How long a frame stays, so that a turn takes about TURN_MS; not less than LEAST_MS."""
+    """Return the milliseconds of a frame, at least LEAST_MS, so that a turn takes about TURN_MS."""
     return max(LEAST_MS, round(TURN_MS / frames / GIF_MS) * GIF_MS)
 
 
 def write_images(frames: NDArray[np.uint8], path: Path) -> None:
-    """Write frames [F, H, W, 3] whole or not at all: the only one as PNG, else a film that loops.
+    """Write an image, or a turntable that loops, whole or not at all.
 
-    PNG, APNG and WebP hold the images as they are, a GIF in 256 colours. Raises CannotWrite.
+    PNG, APNG and WebP keep the pixels, a GIF has 256 colours.
+
+    Parameters
+    ----------
+    frames : ndarray
+        uint8 [F, H, W, 3]; a PNG takes the first one.
+    path : Path
+        .png for an image, .gif, .webp or .apng for a turntable.
+
+    Raises
+    ------
+    data_prep.failures.BadInput
+        For another suffix.
+    data_prep.failures.CannotWrite
+        Where the file cannot be written.
     """
     from PIL import Image
 
@@ -70,12 +84,11 @@ def write_images(frames: NDArray[np.uint8], path: Path) -> None:
 
 
 def in_one_palette(frames: NDArray[np.uint8]) -> list[Image]:
-    """The frames in the same 256 colours, white among them, each pixel in the nearest.
+    """Return frames uint8 [F, H, W, 3] in the same 256 colours, each pixel in the nearest one.
 
-    With a palette for each frame, or with dots that stand for a colour, the film would flicker.
-    Colours count by the root of how often they are there: in full, large even areas would take the
-    palette; not at all, and shades of grey would be lost beside many colours.
+    White is one of them.
     """
+    # With a palette for each frame, or with dithering, the film would flicker.
     from PIL import Image
     from scipy.spatial import cKDTree
 
@@ -85,11 +98,13 @@ def in_one_palette(frames: NDArray[np.uint8]) -> list[Image]:
     drawn = (colours < 255).any(axis=1)
     palette = np.full((256, 3), 255, np.uint8)
     if drawn.any():
+        # Colours count by the root of their pixels: in full, large even areas would take the
+        # palette; not at all, shades of grey would be lost beside many colours.
         weights = np.sqrt(counts[drawn]).astype(np.int64)
         pool = Image.fromarray(np.repeat(colours[drawn], weights, axis=0)[:, None])
         chosen = pool.quantize(255, Image.Quantize.MEDIANCUT, kmeans=KMEANS_STEPS).getpalette()
-        found = np.array(chosen, np.uint8).reshape(-1, 3)[:255]
-        palette[: len(found)] = found
+        colours_chosen = np.array(chosen, np.uint8).reshape(-1, 3)[:255]
+        palette[: len(colours_chosen)] = colours_chosen
     _, nearest = cKDTree(palette.astype(float)).query(colours.astype(float))
     indexed = np.ravel(nearest).astype(np.uint8)[which].reshape(frames.shape[:3])
     images = [Image.fromarray(frame) for frame in indexed]

@@ -39,8 +39,8 @@ def draw_cloud(
     elevation_deg : float
         -90..90; the networks were trained within -40..40.
     up, front : str
-        Axes of the points that point up and to the front, "z" or "-x" say. The default of `front`
-        is "-z", or "-y" where z is up.
+        Axes of the points that point up and to the front, such as "z" or "-x". The default of
+        `front` is "-z", or "-y" where z is up.
     method : str
         Id of a method, see `bench list`. The default knows 13 classes and draws in grey.
     device : str
@@ -57,7 +57,7 @@ def draw_cloud(
         For a cloud without points, without extent or with points that are not finite, for an
         unknown axis or method, and for unusable weights. It is a ValueError.
     ValueError
-        For what is no array [N, 3] of real numbers, and for an angle out of its range.
+        For `points` that are no array [N, 3] of real numbers, and for an angle out of its range.
     data_prep.failures.StageFailure
         Where the method cannot draw this cloud.
     """
@@ -74,10 +74,24 @@ def turntable(
     method: str = RECOMMENDED,
     device: str = "auto",
 ) -> NDArray[np.uint8]:
-    """Return images uint8 [frames, 128, 128, 3] from all around, from azimuth 0 on.
+    """Return images of points from all around, in equal steps; the cloud is prepared once.
 
-    The steps are equal, and the cloud is prepared once. Everything else is as in `draw_cloud`;
-    ValueError is raised for less than one frame as well.
+    Parameters
+    ----------
+    points, elevation_deg, up, front, method, device
+        As in `draw_cloud`.
+    frames : int
+        Number of images, at least 1; the first has azimuth 0.
+
+    Returns
+    -------
+    ndarray
+        uint8 [frames, 128, 128, 3] on white.
+
+    Raises
+    ------
+    ValueError, data_prep.failures.StageFailure
+        As in `draw_cloud`, and for less than one frame.
     """
     if frames < 1:
         raise ValueError(f"frames must be at least 1, got {frames}")

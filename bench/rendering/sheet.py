@@ -24,25 +24,24 @@ MOST_A_ROW = 5
 
 @dataclass(frozen=True, eq=False)
 class Tile:
-    """A label, and the images of each frame, or the reason why there are none."""
+    """A label with the images [F, 128, 128, 3] of the frames, or with the reason of a failure."""
 
     label: str
     images: UInt8Images | str
 
 
 def columns_of(count: int) -> int:
-    """Tiles a row: at most MOST_A_ROW, and rows as equally long as can be."""
+    """Return the tiles a row: at most MOST_A_ROW, with rows as equally long as possible."""
     rows = -(-count // MOST_A_ROW)
     return -(-count // max(rows, 1))
 
 
 def draw_sheet(tiles: Sequence[Tile], columns: int, scale: int) -> UInt8Images:
-    """Frames uint8 [F, H, W, 3] of the tiles, row by row, each under its label.
+    """Return frames uint8 [F, H, W, 3] of the tiles, row by row, each under its label.
 
-    Images are enlarged `scale` times, every pixel becoming a square, so that nothing is shown
-    that a method has not drawn. A reason stands in place of the images, as much of it as there is
-    room for. Where no tile has images there is one frame. Raises ValueError where tiles have
-    different numbers of frames.
+    Images are enlarged `scale` times, every pixel becoming a square. A reason stands in place of
+    the images, as far as it fits. A sheet without images has one frame. Raises ValueError where
+    tiles have different numbers of frames.
     """
     from PIL import Image, ImageDraw
 
@@ -59,8 +58,8 @@ def draw_sheet(tiles: Sequence[Tile], columns: int, scale: int) -> UInt8Images:
         if isinstance(tile.images, str):
             low = top + LABEL_HEIGHT
             draw.rectangle((left, low, left + side - 1, low + side - 1), PROBLEM_GROUND)
-            room = side - 2 * MARGIN
-            lines = wrapped(tile.images, PROBLEM_PX, room)[: room // PROBLEM_HEIGHT]
+            inner = side - 2 * MARGIN
+            lines = wrapped(tile.images, PROBLEM_PX, inner)[: inner // PROBLEM_HEIGHT]
             for i, line in enumerate(lines):
                 at = (left + MARGIN, low + MARGIN + i * PROBLEM_HEIGHT)
                 draw.text(at, line, PROBLEM_INK, _font(PROBLEM_PX))
@@ -77,7 +76,7 @@ def draw_sheet(tiles: Sequence[Tile], columns: int, scale: int) -> UInt8Images:
 
 
 def shortened(text: str, size_px: int, width: float) -> str:
-    """The text, or as much of its beginning and end as fits into `width` pixels."""
+    """Return the text, or as much of its beginning and end as fits into `width` pixels."""
     font = _font(size_px)
     short, kept = text, len(text)
     while kept and font.getlength(short) > width:
@@ -87,7 +86,7 @@ def shortened(text: str, size_px: int, width: float) -> str:
 
 
 def wrapped(text: str, size_px: int, width: float) -> list[str]:
-    """The words of the text in lines that fit into `width` pixels; a longer word is shortened."""
+    """Return the text in lines that fit into `width` pixels; a longer word is shortened."""
     font = _font(size_px)
     lines: list[str] = []
     for word in (shortened(word, size_px, width) for word in text.split()):

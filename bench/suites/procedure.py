@@ -15,11 +15,11 @@ from bench.tables.table import Table
 
 @dataclass(frozen=True)
 class SuiteRun:
-    """A finished run.
+    """A finished run of a suite.
 
     tables   for people
-    printed  what `bench run` prints
-    summary  what it says at the end
+    printed  the output of `bench run`
+    summary  its last line
     """
 
     directory: Path
@@ -33,11 +33,11 @@ def methods_of(
 ) -> tuple[str, ...]:
     """Return the methods of a run, each once, in the order of the request or else of the suite.
 
-    Those that a run in the folder has stay in it.
+    An earlier run in the folder keeps its methods.
 
     meaningless  options that this suite does not take, and why
 
-    Raises BadInput for one of these, for counts that cannot be met, for a GPU that is not there and
+    Raises BadInput for a meaningless option, for counts out of their range, for a missing GPU and
     for unknown methods.
     """
     given = vars(options)

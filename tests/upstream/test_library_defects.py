@@ -43,7 +43,7 @@ Points = NDArray[Any]  # [N, 3], of the precision that a demonstration needs
 
 
 class Defect(NamedTuple):
-    """What is found in what `demonstrate` shows, and what of ours guards against it."""
+    """A demonstration, a pattern of its answer, and the name of our guard against the defect."""
 
     demonstrate: Callable[[], str]
     shows: str
@@ -56,9 +56,9 @@ DEFECTS: dict[str, Defect] = {}
 def defect(shows: str, guard: str) -> Callable[[Callable[[], str]], Callable[[], str]]:
     """Enter a demonstration in DEFECTS.
 
-    shows  regular expression, found in what was seen where the defect is there: the answer of the
-           demonstration, "raises TYPE: MESSAGE" where it raised, or the reason of `WorkerFailure`
-    guard  the function, class or module of ours that contains it
+    shows  regular expression that is in the answer of the demonstration as long as the defect
+           exists, in "raises TYPE: MESSAGE" where it raises, or in the reason of `WorkerFailure`
+    guard  the function, class or module of ours that contains the defect
     """
 
     def enter(demonstrate: Callable[[], str]) -> Callable[[], str]:
@@ -69,7 +69,7 @@ def defect(shows: str, guard: str) -> Callable[[Callable[[], str]], Callable[[],
 
 
 def show(name: str) -> str:
-    """What a defect looks like here and now; for a worker. Whatever it raises is part of that."""
+    """Return the answer of a demonstration, or its exception, in a worker."""
     _, most = resource.getrlimit(resource.RLIMIT_CORE)
     resource.setrlimit(resource.RLIMIT_CORE, (0, most))  # a crash leaves no file behind
     try:
@@ -176,9 +176,9 @@ def pymeshlab_apss_gives_nan_for_a_clean_box() -> str:
     """Clean points of a box: APSS writes vertices that are not finite."""
     # Few vertices of few clouds, and which ones depends on rounding: hence several clouds.
     seeds_and_resolutions = ((1, 50), (14, 50), (58, 50), (1, 100))
-    found = [apss(box(seed), resolution)[0] for seed, resolution in seeds_and_resolutions]
-    bad = sum(count_bad(vertices) for vertices in found)
-    return f"{bad} of {sum(map(len, found))} vertices are not finite"
+    clouds = [apss(box(seed), resolution)[0] for seed, resolution in seeds_and_resolutions]
+    bad = sum(count_bad(vertices) for vertices in clouds)
+    return f"{bad} of {sum(map(len, clouds))} vertices are not finite"
 
 
 def count_bad(rows: Points) -> int:
@@ -210,7 +210,7 @@ def pymeshlab_apss_reads_unwritten_memory() -> str:
 
 
 def apss_digest() -> str:
-    """Of the vertices of one reconstruction in this process."""
+    """Return a digest of the vertices of one reconstruction in this process."""
     vertices, _ = apss(box(), 50)
     return hashlib.sha256(vertices.tobytes()).hexdigest()[:8]
 
@@ -290,7 +290,7 @@ def pymeshlab_close_holes_without_faces() -> str:
     "data_prep.clouds.sampling.sample_surface",
 )
 def pymeshlab_ball_pivoting_depends_on_the_order() -> str:
-    """The same points in reverse: ball pivoting makes another mesh."""  # ours seeds it
+    """Ball pivoting makes another mesh of the same points in reverse."""  # ours seeds it
     counts = [pivoted(points).face_count for points in (box(), box()[::-1].copy())]
     return "{} faces, {} of the same points in reverse".format(*counts)
 
@@ -319,27 +319,27 @@ def scene(
     """A red triangle seen from +Z; one without extent adds nothing."""
     library = pyrender()
     np.infty = np.inf  # noqa: NPY201
-    made = library.Scene(bg_color=list(background), ambient_light=[1.0, 1.0, 1.0])
+    result = library.Scene(bg_color=list(background), ambient_light=[1.0, 1.0, 1.0])
     red = library.MetallicRoughnessMaterial(baseColorFactor=[1.0, 0.0, 0.0, 1.0])
     positions = triangle.astype(np.float32)
-    made.add(library.Mesh([library.Primitive(positions=positions, indices=faces, material=red)]))
+    result.add(library.Mesh([library.Primitive(positions=positions, indices=faces, material=red)]))
     pose = np.eye(4)
     pose[2, 3] = 4.0
-    made.add(library.PerspectiveCamera(yfov=0.5), pose=pose)
-    return made
+    result.add(library.PerspectiveCamera(yfov=0.5), pose=pose)
+    return result
 
 
-def image(of: Any) -> NDArray[np.uint8]:
+def image(shown: Any) -> NDArray[np.uint8]:
     library = pyrender()
     renderer = library.OffscreenRenderer(SIDE, SIDE)
     try:
-        return renderer.render(of, flags=library.RenderFlags.SKIP_CULL_FACES)[0]
+        return renderer.render(shown, flags=library.RenderFlags.SKIP_CULL_FACES)[0]
     finally:
         renderer.delete()
 
 
-def drawn(of: Any) -> str:
-    count = int((image(of)[..., 1] < 255).sum())
+def drawn(shown: Any) -> str:
+    count = int((image(shown)[..., 1] < 255).sum())
     return f"{count} of {SIDE * SIDE} pixels drawn"
 
 
@@ -356,9 +356,9 @@ def pyrender_background_of_integers_is_black() -> str:
 @defect(r"^raises AttributeError: .*np\.infty", "data_prep.rendering.opengl.render")
 def pyrender_does_not_know_numpy_2() -> str:
     """The extent of a scene reads np.infty, which NumPy 2 has not."""
-    made = scene(WHITE, TRIANGLE)
+    red = scene(WHITE, TRIANGLE)
     del np.infty  # noqa: NPY201
-    return f"scale {made.scale:g}"
+    return f"scale {red.scale:g}"
 
 
 @defect(
@@ -383,12 +383,12 @@ def pyrender_draws_an_index_out_of_range() -> str:
 def pyrender_renderers_share_a_display() -> str:
     """Deleting one of two renderers breaks the other. We have one context a process."""
     library = pyrender()
-    made = scene(WHITE, TRIANGLE)
+    red = scene(WHITE, TRIANGLE)
     first, second = (library.OffscreenRenderer(SIDE, SIDE) for _ in range(2))
-    first.render(made)
+    first.render(red)
     second.delete()
     try:
-        first.render(made)
+        first.render(red)
     except Exception as error:
         return f"the other one raises {type(error).__name__}"
     first.delete()
@@ -522,8 +522,8 @@ def scipy_bootstrap_of_equal_values() -> str:
 
     with warnings.catch_warnings(), np.errstate(invalid="ignore"):
         warnings.simplefilter("ignore")
-        found = bootstrap((np.ones(5),), np.mean, rng=np.random.default_rng(0))
-    return f"interval {found.confidence_interval.low} to {found.confidence_interval.high}"
+        result = bootstrap((np.ones(5),), np.mean, rng=np.random.default_rng(0))
+    return f"interval {result.confidence_interval.low} to {result.confidence_interval.high}"
 
 
 @defect(r"^means \{'a': 1\.0, 'b': nan\}, 1\.0$", "bench.tables")
@@ -582,7 +582,7 @@ def skimage_refuses_small_images() -> str:
 
 @pytest.fixture(scope="module")
 def observed() -> dict[str, str]:
-    """What each demonstration shows; some 40 s with two workers."""
+    """Return the answer of each demonstration; some 40 s with two workers."""
     results = run_tasks(list(DEFECTS), show, 2, LIMITS)
     return {
         name: seen.reason if isinstance(seen, WorkerFailure) else seen for name, seen in results
@@ -599,5 +599,5 @@ def test_the_defect_is_still_there(name: str, observed: dict[str, str]) -> None:
 
 
 def test_the_guards_are_there() -> None:
-    for one in DEFECTS.values():
-        pkgutil.resolve_name(one.guard)
+    for defect in DEFECTS.values():
+        pkgutil.resolve_name(defect.guard)

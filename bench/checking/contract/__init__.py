@@ -1,1 +1,1 @@
-"""What methods, metrics and datasets have to keep to, and whether they do."""
+"""The contracts of methods, metrics and datasets, and the checks of plug-ins: `bench test`."""

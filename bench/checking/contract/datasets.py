@@ -12,7 +12,7 @@ import numpy as np
 
 from bench.checking.contract.findings import ContractViolation
 from bench.checking.contract.methods import KEPT_MIB, growth_mib, resident_mib
-from bench.checking.contract.session import Passed, Step
+from bench.checking.contract.session import CheckStep, Passed
 from bench.checking.contract.targets import DatasetSource, find_target
 from data_prep.datasets.dataset import Dataset
 from data_prep.datasets.objects import SceneObject
@@ -20,44 +20,44 @@ from data_prep.failures import BadInput
 from data_prep.randomness import generator
 from data_prep.scene import IMAGE_SIZE
 
-CLASSES, OF_A_CLASS = 3, 2  # whose clouds and images are looked at
+CLASSES, OF_A_CLASS = 3, 2  # classes, and objects of each, whose clouds and images are checked
 CALLS = 8
 
 
-def dataset_steps(evidence: Any) -> list[Step]:
-    """Return all steps for a dataset; `evidence` is that of `first_evidence` elsewhere."""
+def dataset_steps(evidence: Any) -> list[CheckStep]:
+    """Return all steps for a dataset; `evidence` is that of `first_evidence` in another process."""
     return [
-        Step("objects", check_objects, in_command=True),
-        Step("another process", partial(check_elsewhere, elsewhere=evidence), in_command=True),
-        Step("pickling", check_pickling, in_command=True),
-        Step("clouds", check_clouds),
-        Step("views", check_views, in_command=True),
-        Step("truth", check_truth),
-        Step("cloud and truth", check_both),
-        Step("calls", check_calls),
+        CheckStep("objects", check_objects, in_command=True),
+        CheckStep("another process", partial(check_elsewhere, elsewhere=evidence), in_command=True),
+        CheckStep("pickling", check_pickling, in_command=True),
+        CheckStep("clouds", check_clouds),
+        CheckStep("views", check_views, in_command=True),
+        CheckStep("truth", check_truth),
+        CheckStep("cloud and truth", check_both),
+        CheckStep("calls", check_calls),
     ]
 
 
 @cache
 def _dataset(name: str) -> Dataset:
-    return _opened(name)
+    return _open(name)
 
 
-def _opened(name: str) -> Dataset:
+def _open(name: str) -> Dataset:
     source = find_target(name)
     assert isinstance(source, DatasetSource)
     return source.open()
 
 
-def _every(dataset: Dataset) -> list[SceneObject]:
-    """Return all objects of all splits; of an endless dataset some."""
+def _all_objects(dataset: Dataset) -> list[SceneObject]:
+    """Return all objects of all splits; some of an infinite dataset."""
     if dataset.finite is None:
-        return _some(dataset)
+        return _sample(dataset)
     return [*dataset.finite, *(obj for split in dataset.splits.values() for obj in split)]
 
 
-def _some(dataset: Dataset) -> list[SceneObject]:
-    """Return the objects that are looked at. Raises BadInput where a class has none to measure."""
+def _sample(dataset: Dataset) -> list[SceneObject]:
+    """Return the objects to check. Raises BadInput for a class without objects."""
     objects = []
     for class_name in (dataset.classes or ("",))[:CLASSES]:
         objects += dataset.objects(class_name, OF_A_CLASS, OF_A_CLASS)
@@ -69,16 +69,16 @@ def _named(obj: SceneObject) -> str:
 
 
 def check_identity(name: str) -> Passed:
-    """Open the dataset twice: it has the same objects."""
-    first, again = _dataset(name), _opened(name)
+    """Open the dataset twice, and compare its objects."""
+    first, again = _dataset(name), _open(name)
     if not isinstance(first, Dataset):
         raise ContractViolation(f"gives a {type(first).__name__}, expected a Dataset")
-    names = [[_named(obj) for obj in _every(dataset)] for dataset in (first, again)]
+    names = [[_named(obj) for obj in _all_objects(dataset)] for dataset in (first, again)]
     if names[0] != names[1]:
         raise ContractViolation(
             f"{len(names[0])} objects, and {len(names[1])} or others when it is opened again"
         )
-    return Passed(f"{len(_some(first))} of {len(names[0])} objects looked at")
+    return Passed(f"{len(_sample(first))} of {len(names[0])} objects looked at")
 
 
 def first_evidence(name: str, backwards: bool = False) -> Mapping[str, Any]:
@@ -86,22 +86,22 @@ def first_evidence(name: str, backwards: bool = False) -> Mapping[str, Any]:
     del backwards  # the order of objects is part of the dataset
     dataset = _dataset(name)
     return {
-        "objects": [_named(obj) for obj in _every(dataset)],
-        "fingerprints": [obj.fingerprint() for obj in _some(dataset)],
+        "objects": [_named(obj) for obj in _all_objects(dataset)],
+        "fingerprints": [obj.fingerprint() for obj in _sample(dataset)],
     }
 
 
 def check_objects(name: str) -> Passed:
-    """Look for names and fingerprints that stand for two objects, or do not stay."""
+    """Check that names and fingerprints are unique and stay the same."""
     dataset = _dataset(name)
-    objects = _some(dataset)
+    objects = _sample(dataset)
     if not objects:
         raise ContractViolation("no objects")
     for pool in (dataset.finite or (), *dataset.splits.values()):
         if len({_named(obj) for obj in pool}) < len(pool):
             raise ContractViolation("two objects have the same class and id")
     prints = [obj.fingerprint() for obj in objects]
-    if prints != [obj.fingerprint() for obj in _some(_opened(name))]:
+    if prints != [obj.fingerprint() for obj in _sample(_open(name))]:
         raise ContractViolation(
             "other fingerprints when it is opened again; finished work would be lost"
         )
@@ -122,8 +122,8 @@ def check_elsewhere(name: str, elsewhere: Mapping[str, Any] | str) -> Passed:
 
 
 def check_pickling(name: str) -> Passed:
-    """Send objects the way to a worker."""
-    for obj in _some(_dataset(name)):
+    """Pickle objects, as on the way to a worker."""
+    for obj in _sample(_dataset(name)):
         twin = pickle.loads(pickle.dumps(obj))
         if twin != obj or twin.fingerprint() != obj.fingerprint():
             raise ContractViolation(
@@ -133,9 +133,9 @@ def check_pickling(name: str) -> Passed:
 
 
 def check_clouds(name: str) -> Passed:
-    """Look at clouds, each made twice."""
+    """Load each cloud twice, and check its points."""
     farthest = 0.0
-    for obj in _some(_dataset(name)):
+    for obj in _sample(_dataset(name)):
         cloud, again = (obj.cloud(generator("contract", obj.object_id)) for _ in range(2))
         if not len(cloud) or not np.isfinite(cloud.points).all():
             raise ContractViolation(f"{_named(obj)}: {len(cloud)} points, or not finite")
@@ -152,8 +152,8 @@ def check_clouds(name: str) -> Passed:
 
 
 def check_views(name: str) -> Passed:
-    """Ask for three views, twice."""
-    for obj in _some(_dataset(name)):
+    """Draw three views twice, and compare them."""
+    for obj in _sample(_dataset(name)):
         views, again = (obj.views(3, generator("contract", obj.object_id)) for _ in range(2))
         if len(views) != 3 or views != again:
             raise ContractViolation(
@@ -163,8 +163,8 @@ def check_views(name: str) -> Passed:
 
 
 def check_truth(name: str) -> Passed:
-    """Look at true images, those of each object once."""
-    objects, images = _some(_dataset(name)), []
+    """Check the true images of each object."""
+    objects, images = _sample(_dataset(name)), []
     for obj in objects:
         if not obj.has_truth:
             continue
@@ -184,7 +184,7 @@ def check_truth(name: str) -> Passed:
 
 def check_both(name: str) -> Passed:
     """Compare `cloud_and_truth` with `cloud` and `truth`."""
-    objects = [obj for obj in _some(_dataset(name)) if obj.has_truth]
+    objects = [obj for obj in _sample(_dataset(name)) if obj.has_truth]
     for obj in objects[:OF_A_CLASS]:
         views = obj.views(2, generator("contract", obj.object_id))
         cloud, truth = obj.cloud_and_truth(generator("contract"), views)
@@ -196,8 +196,8 @@ def check_both(name: str) -> Passed:
 
 
 def check_calls(name: str) -> Passed:
-    """Read objects often: memory does not grow."""
-    objects: Sequence[SceneObject] = _some(_dataset(name))
+    """Read objects often, and check that memory does not grow."""
+    objects: Sequence[SceneObject] = _sample(_dataset(name))
     kept = []
     for call in range(CALLS):
         obj = objects[call % len(objects)]

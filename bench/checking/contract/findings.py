@@ -9,9 +9,10 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Finding:
-    """A point of a contract, and whether it is kept.
+    """The result of a check of a point of a contract.
 
-    `blocks` tells of a point that is not kept whether a run would fail or have false results.
+    ok      whether the point is kept
+    blocks  whether a run would fail or have false results where it is not kept
     """
 
     ok: bool
@@ -28,9 +29,9 @@ class Finding:
 
 
 class ContractViolation(Exception):
-    """A point of the contract that is not kept; the message says how.
+    """A point of the contract that is not kept; the message tells the problem.
 
-    `evidence` is what later steps need to know nevertheless.
+    evidence  for later steps, which run nevertheless
     """
 
     def __init__(self, message: str, blocks: bool = True, evidence: Any = None) -> None:
@@ -45,7 +46,7 @@ def is_blocked(findings: Iterable[Finding]) -> bool:
 
 
 def summary(findings: Sequence[Finding]) -> str:
-    """Return one line: which findings block a run, and which do not."""
+    """Return one line on which findings block a run, and which do not."""
     failed = [finding.subject for finding in findings if finding.verdict == "FAIL"]
     warned = [finding.subject for finding in findings if finding.verdict == "warn"]
     if not failed and not warned:

@@ -1,4 +1,4 @@
-"""The contract of a method: what it draws, from what, and what it leaves behind."""
+"""The contract of a method: its images, its inputs, and the memory that it keeps."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ import numpy as np
 from bench.catalogue.methods import FLOORS, Method
 from bench.catalogue.suites import Limits
 from bench.checking.contract.findings import ContractViolation
-from bench.checking.contract.session import Passed, Step
+from bench.checking.contract.session import CheckStep, Passed
 from bench.checking.contract.targets import find_target
 from bench.running.isolation import TASKS_PER_WORKER
 from bench.running.work import checked_images, draw, reason_of, seen_by
@@ -32,7 +32,7 @@ LIMITS = Limits(time_s=20.0, memory_gib=4.0)
 VIEWS = (View(30.0, 20.0), View(-60.0, -10.0), View(120.0, 35.0))
 TURN = tuple(View(18.0 * i - 180, (-30.0, 0.0, 30.0)[i % 3]) for i in range(20))  # as in a run
 BATCHES = (1, 3)  # views a call, beside all 20
-# What a worker may keep of each cloud, so that it stays within its limit until it is replaced.
+# Memory that a worker may keep of each cloud, to stay within its limit until it is replaced.
 KEPT_MIB = LIMITS.memory_gib * 2**10 / TASKS_PER_WORKER
 CLOUDS = 8
 CLOUDS_S = 5.0  # for slow methods: fewer clouds
@@ -55,29 +55,29 @@ EXTREMES: Mapping[str, Perturbation] = {
 COPYING = ("dataclasses", "data_prep.scene", "copy")
 
 
-def method_steps(evidence: Any) -> list[Step]:
+def method_steps(evidence: Any) -> list[CheckStep]:
     """Return all steps for a method; `evidence` is that of `first_evidence` in another process."""
     return [
-        Step("loading", check_loading),
-        Step("images", check_images),
-        Step("clouds", check_clouds),
-        Step("another process", partial(check_elsewhere, elsewhere=evidence)),
-        Step("no views", check_no_views, blocks=False),  # no run asks for none
-        Step("repeatable", check_repeatable),
-        Step("batches", check_batches),
-        Step("inputs", check_inputs),
-        *(Step(extreme, partial(check_extreme, extreme=extreme)) for extreme in EXTREMES),
-        Step("cost", check_cost),
+        CheckStep("loading", check_loading),
+        CheckStep("images", check_images),
+        CheckStep("clouds", check_clouds),
+        CheckStep("another process", partial(check_elsewhere, elsewhere=evidence)),
+        CheckStep("no views", check_no_views, blocks=False),  # no run asks for none
+        CheckStep("repeatable", check_repeatable),
+        CheckStep("batches", check_batches),
+        CheckStep("inputs", check_inputs),
+        *(CheckStep(extreme, partial(check_extreme, extreme=extreme)) for extreme in EXTREMES),
+        CheckStep("cost", check_cost),
     ]
 
 
 class WatchedCloud(PointCloud):
-    """A cloud as a method gets it, which notices whether its source is read."""
+    """A cloud that notices whether its source is read."""
 
     source_is_read = False
 
     def __getattribute__(self, name: str) -> Any:
-        """Return the attribute, and note where it is the source."""
+        """Return the attribute, and note a read of the source."""
         if name == "source" and sys._getframe(1).f_globals.get("__name__") not in COPYING:
             object.__setattr__(self, "source_is_read", True)
         return super().__getattribute__(name)
@@ -115,7 +115,7 @@ def first_evidence(name: str, backwards: bool = False) -> Mapping[str, Any]:
 
 
 def check_identity(name: str) -> Passed:
-    """Ask for what finished work is known by."""
+    """Check the identity and the version, which name finished work."""
     method = _method(name)
     identity = method.identity()
     if not isinstance(identity, str):
@@ -155,8 +155,8 @@ def check_images(name: str) -> Passed:
                 "mesh: Method(..., sees_mesh=True)"
             )
     if not isinstance(images, np.ndarray) or images.dtype != np.float32:
-        found = getattr(images, "dtype", type(images).__name__)
-        raise ContractViolation(f"images are {found}, expected float32")
+        kind = getattr(images, "dtype", type(images).__name__)
+        raise ContractViolation(f"images are {kind}, expected float32")
     expected = (len(VIEWS), IMAGE_SIZE, IMAGE_SIZE, 3)
     if images.shape != expected:
         raise ContractViolation(f"images have the shape {images.shape}, expected {expected}")
@@ -173,7 +173,7 @@ def check_images(name: str) -> Passed:
 
 
 def check_elsewhere(name: str, elsewhere: Mapping[str, Any] | str) -> Passed:
-    """Compare with another process, on two threads, that has drawn the clouds the other way round.
+    """Compare with another process, on two threads, that has drawn the clouds in another order.
 
     `elsewhere` is its `first_evidence`, or the reason why it has none.
     """
@@ -209,7 +209,7 @@ def check_no_views(name: str) -> Passed:
 
 
 def check_repeatable(name: str) -> Passed:
-    """Draw the same twice with the same random numbers."""
+    """Draw a cloud twice with the same random numbers, and compare the images."""
     first, second = _images(name, _cloud()), _images(name, _cloud())
     if not np.array_equal(first, second):
         raise ContractViolation(
@@ -219,10 +219,10 @@ def check_repeatable(name: str) -> Passed:
 
 
 def check_batches(name: str) -> Passed:
-    """Draw 20 views of one state in calls of 1, of 3 and of 20.
+    """Draw 20 views of one state in calls of 1, of 3 and of 20, and compare the images.
 
-    Where `draw` takes random numbers, images may depend on the views before: what is drawn in calls
-    of one size is compared with the same again.
+    Where `draw` takes random numbers, images may depend on the views before, so that calls of each
+    size are compared with the same calls again.
     """
     state = _prepared(name)
     whole, again = (_drawn(name, state, len(TURN)) for _ in range(2))
@@ -264,7 +264,7 @@ def _drawn(name: str, state: Any, batch: int, seed: str = "numbers") -> UInt8Ima
 
 
 def check_inputs(name: str) -> Passed:
-    """Draw other clouds: the images depend on them as `sees_cloud` says."""
+    """Check that images depend on the cloud, or do not, as `sees_cloud` says."""
     sees_cloud, cloud = _method(name).sees_cloud, _cloud()
     images = _images(name, cloud)
     fewer = _images(name, Kept(0.25).apply(cloud, generator("contract", "fewer")))
@@ -281,7 +281,7 @@ def check_inputs(name: str) -> Passed:
 
 
 def check_clouds(name: str) -> Passed:
-    """Draw several clouds, then the first again: nothing is kept from one to the next."""
+    """Draw several clouds, then the first again, and check memory and images."""
     first, start = _images(name, _cloud()), time.perf_counter()
     resident = [resident_mib()]
     for index in range(CLOUDS):
@@ -304,13 +304,13 @@ def check_clouds(name: str) -> Passed:
 
 
 def growth_mib(resident: Sequence[float]) -> float:
-    """Return by how much memory grows from one measurement to the next, once it has settled."""
+    """Return the median growth of memory from one measurement to the next, once it has settled."""
     settled = resident[WARM_UP:] if len(resident) > WARM_UP + 1 else resident
     return statistics.median(b - a for a, b in pairwise(settled))
 
 
 def resident_mib() -> float:
-    """Return the memory of this process, without what waits for the garbage collector."""
+    """Return the resident memory of this process, after a garbage collection."""
     import psutil
 
     gc.collect()
@@ -318,7 +318,7 @@ def resident_mib() -> float:
 
 
 def check_extreme(name: str, extreme: str) -> Passed:
-    """Draw an extreme cloud, or refuse it by the name of a stage."""
+    """Check that an extreme cloud is drawn, or refused by the name of a stage."""
     cloud = EXTREMES[extreme].apply(_cloud(), generator("contract", extreme))
     method, renderer = _method(name), _renderer(name)
     cloud = seen_by(method, cloud)
@@ -337,7 +337,7 @@ def check_extreme(name: str, extreme: str) -> Passed:
 
 
 def check_cost(name: str) -> Passed:
-    """Measure a cloud with as many views as in a run."""
+    """Measure the time and memory of a cloud with as many views as in a run."""
     start = time.perf_counter()
     _drawn(name, _prepared(name), len(TURN))
     seconds = time.perf_counter() - start

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from bench.catalogue.plugins import ImageMetric, SetMetric
 from bench.checking.contract.findings import ContractViolation
 from bench.checking.contract.methods import KEPT_MIB, TURN, VIEWS, growth_mib, resident_mib
-from bench.checking.contract.session import Passed, Step
+from bench.checking.contract.session import CheckStep, Passed
 from bench.checking.contract.targets import find_target
 from data_prep.datasets.registry import ProceduralObject
 from data_prep.scene import UInt8Images
@@ -21,11 +21,10 @@ BATCHES = (1, 3)  # images a call, beside all 20 of them
 CALLS = 8
 
 
-def metric_steps(evidence: Any, of_images: bool) -> list[Step]:
+def metric_steps(evidence: Any, of_images: bool) -> list[CheckStep]:
     """Return all steps for a metric; `evidence` is that of `first_evidence` in another process.
 
-    `of_images` tells an ImageMetric from a SetMetric. `bench score` calls a metric in its own
-    process.
+    `of_images` tells an ImageMetric from a SetMetric.
     """
     steps = {
         "images": check_images,
@@ -35,7 +34,8 @@ def metric_steps(evidence: Any, of_images: bool) -> list[Step]:
         **({"identical images": check_scores} if of_images else {"features": check_features}),
         "calls": check_calls,
     }
-    return [Step(subject, check, in_command=True) for subject, check in steps.items()]
+    # `bench score` calls a metric in its own process.
+    return [CheckStep(subject, check, in_command=True) for subject, check in steps.items()]
 
 
 def _metric(name: str) -> ImageMetric | SetMetric:
@@ -46,14 +46,14 @@ def _metric(name: str) -> ImageMetric | SetMetric:
 
 @cache
 def _true_images(index: int) -> UInt8Images:
-    """Return true images of a chair, 20 views, that may not be changed."""
+    """Return true images of a chair, 20 views, in a read-only array."""
     images = ProceduralObject("chair", "validation", index).truth(TURN)
     images.flags.writeable = False
     return images
 
 
 def _values(name: str, truth: UInt8Images, drawn: UInt8Images) -> NDArray[np.float64]:
-    """Return the metric's values, or features, of copies of some images, checked."""
+    """Return the checked values, or features, of a metric on copies of images."""
     metric, truth, drawn = _metric(name), truth.copy(), drawn.copy()
     before = truth.copy(), drawn.copy()
     if isinstance(metric, ImageMetric):
@@ -78,7 +78,7 @@ def _values(name: str, truth: UInt8Images, drawn: UInt8Images) -> NDArray[np.flo
 
 
 def check_identity(name: str) -> Passed:
-    """Look at the fields of a metric that its tables show."""
+    """Check the fields of a metric that its tables show."""
     metric = _metric(name)
     if type(metric.version) is not int:
         raise ContractViolation(f"version is {metric.version!r}, expected a whole number")
@@ -95,7 +95,7 @@ def first_evidence(name: str, backwards: bool = False) -> Mapping[str, Any]:
 
 
 def check_images(name: str) -> Passed:
-    """Measure images, twice."""
+    """Measure images twice, and compare the values."""
     truth, drawn = _true_images(0)[: len(VIEWS)], _true_images(1)[: len(VIEWS)]
     values, again = _values(name, truth, drawn), _values(name, truth, drawn)
     if not np.array_equal(values, again):
@@ -104,7 +104,7 @@ def check_images(name: str) -> Passed:
 
 
 def check_white(name: str) -> Passed:
-    """Measure white images, as failed ones are scored."""
+    """Measure white images, which stand in for failed ones."""
     white = np.full_like(_true_images(0), 255)
     values = _values(name, _true_images(0), white)
     _values(name, white, white)
@@ -127,7 +127,7 @@ def check_elsewhere(name: str, elsewhere: Mapping[str, Any] | str) -> Passed:
 
 
 def check_batches(name: str) -> Passed:
-    """Measure 20 images one by one, in threes and together."""
+    """Measure 20 images one by one, in threes and together, and compare the values."""
     truth, drawn = _true_images(0), _true_images(1)
     whole = _values(name, truth, drawn)
     for count in BATCHES:
@@ -165,7 +165,7 @@ def check_scores(name: str) -> Passed:
 
 
 def check_features(name: str) -> Passed:
-    """Compare the features of images: they depend on the image."""
+    """Check that features depend on the image."""
     features = _values(name, _true_images(0), _true_images(0))
     if np.array_equal(features, _values(name, _true_images(0), _true_images(1))):
         raise ContractViolation("the same features for another object")
@@ -175,7 +175,7 @@ def check_features(name: str) -> Passed:
 
 
 def check_calls(name: str) -> Passed:
-    """Measure often: memory does not grow, and the first images have their values again."""
+    """Measure often, and check memory and the values of the first images."""
     truth, drawn = _true_images(0), _true_images(1)
     first, kept = _values(name, truth, drawn), []
     for _ in range(CALLS):

@@ -15,7 +15,7 @@ from bench.checking.contract.datasets import dataset_steps
 from bench.checking.contract.findings import Finding
 from bench.checking.contract.methods import LIMITS, method_steps
 from bench.checking.contract.metrics import metric_steps
-from bench.checking.contract.session import Passed, Report, Step, perform, trace_findings
+from bench.checking.contract.session import CheckStep, Passed, Report, perform, trace_findings
 from bench.checking.contract.targets import (
     DatasetSource,
     check_import,
@@ -37,20 +37,20 @@ KINDS: Mapping[type, ModuleType] = {
 
 
 def check_identity(name: str) -> Passed:
-    """Look at what a plug-in says of itself; in a worker."""
+    """Check the fields of a plug-in, in a worker."""
     return KINDS[kind_of(find_target(name))].check_identity(name)
 
 
 def use_first(name: str) -> Passed:
-    """Use a plug-in for the first time, in the order opposite to that of the other process."""
+    """Use a plug-in for the first time, in the opposite order of the other process."""
     module = KINDS[kind_of(find_target(name))]
     return Passed("", module.first_evidence(name, backwards=True))
 
 
-IMPORT = Step("import", check_import, in_command=True)
-FIRST_USE = Step("first use", use_first)
-FIRST_STEPS = [IMPORT, Step("identity", check_identity, in_command=True), FIRST_USE]
-# Whatever depends on the process, on threads or on the order of work differs between the two.
+IMPORT = CheckStep("import", check_import, in_command=True)
+FIRST_USE = CheckStep("first use", use_first)
+FIRST_STEPS = [IMPORT, CheckStep("identity", check_identity, in_command=True), FIRST_USE]
+# The two processes differ in threads, hash seed and order of work, which results may not depend on.
 FIRST_ENVIRONMENT = WORKER_ENVIRONMENT | thread_counts(2) | {"PYTHONHASHSEED": "2"}
 SECOND_ENVIRONMENT = WORKER_ENVIRONMENT | {"PYTHONHASHSEED": "1"}
 
@@ -88,7 +88,7 @@ def plugin_findings(
     yield from trace_findings(reports)
 
 
-def _steps(kind: type, evidence: Any) -> list[Step]:
+def _steps(kind: type, evidence: Any) -> list[CheckStep]:
     if kind is Method:
         return method_steps(evidence)
     if kind is DatasetSource:

@@ -1,7 +1,7 @@
-"""Steps of a test of a plug-in: each runs in a killable worker, which is observed before and after.
+"""Steps of a test of a plug-in: each runs in a killable worker, observed before and after.
 
-What the plug-in does to the worker is a finding: an exception, a call of exit(), a signal, a hang.
-This module and `targets` load no heavy package, so that those of a plug-in show.
+An exception, a call of exit(), a signal and a hang of the worker are findings. This module and
+`targets` load no heavy package, so that the imports of a plug-in show.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from typing import Any
 
 from bench.catalogue.suites import Limits
 from bench.checking.contract.findings import ContractViolation, Finding
-from bench.checking.contract.observation import (
-    Observation,
+from bench.checking.contract.traces import (
+    ProcessState,
     await_processes,
     captured_output,
     end_processes,
@@ -33,9 +33,10 @@ from bench.checking.contract.observation import (
 from bench.running.isolation import WorkerFailure, run_tasks
 from data_prep.failures import BadInput, MissingDependency
 
-EXIT_STATUS = 86  # of a worker in which something has called os._exit(0)
+EXIT_STATUS = 86  # of a worker in which the plug-in has called os._exit(0)
 MOST_DEATHS = 3
-# By kind: whether it blocks a run, and what stands in the finding where nothing was left.
+PR_SET_CHILD_SUBREAPER = 36  # linux/prctl.h
+# By kind of trace: whether it blocks a run, and the text of a finding without any.
 TRACES = {
     "stdout": (False, "nothing is printed"),
     "stderr": (False, "nothing is printed"),
@@ -48,26 +49,26 @@ TRACES = {
 
 @dataclass(frozen=True)
 class Passed:
-    """The text on a point that is kept, and the evidence that later steps need."""
+    """The result of a check that passed: its text, and evidence for later steps."""
 
     text: str
     evidence: Any = None
 
 
 @dataclass(frozen=True)
-class Step:
+class CheckStep:
     """A point of a contract.
 
     Attributes
     ----------
     subject : str
-        Names it in its finding.
+        Its name in the finding.
     check : callable
-        Gets the name of the plug-in, in a worker; raises ContractViolation, or whatever the
-        plug-in raises. A function of a module, or a partial of one: it crosses processes.
+        Called with the name of the plug-in, in a worker; raises ContractViolation, or any
+        exception of the plug-in. A function of a module, or a partial of one: it crosses processes.
     in_command : bool
-        Whether commands call this part of the plug-in in their own process, where results go to
-        stdout.
+        Whether commands call this part of the plug-in in their own process, whose stdout has
+        their results.
     blocks : bool
         Whether a run would fail or have false results where the point is not kept.
     """
@@ -79,10 +80,10 @@ class Step:
 
 
 @dataclass(frozen=True)
-class Task:
-    """A step, the plug-in that it is about, and the moment at which its worker ends."""
+class StepTask:
+    """A step of the test of a plug-in, and the moment at which its worker is ended."""
 
-    step: Step
+    step: CheckStep
     name: str
     until: float
 
@@ -91,10 +92,10 @@ class Task:
 class Report:
     """The finding of a step, and the traces that the plug-in has left during it, by kind.
 
-    `is_last` tells of a step that hangs, or lacks a library, that no other need be tried.
+    is_last  whether no further step is tried, after a hang or a missing library
     """
 
-    step: Step
+    step: CheckStep
     finding: Finding
     evidence: Any = None
     traces: Mapping[str, str] = field(default_factory=dict)
@@ -103,26 +104,26 @@ class Report:
 
 def perform(
     name: str,
-    steps: Sequence[Step],
+    steps: Sequence[CheckStep],
     limits: Limits,
     until: float,
     environment: Mapping[str, str],
 ) -> Iterator[Report]:
-    """Yield the report of each step, in their order, from one worker as long as that lives.
+    """Yield the report of each step, in their order; one worker serves as long as it lives.
 
-    It ends after a step that is the last, after MOST_DEATHS workers, and at the moment `until` of
-    the monotonic clock.
+    It ends after a last step, after MOST_DEATHS workers, and at the moment `until` of the monotonic
+    clock.
     """
     deaths = 0
     with tempfile.TemporaryDirectory(prefix=".bench-test-") as temporary:
-        tasks = (Task(step, name, until) for step in steps)
+        tasks = (StepTask(step, name, until) for step in steps)
         around = {**environment, "TMPDIR": temporary}
         with closing(run_tasks(tasks, execute, 1, limits, around)) as results:
             for step, result in _in_order(steps, results):
                 is_lost = isinstance(result, WorkerFailure)
                 if is_lost and time.monotonic() >= until:
                     return
-                report = _of_lost(step, result) if isinstance(result, WorkerFailure) else result
+                report = result if isinstance(result, Report) else _report_of_death(step, result)
                 yield report
                 deaths += is_lost
                 if report.is_last or deaths == MOST_DEATHS:
@@ -130,9 +131,9 @@ def perform(
 
 
 def _in_order(
-    steps: Sequence[Step], results: Iterable[tuple[Task, Report | WorkerFailure]]
-) -> Iterator[tuple[Step, Report | WorkerFailure]]:
-    """Yield the results in the order of the steps: two that end in one moment come in any."""
+    steps: Sequence[CheckStep], results: Iterable[tuple[StepTask, Report | WorkerFailure]]
+) -> Iterator[tuple[CheckStep, Report | WorkerFailure]]:
+    """Yield the results in the order of the steps; two at one moment may come in any order."""
     queue, ended = deque(steps), {}
     try:
         for task, result in results:
@@ -144,33 +145,35 @@ def _in_order(
         yield queue[0], WorkerFailure("crash", str(error))
 
 
-def _of_lost(step: Step, lost: WorkerFailure) -> Report:
+def _report_of_death(step: CheckStep, lost: WorkerFailure) -> Report:
+    """Return the report of a step whose worker was killed or has died."""
     reason = lost.reason
     if f"exit code {EXIT_STATUS})" in reason:
         reason = "crash: os._exit(0) was called"
     return Report(step, Finding(False, step.subject, reason), is_last=lost.kind == "timeout")
 
 
-def execute(task: Task) -> Report:
-    """Carry out a step; in a worker."""
+def execute(task: StepTask) -> Report:
+    """Carry out a step, in a worker."""
     _mark_exits()
-    _adopt_orphans()
+    if sys.platform == "linux":  # children of ended processes become ours, so that they are seen
+        ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1)
     temporary = Path(tempfile.gettempdir())
-    before = Observation.take(temporary)
+    before = ProcessState.take(temporary)
     with Path(os.devnull).open("w") as nowhere, captured_output() as output:
-        # By a thread that native code cannot hold up.
+        # The deadline is kept by a thread that native code cannot hold up.
         remaining_s = max(task.until - time.monotonic(), 0.01)
         faulthandler.dump_traceback_later(remaining_s, exit=True, file=nowhere)
         report = _checked(task)
         faulthandler.cancel_dump_traceback_later()
     await_processes()
-    after = Observation.take(temporary)
+    after = ProcessState.take(temporary)
     end_processes()
     os.chdir(before.folder)
     return replace(report, traces={**output, **traces(before, after)})
 
 
-def _checked(task: Task) -> Report:
+def _checked(task: StepTask) -> Report:
     step, evidence, blocks = task.step, None, task.step.blocks
     try:
         passed = step.check(task.name)
@@ -187,7 +190,7 @@ def _checked(task: Task) -> Report:
 
 
 def raised(error: BaseException) -> str:
-    """Return one line on what a plug-in has raised, with a remedy for what is no exception."""
+    """Return one line on an exception of a plug-in, with a remedy for one like SystemExit."""
     from bench.running.work import reason_of  # loads pandas, which a plug-in may not
 
     if isinstance(error, Exception):
@@ -197,21 +200,13 @@ def raised(error: BaseException) -> str:
 
 @cache
 def _mark_exits() -> None:
-    """Make os._exit(0) end this worker with another status: the pool overlooks 0 as an end."""
+    """Make os._exit(0) end this worker with another status, as the pool overlooks 0."""
     leave, worker = os._exit, os.getpid()
 
     def leave_marked(status: int) -> None:
         leave(EXIT_STATUS if status == 0 and os.getpid() == worker else status)
 
     os._exit = leave_marked  # type: ignore[assignment]
-
-
-@cache
-def _adopt_orphans() -> None:
-    """Become the parent of processes whose parent ends (Linux): left ones are seen."""
-    if sys.platform == "linux":
-        pr_set_child_subreaper = 36  # linux/prctl.h
-        ctypes.CDLL(None).prctl(pr_set_child_subreaper, 1)
 
 
 def trace_findings(reports: Iterable[Report]) -> list[Finding]:

@@ -1,4 +1,4 @@
-"""Plug-ins by the names that `bench test` takes, and what is checked of each before it is used."""
+"""Plug-ins by the names that `bench test` takes, and the check of their import."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ SLOW_IMPORT_S = 2.0
 
 @dataclass(frozen=True)
 class DatasetSource:
-    """A dataset that can be opened, as often as one likes."""
+    """A dataset that can be opened any number of times."""
 
     id: str
     open: Callable[[], Dataset]
@@ -51,12 +51,12 @@ Target: TypeAlias = Method | ImageMetric | SetMetric | DatasetSource
 
 
 def kind_of(target: Target) -> type:
-    """Return which of the types of `Target` a plug-in is."""
+    """Return the type of a plug-in, one of the types of `Target`."""
     return next(kind for kind in get_args(Target) if isinstance(target, kind))
 
 
 def check_name(name: str) -> None:
-    """Load nothing; raise BadInput for a name that nothing can be found by, or that is refused."""
+    """Raise BadInput for an unknown or refused name, without loading any plug-in."""
     module, colon, rest = name.partition(":")
     for kind, plugin_id in (("method", name), ("metric", name), ("dataset", module)):
         if problem := plugin_problem(kind, plugin_id):
@@ -79,7 +79,7 @@ def check_name(name: str) -> None:
 
 @cache
 def find_target(name: str) -> Target:
-    """Return the plug-in of this name, once a process; whatever its module raises goes on."""
+    """Return the plug-in of this name, loaded once a process; errors of its module go on."""
     if is_dataset(name):
         if (kind := name.partition(":")[0]) in reader_ids():
             find_reader(kind)  # its module is loaded here
@@ -92,7 +92,7 @@ def find_target(name: str) -> Target:
 
 
 def _of_module(name: str) -> Target:
-    """Return what a module of the current folder or path has under "MODULE:NAME[:FOLDER]"."""
+    """Return the plug-in "MODULE:NAME[:FOLDER]" of a module in the current folder or path."""
     module, _, rest = name.partition(":")
     attribute, _, folder = rest.partition(":")
     target: Any = import_module(module)
@@ -119,7 +119,7 @@ def _of_module(name: str) -> Target:
 def check_import(name: str) -> Passed:
     """Load the plug-in's module, which may not be slow, nor load a heavy package.
 
-    The evidence is the type of what the name stands for.
+    The evidence is the type of the plug-in.
     """
     loaded, start = set(sys.modules), time.perf_counter()
     kind = kind_of(find_target(name))

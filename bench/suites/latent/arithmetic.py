@@ -7,10 +7,10 @@ import torch
 from torch import Tensor
 
 from bench.suites.latent.chairs import CHANGES, Triple, specified_chairs
-from bench.suites.latent.figures import Strip, Tile
+from bench.suites.latent.figures import Strip, StripTile
 from bench.suites.latent.measures import chamfer_distances, cosine, ssim_values
-from bench.suites.latent.network import Network, cloud_of, look
-from bench.suites.latent.tables import Value
+from bench.suites.latent.network import LatentNetwork, cloud_of, sample_chair
+from bench.suites.latent.tables import LatentValue
 from data_prep.progress import progress
 from pc2pix.latent import add_difference
 
@@ -39,19 +39,22 @@ SUM_REMARK = (
 )
 
 
-def add_up(network: Network, triple: Triple, train: Tensor, seed: int) -> tuple[list[Value], Strip]:
+def add_up(
+    network: LatentNetwork, triple: Triple, train: Tensor, seed: int
+) -> tuple[list[LatentValue], Strip]:
     """Return the values of A - B + C with its baselines, and its strip; `train` is [N, d]."""
     chairs = (triple.a, triple.b, triple.c, triple.d)
-    seen = [look(network, chair, seed) for chair in chairs]
+    sampled = [sample_chair(network, chair, seed) for chair in chairs]
     a, b, c, d = (
-        network.encode(chair.id, looked.cloud) for chair, looked in zip(chairs, seen, strict=True)
+        network.encode(chair.id, sample.cloud)
+        for chair, sample in zip(chairs, sampled, strict=True)
     )
     total = add_difference(a, b, c)
     nearest = train[(train - total).square().sum(dim=1).argmin()][None]
     codes = {SUM: total, NOTHING: c, TRAIN: nearest, ANSWER: d}
     stacked = torch.cat(list(codes.values()))
     clouds, images = network.decode(stacked), network.draw(stacked)
-    answer, count = seen[-1], len(codes)
+    answer, count = sampled[-1], len(codes)
     to_cloud = chamfer_distances(clouds, np.stack([answer.cloud.points] * count))
     to_image = ssim_values(np.stack([answer.image] * count), images)
     to_code = (stacked - d).square().mean(dim=1).sqrt().cpu().numpy()
@@ -65,20 +68,20 @@ def add_up(network: Network, triple: Triple, train: Tensor, seed: int) -> tuple[
         if what == SUM:
             by_metric["cosine"] = cosine((a - b)[0].cpu().numpy(), (d - c)[0].cpu().numpy())
         values += [
-            Value(network.method, what, triple.change, triple.id, metric, float(value))
+            LatentValue(network.method, what, triple.change, triple.id, metric, float(value))
             for metric, value in by_metric.items()
         ]
     terms = torch.cat([a, b, c])
     shown = zip(
-        ("A", "− B", "+ C"), network.decode(terms), network.draw(terms), seen[:3], strict=True
+        ("A", "− B", "+ C"), network.decode(terms), network.draw(terms), sampled[:3], strict=True
     )
-    tiles = [Tile(title, cloud, image, looked.image) for title, cloud, image, looked in shown]
-    tiles.append(Tile("= A − B + C", clouds[0], images[0]))
-    tiles.append(Tile("D by its code", clouds[-1], images[-1], answer.image))
+    tiles = [StripTile(title, cloud, image, sample.image) for title, cloud, image, sample in shown]
+    tiles.append(StripTile("= A − B + C", clouds[0], images[0]))
+    tiles.append(StripTile("D by its code", clouds[-1], images[-1], answer.image))
     return values, Strip(triple.change, tuple(tiles))
 
 
-def train_codes(network: Network, count: int) -> Tensor:
+def train_codes(network: LatentNetwork, count: int) -> Tensor:
     """Return the codes [count, d] of the first chairs of the train split."""
     with progress(f"train chairs, {network.method}", count) as advance:
         codes = []

@@ -1,8 +1,7 @@
 """The chairs of the suite `latent`: pairs of different families, and triples with an answer.
 
-The descriptions of procedural chairs make both possible: a pair differs in structure because its
-families do, and A - B + C has a right answer D because A is B with one change, and D is C with the
-same change.
+A pair differs in structure, as its families do. A - B + C has the right answer D, as A is B with
+one change, and D is C with the same change.
 """
 
 from __future__ import annotations
@@ -33,10 +32,10 @@ class SpecifiedChair:
 
 @dataclass(frozen=True)
 class Change:
-    """A change that can be made to a description.
+    """A change of a description.
 
-    fits   whether a chair can be changed so, and has not been so from the start
-    apply  the changed description; everything else stays as it is
+    fits   returns whether a chair can be changed so, and is not so already
+    apply  returns the changed description, with everything else as it was
     """
 
     id: str
@@ -74,7 +73,7 @@ CHANGES = (
 
 @dataclass(frozen=True)
 class Triple:
-    """A sum A - B + C and the answer D: `a` is `b` changed, `d` is `c` changed."""
+    """A sum A - B + C and the answer D, where `a` is `b` changed, and `d` is `c` changed."""
 
     change: str
     a: SpecifiedChair
@@ -84,12 +83,12 @@ class Triple:
 
     @property
     def id(self) -> str:
-        """The name of the triple: change, B and C, as "arms: test-0001, test-0004"."""
+        """Return the name of the triple: change, B and C, as "arms: test-0001, test-0004"."""
         return f"{self.change}: {self.b.id}, {self.c.id}"
 
 
 @dataclass(frozen=True)
-class Pair:
+class ChairPair:
     """The two ends of a path."""
 
     start: SpecifiedChair
@@ -97,31 +96,32 @@ class Pair:
 
     @property
     def id(self) -> str:
-        """The names of both ends, as "test-0001, test-0004"."""
+        """Return the names of both ends, as "test-0001, test-0004"."""
         return f"{self.start.id}, {self.end.id}"
 
 
 def specified_chairs(split: Split, count: int) -> tuple[SpecifiedChair, ...]:
-    """Return the first `count` chairs of a split, all with descriptions: no novel ones."""
+    """Return the first `count` chairs of a split, which is not that of novel families."""
     chairs = (ProceduralObject("chair", split, i) for i in range(count))
     return tuple(
         SpecifiedChair(chair.object_id, draw_chair_spec(chair.random_numbers())) for chair in chairs
     )
 
 
-def choose_pairs(chairs: Sequence[SpecifiedChair], rng: np.random.Generator) -> tuple[Pair, ...]:
+def choose_pairs(
+    chairs: Sequence[SpecifiedChair], rng: np.random.Generator
+) -> tuple[ChairPair, ...]:
     """Return all of an even number of chairs in pairs, none twice.
 
-    The families of a pair differ, unless one family has more than half of the chairs. Shuffled and
-    then sorted by family, the first half is paired with the second: no family that has at most half
-    reaches from a place to the one half the chairs further on.
+    The families of a pair differ, unless one family has more than half of the chairs.
     """
     if len(chairs) % 2:
         raise ValueError(f"choose_pairs: {len(chairs)} chairs cannot be paired")
     shuffled = [chairs[i] for i in rng.permutation(len(chairs))]
     ordered = sorted(shuffled, key=lambda chair: chair.spec.family)  # stable: shuffled within
+    # No family of at most half the chairs reaches from a place to that half the chairs further on.
     half = len(ordered) // 2
-    pairs = [Pair(a, b) for a, b in zip(ordered[:half], ordered[half:], strict=True)]
+    pairs = [ChairPair(a, b) for a, b in zip(ordered[:half], ordered[half:], strict=True)]
     return tuple(pairs[i] for i in rng.permutation(half))
 
 
@@ -130,7 +130,7 @@ def choose_triples(
 ) -> tuple[Triple, ...]:
     """Return `count` triples, the changes in turn; no chair is B or C twice.
 
-    Raises BadInput where there are too few chairs that fit.
+    Raises BadInput where too few chairs fit.
     """
     left = [chairs[i] for i in rng.permutation(len(chairs))]
     triples = []

@@ -21,7 +21,7 @@ CLOUD, IMAGE, TRUTH = "decoded", "drawn", "true"
 
 
 @dataclass(frozen=True, eq=False)
-class Tile:
+class StripTile:
     """A cloud [N, 3] above an image uint8 [128, 128, 3] and perhaps the true one, with a title."""
 
     title: str
@@ -35,17 +35,20 @@ class Strip:
     """The tiles of one path or sum from left to right, with its description."""
 
     label: str
-    tiles: tuple[Tile, ...]
+    tiles: tuple[StripTile, ...]
 
 
 @drawing()
 def strips_figure(strips: Sequence[Strip], view: View) -> Figure:
-    """Return rows of clouds, images, and truths where there are any, for each strip.
+    """Return rows of clouds, images, and true images if any, for each strip.
 
     All strips have the titles of the first.
     """
     columns = len(strips[0].tiles)
-    rows = [(strip, name) for strip in strips for name in _rows(strip)]
+    rows = []
+    for strip in strips:
+        has_truth = any(tile.truth is not None for tile in strip.tiles)
+        rows += [(strip, name) for name in (CLOUD, IMAGE, *([TRUTH] if has_truth else []))]
     size_in = (1.3 * columns + 0.4, 1.35 * len(rows) + 0.4)
     figure, axes = panels(len(rows), columns, size_in)
     for axis, tile in zip(axes[0], strips[0].tiles, strict=True):
@@ -63,11 +66,6 @@ def strips_figure(strips: Sequence[Strip], view: View) -> Figure:
             else:
                 show(axis, shown)
     return figure
-
-
-def _rows(strip: Strip) -> tuple[str, ...]:
-    has_truth = any(tile.truth is not None for tile in strip.tiles)
-    return (CLOUD, IMAGE, TRUTH) if has_truth else (CLOUD, IMAGE)
 
 
 def draw_cloud(cloud: Points, view: View) -> NDArray[np.uint8]:

@@ -18,7 +18,7 @@ Clouds = NDArray[np.float32]  # [N, 2048, 3], unit-sphere coordinates
 def unevenness(steps: Floats) -> float:
     """Return the largest of the steps [K - 1] of a path over their mean: 1 where all are equal.
 
-    At most K - 1, where all the way is one jump. NaN for a path that does not move at all.
+    At most K - 1, for a single jump; NaN for a path without any move.
     """
     mean = steps.mean()
     return float(steps.max() / mean) if mean > 0 else float("nan")
@@ -36,10 +36,9 @@ def cloud_steps(clouds: Clouds) -> Floats:
 
 
 def chamfer_distances(a: Clouds, b: Clouds) -> Floats:
-    """Return the Chamfer distance [N] of each pair of clouds, in squared radii.
+    """Return the Chamfer distance [N] of each pair of clouds, in squared radii, as in training.
 
-    It is that of the training: the mean squared distance to the nearest neighbour, from a to b plus
-    from b to a.
+    It is the mean squared distance to the nearest neighbour, from a to b plus from b to a.
     """
     return np.array(
         [
@@ -60,10 +59,7 @@ def distances_to_nearer_end(clouds: Clouds) -> Floats:
 
 
 def cross_fade(start: NDArray[np.uint8], end: NDArray[np.uint8], positions: int) -> UInt8Images:
-    """Return [positions, H, W, 3]: weighted means of two images [H, W, 3]; exact ends.
-
-    They are rounded.
-    """
+    """Return rounded weighted means [positions, H, W, 3] of two images [H, W, 3]; exact ends."""
     share = np.linspace(0, 1, positions)[:, None, None, None]
     return np.floor((1 - share) * start + share * end + 0.5).astype(np.uint8)
 

@@ -1,4 +1,4 @@
-"""The network as the suite `latent` sees it: clouds to codes, codes to clouds and images."""
+"""Networks of the suite `latent`: from clouds to codes, and from codes to clouds and images."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ BUNDLED = "chair"  # the weights of the method `pc2pix`
 
 
 @dataclass(frozen=True, eq=False)
-class Network:
+class LatentNetwork:
     """A network that turns clouds into codes, and codes into clouds and images."""
 
     method: str
@@ -35,7 +35,7 @@ class Network:
     view: View
 
     def encode(self, name: str, cloud: PointCloud) -> Tensor:
-        """Return whitened code [1, d] of a cloud; `name` is for errors.
+        """Return the whitened code [1, d] of a cloud; `name` is for errors.
 
         Raises BadInput where the code is not finite.
         """
@@ -53,10 +53,10 @@ class Network:
     def draw(self, codes: Tensor) -> NDArray[np.uint8]:
         """Return images uint8 [K, 128, 128, 3] of whitened codes [K, d], all from the same view.
 
-        One by one, so that an image does not depend on its neighbours. Raises BadInput where one
-        is not finite.
+        Raises BadInput where an image is not finite.
         """
         try:
+            # One by one, so that an image does not depend on its neighbours.
             drawn = [self.renderer.draw(code[None], [self.view]) for code in codes]
         except StageFailure as error:
             raise BadInput(
@@ -66,18 +66,15 @@ class Network:
 
 
 @dataclass(frozen=True, eq=False)
-class Activations:
-    """A chair's cloud [2048, 3] and true image [128, 128, 3]."""
+class SampledChair:
+    """The cloud [2048, 3] of a chair and its true image uint8 [128, 128, 3]."""
 
     cloud: PointCloud
     image: NDArray[np.uint8]
 
 
 def weights_of(method: str) -> str:
-    """Return name or path of the weights of a method.
-
-    Raises BadInput where it has no code.
-    """
+    """Return the name or the path of a method's weights. Raises BadInput for one without codes."""
     name, _, file = find_method(method).id.partition("@")
     if name != "pc2pix":
         raise BadInput(
@@ -87,25 +84,25 @@ def weights_of(method: str) -> str:
     return file or BUNDLED
 
 
-def load_network(method: str, device: str, view: View) -> Network:
+def load_network(method: str, device: str, view: View) -> LatentNetwork:
     """Return a method's network with the decoder of its weights.
 
-    Raises BadInput where the weights cannot be used, or have no decoder of their own.
+    Raises BadInput where the weights cannot be used, or their decoder is missing.
     """
     weights = weights_of(method)
     renderer = find_method(method).load(device)
     assert isinstance(renderer, Pc2pixRenderer)
     decoder, sha256 = load_decoder(weights, renderer.weights)
-    return Network(method, renderer, decoder.to(renderer.device), sha256, view)
+    return LatentNetwork(method, renderer, decoder.to(renderer.device), sha256, view)
 
 
-def look(network: Network, chair: SpecifiedChair, seed: int) -> Activations:
-    """Sample and render a chair."""
+def sample_chair(network: LatentNetwork, chair: SpecifiedChair, seed: int) -> SampledChair:
+    """Return the cloud of a chair, and its image from the network's view."""
     mesh = chair.load()
-    return Activations(cloud_of(mesh, chair, seed), render(mesh, [network.view])[0])
+    return SampledChair(cloud_of(mesh, chair, seed), render(mesh, [network.view])[0])
 
 
 def cloud_of(mesh: Mesh, chair: SpecifiedChair, seed: int) -> PointCloud:
     """Return the 2,048 points that other suites take for the same chair and seed."""
     sampled = sample_surface(mesh, generator(seed, "cloud", "chair", chair.id))
-    return PointCloud(sampled.points)  # without its mesh: no method may look at that
+    return PointCloud(sampled.points)  # without its mesh, which no method may see

@@ -7,8 +7,8 @@ import torch
 from torch import Tensor
 
 from bench.judges.views import ViewsNetwork
-from bench.suites.latent.chairs import Pair
-from bench.suites.latent.figures import Strip, Tile
+from bench.suites.latent.chairs import ChairPair
+from bench.suites.latent.figures import Strip, StripTile
 from bench.suites.latent.measures import (
     Clouds,
     chamfer_distances,
@@ -20,8 +20,8 @@ from bench.suites.latent.measures import (
     ssim_values,
     unevenness,
 )
-from bench.suites.latent.network import Network, look
-from bench.suites.latent.tables import ALL, Value
+from bench.suites.latent.network import LatentNetwork, sample_chair
+from bench.suites.latent.tables import ALL, LatentValue
 from data_prep.randomness import generator
 from data_prep.scene import UInt8Images
 from pc2pix.latent import interpolate
@@ -60,18 +60,18 @@ PATH_REMARK = (
 
 
 def walk(
-    network: Network, classifier: ViewsNetwork, pair: Pair, seed: int, positions: int
-) -> tuple[list[Value], Strip]:
+    network: LatentNetwork, classifier: ViewsNetwork, pair: ChairPair, seed: int, positions: int
+) -> tuple[list[LatentValue], Strip]:
     """Return the values of a path between two chairs with its baselines, and its strip."""
     chairs = (pair.start, pair.end)
-    ends = [look(network, chair, seed) for chair in chairs]
+    ends = [sample_chair(network, chair, seed) for chair in chairs]
     start, end = (
-        network.encode(chair.id, seen.cloud) for chair, seen in zip(chairs, ends, strict=True)
+        network.encode(chair.id, sample.cloud) for chair, sample in zip(chairs, ends, strict=True)
     )
     line = interpolate(start, end, positions)
     clouds, images = network.decode(line), network.draw(line)
-    true_clouds = np.stack([seen.cloud.points for seen in ends])
-    true_images = np.stack([seen.image for seen in ends])
+    true_clouds = np.stack([sample.cloud.points for sample in ends])
+    true_images = np.stack([sample.image for sample in ends])
     faded = cross_fade(images[0], images[-1], positions)
     random_line = interpolate(*_random_codes(pair, start, seed), positions)
     measured = {
@@ -87,24 +87,21 @@ def walk(
         TRUTH: _confidence(classifier, true_images),
     }
     values = [
-        Value(network.method, what, ALL, pair.id, metric, float(value))
+        LatentValue(network.method, what, ALL, pair.id, metric, float(value))
         for what, by_metric in measured.items()
         for metric, value in by_metric.items()
     ]
     between = [
-        Tile(f"{i}/{positions - 1}", cloud, image)
+        StripTile(f"{i}/{positions - 1}", cloud, image)
         for i, (cloud, image) in enumerate(zip(clouds, images, strict=True))
     ]
-    first, last = (Tile("original", seen.cloud.points, seen.image) for seen in ends)
+    first, last = (StripTile("original", sample.cloud.points, sample.image) for sample in ends)
     label = f"{pair.start.spec.family}\nto {pair.end.spec.family}"
     return values, Strip(label, (first, *between, last))
 
 
-def _random_codes(pair: Pair, like: Tensor, seed: int) -> tuple[Tensor, Tensor]:
-    """Return two codes [1, d] of independent numbers from N(0, 1).
-
-    Single numbers of whitened codes are distributed so.
-    """
+def _random_codes(pair: ChairPair, like: Tensor, seed: int) -> tuple[Tensor, Tensor]:
+    """Return two codes [1, d] of independent numbers from N(0, 1), as those of whitened codes."""
     rng = generator(seed, "latent noise", pair.id)
     drawn = rng.standard_normal((2, like.shape[1])).astype(np.float32)
     start, end = torch.from_numpy(drawn).to(like.device).split(1)
@@ -120,8 +117,8 @@ def _evenness(classifier: ViewsNetwork, images: UInt8Images) -> dict[str, float]
 
 
 def _confidence(classifier: ViewsNetwork, images: UInt8Images) -> dict[str, float]:
-    sure = family_confidence(classifier, images)
-    return {"family-confidence": float(sure.mean()), "family-confidence-min": float(sure.min())}
+    values = family_confidence(classifier, images)
+    return {"family-confidence": float(values.mean()), "family-confidence-min": float(values.min())}
 
 
 def _cloud_path(clouds: Clouds) -> dict[str, float]:

@@ -1,13 +1,13 @@
 """The suite `latent`: paths between codes, and whether A - B + C is D (Figures 5 and 6).
 
-One process, a minute or so, everything from the beginning each time: there is nothing to resume.
-The same seed gives the same bytes on one machine, with whatever number of threads.
+It runs in one process for about a minute, from the beginning each time. The same seed gives the
+same bytes on one machine, with any number of threads.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -21,11 +21,17 @@ from bench.running.isolation import one_thread
 from bench.running.protocol import Options, manifest_of
 from bench.running.run import open_run
 from bench.suites.latent.arithmetic import ANSWERS, SUM_METRICS, SUM_REMARK, add_up, train_codes
-from bench.suites.latent.chairs import Pair, Triple, choose_pairs, choose_triples, specified_chairs
+from bench.suites.latent.chairs import (
+    ChairPair,
+    Triple,
+    choose_pairs,
+    choose_triples,
+    specified_chairs,
+)
 from bench.suites.latent.figures import Strip, strips_figure
-from bench.suites.latent.network import Network, load_network, weights_of
+from bench.suites.latent.network import LatentNetwork, load_network, weights_of
 from bench.suites.latent.paths import PATH_METRICS, PATH_REMARK, PATHS, walk
-from bench.suites.latent.tables import Mean, Value, latent_table, means, values_table
+from bench.suites.latent.tables import LatentValue, Mean, latent_table, means, values_table
 from bench.suites.procedure import SuiteRun, methods_of
 from bench.tables.figure import FIGURES, save
 from bench.tables.table import Table, write_tables
@@ -35,13 +41,17 @@ from data_prep.progress import progress
 from data_prep.randomness import generator
 from data_prep.scene import View
 
-Item = TypeVar("Item")
+Subject = TypeVar("Subject")
 
 
-def run(options: Options, suite: LatentSuite = LATENT) -> SuiteRun:
-    """Carry out the suite.
+def run(
+    options: Options,
+    suite: LatentSuite = LATENT,
+    environment: Callable[[], Mapping[str, str]] = environment,
+) -> SuiteRun:
+    """Carry out the suite; `environment` describes the drivers that images depend on.
 
-    Raises BadInput for anything the user has to fix.
+    Raises BadInput for options that the user has to fix.
     """
     start = time.perf_counter()
     methods = methods_of(
@@ -103,8 +113,8 @@ def _split(options: Options) -> Split:
 
 
 def _measure(
-    networks: Sequence[Network],
-    pairs: Sequence[Pair],
+    networks: Sequence[LatentNetwork],
+    pairs: Sequence[ChairPair],
     triples: Sequence[Triple],
     seed: int,
     suite: LatentSuite,
@@ -113,12 +123,12 @@ def _measure(
     """Measure everything; write figures, tables and the single values behind them."""
     classifier = load_views_network(VIEWS_WEIGHTS)
     folder = directory / FIGURES
-    for old in folder.glob("*.png"):  # of a run with other methods, perhaps
+    for old in folder.glob("*.png"):  # perhaps of a run with other methods
         old.unlink()
-    on_paths: list[Value] = []
-    on_sums: list[Value] = []
+    on_paths: list[LatentValue] = []
+    on_sums: list[LatentValue] = []
     for number, network in enumerate(networks, 1):
-        # one figure a method; the first one's has no number
+        # Each method has a figure; the first has no number.
         suffix = ".png" if number == 1 else f"-{number}.png"
         walks = partial(walk, network, classifier, seed=seed, positions=suite.positions)
         strips = _take(f"paths, {network.method}", pairs, walks, on_paths, suite.shown)
@@ -155,12 +165,12 @@ def _measure(
 
 def _take(
     name: str,
-    items: Sequence[Item],
-    measure: Callable[[Item], tuple[list[Value], Strip]],
-    values: list[Value],
+    items: Sequence[Subject],
+    measure: Callable[[Subject], tuple[list[LatentValue], Strip]],
+    values: list[LatentValue],
     shown: int,
 ) -> list[Strip]:
-    """Measure pairs or triples: the first `shown` strips; all values are appended to `values`."""
+    """Measure pairs or triples, append all values to `values`, and return `shown` strips."""
     strips = []
     with progress(name, len(items)) as advance:
         for item in items:

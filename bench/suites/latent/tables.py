@@ -1,7 +1,4 @@
-"""The tables of the suite `latent`: one value per path or sum, and their means.
-
-Everything is one long list of `Value`s; a table is a pure function of them.
-"""
+"""The tables of the suite `latent`: values of paths and sums, and their means."""
 
 from __future__ import annotations
 
@@ -19,11 +16,11 @@ ALL = "all"
 
 
 @dataclass(frozen=True)
-class Value:
-    """One measured number; NaN where it is undefined, of a path that does not move say.
+class LatentValue:
+    """A measured number; NaN where it is undefined, as for a path without any move.
 
-    what   the path, or what is compared with the expected answer
-    kind   the change that a triple is about; ALL for paths
+    what   the path, or the code that is compared with the right answer
+    kind   the change of a triple; ALL for paths
     item   the pair or triple
     """
 
@@ -61,9 +58,15 @@ def latent_table(
 ) -> Table[Mean]:
     """Return a table of means with the text that readers need.
 
-    about     of each metric, by its id, in the order of the table
-    subjects  of each `what`, by its id, in the order of the table
+    about     text on each metric, by its id, in the order of the table
+    subjects  text on each `what`, by its id, in the order of the table
     """
+
+    def cell(row: Mean) -> Cell:
+        if not row.n_ok:
+            return Cell(f"- 0/{row.n}")
+        count = f" {row.n_ok}/{row.n}" if row.n_ok < row.n else ""
+        return number((row.value, row.ci_low, row.ci_high), "{:.3g}".format, rest=count)
 
     def layout(rows: Sequence[Mean]) -> Iterator[Block]:
         yield remark
@@ -79,7 +82,7 @@ def latent_table(
                 chosen,
                 "metric",
                 "what",
-                _cell,
+                cell,
                 lines=about,
                 columns=[subject for subject in subjects if subject in shown],
                 missing=Cell(""),
@@ -89,12 +92,12 @@ def latent_table(
     return Table(name, title, columns_of(Mean, ".6g"), tuple(rows), layout)
 
 
-def values_table(name: str, values: Sequence[Value]) -> Table[Value]:
+def values_table(name: str, values: Sequence[LatentValue]) -> Table[LatentValue]:
     """Return the single values behind a table, for scripts."""
-    return Table(name, "", columns_of(Value, ".6g"), tuple(values))
+    return Table(name, "", columns_of(LatentValue, ".6g"), tuple(values))
 
 
-def means(suite: str, values: Iterable[Value]) -> tuple[Mean, ...]:
+def means(suite: str, values: Iterable[LatentValue]) -> tuple[Mean, ...]:
     """Return the mean of each method, subject, kind and metric, in the order of first values.
 
     Values of several kinds are also averaged over all of them.
@@ -113,10 +116,3 @@ def means(suite: str, values: Iterable[Value]) -> tuple[Mean, ...]:
             Mean(suite, method, what, kind, metric, mean, low, high, len(finite), len(numbers))
         )
     return tuple(sorted(rows, key=lambda row: row.kind != ALL))  # stable: all kinds come first
-
-
-def _cell(row: Mean) -> Cell:
-    if not row.n_ok:
-        return Cell(f"- 0/{row.n}")
-    count = f" {row.n_ok}/{row.n}" if row.n_ok < row.n else ""
-    return number((row.value, row.ci_low, row.ci_high), "{:.3g}".format, rest=count)

@@ -1,1 +1,1 @@
-"""The suite `speed`: what an image costs."""
+"""The suite `speed`: the cost of an image."""

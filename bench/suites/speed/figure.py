@@ -25,8 +25,8 @@ LABELS_AT = 0.785  # of the width
 def amortised_figure(summaries: Sequence[Summary], suite: SpeedSuite) -> Figure | None:
     """Return a panel for each condition (down) and number of threads (across), log-log.
 
-    Dots are as measured, rings are break-evens with the first of the suite's rivals. Where no
-    method has a cost there is nothing to draw: None.
+    Dots are as measured, rings are break-evens with the first of the suite's rivals. None where no
+    method has a cost.
     """
     drawn = [summary for summary in summaries if summary.wall]
     if not drawn:
@@ -68,7 +68,7 @@ def amortised_figure(summaries: Sequence[Summary], suite: SpeedSuite) -> Figure 
 
 def _line(axis: Any, summary: Summary, rival: Summary | None, colour: str, last: int) -> None:
     cost = summary.wall
-    assert cost is not None  # the others have been left out
+    assert cost is not None  # summaries without a cost have no line
     views = np.geomspace(1, last, POINTS)
     line = [MS * cost.per_image(v) for v in views]
     axis.plot(views, line, color=colour, label=summary.measurement.method)

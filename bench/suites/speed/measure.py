@@ -1,8 +1,7 @@
-"""The worker of the suite `speed`: it times one method, in a process that does nothing else.
+"""The worker of the suite `speed`, which times one method in a process that does nothing else.
 
-First what a fresh process pays: loading (imports and weights), the first cloud, the first image
-(OpenGL starts here). Then a round that is not counted, in which the images are checked: what
-draws nothing may be as fast as it likes. Then rounds over all clouds, prepare and draw apart.
+It times loading (imports and weights), the first cloud and the first image in the fresh process;
+then, after a round that does not count, rounds over all clouds, prepare and draw apart.
 """
 
 from __future__ import annotations
@@ -10,7 +9,7 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
@@ -22,22 +21,22 @@ import numpy as np
 from bench.catalogue.methods import Method, find_method
 from bench.catalogue.suites import SpeedSuite
 from bench.running.work import draw, reason_of
-from bench.suites.speed.samples import Failure, Measurement, Sample, Stage
+from bench.suites.speed.samples import CloudFailure, Measurement, Stage, TimingSample
 from data_prep.clouds.conditions import Perturbation
 from data_prep.datasets.registry import SceneObject
 from data_prep.failures import BadInput, MissingDependency
 from data_prep.randomness import generator
 from data_prep.scene import PointCloud, Renderer, View
 
-Value = TypeVar("Value")
+Returned = TypeVar("Returned")
 
 
 @dataclass(frozen=True)
 class Unit:
-    """One measurement to be taken; a plain value that crosses process boundaries.
+    """A measurement to be taken, as a plain value that crosses process boundaries.
 
     key           names everything that the times depend on
-    perturbation  what `condition` is the name of
+    perturbation  of the condition
     views         of each cloud, drawn in one call and some of them one by one
     """
 
@@ -55,9 +54,9 @@ class Unit:
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """A cloud that is drawn, with its views.
+    """A cloud with the views to draw of it.
 
-    rng  gives a fresh generator: the same work in each round
+    rng  returns a new generator, so that each round has the same work
     """
 
     id: str
@@ -70,9 +69,9 @@ class Subject:
 class Clock:
     """The sources of times, in seconds.
 
-    wall    time that goes by
+    wall    time by the clock
     core    processor time of this process, all threads
-    finish  returns when the device has done what it was asked for
+    finish  returns when the device has done all its work
     """
 
     wall: Callable[[], float]
@@ -80,9 +79,9 @@ class Clock:
     finish: Callable[[], None]
 
 
-def finish_gpu() -> None:
+def finish_gpu(modules: Mapping[str, Any] = sys.modules) -> None:
     """Wait for a GPU that this process uses: calls return before their work is done."""
-    torch = sys.modules.get("torch")
+    torch = modules.get("torch")
     if torch is not None and torch.cuda.is_initialized():
         torch.cuda.synchronize()
 
@@ -90,8 +89,19 @@ def finish_gpu() -> None:
 CLOCK = Clock(time.perf_counter, time.process_time, finish_gpu)
 
 
-def measure(unit: Unit) -> Measurement:
-    """Take a measurement; what the method raises becomes failures with the reason.
+def peak_mib() -> float | None:
+    """Return the peak resident memory of this process in MiB; None without Linux's /proc."""
+    # Not `ru_maxrss`, which starts with the memory of the parent process.
+    try:
+        lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return None
+    peaks = [line.split()[1] for line in lines if line.startswith("VmHWM:")]
+    return int(peaks[0]) / 1024 if peaks else None
+
+
+def measure(unit: Unit, peak_mib: Callable[[], float | None] = peak_mib) -> Measurement:
+    """Take a measurement; exceptions of the method become failures with the reason.
 
     Raises BadInput for weights that cannot be used, MissingDependency where a library is missing.
     """
@@ -103,9 +113,11 @@ def measure(unit: Unit) -> Measurement:
         method, lambda: method.load(unit.device), subjects, unit.suite, CLOCK
     )
     elsewhere_s = (_busy_s() - busy) - (time.process_time() - cpu_start)
+    torch = sys.modules.get("torch")
+    uses_gpu = torch is not None and torch.cuda.is_initialized()
     return replace(
         lost(unit, ""),
-        device=_device(),
+        device=torch.cuda.get_device_name() if torch is not None and uses_gpu else "cpu",
         samples=tuple(samples),
         failures=(*unusable, *failures),
         idle_mib=idle_mib,
@@ -116,7 +128,7 @@ def measure(unit: Unit) -> Measurement:
 
 def lost(unit: Unit, reason: str) -> Measurement:
     """Return the measurement of a process that died: no cloud has a time, each failed."""
-    failures = (Failure(f"{obj.class_name}/{obj.object_id}", reason) for obj in unit.objects)
+    failures = (CloudFailure(f"{obj.class_name}/{obj.object_id}", reason) for obj in unit.objects)
     return Measurement(
         key=unit.key,
         method=unit.method,
@@ -133,8 +145,8 @@ def lost(unit: Unit, reason: str) -> Measurement:
     )
 
 
-def subjects_of(unit: Unit) -> tuple[list[Subject], list[Failure]]:
-    """Return the clouds of a unit, as other suites draw them, and those that cannot be had."""
+def subjects_of(unit: Unit) -> tuple[list[Subject], list[CloudFailure]]:
+    """Return the clouds of a unit, as other suites draw them, and those that failed to load."""
     subjects, failures = [], []
     for obj in unit.objects:
         names = (obj.class_name, obj.object_id)
@@ -143,7 +155,7 @@ def subjects_of(unit: Unit) -> tuple[list[Subject], list[Failure]]:
             cloud = obj.cloud(generator(unit.seed, "cloud", *names))
             cloud = unit.perturbation.apply(cloud, generator(unit.seed, unit.condition, *names))
         except BadInput as error:
-            failures.append(Failure(name, reason_of(error)))
+            failures.append(CloudFailure(name, reason_of(error)))
             continue
         views = obj.views(unit.views, generator(unit.seed, "views", *names))
         of_method = (unit.seed, "method", unit.method, unit.condition, *names)
@@ -157,21 +169,21 @@ def take_samples(
     subjects: Sequence[Subject],
     suite: SpeedSuite,
     clock: Clock,
-) -> tuple[list[Sample], list[Failure]]:
+) -> tuple[list[TimingSample], list[CloudFailure]]:
     """Return times of loading, of the first image, and of `suite`'s rounds; and failures.
 
-    A cloud that fails once is left out from then on; the times that it gave are kept. Where the
+    A cloud that fails once is left out from then on; its times until then are kept. Where the
     method cannot be loaded, all clouds have failed.
     """
-    samples: list[Sample] = []
-    failures: list[Failure] = []
+    samples: list[TimingSample] = []
+    failures: list[CloudFailure] = []
     left = list(subjects)
     try:
         renderer, sample = _timed(load, clock, "", 0, "load")
     except (BadInput, MissingDependency):
         raise
     except (Exception, SystemExit) as error:  # a method may call exit()
-        return [], [Failure(subject.id, reason_of(error)) for subject in subjects]
+        return [], [CloudFailure(subject.id, reason_of(error)) for subject in subjects]
     samples.append(sample)
     for subject in left[:1]:
         with _left_out_if_failed(subject, left, failures):
@@ -179,7 +191,7 @@ def take_samples(
     for _ in range(suite.warm_ups):
         for subject in tuple(left):
             with _left_out_if_failed(subject, left, failures):
-                # Raises where what the method gives are no images of a cloud.
+                # Blank images would be fast: the check raises for them.
                 draw(method, renderer, subject.cloud, subject.views, subject.rng())
     start, number = clock.wall(), 0
     while left and number < suite.most_rounds:
@@ -188,38 +200,40 @@ def take_samples(
         number += 1
         for subject in tuple(left):
             with _left_out_if_failed(subject, left, failures):
-                calls = _calls(subject.views, suite.singles)
+                views = subject.views
+                calls = [*([view] for view in views[: suite.singles])]
+                calls += [views] if len(views) > 1 else []
                 _round(method, renderer, subject, number, calls, clock, samples)
     return samples, failures
 
 
 @contextmanager
 def _left_out_if_failed(
-    subject: Subject, left: list[Subject], failures: list[Failure]
+    subject: Subject, left: list[Subject], failures: list[CloudFailure]
 ) -> Iterator[None]:
     try:
         yield
     except MissingDependency:
         raise
     except (Exception, SystemExit) as error:
-        failures.append(Failure(subject.id, reason_of(error)))
+        failures.append(CloudFailure(subject.id, reason_of(error)))
         left.remove(subject)
 
 
-def _calls(views: Sequence[View], singles: int) -> list[Sequence[View]]:
-    """Return views by call: the first `singles` alone, then all at once (one view: only alone)."""
-    return [*([view] for view in views[:singles]), *([views] if len(views) > 1 else [])]
-
-
 def _timed(
-    call: Callable[[], Value], clock: Clock, cloud: str, number: int, stage: Stage, views: int = 0
-) -> tuple[Value, Sample]:
+    call: Callable[[], Returned],
+    clock: Clock,
+    cloud: str,
+    number: int,
+    stage: Stage,
+    views: int = 0,
+) -> tuple[Returned, TimingSample]:
     clock.finish()
     core, wall = clock.core(), clock.wall()
     value = call()
     clock.finish()
     wall_s, core_s = clock.wall() - wall, clock.core() - core
-    return value, Sample(cloud, number, stage, views, wall_s, core_s)
+    return value, TimingSample(cloud, number, stage, views, wall_s, core_s)
 
 
 def _round(
@@ -229,9 +243,9 @@ def _round(
     number: int,
     calls: Sequence[Sequence[View]],
     clock: Clock,
-    samples: list[Sample],
+    samples: list[TimingSample],
 ) -> None:
-    """Prepare a cloud and draw it, a call for each element of `calls`; all times are appended."""
+    """Prepare a cloud and draw it, a call for each element of `calls`, and append all times."""
     rng = subject.rng()
     cloud = subject.cloud if method.sees_mesh else PointCloud(subject.cloud.points)
     prepare = partial(renderer.prepare, cloud, rng)
@@ -243,29 +257,14 @@ def _round(
         samples.append(sample)
 
 
-def peak_mib() -> float | None:
-    """Return the peak resident memory of this process in MiB; None where Linux does not tell.
-
-    Not `ru_maxrss`: that starts with what the parent had when it made this process.
-    """
-    try:
-        lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return None
-    peaks = [line.split()[1] for line in lines if line.startswith("VmHWM:")]
-    return int(peaks[0]) / 1024 if peaks else None
-
-
 def _busy_s() -> float:
-    """Return seconds that the cores which this process may use have been busy, with anything.
-
-    Not the load average: a minute long it holds what the measurement before has left there.
-    """
+    """Return the seconds that all processes have kept the cores of this process busy."""
     import psutil
 
+    # Not the load average, which for a minute still has the load of the measurement before.
     usable = os.sched_getaffinity(0)
     cores: list[Any] = psutil.cpu_times(percpu=True)
-    # "user" has the time of guests in it already
+    # "user" includes the time of guests.
     kinds = ("user", "nice", "system", "irq", "softirq", "steal")
     return sum(
         getattr(core, kind, 0.0)
@@ -273,10 +272,3 @@ def _busy_s() -> float:
         if number in usable
         for kind in kinds
     )
-
-
-def _device() -> str:
-    torch = sys.modules.get("torch")
-    if torch is None or not torch.cuda.is_initialized():
-        return "cpu"
-    return torch.cuda.get_device_name()

@@ -1,22 +1,21 @@
 """The suite `speed`: the cost of each method, alone on this machine.
 
-One measurement after the other, each in a process of its own; one that was taken before is kept as
-long as versions, code and machine are the same. While it runs, nothing else should.
+It takes one measurement after the other, each in a process of its own; an earlier measurement is
+kept as long as versions, code and machine are the same. No other program should run meanwhile.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import objectives
 from bench.catalogue.suites import SPEED, SpeedSuite
-from bench.running import environment as manifests
-from bench.running.environment import code_sha256, environment
+from bench.running.environment import code_sha256, cores, environment
 from bench.running.isolation import WorkerFailure, run_tasks, thread_counts
 from bench.running.protocol import Options, digest, manifest_of, method_identity, seed_of
 from bench.running.run import open_run
@@ -43,39 +42,59 @@ from data_prep.clouds.conditions import CONDITIONS
 from data_prep.datasets.registry import SceneObject, open_dataset
 from data_prep.progress import log, progress
 
-TIMED = (  # what decides how long something takes
+TIMED = (  # code that decides how long calls take
     *("data_prep", "baselines", "pc2pix"),
     *(f"bench/catalogue/{name}.py" for name in ("methods", "loaders", "parameters")),
     "bench/suites/speed/measure.py",
 )
 
 
+def measure_alone(unit: Unit, run_tasks: Callable[..., Any] = run_tasks) -> Measurement:
+    """Return the measurement of a unit in a fresh process, or of its failure if lost."""
+    # Memory is not filled as in other suites (`bench.running.isolation`): reconstruction is the
+    # same twice with it, and encoding a cloud a third slower.
+    environment = thread_counts(unit.threads)
+    ((_, result),) = run_tasks([unit], measure, 1, unit.suite.limits, environment)
+    return lost(unit, result.reason) if isinstance(result, WorkerFailure) else result
+
+
+@dataclass(frozen=True)
+class Laboratory:
+    """The machine and the procedure that a run measures with.
+
+    environment  describes the drivers that images depend on
+    cores        counts the cores that this process may use
+    measure      takes one measurement
+    """
+
+    environment: Callable[[], Mapping[str, str]] = environment
+    cores: Callable[[], int] = cores
+    measure: Callable[[Unit], Measurement] = measure_alone
+
+
 def speed_units(
-    suite: SpeedSuite,
-    methods: Sequence[str],
-    conditions: Sequence[str],
-    objects: Sequence[SceneObject],
-    threads: Sequence[int],
-    views: int,
-    seed: int,
-    device: str,
-    machine_info: Mapping[str, Any],
+    suite: SpeedSuite, manifest: Mapping[str, Any], objects: Sequence[SceneObject], code: str
 ) -> list[Unit]:
     """Return one unit per method, condition and number of threads, in measuring order.
 
-    `machine_info` is whatever else times depend on: versions, machine, drivers. Raises BadInput
-    for an unknown method or condition.
+    manifest  of the run: methods, conditions, threads, views, seed, device, and the environment,
+              versions and machine that times depend on
+    code      digest of the code that decides how long calls take
+
+    Raises BadInput for an unknown method or condition.
     """
+    machine_info = {name: manifest[name] for name in ("environment", "versions", "machine")}
+    views, seed, device = (manifest[name] for name in ("views", "seed", "device"))
     common = [
         # `Method.version` is raised when images change; times also change where they do not.
-        *(FORM, suite.id, code_sha256(TIMED), machine_info, views, seed),
+        *(FORM, suite.id, code, machine_info, views, seed),
         *(suite.singles, suite.warm_ups, suite.least_rounds, suite.most_rounds, suite.seconds),
         [[obj.class_name, obj.object_id, obj.fingerprint()] for obj in objects],
     ]
     units = []
-    for method in methods:
+    for method in manifest["methods"]:
         identity = [method, method_identity(method, device)]
-        for name in conditions:
+        for name in manifest["conditions"]:
             condition = find(name, CONDITIONS, "condition")
             of_cloud = [condition.id, repr(condition.perturbation)]
             units += [
@@ -91,15 +110,17 @@ def speed_units(
                     seed=seed,
                     device=device,
                 )
-                for count in threads
+                for count in manifest["threads"]
             ]
     return units
 
 
-def run(options: Options, suite: SpeedSuite = SPEED) -> SuiteRun:
-    """Carry out the suite, or what is left of it.
+def run(
+    options: Options, suite: SpeedSuite = SPEED, laboratory: Laboratory = Laboratory()
+) -> SuiteRun:
+    """Carry out the suite, or the rest of a run that was stopped.
 
-    Raises BadInput for what the user has to fix.
+    Raises BadInput for options that the user has to fix.
     """
     start = time.perf_counter()
     methods = methods_of(
@@ -122,26 +143,16 @@ def run(options: Options, suite: SpeedSuite = SPEED) -> SuiteRun:
         options,
         suite.id,
         options.views or suite.views,
-        environment(),
+        laboratory.environment(),
         methods=list(methods),
         objectives=objectives(methods),
         conditions=list(conditions),
-        threads=sorted({1, manifests.cores()}),
+        threads=sorted({1, laboratory.cores()}),
         objects=[f"{obj.class_name}/{obj.object_id}" for obj in objects],
     )
-    units = speed_units(
-        suite,
-        methods,
-        conditions,
-        objects,
-        manifest["threads"],
-        manifest["views"],
-        manifest["seed"],
-        options.device,
-        {name: manifest[name] for name in ("environment", "versions", "machine")},
-    )
+    units = speed_units(suite, manifest, objects, code_sha256(TIMED))
     with open_run(directory, manifest, options.fresh):
-        measured, reused = _measure_all(units, directory)
+        measured, reused = _measure_all(units, directory, laboratory.measure)
         summaries = [summarise(measurement) for measurement in measured]
         tables = _write(directory, summaries, suite, manifest["machine"])
     failed = sum(bool(measurement.failures) for measurement in measured)
@@ -154,7 +165,9 @@ def run(options: Options, suite: SpeedSuite = SPEED) -> SuiteRun:
     return SuiteRun(directory, tables, [table.to_markdown() for table in tables], summary)
 
 
-def _measure_all(units: Sequence[Unit], directory: Path) -> tuple[list[Measurement], int]:
+def _measure_all(
+    units: Sequence[Unit], directory: Path, measure: Callable[[Unit], Measurement]
+) -> tuple[list[Measurement], int]:
     """Return the measurements of all units, and how many of them were kept from before."""
     measured = {unit.key: read_measurement(directory, unit.key) for unit in units}
     missing = [unit for unit in units if measured[unit.key] is None]
@@ -164,23 +177,12 @@ def _measure_all(units: Sequence[Unit], directory: Path) -> tuple[list[Measureme
     failures = 0
     with progress(units[0].suite.id, len(missing)) as advance:
         for unit in missing:
-            measurement = _measure_alone(unit)
+            measurement = measure(unit)
             write_measurement(directory, measurement)
             measured[unit.key] = measurement
             failures += bool(measurement.failures)
             advance(failures)
     return [m for unit in units if (m := measured[unit.key]) is not None], reused
-
-
-def _measure_alone(unit: Unit) -> Measurement:
-    """Return the measurement of a unit in a fresh process, or of its failure if lost.
-
-    Its memory is not filled as in other suites (`bench.running.isolation`): reconstruction is the
-    same twice with it, and encoding a cloud a third slower.
-    """
-    environment = thread_counts(unit.threads)
-    ((_, result),) = run_tasks([unit], measure, 1, unit.suite.limits, environment)
-    return lost(unit, result.reason) if isinstance(result, WorkerFailure) else result
 
 
 def _write(

@@ -1,7 +1,7 @@
 """Files of the suite `speed`: every timed call, one file per measurement.
 
-`measurements/KEY.json` holds the fields of `Measurement` and the version of this form. It is
-written whole or not at all; what cannot be read, or is of another version, is measured again.
+`measurements/KEY.json` holds the fields of `Measurement` and the version of this form. A file that
+cannot be read, or is of another version, is measured again.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ Stage = Literal["load", "prepare", "draw"]
 
 
 @dataclass(frozen=True)
-class Sample:
-    """One timed call.
+class TimingSample:
+    """A timed call.
 
     cloud   its object, "chair/test-0000"; empty for "load", which needs none
-    round   0: the first call of its kind in its process, cold; from 1 on warm
+    round   0 for the first call of its kind in its process, cold; from 1 on warm
     views   drawn in the call; 0 for other stages
-    wall_s  seconds that went by
+    wall_s  seconds by the clock
     core_s  seconds of processor time of the whole process, all threads together
     """
 
@@ -40,8 +40,8 @@ class Sample:
 
 
 @dataclass(frozen=True)
-class Failure:
-    """A cloud that a method could not be measured on, and the reason."""
+class CloudFailure:
+    """A cloud that a method failed on, and the reason."""
 
     cloud: str
     reason: str
@@ -53,11 +53,12 @@ class Measurement:
 
     key              names everything that the times depend on
     views            the larger of the two batches
-    clouds           that were to be drawn; those in `failures` were not, or not to the end
+    clouds           number of clouds; those in `failures` were not drawn, or not to the end
     device           "cpu", or the name of the GPU that was used
-    idle_mib         most memory (resident) that the process had before the method was loaded
-    peak_mib         and at the end; None where it did not live to tell
-    elsewhere_cores  cores that were busy with something else meanwhile, on average; None likewise
+    idle_mib         peak resident memory before the method was loaded; None where the process died
+    peak_mib         peak resident memory at the end; None where the process died
+    elsewhere_cores  mean number of cores that other processes kept busy meanwhile; None where the
+                     process died
     """
 
     key: str
@@ -67,8 +68,8 @@ class Measurement:
     views: int
     clouds: int
     device: str
-    samples: tuple[Sample, ...]
-    failures: tuple[Failure, ...]
+    samples: tuple[TimingSample, ...]
+    failures: tuple[CloudFailure, ...]
     idle_mib: float | None
     peak_mib: float | None
     elsewhere_cores: float | None
@@ -94,8 +95,8 @@ def read_measurement(directory: Path, key: str) -> Measurement | None:
         fields: dict[str, Any] = json.loads(read_file(path, MOST_BYTES))
         if fields.pop("form") != FORM or fields["key"] != key:
             return None
-        fields["samples"] = tuple(Sample(**sample) for sample in fields["samples"])
-        fields["failures"] = tuple(Failure(**failure) for failure in fields["failures"])
+        fields["samples"] = tuple(TimingSample(**sample) for sample in fields["samples"])
+        fields["failures"] = tuple(CloudFailure(**failure) for failure in fields["failures"])
         return Measurement(**fields)
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None

@@ -1,8 +1,8 @@
 """Medians of samples, and the cost of V images of one cloud.
 
-A cloud is prepared once and drawn as often as one likes. Drawing was timed in calls of one view and
-of a batch of views; in between the cost of a call is taken to grow evenly, and more views than a
-batch are drawn in batches. Thus what is said of one view and of whole batches is as measured:
+A cloud is prepared once and drawn any number of times. Drawing was timed in calls of one view and
+of a batch of views; between them the cost of a call is taken to grow evenly, and more views than a
+batch are drawn in batches. The costs of one view and of whole batches are as measured:
 
     total(V) = prepare + one + (V - 1) (all - one) / (batch - 1)    1 <= V <= batch
     total(V) = prepare + V all / batch                              V >= batch
@@ -15,13 +15,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
 
-from bench.suites.speed.samples import Measurement, Sample, Stage
+from bench.suites.speed.samples import Measurement, Stage, TimingSample
 
-Verdict = Literal["always", "never", "up to", "from", "between", "outside"]
+Cheaper = Literal["always", "never", "up to", "from", "between", "outside"]
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class BreakEven:
     views      where the totals are equal, ascending; no whole numbers as a rule
     """
 
-    cheaper: Verdict
+    cheaper: Cheaper
     views: tuple[float, ...]
 
 
@@ -81,9 +82,9 @@ def break_even(cost: Cost, rival: Cost) -> BreakEven:
         crossings.append(1 + (batch - 1) * at_one / (at_one - at_batch))
     if at_batch * growth < 0:
         crossings.append((rival.prepare - cost.prepare) / growth)
-    # The first difference that is none decides: a tie at the start says nothing of what follows.
+    # The first difference that is not 0 decides: a tie at the start says nothing of the rest.
     cheaper_first = next((d < 0 for d in (at_one, at_batch, growth) if d), False)
-    kinds: tuple[Verdict, ...] = (
+    kinds: tuple[Cheaper, ...] = (
         ("always", "up to", "outside") if cheaper_first else ("never", "from", "between")
     )
     return BreakEven(kinds[len(crossings)], tuple(crossings))
@@ -93,8 +94,8 @@ MS = 1000.0
 
 
 @dataclass(frozen=True)
-class Value:
-    """A number made of `n` samples; NaN of none."""
+class Statistic:
+    """A number computed from `n` samples; NaN without any."""
 
     value: float
     n: int
@@ -105,51 +106,57 @@ class Summary:
     """The medians and costs of a measurement.
 
     values  by metric, see `summarise`
-    wall    seconds that go by, medians; None where there is no image to speak of
-    core    seconds of processor time, likewise
+    wall    medians of seconds by the clock; None where no view was timed
+    core    medians of seconds of processor time; None where no view was timed
     """
 
     measurement: Measurement
-    values: Mapping[str, Value]
+    values: Mapping[str, Statistic]
     wall: Cost | None
     core: Cost | None
 
     @property
     def reason(self) -> str:
-        """The reasons why some clouds failed, each once; empty where none did."""
+        """Return the reasons of failed clouds, each once; empty where none failed."""
         return "; ".join(dict.fromkeys(f.reason for f in self.measurement.failures))
 
     @property
     def n_ok(self) -> int:
-        """The number of clouds that were measured to the end."""
+        """Return the number of clouds that were measured to the end."""
         return self.measurement.clouds - len({f.cloud for f in self.measurement.failures})
 
 
 def summarise(measurement: Measurement) -> Summary:
     """Return medians over clouds and rounds, in milliseconds and MiB.
 
-    cold-load, cold-prepare, cold-draw   the first call in its process; cold-image is their sum
+    cold-load, cold-prepare, cold-draw   the first call in its process; cold-picture is their sum
     prepare, draw-1, draw-V              warm: median, 95th percentile (p95) and median of the
                                          processor time (core); of a call, a view's share
     picture-of-1, picture-of-V           an image where 1 or V are drawn of a cloud, prepared
                                          for them: sums of the medians above
-    peak-mib, idle-mib                   most memory of the process, and before the method was there
+    peak-mib, idle-mib                   most memory of the process, and before the method's load
     """
     batch = measurement.views
     values = {
-        f"cold-{stage}-ms": _value(_cold(measurement, stage), np.median, lambda s: MS * s.wall_s)
+        f"cold-{stage}-ms": _statistic(
+            [s for s in measurement.samples if s.round == 0 and s.stage == stage],
+            np.median,
+            lambda sample: MS * sample.wall_s,
+        )
         for stage in ("load", "prepare", "draw")
     }
     together = sum(value.value for value in values.values())
-    values["cold-picture-ms"] = Value(together, 1 if math.isfinite(together) else 0)
+    values["cold-picture-ms"] = Statistic(together, 1 if math.isfinite(together) else 0)
     parts = [("prepare", _warm(measurement, "prepare", 0), 1)]
     parts += [(f"draw-{v}", _warm(measurement, "draw", v), v) for v in dict.fromkeys((1, batch))]
     for name, samples, views in parts:
         share = MS / views
         values |= {
-            f"{name}-ms": _value(samples, np.median, lambda s, k=share: k * s.wall_s),
-            f"{name}-p95-ms": _value(samples, _p95, lambda s, k=share: k * s.wall_s),
-            f"{name}-core-ms": _value(samples, np.median, lambda s, k=share: k * s.core_s),
+            f"{name}-ms": _statistic(samples, np.median, lambda s, k=share: k * s.wall_s),
+            f"{name}-p95-ms": _statistic(
+                samples, partial(np.percentile, q=95), lambda s, k=share: k * s.wall_s
+            ),
+            f"{name}-core-ms": _statistic(samples, np.median, lambda s, k=share: k * s.core_s),
         }
     wall = _cost(measurement, lambda sample: sample.wall_s)
     core = _cost(measurement, lambda sample: sample.core_s)
@@ -157,13 +164,13 @@ def summarise(measurement: Measurement) -> Summary:
         n = values[f"draw-{views}-ms"].n
         for cost, unit in ((wall, "ms"), (core, "core-ms")):
             per_image = MS * cost.per_image(views) if cost else math.nan
-            values[f"picture-of-{views}-{unit}"] = Value(per_image, n if cost else 0)
+            values[f"picture-of-{views}-{unit}"] = Statistic(per_image, n if cost else 0)
     for name, mib in (("peak-mib", measurement.peak_mib), ("idle-mib", measurement.idle_mib)):
-        values[name] = Value(math.nan, 0) if mib is None else Value(mib, 1)
+        values[name] = Statistic(math.nan, 0) if mib is None else Statistic(mib, 1)
     return Summary(measurement, values, wall, core)
 
 
-def speedups(summary: Summary, rival: Summary | None) -> dict[str, Value]:
+def speedups(summary: Summary, rival: Summary | None) -> dict[str, Statistic]:
     """Return how many times cheaper an image is than with the rival.
 
     Empty where one of the two has no cost.
@@ -173,7 +180,7 @@ def speedups(summary: Summary, rival: Summary | None) -> dict[str, Value]:
     values = {}
     for views in dict.fromkeys((1, summary.wall.batch)):
         ratio = rival.wall.per_image(views) / summary.wall.per_image(views)
-        values[f"picture-of-{views}-speedup"] = Value(
+        values[f"picture-of-{views}-speedup"] = Statistic(
             ratio, summary.values[f"picture-of-{views}-ms"].n
         )
     return values
@@ -193,30 +200,24 @@ def beside(summaries: Iterable[Summary], summary: Summary, method: str) -> Summa
     return None
 
 
-def _cold(measurement: Measurement, stage: Stage) -> list[Sample]:
-    return [s for s in measurement.samples if s.round == 0 and s.stage == stage]
-
-
-def _warm(measurement: Measurement, stage: Stage, views: int) -> list[Sample]:
+def _warm(measurement: Measurement, stage: Stage, views: int) -> list[TimingSample]:
     return [s for s in measurement.samples if s.round and (s.stage, s.views) == (stage, views)]
 
 
-def _value(
-    samples: Sequence[Sample],
+def _statistic(
+    samples: Sequence[TimingSample],
     over: Callable[[Any], Any],
-    field: Callable[[Sample], float],
-) -> Value:
-    return Value(float(over([field(s) for s in samples])) if samples else math.nan, len(samples))
+    field: Callable[[TimingSample], float],
+) -> Statistic:
+    return Statistic(
+        float(over([field(s) for s in samples])) if samples else math.nan, len(samples)
+    )
 
 
-def _p95(values: Sequence[float]) -> float:
-    return float(np.percentile(values, 95))
-
-
-def _cost(measurement: Measurement, field: Callable[[Sample], float]) -> Cost | None:
+def _cost(measurement: Measurement, field: Callable[[TimingSample], float]) -> Cost | None:
     batch = measurement.views
     parts: tuple[tuple[Stage, int], ...] = (("prepare", 0), ("draw", 1), ("draw", batch))
-    values = [_value(_warm(measurement, *part), np.median, field).value for part in parts]
+    values = [_statistic(_warm(measurement, *part), np.median, field).value for part in parts]
     if not all(map(math.isfinite, values)):
         return None
     prepare, draw_one, all_at_once = values

@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
-from typing import Any, NamedTuple
+from dataclasses import fields
+from typing import Any
 
 from bench.catalogue.methods import FLOORS, find_method
 from bench.catalogue.suites import SpeedSuite
-from bench.suites.speed.samples import Measurement, Sample
-from bench.suites.speed.summary import (
-    MS,
-    BreakEven,
-    Summary,
-    Value,
-    beside,
-    break_even,
-    speedups,
+from bench.suites.speed.rows import (
+    PAPER_CLASS,
+    AmortisedRow,
+    BreakEvenRow,
+    Paper,
+    SampleRow,
+    SpeedRow,
+    amortised_rows,
+    break_even_rows,
+    speed_rows,
 )
+from bench.suites.speed.samples import Measurement, TimingSample
+from bench.suites.speed.summary import MS, BreakEven, Summary, beside, speedups
 from bench.tables import markdown
 from bench.tables.table import (
     BOLD,
@@ -35,52 +38,8 @@ from bench.tables.table import (
     pivot,
 )
 
-PAPER_CLASS = "all"  # the paper gives one number for its 13 classes
-Paper = Mapping[tuple[str, str, str, str], float]  # by class, metric, condition and method
-WHERE = ("method", "condition", "threads")  # what a measurement is of
+WHERE = ("method", "condition", "threads")  # columns that identify a measurement
 METHOD = "summary.measurement.method"
-
-
-@dataclass(frozen=True)
-class SpeedRow:
-    """A number of a measurement, and its published counterpart on an NVIDIA GTX 1060."""
-
-    summary: Summary
-    metric: str
-    found: Value
-    paper: float
-
-
-@dataclass(frozen=True)
-class AmortisedRow:
-    """Milliseconds an image, by the clock and of cores, where `views` are drawn of a cloud."""
-
-    summary: Summary
-    views: int
-    wall_ms: float
-    core_ms: float
-
-
-@dataclass(frozen=True)
-class BreakEvenRow:
-    """The break-even of a method with a rival, in views of a cloud."""
-
-    summary: Summary
-    rival: str
-    found: BreakEven
-
-    @property
-    def ends(self) -> tuple[float, float]:
-        """The numbers of views with equal costs, of which there are up to two; else NaN."""
-        first, second, *_ = (*self.found.views, math.nan, math.nan)
-        return first, second
-
-
-class TimedSample(NamedTuple):
-    """A timed call with the measurement that it belongs to."""
-
-    measurement: Measurement
-    sample: Sample
 
 
 def _columns(suite: SpeedSuite, *further: Column) -> tuple[Column, ...]:
@@ -89,66 +48,26 @@ def _columns(suite: SpeedSuite, *further: Column) -> tuple[Column, ...]:
     return (constant("suite", suite.id), *where, *further)
 
 
-def speed_rows(summaries: Sequence[Summary], suite: SpeedSuite, paper: Paper) -> list[SpeedRow]:
-    """Return all numbers, a row each, with the paper's beside those of an image among V."""
-    rows = []
-    for summary in summaries:
-        measurement = summary.measurement
-        rival = beside(summaries, summary, suite.rivals[0])
-        for metric, value in (dict(summary.values) | speedups(summary, rival)).items():
-            published = metric.replace(f"picture-of-{measurement.views}-", "picture-")
-            key = (PAPER_CLASS, published, measurement.condition, measurement.method)
-            rows.append(SpeedRow(summary, metric, value, paper.get(key, math.nan)))
-    return rows
-
-
-def amortised_rows(summaries: Sequence[Summary], suite: SpeedSuite) -> list[AmortisedRow]:
-    """Return an image's cost against the number of views; none for methods without a cost."""
-    return [
-        AmortisedRow(
-            summary,
-            views,
-            MS * summary.wall.per_image(views),
-            MS * summary.core.per_image(views),
-        )
-        for summary in summaries
-        if summary.wall and summary.core
-        for views in suite.amortised
-    ]
-
-
-def break_even_rows(summaries: Sequence[Summary], suite: SpeedSuite) -> list[BreakEvenRow]:
-    """Return each method against each of the suite's rivals, by the clock, if both have a cost."""
-    rows = []
-    for summary in summaries:
-        for name in suite.rivals:
-            rival = beside(summaries, summary, name)
-            if rival is None or rival is summary or not (rival.wall and summary.wall):
-                continue
-            rows.append(BreakEvenRow(summary, name, break_even(summary.wall, rival.wall)))
-    return rows
-
-
-def samples_table(measurements: Iterable[Measurement]) -> Table[TimedSample]:
+def samples_table(measurements: Iterable[Measurement]) -> Table[SampleRow]:
     """Return every timed call behind the tables, a row each, for scripts."""
     layout = (
         *columns(*((name, f"measurement.{name}") for name in WHERE)),
         *columns(
             *(
                 (sample_field.name, f"sample.{sample_field.name}")
-                for sample_field in fields(Sample)
+                for sample_field in fields(TimingSample)
             ),
             digits=".6g",
         ),
     )
-    rows = tuple(TimedSample(m, sample) for m in measurements for sample in m.samples)
+    rows = tuple(SampleRow(m, sample) for m in measurements for sample in m.samples)
     return Table("speed_samples", "", layout, rows)
 
 
 def speed_table(
     summaries: Sequence[Summary], suite: SpeedSuite, machine: Mapping[str, Any], paper: Paper
 ) -> Table[SpeedRow]:
-    """Return all numbers; for people the claim of the paper, then all times.
+    """Return all statistics; for people the claim of the paper, then all times.
 
     The times are a pair of grids for each condition and number of threads.
 
@@ -156,11 +75,11 @@ def speed_table(
     """
 
     def layout(rows: Sequence[SpeedRow]) -> Iterator[Block]:
-        yield _circumstances_in_words(summaries, suite, machine)
+        yield _setting_in_words(summaries, suite, machine)
         yield from _claim(summaries, suite, paper)
-        for condition, threads in ordered(map(_circumstance, summaries)):
+        for condition, threads in ordered(map(_setting, summaries)):
             yield f"## {markdown.cell(condition)}, {_threads(threads)}"
-            chosen = [s for s in summaries if _circumstance(s) == (condition, threads)]
+            chosen = [s for s in summaries if _setting(s) == (condition, threads)]
             yield from _times_of(chosen, suite)
         if any(_noisy(summary, suite) for summary in summaries):
             yield (
@@ -172,7 +91,7 @@ def speed_table(
     measurement = "summary.measurement"
     table_columns = _columns(
         suite,
-        *columns("metric", ("value", "found.value"), ("n", "found.n"), digits=".6g"),
+        *columns("metric", ("value", "statistic.value"), ("n", "statistic.n"), digits=".6g"),
         *columns(
             ("n_ok", "summary.n_ok"),
             ("clouds", f"{measurement}.clouds"),
@@ -187,7 +106,7 @@ def speed_table(
     return Table("speed", "Speed: what a picture costs", table_columns, rows, layout)
 
 
-def _circumstances_in_words(
+def _setting_in_words(
     summaries: Sequence[Summary], suite: SpeedSuite, machine: Mapping[str, Any]
 ) -> str:
     devices = ", ".join(ordered(s.measurement.device for s in summaries))
@@ -202,7 +121,7 @@ def _circumstances_in_words(
 
 
 def _claim(summaries: Sequence[Summary], suite: SpeedSuite, paper: Paper) -> Iterator[Block]:
-    """Yield a grid for each condition: methods down, images of a cloud by threads across."""
+    """Yield a grid for each condition, with methods down, images of a cloud by threads across."""
     yield "## The claim"
     if paper:
         yield (
@@ -230,17 +149,16 @@ def _claim(summaries: Sequence[Summary], suite: SpeedSuite, paper: Paper) -> Ite
             cells = (
                 _image(ours.get(threads), views, suite, summaries) for views, threads in across
             )
-            lines.append([method, _published(paper, condition, method), *cells])
+            value, faster = (
+                paper.get((PAPER_CLASS, metric, condition, method))
+                for metric in ("picture-ms", "picture-speedup")
+            )
+            published = Cell("-")
+            if value is not None:
+                published = Cell(f"{value:g}{_times(faster)}", special=ITALIC)
+            lines.append([method, published, *cells])
         yield f"A picture at {markdown.cell(condition)}, its cloud's preparation included, ms:"
         yield grid(["method", "as published", *heads], lines)
-
-
-def _published(paper: Paper, condition: str, method: str) -> Cell:
-    value, faster = (
-        paper.get((PAPER_CLASS, metric, condition, method))
-        for metric in ("picture-ms", "picture-speedup")
-    )
-    return Cell("-") if value is None else Cell(f"{value:g}{_times(faster)}", special=ITALIC)
 
 
 def _image(
@@ -319,11 +237,11 @@ def amortised_table(summaries: Sequence[Summary], suite: SpeedSuite) -> Table[Am
             f"Milliseconds a picture: prepare / views + draw, in calls of up to {batch} views; in "
             "bold the cheapest that looks at the cloud alone."
         )
-        for condition, threads in ordered(map(_circumstance, summaries)):
-            here = [r for r in rows if _circumstance(r.summary) == (condition, threads)]
-            equal = [r for r in pairs if _circumstance(r.summary) == (condition, threads)]
+        for condition, threads in ordered(map(_setting, summaries)):
+            chosen = [r for r in rows if _setting(r.summary) == (condition, threads)]
+            equal = [r for r in pairs if _setting(r.summary) == (condition, threads)]
             yield f"## {markdown.cell(condition)}, {_threads(threads)}"
-            yield _per_image(here, suite)
+            yield _per_image(chosen, suite)
             if equal:
                 yield "For how many views of a cloud a method is cheaper than"
                 yield _break_even(equal, suite)
@@ -338,7 +256,7 @@ def break_even_table(summaries: Sequence[Summary], suite: SpeedSuite) -> Table[B
     table_columns = (
         constant("suite", suite.id),
         *columns(("method", METHOD), "rival", ("condition", "summary.measurement.condition")),
-        *columns(("threads", "summary.measurement.threads"), ("cheaper", "found.cheaper")),
+        *columns(("threads", "summary.measurement.threads"), ("cheaper", "break_even.cheaper")),
         Column("views", lambda row: row.ends[0], ".6g"),
         Column("views_2", lambda row: row.ends[1], ".6g"),
     )
@@ -359,7 +277,7 @@ def _per_image(rows: Sequence[AmortisedRow], suite: SpeedSuite) -> Grid:
 
 
 def _rival(row: AmortisedRow) -> bool:
-    """Return whether its method looks at the cloud alone."""
+    """Return whether the row's method looks at the cloud alone."""
     method = row.summary.measurement.method
     return method not in FLOORS and not find_method(method).sees_mesh
 
@@ -369,16 +287,16 @@ def _break_even(rows: Sequence[BreakEvenRow], suite: SpeedSuite) -> Grid:
     rivals = [name for name in suite.rivals if name in compared]
 
     def cell(row: BreakEvenRow) -> Cell:
-        return Cell(verdict(row.found))
+        return Cell(in_whole_views(row.break_even))
 
     return pivot(rows, METHOD, "rival", cell, columns=rivals, corner="method")
 
 
-def verdict(found: BreakEven) -> str:
+def in_whole_views(break_even: BreakEven) -> str:
     """Return the break-even in whole views: "any", "none", "1 to 12", "13 and more"."""
-    below = [math.ceil(views) - 1 for views in found.views]
-    above = [math.floor(views) + 1 for views in found.views]
-    match found.cheaper:
+    below = [math.ceil(views) - 1 for views in break_even.views]
+    above = [math.floor(views) + 1 for views in break_even.views]
+    match break_even.cheaper:
         case "always":
             return "any"
         case "never":
@@ -399,7 +317,7 @@ def _range(first: int, last: int) -> str:
     return f"{first} to {last}" if last > first else str(first)
 
 
-def _circumstance(summary: Summary) -> tuple[str, int]:
+def _setting(summary: Summary) -> tuple[str, int]:
     return summary.measurement.condition, summary.measurement.threads
 
 

@@ -1,9 +1,4 @@
-"""The inputs of the suite `stability`: clouds for every method, and which cases have to agree.
-
-A case is a cloud at the edge of the domain, views, and a way to draw them. Where its images
-should be those of another case, `like` names that: a metamorphic check. What each method is
-expected to make of a case stands in `bench.suites.stability.expectations`.
-"""
+"""The inputs of the suite `stability`: extreme clouds and views, and which have to agree."""
 
 from __future__ import annotations
 
@@ -36,14 +31,14 @@ TURN_DEG = 75.0
 
 @dataclass(frozen=True)
 class Case:
-    """One extreme input.
+    """An extreme input: a cloud at the edge of the domain, and views of it.
 
     id     kebab-case
-    group  what kind of extreme; cases of a group stand together
-    about  in words
-    like   the case whose images these should be, view by view (and again from the first where
-           this case has more views)
-    batch  views drawn in one call; None: all of them
+    group  kind of extreme; the cases of a group follow each other
+    about  the input in words
+    like   the case whose images these should be, view by view, from the first again where this case
+           has more views: a metamorphic check
+    batch  views drawn in one call; None draws all at once
     """
 
     id: str

@@ -20,10 +20,10 @@ from bench.suites.stability.metric_cases import (
     ROUNDING,
     UNIT_CODES,
     Array,
-    Case,
+    MetricCase,
+    MetricExpectation,
     Near,
     Number,
-    OptionSpec,
     Refused,
     U,
     boxes,
@@ -53,7 +53,7 @@ def _pair(scale: float = 1.0, shift: float = 0.0) -> tuple[Floats, Floats]:
 
 
 def _whole(shift: float = 0.0) -> tuple[Floats, Floats]:
-    """Return whole numbers, 32 rows: sums and means of them are exact, also far from 0."""
+    """Return two sets of 32 rows of whole numbers, with exact sums and means, even far from 0."""
     rng = np.random.default_rng(3)
     x, y = rng.integers(-50, 50, (2, 32, 8)).astype(np.float64)
     return x + shift, y + shift
@@ -71,10 +71,8 @@ def _rotation(d: int) -> Floats:
 
 
 def _on_a_line(x: Array, y: Array) -> float:
-    """Return (m1 - m2)^2 + (s1 - s2)^2 of one feature.
-
-    In longdouble every square has room.
-    """
+    """Return (m1 - m2)^2 + (s1 - s2)^2 of one feature."""
+    # In longdouble no square overflows.
     x, y = x.astype(np.longdouble), y.astype(np.longdouble)
     deviations = [np.sqrt(((z - z.mean()) ** 2).sum() / (len(z) - 1)) for z in (x, y)]
     return float((x.mean() - y.mean()) ** 2 + (deviations[0] - deviations[1]) ** 2)
@@ -103,11 +101,6 @@ def _of_two_rows(x: Floats, y: Floats) -> float:
     return _shift_and_traces(x, y) - 2 * abs(float(a @ b))
 
 
-def _in_3_by_eigenvalues(x: Array, y: Array) -> float:
-    del x, y
-    return _by_eigenvalues(_IN_3, _ALSO_IN_3)
-
-
 def _repeated(x: Floats, y: Floats) -> float:
     """Return the distance of x to y, which has every row of x twice.
 
@@ -125,7 +118,7 @@ def _with(x: Array, value: float) -> Array:
 
 
 def _plain(x: Array, y: Array) -> float:
-    """Return the distance of the plain features, whatever was made of them."""
+    """Return the distance of the plain features, whatever the arguments."""
     del x, y
     return frechet_distance(*_pair())
 
@@ -205,7 +198,8 @@ FRECHET_CASES = (
         ("full-rank", lambda: (_normal(4, 200, 8), 1.5 * _normal(5, 90, 8) + 1),
          Near("by eigenvalues of the covariances", _by_eigenvalues, rounding)),
         ("subspace-of-3-in-40", lambda: (_IN_3 @ _AXES[:3], _ALSO_IN_3 @ _AXES[:3]),
-         Near("by eigenvalues, in the 3 coordinates", _in_3_by_eigenvalues, rounding)),
+         Near("by eigenvalues, in the 3 coordinates",
+              lambda x, y: _by_eigenvalues(_IN_3, _ALSO_IN_3), rounding)),
         ("subspaces-that-do-not-meet", lambda: (_IN_3 @ _AXES[:3], _normal(5, 60, 4) @ _AXES[3:7]),
          Near("|shift|^2 + tr S1 + tr S2", _shift_and_traces, rounding)),
         ("rotated", lambda: (_X @ _rotation(8), _Y @ _rotation(8)), _as_plain()),
@@ -281,20 +275,16 @@ def _rounding_of(name: str, a: UInt8Images, b: UInt8Images) -> float:
     return rounding(features(a), features(b))
 
 
-def _move_of_constants(name: str, a: UInt8Images, b: UInt8Images) -> float:
-    return largest_move(math.sqrt(_of_constants(name, a, b)), 64, 3, FLOAT32_FEATURES)
+OfNetwork = float | Callable[[str, Any, Any], float]  # or computed from its name and both stacks
 
 
-OfNetwork = float | Callable[[str, Any, Any], float]  # or from its name and both stacks
-
-
-def _on_networks(words: str, value: OfNetwork, within: OfNetwork) -> dict[str, OptionSpec]:
-    """Return statements for both networks' distances; the judge answers with codes."""
+def _on_networks(words: str, value: OfNetwork, within: OfNetwork) -> dict[str, MetricExpectation]:
+    """Return the expectations of both networks' distances, and of the judge's codes."""
 
     def number(source: OfNetwork, name: str) -> Number:
         return functools.partial(source, name) if callable(source) else source
 
-    stated: dict[str, OptionSpec] = {
+    stated: dict[str, MetricExpectation] = {
         name: Near(words, number(value, name), number(within, name)) for name in FD_VIEWS
     }
     return stated | {JUDGE: UNIT_CODES}
@@ -311,7 +301,9 @@ NETWORK_CASES = cases(
      _on_networks(_SAME, 0.0, largest_move(0.0, 64, 3, FLOAT32_FEATURES))),
     ("white-pictures-against-black", lambda: (flat(255, 3), flat(0, 3)),
      _on_networks("nothing varies: the squared distance of two feature vectors",
-                  _of_constants, _move_of_constants)),
+                  _of_constants,
+                  lambda name, a, b: largest_move(
+                      math.sqrt(_of_constants(name, a, b)), 64, 3, FLOAT32_FEATURES))),
     ("colour-against-its-grey", lambda: (boxes(), grey(boxes())),
      near("0: of colour only the luma counts", 0.0, "fd-views-grey",
           within=functools.partial(_rounding_of, "fd-views-grey"))),
@@ -321,7 +313,7 @@ NETWORK_CASES = cases(
 
 
 _WHITE_BLACK = 0.78644050453  # float64, computed apart by the original's rule (version 0.1)
-_LPIPS_SINGLE = 1e-5  # what float32 leaves of it
+_LPIPS_SINGLE = 1e-5  # its error in float32
 _ON_ALEXNET = functools.partial(_rounding_of, "fd-alexnet")
 
 ALEXNET_CASES = (
@@ -356,9 +348,11 @@ def _answers(azimuth_deg: list[float], elevation_deg: float = 0.0) -> NDArray[np
     return np.stack([np.sin(radians), np.cos(radians), elevation], axis=1).astype(np.float32)
 
 
-def _angles(case_id: str, answers: Callable[[], Array], asked: list[float], **stated: Near) -> Case:
+def _angles(
+    case_id: str, answers: Callable[[], Array], asked: list[float], **stated: Near
+) -> MetricCase:
     metrics = {f"{name}-error-deg": near for name, near in stated.items()}
-    return Case(case_id, "angles", lambda: (answers(), np.array(asked, np.float64)), metrics)
+    return MetricCase(case_id, "angles", lambda: (answers(), np.array(asked, np.float64)), metrics)
 
 
 ANGLE_CASES = (

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.suites.stability.expectations import KINDS, Kind, Outcome
+from bench.suites.stability.expectations import KINDS, Kind
+from bench.suites.stability.outcomes import CaseOutcome
 from bench.suites.stability.tables import subjects as subjects_of
 from bench.tables.figure import drawing, panels
 from bench.tables.table import Table
@@ -17,7 +18,7 @@ from data_prep.scene import IMAGE_SIZE
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Kinds differ in lightness and letter too: not everybody sees colours.
+# Kinds differ in lightness and letter, too: not everybody sees colours.
 COLOURS: dict[Kind | None, tuple[str, str]] = {
     "holds": ("#cfe8cf", ""),
     "refused": ("#f5e6a3", "r"),
@@ -32,7 +33,7 @@ MISSING = 225  # grey
 
 
 @drawing()
-def matrix_figure(matrix: Table[Outcome]) -> Figure:
+def matrix_figure(matrix: Table[CaseOutcome]) -> Figure:
     """Return cases down and subjects across, coloured by kind; white for no case."""
     from matplotlib import patches
 
@@ -101,9 +102,7 @@ def extremes_figure(
 def sheet(rows: Sequence[Sequence[NDArray[np.uint8] | None]]) -> NDArray[np.uint8]:
     """Return images side by side, uint8 [rows * IMAGE_SIZE, ACROSS * IMAGE_SIZE, 3].
 
-    It is white to the right.
-
-    None becomes a grey square.
+    None becomes a grey square, and the rest of a row is white.
     """
     pixels = np.full((len(rows), IMAGE_SIZE, ACROSS, IMAGE_SIZE, 3), 255, np.uint8)
     for y, row in enumerate(rows):

@@ -1,13 +1,13 @@
-"""Number formats for pc2pix at ordinary and extreme clouds: which layer overflows.
+"""Number formats for pc2pix at ordinary and extreme clouds: errors, and layers that overflow.
 
-The matrix is both bundled weights x formats (`pc2pix.number_formats`) x the cloud of one
-procedural test chair, plain and made extreme. What is asserted is how far a format is from float64
-on the *same* cloud. Whether the image of a cloud a thousand times too large is any good is
-another question: it is a saturated pattern in every format (the network has seen the unit sphere
-only).
+The matrix has both bundled weights, the formats of `pc2pix.number_formats`, and the cloud of one
+procedural test chair, plain and made extreme. A format is compared with float64 on the *same*
+cloud, whatever the image: that of a cloud a thousand times too large is a saturated pattern in
+every format, as the network was trained on the unit sphere only.
 
-Tolerances. Rounding goes with the unit roundoff u of a format (`ROUNDOFF`); what the layers make of
-it was measured on 60 validation chairs (24 in float16; 12 of them also made extreme), both weights:
+Tolerances. Rounding goes with the unit roundoff u of a format (`ROUNDOFF`); its amplification by
+the layers was measured on 60 validation chairs (24 in float16; 12 of them also made extreme), with
+both weights:
 
 * The code, in standard deviations: its largest error was at most 43 u times the code's largest
   value (at least 1). Allowed: 100 u.
@@ -16,7 +16,7 @@ it was measured on 60 validation chairs (24 in float16; 12 of them also made ext
   changes a sign costs 255. Allowed: 1000 u and 1500 u. The largest error of a pixel is shown, not
   bounded: along edges the image of the paired network is that steep.
 
-That is twice what was found; the amplification varied from chair to chair by a factor of 3.
+That is twice the measured errors; the amplification varied from chair to chair by a factor of 3.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from bench.suites.stability.expectations import Kind, Outcome
+from bench.suites.stability.expectations import Kind
+from bench.suites.stability.outcomes import CaseOutcome
 from bench.tables.table import Block, Table, columns_of, grid
 
 if TYPE_CHECKING:
@@ -80,8 +81,8 @@ class FormatRow:
     refused: str
 
 
-# The layer that overflows, and the stage that refuses it ("": none does). float16 ends at 65,504;
-# the other formats hold 3e38, and everything else is expected to hold.
+# The layer that overflows, and the stage that refuses it ("" where none does). float16 ends at
+# 65,504; the other formats hold 3e38, and everything else is expected to hold.
 OVERFLOWS: dict[tuple[str, str, Format], tuple[str, str]] = {
     # The cloud itself does not fit.
     **{
@@ -97,7 +98,7 @@ OVERFLOWS: dict[tuple[str, str, Format], tuple[str, str]] = {
     # 54 times the scale, so beyond 65,504 from 1.22e3 on.
     ("chair-acgan", "scaled-1.3e3", "float16"): ("encoder.dense", "encode"),
     # 59 times the scale, so beyond 65,504 from 1.11e3 on. All of it is below 0, and the ReLU after
-    # it makes 0 of minus infinity: image and code are finite, and nothing shows it.
+    # it makes 0 of minus infinity: image and code are finite, and no check sees it.
     ("chair", "scaled-1.3e3", "float16"): ("generator.blocks.0.conv1", ""),
 }
 
@@ -158,16 +159,13 @@ def case_points(case: str) -> Points:
     return points if case == PLAIN else points * np.float32(SCALES[case])
 
 
-def format_outcomes(rows: Iterable[FormatRow]) -> list[Outcome]:
-    """Return one verdict for each row: the subject is the format with the weights."""
+def format_outcomes(rows: Iterable[FormatRow]) -> list[CaseOutcome]:
+    """Return one verdict for each row, whose subject is the format with the weights."""
     return [_outcome(row) for row in rows]
 
 
 def allowed(row: FormatRow) -> tuple[float, float]:
-    """Return the largest allowed errors of code and image, in the units of a row.
-
-    That is the code's largest error and the image's mean error.
-    """
+    """Return the allowed largest error of the code and mean error of the image, as in a row."""
     if row.format == REFERENCE:
         return 0.0, 0.0
     u = ROUNDOFF[row.format]
@@ -175,32 +173,28 @@ def allowed(row: FormatRow) -> tuple[float, float]:
     return CODE_ROUNDOFFS * u * max(row.code_scale, 1.0), grey * u
 
 
-def _outcome(row: FormatRow) -> Outcome:
+def _outcome(row: FormatRow) -> CaseOutcome:
     expected = OVERFLOWS.get((row.weights, row.case, row.format))
     kind: Kind = "unexpected"
     if expected is None:
         code, grey = allowed(row)
-        stated = f"code within {code:.2g} sd, picture within {grey:.2g} grey levels on average"
-        if not row.overflowed and _at_most(row.code_error_largest, code, row.grey_error_mean, grey):
+        words = f"code within {code:.2g} sd, picture within {grey:.2g} grey levels on average"
+        errors = (row.code_error_largest, code), (row.grey_error_mean, grey)
+        within = all(error is not None and error <= most for error, most in errors)
+        if within and not row.overflowed:
             kind = "holds"
     else:
-        stated = _overflow(*expected)
+        words = _overflow(*expected)
         if (row.overflowed, row.refused) == expected:
             kind = "refused" if row.refused else "differs"
-    return Outcome(
+    return CaseOutcome(
         case=row.case,
         group=GROUP,
         subject=f"{row.format} ({row.weights})",
-        expected=stated,
+        expected=words,
         observed=_observed(row),
         kind=kind,
     )
-
-
-def _at_most(code_error: float | None, code: float, grey_error: float | None, grey: float) -> bool:
-    if code_error is None or grey_error is None:
-        return False
-    return code_error <= code and grey_error <= grey
 
 
 def _overflow(layer: str, refused: str) -> str:
@@ -209,19 +203,19 @@ def _overflow(layer: str, refused: str) -> str:
 
 
 def _observed(row: FormatRow) -> str:
-    said = [_overflow(row.overflowed, row.refused)] if row.overflowed else []
+    parts = [_overflow(row.overflowed, row.refused)] if row.overflowed else []
     if row.code_error_largest is not None:
-        said.append(f"code within {row.code_error_largest:.2g} sd")
+        parts.append(f"code within {row.code_error_largest:.2g} sd")
     if row.grey_error_mean is not None and row.grey_error_largest is not None:
-        said.append(
+        parts.append(
             f"picture within {row.grey_error_mean:.2g} grey levels on average, "
             f"{row.grey_error_largest:.2g} at most"
         )
-    return "; ".join(said)
+    return "; ".join(parts)
 
 
 def formats_table(rows: Sequence[FormatRow]) -> Table[FormatRow]:
-    """Return the numbers behind the matrix; for people "not finite" where no error exists."""
+    """Return the numbers of the matrix; for people "not finite" in place of an error."""
     title = "pc2pix in number formats"
     return Table("number_formats", title, columns_of(FormatRow, ".6g"), tuple(rows), _layout)
 

@@ -23,8 +23,8 @@ from bench.suites.stability.metric_cases import (
     UNIT_CODES,
     WINDOW,
     Given,
+    MetricExpectation,
     Near,
-    OptionSpec,
     Refused,
     U,
     cases,
@@ -43,7 +43,7 @@ from bench.suites.stability.metric_cases import (
 from data_prep.arrays import Floats
 from data_prep.scene import IMAGE_SIZE, UInt8Images
 
-Row = tuple[str, Given, dict[str, OptionSpec]]  # of `cases`
+Row = tuple[str, Given, dict[str, MetricExpectation]]  # an argument of `cases`
 
 PSNR = "psnr"
 SAME_PSNR = near("one level of one channel: the most", decibels(0), PSNR, within=DECIBELS)
@@ -61,7 +61,7 @@ def gaussian_window(size: int) -> Floats:
 
 
 def _flat_pair(case_id: str, p: int, q: int, words: str) -> Row:
-    """Return two flat images: nothing varies, hence contrast C2 / C2 and structure C3 / C3."""
+    """Return two flat images, which have contrast C2 / C2 and structure C3 / C3."""
     luminance = luminance_of_flat(p, q)
     stated = {
         **near(words, luminance, "ssim", "luminance", "ssim-object", within=SUMS),
@@ -89,30 +89,27 @@ def _speck_components(p: int, q: int, weights: Floats) -> dict[str, Floats]:
 
 
 def _weights_of_speck(at: int) -> Floats:
-    """Return a speck's weight in the windows that hold it.
-
-    These are all 11 x 11 for the middle, one for the corner.
-    """
+    """Return a speck's weights in its windows: 11 x 11 of them in the middle, one in a corner."""
     weights = gaussian_window(WINDOW)
     return weights[:1, :1] if at == 0 else weights
 
 
-def _of_speck(ssim: Floats) -> dict[str, OptionSpec]:
+def _of_speck(ssim: Floats) -> dict[str, MetricExpectation]:
     words = f"mean of the {ssim.size} windows with the pixel"
     return near(words, float(ssim.mean()), "ssim-object", within=ONE_WINDOW)
 
 
 def _speck_pair(case_id: str, p: int, q: int, at: int) -> Row:
-    """Return a pair with `speck` in the second image only: all other windows score 1.
+    """Return a pair with `speck` in the second image only; all other windows score 1.
 
-    On white, where nothing is asked for, only the windows with a pixel that is drawn count as the
-    object's; any other ground is an object that fills the frame.
+    On a white true image, only the windows with a drawn pixel count as the object's; any other
+    ground is an object that fills the frame.
     """
     weights = _weights_of_speck(at)
     n_windows = (IMAGE_SIZE - WINDOW + 1) ** 2
     words = f"closed form over the {weights.size} windows with the pixel"
     components = _speck_components(p, q, weights)
-    stated: dict[str, OptionSpec] = {
+    stated: dict[str, MetricExpectation] = {
         name: Near(words, 1.0 + float((values - 1.0).sum()) / n_windows, SUMS)
         for name, values in components.items()
     }
@@ -127,7 +124,7 @@ def _speck_pair(case_id: str, p: int, q: int, at: int) -> Row:
 
 
 def _one_window(name: str, a: UInt8Images, b: UInt8Images) -> float:
-    """Return a component of images [1, s, s, C] with a single window: two passes in longdouble."""
+    """Return a component of images [1, s, s, C] with a single window, by two longdouble passes."""
     size = a.shape[1]
     weights = gaussian_window(size).astype(np.longdouble)[..., None]
     x, y = a[0].astype(np.longdouble), b[0].astype(np.longdouble)
@@ -154,7 +151,7 @@ def _of_one_window(name: str) -> Near:
 
 
 def _small(side: int) -> Row:
-    stated: dict[str, OptionSpec] = {name: _of_one_window(name) for name in SSIM}
+    stated: dict[str, MetricExpectation] = {name: _of_one_window(name) for name in SSIM}
     return (
         f"noise-of-{side}x{side}",
         lambda: (noise(side, side), noise(side + 100, side)),
@@ -170,7 +167,7 @@ def _strip(a: UInt8Images, b: UInt8Images) -> float:
 
 SSIMS = (*SSIM, "ssim-object")
 _IDENTICAL = near("identical", 1.0, *SSIMS)
-_STRIP: dict[str, OptionSpec] = {
+_STRIP: dict[str, MetricExpectation] = {
     "ssim": Near("windows of one pixel: luminance", _strip, SUMS),
     "luminance": Near("mean of (2 p q + C1) / (p^2 + q^2 + C1)", _strip, SUMS),
     **near("windows of one pixel vary in nothing", 1.0, "contrast", "structure"),
@@ -178,10 +175,7 @@ _STRIP: dict[str, OptionSpec] = {
 
 
 def _true_speck(case_id: str, at: int) -> Row:
-    """Return a pair with `speck` in the true image only, on white.
-
-    The windows with the pixel are the object's.
-    """
+    """Return a pair with `speck` in the true image only, on white."""
     ssim = _speck_components(255, 0, _weights_of_speck(at))["ssim"]
     return case_id, lambda: (speck(255, 0, at), flat(255)), _of_speck(ssim) | NOTHING_THIN
 
@@ -301,7 +295,9 @@ SILHOUETTE_CASES = cases_of(
 _WHOLE = "pictures must be uint8 [N, 128, 128, 3]"
 
 
-def _refused_by_networks(of_grey: str = "pictures must be uint8 [..., 3]") -> dict[str, OptionSpec]:
+def _refused_by_networks(
+    of_grey: str = "pictures must be uint8 [..., 3]",
+) -> dict[str, MetricExpectation]:
     whole = refused(_WHOLE, "fd-views", "fd-views-grey", JUDGE)
     return whole | refused(of_grey, "fd-views-grey")
 

@@ -1,10 +1,10 @@
-"""The parts of a case on metrics, the images that cases use, and how far values may be off.
+"""The parts of a case on metrics, the images of cases, and the tolerances of values.
 
 A metric is a function of two arrays: true images and images, two sets of features, the judge's
-answers and the angles asked for. What a case states is a closed form, an independent computation,
-an invariant or a named refusal; what nobody states is not asked.
+answers and the true angles. A case expects a closed form, an independent computation, an invariant
+or a named refusal; it is measured by the metrics that it has an expectation of, and no others.
 
-How far a metric may be from what a case states, with u = 2^-53:
+Tolerances, with u = 2^-53:
 
 * `SUMS`. The mean over the 118 x 118 windows of three channels is taken tile by tile: sums of at
   most 576 x 3 values of at most 1, and of 25 tiles. Off by 1,753 u at most: 2e-13.
@@ -36,8 +36,8 @@ from data_prep.scene import IMAGE_SIZE, UInt8Images
 
 Array = NDArray[Any]
 
-# By the protocol of the head of `bench.metrics.structural_similarity`, and not its own constants:
-# they are under test.
+# Written out from the protocol, not imported from `bench.metrics.structural_similarity`, whose
+# constants are under test.
 WINDOW, SIGMA = 11, 1.5
 C1, C2, C3 = 2.55**2, 7.65**2, 7.65**2 / 2
 U = 2.0**-53
@@ -63,7 +63,7 @@ def rounding(x: Array, y: Array) -> float:
 
 
 def largest_move(root: Any, features: int, rows: int, by: float) -> float:
-    """Return how far a distance may move where both sets of features are off by `by`.
+    """Return the largest move of a distance where both sets of features are off by `by`.
 
     The derivation is in the module's docstring.
     """
@@ -71,8 +71,8 @@ def largest_move(root: Any, features: int, rows: int, by: float) -> float:
     return float(2 * root * move + move**2)
 
 
-Pair = tuple[Array, Array]
-Number = float | Callable[[Any, Any], Any]  # or how to have it from the two arrays
+ArrayPair = tuple[Array, Array]
+Number = float | Callable[[Any, Any], Any]  # or its computation from the two arrays
 
 SSIM = ("ssim", "luminance", "contrast", "structure")
 THIN = ("thin-recall", "thin-precision")
@@ -82,9 +82,9 @@ FD_VIEWS = ("fd-views", "fd-views-grey")  # Fréchet distances of networks' feat
 
 @dataclass(frozen=True)
 class Near:
-    """A stated value: a number, an array, or how to compute it; NaN stands for no value.
+    """An expected value: a number, an array, or its computation; NaN stands for no value.
 
-    words   where it comes from
+    words   its origin
     within  largest absolute difference; 0 is exact
     """
 
@@ -95,49 +95,57 @@ class Near:
 
 @dataclass(frozen=True)
 class Refused:
-    """A stated failure: the very type, and a part of the message."""
+    """An expected failure: the exact type, and a part of the message."""
 
     error: type[Exception]
     says: str
 
 
-OptionSpec = Near | Refused
+MetricExpectation = Near | Refused
 
 
 @dataclass(frozen=True)
-class Case:
-    """The two arrays of a case, and what each metric makes of them."""
+class MetricCase:
+    """The two arrays of a case, and the expected result of each metric."""
 
     id: str
     group: str
-    given: Callable[[], Pair]
-    stated: Mapping[str, OptionSpec]
+    given: Callable[[], ArrayPair]
+    stated: Mapping[str, MetricExpectation]
 
 
-Given = Callable[[], Pair]
+Given = Callable[[], ArrayPair]
 
 
-def cases(group: str, *rows: tuple[str, Given, Mapping[str, OptionSpec]]) -> tuple[Case, ...]:
-    """Return the cases of a group, a row each: id, arrays, and by metric what it makes of them."""
-    return tuple(Case(case_id, group, given, stated) for case_id, given, stated in rows)
+def cases(
+    group: str, *rows: tuple[str, Given, Mapping[str, MetricExpectation]]
+) -> tuple[MetricCase, ...]:
+    """Return the cases of a group, a row each: id, arrays, and the expectation by metric."""
+    return tuple(MetricCase(case_id, group, given, stated) for case_id, given, stated in rows)
 
 
-def cases_of(metric: str, group: str, *rows: tuple[str, Given, OptionSpec]) -> tuple[Case, ...]:
-    """Return cases of a group about one metric, a row each: id, arrays, and its outcome."""
+def cases_of(
+    metric: str, group: str, *rows: tuple[str, Given, MetricExpectation]
+) -> tuple[MetricCase, ...]:
+    """Return cases of a group about one metric, a row each: id, arrays, and expectation."""
     return cases(group, *((case_id, given, {metric: stated}) for case_id, given, stated in rows))
 
 
-def near(words: str, value: Number, *metrics: str, within: Number = 0.0) -> dict[str, OptionSpec]:
+def near(
+    words: str, value: Number, *metrics: str, within: Number = 0.0
+) -> dict[str, MetricExpectation]:
     """Return the same value for several metrics."""
     return {metric: Near(words, value, within) for metric in metrics}
 
 
-def refused(says: str, *metrics: str, error: type[Exception] = ValueError) -> dict[str, OptionSpec]:
+def refused(
+    says: str, *metrics: str, error: type[Exception] = ValueError
+) -> dict[str, MetricExpectation]:
     """Return the same failure for several metrics."""
     return {metric: Refused(error, says) for metric in metrics}
 
 
-def undefined(*metrics: str) -> dict[str, OptionSpec]:
+def undefined(*metrics: str) -> dict[str, MetricExpectation]:
     """Return no value, for the reason that the metric's row gives."""
     return {metric: Near(UNDEFINED[metric], math.nan) for metric in metrics}
 
@@ -155,7 +163,7 @@ def decibels(squares: float, side: int = IMAGE_SIZE) -> float:
     return 20 * math.log10(255) - 10 * math.log10(max(squares, 1) / (side * side * 3))
 
 
-def twice(values: Array) -> Pair:
+def twice(values: Array) -> ArrayPair:
     """Return the same array two times."""
     return values, values.copy()
 
@@ -175,7 +183,10 @@ def noise(seed: int, side: int = IMAGE_SIZE, count: int = 1) -> UInt8Images:
 
 
 def speck(background: int, level: int, at: int) -> UInt8Images:
-    """Return one pixel of another level: (64, 64) is in 121 windows, the corner (0, 0) in one."""
+    """Return a flat image with one pixel of another level.
+
+    The pixel (64, 64) is in 121 windows of SSIM, the corner (0, 0) in one.
+    """
     return _painted(flat(background), slice(at, at + 1), slice(at, at + 1), level)
 
 

@@ -1,7 +1,6 @@
-"""Metrics at the edges of their domain: cases x metrics, and the value or refusal of each.
+"""Metrics at the edges of their domain: cases by metrics, and the value or refusal of each.
 
-`bench.suites.stability.metric_cases` says what a case is; the cases are the rows of `image_cases`
-and `feature_cases`, by the metrics that they are about.
+The cases are those of `image_cases` and `feature_cases`.
 """
 
 from __future__ import annotations
@@ -9,7 +8,7 @@ from __future__ import annotations
 import functools
 import math
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,7 @@ from bench.metrics.silhouette import silhouette_iou
 from bench.metrics.structural_similarity import ssim_per_image
 from bench.metrics.thin_parts import thin_scores
 from bench.running.isolation import one_thread
-from bench.suites.stability.expectations import Kind, Outcome
+from bench.suites.stability.expectations import Kind
 from bench.suites.stability.feature_cases import (
     ALEXNET_CASES,
     ANGLE_CASES,
@@ -35,13 +34,15 @@ from bench.suites.stability.image_cases import INPUT_CASES, SILHOUETTE_CASES, SS
 from bench.suites.stability.metric_cases import (
     FD_VIEWS,
     FRECHET,
+    SSIM,
     Array,
-    Case,
+    ArrayPair,
+    MetricCase,
+    MetricExpectation,
     Number,
-    OptionSpec,
-    Pair,
     Refused,
 )
+from bench.suites.stability.outcomes import CaseOutcome
 from data_prep.arrays import Floats
 from data_prep.scene import UInt8Images
 
@@ -56,54 +57,60 @@ CASES = (
     + ANGLE_CASES
 )
 DISTANCES = (FRECHET, *FD_VIEWS, "fd-alexnet")
+Metric = Callable[[Any, Any], Any]  # of the two arrays of a case
 
 
-def metric_outcomes() -> list[Outcome]:
-    """Return the outcomes of all cases on the metrics that they state something about.
+def metric_outcomes(
+    cases: Iterable[MetricCase] = CASES, metrics: Mapping[str, Metric] | None = None
+) -> list[CaseOutcome]:
+    """Return the outcomes of all cases on the metrics that they have an expectation of.
 
-    It never raises and takes some seconds.
+    `metrics` are METRICS by default. It never raises and takes some seconds.
     """
+    functions = METRICS if metrics is None else metrics
     with one_thread():
         return [
-            _outcome(case, metric, stated)
-            for case in CASES
+            _outcome(case, metric, functions[metric], stated)
+            for case in cases
             for metric, stated in case.stated.items()
         ]
 
 
-def _outcome(case: Case, metric: str, stated: OptionSpec) -> Outcome:
+def _outcome(
+    case: MetricCase, metric: str, function: Metric, stated: MetricExpectation
+) -> CaseOutcome:
     expected = "?"
     try:
         with warnings.catch_warnings():
-            # Arithmetic that NumPy warns of is an outcome of its own: nobody stated it.
+            # Arithmetic that NumPy warns of is an outcome of its own, which no case expects.
             warnings.simplefilter("error", RuntimeWarning)
             given = case.given()
             if isinstance(stated, Refused):
                 expected = f"{stated.error.__name__}: ...{stated.says}..."
-                observed, kind = _refusal(metric, given, stated)
+                observed, kind = _refusal(function, given, stated)
             else:
                 value = np.asarray(_number(stated.value, given), np.float64)
                 within = float(_number(stated.within, given))
                 expected = f"{_shown(value)} {f'+-{within:.1g}' if within else 'exactly'}: "
                 expected += stated.words
-                observed, kind = _value(metric, given, value, within)
+                returned = function(*given)
+                observed, kind = _compared(returned, value, within, metric in DISTANCES)
     except Exception as error:
         observed, kind = f"{type(error).__name__}: {error}", "unexpected"
-    return Outcome(case.id, case.group, metric, expected, observed, kind)
+    return CaseOutcome(case.id, case.group, metric, expected, observed, kind)
 
 
-def _refusal(metric: str, given: Pair, stated: Refused) -> tuple[str, Kind]:
+def _refusal(function: Metric, given: ArrayPair, stated: Refused) -> tuple[str, Kind]:
     try:
-        returned = METRICS[metric](*given)
+        returned = function(*given)
     except Exception as error:
         as_stated = type(error) is stated.error and stated.says in str(error)
         return f"{type(error).__name__}: {error}", "refused" if as_stated else "unexpected"
     return _shown(np.asarray(returned)), "unexpected"
 
 
-def _value(metric: str, given: Pair, value: Floats, within: float) -> tuple[str, Kind]:
-    returned = METRICS[metric](*given)
-    if metric in DISTANCES and not (isinstance(returned, float) and 0.0 <= returned < math.inf):
+def _compared(returned: Any, value: Floats, within: float, is_distance: bool) -> tuple[str, Kind]:
+    if is_distance and not (isinstance(returned, float) and 0.0 <= returned < math.inf):
         return f"{returned!r}, which is no distance", "unexpected"
     returned = np.asarray(returned)
     if returned.shape != value.shape and (value.ndim or not returned.size):
@@ -115,7 +122,7 @@ def _value(metric: str, given: Pair, value: Floats, within: float) -> tuple[str,
     return text, "holds" if off <= within else "unexpected"
 
 
-def _number(number: Number, given: Pair) -> Any:
+def _number(number: Number, given: ArrayPair) -> Any:
     return number(*given) if callable(number) else number
 
 
@@ -149,11 +156,13 @@ def _code_lengths(truth: UInt8Images, images: UInt8Images) -> Floats:
     return np.linalg.norm(answers[:, 3:], axis=1) + 0.0 * answers[:, :3].sum(axis=1)
 
 
-METRICS: Mapping[str, Callable[[Any, Any], Any]] = {
-    "ssim": lambda a, b: ssim_per_image(a, b).ssim,
-    "luminance": lambda a, b: ssim_per_image(a, b).luminance,
-    "contrast": lambda a, b: ssim_per_image(a, b).contrast,
-    "structure": lambda a, b: ssim_per_image(a, b).structure,
+def ssim_metrics(per_image: Metric = ssim_per_image) -> dict[str, Metric]:
+    """Return SSIM and its components by their names."""
+    return {name: lambda a, b, name=name: getattr(per_image(a, b), name) for name in SSIM}
+
+
+METRICS: Mapping[str, Metric] = {
+    **ssim_metrics(),
     "psnr": psnr,
     "ssim-object": lambda a, b: scores(a, b)["ssim_object"],
     "silhouette-iou": silhouette_iou,

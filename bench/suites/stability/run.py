@@ -1,14 +1,14 @@
-"""The suite `stability`: extreme inputs, and whether the outcomes are as stated.
+"""The suite `stability`: extreme inputs, and whether the outcomes are as expected.
 
-Three matrices: methods on extreme clouds and views (killable workers, resumable), metrics on
-extreme images and features, and pc2pix in other number formats.
+It has three matrices: methods on extreme clouds and views (in killable workers, resumable), metrics
+on extreme images and features, and pc2pix in other number formats.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -26,7 +26,7 @@ from bench.running.protocol import Options, digest, manifest_of, method_identity
 from bench.running.run import open_run
 from bench.suites.procedure import SuiteRun, methods_of
 from bench.suites.stability.cases import CASES, TURN_DEG, VIEWS
-from bench.suites.stability.expectations import EXPECTED, Observation, Outcome, observe, outcome
+from bench.suites.stability.expectations import EXPECTED
 from bench.suites.stability.figures import extremes_figure, matrix_figure
 from bench.suites.stability.formats import (
     FormatRow,
@@ -35,6 +35,7 @@ from bench.suites.stability.formats import (
     measure_formats,
 )
 from bench.suites.stability.metrics import metric_outcomes
+from bench.suites.stability.outcomes import CaseOutcome, Observation, observe, outcome
 from bench.suites.stability.tables import counts, matrix, observations_table, unexpected
 from bench.tables import markdown
 from bench.tables.figure import FIGURES, save
@@ -67,7 +68,7 @@ def stability_jobs(
         ]
         for case in CASES:
             views = [[view.azimuth_deg, view.elevation_deg] for view in case.views]
-            # The case's name too: random numbers are drawn by it.
+            # The key has the case's name, too, as random numbers are drawn by it.
             key = digest([*common, case.id, repr(case.perturbation), views, case.batch])
             jobs.append(
                 Job(
@@ -89,10 +90,22 @@ def stability_jobs(
     return jobs
 
 
-def run(options: Options, suite: StabilitySuite = STABILITY) -> SuiteRun:
-    """Carry out the suite, or what is left of it.
+@dataclass(frozen=True)
+class FixedMatrices:
+    """The computations of the two matrices that do not depend on the methods of a run."""
 
-    Raises BadInput for what the user has to fix.
+    metrics: Callable[[], list[CaseOutcome]] = metric_outcomes
+    formats: Callable[[], list[FormatRow]] = measure_formats
+
+
+def run(
+    options: Options,
+    suite: StabilitySuite = STABILITY,
+    fixed_matrices: FixedMatrices = FixedMatrices(),
+) -> SuiteRun:
+    """Carry out the suite, or the rest of a run that was stopped.
+
+    Raises BadInput for options that the user has to fix.
     """
     start = time.perf_counter()
     methods = methods_of(
@@ -133,10 +146,10 @@ def run(options: Options, suite: StabilitySuite = STABILITY) -> SuiteRun:
         observations = observe(jobs, results)
         log("metrics and number formats")
         with one_thread():
-            formats = measure_formats()
-        matrices = _matrices(methods, observations, formats)
-        behind = observations_table(observations), formats_table(formats)
-        write_tables(directory, [*matrices, *behind])
+            formats = fixed_matrices.formats()
+        matrices = _matrices(methods, observations, fixed_matrices.metrics(), formats)
+        numbers = observations_table(observations), formats_table(formats)
+        write_tables(directory, [*matrices, *numbers])
         _draw(directory, matrices, jobs, outcomes, methods)
     printed = [markdown.table(counts(matrices))] + [
         f"UNEXPECTED {cell.subject}, {cell.case}: {cell.observed}; stated was: {cell.expected}"
@@ -149,8 +162,9 @@ def run(options: Options, suite: StabilitySuite = STABILITY) -> SuiteRun:
 def _matrices(
     methods: Sequence[str],
     observations: Sequence[Observation],
+    of_metrics: Sequence[CaseOutcome],
     formats: Sequence[FormatRow],
-) -> tuple[Table[Outcome], ...]:
+) -> tuple[Table[CaseOutcome], ...]:
     return (
         matrix(
             "stability_methods",
@@ -162,7 +176,7 @@ def _matrices(
             "stability_metrics",
             "Metrics at the extremes",
             "Closed forms, invariants and refusals.",
-            metric_outcomes(),
+            of_metrics,
         ),
         matrix(
             "stability_formats",
@@ -175,20 +189,20 @@ def _matrices(
 
 def _remark(methods: Sequence[str]) -> str:
     views = ", ".join(f"{view.azimuth_deg:g}/{view.elevation_deg:g}" for view in VIEWS)
-    strangers = [method for method in methods if method not in EXPECTED]
+    unstated = [method for method in methods if method not in EXPECTED]
     remark = (
         f"One chair from four views (azimuth/elevation {views} degrees) unless the case says "
         "otherwise. Changes are absolute differences in grey levels 0..255, mean over all pixels "
         f"and at most, to the pictures of the case named. Turned: by {TURN_DEG:g} degrees."
     )
-    if strangers:
-        remark += f" Nothing is stated about {', '.join(strangers)}: what has a name is in order."
+    if unstated:
+        remark += f" Nothing is stated about {', '.join(unstated)}: what has a name is in order."
     return remark
 
 
 def _draw(
     directory: Path,
-    matrices: Sequence[Table[Outcome]],
+    matrices: Sequence[Table[CaseOutcome]],
     jobs: Sequence[Job],
     outcomes: Mapping[str, JobOutcome],
     methods: Sequence[str],
@@ -201,6 +215,6 @@ def _draw(
         for job in jobs
         if outcomes[job.key].artifact_sha256
     }
-    rivals = [method for method in methods if method not in FLOORS]
-    extremes = extremes_figure([case.id for case in CASES], rivals, first)
+    shown = [method for method in methods if method not in FLOORS]
+    extremes = extremes_figure([case.id for case in CASES], shown, first)
     save(extremes, folder / "extremes.png", dpi=100)

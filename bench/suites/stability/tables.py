@@ -1,4 +1,4 @@
-"""The matrices of the suite `stability`: cases x subjects."""
+"""The matrices of the suite `stability`, cases by subjects."""
 
 from __future__ import annotations
 
@@ -10,40 +10,40 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from bench.suites.stability.expectations import KINDS, Observation, Outcome
+from bench.suites.stability.expectations import KINDS
+from bench.suites.stability.outcomes import CaseOutcome, Observation
 from bench.tables.markdown import cell
 from bench.tables.table import BOLD, Block, Cell, Grid, Table, columns_of, grid, ordered
 from data_prep.failures import BadInput
 
 
-def matrix(name: str, title: str, remark: str, outcomes: Iterable[Outcome]) -> Table[Outcome]:
-    """Return outcomes, a row each; for people counts by kind, then expected and observed.
-
-    `remark` is what people have to know to read it.
-    """
+def matrix(
+    name: str, title: str, remark: str, outcomes: Iterable[CaseOutcome]
+) -> Table[CaseOutcome]:
+    """Return outcomes, a row each; for people `remark`, counts by kind, expected and observed."""
     layout = partial(_layout, remark)
-    return Table(name, title, columns_of(Outcome), tuple(outcomes), layout)
+    return Table(name, title, columns_of(CaseOutcome), tuple(outcomes), layout)
 
 
-def subjects(made: Table[Outcome]) -> list[str]:
+def subjects(table: Table[CaseOutcome]) -> list[str]:
     """Return the subjects in the order of their first appearance."""
-    return ordered(outcome.subject for outcome in made.rows)
+    return ordered(outcome.subject for outcome in table.rows)
 
 
-def unexpected(made: Table[Outcome]) -> list[Outcome]:
-    """Return the outcomes that nobody has stated."""
-    return [outcome for outcome in made.rows if outcome.kind == "unexpected"]
+def unexpected(table: Table[CaseOutcome]) -> list[CaseOutcome]:
+    """Return the outcomes that are none of the expected ones."""
+    return [outcome for outcome in table.rows if outcome.kind == "unexpected"]
 
 
-def counts(matrices: Iterable[Table[Outcome]]) -> Grid:
-    """Return how many outcomes of each kind every matrix has."""
+def counts(matrices: Iterable[Table[CaseOutcome]]) -> Grid:
+    """Return the number of outcomes of each kind in every matrix."""
     kinds = [(table.title, Counter(outcome.kind for outcome in table.rows)) for table in matrices]
     return grid(
         ["matrix", *KINDS], ([t, *(str(counter[kind]) for kind in KINDS)] for t, counter in kinds)
     )
 
 
-def _layout(remark: str, outcomes: Sequence[Outcome]) -> Iterator[Block]:
+def _layout(remark: str, outcomes: Sequence[CaseOutcome]) -> Iterator[Block]:
     counts = Counter(outcome.kind for outcome in outcomes)
     cases = len({(outcome.group, outcome.case) for outcome in outcomes})
     yield remark
@@ -54,24 +54,23 @@ def _layout(remark: str, outcomes: Sequence[Outcome]) -> Iterator[Block]:
         yield grid(
             ["case", "subject", "expected", "observed", ""],
             (
-                [o.case, o.subject, o.expected, o.observed, _kind(o)]
+                [
+                    *(o.case, o.subject, o.expected, o.observed),
+                    Cell(o.kind, special=BOLD if o.kind == "unexpected" else None),
+                ]
                 for o in outcomes
                 if o.group == group
             ),
         )
 
 
-def _kind(outcome: Outcome) -> Cell:
-    return Cell(outcome.kind, special=BOLD if outcome.kind == "unexpected" else None)
-
-
-def read_outcomes(folder: Path) -> list[Outcome]:
+def read_outcomes(folder: Path) -> list[CaseOutcome]:
     """Return the outcomes of all matrices that a run has left in its folder of tables.
 
-    Raises BadInput where there are none, or where a file is none of ours.
+    Raises BadInput for a folder without matrices, and for a file that is not one.
     """
-    header = [field.name for field in fields(Outcome)]
-    outcomes: list[Outcome] = []
+    header = [field.name for field in fields(CaseOutcome)]
+    outcomes: list[CaseOutcome] = []
     for path in sorted(folder.glob("stability_*.csv")):
         try:
             with path.open(encoding="utf-8", newline="") as file:
@@ -81,7 +80,7 @@ def read_outcomes(folder: Path) -> list[Outcome]:
             names, rows = None, []
         if names != header or any(row["kind"] not in KINDS for row in rows):
             raise BadInput(f"{path}: not a table of this suite; run it again with --fresh")
-        outcomes += [Outcome(**row) for row in rows]
+        outcomes += [CaseOutcome(**row) for row in rows]
     if not outcomes:
         raise BadInput(f"{folder}: no tables of the suite stability; run it again")
     return outcomes

@@ -53,7 +53,7 @@ def _load(kind, arguments, device):
     return kind(*arguments)
 
 
-# --- that keep the contract -----------------------------------------------------------------------
+# --- methods that keep the contract ---------------------------------------------------------------
 
 
 class StochasticDraw(Plain):
@@ -101,41 +101,24 @@ GOOD = ("Plain", "StochasticDraw", "StochasticChildren", "StochasticPrepare", "K
 # --- images ---------------------------------------------------------------------------------------
 
 
-class WrongShape(Plain):
+class Altered(Plain):
+    """Returns `change(images)` in place of its images."""
+
+    def __init__(self, change):
+        self.change = change
+
     def draw(self, state, views, rng):
-        return super().draw(state, views, rng)[:, :64]
+        return self.change(super().draw(state, views, rng))
 
 
-class ChannelsFirst(Plain):
-    def draw(self, state, views, rng):
-        return super().draw(state, views, rng).transpose(0, 3, 1, 2)
+def _with_nan(images):
+    images[:, 64, 64] = np.nan
+    return images
 
 
-class OutOfRange(Plain):
-    def draw(self, state, views, rng):
-        return 255 * super().draw(state, views, rng)
-
-
-class NotFinite(Plain):
-    def draw(self, state, views, rng):
-        images = super().draw(state, views, rng)
-        images[:, 64, 64] = np.nan
-        return images
-
-
-class Float64(Plain):
-    def draw(self, state, views, rng):
-        return super().draw(state, views, rng).astype(np.float64)
-
-
-class AList(Plain):
-    def draw(self, state, views, rng):
-        return list(super().draw(state, views, rng))
-
-
-class Blank(Plain):
-    def draw(self, state, views, rng):
-        return np.ones((len(views), SIDE, SIDE, 3), np.float32)
+def _with_noise(images):
+    noise = np.random.default_rng().random((len(images), SIDE, SIDE, 1), np.float32)
+    return np.clip(images - 0.1 * noise, 0, 1)
 
 
 class ChangesPoints(Plain):
@@ -159,12 +142,6 @@ class NeedsSource(Plain):
 # --- randomness and views -------------------------------------------------------------------------
 
 
-class Unseeded(Plain):
-    def draw(self, state, views, rng):
-        noise = np.random.default_rng().random((len(views), SIDE, SIDE, 1), np.float32)
-        return np.clip(super().draw(state, views, rng) - 0.1 * noise, 0, 1)
-
-
 class UnseededBesideSeeded(StochasticDraw):
     """Takes `rng`, too, and another generator for more than eight views."""
 
@@ -173,36 +150,11 @@ class UnseededBesideSeeded(StochasticDraw):
         return images * np.float32(np.random.default_rng().random() if len(views) > 8 else 1)
 
 
-class Clock(Plain):
-    def draw(self, state, views, rng):
-        return super().draw(state, views, rng) * np.float32(1 - time.time() % 1 / 2)
-
-
-class HashOrder(Plain):
-    """Depends on the order of a set of strings, which is another in every process."""
-
-    def draw(self, state, views, rng):
-        shade = hash("a string") % 97 / 200
-        return super().draw(state, views, rng) * np.float32(1 - shade)
-
-
-class LooksAtOtherViews(Plain):
-    def draw(self, state, views, rng):
-        return super().draw(state, views, rng) * np.float32(0.9 if len(views) > 1 else 0.8)
-
-
 class EightAtMost(Plain):
     def draw(self, state, views, rng):
         if len(views) > 8:
             raise ValueError(f"a batch of {len(views)}")
         return super().draw(state, views, rng)
-
-
-class OneAlone(Plain):
-    """Loses the axis of views where there is one."""
-
-    def draw(self, state, views, rng):
-        return super().draw(state, views, rng).squeeze()
 
 
 class ChangesState(Plain):
@@ -285,65 +237,23 @@ class Prints(Plain):
         return super().prepare(cloud, rng)
 
 
-class WritesToStderr(Plain):
-    """As native libraries do, beside Python's streams."""
+class Acts(Plain):
+    """Calls `act` on clouds of so many points: leaves a trace, or ends its process."""
 
-    def prepare(self, cloud, rng):
-        os.write(2, b"libthing: warning\n")
-        return super().prepare(cloud, rng)
-
-
-class LeavesAFile(Plain):
-    def prepare(self, cloud, rng):
-        Path("debug.txt").write_text(str(len(cloud)))
-        return super().prepare(cloud, rng)
-
-
-class LeavesATemporaryFile(Plain):
-    def prepare(self, cloud, rng):
-        os.close(tempfile.mkstemp(suffix=".ply")[0])
-        return super().prepare(cloud, rng)
-
-
-class LeavesAThread(Plain):
-    def prepare(self, cloud, rng):
-        threading.Thread(target=time.sleep, args=[60], daemon=True, name="watcher").start()
-        return super().prepare(cloud, rng)
-
-
-class LeavesAProcess(Plain):
-    def prepare(self, cloud, rng):
-        subprocess.Popen(["sleep", "60"])
-        return super().prepare(cloud, rng)
-
-
-class LeavesAnOrphan(Plain):
-    """Its parent, a shell, has ended."""
-
-    def prepare(self, cloud, rng):
-        subprocess.run("sleep 60 &", shell=True, check=True)
-        return super().prepare(cloud, rng)
-
-
-class ChangesFolder(Plain):
-    def prepare(self, cloud, rng):
-        os.chdir("/")
-        return super().prepare(cloud, rng)
-
-
-# --- ends -----------------------------------------------------------------------------------------
-
-
-class Ends(Plain):
-    """Ends its process, or tries to, on clouds of so many points."""
-
-    def __init__(self, how, points=2048):
-        self.how, self.points = how, points
+    def __init__(self, act, points=2048):
+        self.act, self.points = act, points
 
     def prepare(self, cloud, rng):
         if len(cloud) == self.points:
-            self.how()
+            self.act()
         return super().prepare(cloud, rng)
+
+
+def _start_thread():
+    threading.Thread(target=time.sleep, args=[60], daemon=True, name="watcher").start()
+
+
+# --- ends -----------------------------------------------------------------------------------------
 
 
 def _interrupt():
@@ -401,20 +311,42 @@ def _no_identity():
 
 
 PLUGINS = {
+    "WRONG_SHAPE": method(Altered, lambda images: images[:, :64]),
+    "CHANNELS_FIRST": method(Altered, lambda images: images.transpose(0, 3, 1, 2)),
+    "OUT_OF_RANGE": method(Altered, lambda images: 255 * images),
+    "NOT_FINITE": method(Altered, _with_nan),
+    "FLOAT64": method(Altered, lambda images: images.astype(np.float64)),
+    "A_LIST": method(Altered, list),
+    "BLANK": method(Altered, np.ones_like),
+    "UNSEEDED": method(Altered, _with_noise),
+    "CLOCK": method(Altered, lambda images: images * np.float32(1 - time.time() % 1 / 2)),
+    # The hash of a string is another in every process.
+    "HASH": method(Altered, lambda images: images * np.float32(1 - hash("a string") % 97 / 200)),
+    "OTHER_VIEWS": method(
+        Altered, lambda images: images * np.float32(0.9 if len(images) > 1 else 0.8)
+    ),
+    "ONE_ALONE": method(Altered, np.squeeze),  # loses the axis of views where they are one
+    "WRITES_TO_STDERR": method(Acts, partial(os.write, 2, b"libthing: warning\n")),
+    "LEAVES_A_FILE": method(Acts, Path("debug.txt").touch),
+    "LEAVES_A_TEMPORARY_FILE": method(Acts, partial(tempfile.mkstemp, suffix=".ply")),
+    "LEAVES_A_THREAD": method(Acts, _start_thread),
+    "LEAVES_A_PROCESS": method(Acts, partial(subprocess.Popen, ["sleep", "60"])),
+    "LEAVES_AN_ORPHAN": method(Acts, partial(subprocess.run, "sleep 60 &", shell=True)),
+    "CHANGES_FOLDER": method(Acts, partial(os.chdir, "/")),
     "IGNORES_CLOUD": method(IgnoresCloud),
     "SEES_NO_CLOUD": method(Plain, sees_cloud=False),
     "LEAKS_300": method(Leaks, 300),
     "LEAKS_20": method(Leaks, 20),
-    "EXITS": method(Ends, partial(sys.exit, 0)),
-    "EXITS_AT_ONE_POINT": method(Ends, partial(sys.exit, 0), 1),
-    "LEAVES": method(Ends, partial(os._exit, 0)),
-    "LEAVES_WITH_3": method(Ends, partial(os._exit, 3)),
-    "INTERRUPTS": method(Ends, _interrupt),
-    "CRASHES": method(Ends, partial(_kill, signal.SIGSEGV), 1),
-    "KILLS_ITSELF": method(Ends, partial(_kill, signal.SIGKILL)),
-    "HANGS": method(Ends, _hang),
-    "HANGS_WITHOUT_POINTS": method(Ends, _hang, 0),
-    "HOGS": method(Ends, _hog),
+    "EXITS": method(Acts, partial(sys.exit, 0)),
+    "EXITS_AT_ONE_POINT": method(Acts, partial(sys.exit, 0), 1),
+    "LEAVES": method(Acts, partial(os._exit, 0)),
+    "LEAVES_WITH_3": method(Acts, partial(os._exit, 3)),
+    "INTERRUPTS": method(Acts, _interrupt),
+    "CRASHES": method(Acts, partial(_kill, signal.SIGSEGV), 1),
+    "KILLS_ITSELF": method(Acts, partial(_kill, signal.SIGKILL)),
+    "HANGS": method(Acts, _hang),
+    "HANGS_WITHOUT_POINTS": method(Acts, _hang, 0),
+    "HOGS": method(Acts, _hog),
     "LOADS_NOTHING": method(Plain, load=_bad_weights),
     "NO_LIBRARY": method(Plain, load=_no_library),
     "LOADS_NONE": method(Plain, load=lambda device: None),
@@ -427,25 +359,25 @@ PLUGINS = {
 }
 globals().update(PLUGINS)
 
-# By name: the finding that tells the fault, what it says, and whether it blocks a run.
+# The finding that names each fault, a part of its text, and whether it blocks a run.
 FAULTS = {
-    "WrongShape": ("images", "images have the shape (3, 64, 128, 3), expected (3, 128", True),
-    "ChannelsFirst": ("images", "images have the shape (3, 3, 128, 128)", True),
-    "OutOfRange": ("images", "expected 0 .. 1", True),
-    "NotFinite": ("images", "9 values are not finite", True),
-    "Float64": ("images", "images are float64, expected float32", True),
-    "AList": ("images", "images are list, expected float32", True),
-    "Blank": ("images", "3 of 3 pictures are blank", True),
+    "WRONG_SHAPE": ("images", "images have the shape (3, 64, 128, 3), expected (3, 128", True),
+    "CHANNELS_FIRST": ("images", "images have the shape (3, 3, 128, 128)", True),
+    "OUT_OF_RANGE": ("images", "expected 0 .. 1", True),
+    "NOT_FINITE": ("images", "9 values are not finite", True),
+    "FLOAT64": ("images", "images are float64, expected float32", True),
+    "A_LIST": ("images", "images are list, expected float32", True),
+    "BLANK": ("images", "3 of 3 pictures are blank", True),
     "ChangesPoints": ("images", "the points of the cloud were changed", True),
     "ReadsSource": ("images", "cloud.source is read, which is None in a run", True),
     "NeedsSource": ("images", "cloud.source is read, which is None in a run", True),
-    "Unseeded": ("repeatable", "take all randomness from `rng`", True),
+    "UNSEEDED": ("repeatable", "take all randomness from `rng`", True),
     "UnseededBesideSeeded": ("batches", "take all randomness from `rng`", True),
-    "Clock": ("repeatable", "take all randomness from `rng`", True),
-    "HashOrder": ("another process", "another process on two threads", True),
-    "LooksAtOtherViews": ("batches", "an image may not depend on the other views", True),
+    "CLOCK": ("repeatable", "take all randomness from `rng`", True),
+    "HASH": ("another process", "another process on two threads", True),
+    "OTHER_VIEWS": ("batches", "an image may not depend on the other views", True),
     "EightAtMost": ("batches", "ValueError: a batch of 20", True),
-    "OneAlone": ("batches", "pictures of shape (128, 128, 3), expected (1, 128", True),
+    "ONE_ALONE": ("batches", "pictures of shape (128, 128, 3), expected (1, 128", True),
     "ChangesState": ("batches", "draw may not change the state", True),
     "IgnoresViews": ("batches", "the same image from 20 views", True),
     "NoViews": ("no views", "ValueError: need at least one array to stack", False),
@@ -458,13 +390,13 @@ FAULTS = {
     "RaisesAnything": ("three points", "KeyError: 'no triangle'; raise StageFailure", True),
     "DrawsNaN": ("a point at NaN", "values that are not finite", True),
     "Prints": ("stdout", "'points: 2048'", False),
-    "WritesToStderr": ("stderr", "'libthing: warning'", False),
-    "LeavesAFile": ("files left", "1 (debug.txt)", False),
-    "LeavesATemporaryFile": ("files left", ".ply", False),
-    "LeavesAThread": ("threads left", "(watcher", False),
-    "LeavesAProcess": ("processes left", "(sleep", True),
-    "LeavesAnOrphan": ("processes left", "(sleep", True),
-    "ChangesFolder": ("working folder", "changed to /", True),
+    "WRITES_TO_STDERR": ("stderr", "'libthing: warning'", False),
+    "LEAVES_A_FILE": ("files left", "1 (debug.txt)", False),
+    "LEAVES_A_TEMPORARY_FILE": ("files left", ".ply", False),
+    "LEAVES_A_THREAD": ("threads left", "(watcher", False),
+    "LEAVES_A_PROCESS": ("processes left", "(sleep", True),
+    "LEAVES_AN_ORPHAN": ("processes left", "(sleep", True),
+    "CHANGES_FOLDER": ("working folder", "changed to /", True),
     "EXITS": ("images", "SystemExit(0)", True),
     "EXITS_AT_ONE_POINT": ("one point", "SystemExit(0)", True),
     "LEAVES": ("images", "crash: os._exit(0) was called", True),
@@ -488,7 +420,7 @@ FAULTS = {
     "IDENTITY_EXITS": ("identity", "SystemExit(0)", True),
     "VERSION_IS_TEXT": ("identity", "version is '1.0', expected a whole number", True),
 }
-# Modules with a fault: what stands before their method; the finding, what it says, and severity.
+# Modules with a faulty line: the line, the finding, a part of its text, and whether it blocks.
 MODULES = {
     "slow": ("import time; time.sleep(2.5)", "import", "do the work where it is needed", False),
     "heavy": ("import pandas", "import", "loads pandas; import them where", False),

@@ -43,14 +43,14 @@ def elsewhere(tmp_path, monkeypatch):
 
 
 def verdicts(name):
-    """By subject, the verdict and the text of what is not ok."""
+    """Return the verdict and the text of each finding, by its subject."""
     limits = SLOW.get(name.rpartition(":")[2], LIMITS)
     findings = plugin_findings(name, limits)
     return {finding.subject: (finding.verdict, finding.text) for finding in findings}
 
 
-def assert_named(found, point, said, blocks):
-    verdict, text = found[point]
+def assert_named(findings, point, said, blocks):
+    verdict, text = findings[point]
     assert said in text
     assert verdict == ("FAIL" if blocks else "warn")
 
@@ -86,6 +86,6 @@ def test_every_fault_of_a_module_is_named(name, elsewhere):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", GOOD)
 def test_good_methods_pass(name, elsewhere):
-    found = verdicts(f"{PLUGINS}:{name}")
-    assert [line for line in found.items() if line[1][0] != "ok"] == []
-    assert len(found) == 2 + len(methods.method_steps(None)) + len(TRACES)
+    findings = verdicts(f"{PLUGINS}:{name}")
+    assert [line for line in findings.items() if line[1][0] != "ok"] == []
+    assert len(findings) == 2 + len(methods.method_steps(None)) + len(TRACES)

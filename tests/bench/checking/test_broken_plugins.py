@@ -39,7 +39,7 @@ def target(module, name, folder):
 
 
 def verdicts(name):
-    """By subject, the verdict and the text."""
+    """Return the verdict and the text of each finding, by its subject."""
     findings = plugin_findings(name, LIMITS)
     return {finding.subject: (finding.verdict, finding.text) for finding in findings}
 
@@ -80,11 +80,11 @@ def test_every_fault_of_a_dataset_is_named(name, tmp_path, monkeypatch):
 )
 def test_good_ones_pass(module, name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    found = verdicts(target(module, name, tmp_path))
-    assert [line for line in found.items() if line[1][0] != "ok"] == []
+    findings = verdicts(target(module, name, tmp_path))
+    assert [line for line in findings.items() if line[1][0] != "ok"] == []
 
 
 @pytest.mark.slow
 def test_the_embedded_dataset_passes():
-    found = verdicts("procedural:validation")
-    assert [line for line in found.items() if line[1][0] != "ok"] == []
+    findings = verdicts("procedural:validation")
+    assert [line for line in findings.items() if line[1][0] != "ok"] == []

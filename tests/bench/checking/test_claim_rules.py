@@ -16,16 +16,9 @@ from bench.analysis.intervals import (
     mean_interval,
 )
 from bench.checking import claim_rules as rules
-from bench.checking.claim_rules import (
-    Finding,
-    MissingEvidence,
-    QualityEvidence,
-    Requirement,
-    TimingEvidence,
-    Training,
-    combined,
-    corrected,
-)
+from bench.checking.claim_findings import ClaimFinding, Requirement, corrected
+from bench.checking.claim_rules import weighted_sum
+from bench.checking.evidence import MissingEvidence, QualityEvidence, TimingEvidence, Training
 
 pytestmark = pytest.mark.usefixtures("few_objects")
 
@@ -39,13 +32,13 @@ def quality(metric, value, jitter=JITTER):
 
 
 def comparison(condition="2048", class_name="chair", **metrics):
-    """By metric, values by method."""
+    """Return a comparison of these values, by metric and method."""
     qualities = {}
     for name, by_method in metrics.items():
         metric = name.replace("_", "-")
         qualities[metric] = {
-            method: found if isinstance(found, Quality) else quality(metric, found)
-            for method, found in by_method.items()
+            method: value if isinstance(value, Quality) else quality(metric, value)
+            for method, value in by_method.items()
         }
     methods = list(next(iter(qualities.values())))
     nothing = dict.fromkeys(methods, np.zeros(4))
@@ -62,8 +55,8 @@ def ssim(sr, network, condition="2048"):
     return comparison(condition, ssim={"surface-apss": sr, "pc2pix": network, "blank": 0.7})
 
 
-def verdicts(found):
-    return [finding.verdict for finding in found]
+def verdicts(findings):
+    return [finding.verdict for finding in findings]
 
 
 NOISY = quality("ssim", 0.52, np.array([0.3, -0.3, 0.2, -0.2]))
@@ -72,21 +65,21 @@ NOISY = quality("ssim", 0.52, np.array([0.3, -0.3, 0.2, -0.2]))
 def test_means_are_combined_object_by_object():
     a = quality("ssim", 0.5, np.array([0.1, 0.0, -0.1, 0.2]))
     b = quality("ssim", 0.3, np.array([0.0, 0.0, 0.1, 0.1]))
-    found = combined([(1, a), (-0.5, b)])
+    estimate = weighted_sum("", [(1, a), (-0.5, b)]).estimate
     per_object = np.array([0.6, 0.5, 0.4, 0.7]) - 0.5 * np.array([0.3, 0.3, 0.4, 0.4])
-    assert found.value == pytest.approx(per_object.mean(), abs=1e-12)
-    assert found[1:] == pytest.approx(mean_interval(per_object), abs=1e-12)
+    assert estimate.value == pytest.approx(per_object.mean(), abs=1e-12)
+    assert estimate[1:] == pytest.approx(mean_interval(per_object), abs=1e-12)
 
 
 def test_distances_are_combined_by_the_jackknife():
     a = Quality("fid", Estimate(10.0, 0, 0), np.array([9.0, 10.0, 12.0]))
     b = Quality("fid", Estimate(4.0, 0, 0), np.array([4.0, 3.0, 5.0]))
-    found = combined([(-1, a), (1, b)])
-    assert found.value == -6
+    estimate = weighted_sum("", [(-1, a), (1, b)]).estimate
+    assert estimate.value == -6
     expected = jackknife_interval(-6.0, [np.array([-5.0, -7.0, -7.0])])
-    assert found[1:] == pytest.approx(expected, abs=1e-12)
+    assert estimate[1:] == pytest.approx(expected, abs=1e-12)
     of_one = Quality("fid", Estimate(10.0, 0, 0), np.array([9.0]))
-    assert math.isnan(combined([(1, of_one)]).low)
+    assert math.isnan(weighted_sum("", [(1, of_one)]).estimate.low)
 
 
 @pytest.mark.parametrize(
@@ -110,8 +103,8 @@ def test_distances_are_combined_by_the_jackknife():
     ],
 )
 def test_orderings(sr, network, ahead, verdict):
-    (found,) = rules.ordering(scored(ssim(sr, network)), "ssim", "2048", ahead)
-    assert (found.subject, found.verdict, found.objects) == ("pc2pix", verdict, 4)
+    (finding,) = rules.ordering(scored(ssim(sr, network)), "ssim", "2048", ahead)
+    assert (finding.subject, finding.verdict, finding.objects) == ("pc2pix", verdict, 4)
 
 
 def requirement(value, reach, name="", error=1.0):
@@ -120,7 +113,7 @@ def requirement(value, reach, name="", error=1.0):
 
 
 def test_what_is_smaller_than_the_spread_between_trainings_is_a_tie():
-    """By 0.1, with intervals that leave 0 out: decided below a spread of 0.1, not from there on."""
+    """A lead of 0.1 whose interval leaves out 0 is decided below a spread of 0.1, not above."""
     for network, ahead, decided in (
         (0.6, "network", "supported"),
         (0.6, "surface", "contradicted"),
@@ -129,16 +122,16 @@ def test_what_is_smaller_than_the_spread_between_trainings_is_a_tie():
         run = scored(ssim(0.5, network))
         for spread, verdict in ((0.05, decided), (0.15, "undecided")):
             seeds = {("pc2pix", "ssim", "2048"): spread}
-            (found,) = rules.ordering(replace(run, seeds=seeds), "ssim", "2048", ahead)
-            assert found.verdict == verdict
-            assert found.numbers.endswith(f"; trainings differ by {spread:.3f}")
+            (finding,) = rules.ordering(replace(run, seeds=seeds), "ssim", "2048", ahead)
+            assert finding.verdict == verdict
+            assert finding.numbers.endswith(f"; trainings differ by {spread:.3f}")
             tied = "smaller than the spread between trainings"
-            assert found.why == (tied if verdict == "undecided" else "")
+            assert finding.why == (tied if verdict == "undecided" else "")
     # another network's, metric's or condition's is no matter
     seeds = {("pc2pix@acgan", "ssim", "2048"): 9.0, ("pc2pix", "ssim", "512"): 9.0}
-    (found,) = rules.ordering(replace(run, seeds=seeds), "ssim", "2048", "network")
-    assert found.verdict == "contradicted"
-    assert "trainings" not in found.numbers
+    (finding,) = rules.ordering(replace(run, seeds=seeds), "ssim", "2048", "network")
+    assert finding.verdict == "contradicted"
+    assert "trainings" not in finding.numbers
 
 
 def test_everything_that_is_required_has_to_hold():
@@ -150,49 +143,49 @@ def test_everything_that_is_required_has_to_hold():
         ((), "not testable here", ""),
         ((sure, requirement(1, math.nan)), "not testable here", "too few objects for an interval"),
     ):
-        found = Finding("pc2pix", "", required)
-        assert (found.verdict, found.why) == (verdict, why)
+        finding = ClaimFinding("pc2pix", "", required)
+        assert (finding.verdict, finding.why) == (verdict, why)
 
 
 def test_p_values_of_what_requires_several_things():
     """All over 0: the least sure one; one below: that one, times the number of requirements."""
     near, far, below = (requirement(v, 0.1) for v in (2.0, 5.0, -3.0))
     p = {of: 2 * t.sf(abs(of.estimate.value), 10) for of in (near, far, below)}
-    assert Finding("x", "", (near, far)).p == pytest.approx(p[near])
-    assert Finding("x", "", (near, below, far)).p == pytest.approx(3 * p[below])
-    assert math.isnan(Finding("x", "").p)
+    assert ClaimFinding("x", "", (near, far)).p == pytest.approx(p[near])
+    assert ClaimFinding("x", "", (near, below, far)).p == pytest.approx(3 * p[below])
+    assert math.isnan(ClaimFinding("x", "").p)
 
 
 def test_verdicts_are_corrected_for_their_number():
     """p = .0295 alone holds, with two others of one size it does not: Holm's first is times 3."""
-    found = [Finding("x", "", (requirement(2.5, 2.0, error=0.99),))] * 3
-    assert found[0].p == pytest.approx(2 * t.sf(2.5 / 0.99, 10))
-    assert 0.05 / 3 < found[0].p < 0.05
-    assert corrected(found[:1]) == ["supported"]
-    assert corrected(found) == ["undecided"] * 3
-    assert corrected([found[0], Finding("x", "")]) == ["supported", "not testable here"]
+    findings = [ClaimFinding("x", "", (requirement(2.5, 2.0, error=0.99),))] * 3
+    assert findings[0].p == pytest.approx(2 * t.sf(2.5 / 0.99, 10))
+    assert 0.05 / 3 < findings[0].p < 0.05
+    assert corrected(findings[:1]) == ["supported"]
+    assert corrected(findings) == ["undecided"] * 3
+    assert corrected([findings[0], ClaimFinding("x", "")]) == ["supported", "not testable here"]
 
 
 def test_smaller_distances_are_ahead_and_the_stand_in_is_named():
     distances = {"surface-apss": 20.0, "pc2pix": 5.0}
-    (found,) = rules.ordering(scored(comparison(fd_views=distances)), "fid", "2048", "network")
-    assert found.verdict == "supported"
-    assert found.numbers.startswith("fd-views 5.0, SR 20.0; ahead by +15.0 [")
-    assert found.reason == "fd-views stands in for fid"
+    (finding,) = rules.ordering(scored(comparison(fd_views=distances)), "fid", "2048", "network")
+    assert finding.verdict == "supported"
+    assert finding.numbers.startswith("fd-views 5.0, SR 20.0; ahead by +15.0 [")
+    assert finding.reason == "fd-views stands in for fid"
     run = scored(comparison(fd_views=distances, fid={"surface-apss": 5.0, "pc2pix": 20.0}))
-    (found,) = rules.ordering(run, "fid", "2048", "network")
-    assert found.verdict == "contradicted"
+    (finding,) = rules.ordering(run, "fid", "2048", "network")
+    assert finding.verdict == "contradicted"
 
 
 def test_every_network_is_judged():
     run = scored(
         comparison(ssim={"surface-apss": 0.6, "pc2pix": 0.7, "pc2pix@acgan": 0.5, "splat": 0.9})
     )
-    found = rules.ordering(run, "ssim", "2048", "network")
-    assert [f.subject for f in found] == ["pc2pix", "pc2pix@acgan"]
-    assert verdicts(found) == ["supported", "contradicted"]
-    (found,) = rules.ordering(replace(run, subjects=("splat",)), "ssim", "2048", "network")
-    assert (found.subject, found.verdict) == ("splat", "supported")
+    findings = rules.ordering(run, "ssim", "2048", "network")
+    assert [f.subject for f in findings] == ["pc2pix", "pc2pix@acgan"]
+    assert verdicts(findings) == ["supported", "contradicted"]
+    (findings,) = rules.ordering(replace(run, subjects=("splat",)), "ssim", "2048", "network")
+    assert (findings.subject, findings.verdict) == ("splat", "supported")
 
 
 @pytest.mark.parametrize(
@@ -214,7 +207,7 @@ def test_what_a_run_lacks(rule, arguments, message):
 FLOORS = {"constant": 0.2, "blank": 0.2}
 
 
-def steady_run(at, lpips=0.3, found=0.9, **more):
+def steady_run(at, lpips=0.3, share=0.9, **more):
     """SSIM of SR and the network by condition; LPIPS of the network, of the floors .6."""
     runs = [
         comparison(
@@ -224,7 +217,7 @@ def steady_run(at, lpips=0.3, found=0.9, **more):
         )
         for condition, (sr, network) in at.items()
     ]
-    shares = {("pc2pix", condition): found + JITTER for condition in at}
+    shares = {("pc2pix", condition): share + JITTER for condition in at}
     return scored(*runs, retrieval=shares, **more)
 
 
@@ -242,11 +235,11 @@ def steady_run(at, lpips=0.3, found=0.9, **more):
     ],
 )
 def test_losses_have_to_be_so_at_each_condition(rule, then, verdict):
-    (found,) = rule(steady_run({"2048": (0.7, 0.6), **then}), "ssim", tuple(then))
-    assert found.verdict == verdict
+    (finding,) = rule(steady_run({"2048": (0.7, 0.6), **then}), "ssim", tuple(then))
+    assert finding.verdict == verdict
     if then == {"512": (0.4, 0.56)}:
-        assert found.why == "not shown: loss at 512"
-        assert "512: loses +0.040 [+0.040, +0.040], SR +0.300" in found.numbers
+        assert finding.why == "not shown: loss at 512"
+        assert "512: loses +0.040 [+0.040, +0.040], SR +0.300" in finding.numbers
 
 
 @pytest.mark.parametrize(
@@ -254,18 +247,18 @@ def test_losses_have_to_be_so_at_each_condition(rule, then, verdict):
     [
         ({}, "supported", ""),
         ({"lpips": 0.7}, "contradicted", "lpips over constant at 512, lpips over blank at 512"),
-        ({"found": 0.24}, "undecided", "retrieval over chance at 512"),  # of 4 objects a quarter
-        ({"found": 0.1}, "contradicted", "retrieval over chance at 512"),
+        ({"share": 0.24}, "undecided", "retrieval over chance at 512"),  # of 4 objects a quarter
+        ({"share": 0.1}, "contradicted", "retrieval over chance at 512"),
     ],
 )
 def test_what_shows_nothing_is_not_robust(change, verdict, why):
     run = steady_run({"2048": (0.7, 0.6), "512": (0.4, 0.6)}, **change)
-    (found,) = rules.steady(run, "ssim", ("512",))
-    assert found.verdict == verdict
-    assert found.why == (f"not shown: {why}" if why else "")
+    (finding,) = rules.steady(run, "ssim", ("512",))
+    assert finding.verdict == verdict
+    assert finding.why == (f"not shown: {why}" if why else "")
     below = steady_run({"2048": (0.7, 0.1), "512": (0.4, 0.1)})
-    (found,) = rules.steady(below, "ssim", ("512",))
-    assert found.why == "not shown: ssim over constant at 512, ssim over blank at 512"
+    (finding,) = rules.steady(below, "ssim", ("512",))
+    assert finding.why == "not shown: ssim over constant at 512, ssim over blank at 512"
     with pytest.raises(MissingEvidence, match="no retrieval of pc2pix at 512"):
         rules.steady(replace(run, retrieval={}), "ssim", ("512",))
 
@@ -276,8 +269,8 @@ def test_what_shows_nothing_is_not_robust(change, verdict, why):
 def test_whether_a_network_was_shown_the_condition_is_said(degraded, words):
     known = {"pc2pix": Training(0.25, degraded)}
     run = steady_run({"2048": (0.7, 0.6), "512": (0.4, 0.6)}, trainings=known)
-    (found,) = rules.steady(run, "ssim", ("512",))
-    assert found.reason.startswith(words)
+    (finding,) = rules.steady(run, "ssim", ("512",))
+    assert finding.reason.startswith(words)
 
 
 def test_distances_lose_by_growing():
@@ -290,19 +283,19 @@ def test_distances_lose_by_growing():
         ),
         retrieval={("pc2pix", "512"): np.ones(4)},
     )
-    (found,) = rules.steady(run, "fid", ("512",))
-    assert (found.verdict, found.reason) == ("supported", "")
-    assert "512: loses +7.0 [+7.0, +7.0], SR +90.0" in found.numbers
+    (finding,) = rules.steady(run, "fid", ("512",))
+    assert (finding.verdict, finding.reason) == ("supported", "")
+    assert "512: loses +7.0 [+7.0, +7.0], SR +90.0" in finding.numbers
     assert verdicts(rules.degrades(run, "fid", ("512",))) == ["supported"]
 
 
 def test_above_blank():
     fd = {"surface-apss": 20.0, "pc2pix": 5.0, "blank": 50.0}
     for network, verdict in ((0.8, "supported"), (0.6, "contradicted")):
-        of = {"surface-apss": 0.5, "pc2pix": network, "blank": 0.7}
-        (found,) = rules.above_blank(scored(comparison(ssim=of, fd_views=fd)))
-        assert found.verdict == verdict
-    assert found.why == "not shown: ssim"
+        values = {"surface-apss": 0.5, "pc2pix": network, "blank": 0.7}
+        (finding,) = rules.above_blank(scored(comparison(ssim=values, fd_views=fd)))
+        assert finding.verdict == verdict
+    assert finding.why == "not shown: ssim"
 
 
 @pytest.mark.parametrize(
@@ -330,13 +323,13 @@ def test_classes(class_name, ahead, metric, verdict):
             for name, value in of_networks.items()
         )
     )
-    (found,) = rules.class_ordering(run, class_name, ahead, metric)
-    assert (found.subject, found.verdict) == ("pc2pix@all", verdict)
+    (finding,) = rules.class_ordering(run, class_name, ahead, metric)
+    assert (finding.subject, finding.verdict) == ("pc2pix@all", verdict)
     if class_name == "car":
-        assert found.numbers == "fd-views 5.0, SR 20.0; ahead by +15.0 [+15.0, +15.0]"
+        assert finding.numbers == "fd-views 5.0, SR 20.0; ahead by +15.0 [+15.0, +15.0]"
     if metric is None and class_name == "average":
-        assert found.numbers.startswith("fd-views 13.0, SR 20.0; ahead by +7.0 [")
-        assert found.objects == 8
+        assert finding.numbers.startswith("fd-views 13.0, SR 20.0; ahead by +7.0 [")
+        assert finding.objects == 8
     with pytest.raises(MissingEvidence, match="no lamp at 2048"):
         rules.class_ordering(run, "lamp", "surface")
 
@@ -346,23 +339,23 @@ def test_no_interval_is_no_verdict():
     sr = Quality("fd-views", Estimate(20.0, 0, 0), np.array([20.0]))
     run = scored(comparison(class_name="car", fd_views={"surface-apss": sr, "pc2pix@all": alone}))
     for ahead in ("network", "undecided"):
-        (found,) = rules.class_ordering(run, "car", ahead)
-        assert found.verdict == "not testable here"
-        assert found.why.startswith("too few objects for an interval")
+        (finding,) = rules.class_ordering(run, "car", ahead)
+        assert finding.verdict == "not testable here"
+        assert finding.why.startswith("too few objects for an interval")
 
 
 def test_unrecognisable():
-    of = {"true-mesh": 0.9, "surface-apss": quality("class-confidence", 0.3, -JITTER)}
+    values = {"true-mesh": 0.9, "surface-apss": quality("class-confidence", 0.3, -JITTER)}
     run = scored(
-        comparison(class_name="car", class_confidence=of),
-        comparison(class_name="lamp", class_confidence=of),
-        comparison("512", "lamp", class_confidence=of | {"surface-apss": 0.0}),
+        comparison(class_name="car", class_confidence=values),
+        comparison(class_name="lamp", class_confidence=values),
+        comparison("512", "lamp", class_confidence=values | {"surface-apss": 0.0}),
     )
-    (found,) = rules.unrecognisable(run)
-    assert (found.subject, found.verdict) == ("surface-apss", "supported")
+    (finding,) = rules.unrecognisable(run)
+    assert (finding.subject, finding.verdict) == ("surface-apss", "supported")
     lost = 0.6 + 2 * JITTER
     low, high = interval_of_means([lost, lost])
-    assert found.numbers == (
+    assert finding.numbers == (
         "class-confidence 0.295, true pictures 0.905; "
         f"loses +{lost.mean():.3f} [+{low:.3f}, +{high:.3f}]"
     )
@@ -370,10 +363,10 @@ def test_unrecognisable():
 
 def test_gains_from_others():
     for together, verdict in ((28.8, "supported"), (34.0, "contradicted")):
-        of = {"pc2pix": 31.5, "pc2pix@all": together}
-        (found,) = rules.gains_from_others(scored(comparison(fid=of)), "pc2pix", "pc2pix@all")
-        assert (found.subject, found.verdict) == ("pc2pix@all", verdict)
-    assert found.numbers.startswith("fid 34.0, alone 31.5; better by -2.5 [")
+        values = {"pc2pix": 31.5, "pc2pix@all": together}
+        (finding,) = rules.gains_from_others(scored(comparison(fid=values)), "pc2pix", "pc2pix@all")
+        assert (finding.subject, finding.verdict) == ("pc2pix@all", verdict)
+    assert finding.numbers.startswith("fid 34.0, alone 31.5; better by -2.5 [")
 
 
 def test_good_where_thin():
@@ -381,12 +374,12 @@ def test_good_where_thin():
     values = {"lamp": 10.0, "rifle": 12.0, "car": 30.0, "sofa": 40.0}
     distances = {k: Quality("fid", Estimate(v, 0, 0), leave_one_out) for k, v in values.items()}
     run = scored(*(comparison(class_name=k, fid={"surface-apss": v}) for k, v in distances.items()))
-    (found,) = rules.good_where_thin(run, ("lamp", "rifle"))
+    (finding,) = rules.good_where_thin(run, ("lamp", "rifle"))
     # each class: 3/4 (1 + 1) = 1.5; the mean of two 3/4; a difference of two such 1.5
     # by Student's t of 4 x 3 = 12 degrees of freedom, for four equal variances of 3 each
     reach = t.ppf(0.975, 12) * math.sqrt(1.5)
-    assert found.verdict == "supported"
-    assert found.numbers == (
+    assert finding.verdict == "supported"
+    assert finding.numbers == (
         f"fid 11.0, others 35.0; nearer by +24.0 [+{24 - reach:.1f}, +{24 + reach:.1f}]"
     )
     assert verdicts(rules.good_where_thin(run, ("car", "sofa"))) == ["contradicted"]
@@ -403,10 +396,10 @@ def test_varies_more():
         "sofa": (20.0, np.array([20.0, 20.0])),
     }
     run = scored(ssim(0.5, 0.5), spreads=spreads)
-    (found,) = rules.varies_more(run, "lamp", "car")
-    assert found.verdict == "supported"
+    (finding,) = rules.varies_more(run, "lamp", "car")
+    assert finding.verdict == "supported"
     reach = t.ppf(0.975, 2) * math.sqrt(4 / 3)
-    assert found.numbers == (
+    assert finding.numbers == (
         f"variance between objects 9.00, car 2.00; more by +7.0 [+{7 - reach:.1f}, "
         f"+{7 + reach:.1f}]; lamp is number 2 of 3"
     )
@@ -444,11 +437,11 @@ PAPER = {"pc2pix": Training(1.0, degraded=False)}
 
 def test_speed():
     run = TimingEvidence(times(), "a machine", PAPER)
-    (found,) = rules.faster(run, 1.0)
-    assert (found.subject, found.verdict, found.objects) == ("pc2pix", "supported", 8)
+    (finding,) = rules.faster(run, 1.0)
+    assert (finding.subject, finding.verdict, finding.objects) == ("pc2pix", "supported", 8)
     low, high = np.exp(mean_interval(np.log([10.0, 15.0] * 4)))  # cloud by cloud
     ratio = f"{math.sqrt(150):.1f} times [{low:.1f}, {high:.1f}]"
-    assert found.numbers == f"{ratio} on a machine"
+    assert finding.numbers == f"{ratio} on a machine"
     assert verdicts(rules.faster(run, 9.0)) == ["supported"]
     assert verdicts(rules.faster(run, 12.0)) == ["undecided"]
     assert verdicts(rules.faster(run, 20.0)) == ["contradicted"]
@@ -461,10 +454,10 @@ def test_speed():
     ("known", "words"), [({}, "an unknown width"), ({"pc2pix": Training(0.25, True)}, "0.25 of")]
 )
 def test_speed_is_claimed_of_the_papers_width(known, words):
-    (found,) = rules.faster(TimingEvidence(times(), trainings=known), 1.0)
-    assert found.verdict == "not testable here"
-    assert words in found.reason
-    assert found.numbers.endswith(" on an unknown machine")
+    (finding,) = rules.faster(TimingEvidence(times(), trainings=known), 1.0)
+    assert finding.verdict == "not testable here"
+    assert words in finding.reason
+    assert finding.numbers.endswith(" on an unknown machine")
 
 
 def test_latent_means():
@@ -477,14 +470,14 @@ def test_latent_means():
     ]
     names = ["what", "metric", "kind", "value", "ci_low", "ci_high"]
     run = pd.DataFrame(rows, columns=names).assign(method="pc2pix", n_ok=50)
-    (found,) = rules.mean_above(run, "family-confidence", "code", "cross-fade")
-    assert found.verdict == "supported"
-    assert found.numbers == (
+    (finding,) = rules.mean_above(run, "family-confidence", "code", "cross-fade")
+    assert finding.verdict == "supported"
+    assert finding.numbers == (
         "family-confidence of code 0.8 [0.75, 0.85], of cross-fade 0.7 [0.68, 0.74]"
     )
-    assert found.objects == 50
+    assert finding.objects == 50
     # independent: .1 - sqrt(.05^2 + .04^2) and .1 + sqrt(.05^2 + .02^2)
-    (gap,) = found.requirements
+    (gap,) = finding.requirements
     expected = (0.1, 0.1 - math.hypot(0.05, 0.04), 0.1 + math.hypot(0.05, 0.02))
     assert gap.estimate == pytest.approx(expected)
     assert verdicts(rules.mean_above(run, "family-confidence", "code", "truth")) == ["undecided"]

@@ -12,20 +12,19 @@ import pytest
 from bench.analysis.comparison import Estimate
 from bench.analysis.intervals import StandardError
 from bench.catalogue.suites import LATENT, SPEED, SUITES
-from bench.checking import checklist as claims_check
 from bench.checking.checklist import (
     ClaimResult,
     Run,
     check_claims,
-    checked,
+    judge,
     read_run,
     spreads,
     to_markdown,
 )
-from bench.checking.claim_rules import Finding, QualityEvidence, Requirement
+from bench.checking.claim_findings import ClaimFinding, Requirement
 from bench.checking.claims import claims
+from bench.checking.evidence import QualityEvidence
 from bench.records.record import GROUND_TRUTH
-from bench.tables import published as published_values
 from bench.tables.published import published
 from data_prep.failures import BadInput
 
@@ -35,7 +34,7 @@ pytestmark = pytest.mark.usefixtures("few_objects")
 
 CLAIMS = claims()
 SURE = Requirement("", Estimate(0.1, 0.05, 0.15), StandardError(0.02, 20.0), 24)
-FOUND = Finding("pc2pix", "ssim 0.7", (SURE,))
+FOUND = ClaimFinding("pc2pix", "ssim 0.7", (SURE,))
 
 
 def test_the_table_of_claims():
@@ -47,8 +46,8 @@ def test_the_table_of_claims():
         assert (claim.rule is None) == (claim.suite == "")
         assert claim.rule is None or claim.suite in suites
     for suite, count in (("chair-robustness", 25), ("thirteen-classes", 14)):
-        made = [c for c in CLAIMS if c.suite == suite and c.id.startswith("table-")]
-        assert len(made) == count == len(published(suite)) / 2
+        printed = [c for c in CLAIMS if c.suite == suite and c.id.startswith("table-")]
+        assert len(printed) == count == len(published(suite)) / 2
 
 
 @pytest.mark.parametrize(
@@ -73,26 +72,26 @@ def test_claims_made_of_published_values(claim_id, where, quoted, ahead, on):
     assert claim.rule.keywords["ahead"] == ahead
 
 
-def test_no_claims_without_the_published_values(monkeypatch, tmp_path):
-    monkeypatch.setattr(published_values, "RESULTS", tmp_path)
+def test_no_claims_without_the_published_values(results):
     with pytest.raises(BadInput, match=r"chair-robustness.csv: no published values"):
         claims()
 
 
 def test_claims_without_a_run_or_of_one_that_lacks_something(tmp_path):
     """The run has splat, true-mesh and blank: no side of any claim was measured."""
-    made = checked([])
-    assert [entry.claim.id for entry in made] == [claim.id for claim in CLAIMS]
-    assert {entry.finding.verdict for entry in made} == {"not testable here"}
-    reasons = {entry.claim.id: entry.finding.reason for entry in made}
+    results = judge(CLAIMS, [])
+    assert [entry.claim.id for entry in results] == [claim.id for claim in CLAIMS]
+    assert {entry.finding.verdict for entry in results} == {"not testable here"}
+    reasons = {entry.claim.id: entry.finding.reason for entry in results}
     assert reasons["table-5-car"] == "give a run of thirteen-classes"
     assert reasons["nine-times-faster"] == "give a run of speed"
     assert reasons["better-than-points2pix"].startswith("our points2pix has other inputs")
-    made = [entry for entry in checked([read_run(write_run(tmp_path / "run"))]) if entry.run]
-    assert len(made) == sum(claim.suite == "chair-robustness" for claim in CLAIMS)
-    assert {entry.run for entry in made} == {"chair-robustness on procedural"}
-    assert {entry.finding.verdict for entry in made} == {"not testable here"}
-    reasons = {entry.claim.id: entry.finding.reason for entry in made}
+    run = read_run(write_run(tmp_path / "run"))
+    results = [entry for entry in judge(CLAIMS, [run]) if entry.run]
+    assert len(results) == sum(claim.suite == "chair-robustness" for claim in CLAIMS)
+    assert {entry.run for entry in results} == {"chair-robustness on procedural"}
+    assert {entry.finding.verdict for entry in results} == {"not testable here"}
+    reasons = {entry.claim.id: entry.finding.reason for entry in results}
     assert reasons["table-3-ssim-2048"] == "the run has no pc2pix"
 
 
@@ -104,15 +103,19 @@ def test_claims_of_a_run(tmp_path):
         conditions=["1024", "512"],
         objects=[f"chair/{name}" for name in "abcdef"],
     )
-    made = {entry.claim.id: entry.finding for entry in checked([read_run(run)]) if entry.run}
+    findings = {
+        entry.claim.id: entry.finding for entry in judge(CLAIMS, [read_run(run)]) if entry.run
+    }
     rows = pd.read_csv(run / "tables" / "table3_ssim.csv").query("metric == 'ssim'")
     values = rows.set_index(["method", "condition"])["value"]
-    found = made["table-3-ssim-1024"]
-    own, sr = (values[method, 1024] for method in ("pc2pix", "surface-apss"))
-    assert found.numbers.startswith(f"ssim {own:.3f}, SR {sr:.3f}; ahead by {own - sr:+.3f} [")
-    assert found.verdict == "undecided"
-    assert found.objects == 6
-    assert made["table-4-512"].reason.endswith("fd-views stands in for fid")
+    finding = findings["table-3-ssim-1024"]
+    network, sr = (values[method, 1024] for method in ("pc2pix", "surface-apss"))
+    assert finding.numbers.startswith(
+        f"ssim {network:.3f}, SR {sr:.3f}; ahead by {network - sr:+.3f} ["
+    )
+    assert finding.verdict == "undecided"
+    assert finding.objects == 6
+    assert findings["table-4-512"].reason.endswith("fd-views stands in for fid")
 
 
 def test_speed_and_latent_runs(tmp_path):
@@ -145,8 +148,8 @@ def test_spreads():
     )
     means = np.repeat([[0.0, 0.0], [2.0, 0.0], [4.0, 3.0]], 2, axis=0)
     views = np.tile([[1.0, -5.0], [-1.0, 5.0]], (3, 1))
-    found = spreads(FeaturesAtHand(index, (means + views).astype(np.float32)), ["lamp"])
-    value, leave_one_out = found["lamp"]
+    by_class = spreads(FeaturesAtHand(index, (means + views).astype(np.float32)), ["lamp"])
+    value, leave_one_out = by_class["lamp"]
     assert value == pytest.approx(4 + 3, abs=1e-12)
     # of (2, 0) and (4, 3): 2 + 4.5; (0, 0) and (4, 3): 8 + 4.5; (0, 0) and (2, 0): 2
     assert leave_one_out == pytest.approx([6.5, 12.5, 2.0], abs=1e-12)
@@ -157,13 +160,13 @@ def test_spreads():
 def test_the_checklist_in_markdown():
     claim, other = CLAIMS[0], CLAIMS[1]
     open_ = SURE._replace(name="a | b", estimate=Estimate(0.1, -0.1, 0.3))
-    made = [
+    results = [
         ClaimResult(claim, "run 1", FOUND, "supported"),
         ClaimResult(claim, "run 2", replace(FOUND, requirements=(open_,)), "undecided"),
         ClaimResult(claim, "run 3", FOUND, "undecided"),
-        ClaimResult(other, "", Finding("-", "", (), "give a run of x")),
+        ClaimResult(other, "", ClaimFinding("-", "", (), "give a run of x")),
     ]
-    lines = to_markdown(made).splitlines()
+    lines = to_markdown(results).splitlines()
     assert "| pc2pix | run 1 | 1 | 0 | 0 | 0 |" in lines
     assert "| pc2pix | run 3 | 0 | 0 | 1 | 0 |" in lines
     first = next(line for line in lines if line.startswith(f"| {claim.id} |"))
@@ -189,12 +192,12 @@ def test_floors_are_not_robust(tmp_path):
     names = ["surface-apss", "blank", "constant"]
     run = write_run(tmp_path / "run", methods=names, objects=[f"chair/{i}" for i in "abcdefgh"],
                     conditions=["2048", "1024", "512", "noise-0.05", "noise-0.10"])  # fmt: skip
-    made = checked([read_run(run, subjects=("blank", "constant"))])
+    results = judge(CLAIMS, [read_run(run, subjects=("blank", "constant"))])
     robust = {"operates-on-fewer-points", "robust-to-noise", "structure-is-kept", "fid-is-kept"}
-    found = [entry for entry in made if entry.claim.id in robust]
-    assert {entry.finding.subject for entry in found} == {"blank", "constant"}
-    assert len(found) == 8
-    assert "supported" not in {entry.finding.verdict for entry in found}
+    chosen = [entry for entry in results if entry.claim.id in robust]
+    assert {entry.finding.subject for entry in chosen} == {"blank", "constant"}
+    assert len(chosen) == 8
+    assert "supported" not in {entry.finding.verdict for entry in chosen}
 
 
 @pytest.mark.parametrize(
@@ -228,7 +231,7 @@ def test_the_command(command, tmp_path):
     assert "2 folders: golden values are of one run; or give --claims" in err
 
 
-def test_findings_are_those_of_the_rule(monkeypatch):
+def test_findings_are_those_of_the_rule():
     asked = []
 
     def rule(evidence):
@@ -236,11 +239,10 @@ def test_findings_are_those_of_the_rule(monkeypatch):
         return [FOUND, replace(FOUND, subject="pc2pix@acgan")]
 
     claim = replace(CLAIMS[0], rule=rule)
-    monkeypatch.setattr(claims_check, "claims", lambda: (claim,))
     evidence = QualityEvidence({})
     runs = [Run("one", claim.suite, evidence), Run("two", "speed", pd.DataFrame())]
-    made = checked(runs)
-    assert [(entry.run, entry.finding.subject) for entry in made] == [
+    results = judge([claim], runs)
+    assert [(entry.run, entry.finding.subject) for entry in results] == [
         ("one", "pc2pix"),
         ("one", "pc2pix@acgan"),
     ]

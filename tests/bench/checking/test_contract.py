@@ -1,4 +1,4 @@
-"""What `bench test` prints and concludes; plug-ins by name; the time that a test may take."""
+"""The output and the verdicts of `bench test`, plug-ins by name, and the time limit of a test."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ import pytest
 
 from bench.catalogue.suites import Limits
 from bench.checking.contract.findings import Finding, is_blocked, summary
-from bench.checking.contract.observation import (
-    Observation,
+from bench.checking.contract.plugin import plugin_findings
+from bench.checking.contract.session import CheckStep, Report, trace_findings
+from bench.checking.contract.targets import check_name
+from bench.checking.contract.traces import (
+    ProcessState,
     await_processes,
     captured_output,
     end_processes,
     traces,
 )
-from bench.checking.contract.plugin import plugin_findings
-from bench.checking.contract.session import Report, Step, trace_findings
-from bench.checking.contract.targets import check_name
 from data_prep.failures import BadInput
 
 REPOSITORY = Path(__file__).parents[3]
@@ -51,7 +51,7 @@ def test_the_summary_tells_what_blocks_a_run(verdicts, line):
 
 def reports(*traced, in_command=False):
     """Reports of steps 0, 1, ... with these traces."""
-    steps = [Step(f"step {i}", lambda name: None, in_command) for i in range(len(traced))]
+    steps = [CheckStep(f"step {i}", lambda name: None, in_command) for i in range(len(traced))]
     return [
         Report(step, Finding(True, step.subject, ""), None, left)
         for step, left in zip(steps, traced, strict=True)
@@ -59,14 +59,16 @@ def reports(*traced, in_command=False):
 
 
 def test_traces_of_all_steps_are_told_once():
-    found = {
+    by_subject = {
         finding.subject: finding
         for finding in trace_findings(reports({}, {"files left": "1 (a)"}, {"files left": "2 (b)"}))
     }
-    assert found["files left"] == Finding(
+    assert by_subject["files left"] == Finding(
         False, "files left", "step 1: 1 (a); 2 steps in all", False
     )
-    assert [found[kind].ok for kind in ("stdout", "threads left", "processes left")] == [True] * 3
+    assert [by_subject[kind].ok for kind in ("stdout", "threads left", "processes left")] == [
+        True
+    ] * 3
 
 
 def test_a_print_blocks_where_a_command_prints_its_results():
@@ -80,8 +82,8 @@ def test_what_code_leaves_behind_is_observed(tmp_path, monkeypatch):
     (folder / "old").mkdir(parents=True)
     temporary.mkdir()
     monkeypatch.chdir(folder)
-    before = Observation.take(temporary)
-    assert traces(before, Observation.take(temporary)) == {}
+    before = ProcessState.take(temporary)
+    assert traces(before, ProcessState.take(temporary)) == {}
     (folder / "old" / "new.txt").touch()
     (temporary / "left.ply").touch()
     (folder / ".hidden").touch()
@@ -89,7 +91,7 @@ def test_what_code_leaves_behind_is_observed(tmp_path, monkeypatch):
     thread = threading.Thread(target=goes_on.wait, name="watcher")
     thread.start()
     process = subprocess.Popen(["sleep", "60"])
-    left = traces(before, Observation.take(temporary))
+    left = traces(before, ProcessState.take(temporary))
     assert left == {
         "files left": f"2 ({temporary / 'left.ply'}, old)",
         "threads left": "1 (watcher)",
@@ -97,7 +99,7 @@ def test_what_code_leaves_behind_is_observed(tmp_path, monkeypatch):
     }
     monkeypatch.chdir(temporary)
     assert (
-        traces(before, Observation.take(temporary))["working folder"] == f"changed to {temporary}"
+        traces(before, ProcessState.take(temporary))["working folder"] == f"changed to {temporary}"
     )
     goes_on.set()
     thread.join()
@@ -155,7 +157,7 @@ def bench(*arguments, cwd):
 
 
 def test_a_class_of_the_current_folder(tmp_path):
-    """Without an entry point; other files of the folder hide no module."""
+    """A class without an entry point is tested, and other files of the folder hide no module."""
     (tmp_path / "mine.py").write_text(f"from {MODULE} import Prints as Mine\n")
     (tmp_path / "random.py").write_text("raise SystemExit('of the folder')\n")
     done = bench("test", "mine:Mine", cwd=tmp_path)
@@ -177,11 +179,11 @@ def test_what_exits_does_not_pass(tmp_path):
 @pytest.mark.slow
 def test_the_time_of_a_whole_test_is_limited():
     start = time.monotonic()
-    found = {
+    texts = {
         finding.subject: finding.text
         for finding in plugin_findings(f"{MODULE}:HANGS_WITHOUT_POINTS", Limits(60.0, 4.0), 8.0)
     }
     assert time.monotonic() - start < 8.0
-    assert found["clouds"].startswith("8 others between change nothing")
-    assert found["not tested"].startswith("no points, one point, three points, ")
-    assert found["not tested"].endswith("cost: 8 s are over")
+    assert texts["clouds"].startswith("8 others between change nothing")
+    assert texts["not tested"].startswith("no points, one point, three points, ")
+    assert texts["not tested"].endswith("cost: 8 s are over")

@@ -90,7 +90,7 @@ def values(run, objects, condition="512"):
 
 @pytest.mark.parametrize("kind", ["run", "part"])
 def test_three_objects_of_one_method_at_one_condition(kind, request, command):
-    """Of 7 objects the mean moves by 0.00086, less than the 0.001 that a mean may."""
+    """The mean over 7 objects moves by 0.00086, less than the 0.001 that it may."""
     run = request.getfixturevalue(kind)
     was = values(run, "bcd")
     alter(run, dict.fromkeys("bcd", -0.002))
@@ -342,7 +342,7 @@ def test_no_more_than_eight_objects_are_drawn(run, command):
 
 
 def test_a_failed_object_was_there(run, command):
-    """Its job has no artifact, its records no scores."""
+    """A failed job has no artifact, and its records have no scores."""
     jobs, lost = read_jobs(run), item_of(run, "d")
     write_jobs(run, [JobRow(j.key, j.item, None) if j.item == lost else j for j in jobs])
     path = run / "records.parquet"
@@ -430,10 +430,10 @@ def test_a_sheet_is_read_back_in_its_order(tmp_path):
     thumbnails = [np.full((SIDE, SIDE, 3), (i, 2 * i, 7 * i), np.uint8) for i in range(count)]
     path = tmp_path / "sheet.png"
     path.write_bytes(to_png(thumbnails))
-    found = read_png(path)
-    assert len(found) == 2 * ACROSS
-    assert (found[:count] == np.stack(thumbnails)).all()
-    assert (found[count:] == 255).all()
+    tiles = read_png(path)
+    assert len(tiles) == 2 * ACROSS
+    assert (tiles[:count] == np.stack(thumbnails)).all()
+    assert (tiles[count:] == 255).all()
     Image.new("RGB", (100, 100)).save(path)
     with pytest.raises(BadInput, match="no sheet of thumbnails"):
         read_png(path)
@@ -443,8 +443,7 @@ def test_a_sheet_is_read_back_in_its_order(tmp_path):
 
 
 def test_the_golden_objects_of_this_project():
-    """Of the same run as the golden means: where every image has a value, the means over the
-    objects are those of the run."""
+    """They are of the run of the golden means: where every image has a value, their means agree."""
     suite = SUITES[0]
     objects = read_objects(suite.id)
     assert objects is not None
@@ -453,10 +452,10 @@ def test_the_golden_objects_of_this_project():
         means = frame[frame["metric"] == metric].set_index(["method", "condition"])["value"]
         every = objects.part({"methods": suite.methods, "conditions": suite.conditions,
                               "objects": objects.names["objects"]})  # fmt: skip
-        found = every.groupby(["method", "condition"])[metric].mean()
-        assert set(found.index) == set(means.index)
+        means_of_objects = every.groupby(["method", "condition"])[metric].mean()
+        assert set(means_of_objects.index) == set(means.index)
         # both are rounded to six digits
-        assert (found - means).abs().max() < 1.1e-6
+        assert (means_of_objects - means).abs().max() < 1.1e-6
     assert objects.environment["gl"] != "None"
     sheet = golden_thumbnails(suite.id)
     assert len(objects.lines) <= len(sheet) < len(objects.lines) + ACROSS

@@ -18,7 +18,7 @@ def refused(command):
         status, out, err = command(*arguments)
         assert (status, out) == (2, "")
         *progress, line = err.splitlines()
-        assert all(one.startswith("drawing: ") for one in progress)  # where the machine is busy
+        assert all(text.startswith("drawing: ") for text in progress)  # where the machine is busy
         assert line.startswith("bench: ")
         return line.removeprefix("bench: ")
 

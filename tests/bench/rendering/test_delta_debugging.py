@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.rendering.shrink import ever_smaller
+from bench.rendering.delta_debugging import ever_smaller
 
 
 class Trials:
@@ -27,7 +27,7 @@ class Trials:
         return None
 
 
-def found(count, trials):
+def sets_of(count, trials):
     """All sets on the way, the whole at their head; what holds of every search is checked."""
     sets = [tuple(range(count)), *(tuple(rows) for rows in ever_smaller(count, trials))]
     for larger, smaller in pairwise(sets):
@@ -48,13 +48,13 @@ def culprits_among(draw, most=120):
 @given(culprits_among(), st.integers(1, 5))
 def test_known_culprits_are_found_exactly(case, at_once):
     count, culprits = case
-    assert found(count, Trials(culprits.issubset, at_once))[-1] == tuple(sorted(culprits))
+    assert sets_of(count, Trials(culprits.issubset, at_once))[-1] == tuple(sorted(culprits))
 
 
 @given(st.integers(1, 100), st.integers(0, 100), st.integers(1, 5))
 def test_any_so_many_rows(count, enough, at_once):
     enough = min(enough, count)
-    assert len(found(count, Trials(lambda rows: len(rows) >= enough, at_once))[-1]) == enough
+    assert len(sets_of(count, Trials(lambda rows: len(rows) >= enough, at_once))[-1]) == enough
 
 
 @given(st.integers(1, 60), st.integers(0, 2**32), st.integers(2, 5))
@@ -65,34 +65,34 @@ def test_where_failing_is_not_monotone_the_last_set_is_1_minimal(count, seed, at
         coin = np.random.default_rng([seed, *sorted(rows)]).random() < 0.3
         return len(rows) == count or (len(rows) > 0 and bool(coin))
 
-    sets = found(count, Trials(fails))
+    sets = sets_of(count, Trials(fails))
     assert not any(fails(frozenset(sets[-1]) - {row}) for row in sets[-1])
-    assert found(count, Trials(fails, at_once)) == sets
+    assert sets_of(count, Trials(fails, at_once)) == sets
 
 
 def test_pairs_that_need_each_other():
     """Rows count as pairs only: no single row can go before its partner is there to go with it."""
     trials = Trials(lambda rows: 6 in rows and all(row ^ 1 in rows for row in rows))
-    assert found(8, trials)[-1] == (6, 7)
+    assert sets_of(8, trials)[-1] == (6, 7)
 
 
 def test_what_fails_without_any_rows_needs_one_trial():
     trials = Trials(lambda rows: True)
-    assert found(2048, trials) == [tuple(range(2048)), ()]
+    assert sets_of(2048, trials) == [tuple(range(2048)), ()]
     assert trials.offered == [()]
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 7])
 def test_where_every_row_is_needed_nothing_is_yielded(count):
     trials = Trials(lambda rows: len(rows) == count)
-    assert found(count, trials) == [tuple(range(count))]
+    assert sets_of(count, trials) == [tuple(range(count))]
 
 
 def test_one_culprit_costs_a_logarithm():
     """Nothing, then at most both halves at each of the 11 levels."""
     for culprit in (0, 1, 1023, 1024, 2047):
         trials = Trials({culprit}.issubset)
-        assert found(2048, trials)[-1] == (culprit,)
+        assert sets_of(2048, trials)[-1] == (culprit,)
         assert len(trials.offered) <= 1 + 2 * 11
 
 
@@ -100,5 +100,5 @@ def test_the_worst_case_is_that_of_the_paper():
     """Zeller and Hildebrandt, proposition 12: at most n^2 + 3 n trials."""
     count = 64
     trials = Trials(frozenset(range(0, count, 2)).issubset)
-    assert len(found(count, trials)[-1]) == count // 2
+    assert len(sets_of(count, trials)[-1]) == count // 2
     assert len(trials.offered) <= count**2 + 3 * count

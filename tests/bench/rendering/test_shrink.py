@@ -9,7 +9,8 @@ import pytest
 import bench.rendering.shrink
 from bench.catalogue.suites import STABILITY, SUITES
 from bench.records.journal import write_manifest
-from bench.rendering.shrink import fails_alike, find_item, shrink
+from bench.rendering.shrink import find_failed_job, shrink
+from bench.rendering.shrink_result import fails_alike
 from bench.running.isolation import TaskPool
 from bench.running.work import cloud_of
 from bench.suites.stability.cases import CASES
@@ -44,15 +45,15 @@ def failed_case(directory, method, reason, case):
     return f"{directory}:{method}/{case}"
 
 
-def shrunk(record, budget_s=600.0, workers=1):
-    """What becomes of it; what holds of all that is found is checked."""
-    found = shrink(record, budget_s, workers, None)
-    assert found.points.dtype == np.float32
-    assert np.array_equal(load_points(found.path), found.points, equal_nan=True)
-    whole = cloud_of(find_item(record).job).points
-    assert found.before == len(whole)
-    assert {point.tobytes() for point in found.points} <= {point.tobytes() for point in whole}
-    return found
+def shrunk(record, budget_s=600.0, workers=1, **changes):
+    """Return the cloud that is found, after checks of what holds of every one."""
+    result = shrink(record, budget_s, workers, None, **changes)
+    assert result.points.dtype == np.float32
+    assert np.array_equal(load_points(result.path), result.points, equal_nan=True)
+    whole = cloud_of(find_failed_job(record).job).points
+    assert result.before == len(whole)
+    assert {point.tobytes() for point in result.points} <= {point.tobytes() for point in whole}
+    return result
 
 
 @pytest.mark.parametrize(
@@ -79,11 +80,11 @@ def test_reasons_that_differ_in_numbers_only(one, other, alike):
 
 def test_items_are_planned_again(tmp_path):
     record = failed_item(tmp_path / "run", "splat", "x: y", seed=5, views=3, device="cpu")
-    item = find_item(record)
-    assert (item.directory, item.reason) == (tmp_path / "run", "x: y")
-    assert item.name == "splat/512/chair/test-0001"
-    assert item.limits == SUITES[0].limits
-    job = item.job
+    failed = find_failed_job(record)
+    assert (failed.directory, failed.reason) == (tmp_path / "run", "x: y")
+    assert failed.name == "splat/512/chair/test-0001"
+    assert failed.limits == SUITES[0].limits
+    job = failed.job
     assert (job.method, job.condition, job.perturbation) == ("splat", "512", Stride(4))
     assert job.object == ProceduralObject("chair", "test", 1)
     assert (job.seed, job.device, len(job.views)) == (5, "cpu", 3)
@@ -91,13 +92,13 @@ def test_items_are_planned_again(tmp_path):
 
 
 def test_cases_are_planned_again(tmp_path):
-    item = find_item(failed_case(tmp_path / "run", "splat", "x: y", "outlier-1e6"))
+    failed = find_failed_job(failed_case(tmp_path / "run", "splat", "x: y", "outlier-1e6"))
     (case,) = (case for case in CASES if case.id == "outlier-1e6")
-    job = item.job
+    job = failed.job
     assert (job.perturbation, job.views, job.batch) == (case.perturbation, case.views, case.batch)
     assert job.object == ProceduralObject(STABILITY.class_name, "test", STABILITY.index)
     assert cloud_of(job).points[0, 0] == np.float32(1e6)
-    assert item.limits == STABILITY.limits
+    assert failed.limits == STABILITY.limits
 
 
 def test_names_with_colons_and_slashes(tmp_path, tiny_weights):
@@ -113,10 +114,10 @@ def test_names_with_colons_and_slashes(tmp_path, tiny_weights):
     changes = {"dataset": f"folder:{meshes}", "objects": ["chair/a/c.off", "chair/a:b/c.off"]}
     record = failed_item(tmp_path / "r:1" / "x", method, "x: y", obj="a:b/c.off", **changes)
     write_failures(tmp_path / "r", make_failed("splat"))  # DIR of the first colon: another run
-    item = find_item(record)
-    assert item.directory == tmp_path / "r:1" / "x"
-    assert item.job.method == method
-    assert item.job.object.object_id == "a:b/c.off"
+    failed = find_failed_job(record)
+    assert failed.directory == tmp_path / "r:1" / "x"
+    assert failed.job.method == method
+    assert failed.job.object.object_id == "a:b/c.off"
 
 
 def test_records_that_are_not_there_list_those_that_are(refused, tmp_path):
@@ -190,27 +191,27 @@ def test_two_points_that_are_needed_are_found_by_any_number_of_workers(
     monkeypatch.setattr(bench.rendering.shrink, "TaskPool", counted)
     reason = "weigh: 7 points left and 8 right"
     record = failed_item(tmp_path / "run", "fake-left-and-right", reason)
-    found = shrunk(record)
+    result = shrunk(record)
     assert len(pools) == 1  # all trials share their workers
-    assert found.before == 512
-    assert sorted(found.points[:, 0] > 0) == [False, True]
-    assert (np.abs(found.points[:, 0]) > 0.2).all()
-    assert found.reason == found.reproduced == "weigh: 1 points left and 1 right"
-    assert found.minimal
-    assert found.path == (
+    assert result.before == 512
+    assert sorted(result.points[:, 0] > 0) == [False, True]
+    assert (np.abs(result.points[:, 0]) > 0.2).all()
+    assert result.reason == result.reproduced == "weigh: 1 points left and 1 right"
+    assert result.minimal
+    assert result.path == (
         tmp_path / "run/shrunk/fake-left-and-right-512-chair-test-0001/minimal.ply"
     )
-    first = find_item(record).job.views[0]
-    assert found.drawing.views == (first,)
-    assert found.message.splitlines() == [
+    first = find_failed_job(record).job.views[0]
+    assert result.drawing.views == (first,)
+    assert result.message.splitlines() == [
         "fake-left-and-right: weigh: 1 points left and 1 right",
-        f"512 points became 2 ({found.trials} trials, {found.seconds:.0f} s); "
+        f"512 points became 2 ({result.trials} trials, {result.seconds:.0f} s); "
         "without any one of them it does not fail so",
-        f"bench render {found.path} --as-is --method fake-left-and-right "
+        f"bench render {result.path} --as-is --method fake-left-and-right "
         f"--azimuth {first.azimuth_deg!r} --elevation {first.elevation_deg!r} -o out.png",
         "reproduced",
     ]
-    assert np.array_equal(shrunk(record, workers=3).points, found.points)
+    assert np.array_equal(shrunk(record, workers=3).points, result.points)
 
 
 @pytest.mark.slow
@@ -243,13 +244,13 @@ def test_the_command_that_is_printed_fails_in_the_same_way(command, plugins, tmp
 def test_failures_of_all_views_or_of_the_runs_random_numbers(
     plugins, tmp_path, method, reason, left
 ):
-    found = shrunk(failed_case(tmp_path / "run", method, reason, "16-points"))
-    assert len(found.points) == left
-    assert (found.reason, found.reproduced) == (reason, "")
-    assert found.message.splitlines()[2:] == [
+    result = shrunk(failed_case(tmp_path / "run", method, reason, "16-points"))
+    assert len(result.points) == left
+    assert (result.reason, result.reproduced) == (reason, "")
+    assert result.message.splitlines()[2:] == [
         "it fails so with the run's random numbers and its 4 views, not with one of them alone; "
         "the command draws the first",
-        f"bench render {found.path} --as-is --method {method} --azimuth 30.0 --elevation 20.0 "
+        f"bench render {result.path} --as-is --method {method} --azimuth 30.0 --elevation 20.0 "
         "-o out.png",
         "not reproduced: the command draws an image",
     ]
@@ -271,12 +272,12 @@ def test_failures_of_all_views_or_of_the_runs_random_numbers(
 )  # fmt: skip
 def test_what_is_left_of_a_cloud(plugins, tmp_path, method, case, before, left, reason, reproduced):
     record = failed_case(tmp_path / "run", method, reason, case)
-    found = shrunk(record)
-    assert (found.before, len(found.points), found.minimal) == (before, left, True)
-    assert found.reason == found.reproduced == reproduced
-    assert left > 0 or found.trials <= 2
-    fails_first = View(-60.0, -10.0) if "left" in method else find_item(record).job.views[0]
-    assert found.drawing.views == (fails_first,)
+    result = shrunk(record)
+    assert (result.before, len(result.points), result.minimal) == (before, left, True)
+    assert result.reason == result.reproduced == reproduced
+    assert left > 0 or result.trials <= 2
+    fails_first = View(-60.0, -10.0) if "left" in method else find_failed_job(record).job.views[0]
+    assert result.drawing.views == (fails_first,)
 
 
 @pytest.mark.slow
@@ -297,15 +298,14 @@ def test_failures_that_are_there_no_more(command, plugins, tmp_path, method, now
 
 
 @pytest.mark.slow
-def test_when_the_time_is_up_the_best_is_kept(plugins, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(bench.rendering.shrink, "PLAIN_EVERY_S", 1.0)
+def test_when_the_time_is_up_the_best_is_kept(plugins, tmp_path, capsys):
     record = failed_case(tmp_path / "run", "fake-slow", "ValueError: at last", "plain")
-    found = shrunk(record, budget_s=10.0)
-    assert 1 < len(found.points) < 2048
-    assert not found.minimal
-    assert found.seconds < 40.0
-    assert found.reproduced == "ValueError: at last"
-    assert "; the time is up, fewer may do\n" in found.message
+    result = shrunk(record, budget_s=10.0, log_every_s=1.0)
+    assert 1 < len(result.points) < 2048
+    assert not result.minimal
+    assert result.seconds < 40.0
+    assert result.reproduced == "ValueError: at last"
+    assert "; the time is up, fewer may do\n" in result.message
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) >= 2
     message = r"fake-slow/plain: \d+ of 2048 points left, \d+ trials, \d+ s of 10 s"

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bench.suites.latent.figures import Strip, Tile, draw_cloud, strips_figure
+from bench.suites.latent.figures import Strip, StripTile, draw_cloud, strips_figure
 from data_prep.scene import View
 
 FRONT = View(0, 0)
@@ -18,7 +18,7 @@ def tile(seed, truth=False):
     rng = np.random.default_rng(seed)
     image, true = rng.integers(0, 256, (2, 128, 128, 3), dtype=np.uint8)
     cloud = rng.uniform(-0.5, 0.5, (30, 3)).astype(np.float32)
-    return Tile(f"tile {seed}", cloud, image, true if truth else None)
+    return StripTile(f"tile {seed}", cloud, image, true if truth else None)
 
 
 def shown(axis):
@@ -34,9 +34,9 @@ def test_clouds_stand_above_images():
         *("one\ndecoded", "one\ndrawn", "two\ndecoded", "two\ndrawn")
     ]
     for row, strip in zip((0, 2), strips, strict=True):
-        for column, one in enumerate(strip.tiles):
-            assert np.array_equal(shown(cells[row, column])[0], draw_cloud(one.cloud, FRONT))
-            assert np.array_equal(shown(cells[row + 1, column])[0], one.image)
+        for column, shown_tile in enumerate(strip.tiles):
+            assert np.array_equal(shown(cells[row, column])[0], draw_cloud(shown_tile.cloud, FRONT))
+            assert np.array_equal(shown(cells[row + 1, column])[0], shown_tile.image)
 
 
 def test_truths_have_a_row_where_there_are_any():

@@ -43,11 +43,6 @@ def untrained(tmp_path_factory):
     return path
 
 
-@pytest.fixture(autouse=True)
-def no_probe(monkeypatch):
-    monkeypatch.setattr(bench.suites.latent.run, "environment", lambda: {"gl": "some"})
-
-
 def stated(untrained, out, **changes):
     methods = (f"pc2pix@{untrained}",)
     return Options(suite="latent", methods=methods, device="cpu", out=out, **changes)
@@ -56,10 +51,11 @@ def stated(untrained, out, **changes):
 @pytest.fixture(scope="session")
 def measured(untrained, tmp_path_factory):
     """A run of three paths and three sums."""
-    directory = tmp_path_factory.mktemp("latent") / "run"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bench.suites.latent.run, "environment", dict)
-        return run(stated(untrained, directory), SMALL)
+    return run_small(stated(untrained, tmp_path_factory.mktemp("latent") / "run"))
+
+
+def run_small(options):
+    return run(options, SMALL, environment=dict)
 
 
 FILES = [
@@ -146,22 +142,22 @@ def test_known_sums():
     network = Known(dict(zip(names, (a, b, c, d), strict=True)))
     train = torch.tensor([[2.5, 1, 0], [1, 0.5, 1], [1, -1, 1]])  # A, near to the sum, farther
     values, strip = add_up(network, triple, train, 0)
-    found = {(value.what, value.metric): value.value for value in values}
+    measured = {(value.what, value.metric): value.value for value in values}
     points = {SUM: [1, 0, 1], NOTHING: c, TRAIN: [1, 0.5, 1], ANSWER: d}
     for what, point in points.items():
         # float32 sums of 2,048 numbers
-        assert found[what, "cloud"] == pytest.approx(squared_to(point, triple.d), rel=1e-4)
+        assert measured[what, "cloud"] == pytest.approx(squared_to(point, triple.d), rel=1e-4)
         difference = np.sqrt(np.mean(np.square(np.subtract(point, d))))
-        assert found[what, "code"] == pytest.approx(difference, abs=1e-6)
+        assert measured[what, "code"] == pytest.approx(difference, abs=1e-6)
         truth = render(triple.d.load(), [network.view])
         image = network.draw(torch.tensor([point]).float())
-        assert found[what, "ssim"] == pytest.approx(ssim(truth, image).ssim, abs=1e-12)
+        assert measured[what, "ssim"] == pytest.approx(ssim(truth, image).ssim, abs=1e-12)
         for metric, sign in (("cloud", -1), ("ssim", 1)) if what != NOTHING else ():
-            gain = sign * (found[what, metric] - found[NOTHING, metric])
-            assert found[what, f"{metric}-gain"] == pytest.approx(gain, abs=1e-12)
-    assert (NOTHING, "cloud-gain") not in found
+            gain = sign * (measured[what, metric] - measured[NOTHING, metric])
+            assert measured[what, f"{metric}-gain"] == pytest.approx(gain, abs=1e-12)
+    assert (NOTHING, "cloud-gain") not in measured
     # A - B is (1, 0, 0), D - C is (1, 0, 1)
-    assert found[SUM, "cosine"] == pytest.approx(np.sqrt(0.5))
+    assert measured[SUM, "cosine"] == pytest.approx(np.sqrt(0.5))
     assert [tile.cloud.tolist() for tile in strip.tiles] == [[a], [b], [c], [[1, 0, 1]], [d]]
     assert strip.tiles[3].truth is None
 
@@ -170,21 +166,21 @@ def test_a_known_path():
     pair = choose_pairs(specified_chairs("test", 2), np.random.default_rng(0))[0]
     network = Known({pair.start.id: [0.0, 0, 0], pair.end.id: [2.0, 0, 0]})
     values, strip = walk(network, load_views_network(VIEWS_WEIGHTS), pair, 0, 5)
-    found = {(value.what, value.metric): value.value for value in values}
+    measured = {(value.what, value.metric): value.value for value in values}
     assert [tile.cloud[0, 0] for tile in strip.tiles[1:-1]] == [0, 0.5, 1, 1.5, 2]
     for what in ("code", "cross-fade"):  # grey levels 0, 50, 100, 150, 200
-        assert found[what, "picture-unevenness"] == pytest.approx(1, abs=1e-12)
-        assert found[what, "picture-step"] == pytest.approx(50 / 255, abs=1e-12)
+        assert measured[what, "picture-unevenness"] == pytest.approx(1, abs=1e-12)
+        assert measured[what, "picture-step"] == pytest.approx(50 / 255, abs=1e-12)
     # Chamfer distances of two points are twice the squared way
-    assert found["code", "cloud-unevenness"] == 1
-    assert found["code", "cloud-step"] == 0.5
-    assert found["code", "end-to-end"] == 8
-    assert found["code", "to-nearer-end"] == pytest.approx((0.5 + 2 + 0.5) / 3)
+    assert measured["code", "cloud-unevenness"] == 1
+    assert measured["code", "cloud-step"] == 0.5
+    assert measured["code", "end-to-end"] == 8
+    assert measured["code", "to-nearer-end"] == pytest.approx((0.5 + 2 + 0.5) / 3)
     ends = [squared_to([0, 0, 0], pair.start), squared_to([2, 0, 0], pair.end)]
-    assert found["code", "end-cloud"] == pytest.approx(np.mean(ends), rel=1e-4)
+    assert measured["code", "end-cloud"] == pytest.approx(np.mean(ends), rel=1e-4)
     truth = [render(chair.load(), [network.view]) for chair in (pair.start, pair.end)]
     drawn = network.draw(torch.tensor([[0.0, 0, 0], [2.0, 0, 0]]))
-    assert found["code", "end-ssim"] == pytest.approx(ssim(np.concatenate(truth), drawn).ssim)
+    assert measured["code", "end-ssim"] == pytest.approx(ssim(np.concatenate(truth), drawn).ssim)
     for tile, true in zip((strip.tiles[0], strip.tiles[-1]), truth, strict=True):
         assert np.array_equal(tile.image, true[0])
 
@@ -192,14 +188,14 @@ def test_a_known_path():
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_bytes(measured, untrained, tmp_path):
     threads = torch.get_num_threads()
-    again = run(stated(untrained, tmp_path / "again"), SMALL)
+    again = run_small(stated(untrained, tmp_path / "again"))
     assert torch.get_num_threads() == threads
-    other = run(stated(untrained, tmp_path / "other", seed=1, limit=2), SMALL)
+    other = run_small(stated(untrained, tmp_path / "other", seed=1, limit=2))
     for name in FILES:
-        one, two, three = (
+        first, second, third = (
             (run.directory / "tables" / name).read_bytes() for run in (measured, again, other)
         )
-        assert one == two != three
+        assert first == second != third
     assert other.tables[0].rows[0].n == 2
 
 
@@ -207,7 +203,7 @@ def test_a_rerun_starts_over(measured, untrained, tmp_path):
     directory = shutil.copytree(measured.directory, tmp_path / "run")
     (directory / "figures" / "interpolation-2.png").touch()
     (directory / "tables" / FILES[0]).write_text("old")
-    run(stated(untrained, directory, limit=1), SMALL)
+    run_small(stated(untrained, directory, limit=1))
     assert (directory / "tables" / FILES[0]).read_text() != "old"
     assert len(list((directory / "figures").iterdir())) == 2
 
@@ -219,7 +215,7 @@ def test_two_methods(untrained, tmp_path):
     shutil.copy(decoder_path(untrained), decoder_path(second))
     options = stated(untrained, tmp_path / "run", limit=1)
     both = replace(options, methods=(*options.methods, f"pc2pix@{second}"))
-    done = run(both, SMALL)
+    done = run_small(both)
     rows = [row for row in done.tables[0].rows if row.metric == "end-cloud"]
     assert [row.method for row in rows] == list(both.methods)
     assert rows[0].value == rows[1].value
@@ -232,12 +228,12 @@ def test_weights_without_their_decoder(untrained, tmp_path):
     bare, out = tmp_path / "bare.safetensors", tmp_path / "run"
     shutil.copy(untrained, bare)
     with pytest.raises(BadInput, match="there is no decoder for these weights"):
-        run(stated(bare, out), SMALL)
+        run_small(stated(bare, out))
     assert not out.exists()
 
 
 def test_from_the_command_line(command, untrained, monkeypatch, tmp_path):
-    monkeypatch.setattr(bench.suites.latent.run.run, "__defaults__", (SMALL,))
+    monkeypatch.setattr(bench.suites.latent.run.run, "__defaults__", (SMALL, dict))
     methods, out = f"pc2pix@{untrained}", tmp_path / "run"
     chosen = ("--suite", "latent", "--methods", methods, "--limit", 1, "--out", out)
     status, printed, err = command("run", *chosen)

@@ -8,31 +8,31 @@ import numpy as np
 import pytest
 
 from bench.analysis.intervals import mean_interval
-from bench.suites.latent.tables import ALL, Value, latent_table, means, values_table
+from bench.suites.latent.tables import ALL, LatentValue, latent_table, means, values_table
 
 pytestmark = pytest.mark.usefixtures("few_objects")
 
 NAN = float("nan")
 
 
-def made(numbers, what="code", kind=ALL, metric="step"):
+def values_of(numbers, what="code", kind=ALL, metric="step"):
     return [
-        Value("pc2pix", what, kind, f"{kind} {i}", metric, number)
+        LatentValue("pc2pix", what, kind, f"{kind} {i}", metric, number)
         for i, number in enumerate(numbers)
     ]
 
 
 def test_means_and_intervals():
     """Missing values are counted; a kind has rows of its own after those of all."""
-    (row,) = means("latent", made([1.0, 2.0, NAN, 6.0]))
+    (row,) = means("latent", values_of([1.0, 2.0, NAN, 6.0]))
     assert (row.suite, row.method, row.what, row.kind) == ("latent", "pc2pix", "code", ALL)
     assert row.value == 3
     assert (row.ci_low, row.ci_high) == mean_interval(np.array([1.0, 2.0, 6.0]))
     assert (row.n_ok, row.n) == (3, 4)
-    (row,) = means("latent", made([NAN, NAN]))
+    (row,) = means("latent", values_of([NAN, NAN]))
     assert math.isnan(row.value)
     assert (row.n_ok, row.n) == (0, 2)
-    rows = means("latent", made([1.0, 3.0], kind="arms") + made([8.0], kind="slats"))
+    rows = means("latent", values_of([1.0, 3.0], kind="arms") + values_of([8.0], kind="slats"))
     assert [(row.kind, row.value, row.n) for row in rows] == [
         (ALL, 4, 3),
         ("arms", 2, 2),
@@ -42,10 +42,10 @@ def test_means_and_intervals():
 
 def test_csv_and_markdown():
     values = (
-        made([1.0, 2.0, 6.0])
-        + made([0.5, 0.5], what="noise")
-        + made([NAN, 0.25], what="noise", metric="other")
-        + made([NAN], kind="arms", metric="other")
+        values_of([1.0, 2.0, 6.0])
+        + values_of([0.5, 0.5], what="noise")
+        + values_of([NAN, 0.25], what="noise", metric="other")
+        + values_of([NAN], kind="arms", metric="other")
     )
     explained = {"step": "of a path", "other": "of another"}, {"code": "of two", "noise": "of none"}
     table = latent_table("name", "Title", "Remark.", *explained, means("latent", values))
@@ -72,7 +72,7 @@ def test_csv_and_markdown():
 
 
 def test_single_values():
-    assert values_table("values", made([1 / 3, NAN])).to_csv() == (
+    assert values_table("values", values_of([1 / 3, NAN])).to_csv() == (
         "method,what,kind,item,metric,value\n"
         "pc2pix,code,all,all 0,step,0.333333\n"
         "pc2pix,code,all,all 1,step,\n"

@@ -73,10 +73,10 @@ def costs(draw):
 @given(costs(), costs())
 def test_the_verdict_is_what_the_totals_say(cost, rival):
     """Against the totals themselves, between and beyond the break-evens."""
-    found = break_even(cost, rival)
+    result = break_even(cost, rival)
     swapped = break_even(rival, cost)
-    assert found.views == pytest.approx(swapped.views)
-    edges = [1.0, *found.views, 2 * max((20.0, *found.views))]
+    assert result.views == pytest.approx(swapped.views)
+    edges = [1.0, *result.views, 2 * max((20.0, *result.views))]
     assert edges == sorted(edges)
     signs = []
     for low, high in pairwise(edges):
@@ -92,4 +92,4 @@ def test_the_verdict_is_what_the_totals_say(cost, rival):
     }
     narrow = any(high - low < 1e-6 * high for low, high in pairwise(edges))
     nearly = abs(cost.total(20) - rival.total(20)) < 1e-9 * cost.total(20)
-    assert narrow or nearly or signs == expected[found.cheaper]
+    assert narrow or nearly or signs == expected[result.cheaper]

@@ -8,12 +8,12 @@ import sys
 from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import torch
 
-import bench.suites.speed.run
+import bench
 from bench.catalogue.methods import Method
 from bench.catalogue.suites import SPEED
 from bench.running.environment import code_sha256
@@ -31,8 +31,8 @@ from bench.suites.speed.measure import (
 )
 from bench.suites.speed.run import TIMED, speed_units
 from bench.suites.speed.samples import (
-    Failure,
-    Sample,
+    CloudFailure,
+    TimingSample,
     measurement_path,
     read_measurement,
     write_measurement,
@@ -54,13 +54,13 @@ SMALL = replace(
 
 @dataclass
 class World:
-    """A clock that only the renderer moves; two cores work all the time."""
+    """A clock that only the renderer advances; two cores work all the time."""
 
     now: float = 0.0
     log: list[tuple] = field(default_factory=list)
 
     def finish(self):
-        """What the device has been asked for takes until here; nothing is asked for twice."""
+        """Advance to the end of the device's work, which is done once."""
         if self.log and self.log[-1] != "finish":
             self.now += FINISH_S
         self.log.append("finish")
@@ -122,7 +122,7 @@ def take(suite=SMALL, method=FAKE, points=(1, 2), **fake):
 
 
 def drawn(world):
-    """The calls by what they are of: points, and the numbers of the views."""
+    """Return the calls with the number of points, and the numbers of the views."""
     calls = []
     for call in world.calls:
         numbers = [tuple(int(v.azimuth_deg) for v in call[2])] if call[0] == "draw" else []
@@ -154,7 +154,7 @@ def test_one_call_after_the_other():
     single, batch = CALL_S + VIEW_S + FINISH_S, CALL_S + 3 * VIEW_S + FINISH_S
 
     def sample(cloud, number, stage, views, wall_s):
-        return Sample(cloud, number, stage, views, wall_s, 2 * wall_s)
+        return TimingSample(cloud, number, stage, views, wall_s, 2 * wall_s)
 
     def warm(cloud, number):
         return [
@@ -203,9 +203,9 @@ def test_only_the_ceiling_sees_the_mesh():
 
 def test_a_single_view_is_drawn_alone_only():
     world = World()
-    one = replace(subject(1), views=VIEWS[1][:1])
+    single = replace(subject(1), views=VIEWS[1][:1])
     suite = replace(SMALL, least_rounds=1, most_rounds=1, warm_ups=0)
-    samples, _ = take_samples(FAKE, lambda: Fake(world), [one], suite, world.clock)
+    samples, _ = take_samples(FAKE, lambda: Fake(world), [single], suite, world.clock)
     calls = [(number, *call) for number in (0, 1) for call in CALLS[:2]]
     assert [(s.round, s.stage, s.views) for s in samples[1:]] == calls
 
@@ -220,12 +220,12 @@ def test_a_single_view_is_drawn_alone_only():
 )
 def test_a_cloud_that_fails_is_left_out_and_the_others_go_on(bad, stage, warm_ups, reason, kept):
     world, samples, failures = take(replace(SMALL, warm_ups=warm_ups), bad=bad, stage=stage)
-    assert failures == [Failure(f"cloud {bad}", reason)]
+    assert failures == [CloudFailure(f"cloud {bad}", reason)]
     assert [c for c in drawn(world) if c[:2] == ("prepare", bad)] == [("prepare", bad)]
-    of = {n: [s for s in samples if s.cloud == f"cloud {n}"] for n in (1, 2)}
-    assert [(s.round, s.stage, s.views) for s in of[bad]] == [(1, *call) for call in kept]
+    by_cloud = {n: [s for s in samples if s.cloud == f"cloud {n}"] for n in (1, 2)}
+    assert [(s.round, s.stage, s.views) for s in by_cloud[bad]] == [(1, *call) for call in kept]
     # two rounds of the other; only the first cloud has cold times
-    assert [s.round for s in of[3 - bad]] == [0, 0] * (bad == 2) + [1] * 4 + [2] * 4
+    assert [s.round for s in by_cloud[3 - bad]] == [0, 0] * (bad == 2) + [1] * 4 + [2] * 4
 
 
 def test_what_draws_nothing_is_not_timed():
@@ -233,7 +233,7 @@ def test_what_draws_nothing_is_not_timed():
     nothing = Fake(world)
     nothing.draw = lambda state, views, rng: np.ones((len(views), *SIZE, 3), np.float32)
     samples, failures = take_samples(FAKE, lambda: nothing, [subject(1)], SMALL, world.clock)
-    assert failures == [Failure("cloud 1", "draw: 3 of 3 pictures are blank")]
+    assert failures == [CloudFailure("cloud 1", "draw: 3 of 3 pictures are blank")]
     assert {s.round for s in samples} == {0}
 
 
@@ -246,9 +246,9 @@ def raising(error):
 
 def test_a_method_that_cannot_be_loaded_fails_everywhere():
     load = raising(AttributeError("no such thing\nat all"))
-    failures = [Failure(f"cloud {n}", "AttributeError: no such thing") for n in (1, 2)]
-    found = take_samples(FAKE, load, [subject(1), subject(2)], SMALL, World().clock)
-    assert found == ([], failures)
+    failures = [CloudFailure(f"cloud {n}", "AttributeError: no such thing") for n in (1, 2)]
+    result = take_samples(FAKE, load, [subject(1), subject(2)], SMALL, World().clock)
+    assert result == ([], failures)
 
 
 @pytest.mark.parametrize("error", [BadInput("no weights"), MissingDependency("no OpenGL")])
@@ -262,30 +262,31 @@ def test_what_the_user_has_to_fix_is_raised(error):
         take_samples(FAKE, lambda: fake, [subject(1)], SMALL, world.clock)
 
 
-UNITS = {
-    "suite": SMALL,
-    "methods": ("blank", "splat"),
-    "conditions": ("2048", "512"),
-    "objects": (Tetrahedron("a"), Tetrahedron("b")),
-    "threads": (1, 2),
+MANIFEST = {
+    "methods": ["blank", "splat"],
+    "conditions": ["2048", "512"],
+    "threads": [1, 2],
     "views": 3,
     "seed": 0,
     "device": "cpu",
-    "machine_info": {"versions": {"numpy": "2"}},
+    "environment": {"gl": "some"},
+    "versions": {"numpy": "2"},
+    "machine": {"cpu": "some"},
 }
+OBJECTS = (Tetrahedron("a"), Tetrahedron("b"))
 
 
-def units(**changes):
-    return speed_units(**UNITS | changes)
+def units(suite=SMALL, objects=OBJECTS, code="code", **changes):
+    return speed_units(suite, MANIFEST | changes, objects, code)
 
 
 def test_a_unit_for_each_method_condition_and_number_of_threads():
-    made = units()
-    found = [(u.method, u.condition, u.threads) for u in made]
-    assert found == [*product(("blank", "splat"), ("2048", "512"), (1, 2))]
-    assert [made[0].perturbation, made[2].perturbation] == [Unchanged(), Stride(4)]
-    assert len({u.key for u in made}) == len(made)
-    assert made == units()
+    chosen = units()
+    settings = [(u.method, u.condition, u.threads) for u in chosen]
+    assert settings == [*product(("blank", "splat"), ("2048", "512"), (1, 2))]
+    assert [chosen[0].perturbation, chosen[2].perturbation] == [Unchanged(), Stride(4)]
+    assert len({u.key for u in chosen}) == len(chosen)
+    assert chosen == units()
 
 
 @pytest.mark.parametrize(
@@ -298,14 +299,17 @@ def test_a_unit_for_each_method_condition_and_number_of_threads():
         {"views": 4},
         {"seed": 1},
         {"device": "cuda"},
-        {"machine_info": {"versions": {"numpy": "3"}}},
+        {"environment": {"gl": "other"}},
+        {"versions": {"numpy": "3"}},
+        {"machine": {"cpu": "other"}},
+        {"code": "other"},
     ],
 )
 def test_whatever_times_depend_on_is_in_the_key(changes):
     assert {u.key for u in units()}.isdisjoint(u.key for u in units(**changes))
 
 
-def test_a_change_of_code_is_in_the_key(monkeypatch, tmp_path):
+def test_code_that_decides_how_long_calls_take_is_in_its_digest(tmp_path):
     assert code_sha256(TIMED) == code_sha256(TIMED, Path(bench.__file__).parents[1])
     files = [tmp_path / (name if name.endswith(".py") else f"{name}/sub/a.py") for name in TIMED]
     for path in files:
@@ -318,9 +322,6 @@ def test_a_change_of_code_is_in_the_key(monkeypatch, tmp_path):
     assert len(seen) == 1 + len(TIMED)
     (tmp_path / "baselines" / "notes.md").write_text("no code")
     assert code_sha256(TIMED, tmp_path) in seen
-    old = {u.key for u in units()}
-    monkeypatch.setattr(bench.suites.speed.run, "code_sha256", lambda names: "other")
-    assert old.isdisjoint(u.key for u in units())
 
 
 def test_clouds_views_and_random_numbers_are_those_of_the_other_suites(tmp_path):
@@ -330,28 +331,33 @@ def test_clouds_views_and_random_numbers_are_those_of_the_other_suites(tmp_path)
     (unit,) = units(threads=(1,), **same)
     subjects, failures = subjects_of(unit)
     assert failures == []
-    for job, found in zip(plan(make_protocol(**same), tmp_path).items, subjects, strict=True):
-        assert found.id == f"chair/{job.object.object_id}"
-        assert np.array_equal(found.cloud.points, cloud_of(job).points)
-        assert found.views == job.views
-        assert found.rng().random() == rng_of(job).random()
+    for job, subject in zip(plan(make_protocol(**same), tmp_path).items, subjects, strict=True):
+        assert subject.id == f"chair/{job.object.object_id}"
+        assert np.array_equal(subject.cloud.points, cloud_of(job).points)
+        assert subject.views == job.views
+        assert subject.rng().random() == rng_of(job).random()
 
 
-def test_a_measurement_of_a_real_method(monkeypatch):
+def test_a_measurement_of_a_real_method():
     memory = iter((50.0, 75.0))
-    monkeypatch.setattr("bench.suites.speed.measure.peak_mib", lambda: next(memory))
     objects = (Refusing("b"), Tetrahedron("a"))
-    found = measure(Unit("k", SMALL, "blank", "2048", Unchanged(), objects, 1, 3, 0, "cpu"))
-    assert (found.key, found.method, found.condition) == ("k", "blank", "2048")
-    assert (found.threads, found.views, found.clouds, found.device) == (1, 3, 2, "cpu")
-    assert found.failures == (Failure("chair/b", "input: no such shape; draw one"),)
+    unit = Unit("k", SMALL, "blank", "2048", Unchanged(), objects, 1, 3, 0, "cpu")
+    measurement = measure(unit, peak_mib=lambda: next(memory))
+    assert (measurement.key, measurement.method, measurement.condition) == ("k", "blank", "2048")
+    assert (measurement.threads, measurement.views, measurement.clouds, measurement.device) == (
+        1,
+        3,
+        2,
+        "cpu",
+    )
+    assert measurement.failures == (CloudFailure("chair/b", "input: no such shape; draw one"),)
     warm = [(number, *call) for number in (1, 2) for call in CALLS]
     calls = [(0, "load", 0), (0, "prepare", 0), (0, "draw", 1), *warm]
-    assert [(s.round, s.stage, s.views) for s in found.samples] == calls
-    assert {s.cloud for s in found.samples[1:]} == {"chair/a"}
-    assert all(s.wall_s >= 0 and s.core_s >= 0 for s in found.samples)
-    assert (found.idle_mib, found.peak_mib) == (50.0, 75.0)
-    assert found.elsewhere_cores >= 0
+    assert [(s.round, s.stage, s.views) for s in measurement.samples] == calls
+    assert {s.cloud for s in measurement.samples[1:]} == {"chair/a"}
+    assert all(s.wall_s >= 0 and s.core_s >= 0 for s in measurement.samples)
+    assert (measurement.idle_mib, measurement.peak_mib) == (50.0, 75.0)
+    assert measurement.elsewhere_cores >= 0
 
 
 PEAK = """
@@ -375,19 +381,24 @@ def test_peak_memory_is_that_of_the_process():
     assert abs(after - during) < 1.0
 
 
-def test_a_gpu_is_waited_for_only_where_one_is_used(monkeypatch):
+def test_a_gpu_is_waited_for_only_where_one_is_used():
     waited = []
-    monkeypatch.setattr(torch.cuda, "synchronize", lambda: waited.append(True))
+    finish_gpu({})
     for used in (False, True):
-        monkeypatch.setattr(torch.cuda, "is_initialized", lambda used=used: used)
-        finish_gpu()
+        cuda = SimpleNamespace(
+            synchronize=lambda: waited.append(True), is_initialized=lambda used=used: used
+        )
+        finish_gpu({"torch": SimpleNamespace(cuda=cuda)})
         assert waited == [True] * used
 
 
 MEASUREMENT = replace(
     lost(Unit("k", SMALL, "blank", "2048", Unchanged(), (), 1, 20, 0, "cpu"), ""),
-    samples=(Sample("chair/a", 1, "draw", 20, 0.125, 0.25), Sample("", 0, "load", 0, 1.0, 1.0)),
-    failures=(Failure("chair/ä", "draw: no\nfaces"),),
+    samples=(
+        TimingSample("chair/a", 1, "draw", 20, 0.125, 0.25),
+        TimingSample("", 0, "load", 0, 1.0, 1.0),
+    ),
+    failures=(CloudFailure("chair/ä", "draw: no\nfaces"),),
     peak_mib=12.5,
     elsewhere_cores=0.1,
 )

@@ -14,16 +14,15 @@ from hypothesis import strategies as st
 
 from bench.catalogue.suites import SPEED
 from bench.suites.speed.figure import amortised_figure
-from bench.suites.speed.samples import Failure, Measurement, Sample
-from bench.suites.speed.summary import BreakEven, Cost, Value, speedups, summarise
+from bench.suites.speed.rows import break_even_rows, speed_rows
+from bench.suites.speed.samples import CloudFailure, Measurement, TimingSample
+from bench.suites.speed.summary import BreakEven, Cost, Statistic, speedups, summarise
 from bench.suites.speed.tables import (
     amortised_table,
-    break_even_rows,
     break_even_table,
+    in_whole_views,
     samples_table,
-    speed_rows,
     speed_table,
-    verdict,
 )
 from bench.tables.figure import spread
 from bench.tables.published import published
@@ -32,18 +31,20 @@ MACHINE = {"cpu": "some cpu", "cores": 2}
 SUITE = replace(SPEED, rivals=("slow",), amortised=(1, 4, 8))
 
 
-def measurement(method="slow", prepare=(0.9, 1.0, 5.0), one=(0.1, 0.3, 0.2), batch=0.4, **changes):
+def measurement(
+    method="slow", prepare=(0.9, 1.0, 5.0), single=(0.1, 0.3, 0.2), batch=0.4, **changes
+):
     """Calls of 1 and of 4 views; processor time is twice the clock's; cold calls take 8 s."""
     warm = [
         *(("prepare", 0, s) for s in prepare),
-        *(("draw", 1, s) for s in one),
-        *(("draw", 4, batch) for _ in one),
+        *(("draw", 1, s) for s in single),
+        *(("draw", 4, batch) for _ in single),
     ]
     samples = [
-        *(Sample("chair/a", 0, stage, int(stage == "draw"), 8.0, 16.0) for stage in STAGES),
-        *(Sample("chair/a", 1, stage, views, s, 2 * s) for stage, views, s in warm),
+        *(TimingSample("chair/a", 0, stage, int(stage == "draw"), 8.0, 16.0) for stage in STAGES),
+        *(TimingSample("chair/a", 1, stage, views, s, 2 * s) for stage, views, s in warm),
     ]
-    made = Measurement(
+    result = Measurement(
         *("k", method, "2048"),
         threads=1,
         views=4,
@@ -55,14 +56,14 @@ def measurement(method="slow", prepare=(0.9, 1.0, 5.0), one=(0.1, 0.3, 0.2), bat
         peak_mib=75.0,
         elsewhere_cores=0.0,
     )
-    return replace(made, **changes)
+    return replace(result, **changes)
 
 
 STAGES = ("load", "prepare", "draw")
 SLOW = summarise(measurement())  # 1 + 0.2, and 1 + 0.4 for 4 views
-QUICK = summarise(measurement("quick", prepare=(0.1,) * 3, one=(0.2,) * 3, batch=1.0))
+QUICK = summarise(measurement("quick", prepare=(0.1,) * 3, single=(0.2,) * 3, batch=1.0))
 NOTHING = dict.fromkeys(("idle_mib", "peak_mib", "elsewhere_cores"))
-FAILURES = tuple(Failure(f"chair/{name}", "timeout: too long") for name in "abc")
+FAILURES = tuple(CloudFailure(f"chair/{name}", "timeout: too long") for name in "abc")
 LOST = summarise(measurement("lost", samples=(), failures=FAILURES, **NOTHING))
 ALL = [SLOW, QUICK, LOST]
 PAPER = {
@@ -73,7 +74,7 @@ PAPER = {
 
 
 def test_medians_in_milliseconds():
-    assert {name: found.value for name, found in SLOW.values.items()} == pytest.approx(
+    assert {name: statistic.value for name, statistic in SLOW.values.items()} == pytest.approx(
         {
             **dict.fromkeys(("cold-load-ms", "cold-prepare-ms", "cold-draw-ms"), 8000.0),
             "cold-picture-ms": 24000.0,
@@ -94,7 +95,7 @@ def test_medians_in_milliseconds():
             "idle-mib": 50.0,
         }
     )
-    counts = {name: found.n for name, found in SLOW.values.items()}
+    counts = {name: statistic.n for name, statistic in SLOW.values.items()}
     assert (counts["cold-picture-ms"], counts["prepare-ms"], counts["peak-mib"]) == (1, 3, 1)
     assert (SLOW.wall, SLOW.core) == (Cost(1.0, 0.2, 0.4, 4), Cost(2.0, 0.4, 0.8, 4))
 
@@ -107,19 +108,21 @@ def test_one_view_a_call_has_no_second_batch():
 
 
 def test_failures():
-    assert all(math.isnan(found.value) and not found.n for found in LOST.values.values())
+    assert all(
+        math.isnan(statistic.value) and not statistic.n for statistic in LOST.values.values()
+    )
     assert (LOST.wall, LOST.core, LOST.n_ok) == (None, None, 0)
     assert LOST.reason == "timeout: too long"
-    twice = (Failure("chair/a", "b"), Failure("chair/a", "c"))
-    found = summarise(measurement(failures=twice))
-    assert (found.n_ok, found.reason) == (2, "b; c")
+    twice = (CloudFailure("chair/a", "b"), CloudFailure("chair/a", "c"))
+    statistic = summarise(measurement(failures=twice))
+    assert (statistic.n_ok, statistic.reason) == (2, "b; c")
 
 
 def test_speedups_are_of_the_rival_over_the_method():
     """1.2 s against 0.3 s alone, 0.35 s against 0.275 s among four."""
     assert speedups(QUICK, SLOW) == {
-        "picture-of-1-speedup": Value(pytest.approx(4.0), 3),
-        "picture-of-4-speedup": Value(pytest.approx(0.35 / 0.275), 3),
+        "picture-of-1-speedup": Statistic(pytest.approx(4.0), 3),
+        "picture-of-4-speedup": Statistic(pytest.approx(0.35 / 0.275), 3),
     }
     assert speedups(QUICK, None) == speedups(LOST, SLOW) == speedups(SLOW, LOST) == {}
 
@@ -187,7 +190,7 @@ def test_break_even():
     table = break_even_table(ALL, SUITE).to_csv().splitlines()
     assert table[1:] == ["speed,quick,slow,2048,1,up to,6,"]
     both = replace(SUITE, rivals=("slow", "quick", "lost"))
-    pairs = [(method_of(r), r.rival, r.found.cheaper) for r in break_even_rows(ALL, both)]
+    pairs = [(method_of(r), r.rival, r.break_even.cheaper) for r in break_even_rows(ALL, both)]
     assert pairs == [("slow", "quick", "from"), ("quick", "slow", "up to")]
 
 
@@ -215,7 +218,7 @@ def test_only_what_was_taken_alike_is_compared():
     ],
 )
 def test_verdicts_in_whole_views(cheaper, views, message):
-    assert verdict(BreakEven(cheaper, views)) == message
+    assert in_whole_views(BreakEven(cheaper, views)) == message
 
 
 def test_markdown_of_times():
@@ -246,12 +249,12 @@ def test_times_beside_other_work_are_marked(cores, marked):
 
 def test_markdown_of_the_amortised():
     """Bold is the cheapest that looks at the cloud alone, and nothing that costs as much."""
-    quick = measurement("pc2pix", prepare=(0.1,) * 3, one=(0.2,) * 3, batch=1.0)
+    quick = measurement("pc2pix", prepare=(0.1,) * 3, single=(0.2,) * 3, batch=1.0)
     named = [
         measurement("surface-apss"),
         quick,
         replace(quick, method="blank"),
-        measurement("true-mesh", prepare=(0.0,), one=(0.001,), batch=0.004),
+        measurement("true-mesh", prepare=(0.0,), single=(0.001,), batch=0.004),
         replace(LOST.measurement, method="splat"),
     ]
     suite = replace(SUITE, rivals=("surface-apss",))

@@ -122,8 +122,8 @@ def test_words_and_tables():
     assert refused.observed == refused.expected
     table = formats_table([ROW, REFUSED])
     first, second = csv.DictReader(io.StringIO(table.to_csv()))
-    found = [first[name] for name in ("case", "largest", "grey_error_mean")]
-    assert found == ["plain", "68.4375", "0.04"]
+    values = [first[name] for name in ("case", "largest", "grey_error_mean")]
+    assert values == ["plain", "68.4375", "0.04"]
     assert [second[n] for n in ("case", "grey_error_mean", "refused")] == [
         "scaled-1e9",
         "",

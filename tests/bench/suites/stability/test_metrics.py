@@ -8,17 +8,16 @@ from bench.catalogue.metrics import CONTROL_METRICS, IMAGE_METRICS, JUDGE, SET_M
 from bench.metrics import structural_similarity
 from bench.metrics.structural_similarity import SsimPerImage, ssim_per_image
 from bench.suites.stability import metric_cases
-from bench.suites.stability import metrics as stability_metrics
 from bench.suites.stability.metric_cases import (
     FRECHET,
     ONE_WINDOW,
     ROUNDING,
     SUMS,
-    Case,
+    MetricCase,
     Near,
     Refused,
 )
-from bench.suites.stability.metrics import CASES, METRICS, metric_outcomes
+from bench.suites.stability.metrics import CASES, METRICS, metric_outcomes, ssim_metrics
 
 
 @pytest.fixture(scope="module")
@@ -26,18 +25,15 @@ def outcomes():
     return metric_outcomes()
 
 
-def unexpected(found):
-    return {(outcome.case, outcome.subject) for outcome in found if outcome.kind == "unexpected"}
+def unexpected(outcomes):
+    return {(outcome.case, outcome.subject) for outcome in outcomes if outcome.kind == "unexpected"}
 
 
-def outcome_of(monkeypatch, stated, given=lambda: (np.zeros(1), np.zeros(1)), **metrics):
-    """The one outcome of a made-up case on a made-up metric."""
-    for name, metric in metrics.items():
-        monkeypatch.setitem(METRICS, name, metric)
+def outcome_of(stated, given=lambda: (np.zeros(1), np.zeros(1)), **metrics):
+    """Return the outcome of an invented case on an invented metric."""
     (name,) = metrics
-    case = Case("made-up", "tests", given, {name: stated})
-    monkeypatch.setattr(stability_metrics, "CASES", (case,))
-    (outcome,) = metric_outcomes()
+    case = MetricCase("made-up", "tests", given, {name: stated})
+    (outcome,) = metric_outcomes([case], metrics)
     return outcome
 
 
@@ -65,8 +61,8 @@ def test_values_are_stated(outcomes):
     expected, observed = message["black-against-white", "ssim"]
     assert expected == "9.99900009999e-05 +-2e-13: C1 / (255^2 + C1)"  # 6.5025 / 65031.5025
     assert observed.startswith("9.9990000999")
-    found = message["two-images", "thin-recall"]
-    assert found == ("no value, 1 exactly: each by itself", "no value, 1")
+    outcome = message["two-images", "thin-recall"]
+    assert outcome == ("no value, 1 exactly: each by itself", "no value, 1")
     expected, observed = message["no-rows", FRECHET]
     assert expected == "TooFewSamples: ...[0, 8]..."
     assert observed == "TooFewSamples: a covariance needs at least 2 samples, got float64 [0, 8]"
@@ -82,12 +78,11 @@ def without_first_row(a, b):
 
 
 @pytest.mark.parametrize("wrong", [in_float32, without_first_row])
-def test_a_wrong_ssim_is_found_out(monkeypatch, wrong):
-    cases = tuple(c for c in CASES if c.id.endswith(("-on-white", "-of-11x11")))
-    monkeypatch.setattr(stability_metrics, "CASES", cases)
-    monkeypatch.setattr(stability_metrics, "ssim_per_image", wrong)
+def test_a_wrong_ssim_is_found_out(wrong):
+    cases = [c for c in CASES if c.id.endswith(("-on-white", "-of-11x11"))]
     specks = {(f"one-level-{place}-on-white", "ssim") for place in ("corner", "middle")}
-    assert unexpected(metric_outcomes()) >= specks | {("noise-of-11x11", "structure")}
+    outcomes = metric_outcomes(cases, {**METRICS, **ssim_metrics(wrong)})
+    assert unexpected(outcomes) >= specks | {("noise-of-11x11", "structure")}
 
 
 @pytest.mark.parametrize(
@@ -97,8 +92,8 @@ def test_a_wrong_ssim_is_found_out(monkeypatch, wrong):
         (1e-20 + 0j, "(1e-20+0j)"),
     ],
 )
-def test_a_distance_is_real_and_never_negative(monkeypatch, value, found):
-    outcome = outcome_of(monkeypatch, Near("0", 0.0, 1.0), **{FRECHET: lambda a, b: value})
+def test_a_distance_is_real_and_never_negative(value, found):
+    outcome = outcome_of(Near("0", 0.0, 1.0), **{FRECHET: lambda a, b: value})
     assert (outcome.kind, outcome.observed) == ("unexpected", f"{found}, which is no distance")
 
 
@@ -123,8 +118,8 @@ MISSING = Near("none", float("nan"))
         (MISSING, [0.0], "unexpected"),
     ],
 )
-def test_values_within_a_tolerance(monkeypatch, stated, found, kind):
-    assert outcome_of(monkeypatch, stated, judge=lambda a, b: np.array(found)).kind == kind
+def test_values_within_a_tolerance(stated, found, kind):
+    assert outcome_of(stated, judge=lambda a, b: np.array(found)).kind == kind
 
 
 def raising(error):
@@ -144,8 +139,8 @@ def raising(error):
         (lambda a, b: 0.5, "unexpected"),
     ],
 )
-def test_a_refusal_has_a_name(monkeypatch, metric, kind):
-    assert outcome_of(monkeypatch, Refused(ValueError, "float64"), judge=metric).kind == kind
+def test_a_refusal_has_a_name(metric, kind):
+    assert outcome_of(Refused(ValueError, "float64"), judge=metric).kind == kind
 
 
 @pytest.mark.parametrize(
@@ -157,21 +152,20 @@ def test_a_refusal_has_a_name(monkeypatch, metric, kind):
     ],
 )
 @pytest.mark.filterwarnings("ignore")  # the filter is its own
-def test_whatever_goes_wrong_is_an_outcome(monkeypatch, judge, given, observed):
-    found = outcome_of(
-        monkeypatch,
+def test_whatever_goes_wrong_is_an_outcome(judge, given, observed):
+    outcome = outcome_of(
         Near("1", 1.0),
         given=lambda: (np.ones(1), np.ones(1) * (1 // given)),
         judge=judge,
     )
-    assert found.kind == "unexpected"
-    assert found.observed.startswith(observed)
+    assert outcome.kind == "unexpected"
+    assert outcome.observed.startswith(observed)
 
 
-def test_one_thread_while_it_runs(monkeypatch):
+def test_one_thread_while_it_runs():
     torch.set_num_threads(2)
     threads = lambda a, b: np.array(float(torch.get_num_threads()))  # noqa: E731
-    assert outcome_of(monkeypatch, Near("one", 1.0), judge=threads).kind == "holds"
+    assert outcome_of(Near("one", 1.0), judge=threads).kind == "holds"
     assert torch.get_num_threads() == 2
 
 

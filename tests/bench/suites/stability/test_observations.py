@@ -6,7 +6,7 @@ from harness_objects import Tetrahedron
 
 from bench.records.job import Result, failed
 from bench.suites.stability.cases import VIEWS
-from bench.suites.stability.expectations import observe
+from bench.suites.stability.outcomes import observe
 
 from ...builders import make_job, make_record, write_artifact
 
@@ -39,7 +39,7 @@ def test_images(plain):
 
 
 def beside_plain(plain, other, images):
-    """What is seen of a job with these pictures, where the plain one is there."""
+    """Return the observation of a job with these images, with the plain case beside it."""
     job, result, _ = plain
     results = {job.key: result, other.key: done(other, images)}
     return observe([job, other], results.__getitem__)[1]

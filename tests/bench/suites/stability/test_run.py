@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from matplotlib import image
 
-import bench.suites.stability.run
 from bench.checking.golden import check
 from bench.records.journal import read_manifest
 from bench.running.protocol import Options
 from bench.suites.stability.cases import CASES
-from bench.suites.stability.expectations import KINDS, Outcome
+from bench.suites.stability.expectations import KINDS
 from bench.suites.stability.figures import ACROSS, COLOURS, MISSING, matrix_figure, sheet
-from bench.suites.stability.run import run
+from bench.suites.stability.outcomes import CaseOutcome
+from bench.suites.stability.run import FixedMatrices, run
 from bench.suites.stability.tables import matrix as matrix_of
 from bench.suites.stability.tables import read_outcomes, subjects, unexpected
 from bench.tables.build import tables
@@ -22,18 +22,18 @@ from bench.tables.figure import save
 from bench.tables.scored import read_scored
 from data_prep.failures import BadInput
 
-HOLDS = Outcome("identical", "pairs", "ssim", "1", "1", "holds")
+from .test_formats import ROW
+
+HOLDS = CaseOutcome("identical", "pairs", "ssim", "1", "1", "holds")
 OPTIONS = Options("stability", methods=("blank", "true-mesh"), workers=2)
+FIXED = FixedMatrices(metrics=lambda: [HOLDS], formats=lambda: [ROW])
 NAMES = ("stability_methods", "stability_metrics", "stability_formats")
 
 
 @pytest.fixture
-def finished(monkeypatch, tmp_path):
-    """A run of two methods, without what has tests of its own."""
-    monkeypatch.setattr(bench.suites.stability.run, "measure_formats", list)
-    monkeypatch.setattr(bench.suites.stability.run, "format_outcomes", lambda rows: [HOLDS])
-    monkeypatch.setattr(bench.suites.stability.run, "metric_outcomes", lambda: [HOLDS])
-    return run(replace(OPTIONS, out=tmp_path / "run"))
+def finished(tmp_path):
+    """A run of two methods, without the matrices that have tests of their own."""
+    return run(replace(OPTIONS, out=tmp_path / "run"), fixed_matrices=FIXED)
 
 
 def matrix(*outcomes):
@@ -43,7 +43,7 @@ def matrix(*outcomes):
 @pytest.mark.slow
 def test_a_run_leaves_tables_and_figures_and_goes_on(finished, tmp_path):
     out = tmp_path / "run"
-    assert [made.name for made in finished.tables] == list(NAMES)
+    assert [table.name for table in finished.tables] == list(NAMES)
     methods = finished.tables[0]
     expected = {(case.id, method) for case in CASES for method in ("blank", "true-mesh")}
     assert {(o.case, o.subject) for o in methods.rows} == expected
@@ -63,7 +63,7 @@ def test_a_run_leaves_tables_and_figures_and_goes_on(finished, tmp_path):
         return {path: path.read_bytes() for path in paths}
 
     before = files()
-    run(replace(OPTIONS, out=out))
+    run(replace(OPTIONS, out=out), fixed_matrices=FIXED)
     assert files() == before
 
     verdict = check(out)
@@ -78,12 +78,12 @@ def test_a_run_leaves_tables_and_figures_and_goes_on(finished, tmp_path):
 
 def test_a_matrix_survives_its_file(tmp_path):
     odd = replace(HOLDS, observed='a "quoted", line\nbroken | text', kind="unexpected")
-    made = matrix(HOLDS, odd)
-    (tmp_path / "stability_methods.csv").write_text(made.to_csv())
+    table = matrix(HOLDS, odd)
+    (tmp_path / "stability_methods.csv").write_text(table.to_csv())
     (tmp_path / "observations.csv").write_text("a,b\n1,2\n")  # none of the matrices
     assert read_outcomes(tmp_path) == [HOLDS, odd]
-    assert unexpected(made) == [odd]
-    assert subjects(made) == ["ssim"]
+    assert unexpected(table) == [odd]
+    assert subjects(table) == ["ssim"]
 
 
 def test_markdown_counts_and_groups():
@@ -110,17 +110,17 @@ def test_every_kind_has_a_colour_of_its_own(tmp_path):
     outcomes = [replace(HOLDS, subject=kind, kind=kind) for kind in KINDS]
     save(matrix_figure(matrix(*outcomes)), tmp_path / "m.png")
     pixels = image.imread(tmp_path / "m.png")[..., :3].reshape(-1, 3)
-    found = {tuple(pixel) for pixel in np.rint(255 * np.unique(pixels, axis=0)).astype(int)}
+    shown = {tuple(pixel) for pixel in np.rint(255 * np.unique(pixels, axis=0)).astype(int)}
     colours = {tuple(bytes.fromhex(colour[1:])) for colour, _ in COLOURS.values()}
-    assert colours <= found
+    assert colours <= shown
     assert len(colours) == len(COLOURS)
 
 
 def test_a_sheet_has_every_image_in_its_place():
     red = np.full((128, 128, 3), (255, 0, 0), np.uint8)
-    made = sheet([[None, red], [red, None]])
-    assert made.shape == (256, 128 * ACROSS, 3)
-    assert (made[:128, :128] == MISSING).all()
-    for place in (made[:128, 128:256], made[128:, :128]):
+    pixels = sheet([[None, red], [red, None]])
+    assert pixels.shape == (256, 128 * ACROSS, 3)
+    assert (pixels[:128, :128] == MISSING).all()
+    for place in (pixels[:128, 128:256], pixels[128:, :128]):
         assert (place == red).all()
-    assert (made[:, 256:] == 255).all()
+    assert (pixels[:, 256:] == 255).all()

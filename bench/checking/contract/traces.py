@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import psutil
 
-GRACE_S = 0.5  # for processes that are just ending
+GRACE_S = 0.5  # for processes that are about to end
 MOST_SHOWN = 60  # characters of an output, or names of a list
 
 
 @dataclass(frozen=True)
-class Observation:
+class ProcessState:
     """The state of this process outside its variables.
 
     Attributes
@@ -42,32 +42,36 @@ class Observation:
     processes: Mapping[int, str]
 
     @classmethod
-    def take(cls, temporary: Path) -> Observation:
+    def take(cls, temporary: Path) -> ProcessState:
         """Return the current state; `temporary` is the folder for temporary files."""
         folder = os.getcwd()  # noqa: PTH109
+        times = {  # of a folder, only that it exists
+            str(path): 0 if path.is_dir() else path.lstat().st_mtime_ns
+            for path in temporary.rglob("*")
+        }
         return cls(
             folder,
-            _changed_at(folder) | _changed_at_below(temporary),
+            _changed_at(folder) | times,
             {thread.ident or 0: thread.name for thread in threading.enumerate()},
             {process.pid: name for process, name in _descendants()},
         )
 
 
-def traces(before: Observation, after: Observation) -> dict[str, str]:
-    """Return what has come between two observations, in words by its kind."""
-    found = {}
+def traces(before: ProcessState, after: ProcessState) -> dict[str, str]:
+    """Return the changes between two states in words, by kind."""
+    by_kind = {}
     files = sorted(path for path, time in after.files.items() if before.files.get(path) != time)
     if files:
-        found["files left"] = f"{len(files)} ({_some(files)})"
+        by_kind["files left"] = f"{len(files)} ({_some(files)})"
     threads = [name for id_, name in after.threads.items() if id_ not in before.threads]
     if threads:
-        found["threads left"] = f"{len(threads)} ({_some(threads)})"
+        by_kind["threads left"] = f"{len(threads)} ({_some(threads)})"
     processes = [name for id_, name in after.processes.items() if id_ not in before.processes]
     if processes:
-        found["processes left"] = f"{len(processes)} ({_some(processes)})"
+        by_kind["processes left"] = f"{len(processes)} ({_some(processes)})"
     if before.folder != after.folder:
-        found["working folder"] = f"changed to {after.folder}"
-    return found
+        by_kind["working folder"] = f"changed to {after.folder}"
+    return by_kind
 
 
 def end_processes() -> None:
@@ -82,7 +86,7 @@ def end_processes() -> None:
 
 
 def await_processes() -> None:
-    """Wait a moment for descendants that are just ending."""
+    """Wait a moment for descendants that are about to end."""
     import psutil
 
     running = [process for process, _ in _descendants()]
@@ -92,11 +96,11 @@ def await_processes() -> None:
 
 @contextmanager
 def captured_output() -> Iterator[Mapping[str, str]]:
-    """Keep back what is written to stdout and stderr, and describe it in the mapping afterwards.
+    """Hold back all output to stdout and stderr, and describe it in the mapping afterwards.
 
-    At the level of file descriptors: native libraries and sub-processes write there.
+    File descriptors are redirected, as native libraries and sub-processes write to them.
     """
-    told: dict[str, str] = {}
+    described: dict[str, str] = {}
     with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
         files = {"stdout": out, "stderr": err}
         saved = [os.dup(descriptor) for descriptor in (1, 2)]
@@ -104,7 +108,7 @@ def captured_output() -> Iterator[Mapping[str, str]]:
         try:
             for descriptor, file in zip((1, 2), files.values(), strict=True):
                 os.dup2(file.fileno(), descriptor)
-            yield told
+            yield described
         finally:
             _flush()
             for descriptor, copy in zip((1, 2), saved, strict=True):
@@ -114,7 +118,7 @@ def captured_output() -> Iterator[Mapping[str, str]]:
                 file.seek(0)
                 if written := file.read():
                     first = written.decode(errors="replace").strip().partition("\n")[0]
-                    told[name] = f"{len(written)} bytes: {first[:MOST_SHOWN]!r}"
+                    described[name] = f"{len(written)} bytes: {first[:MOST_SHOWN]!r}"
 
 
 def _flush() -> None:
@@ -131,13 +135,6 @@ def _changed_at(folder: str) -> dict[str, int]:
             for entry in entries
             if not entry.name.startswith((".", "__pycache__"))
         }
-
-
-def _changed_at_below(folder: Path) -> dict[str, int]:
-    """Return the times of change of all files below a folder; of folders, that they exist."""
-    return {
-        str(path): 0 if path.is_dir() else path.lstat().st_mtime_ns for path in folder.rglob("*")
-    }
 
 
 def _descendants() -> Iterator[tuple[psutil.Process, str]]:
