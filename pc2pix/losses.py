@@ -135,7 +135,7 @@ OBJECTIVES = {
 }
 
 
-class Condition(NamedTuple):
+class Conditioning(NamedTuple):
     """The condition of an image, c_1, c_2, c_3 of Eq. 6: what it was, or should be, made from."""
 
     code: Tensor  # [B, latent_dim]
@@ -154,7 +154,7 @@ class LossTerms(NamedTuple):
 
 
 def _terms(
-    judged: DiscriminatorOutput, condition: Condition, real: bool, objective: Objective
+    judged: DiscriminatorOutput, condition: Conditioning, real: bool, objective: Objective
 ) -> LossTerms:
     logit = judged.real_logit
     label = torch.ones_like(logit) if real else torch.zeros_like(logit)
@@ -175,8 +175,8 @@ def _terms(
 def discriminator_loss(
     on_real: DiscriminatorOutput,
     on_fake: DiscriminatorOutput,
-    real: Condition,
-    fake: Condition,
+    real: Conditioning,
+    fake: Conditioning,
     objective: Objective,
 ) -> LossTerms:
     """Return the terms of Eq. 6: cross entropy and reconstruction of conditions, both halves.
@@ -193,7 +193,7 @@ def discriminator_loss(
 
 
 def generator_loss(
-    on_fake: DiscriminatorOutput, fake: Condition, objective: Objective
+    on_fake: DiscriminatorOutput, fake: Conditioning, objective: Objective
 ) -> LossTerms:
     """Return the terms of Eq. 7: be taken for real, and have the conditions read off the image."""
     return _terms(on_fake, fake, True, objective)

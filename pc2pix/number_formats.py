@@ -80,7 +80,7 @@ class Inference:
         return None if np.isfinite(self.images).all() else "generate"
 
 
-class Deviation(NamedTuple):
+class AbsoluteDifferences(NamedTuple):
     """The absolute differences of two arrays, over all values."""
 
     largest: float
@@ -115,12 +115,14 @@ def infer(weights: Weights, points: Points, views: Sequence[View], fmt: Format) 
     return Inference(code[0].double().numpy(), images, tuple(watch.layers))
 
 
-def deviation(found: NDArray[np.float64], reference: NDArray[np.float64]) -> Deviation | None:
+def deviation(
+    found: NDArray[np.float64], reference: NDArray[np.float64]
+) -> AbsoluteDifferences | None:
     """Return the absolute differences of two arrays of one shape; None if any is not finite."""
     if not (np.isfinite(found).all() and np.isfinite(reference).all()):
         return None
     apart = np.abs(found - reference)
-    return Deviation(float(apart.max()), float(apart.mean()))
+    return AbsoluteDifferences(float(apart.max()), float(apart.mean()))
 
 
 def _names(prefix: str, network: nn.Module) -> dict[int, str]:

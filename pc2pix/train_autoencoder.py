@@ -17,7 +17,6 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from data_prep.failures import BadInput
 from data_prep.rendering.camera import project
 from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE, View
 from learning import checkpoint, training_loop
@@ -27,6 +26,7 @@ from learning.trainer import NetworkTrainer, Part
 from pc2pix.augment import PLAIN_POINTS, degrade, take_evenly
 from pc2pix.losses import chamfer
 from pc2pix.model import LITE, Decoder, Encoder, ModelConfig, PointNet, build_encoder
+from pc2pix.training_data import AutoencoderData
 
 KIND = "autoencoder"
 SHEET_CLOUDS = 8
@@ -49,36 +49,6 @@ class AutoencoderConfig:
     precision: training_loop.Precision = "float32"
     seed: int = 0
     cadence: training_loop.Cadence = training_loop.DEFAULT_CADENCE
-
-
-@dataclass(frozen=True, eq=False)
-class AutoencoderData:
-    """The clouds, float32 [N, M, 3] in unit-sphere coordinates, M >= 2048.
-
-    Raises BadInput for others.
-    """
-
-    clouds: NDArray[np.float32]
-
-    def __post_init__(self) -> None:
-        check_clouds(self.clouds)
-        if self.clouds.shape[1] < CLOUD_SIZE:
-            raise BadInput(
-                f"clouds: {self.clouds.shape[1]} points each, training needs {CLOUD_SIZE} or more; "
-                "sample more points"
-            )
-
-
-def check_clouds(clouds: NDArray[np.float32]) -> None:
-    """Raise BadInput unless `clouds` is a finite, non-empty float32 [N, M, 3]."""
-    if clouds.ndim != 3 or clouds.shape[2] != 3 or clouds.dtype != np.float32 or not len(clouds):
-        raise BadInput(
-            f"clouds: expected float32 [N, M, 3] with N > 0, got {clouds.dtype} "
-            f"{list(clouds.shape)}; stack the training clouds"
-        )
-    if not np.isfinite(clouds).all():
-        bad = int((~np.isfinite(clouds).all(axis=(1, 2))).argmax())
-        raise BadInput(f"clouds: cloud {bad} is not finite; remove it from the training set")
 
 
 @training_loop.denormals_flushed()

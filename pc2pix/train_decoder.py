@@ -24,7 +24,8 @@ from learning.processes import ONE, Processes, connect
 from learning.trainer import NetworkTrainer, Part
 from pc2pix.losses import chamfer
 from pc2pix.model import Decoder, ModelConfig
-from pc2pix.train_autoencoder import SHEET_CLOUDS, AutoencoderData, dots_of
+from pc2pix.train_autoencoder import SHEET_CLOUDS, dots_of
+from pc2pix.training_data import AutoencoderData
 from pc2pix.weights import DECODER, Weights
 
 KIND = DECODER

@@ -58,7 +58,7 @@ class Unfilled(ValueError):
 
 
 @dataclass(frozen=True)
-class Place:
+class TableRequest:
     """The request of a mark in a page.
 
     rows, columns  a field and its values; of several fields all combinations
@@ -74,7 +74,7 @@ class Place:
     shown: str
 
 
-def parsed(asked: str) -> Place:
+def parsed(asked: str) -> TableRequest:
     """Return the request of a mark.
 
     Raises ValueError for a mark without a file, rows or columns.
@@ -83,7 +83,7 @@ def parsed(asked: str) -> Place:
     options = dict(word.split("=", 1) for word in words)
     intervals, shown = options.pop("intervals", "yes") == "yes", options.pop("show", "")
     rows, columns = (_axis(options.pop(name)) for name in ("rows", "columns"))
-    return Place(files.split(","), rows, columns, options, intervals, shown)
+    return TableRequest(files.split(","), rows, columns, options, intervals, shown)
 
 
 def _axis(text: str) -> Axis:
@@ -116,7 +116,7 @@ def _line(text: str, place: int) -> int:
     return text.count("\n", 0, place) + 1
 
 
-def _table(place: Place, numbers: Path) -> str:
+def _table(place: TableRequest, numbers: Path) -> str:
     lines = []
     for name in place.files:
         with (numbers / name).open(encoding="utf-8", newline="") as file:
@@ -155,7 +155,7 @@ def _has(line: Line, wanted: Mapping[str, str]) -> bool:
     return all(line[field] == value for field, value in wanted.items())
 
 
-def _cell(line: Line, place: Place) -> str:
+def _cell(line: Line, place: TableRequest) -> str:
     if place.shown.endswith("_ms"):
         return milliseconds(float(line[place.shown]))
     if place.shown:

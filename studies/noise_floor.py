@@ -99,7 +99,7 @@ Cells = dict[str, float]  # the value of each metric, for one method
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class ChairSet:
     """The chairs, clouds and views of a seed; each chair has the same number of views."""
 
     meshes: tuple[Mesh, ...]
@@ -132,7 +132,7 @@ class Study:
     def __init__(self, chairs: int, views: int, condition: str = "2048") -> None:
         self.chairs, self.views, self.condition = chairs, views, condition
         self.network = Pc2pixRenderer(load_weights(WEIGHTS))
-        self.take = Features(torch.float32)
+        self.take = FeatureNetworks(torch.float32)
         self.scene = make_scene(chairs, views, 0, condition)
         self.truth = render_all(self.scene.meshes, self.scene.views)
         self.truth_taken = self.take(self.truth)
@@ -146,7 +146,7 @@ class Study:
         """Return the cells of images against the first scene's truth."""
         return cells(self.truth, self.truth_taken, drawn, taken, self.scene.views)
 
-    def draw(self, method: str, scene: Scene) -> UInt8Images:
+    def draw(self, method: str, scene: ChairSet) -> UInt8Images:
         """Return the images of a method, all views of a chair in one batch."""
         renderer = self.network if method == NETWORK else find_method(method).load("cpu")
         return draw_all(renderer, scene.clouds, scene.views)
@@ -213,7 +213,7 @@ class Study:
 
     def by_precision(self) -> list[Floor]:
         """Measure the feature networks in float64; pc2pix in float64 and in bfloat16."""
-        exact = Features(torch.float64)
+        exact = FeatureNetworks(torch.float64)
         truth = exact(self.truth)
         again = {
             method: cells(self.truth, truth, drawn, exact(drawn), self.scene.views)
@@ -271,7 +271,7 @@ class Study:
         return floors
 
 
-class Features:
+class FeatureNetworks:
     """The bundled networks, which turn images into features in float32 (as in a run) or float64."""
 
     def __init__(self, dtype: torch.dtype) -> None:
@@ -310,14 +310,14 @@ class Features:
         return torch.cat([self.judge(1 - p[:, None].to(self.dtype) / 255) for p in parts]).numpy()
 
 
-def make_scene(chairs: int, views: int, seed: int, condition: str) -> Scene:
+def make_scene(chairs: int, views: int, seed: int, condition: str) -> ChairSet:
     """Return the first validation chairs; `seed` chooses views, points and degradation.
 
     Raises BadInput for an unknown condition.
     """
     perturbation = find(condition, CONDITIONS, "condition").perturbation
     meshes = tuple(ProceduralObject("chair", "validation", i).load() for i in range(chairs))
-    return Scene(
+    return ChairSet(
         meshes,
         tuple(
             perturbation.apply(

@@ -27,7 +27,7 @@ from data_prep.randomness import generator
 from data_prep.scene import UInt8Images
 from studies.class_noise import nudged
 from studies.images import all_scores, draw_all, render_all, turned
-from studies.noise_floor import Scene, make_scene
+from studies.noise_floor import ChairSet, make_scene
 from studies.tables import markdown
 
 TURN, ROUNDING = "turn", "rounding"
@@ -55,7 +55,7 @@ def _mean(per_view: NDArray[np.float64]) -> float:
     return float(finite.mean()) if len(finite) else float("nan")
 
 
-def moves(scene: Scene, condition: str) -> Moves:
+def moves(scene: ChairSet, condition: str) -> Moves:
     """Return how far the values of each chair move."""
     farther = tuple(turned(of_chair) for of_chair in scene.views)
     truth, truth_turned = (render_all(scene.meshes, views) for views in (scene.views, farther))

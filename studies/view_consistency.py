@@ -87,7 +87,7 @@ TOO_MUCH, TOO_LITTLE = (225, 60, 50), (50, 110, 235)
 
 
 @dataclass(frozen=True)
-class Task:
+class ChairTask:
     """A method on a chair of the test split, under a condition."""
 
     method: str
@@ -115,7 +115,7 @@ Measured = dict[str, Tally]  # by measure
 
 
 @dataclass(frozen=True)
-class Row:
+class StatisticRow:
     """One statistic of a method under a condition, in pixels or as a share, with its interval."""
 
     method: str
@@ -155,7 +155,7 @@ def main() -> None:
 # --- one object -----------------------------------------------------------------------------------
 
 
-def draw(task: Task) -> UInt8Images | Failed:
+def draw(task: ChairTask) -> UInt8Images | Failed:
     """Return the method's images of all views."""
     chair = ProceduralObject(CLASS, SPLIT, task.chair)
     identity = (CLASS, chair.object_id)
@@ -168,7 +168,7 @@ def draw(task: Task) -> UInt8Images | Failed:
     return draw_cloud(cloud, Drawing(task.method, VIEWS, "cpu", rng=rng))
 
 
-def measure(task: Task) -> Measured | Failed:
+def measure(task: ChairTask) -> Measured | Failed:
     """Return both measures of a method on one chair."""
     images = draw(task)
     if isinstance(images, Failed):
@@ -289,13 +289,16 @@ Found = Mapping[Cell, Sequence[Measured | Failed]]  # chairs in their order
 
 
 def run_all(
-    title: str, tasks: Sequence[Task], work: Callable[[Task], Result | Failed], workers: int
-) -> dict[Task, Result | Failed]:
+    title: str,
+    tasks: Sequence[ChairTask],
+    work: Callable[[ChairTask], Result | Failed],
+    workers: int,
+) -> dict[ChairTask, Result | Failed]:
     """Return the results of all tasks, with progress.
 
     Raises BadInput for bad weights.
     """
-    done: dict[Task, Result | Failed] = {}
+    done: dict[ChairTask, Result | Failed] = {}
     with progress(title, len(tasks)) as advance:
         for task, result in run_tasks(tasks, work, workers, LIMITS):
             done[task] = Failed(result.reason) if isinstance(result, WorkerFailure) else result
@@ -310,12 +313,14 @@ def measure_all(methods: Sequence[str], chairs: int, workers: int) -> Found:
     """
     cells = list(product(methods, SHOWN_CONDITIONS))
     # Chair by chair, so that the progress shows how long all of it takes.
-    tasks = [Task(*cell_, chair) for chair in range(chairs) for cell_ in cells]
+    tasks = [ChairTask(*cell_, chair) for chair in range(chairs) for cell_ in cells]
     done = run_all("measuring", tasks, measure, workers)
-    return {cell_: [done[Task(*cell_, chair)] for chair in range(chairs)] for cell_ in cells}
+    return {cell_: [done[ChairTask(*cell_, chair)] for chair in range(chairs)] for cell_ in cells}
 
 
-def rows_of(method: str, condition: str, results: Sequence[Measured | Failed]) -> list[Row]:
+def rows_of(
+    method: str, condition: str, results: Sequence[Measured | Failed]
+) -> list[StatisticRow]:
     """Return all statistics of one method under one condition.
 
     The list is empty where it failed on all objects.
@@ -326,7 +331,9 @@ def rows_of(method: str, condition: str, results: Sequence[Measured | Failed]) -
         estimated = estimates([of_object[measure_] for of_object in ok]).T.tolist()
         for statistic, (value, low, high) in zip(STATISTICS, estimated, strict=True):
             rows.append(
-                Row(method, condition, measure_, statistic, value, low, high, len(ok), len(results))
+                StatisticRow(
+                    method, condition, measure_, statistic, value, low, high, len(ok), len(results)
+                )
             )
     return rows
 
@@ -366,10 +373,10 @@ def statistics(values: NDArray[np.float64], counts: NDArray[np.int64]) -> NDArra
 # --- what is written ------------------------------------------------------------------------------
 
 
-def to_csv(rows: Iterable[Row]) -> str:
+def to_csv(rows: Iterable[StatisticRow]) -> str:
     """Return all rows, tidy; six digits; nothing where there is no interval."""
     return csv_text(
-        [field.name for field in fields(Row)],
+        [field.name for field in fields(StatisticRow)],
         ([_number(v) if isinstance(v, float) else v for v in astuple(r)] for r in rows),
     )
 
@@ -378,7 +385,7 @@ def _number(value: float) -> str:
     return "" if math.isnan(value) else f"{value:.6g}"
 
 
-def to_markdown(rows: Sequence[Row]) -> str:
+def to_markdown(rows: Sequence[StatisticRow]) -> str:
     """Return a table for each measure: a line for each method and condition."""
     heads = ["median", "95th percentile", "99th percentile", f"within {ASKED_PX:g} px"]
     parts = []
@@ -397,7 +404,7 @@ def to_markdown(rows: Sequence[Row]) -> str:
     return "\n".join(parts)
 
 
-def _with_interval(row: Row) -> str:
+def _with_interval(row: StatisticRow) -> str:
     form = "{:.1%}" if row.statistic == WITHIN else "{:.2f}"
     value, low, high = (form.format(v) for v in (row.value, row.ci_low, row.ci_high))
     return value if math.isnan(row.ci_low) else f"{value} [{low}, {high}]"
@@ -416,11 +423,11 @@ def failures(found: Found) -> str:
 def show(folder: Path, methods: Sequence[str], workers: int) -> None:
     """Draw a strip and a turntable of a chair with slats, for each condition."""
     chair = slatted_chair()
-    tasks = [Task(*cell_, chair) for cell_ in product(methods, SHOWN_CONDITIONS)]
+    tasks = [ChairTask(*cell_, chair) for cell_ in product(methods, SHOWN_CONDITIONS)]
     drawn = run_all("drawing", tasks, draw, workers)
     truth = ProceduralObject(CLASS, SPLIT, chair).truth(VIEWS)
     for condition in SHOWN_CONDITIONS:
-        images = {method: drawn[Task(method, condition, chair)] for method in methods}
+        images = {method: drawn[ChairTask(method, condition, chair)] for method in methods}
         strip = [
             *strip_row("truth", truth, truth),
             *(

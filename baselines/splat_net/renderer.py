@@ -13,7 +13,7 @@ from baselines.splat_net.network import SMALLEST
 from baselines.splat_net.points2pix import Points2Pix, Points2PixEngine
 from baselines.splat_net.projection import Projection, cameras
 from baselines.splat_net.surfels import Surfels, find_surfels, stack
-from baselines.splat_net.weights import Weights
+from baselines.splat_net.weights import SplatNetWeights
 from baselines.splat_net.window import Box, in_groups
 from data_prep.failures import StageFailure
 from data_prep.scene import IMAGE_SIZE, Images, PointCloud, View
@@ -43,7 +43,7 @@ class SplatNetRenderer:
 
     def __init__(
         self,
-        weights: Weights,
+        weights: SplatNetWeights,
         *,
         device: str = "cpu",
         precision: Precision = "float32",

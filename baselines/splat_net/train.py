@@ -125,7 +125,7 @@ def train_splat_net(
         )
     torch_device = training_loop.prepare_device(device)
     team = connect(torch_device)
-    trainer = _Trainer(data, config, torch_device, team, start)
+    trainer = _SplatNetTrainer(data, config, torch_device, team, start)
     seen = data.seen
     data_hash = training_loop.hash_arrays(
         *(seen.images, seen.azimuth_deg, seen.elevation_deg, seen.clouds),
@@ -134,7 +134,7 @@ def train_splat_net(
     return training_loop.run(trainer, config, data_hash, out_dir, on_progress, team)
 
 
-class _Trainer(NetworkTrainer):
+class _SplatNetTrainer(NetworkTrainer):
     kind = KIND
     config: SplatNetConfig
 

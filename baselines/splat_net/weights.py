@@ -54,7 +54,7 @@ MOST_WINDOW = 63
 
 
 @dataclass(frozen=True, eq=False)
-class Weights:
+class SplatNetWeights:
     """A network in float32 and evaluation mode, on the CPU, and its origin.
 
     card    how it was trained: objective, steps, learning rates, seed, ...
@@ -104,7 +104,7 @@ def export(checkpoint_path: Path, path: Path, head: Material) -> str:
     return file_sha256(path)
 
 
-def load_weights(name_or_path: str | Path = "chair") -> Weights:
+def load_weights(name_or_path: str | Path = "chair") -> SplatNetWeights:
     """Return the weights of a bundled name or a path.
 
     Raises BadInput as `find_weights`, and where the file is no safetensors file or of another
@@ -126,7 +126,7 @@ def load_weights(name_or_path: str | Path = "chair") -> Weights:
     check_tensors(path, tensors, expected, REMEDY)
     network = build(config)
     fill_network(network, tensors)
-    return Weights(network, {"network": asdict(config), **card}, file_sha256(path))
+    return SplatNetWeights(network, {"network": asdict(config), **card}, file_sha256(path))
 
 
 def network_config(found: Mapping[str, Any]) -> NetworkConfig:

@@ -18,9 +18,10 @@ from data_prep.datasets.training_set import SurfaceSet, TrainingSet
 from learning import training_loop
 from learning.training_loop import Cadence, seeded
 from pc2pix.model import ModelConfig, build_encoder
-from pc2pix.train_autoencoder import AutoencoderConfig, AutoencoderData, train_autoencoder
+from pc2pix.train_autoencoder import AutoencoderConfig, train_autoencoder
 from pc2pix.train_decoder import DecoderConfig, train_decoder
-from pc2pix.train_gan import GanConfig, GanData, train_gan
+from pc2pix.train_gan import GanConfig, train_gan
+from pc2pix.training_data import AutoencoderData, GanData
 from pc2pix.weights import load_weights
 
 from .weight_files import whole

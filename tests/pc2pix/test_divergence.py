@@ -8,7 +8,8 @@ import pytest
 from learning.divergence import FACTOR, FIRST, WINDOW, DivergenceDetector, TrainingDiverged
 from learning.training_loop import Cadence
 from pc2pix import train_autoencoder
-from pc2pix.train_autoencoder import AutoencoderConfig, AutoencoderData
+from pc2pix.train_autoencoder import AutoencoderConfig
+from pc2pix.training_data import AutoencoderData
 from tests.learning.trainings import TINY, make_clouds
 
 

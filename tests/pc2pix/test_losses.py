@@ -14,7 +14,7 @@ from pc2pix.losses import (
     ELEVATION_RANGE_RAD,
     OBJECTIVES,
     STRUCTURE_WEIGHT,
-    Condition,
+    Conditioning,
     angular_error,
     azimuth_error,
     chamfer,
@@ -90,7 +90,7 @@ def judgement(logit, code, angle):
     )
 
 
-CONDITION = Condition(torch.zeros(2, 3), torch.full((2, 1), 0.5), torch.full((2, 1), 0.5))
+CONDITION = Conditioning(torch.zeros(2, 3), torch.full((2, 1), 0.5), torch.full((2, 1), 0.5))
 
 
 def test_losses_stay_finite_for_certain_judgements():

@@ -14,8 +14,8 @@ from learning.weights import file_sha256
 from pc2pix import weights as weight_files
 from pc2pix.losses import chamfer
 from pc2pix.model import Decoder
-from pc2pix.train_autoencoder import AutoencoderData
 from pc2pix.train_decoder import DecoderConfig, train_decoder
+from pc2pix.training_data import AutoencoderData
 from pc2pix.weights import decoder_path, export_decoder, load_decoder, load_weights
 from tests.learning.trainings import TRAININGS, make_clouds, trainer_of
 

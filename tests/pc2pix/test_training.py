@@ -12,8 +12,9 @@ from learning import checkpoint
 from learning.training_loop import TrainingDiverged, seeded
 from pc2pix import train_autoencoder, train_gan
 from pc2pix.model import Encoder, build_encoder
-from pc2pix.train_autoencoder import AutoencoderConfig, AutoencoderData
-from pc2pix.train_gan import GanConfig, GanData
+from pc2pix.train_autoencoder import AutoencoderConfig
+from pc2pix.train_gan import GanConfig
+from pc2pix.training_data import AutoencoderData, GanData
 from pc2pix.weights import export, load_weights
 from tests.learning.trainings import PAIRED, TINY, TRAININGS, make_clouds, trainer_of
 

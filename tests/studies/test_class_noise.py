@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 
 from data_prep.scene import PointCloud, View
-from studies.class_noise import ONE_IN, Measure, Sample, nudged, summary, turned
+from studies.class_noise import ONE_IN, ClassImages, Measure, nudged, summary, turned
 
 
 def test_one_point_in_fifty_is_moved_by_one_rounding_error() -> None:
@@ -25,7 +25,7 @@ def test_views_are_turned_by_a_tenth_of_a_degree() -> None:
 def test_true_images_are_perfect_by_all_that_compares_images() -> None:
     truth = np.full((2, 3, 128, 128, 3), 255, np.uint8)
     truth[:, :, 40:90, 30:100] = (120, 60, 20)
-    sample = Sample("table", truth, truth)
+    sample = ClassImages("table", truth, truth)
     measure = Measure()
     found = measure.objects(sample)
     for metric in ("ssim", "luminance", "contrast", "structure", "silhouette-iou"):

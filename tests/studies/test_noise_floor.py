@@ -57,7 +57,7 @@ def test_batch_and_threads_move_nothing_that_is_kept(study):
 
 
 def test_float64_features_are_those_of_float32(study):
-    exact = noise_floor.Features(torch.float64)(study.truth)
+    exact = noise_floor.FeatureNetworks(torch.float64)(study.truth)
     for narrow, wide in zip(study.truth_taken, exact, strict=True):
         assert narrow.dtype == np.float32
         assert wide.dtype == np.float64

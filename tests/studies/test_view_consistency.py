@@ -23,8 +23,8 @@ from studies.view_consistency import (
     STRIP,
     TOO_LITTLE,
     TOO_MUCH,
+    ChairTask,
     Tally,
-    Task,
     boundary,
     distances,
     draw,
@@ -226,7 +226,7 @@ def few_views(monkeypatch):
 def test_clouds_and_random_numbers_are_those_of_a_run(condition, few_views, monkeypatch):
     given = []
     monkeypatch.setattr(view_consistency, "draw_cloud", lambda *args: given.extend(args))
-    draw(Task("splat", condition, 3))
+    draw(ChairTask("splat", condition, 3))
     cloud, drawing = given
     chair = ProceduralObject("chair", "test", 3)
     perturbation = find(condition, CONDITIONS, "condition").perturbation

@@ -9,12 +9,12 @@ import pytest
 import torch
 
 from baselines.splat_net.network import POINTS2PIX, composite
-from baselines.splat_net.points2pix import PointNet, Points2Pix, build
+from baselines.splat_net.points2pix import PointNetCode, Points2Pix, build
 from baselines.splat_net.projection import Projection, cameras
 from baselines.splat_net.renderer import SplatNetRenderer
 from baselines.splat_net.surfels import find_surfels, stack
 from baselines.splat_net.train import SplatNetConfig, train_splat_net
-from baselines.splat_net.weights import Weights, export, load_weights
+from baselines.splat_net.weights import SplatNetWeights, export, load_weights
 from baselines.splat_net.window import whole_images
 from data_prep.scene import PointCloud, View
 
@@ -46,7 +46,7 @@ def network():
 
 def test_a_code_depends_on_the_places_alone():
     torch.manual_seed(1)
-    code = PointNet().eval()
+    code = PointNetCode().eval()
     points = torch.from_numpy(cloud().T)[None]
     order = torch.randperm(points.shape[2])
     with torch.no_grad():
@@ -83,7 +83,7 @@ def test_points_are_seen_about_the_middle_of_the_object(network, monkeypatch):
 def test_the_renderer_draws_what_the_network_draws(heads):
     torch.manual_seed(2)
     made = build(dataclasses.replace(POINTS2PIX, heads=heads)).eval().requires_grad_(False)
-    renderer = SplatNetRenderer(Weights(made, {}, ""))
+    renderer = SplatNetRenderer(SplatNetWeights(made, {}, ""))
     state = renderer.prepare(PointCloud(cloud()))
     images = renderer.draw(state, VIEWS)
     _, (expected,) = composite(made(*seen(cloud())), heads)
@@ -98,7 +98,7 @@ def test_the_renderer_draws_what_the_network_draws(heads):
 @pytest.mark.parametrize("wrong", [{"size": 256}, {"precision": "bfloat16"}])
 def test_other_sizes_and_precisions_are_refused(wrong):
     with pytest.raises(ValueError, match="points2pix draws 128 pixels in float32"):
-        SplatNetRenderer(Weights(build(GREY_ALONE), {}, ""), **wrong)
+        SplatNetRenderer(SplatNetWeights(build(GREY_ALONE), {}, ""), **wrong)
 
 
 def test_it_is_trained_and_stored_like_splat_net(data, tmp_path):

@@ -11,7 +11,7 @@ from baselines.splat_net.network import NetworkConfig, composite
 from baselines.splat_net.projection import ALL_INPUTS, Inputs, Projection, cameras, project
 from baselines.splat_net.renderer import SplatNetRenderer
 from baselines.splat_net.surfels import HOPS, find_surfels, stack
-from baselines.splat_net.weights import Weights
+from baselines.splat_net.weights import SplatNetWeights
 from baselines.splat_net.window import Box, in_groups
 from data_prep.clouds.conditions import CONDITIONS
 from data_prep.clouds.sampling import sample_surface
@@ -30,7 +30,7 @@ CLOSE = 1e-5
 
 def build(inputs=ALL_INPUTS, **options):
     config = NetworkConfig(inputs, CONFIG.widths, CONFIG.heads)
-    return SplatNetRenderer(Weights(lived_in(config), {}, "0" * 64), **options)
+    return SplatNetRenderer(SplatNetWeights(lived_in(config), {}, "0" * 64), **options)
 
 
 @pytest.fixture(scope="module")

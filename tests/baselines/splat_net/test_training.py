@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from baselines.splat_net.losses import COVERAGE_WEIGHT, GREY_WEIGHT, Objective
+from baselines.splat_net.losses import COVERAGE_WEIGHT, GREY_WEIGHT, SplatNetObjective
 from baselines.splat_net.network import NetworkConfig
 from baselines.splat_net.projection import cameras, project
 from baselines.splat_net.surfels import find_surfels, stack
@@ -130,7 +130,7 @@ def test_what_is_minimised_is_the_weighted_sum_of_the_terms(data, monkeypatch):
         seen.append(drawn.shape[1])
         return bias[0] * factors["colour" if drawn.shape[1] == 3 else "grey"]
 
-    monkeypatch.setattr(Objective, "image_error", lambda _, *images: error(*images))
+    monkeypatch.setattr(SplatNetObjective, "image_error", lambda _, *images: error(*images))
     monkeypatch.setattr(
         "baselines.splat_net.train.coverage_error", lambda *_: bias[0] * factors["coverage"]
     )
@@ -153,7 +153,7 @@ def test_the_judge_counts_the_more_the_more_noise_a_cloud_has(data, monkeypatch)
         return outputs[-1]
 
     monkeypatch.setattr(trainer.network, "forward", forward)
-    monkeypatch.setattr(Objective, "image_error", lambda *_: torch.zeros(()))
+    monkeypatch.setattr(SplatNetObjective, "image_error", lambda *_: torch.zeros(()))
     monkeypatch.setattr("baselines.splat_net.train.coverage_error", lambda *_: torch.zeros(()))
     monkeypatch.setattr(
         trainer, "_judge", lambda drawn, real: (torch.zeros(()), outputs[-1][:, 0, 0, 0])
