@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from studies import noise_floor
-from studies.noise_floor import BATCHES, CEILING, METHODS, METRICS, THREADS, TURN, Study, cells
+from studies.cells import METRICS, FeatureNetworks, cells
+from studies.noise_floor import BATCHES, CEILING, METHODS, THREADS, TURN, Study
 
 
 @pytest.fixture(scope="module")
@@ -19,7 +19,7 @@ def study():
 
 
 def test_the_truth_scores_full_marks(study):
-    found = study.measure(study.truth, study.truth_taken)
+    found = study.measure(study.truth, study.truth_outputs)
     assert set(found) == set(METRICS)
     for metric in ("ssim", "luminance", "contrast", "structure", "ssim-object", "thin-recall"):
         assert found[metric] == 1.0
@@ -36,12 +36,12 @@ def test_blank_images_show_no_thin_part(study):
 
 def test_cells_are_those_of_a_hand_made_case(study):
     # Pictures of the other chair, under the same views: what is found is the other chair.
-    swapped, taken = study.truth[::-1], study.truth_taken
-    other = type(taken)(*(values[::-1] for values in taken))
-    found = cells(study.truth, taken, swapped, other, study.scene.views)
+    swapped, outputs = study.truth[::-1], study.truth_outputs
+    other = type(outputs)(*(values[::-1] for values in outputs))
+    found = cells(study.truth, outputs, swapped, other, study.scene.views)
     assert found["fd-views"] < 1e-9  # the same set of pictures
     # each picture is compared with the other chair's views but its own: with 3 views of 2 chairs
-    # that differ enough, none is taken for the chair that was asked for
+    # that differ enough, none is outputs for the chair that was asked for
     assert found["retrieval"] == 0.0
     assert found["ssim"] < 0.9
 
@@ -57,8 +57,8 @@ def test_batch_and_threads_move_nothing_that_is_kept(study):
 
 
 def test_float64_features_are_those_of_float32(study):
-    exact = noise_floor.FeatureNetworks(torch.float64)(study.truth)
-    for narrow, wide in zip(study.truth_taken, exact, strict=True):
+    exact = FeatureNetworks(torch.float64)(study.truth)
+    for narrow, wide in zip(study.truth_outputs, exact, strict=True):
         assert narrow.dtype == np.float32
         assert wide.dtype == np.float64
         # rounding of 5 to 12 layers, 6e-8 each, of values up to 4 (of AlexNet up to 20)

@@ -6,9 +6,8 @@ import pytest
 from bench.catalogue.metrics import IMAGE_METRICS
 from bench.metrics.image_scores import scores
 from data_prep.rendering.opengl import render
-from studies import object_noise
+from studies.cells import make_chairs
 from studies.images import turned
-from studies.noise_floor import make_scene
 from studies.object_noise import ROUNDING, TURN, means, moves, summary
 
 
@@ -27,10 +26,9 @@ def test_means_are_over_the_views_that_have_a_value() -> None:
 
 
 @pytest.mark.opengl
-def test_moves_of_white_images_are_those_of_the_truth(monkeypatch) -> None:
-    monkeypatch.setattr(object_noise, "METHODS", {TURN: ("blank",), ROUNDING: ("constant",)})
-    scene = make_scene(2, 2, 0, "2048")
-    made = moves(scene, "2048")
+def test_moves_of_white_images_are_those_of_the_truth() -> None:
+    scene = make_chairs(2, 2, 0, "2048")
+    made = moves(scene, "2048", {TURN: ("blank",), ROUNDING: ("constant",)})
     assert set(made) == {
         (change, method, metric)
         for change, method in ((TURN, "blank"), (ROUNDING, "constant"))
@@ -46,8 +44,7 @@ def test_moves_of_white_images_are_those_of_the_truth(monkeypatch) -> None:
     assert (made[ROUNDING, "constant", "ssim"] == 0).all()  # it sees no cloud
 
 
-def test_the_summary_has_deviation_and_the_two_largest(monkeypatch) -> None:
-    monkeypatch.setattr(object_noise, "METHODS", {TURN: ("splat",), ROUNDING: ()})
+def test_the_summary_has_deviation_and_the_two_largest() -> None:
     nothing = np.full(3, np.nan)
     made = {(TURN, "splat", metric): nothing for metric in IMAGE_METRICS}
     made[TURN, "splat", "ssim"] = np.array([0.03, -0.04, np.nan])

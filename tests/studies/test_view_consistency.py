@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -16,26 +15,30 @@ from data_prep.clouds.conditions import CONDITIONS
 from data_prep.datasets.registry import ProceduralObject
 from data_prep.rendering.images import blank
 from data_prep.scene import View
-from studies import view_consistency
+from studies.silhouette_motion import (
+    STATISTICS,
+    Tally,
+    boundary,
+    distances,
+    estimates,
+    flicker,
+    offsets,
+    open_sides,
+    statistics,
+)
 from studies.view_consistency import (
     SHOWN_CONDITIONS,
-    STATISTICS,
     STRIP,
     TOO_LITTLE,
     TOO_MUCH,
     ChairTask,
-    Tally,
-    boundary,
-    distances,
-    draw,
-    estimates,
+    Turn,
+    drawing_of,
     failures,
-    flicker,
-    offsets,
-    open_sides,
+    main,
     rows_of,
     slatted_chair,
-    statistics,
+    study,
     tint,
 )
 
@@ -50,7 +53,7 @@ def box(top, bottom, left, right):
 
 
 def dilated(mask, radius):
-    """By the disc, from its definition."""
+    """Return the mask grown by a disc, from the definition."""
     grown = np.zeros_like(mask)
     for y, x in np.argwhere(mask):
         rows, columns = np.ogrid[-y : SIZE - y, -x : SIZE - x]
@@ -87,17 +90,17 @@ def test_offsets_by_definition():
 
 
 def test_distance_and_flicker_by_definition():
-    """Where several places are as near, flicker may compare with any of them."""
+    """Flicker may compare with any of several places that are as near."""
     true, seen = blobs(1), blobs(2)
     apart, changes = [], []
-    for own, other in ((true, seen), (seen, true)):
+    for mine, other in ((true, seen), (seen, true)):
         offset = offsets(other)
-        for mine, theirs in zip(boundary(own), boundary(other), strict=True):
+        for ours, theirs in zip(boundary(mine), boundary(other), strict=True):
             around = np.argwhere(theirs)
-            apart += [np.sqrt(((around - at) ** 2).sum(axis=1).min()) for at in np.argwhere(mine)]
-        for side in open_sides(own):
+            apart += [np.sqrt(((around - at) ** 2).sum(axis=1).min()) for at in np.argwhere(ours)]
+        for side in open_sides(mine):
             for view, here in enumerate(side):
-                after = (view + 1) % len(own)  # the turn closes
+                after = (view + 1) % len(mine)  # the turn closes
                 there = np.argwhere(side[after])
                 for at in np.argwhere(here):
                     squared = ((there - at) ** 2).sum(axis=1)
@@ -170,7 +173,7 @@ def test_statistics_of_a_tally_are_those_of_its_values():
 
 
 def test_intervals_worked_by_hand():
-    """Of the resamples of two objects a quarter holds each twice, the others one of each."""
+    """A quarter of the resamples of two objects holds each twice, the others one of each."""
     found = estimates([Tally.of(np.zeros(30)), Tally.of(np.full(10, 4.0))])
     assert STATISTICS == ("p50", "p95", "p99", "within-2px")
     assert found.tolist() == [[0.0, 4.0, 4.0, 0.75], [0.0, 0.0, 0.0, 0.0], [4.0, 4.0, 4.0, 1.0]]
@@ -208,43 +211,32 @@ def test_what_is_tinted():
     assert np.array_equal(tinted, image)
 
 
-@pytest.fixture
-def few_views(monkeypatch):
-    """A turn of 12 views in this process, for the sake of time."""
-    views = tuple(View(30.0 * i, 20.0) for i in range(12))
-    monkeypatch.setattr(view_consistency, "VIEWS", views)
-    monkeypatch.setattr(view_consistency, "SHOWN_CONDITIONS", SHOWN_CONDITIONS[1:2])
-    monkeypatch.setattr(
-        view_consistency,
-        "run_tasks",
-        lambda tasks, work, *_: ((task, work(task)) for task in tasks),
-    )
-    return views
+FEW_VIEWS = tuple(View(30.0 * i, 20.0) for i in range(12))
 
 
 @pytest.mark.parametrize("condition", SHOWN_CONDITIONS)
-def test_clouds_and_random_numbers_are_those_of_a_run(condition, few_views, monkeypatch):
-    given = []
-    monkeypatch.setattr(view_consistency, "draw_cloud", lambda *args: given.extend(args))
-    draw(ChairTask("splat", condition, 3))
-    cloud, drawing = given
+def test_clouds_and_random_numbers_are_those_of_a_run(condition):
+    cloud, drawing = drawing_of(ChairTask("splat", condition, 3, FEW_VIEWS))
     chair = ProceduralObject("chair", "test", 3)
     perturbation = find(condition, CONDITIONS, "condition").perturbation
     job = Job(
         key="", suite="", method="splat", condition=condition, perturbation=perturbation,
-        object=chair, views=few_views, seed=0, device="cpu", features=(), artifact=Path(),
+        object=chair, views=FEW_VIEWS, seed=0, device="cpu", features=(), artifact=Path(),
         reference=None,
     )  # fmt: skip
     assert np.array_equal(cloud.points, cloud_of(job).points)
     assert drawing.rng.random() == rng_of(job).random()
-    assert (drawing.method, drawing.views) == ("splat", few_views)
+    assert (drawing.method, drawing.views) == ("splat", FEW_VIEWS)
 
 
-def test_everything_is_written(few_views, tmp_path, monkeypatch, capsys):
-    arguments = ["--methods", "true-mesh,splat", "--chairs", "1", "--out", str(tmp_path / "out")]
-    monkeypatch.setattr(sys, "argv", ["view_consistency", *arguments])
-    view_consistency.main()
-    message = capsys.readouterr().out
+def in_this_process(tasks, work, *_):
+    """Carry out the tasks of a study one by one, for the sake of time."""
+    return ((task, work(task)) for task in tasks)
+
+
+def test_everything_is_written(tmp_path):
+    turn = Turn(FEW_VIEWS, ("512",))
+    message = study(tmp_path / "out", ("true-mesh", "splat"), 1, 1, turn, in_this_process)
     ceiling = "| true-mesh | 512 | 0.00 | 0.00 | 0.00 | 100.0% | 1/1 |"
     assert [line for line in message.splitlines() if "true-mesh" in line] == [ceiling] * 2
     assert message.count("\n| splat | 512 |") == 2
@@ -266,7 +258,7 @@ def test_everything_is_written(few_views, tmp_path, monkeypatch, capsys):
         strip[MARGIN + i * high + LABEL_HEIGHT :, MARGIN:][:256:2, :256:2] for i in range(3)
     )
     chair = ProceduralObject("chair", "test", slatted_chair())
-    assert np.array_equal(truth, chair.truth(few_views[STRIP])[0])
+    assert np.array_equal(truth, chair.truth(FEW_VIEWS[STRIP])[0])
     assert np.array_equal(ceiling_row, truth)
     assert (splat_row == TOO_MUCH).all(axis=-1).any()
 
@@ -279,8 +271,7 @@ def test_everything_is_written(few_views, tmp_path, monkeypatch, capsys):
         (["--threads", "-1"], "2"),
     ],
 )
-def test_what_cannot_be_used(arguments, problem, tmp_path, monkeypatch):
-    monkeypatch.setattr(sys, "argv", ["view_consistency", "--out", str(tmp_path), *arguments])
+def test_what_cannot_be_used(arguments, problem, tmp_path):
     with pytest.raises(SystemExit, match=problem):
-        view_consistency.main()
+        main(["--out", str(tmp_path), *arguments])
     assert not list(tmp_path.iterdir())
