@@ -135,12 +135,16 @@ def run(
     # as a checkpoint gives it back: in JSON tuples are lists
     identity = json.loads(json.dumps({**dataclasses.asdict(config), "data": data_hash}))
     first = _resume(trainer, identity, path, processes) if path.is_file() else 0
-    _require_same_start(first, path, processes)
+    if processes.average({"first": first})["first"] != first:
+        raise BadInput(
+            f"{path}: not all processes find the same checkpoint there (process {processes.rank}: "
+            f"step {first}); train in a folder that all of them share"
+        )
     cadence: Cadence = config.cadence
     writes = processes.rank == 0
     independent = trainer.independent_steps(config.steps)
     losses_csv = out_dir / loss_log.FILE_NAME
-    watch = DivergenceDetector(loss_log.read_losses(losses_csv, first)[1])
+    detector = DivergenceDetector(loss_log.read_losses(losses_csv, first)[1])
     log = loss_log.LossLog(losses_csv, first) if writes else None
     rate = _Rate(first)
     last_saved = first if path.is_file() else None
@@ -172,7 +176,7 @@ def run(
                 log.add(step, losses)
                 images = trainer.batch * processes.count
                 on_progress(_report(step, config.steps, losses, rate.steps_per_s(), images))
-            if problem := watch.add(losses):
+            if problem := detector.add(losses):
                 raise diverged(step, problem)
         if saves:
             state = _whole_state(trainer, processes)
@@ -260,12 +264,8 @@ def _load(
         )
     if processes.rank > 0:
         state[RANDOM] = state[_random_of(processes.rank)]
-    return state, step, _planned_steps(config, path)
-
-
-def _planned_steps(config: Mapping[str, Any], path: Path) -> int:
     with understanding_header(path, "choose another output directory"):
-        return int(config["steps"])
+        return state, step, int(config["steps"])
 
 
 def _whole_state(trainer: Trainer, processes: Processes) -> dict[str, Tensor]:
@@ -279,14 +279,6 @@ def _whole_state(trainer: Trainer, processes: Processes) -> dict[str, Tensor]:
 
 def _random_of(rank: int) -> str:
     return f"{RANDOM}-{rank}"
-
-
-def _require_same_start(first: int, path: Path, processes: Processes) -> None:
-    if processes.average({"first": first})["first"] != first:
-        raise BadInput(
-            f"{path}: not all processes find the same checkpoint there (process {processes.rank}: "
-            f"step {first}); train in a folder that all of them share"
-        )
 
 
 def hash_arrays(*arrays: NDArray[Any]) -> str:
@@ -341,6 +333,8 @@ def prepare_device(device: str) -> torch.device:
 
 
 class _Rate:
+    """The speed of a training over the last minute."""
+
     def __init__(self, step: int) -> None:
         self.marks = deque([(time.perf_counter(), step)])
 

@@ -1,7 +1,7 @@
 """Inference engine: the generator with normalisation and fixed inputs folded into its weights.
 
-What it draws is what `pc2pix.model.Generator` draws in evaluation mode, up to rounding; what it
-leaves out is arithmetic:
+It draws what `pc2pix.model.Generator` draws in evaluation mode, up to rounding, with less
+arithmetic:
 
 - BatchNorm behind a convolution (`bn2`) becomes part of that convolution. `bn1` and the last one
   stay: a ReLU follows them, and the sum that they normalise is wanted as it is by the shortcut.
@@ -281,7 +281,7 @@ class FoldedGenerator:
 
     @functools.cached_property
     def for_one(self) -> Stack:
-        """The layers with kernels laid out for a single image.
+        """Return the layers with kernels laid out for a single image.
 
         Kernels laid out for a group of 32 images are slow with one.
         """

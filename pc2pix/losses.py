@@ -80,10 +80,9 @@ def angular_error(predicted01: Tensor, target01: Tensor, range_rad: float) -> Te
 def azimuth_error(judged: Tensor, target01: Tensor) -> Tensor:
     """Return the error of an azimuth [B, 1] in radians, or of its sine and cosine [B, 2].
 
-    The latter is the mean absolute difference.
-
-    The latter has a gradient towards the target everywhere. The angular error of one number has
-    none that agrees over a batch while all angles are judged alike, as they are at the start.
+    The error of sine and cosine is the mean absolute difference, which has a gradient towards the
+    target everywhere. The angular error of one number has none that agrees over a batch while all
+    angles are judged alike, as they are at the start.
     """
     if judged.shape[1] == 1:
         return angular_error(judged, target01, AZIMUTH_RANGE_RAD)
@@ -195,5 +194,5 @@ def discriminator_loss(
 def generator_loss(
     on_fake: DiscriminatorOutput, fake: Conditioning, objective: Objective
 ) -> LossTerms:
-    """Return the terms of Eq. 7: be taken for real, and have the conditions read off the image."""
+    """Return the terms of Eq. 7: cross entropy to real, and the reconstruction of conditions."""
     return _terms(on_fake, fake, True, objective)

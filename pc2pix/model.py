@@ -87,7 +87,7 @@ class DiscriminatorOutput(NamedTuple):
 
     @property
     def real(self) -> Tensor:
-        """The probability [B, 1] that the image is a real one (Table 2: p_real)."""
+        """Return the probability [B, 1] that the image is a real one (Table 2: p_real)."""
         return torch.sigmoid(self.real_logit)
 
 

@@ -13,7 +13,7 @@ AzimuthKind = Literal["scalar", "sine-cosine"]
 
 @dataclass(frozen=True)
 class ModelConfig:
-    """Widths and variants of all networks.
+    """The widths and variants of all networks.
 
     Parameters
     ----------

@@ -67,10 +67,10 @@ def train_autoencoder(
     TrainingDiverged where a loss stops being finite or explodes.
     """
     torch_device = training_loop.prepare_device(device)
-    team = connect(torch_device)
-    trainer = _AutoencoderTrainer(data, config, torch_device, team)
+    processes = connect(torch_device)
+    trainer = _AutoencoderTrainer(data, config, torch_device, processes)
     data_hash = training_loop.hash_arrays(data.clouds)
-    return training_loop.run(trainer, config, data_hash, out_dir, on_progress, team)
+    return training_loop.run(trainer, config, data_hash, out_dir, on_progress, processes)
 
 
 def load_encoder(path: Path) -> Encoder | PointNet:
@@ -91,9 +91,9 @@ class _AutoencoderTrainer(NetworkTrainer):
         data: AutoencoderData,
         config: AutoencoderConfig,
         device: torch.device,
-        team: Processes = ONE,
+        processes: Processes = ONE,
     ) -> None:
-        super().__init__(config, device, team)
+        super().__init__(config, device, processes)
         self.batch = config.batch
         self.clouds = torch.from_numpy(data.clouds)
         self.encoder, self.decoder = training_loop.seeded(

@@ -69,10 +69,10 @@ def train_decoder(
     TrainingDiverged where a loss stops being finite.
     """
     torch_device = training_loop.prepare_device(device)
-    team = connect(torch_device)
-    trainer = _DecoderTrainer(data, weights, config, torch_device, team)
+    processes = connect(torch_device)
+    trainer = _DecoderTrainer(data, weights, config, torch_device, processes)
     data_hash = training_loop.hash_arrays(data.clouds)
-    return training_loop.run(trainer, config, data_hash, out_dir, on_progress, team)
+    return training_loop.run(trainer, config, data_hash, out_dir, on_progress, processes)
 
 
 class _DecoderTrainer(NetworkTrainer):
@@ -85,9 +85,9 @@ class _DecoderTrainer(NetworkTrainer):
         weights: Weights,
         config: DecoderConfig,
         device: torch.device,
-        team: Processes = ONE,
+        processes: Processes = ONE,
     ) -> None:
-        super().__init__(config, device, team)
+        super().__init__(config, device, processes)
         self.batch = config.batch
         self.clouds = torch.from_numpy(data.clouds)
         self.encoder = weights.encoder.to(device)

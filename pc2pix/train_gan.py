@@ -126,8 +126,8 @@ def train_gan(
             "train both with the same width and latent_dim"
         )
     torch_device = training_loop.prepare_device(device)
-    team = connect(torch_device)
-    trainer = _GanTrainer(data, encoder, config, torch_device, team)
+    processes = connect(torch_device)
+    trainer = _GanTrainer(data, encoder, config, torch_device, processes)
     data_hash = training_loop.hash_arrays(
         data.images,
         data.azimuth_deg,
@@ -135,7 +135,7 @@ def train_gan(
         data.clouds,
         *(tensor.cpu().numpy() for tensor in encoder.state_dict().values()),
     )
-    return training_loop.run(trainer, config, data_hash, out_dir, on_progress, team)
+    return training_loop.run(trainer, config, data_hash, out_dir, on_progress, processes)
 
 
 @torch.no_grad()
@@ -158,9 +158,9 @@ class _GanTrainer(NetworkTrainer):
         encoder: Encoder | PointNet,
         config: GanConfig,
         device: torch.device,
-        team: Processes = ONE,
+        processes: Processes = ONE,
     ) -> None:
-        super().__init__(config, device, team)
+        super().__init__(config, device, processes)
         self.batch = config.batch
         self.objective = OBJECTIVES[config.objective]
         self.paired = self.objective.reconstruction_weight > 0

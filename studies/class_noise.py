@@ -50,7 +50,7 @@ ONE_IN = 50
 
 @dataclass(frozen=True, eq=False)
 class ClassImages:
-    """Images [N, V, H, W, 3] of the objects of a class, and their true ones."""
+    """The images [N, V, H, W, 3] of the objects of a class, and their true ones."""
 
     class_name: str
     truth: NDArray[np.uint8]

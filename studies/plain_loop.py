@@ -160,9 +160,9 @@ class PlainDiscriminator(nn.Module):
         return self.real(x), Target(self.code(code), *angles)
 
 
-def angle_loss(found: Tensor, wanted: Tensor, range_rad: float) -> Tensor:
+def angle_loss(recognised: Tensor, wanted: Tensor, range_rad: float) -> Tensor:
     """Return the paper's L_theta, in radians."""
-    delta = range_rad * (wanted - found)
+    delta = range_rad * (wanted - recognised)
     return torch.atan2(torch.sin(delta), torch.cos(delta)).abs().mean()
 
 

@@ -54,7 +54,7 @@ class SplatNetObjective:
 
     @property
     def judged_channels(self) -> int:
-        """The number of channels of `judged`."""
+        """Return the number of channels of `judged`."""
         return 4 if self.colours else 1
 
 
@@ -74,7 +74,7 @@ OBJECTIVES = {
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """True images of B clouds and views, in 0..1.
+    """The true images of B clouds and views, in 0..1.
 
     colour    [B, 3, S, S]
     grey      [B, 1, S, S]

@@ -28,17 +28,29 @@ POINTS_TOGETHER = 2**19  # of all these views: a bound on memory for large cloud
 class SplatNetRenderer:
     """A `data_prep.scene.Renderer` by projection and network.
 
-    precision  of the network: "float32" (default), or "bfloat16", twice as fast where the processor
-               has it; points and their projection are float32 always. ValueError for another
-    size       of the images, a multiple of 16. ValueError for another. The network was trained
-               for 128
-
     The finest level of the network computes a window around the points only, beyond which the image
     is white. Where something is drawn at a window's edge, the whole image is computed: up to a grey
     level the result is that of whole images. Weights that draw a background cost twice as much.
 
     The order of the points does not matter: the same image, bit for bit. Results do not depend on
     the other views of a call, or the number of threads, beyond the rounding of the precision.
+
+    Parameters
+    ----------
+    weights : SplatNetWeights
+        Trained network of `baselines.splat_net.weights.load_weights`; moved to `device`.
+    device : str
+        PyTorch's name of the device.
+    precision : {"float32", "bfloat16"}
+        Precision of the network; points and their projection are float32 always. "bfloat16" is
+        twice as fast where the processor has it.
+    size : int
+        Side of the images in pixels, a multiple of 16. The network was trained for 128.
+
+    Raises
+    ------
+    ValueError
+        For another precision or size.
     """
 
     def __init__(
@@ -66,12 +78,26 @@ class SplatNetRenderer:
 
     @torch.inference_mode()
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> Surfels:
-        """Return all points with neighbours and normals, with one leading dimension.
+        """Return all points with neighbours and normals.
 
-        `rng` is not used.
+        A single point, or points that all coincide, are drawn like any others.
 
-        Raises StageFailure("input") for an empty or non-finite cloud. A single point, or points
-        that all coincide, are drawn like any others.
+        Parameters
+        ----------
+        cloud : PointCloud
+            Points [N, 3] in unit-sphere coordinates.
+        rng : numpy.random.Generator, optional
+            Not used.
+
+        Returns
+        -------
+        Surfels
+            Surfels of one cloud, with a leading dimension of 1.
+
+        Raises
+        ------
+        StageFailure
+            At the stage "input", for an empty or non-finite cloud.
         """
         del rng
         if not len(cloud):
@@ -87,9 +113,26 @@ class SplatNetRenderer:
     def draw(
         self, state: Surfels, views: Sequence[View], rng: np.random.Generator | None = None
     ) -> Images:
-        """Return images float32 [V, size, size, 3] in 0..1; no randomness.
+        """Return images of a cloud.
 
-        No views give an empty array.
+        Parameters
+        ----------
+        state : Surfels
+            Surfels of `prepare`.
+        views : sequence of View
+            V cameras; none give an empty array.
+        rng : numpy.random.Generator, optional
+            Not used.
+
+        Returns
+        -------
+        float32 array, [V, size, size, 3]
+            Images in [0, 1].
+
+        Raises
+        ------
+        StageFailure
+            At the stage "draw", where the network gives NaN or infinity.
         """
         del rng
         images = np.ones((len(views), self.size, self.size, 3), np.float32)
@@ -116,7 +159,7 @@ class SplatNetRenderer:
         for windows in in_groups(boxes, self.size, GROUP):
             drawn = self.engine(seen.channels(windows, self.engine.dtype), windows, seen.points)
             if not drawn.sum().isfinite():  # of values in 0..1
-                raise StageFailure("draw", "the picture is not finite")
+                raise StageFailure("draw", "the image is not finite")
             parts = zip(windows.numbers, windows.corners, drawn.cpu().numpy(), strict=True)
             for number, (top, left), part in parts:
                 box = boxes[number]

@@ -124,14 +124,14 @@ def train_splat_net(
             "drawn together; render more"
         )
     torch_device = training_loop.prepare_device(device)
-    team = connect(torch_device)
-    trainer = _SplatNetTrainer(data, config, torch_device, team, start)
+    processes = connect(torch_device)
+    trainer = _SplatNetTrainer(data, config, torch_device, processes, start)
     seen = data.seen
     data_hash = training_loop.hash_arrays(
         *(seen.images, seen.azimuth_deg, seen.elevation_deg, seen.clouds),
         *(data.coverage, data.grey),
     )
-    return training_loop.run(trainer, config, data_hash, out_dir, on_progress, team)
+    return training_loop.run(trainer, config, data_hash, out_dir, on_progress, processes)
 
 
 class _SplatNetTrainer(NetworkTrainer):
@@ -143,10 +143,10 @@ class _SplatNetTrainer(NetworkTrainer):
         data: SurfaceSet,
         config: SplatNetConfig,
         device: torch.device,
-        team: Processes = ONE,
+        processes: Processes = ONE,
         start: Network | None = None,
     ) -> None:
-        super().__init__(config, device, team)
+        super().__init__(config, device, processes)
         self.data, self.batch = data, config.batch
         self.objective = OBJECTIVES[config.objective]
         self.clouds = torch.from_numpy(data.seen.clouds)

@@ -55,7 +55,7 @@ class _Branch(NamedTuple):
 
 
 class _Mixed(NamedTuple):
-    """Branches side by side, concatenated in this order."""
+    """The branches side by side, concatenated in this order."""
 
     name: str
     branches: tuple[_Branch, ...]
@@ -268,19 +268,17 @@ class FidInception(nn.Module):
             raise ValueError(
                 f"images must be uint8 [N, 3, H, W], got {images.dtype} {list(images.shape)}"
             )
-        x = _resize(images.to(self.fc.weight.dtype), _INPUT_SIZE)
+        x = images.to(self.fc.weight.dtype)
+        for dim in (3, 2):
+            x = _stretch(x, _INPUT_SIZE, dim)
         x = (x - 128.0) / 128.0
         for stage in _NETWORK:
             x = _pool(x, stage) if isinstance(stage, str) else self.get_submodule(stage.name)(x)
         return x.mean(dim=(2, 3))
 
 
-def _resize(images: Tensor, size: int) -> Tensor:
-    """Resize [N, C, H, W] to [N, C, size, size], bilinear as in TensorFlow 1, rows first."""
-    return _stretch(_stretch(images, size, dim=3), size, dim=2)
-
-
 def _stretch(x: Tensor, size: int, dim: int) -> Tensor:
+    """Resize one dimension to `size`, linear as in TensorFlow 1."""
     # TensorFlow computes positions in float32; in float64 they would differ by up to 1e-5 pixels.
     length = x.shape[dim]
     step = float(np.float32(length / size))

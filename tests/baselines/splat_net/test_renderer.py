@@ -192,7 +192,7 @@ def test_images_that_are_not_finite_fail_by_name(cloud):
     renderer = build()
     state = renderer.prepare(cloud)
     renderer.engine.for_many.last.bias[0] = torch.nan
-    with pytest.raises(StageFailure, match="the picture is not finite") as failure:
+    with pytest.raises(StageFailure, match="the image is not finite") as failure:
         renderer.draw(state, VIEWS)
     assert failure.value.stage == "draw"
 
