@@ -315,12 +315,14 @@ def denormals_flushed() -> Generator[None]:
         torch.set_flush_denormal(before)
 
 
-def prepare_device(device: str) -> torch.device:
+def prepare_device(
+    device: str, gpu_available: Callable[[], bool] = torch.cuda.is_available
+) -> torch.device:
     """Return the device; "auto" is the GPU where there is one, another for each process.
 
     Raises BadInput for a GPU where there is none.
     """
-    has_gpu = torch.cuda.is_available()
+    has_gpu = gpu_available()
     if device == "auto":
         device = "cuda" if has_gpu else "cpu"
     if device == "cuda" and not has_gpu:

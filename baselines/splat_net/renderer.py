@@ -136,7 +136,7 @@ class SplatNetRenderer:
         """
         del rng
         images = np.ones((len(views), self.size, self.size, 3), np.float32)
-        most = max(1, min(VIEWS_TOGETHER, POINTS_TOGETHER // len(state)))
+        most = views_at_once(len(state))
         for start in range(0, len(views), most):
             at = cameras(views[start : start + most]).to(self.device)
             seen = Projection(state, at, self.inputs, self.size)
@@ -164,6 +164,11 @@ class SplatNetRenderer:
             for number, (top, left), part in parts:
                 box = boxes[number]
                 box.of(images[number])[:] = box.moved(-top, -left).of(part)
+
+
+def views_at_once(points: int) -> int:
+    """Return how many views of a cloud of so many points are projected together."""
+    return max(1, min(VIEWS_TOGETHER, POINTS_TOGETHER // points))
 
 
 def _is_cut_off(image: NDArray[np.float32], box: Box) -> bool:

@@ -109,15 +109,6 @@ def start_views(out_dir, on_progress, **changes):
         return training_loop.run(trainer, config, "data", out_dir, on_progress)
 
 
-def trainer_of(train, *arguments, **options):
-    """What a training would hand to the loop, before its first step."""
-    kept = []
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(training_loop, "run", lambda trainer, *rest: kept.append(trainer))
-        train(*arguments, **options)
-    return kept[0]
-
-
 def ignore(report):
     pass
 

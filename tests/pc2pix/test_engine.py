@@ -6,9 +6,7 @@ import pytest
 import torch
 from torch.nn import functional
 
-from learning import convolution
-from pc2pix import engine
-from pc2pix.engine import NineProducts, Phases, Rows, fold, upsampled
+from pc2pix.engine import FoldedGenerator, NineProducts, Phases, Rows, fold, upsampled
 from pc2pix.model import Generator, ModelConfig
 
 from .networks import live_in
@@ -70,8 +68,7 @@ def test_bfloat16_is_bfloat16(generator):
 
 @pytest.mark.parametrize("form", [Phases, Rows, NineProducts])
 @pytest.mark.parametrize("shape", [(2, 3, 4, 4), (1, 5, 6, 3), (1, 2, 1, 1)])
-def test_every_form_of_upsampling(monkeypatch, form, shape):
-    monkeypatch.setattr(convolution, "_prepacks", lambda weight: False)  # oneDNN has no float64
+def test_every_form_of_upsampling(form, shape):
     torch.manual_seed(0)
     channels = shape[1]
     y, shortcut = torch.randn(2, *shape, dtype=torch.float64)
@@ -102,11 +99,10 @@ def test_the_form_follows_from_the_channels(channels, dtype, form):
 
 
 @pytest.mark.parametrize("precision", ["float32", "bfloat16"])
-def test_groups_are_whole_and_in_order(monkeypatch, precision):
+def test_groups_are_whole_and_in_order(precision):
     generator = lived_in(TURNING)
     code, elevation01, azimuth01, noise = inputs(TURNING, 5)
-    monkeypatch.setattr(engine, "GROUP_BYTES", 2 * 2 * 128 * 128 * 2 * 2)
-    grouped = fold(generator, precision)
+    grouped = FoldedGenerator(generator, precision, group_bytes=2 * 2 * 128 * 128 * 2 * 2)
     assert grouped.for_many.groups[-1] in (2, 4)  # float32 and bfloat16; neither divides 5
     assert grouped.for_many.groups[0] > 5
     assert set(grouped.for_one.groups) == {1}

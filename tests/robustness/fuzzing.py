@@ -555,9 +555,16 @@ FORMATS: Mapping[str, Format] = {
 TRICKS = 0.25  # share of cases that are tricks
 
 
-def make_case(name: str, rng: random.Random, root: str) -> Files:
-    fmt = FORMATS[name]
-    if rng.random() < TRICKS:
+def make_case(
+    name: str,
+    rng: random.Random,
+    root: str,
+    formats: Mapping[str, Format] = FORMATS,
+    tricks: float = TRICKS,
+) -> Files:
+    """Return a case of a format, a trick or a mutated file."""
+    fmt = formats[name]
+    if rng.random() < tricks:
         files = fmt.trick(rng, root)
         if rng.random() < 0.7:
             return files
@@ -679,17 +686,18 @@ class Reading:
     events: tuple[str, ...]
 
 
-def read(task: Task) -> Reading:
+def read(task: Task, formats: Mapping[str, Format] = FORMATS) -> Reading:
     """Read a file with its format's reader, watched."""
     _install_hook()
-    _warm_up(task.format)
+    if formats is FORMATS:
+        _warm_up(task.format)
     _reset_peak()
     start = time.perf_counter()
     _watch.events, _watch.folder = [], str(task.path.parent)
     outcome: Literal["read", "refused", "defect"] = "read"
     detail = ""
     try:
-        FORMATS[task.format].read(task.path)
+        formats[task.format].read(task.path)
     except BadInput as error:
         outcome, detail = "refused", str(error)
     except Exception:

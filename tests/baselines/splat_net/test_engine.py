@@ -3,12 +3,10 @@ from __future__ import annotations
 import pytest
 import torch
 
-from baselines.splat_net import engine
-from baselines.splat_net.engine import FoldedSplatNet
+from baselines.splat_net.engine import GROUP, FoldedSplatNet
 from baselines.splat_net.network import NetworkConfig, SplatNet, composite
 from baselines.splat_net.projection import Inputs
 from baselines.splat_net.window import RING, Windows
-from learning import convolution
 
 from .conftest import lived_in
 
@@ -25,7 +23,7 @@ def inputs(config, count, size=128):
 
 
 def drawn(network, channels):
-    """By the first head."""
+    """Return the images of the first head."""
     with torch.no_grad():
         _, (image, *_) = composite(network(channels), network.config.heads)
     return image.expand(-1, 3, -1, -1).permute(0, 2, 3, 1)
@@ -73,16 +71,15 @@ def test_bfloat16_is_bfloat16(network):
 
 
 @pytest.mark.parametrize("precision", ["float32", "bfloat16"])
-def test_one_image_or_many(network, monkeypatch, precision):
-    """Kernels for groups of 3: of five pictures, of two, of each alone."""
-    monkeypatch.setattr(engine, "GROUP", 3)
+def test_one_image_or_many(network, precision):
+    """Kernels for a group serve more images, fewer, and those for one each alone."""
     folded = FoldedSplatNet(network, precision, size=64)
-    channels = inputs(network.config, 5, 64).to(folded.dtype)
+    channels = inputs(network.config, GROUP + 2, 64).to(folded.dtype)
     together = folded(channels)
     assert (together[0] - together[1]).abs().max() > 0.01
     # other kernels may serve: float32 as above, bfloat16 by units of 1/256 here and there
     atol = CLOSE if precision == "float32" else 0.05
-    torch.testing.assert_close(folded(channels[3:]), together[3:], rtol=0, atol=atol)
+    torch.testing.assert_close(folded(channels[GROUP:]), together[GROUP:], rtol=0, atol=atol)
     assert "for_one" not in vars(folded)
     for i in range(5):
         alone = folded(channels[i : i + 1])
@@ -90,15 +87,15 @@ def test_one_image_or_many(network, monkeypatch, precision):
     assert "for_one" in vars(folded)
 
 
+@pytest.mark.filterwarnings("ignore:TF32 acceleration")  # of the context manager
 @pytest.mark.parametrize("where", ["first.norm.bias", "down.3.1.norm.running_mean", "last.bias"])
-def test_what_is_not_finite_stays_so(monkeypatch, where):
-    """By PyTorch's convolutions; oneDNN's ReLU makes 0 of NaN, which only the last layer keeps."""
+def test_what_is_not_finite_stays_so(where):
+    """PyTorch's convolutions keep NaN; oneDNN's ReLU makes 0 of it, but for the last layer."""
     network = lived_in(GREY)
     network.state_dict()[where][0] = torch.nan
-    if where != "last.bias":
-        monkeypatch.setattr(convolution, "_prepacks", lambda weight: False)
-    found = FoldedSplatNet(network, size=32)(inputs(GREY, 1, 32))
-    assert found.isnan().any()
+    with torch.backends.mkldnn.flags(enabled=where == "last.bias"):
+        images = FoldedSplatNet(network, size=32)(inputs(GREY, 1, 32))
+    assert images.isnan().any()
 
 
 @pytest.mark.parametrize(

@@ -9,14 +9,14 @@ from baselines.splat_net.network import DEFAULT, POINTS2PIX, NetworkConfig
 from baselines.splat_net.projection import ALL_INPUTS, Inputs, cameras, project
 from baselines.splat_net.start import read_start
 from baselines.splat_net.surfels import find_surfels, stack
-from baselines.splat_net.train import KIND, SplatNetConfig, train_splat_net
+from baselines.splat_net.train import KIND, SplatNetConfig, _SplatNetTrainer, train_splat_net
 from baselines.splat_net.weights import BUNDLED, export
 from bench.commands.train import do_without
 from data_prep.failures import BadInput
 from data_prep.scene import View
 from learning import checkpoint
 from learning.weights import file_sha256
-from tests.learning.trainings import SMALL, trainer_of
+from tests.learning.trainings import SMALL
 
 from .conftest import make_cloud
 
@@ -70,7 +70,7 @@ def _seen(inputs: Inputs) -> torch.Tensor:
 def test_training_goes_on_from_it(data, files, tmp_path) -> None:
     start = read_start(str(files), SMALL)
     config = SplatNetConfig(network=SMALL, steps=1, cool_down=1, batch=4, start=start.sha256)
-    trainer = trainer_of(train_splat_net, data, config, tmp_path / "never", start=start.network)
+    trainer = _SplatNetTrainer(data, config, torch.device("cpu"), start=start.network)
     for part in (trainer.network, trainer.average):
         state = part.state_dict()
         assert all(torch.equal(state[k], v) for k, v in start.network.state_dict().items())

