@@ -158,10 +158,10 @@ def test_same_bytes_in_any_process_with_any_number_of_threads() -> None:
         )
         return json.loads(done.stdout.splitlines()[-1])
 
-    found, threaded = (
+    actual, threaded = (
         digests(ANY_THREADS, {**WORKER_ENVIRONMENT, "OMP_NUM_THREADS": n, "LP_NUM_THREADS": n})
         for n in ("1", "2")
     )
-    assert found == threaded
+    assert actual == threaded
     tunables = {"GLIBC_TUNABLES": "glibc.malloc.perturb=170:glibc.malloc.tcache_count=0"}
-    assert digests(["surface-fit"], tunables) == {"surface-fit": found["surface-fit"]}
+    assert digests(["surface-fit"], tunables) == {"surface-fit": actual["surface-fit"]}

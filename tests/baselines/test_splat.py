@@ -58,10 +58,10 @@ def test_order_of_points_does_not_matter() -> None:
     rng = np.random.default_rng(6)
     points = rng.normal(size=(2048, 3)).astype(np.float32) / 3
     cloud, shuffled = PointCloud(points), PointCloud(rng.permutation(points))
-    one, other = (Splat().prepare(c) for c in (cloud, shuffled))
-    assert one.radius == other.radius
+    first, other = (Splat().prepare(c) for c in (cloud, shuffled))
+    assert first.radius == other.radius
     for view in VIEWS:
-        np.testing.assert_array_equal(draw(one, view), draw(other, view))
+        np.testing.assert_array_equal(draw(first, view), draw(other, view))
 
 
 def test_what_is_behind_the_camera_or_outside_is_not_drawn() -> None:
@@ -102,8 +102,8 @@ def test_radius_is_the_median_distance_to_the_nearest_other_point() -> None:
     np.fill_diagonal(distances, np.inf)
     expected = np.median(distances.min(axis=1))
     for method, spread in ((Splat(), 1.0), (Splat(spread=2.5), 2.5)):
-        found = method.prepare(PointCloud(points)).radius
-        assert found == pytest.approx(spread * expected, rel=1e-12)
+        actual = method.prepare(PointCloud(points)).radius
+        assert actual == pytest.approx(spread * expected, rel=1e-12)
 
 
 @pytest.mark.parametrize("count", [1, 50])

@@ -144,9 +144,9 @@ def test_a_run_of_another_length_is_one_of_that_length_from_the_beginning(
             anneal(cut, length)
         assert (cut / checkpoint.FILE_NAME).read_bytes() == before
         return
-    steps, (found, step, _) = anneal(cut, length)
+    steps, (actual, step, _) = anneal(cut, length)
     assert step == length
-    assert found["total"] == expected["total"]
+    assert actual["total"] == expected["total"]
     assert steps[:1] == ([min(taken, 5) + 1] if length != 8 else steps[:1])
     assert (cut / "losses.csv").read_text() == (tmp_path / "whole" / "losses.csv").read_text()
 

@@ -45,25 +45,25 @@ def generator(request):
 def test_float32_draws_what_the_generator_draws(generator, noisy):
     code, elevation01, azimuth01, noise = inputs(generator.config, 5)
     given = code, elevation01, azimuth01, noise if noisy else None
-    found = fold(generator)(*given)
-    assert found.shape == (5, 128, 128, 3)
-    assert found.dtype == torch.float32
-    assert found.is_contiguous()
+    actual = fold(generator)(*given)
+    assert actual.shape == (5, 128, 128, 3)
+    assert actual.dtype == torch.float32
+    assert actual.is_contiguous()
     expected = drawn(generator, *given)
     assert expected.std() > 0.05
     # sums of some 1,000 float32 products in another order, through twelve layers: some 1e-6
-    torch.testing.assert_close(found, expected, rtol=0, atol=1e-5)
+    torch.testing.assert_close(actual, expected, rtol=0, atol=1e-5)
 
 
 def test_bfloat16_is_bfloat16(generator):
     given = inputs(generator.config, 3)
     expected = drawn(generator, *given)
-    found = fold(generator, "bfloat16")(*given)
-    assert found.dtype == torch.float32
-    apart = (found - expected).abs()
+    actual = fold(generator, "bfloat16")(*given)
+    assert actual.dtype == torch.float32
+    apart = (actual - expected).abs()
     # half a unit of 8 digits is 2e-3 of a value; fifteen roundings in a row, added as errors do
     assert 1e-4 < apart.mean() < 2e-3 * 15**0.5
-    assert (found - expected).mean().abs() < 1e-3  # to nearest: no drift
+    assert (actual - expected).mean().abs() < 1e-3  # to nearest: no drift
 
 
 @pytest.mark.parametrize("form", [Phases, Rows, NineProducts])
@@ -74,11 +74,11 @@ def test_every_form_of_upsampling(form, shape):
     y, shortcut = torch.randn(2, *shape, dtype=torch.float64)
     kernel = torch.randn(channels, channels, 3, 3, dtype=torch.float64)
     conv = form(kernel, shape, torch.float64)
-    found = conv(y, shortcut.repeat(1, conv.shortcuts, 1, 1))
+    actual = conv(y, shortcut.repeat(1, conv.shortcuts, 1, 1))
     expected = functional.conv2d(functional.interpolate(y, scale_factor=2.0), kernel, padding=1)
     expected += functional.interpolate(shortcut, scale_factor=2.0)
-    assert found.is_contiguous(memory_format=torch.channels_last)
-    assert (found - expected).abs().max() < 1e-13  # some 40 products
+    assert actual.is_contiguous(memory_format=torch.channels_last)
+    assert (actual - expected).abs().max() < 1e-13  # some 40 products
 
 
 @pytest.mark.parametrize(

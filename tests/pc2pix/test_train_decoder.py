@@ -53,8 +53,8 @@ def test_the_first_loss_is_chamfer_of_whitened_codes(weights_file):
         decoder = Decoder(weights.encoder.config)
     code = (weights.encoder(fed) - weights.code_mean) / weights.code_std
     expected = float(chamfer(decoder(code).detach(), fed))
-    found = float(trainer(weights).take_step()["chamfer"])
-    assert found == pytest.approx(expected, rel=1e-5)
+    actual = float(trainer(weights).take_step()["chamfer"])
+    assert actual == pytest.approx(expected, rel=1e-5)
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +65,7 @@ def trained(tmp_path_factory):
 
 
 @pytest.fixture
-def own(trained, tmp_path):
+def trained_weights(trained, tmp_path):
     """A copy of the weights with the decoder beside it."""
     path = tmp_path / "own.safetensors"
     shutil.copy(trained[0], path)
@@ -73,9 +73,9 @@ def own(trained, tmp_path):
     return path
 
 
-def test_round_trip(own, trained):
-    decoder, sha256 = load_decoder(own, load_weights(own))
-    assert sha256 == file_sha256(own.with_name("own-decoder.safetensors"))
+def test_round_trip(trained_weights, trained):
+    decoder, sha256 = load_decoder(trained_weights, load_weights(trained_weights))
+    assert sha256 == file_sha256(trained_weights.with_name("own-decoder.safetensors"))
     state, _, _ = checkpoint.load(trained[1], "decoder")
     assert not decoder.training
     for key, value in decoder.state_dict().items():
@@ -92,13 +92,13 @@ def refusal(name_or_path, weights):
     return str(error.value)
 
 
-def test_no_decoder_or_that_of_other_weights(own):
-    weights = load_weights(own)
+def test_no_decoder_or_that_of_other_weights(trained_weights):
+    weights = load_weights(trained_weights)
     others = replace(weights, sha256="ab" * 32)
-    text = refusal(own, others)
+    text = refusal(trained_weights, others)
     assert f"belongs to weights of sha256 {weights.sha256}" in text
     assert f"not to these of sha256 {others.sha256}" in text
-    text = refusal(own.with_name("tiny.safetensors"), weights)
+    text = refusal(trained_weights.with_name("tiny.safetensors"), weights)
     assert "tiny-decoder.safetensors: there is no decoder for these weights" in text
 
 
@@ -111,8 +111,8 @@ def test_a_bundled_decoder_has_its_checksum(monkeypatch):
         load_decoder("chair", weights)
 
 
-def test_a_decoder_of_another_size(own):
-    path = decoder_path(own)
+def test_a_decoder_of_another_size(trained_weights):
+    path = decoder_path(trained_weights)
     tensors, header = checkpoint.read_safetensors(path)
     save_file(tensors, path, metadata=header | {"model": '{"latent_dim": 5}'})
-    assert "its model does not fit" in refusal(own, load_weights(own))
+    assert "its model does not fit" in refusal(trained_weights, load_weights(trained_weights))

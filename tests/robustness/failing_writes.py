@@ -243,14 +243,14 @@ def faults_of(out: Path, at: int, way: str, expected: dict[str, bytes]) -> list[
     again = apart(out, Writes(out))
     if not again.startswith("finished"):
         return [*wrong, f"the second start ended with {again!r}"]
-    there = {name: data for name, data in tables(out).items() if not name.startswith(".")}
-    if there != expected:
+    present = {name: data for name, data in tables(out).items() if not name.startswith(".")}
+    if present != expected:
         wrong.append("its tables are others")
-    found = recorded(out)
+    actual = recorded(out)
     acknowledged = out.with_suffix(f".{ACKNOWLEDGED}").read_text().split()
     if Counter(acknowledged) - Counter(set(acknowledged)):
         wrong.append("a result was acknowledged, lost, and made again")
-    if set(acknowledged) - found.keys():
+    if set(acknowledged) - actual.keys():
         wrong.append("an acknowledged result is not in the journal")
     return wrong
 
@@ -274,13 +274,13 @@ def cut_everywhere(shard: Path, step: int = 1) -> Iterator[str]:
             before = b"".join(lines[first:number])
             for end in sorted({*range(0, len(line), step), len(line) - 1}):
                 part.write_bytes(before + line[:end])
-                found = Lines()
-                damage = found.take(part)
+                actual = Lines()
+                damage = actual.take(part)
                 # a line that lacks nothing but its line feed is whole
                 whole = keys[first : number + (end == len(line) - 1)]
-                there = [key for key in keys if key in found]
-                if there != [key for key in keys if key in whole]:
-                    yield f"line {number + 1} cut after {end} bytes: {len(there)} lines count"
+                counted = [key for key in keys if key in actual]
+                if counted != [key for key in keys if key in whole]:
+                    yield f"line {number + 1} cut after {end} bytes: {len(counted)} lines count"
                 if len(damage) != (0 < end < len(line) - 1):
                     yield f"line {number + 1} cut after {end} bytes: {len(damage)} are reported"
         part.write_bytes(data[: -len(lines[-1]) // 2])
@@ -295,8 +295,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--every", type=int, default=1, help="only each so many-th call")
     parser.add_argument("--journal", type=Path, help="the folder of a finished run, to be cut")
     chosen = parser.parse_args(arguments)
-    wrong, found = 0, environment()
-    bench.running.protocol.environment = lambda: found  # a second of each run
+    wrong, actual = 0, environment()
+    bench.running.protocol.environment = lambda: actual  # a second of each run
     with tempfile.TemporaryDirectory() as folder:
         alone = Path(folder) / "alone"
         ended = apart(alone, Writes(alone))

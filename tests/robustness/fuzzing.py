@@ -603,13 +603,13 @@ def write_case(folder: Path, files: Files) -> Path:
 
 def listing(root: Path) -> dict[str, tuple[int, int]]:
     """Everything below `root`, with size and time of its last change."""
-    found = {}
+    actual = {}
     for where, folders, names in os.walk(root):
         for name in (*folders, *names):
             path = os.path.join(where, name)  # noqa: PTH118 (names may be anything)
             status = os.lstat(path)
-            found[path] = (status.st_size, status.st_mtime_ns)
-    return found
+            actual[path] = (status.st_size, status.st_mtime_ns)
+    return actual
 
 
 FORBIDDEN = (

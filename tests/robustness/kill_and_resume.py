@@ -99,12 +99,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 journal = out / "journal"
                 cut.append(len(recorded(out)) if journal.is_dir() else 0)
             run_to_the_end(out)
-            found = recorded(out)
+            actual = recorded(out)
             faults = [
                 *(["other tables"] if tables(out) != measure else []),
-                *(["jobs lost"] if keys.keys() - found.keys() else []),
-                *(["other jobs"] if found.keys() - keys.keys() else []),
-                *(["jobs recorded twice"] if max(found.values()) > 1 else []),
+                *(["jobs lost"] if keys.keys() - actual.keys() else []),
+                *(["other jobs"] if actual.keys() - keys.keys() else []),
+                *(["jobs recorded twice"] if max(actual.values()) > 1 else []),
             ]
             different += bool(faults)
             when = ", ".join(

@@ -27,10 +27,10 @@ def test_true_images_are_perfect_by_all_that_compares_images() -> None:
     truth[:, :, 40:90, 30:100] = (120, 60, 20)
     sample = ClassImages("table", truth, truth)
     measure = Measure()
-    found = measure.objects(sample)
+    actual = measure.objects(sample)
     for metric in ("ssim", "luminance", "contrast", "structure", "silhouette-iou"):
-        assert np.allclose(found[metric], 1.0, atol=1e-12), metric
-    assert ((found["class-confidence"] > 0) & (found["class-confidence"] < 1)).all()
+        assert np.allclose(actual[metric], 1.0, atol=1e-12), metric
+    assert ((actual["class-confidence"] > 0) & (actual["class-confidence"] < 1)).all()
     assert measure.distances(sample)["fd-views"] < 1e-9
 
 

@@ -13,9 +13,9 @@ from studies.interval_coverage import CLOSED, missed, percentile_interval, rates
 def test_what_is_counted():
     assert rates(0, lambda rng, n: np.ones(n), 8, 3) == (1.0, 1.0)
     assert rates(0, lambda rng, n: np.zeros(n), 8, 3) == (0.0, 0.0)
-    assert [missed(of) for of in ((0.1, 0.2), (-0.2, -0.1), (-0.1, 0.1), (0.0, 0.1))] == [
-        *(True, True, False, False)
-    ]
+    assert [
+        missed(interval) for interval in ((0.1, 0.2), (-0.2, -0.1), (-0.1, 0.1), (0.0, 0.1))
+    ] == [*(True, True, False, False)]
 
 
 @pytest.mark.parametrize("name", CLOSED)

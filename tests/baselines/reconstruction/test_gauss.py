@@ -54,9 +54,9 @@ def test_the_equations() -> None:
     gram = a @ a.T
     gram += 0.05 * np.diag(np.diag(gram))
     expected = (a.T @ np.linalg.solve(gram, np.full(30, 0.5))).reshape(30, 3)
-    found = solution(samples.astype(np.float32), np.float32(0.2))
+    actual = solution(samples.astype(np.float32), np.float32(0.2))
     # float32 has 1e-7; the condition of a Gram matrix with 5 % more on its diagonal is some 1e3.
-    np.testing.assert_allclose(found, expected, atol=1e-3 * np.abs(expected).max())
+    np.testing.assert_allclose(actual, expected, atol=1e-3 * np.abs(expected).max())
 
 
 def test_a_sphere() -> None:

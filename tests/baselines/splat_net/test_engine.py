@@ -38,13 +38,13 @@ def network(request):
 def test_float32_draws_what_the_network_draws_and_leaves_it_as_it_is(network, size):
     before = {key: value.clone() for key, value in network.state_dict().items()}
     given = inputs(network.config, 3, size)
-    found = FoldedSplatNet(network, size=size)(given)
-    assert found.shape == (3, size, size, 3)
-    assert found.dtype == torch.float32
+    actual = FoldedSplatNet(network, size=size)(given)
+    assert actual.shape == (3, size, size, 3)
+    assert actual.dtype == torch.float32
     assert all(torch.equal(value, before[key]) for key, value in network.state_dict().items())
     expected = drawn(network, given)
     assert expected.std() > 0.01
-    torch.testing.assert_close(found, expected, rtol=0, atol=CLOSE)
+    torch.testing.assert_close(actual, expected, rtol=0, atol=CLOSE)
 
 
 # from one channel, whose layout in memory is ambiguous, to all; and layers one channel wide
@@ -54,17 +54,17 @@ def test_some_or_all_of_the_channels(flags, width):
     config = NetworkConfig(Inputs((3,), *flags), (width,) * 5, ("grey",))
     network = lived_in(config)
     given = inputs(config, 2, 32)
-    found = FoldedSplatNet(network, size=32)(given)
-    torch.testing.assert_close(found, drawn(network, given), rtol=0, atol=CLOSE)
+    actual = FoldedSplatNet(network, size=32)(given)
+    torch.testing.assert_close(actual, drawn(network, given), rtol=0, atol=CLOSE)
 
 
 def test_bfloat16_is_bfloat16(network):
     channels = inputs(network.config, 3)
     folded = FoldedSplatNet(network, "bfloat16")
     assert folded.dtype == torch.bfloat16
-    found = folded(channels.bfloat16())
-    assert found.dtype == torch.float32
-    apart = (found - drawn(network, channels)).abs().mean()
+    actual = folded(channels.bfloat16())
+    assert actual.dtype == torch.float32
+    apart = (actual - drawn(network, channels)).abs().mean()
     # Half a unit of 8 digits is 2e-3 of a value; some twenty roundings in a row, added as errors
     # do. A sigmoid hands on a quarter, of values around 2.
     assert 1e-4 < apart < 2e-3 * 20**0.5 / 2
@@ -123,10 +123,10 @@ def test_in_windows_it_draws_the_same(network, corners, height, width):
     channels = (channels * inside).contiguous(memory_format=torch.channels_last)
     windows = Windows(range(3), corners, height, width, size)
     given = windows.cut(channels.permute(0, 2, 3, 1)).permute(0, 3, 1, 2)
-    found = FoldedSplatNet(network, size=size)(given, windows)
-    assert found.shape == (3, height, width, 3)
+    actual = FoldedSplatNet(network, size=size)(given, windows)
+    assert actual.shape == (3, height, width, 3)
     whole = drawn(network, channels)
-    for part, image, (top, left) in zip(found, whole, corners, strict=True):
+    for part, image, (top, left) in zip(actual, whole, corners, strict=True):
         bottom, right = top + height, left + width
         rows = slice(RING * (top > 0), height - RING * (bottom < size))
         columns = slice(RING * (left > 0), width - RING * (right < size))

@@ -34,14 +34,14 @@ def seen(points):
 @pytest.fixture(scope="module")
 def network():
     torch.manual_seed(0)
-    made = build(POINTS2PIX)
-    assert isinstance(made, Points2Pix)
-    for layer in made.modules():  # as if trained: each hands on as much as it is given
+    result = build(POINTS2PIX)
+    assert isinstance(result, Points2Pix)
+    for layer in result.modules():  # as if trained: each hands on as much as it is given
         if isinstance(layer, (torch.nn.Conv1d, torch.nn.Conv2d)):
             torch.nn.init.kaiming_normal_(layer.weight, nonlinearity="relu")
         elif isinstance(layer, torch.nn.ConvTranspose2d):  # a pixel is the sum of 2 x 2 products
             torch.nn.init.normal_(layer.weight, std=(2 / (4 * layer.in_channels)) ** 0.5)
-    return made.eval().requires_grad_(False)
+    return result.eval().requires_grad_(False)
 
 
 def test_a_code_depends_on_the_places_alone():
@@ -81,11 +81,11 @@ def test_points_are_seen_about_the_middle_of_the_object(network):
 @pytest.mark.parametrize("heads", [("colour",), ("grey",)])
 def test_the_renderer_draws_what_the_network_draws(heads):
     torch.manual_seed(2)
-    made = build(dataclasses.replace(POINTS2PIX, heads=heads)).eval().requires_grad_(False)
-    renderer = SplatNetRenderer(SplatNetWeights(made, {}, ""))
+    result = build(dataclasses.replace(POINTS2PIX, heads=heads)).eval().requires_grad_(False)
+    renderer = SplatNetRenderer(SplatNetWeights(result, {}, ""))
     state = renderer.prepare(PointCloud(cloud()))
     images = renderer.draw(state, VIEWS)
-    _, (expected,) = composite(made(*seen(cloud())), heads)
+    _, (expected,) = composite(result(*seen(cloud())), heads)
     expected = expected.expand(-1, 3, -1, -1).permute(0, 2, 3, 1)
     assert images.shape == (2, 128, 128, 3)
     assert images == pytest.approx(expected.numpy(), abs=1e-6)

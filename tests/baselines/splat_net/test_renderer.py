@@ -50,8 +50,8 @@ def test_images_are_the_networks(cloud, size):
     surfels = stack([find_surfels(cloud.points)])
     channels = project(surfels, cameras(VIEWS), ALL_INPUTS, size)
     _, (expected,) = composite(network(channels), ("colour",))
-    found = renderer.draw(renderer.prepare(cloud), VIEWS)
-    np.testing.assert_allclose(found, expected.permute(0, 2, 3, 1), rtol=0, atol=CLOSE)
+    actual = renderer.draw(renderer.prepare(cloud), VIEWS)
+    np.testing.assert_allclose(actual, expected.permute(0, 2, 3, 1), rtol=0, atol=CLOSE)
 
 
 @pytest.fixture(scope="module")
@@ -77,8 +77,8 @@ def test_windows_change_no_pixel_by_more_than_a_grey_level(chair, weights, condi
     (perturbation,) = (known.perturbation for known in CONDITIONS if known.id == condition)
     state = renderer.prepare(perturbation.apply(chair, np.random.default_rng(1)))
     views = [View(40.0 * i, 20.0 * i - 40) for i in range(5)]
-    found, expected = renderer.draw(state, views), whole_images(renderer, state, views)
-    levels = np.abs(to_uint8(found).astype(int) - to_uint8(expected))
+    actual, expected = renderer.draw(state, views), whole_images(renderer, state, views)
+    levels = np.abs(to_uint8(actual).astype(int) - to_uint8(expected))
     assert levels.max() <= 1
     assert expected.min() < 0.5  # something is drawn
 

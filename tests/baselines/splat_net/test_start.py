@@ -123,12 +123,12 @@ def test_what_a_wider_network_has_more_of_can_be_trained() -> None:
 
 def test_what_it_has_more_of_is_random_by_seed() -> None:
     wider = dataclasses.replace(DEFAULT, widths=(17, 32, 64, 128, 160))
-    one, again, other = (
+    first, again, other = (
         read_start("chair", wider, seed).network.first.conv.weight for seed in (0, 0, 1)
     )
-    assert torch.equal(one, again)
-    assert torch.equal(one[:16], other[:16])
-    assert not torch.equal(one[16:], other[16:])
+    assert torch.equal(first, again)
+    assert torch.equal(first[:16], other[:16])
+    assert not torch.equal(first[16:], other[16:])
 
 
 def test_a_narrower_network_is_refused(files) -> None:

@@ -54,12 +54,12 @@ def test_sheets_change_nothing(data):
 
 def test_bfloat16_trains_on_what_float32_sees(data, tmp_path):
     exact, coarse = build(data), build(data, precision="bfloat16")
-    one, other = (trainer._draw_batch()[0] for trainer in (exact, coarse))
-    assert one[0].dtype == torch.float32
-    assert all(map(torch.equal, one, other))
-    one, other = exact.take_step(), coarse.take_step()
-    assert one != other
-    for name, value in one.items():
+    first, other = (trainer._draw_batch()[0] for trainer in (exact, coarse))
+    assert first[0].dtype == torch.float32
+    assert all(map(torch.equal, first, other))
+    first, other = exact.take_step(), coarse.take_step()
+    assert first != other
+    for name, value in first.items():
         # 8 digits, of logits around 1: some 1e-2 of a pixel, and as much of their mean
         assert float(other[name]) == pytest.approx(float(value), rel=0.05)
 
@@ -68,11 +68,11 @@ def test_before_the_judge_takes_part_the_objective_is_l1(data):
     """And losses.csv has the same columns before and after."""
     plain, patches = build(data), build(data, objective="l1-patch", warm_up=2)
     for _ in range(2):
-        expected, found = plain.take_step(), patches.take_step()
-        assert found == expected | {"judge": 0, "patches": 0}
-        assert list(found) == ["colour", "grey", "coverage", "judge", "patches"]
+        expected, actual = plain.take_step(), patches.take_step()
+        assert actual == expected | {"judge": 0, "patches": 0}
+        assert list(actual) == ["colour", "grey", "coverage", "judge", "patches"]
     expected, last = plain.take_step(), patches.take_step()
-    assert list(last) == list(found)
+    assert list(last) == list(actual)
     assert {name: last[name] for name in expected} == expected  # measured before this step
     assert last["judge"] > 0
     assert last["patches"] != 0
@@ -108,7 +108,7 @@ def test_the_learning_rate_falls_to_nothing(data):
 
 def test_the_last_steps_normalise_by_the_averages_statistics(data):
     trainer = build(data, steps=6, cool_down=3)
-    norm, own = trainer.average.first.norm, trainer.network.first.norm
+    norm, current = trainer.average.first.norm, trainer.network.first.norm
     for _ in range(3):
         before = norm.running_var.clone()
         trainer.take_step()
@@ -117,7 +117,7 @@ def test_the_last_steps_normalise_by_the_averages_statistics(data):
     for _ in range(3):
         trainer.take_step()
     assert torch.equal(norm.running_var, kept)
-    assert torch.equal(own.running_var, kept)
+    assert torch.equal(current.running_var, kept)
     assert not torch.equal(trainer.average.last.weight, weights)
 
 

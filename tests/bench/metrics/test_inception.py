@@ -65,9 +65,9 @@ def reference():
         return dict(arrays)
 
 
-def off(found, expected):
+def off(actual, expected):
     """Largest difference, relative to the largest expected value."""
-    return np.abs(np.asarray(found, np.float64) - expected).max() / np.abs(expected).max()
+    return np.abs(np.asarray(actual, np.float64) - expected).max() / np.abs(expected).max()
 
 
 @needs_reference
@@ -104,8 +104,8 @@ def test_every_stage_conforms_in_float64(model, reference):
     assert features.dtype == np.float64
     seen["features_2048_f64"] = features
     seen["logits_unbiased_f64"] = features @ double.fc.weight.numpy().T
-    for name, found in seen.items():
-        assert off(found, reference[name][:1]) < FLOAT64, name
+    for name, actual in seen.items():
+        assert off(actual, reference[name][:1]) < FLOAT64, name
 
 
 @pytest.mark.parametrize("size", [2, 128, 299, 640])
@@ -119,10 +119,10 @@ def test_resize_agrees_with_interpolation_on_a_grid(model, size):
     handle = model.Conv2d_1a_3x3.register_forward_pre_hook(lambda _, given: seen.append(given[0]))
     inception_features(model, np.repeat(image[None, :, :, None], 3, axis=3))
     handle.remove()
-    found = 128 + 128 * seen[0][0, 0].numpy()
+    actual = 128 + 128 * seen[0][0, 0].numpy()
     # positions are float32 as in TensorFlow: off by up to 640 * 2^-24 = 4e-5 pixels, in two axes,
     # of up to 255 levels a pixel
-    np.testing.assert_allclose(found, expected, rtol=0, atol=0.03)
+    np.testing.assert_allclose(actual, expected, rtol=0, atol=0.03)
 
 
 @pytest.fixture(scope="module")
@@ -158,11 +158,11 @@ def test_is_frozen_and_looks_at_each_image_alone(model, image):
 def test_names_the_images_it_refuses(model, shape, dtype, planes):
     images = np.zeros(shape, dtype)
     given = torch.from_numpy(images).permute(planes)
-    for ask, of in (
+    for ask, stack in (
         (lambda: inception_features(model, images), images),
         (lambda: model(given), given),
     ):
-        with pytest.raises(ValueError, match=re.escape(f"{of.dtype} {list(of.shape)}")):
+        with pytest.raises(ValueError, match=re.escape(f"{stack.dtype} {list(stack.shape)}")):
             ask()
 
 

@@ -35,16 +35,16 @@ def test_leaving_out_an_object_is_leaving_out_its_rows():
     x, y = features(7, 12, 6), features(8, 12, 6)
     objects_x = np.array(list("aaabbbcccddd"))
     objects_y = np.array(list("dabcabcabcde"))
-    found = left_out_kernel_distances(x, y, objects_x, objects_y)
+    actual = left_out_kernel_distances(x, y, objects_x, objects_y)
     expected = [kernel_distance(x[objects_x != name], y[objects_y != name]) for name in "abcde"]
     # sums of 12^2 kernels of size 10, less some of them
-    np.testing.assert_allclose(found, expected, rtol=1e-9)
+    np.testing.assert_allclose(actual, expected, rtol=1e-9)
 
 
 def test_an_object_that_leaves_too_little():
     x, y = features(9, 3, 2), features(10, 3, 2)
-    found = left_out_kernel_distances(x, y, np.array(["a", "a", "b"]), np.array(["a", "b", "b"]))
-    assert np.isnan(found).all()  # one row of x is left without a, one of y without b
+    actual = left_out_kernel_distances(x, y, np.array(["a", "a", "b"]), np.array(["a", "b", "b"]))
+    assert np.isnan(actual).all()  # one row of x is left without a, one of y without b
 
 
 @pytest.mark.parametrize(
