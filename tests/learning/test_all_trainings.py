@@ -1,4 +1,4 @@
-"""What every training has in common, whichever network it trains."""
+"""Properties of every training, whichever network it trains."""
 
 from __future__ import annotations
 

@@ -108,7 +108,7 @@ def test_another_format(tmp_path, name):
 @pytest.mark.parametrize("text", [None, "{", "[]", "null", '{"depth": 1}', DEEP])
 @pytest.mark.parametrize("name", CHECKED)
 def test_a_header_that_cannot_be_read(tmp_path, name, text):
-    """Of the network, and of the training where drawing reads that."""
+    """The header describes the network, and the training where drawing reads that."""
     for key in (KINDS[name].model, *(["training"] if name != "decoder" else [])):
         if key == "training" and text == '{"depth": 1}':
             continue  # which a card may say

@@ -112,7 +112,7 @@ def main(
 
 
 def shares(total: int, parts: int) -> list[int]:
-    """`total` in `parts` as equal as can be."""
+    """Return `total` in `parts` as equal as can be."""
     return [total // parts + (i < total % parts) for i in range(parts)]
 
 
@@ -149,7 +149,7 @@ HEADER = f"| {' | '.join(COLUMNS)} |\n{'|---' * len(COLUMNS)}|"
 
 
 def table_row(name: str, results: Sequence[Result], changes: Sequence[str]) -> str:
-    """One line of the table."""
+    """Return one line of the table."""
     readings = [r.reading for r in results if isinstance(r.reading, Reading)]
     outcomes = [reading.outcome for reading in readings]
     cells = [

@@ -20,7 +20,7 @@ def test_what_is_counted():
 
 @pytest.mark.parametrize("name", CLOSED)
 def test_true_means_are_0(name):
-    """Of 200,000 draws, within five standard errors of the sample."""
+    """The mean of 200,000 draws is 0 within five standard errors."""
     values = CLOSED[name](np.random.default_rng(1), 200_000)
     assert abs(values.mean()) < 5 * values.std() / np.sqrt(len(values))
 

@@ -33,5 +33,5 @@ def test_origins(text, counts, unknown):
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.stem)
 def test_every_number_of_a_page_has_an_origin(path):
-    """Where this fails: say when and at which commit it was measured, or that it is a setting."""
+    """If this fails, say when and at which commit it was measured, or that it is a setting."""
     assert origins(path.read_text(encoding="utf-8"))[1] == []

@@ -1,4 +1,4 @@
-"""What the camera sees of the points, in plain loops: to be held against `project`."""
+"""The camera's view of the points in plain loops, to be held against `project`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SCALED = {
 
 
 class SlowProjection:
-    """Of one cloud, its arrays without a leading dimension, from one view."""
+    """The view of one cloud, its arrays without a leading dimension."""
 
     def __init__(self, surfels, view, size=IMAGE_SIZE):
         self.surfels, self.view, self.size = surfels, view, size
@@ -69,7 +69,7 @@ class SlowProjection:
         return plane
 
     def look(self, side, scale, k):
-        """What the camera sees of a point: its normal (k = 0, 1, 2), thrice its variation (3)."""
+        """Return the normal of the points (k = 0, 1, 2), or thrice the variation (3)."""
         pose = camera_to_world(self.view)
         plane = np.zeros((self.size, self.size))
         for pixel, (_, i) in best(self.seen, side, self.size).items():

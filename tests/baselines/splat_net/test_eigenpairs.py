@@ -34,7 +34,7 @@ def test_against_lapack(scale):
     "values", [(0, 0, 1), (0, 1, 1), (1, 1, 2), (1, 1 + 1e-9, 2), (0, 1e-9, 1)]
 )
 def test_equal_eigenvalues(values):
-    """Where two are nearly equal, to the root of float64's last digit: 1e-8."""
+    """Two that are nearly equal are known to the root of float64's last digit, 1e-8."""
     rng = np.random.default_rng(1)
     matrices, _ = turned(np.tile(np.array(values, np.float64), (200, 1)), rng)
     actual, across = smallest_eigenpairs(packed(matrices))

@@ -108,8 +108,8 @@ def test_what_is_not_finite_stays_so(where):
     ],
 )
 def test_in_windows_it_draws_the_same(network, corners, height, width):
-    """As the unfolded network whole images, whatever it draws beyond: of channels that are zero up
-    to MARGIN from the windows' edges, unless these are the image's."""
+    """The unfolded network draws the same in whole images, whatever it draws beyond, of channels
+    that are zero up to `margin` from the windows' edges, unless these are the image's."""
     size, margin = 64, 3  # of the level below, a pixel beyond looks at 3 of these
     channels = inputs(network.config, 3, size)
     inside = torch.zeros(3, 1, size, size)

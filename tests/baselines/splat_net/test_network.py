@@ -56,7 +56,7 @@ def test_number_of_parameters():
 
 
 def sum_of_layers():
-    """Of points2pix, by hand: kernels of 4 x 4, normalisation of 2 a channel, the code, the end."""
+    """Return the parameters of points2pix: kernels of 4 x 4, 2 a channel, the code, the end."""
     down = [(1, 16), (16, 32), (32, 64), (64, 96), (96, 96), (96, 96), (96, 96)]
     up = [(96 + 128, 96), (192, 96), (192, 96), (192, 64), (128, 32), (64, 16)]
     kernels = sum(16 * a * b for a, b in down + up)

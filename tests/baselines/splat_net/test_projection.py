@@ -163,7 +163,7 @@ def test_bfloat16_is_the_last_step():
 
 
 def test_windows_are_parts_of_whole_images():
-    """Of some images, in another order; around all that is seen of them."""
+    """Windows of some images, in another order, lie around all that is seen of them."""
     surfels, seen = stack([made_up(300, spread=0.2)]), cameras(VIEWS)
     projection = Projection(surfels, seen, ALL_INPUTS)
     boxes = projection.boxes()

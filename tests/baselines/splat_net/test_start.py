@@ -159,7 +159,7 @@ def test_only_splat_net_can_start_from_weights() -> None:
 
 @pytest.mark.parametrize("key", ["last.weight", "last.bias", "first.norm.bias"])
 def test_files_of_two_trainings_are_refused(files, key) -> None:
-    """By the coverage that both heads have, or by any other layer."""
+    """The coverage that both heads have tells, or any other layer."""
     grey = files.with_name("weights-grey.safetensors")
     tensors, header = checkpoint.read_safetensors(grey)
     tensors[key][0] += 1

@@ -23,7 +23,7 @@ def same_bytes(surfels, others):
 
 
 def test_against_all_pairs_and_ways_of_so_many_hops():
-    """How often a point counts in a neighbourhood is the number of ways that lead to it."""
+    """A point counts in a neighbourhood as often as ways lead to it."""
     actual = arrays(find_surfels(make_cloud(120)))
     assert {value.dtype for value in actual.values()} == {np.dtype(np.float32)}
     place = actual["points"].astype(np.float64)

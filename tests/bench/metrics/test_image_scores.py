@@ -91,7 +91,7 @@ def test_ssim_object_is_by_its_definition():
 
 
 def test_white_around_the_object_does_not_count():
-    """The same object in larger frames: ssim rises, ssim-object stays; so it does where white is
+    """In larger frames ssim of the same object rises, ssim-object stays; so it does where white is
     drawn in its place."""
     for drawing in (chair(3), np.full_like(chair(), 255)):
         wide = [np.pad(x, ((0, 0), (40, 60), (50, 50), (0, 0)), constant_values=255)

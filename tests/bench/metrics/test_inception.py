@@ -110,7 +110,7 @@ def test_every_stage_conforms_in_float64(model, reference):
 
 @pytest.mark.parametrize("size", [2, 128, 299, 640])
 def test_resize_agrees_with_interpolation_on_a_grid(model, size):
-    """By TensorFlow 1: read at multiples of the ratio, the last pixel held beyond the edge."""
+    """Return the value by TensorFlow 1: read at multiples of the ratio, the last pixel held."""
     image = np.random.default_rng(0).integers(0, 256, (size, size), dtype=np.uint8)
     position = np.arange(299) * (size / 299)
     by_row = np.stack([np.interp(position, np.arange(size), row) for row in image])

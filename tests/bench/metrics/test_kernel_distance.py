@@ -15,7 +15,7 @@ def features(seed, n, d):
 
 @pytest.mark.parametrize(("n", "m", "d"), [(2, 2, 1), (4, 6, 5), (30, 30, 2048)])
 def test_the_mean_over_pairs_spelled_out(n, m, d):
-    """Of sets of one size it is what torch-fidelity 0.4 computes (`metric_kid.py`: mmd2 with
+    """Sets of one size have what torch-fidelity 0.4 computes (`metric_kid.py`: mmd2 with
     unbiased) for one subset of all samples; degree 3, gamma 1/d, coef0 1."""
     x, y = features(3, n, d).astype(float), 1.2 * features(4, m, d).astype(float) + 0.1
 

@@ -68,7 +68,7 @@ def test_boxes():
 
 
 def test_every_function_refuses_what_is_no_image():
-    """In 0..1 all would be dark, and NaN would pass for white."""
+    """An image in 0..1 would be all dark, and NaN would pass for white."""
     for values in (blank(1) / 255, np.full((1, 128, 128, 3), np.nan), blank(1).astype(np.int64)):
         for function in (foreground, contrast, object_boxes, evaluated):
             with pytest.raises(ValueError, match=rf"must be uint8.*got {values.dtype}"):

@@ -1,4 +1,4 @@
-"""What is thin, by scipy and by hand; scores of a leg are cases of the suite `stability`."""
+"""Thin parts by scipy and by hand; scores of a leg are cases of the suite `stability`."""
 
 from __future__ import annotations
 
