@@ -62,7 +62,7 @@ WRITING = os.O_WRONLY | os.O_RDWR
 class InProcess:
     """An executor that does jobs in this process, made as `bench.running.isolation.JobPool` is."""
 
-    room = 1
+    capacity = 1
 
     def __init__(self, count: int, workers: int, limits: Limits) -> None:
         self._jobs: list[Job] = []
