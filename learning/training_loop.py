@@ -15,7 +15,7 @@ import math
 import sys
 import time
 from collections import deque
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,7 +29,7 @@ from torch import Tensor
 from data_prep.failures import BadInput
 from learning import checkpoint, loss_log
 from learning.divergence import DivergenceDetector, TrainingDiverged
-from learning.processes import ONE, Processes, local_rank
+from learning.processes import ONE, Processes, connect, local_rank
 from learning.weights import understanding_header
 
 Precision = Literal["float32", "bfloat16"]
@@ -110,6 +110,42 @@ class Trainer(Protocol):
         Must not change the state.
         """
         ...
+
+
+@contextmanager
+def denormals_flushed() -> Generator[None]:
+    """Count denormal numbers as zeros inside.
+
+    They slow training on a CPU by up to seven times. This is a setting of the calling thread,
+    restored at the end, and of threads that start meanwhile.
+    """
+    before = sys.float_info.min / 2 == 0.0  # PyTorch sets it, but has no function that returns it
+    torch.set_flush_denormal(True)
+    try:
+        yield
+    finally:
+        torch.set_flush_denormal(before)
+
+
+@denormals_flushed()
+def train(
+    build: Callable[[torch.device, Processes], Trainer],
+    config: Any,
+    arrays: Sequence[NDArray[Any]],
+    out_dir: Path,
+    device: str,
+    on_progress: OnProgress,
+) -> Path:
+    """Train what `build` returns on a device, with all processes; return the checkpoint's path.
+
+    `arrays` are the data, by which a later start knows them again. Raises as `prepare_device`,
+    `learning.processes.connect` and `run`.
+    """
+    data_hash = hash_arrays(*arrays)
+    torch_device = prepare_device(device)
+    processes = connect(torch_device)
+    trainer = build(torch_device, processes)
+    return run(trainer, config, data_hash, out_dir, on_progress, processes)
 
 
 def run(
@@ -298,21 +334,6 @@ def seeded(seed: int, build: Callable[[], Built]) -> Built:
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         return build()
-
-
-@contextmanager
-def denormals_flushed() -> Generator[None]:
-    """Count denormal numbers as zeros inside.
-
-    They slow training on a CPU by up to seven times. This is a setting of the calling thread,
-    restored at the end, and of threads that start meanwhile.
-    """
-    before = sys.float_info.min / 2 == 0.0  # PyTorch sets it, but has no function that returns it
-    torch.set_flush_denormal(True)
-    try:
-        yield
-    finally:
-        torch.set_flush_denormal(before)
 
 
 def prepare_device(

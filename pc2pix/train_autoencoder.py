@@ -9,6 +9,7 @@ learn the one order it has seen. PointNet, which is ours, is fed fewer points, f
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,7 +22,7 @@ from data_prep.rendering.camera import project
 from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE, View
 from learning import checkpoint, training_loop
 from learning.clouds import draw_points
-from learning.processes import ONE, Processes, connect
+from learning.processes import ONE, Processes
 from learning.trainer import NetworkTrainer, Part
 from pc2pix.augment import PLAIN_POINTS, degrade, take_evenly
 from pc2pix.losses import chamfer
@@ -51,7 +52,6 @@ class AutoencoderConfig:
     cadence: training_loop.Cadence = training_loop.DEFAULT_CADENCE
 
 
-@training_loop.denormals_flushed()
 def train_autoencoder(
     data: AutoencoderData,
     config: AutoencoderConfig,
@@ -66,11 +66,8 @@ def train_autoencoder(
     BadInput where `out_dir` holds a run of another configuration or other data, and
     TrainingDiverged where a loss stops being finite or explodes.
     """
-    torch_device = training_loop.prepare_device(device)
-    processes = connect(torch_device)
-    trainer = _AutoencoderTrainer(data, config, torch_device, processes)
-    data_hash = training_loop.hash_arrays(data.clouds)
-    return training_loop.run(trainer, config, data_hash, out_dir, on_progress, processes)
+    build = functools.partial(_AutoencoderTrainer, data, config)
+    return training_loop.train(build, config, [data.clouds], out_dir, device, on_progress)
 
 
 def load_encoder(path: Path) -> Encoder | PointNet:

@@ -20,6 +20,7 @@ Departures from roatienza/pc2pix@23b7b46d, each for a reason:
 from __future__ import annotations
 
 import copy
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -33,7 +34,7 @@ from data_prep.failures import BadInput
 from learning import training_loop
 from learning.averaging import update
 from learning.clouds import draw_points
-from learning.processes import ONE, Processes, connect
+from learning.processes import ONE, Processes
 from learning.trainer import NetworkTrainer, Part
 from pc2pix.augment import PLAIN_POINTS, Scene, degrade, mirror, take_evenly
 from pc2pix.losses import (
@@ -102,7 +103,6 @@ class GanConfig:
             )
 
 
-@training_loop.denormals_flushed()
 def train_gan(
     data: GanData,
     encoder: Encoder | PointNet,
@@ -125,17 +125,10 @@ def train_gan(
             f"encoder: its configuration is {encoder.config}, the GAN's {config.model}; "
             "train both with the same width and latent_dim"
         )
-    torch_device = training_loop.prepare_device(device)
-    processes = connect(torch_device)
-    trainer = _GanTrainer(data, encoder, config, torch_device, processes)
-    data_hash = training_loop.hash_arrays(
-        data.images,
-        data.azimuth_deg,
-        data.elevation_deg,
-        data.clouds,
-        *(tensor.cpu().numpy() for tensor in encoder.state_dict().values()),
-    )
-    return training_loop.run(trainer, config, data_hash, out_dir, on_progress, processes)
+    arrays = [data.images, data.azimuth_deg, data.elevation_deg, data.clouds]
+    arrays += [tensor.cpu().numpy() for tensor in encoder.state_dict().values()]
+    build = functools.partial(_GanTrainer, data, encoder, config)
+    return training_loop.train(build, config, arrays, out_dir, device, on_progress)
 
 
 @torch.no_grad()
