@@ -316,10 +316,9 @@ class Discriminator(nn.Module):
             code = functional.relu(layer(code))  # [B, h]
         x = self.last_block(self.blocks[-1](x))  # [B, c5, 4, 4]
         x = functional.relu(x).sum(dim=(2, 3))  # [B, c5]
-        azimuth = self.azimuth(x)
-        return DiscriminatorOutput(
-            real_logit=self.real(x),
-            code=self.code(code),
-            elevation=torch.sigmoid(self.elevation(x)),
-            azimuth=torch.sigmoid(azimuth) if self.config.azimuth == "scalar" else azimuth,
-        )
+        # gradients add up in the order of the heads: another one would move weights by rounding
+        real_logit, code = self.real(x), self.code(code)
+        elevation, azimuth = torch.sigmoid(self.elevation(x)), self.azimuth(x)
+        if self.config.azimuth == "scalar":
+            azimuth = torch.sigmoid(azimuth)
+        return DiscriminatorOutput(real_logit, code, elevation, azimuth)
