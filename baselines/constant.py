@@ -51,7 +51,7 @@ def read_image(path: Path = CONSTANT_IMAGE) -> NDArray[np.uint8]:
         with Image.open(path) as file:
             image = np.array(file.convert("RGB"))
     except OSError as error:
-        raise BadInput(f"{path}: no readable picture ({error}); {remedy}") from error
+        raise BadInput(f"{path}: no readable image ({error}); {remedy}") from error
     if image.shape != (IMAGE_SIZE, IMAGE_SIZE, 3):
         height, width, _ = image.shape
         raise BadInput(

@@ -18,10 +18,11 @@ from data_prep.scene import Images, Mesh, PointCloud, View
 class TrueMesh:
     """A method that renders the mesh of the cloud: the ground truth, bit for bit.
 
-    painted  whether in its colours, else in neutral grey: what drawing without colour can reach
+    coloured  whether the mesh has its own colours; in neutral grey it is the most that a method
+              without colour can reach
     """
 
-    painted: bool = True
+    coloured: bool = True
 
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> Mesh:
         """Return the cloud's source mesh, in its colours or in grey.
@@ -31,7 +32,7 @@ class TrueMesh:
         del rng
         if cloud.source is None:
             raise StageFailure("input", "the cloud's mesh is not known")
-        return cloud.source if self.painted else unpainted(cloud.source)
+        return cloud.source if self.coloured else unpainted(cloud.source)
 
     def draw(
         self, state: Mesh, views: Sequence[View], rng: np.random.Generator | None = None

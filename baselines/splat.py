@@ -20,7 +20,7 @@ MAX_RADIUS_PX = 16.0  # a lone point must not paint the image
 
 @dataclass(frozen=True)
 class Discs:
-    """Centres [N, 3] of discs and their radius, both in unit-sphere units."""
+    """The centres [N, 3] of discs and their radius, both in unit-sphere units."""
 
     centres: Points
     radius: float

@@ -84,7 +84,8 @@ def normalisation(bn: nn.BatchNorm2d) -> tuple[Tensor, Tensor]:
 
 
 def _prepacks(weight: Tensor) -> bool:
-    if weight.device.type != "cpu" or not torch.backends.mkldnn.is_available():
+    mkldnn = torch.backends.mkldnn
+    if weight.device.type != "cpu" or not (mkldnn.is_available() and mkldnn.enabled):
         return False
     if not hasattr(torch.ops.mkldnn, "_convolution_pointwise"):
         return False

@@ -94,8 +94,9 @@ def make_panels(
         known = ~np.isnan(raw)
         if known.any():
             smooth = np.full_like(raw, np.nan)
-            smooth[known] = _running_mean(raw[known])
-            panels.append(Panel(name, steps, raw, smooth, _spans_decades(smooth[known])))
+            smooth[known] = means = _running_mean(raw[known])
+            log_scale = bool(means.min() > 0 and means.max() > LOG_RATIO * means.min())
+            panels.append(Panel(name, steps, raw, smooth, log_scale))
     return tuple(panels)
 
 
@@ -106,10 +107,6 @@ def _running_mean(values: NDArray[np.float64]) -> NDArray[np.float64]:
     at = np.arange(len(values))
     start, end = np.maximum(at - half, 0), np.minimum(at + half + 1, len(values))
     return (total[end] - total[start]) / (end - start)
-
-
-def _spans_decades(values: NDArray[np.float64]) -> bool:
-    return bool(values.min() > 0 and values.max() > LOG_RATIO * values.min())
 
 
 def draw(panels: tuple[Panel, ...]) -> Figure:

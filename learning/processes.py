@@ -79,7 +79,7 @@ ONE = OneProcess()
 
 
 class FabricProcesses:
-    """Several processes, connected by a launched Fabric: gloo between CPUs, NCCL between GPUs."""
+    """A group of processes connected by Fabric: gloo between CPUs, NCCL between GPUs."""
 
     def __init__(self, fabric: Fabric) -> None:
         self.fabric = fabric

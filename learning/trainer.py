@@ -29,9 +29,9 @@ class NetworkTrainer:
     batch: int
     config: Any
 
-    def __init__(self, config: Any, device: torch.device, team: Processes = ONE) -> None:
-        self.config, self.device, self.team = config, device, team
-        self.random = team.random(config.seed)
+    def __init__(self, config: Any, device: torch.device, processes: Processes = ONE) -> None:
+        self.config, self.device, self.processes = config, device, processes
+        self.random = processes.random(config.seed)
         self.steps_done = torch.zeros((), dtype=torch.int64)
 
     def parts(self) -> dict[str, Part]:
@@ -75,7 +75,7 @@ class NetworkTrainer:
         groups = optimizer.param_groups
         optimizer.zero_grad()
         loss.backward()
-        self.team.average_gradients(p for group in groups for p in group["params"])
+        self.processes.average_gradients(p for group in groups for p in group["params"])
         if rate is not None:
             for group in groups:
                 group["lr"] = rate

@@ -15,7 +15,7 @@ import math
 import sys
 import time
 from collections import deque
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,7 +29,7 @@ from torch import Tensor
 from data_prep.failures import BadInput
 from learning import checkpoint, loss_log
 from learning.divergence import DivergenceDetector, TrainingDiverged
-from learning.processes import ONE, Processes, local_rank
+from learning.processes import ONE, Processes, connect, local_rank
 from learning.weights import understanding_header
 
 Precision = Literal["float32", "bfloat16"]
@@ -112,6 +112,42 @@ class Trainer(Protocol):
         ...
 
 
+@contextmanager
+def denormals_flushed() -> Generator[None]:
+    """Count denormal numbers as zeros inside.
+
+    They slow training on a CPU by up to seven times. This is a setting of the calling thread,
+    restored at the end, and of threads that start meanwhile.
+    """
+    before = sys.float_info.min / 2 == 0.0  # PyTorch sets it, but has no function that returns it
+    torch.set_flush_denormal(True)
+    try:
+        yield
+    finally:
+        torch.set_flush_denormal(before)
+
+
+@denormals_flushed()
+def train(
+    build: Callable[[torch.device, Processes], Trainer],
+    config: Any,
+    arrays: Sequence[NDArray[Any]],
+    out_dir: Path,
+    device: str,
+    on_progress: OnProgress,
+) -> Path:
+    """Train what `build` returns on a device, with all processes; return the checkpoint's path.
+
+    `arrays` are the data, by which a later start knows them again. Raises as `prepare_device`,
+    `learning.processes.connect` and `run`.
+    """
+    data_hash = hash_arrays(*arrays)
+    torch_device = prepare_device(device)
+    processes = connect(torch_device)
+    trainer = build(torch_device, processes)
+    return run(trainer, config, data_hash, out_dir, on_progress, processes)
+
+
 def run(
     trainer: Trainer,
     config: Any,
@@ -135,12 +171,16 @@ def run(
     # as a checkpoint gives it back: in JSON tuples are lists
     identity = json.loads(json.dumps({**dataclasses.asdict(config), "data": data_hash}))
     first = _resume(trainer, identity, path, processes) if path.is_file() else 0
-    _require_same_start(first, path, processes)
+    if processes.average({"first": first})["first"] != first:
+        raise BadInput(
+            f"{path}: not all processes find the same checkpoint there (process {processes.rank}: "
+            f"step {first}); train in a folder that all of them share"
+        )
     cadence: Cadence = config.cadence
     writes = processes.rank == 0
     independent = trainer.independent_steps(config.steps)
     losses_csv = out_dir / loss_log.FILE_NAME
-    watch = DivergenceDetector(loss_log.read_losses(losses_csv, first)[1])
+    detector = DivergenceDetector(loss_log.read_losses(losses_csv, first)[1])
     log = loss_log.LossLog(losses_csv, first) if writes else None
     rate = _Rate(first)
     last_saved = first if path.is_file() else None
@@ -172,7 +212,7 @@ def run(
                 log.add(step, losses)
                 images = trainer.batch * processes.count
                 on_progress(_report(step, config.steps, losses, rate.steps_per_s(), images))
-            if problem := watch.add(losses):
+            if problem := detector.add(losses):
                 raise diverged(step, problem)
         if saves:
             state = _whole_state(trainer, processes)
@@ -260,12 +300,8 @@ def _load(
         )
     if processes.rank > 0:
         state[RANDOM] = state[_random_of(processes.rank)]
-    return state, step, _planned_steps(config, path)
-
-
-def _planned_steps(config: Mapping[str, Any], path: Path) -> int:
     with understanding_header(path, "choose another output directory"):
-        return int(config["steps"])
+        return state, step, int(config["steps"])
 
 
 def _whole_state(trainer: Trainer, processes: Processes) -> dict[str, Tensor]:
@@ -279,14 +315,6 @@ def _whole_state(trainer: Trainer, processes: Processes) -> dict[str, Tensor]:
 
 def _random_of(rank: int) -> str:
     return f"{RANDOM}-{rank}"
-
-
-def _require_same_start(first: int, path: Path, processes: Processes) -> None:
-    if processes.average({"first": first})["first"] != first:
-        raise BadInput(
-            f"{path}: not all processes find the same checkpoint there (process {processes.rank}: "
-            f"step {first}); train in a folder that all of them share"
-        )
 
 
 def hash_arrays(*arrays: NDArray[Any]) -> str:
@@ -308,27 +336,14 @@ def seeded(seed: int, build: Callable[[], Built]) -> Built:
         return build()
 
 
-@contextmanager
-def denormals_flushed() -> Generator[None]:
-    """Count denormal numbers as zeros inside.
-
-    They slow training on a CPU by up to seven times. This is a setting of the calling thread,
-    restored at the end, and of threads that start meanwhile.
-    """
-    before = sys.float_info.min / 2 == 0.0  # PyTorch sets it, but has no function that returns it
-    torch.set_flush_denormal(True)
-    try:
-        yield
-    finally:
-        torch.set_flush_denormal(before)
-
-
-def prepare_device(device: str) -> torch.device:
+def prepare_device(
+    device: str, gpu_available: Callable[[], bool] = torch.cuda.is_available
+) -> torch.device:
     """Return the device; "auto" is the GPU where there is one, another for each process.
 
     Raises BadInput for a GPU where there is none.
     """
-    has_gpu = torch.cuda.is_available()
+    has_gpu = gpu_available()
     if device == "auto":
         device = "cuda" if has_gpu else "cpu"
     if device == "cuda" and not has_gpu:
@@ -341,6 +356,8 @@ def prepare_device(device: str) -> torch.device:
 
 
 class _Rate:
+    """The speed of a training over the last minute."""
+
     def __init__(self, step: int) -> None:
         self.marks = deque([(time.perf_counter(), step)])
 

@@ -80,15 +80,15 @@ def objective_of(path: Path) -> str:
     return objective
 
 
-def card_of(path: Path) -> dict[str, Any]:
+def card_of(path: Path, most_header_bytes: int = MOST_HEADER_BYTES) -> dict[str, Any]:
     """Return how exported weights were trained, and `model`, from the file's header alone.
 
     A safetensors file begins with the length of its header (8 bytes, little-endian) and the header,
-    which is JSON. Raises BadInput where this one does not.
+    which is JSON. Raises BadInput where this one does not, or its header is too long.
     """
     with open_file(path, MOST_BYTES) as file:
         length = int.from_bytes(file.read(8), "little")
-        text = file.read(min(length, MOST_HEADER_BYTES))
+        text = file.read(min(length, most_header_bytes))
     try:
         if len(text) < length:
             raise ValueError(f"{length} bytes by its own account")

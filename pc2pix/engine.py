@@ -1,7 +1,7 @@
 """Inference engine: the generator with normalisation and fixed inputs folded into its weights.
 
-What it draws is what `pc2pix.model.Generator` draws in evaluation mode, up to rounding; what it
-leaves out is arithmetic:
+It draws what `pc2pix.model.Generator` draws in evaluation mode, up to rounding, with less
+arithmetic:
 
 - BatchNorm behind a convolution (`bn2`) becomes part of that convolution. `bn1` and the last one
   stay: a ReLU follows them, and the sum that they normalise is wanted as it is by the shortcut.
@@ -235,9 +235,14 @@ class LastLayers:
 
 
 class Stack:
-    """The blocks and last layers of a generator, for groups of at most `most` images."""
+    """The blocks and last layers of a generator, for groups of at most `most` images.
 
-    def __init__(self, generator: Generator, dtype: torch.dtype, most: int) -> None:
+    A block's result for a group takes at most `group_bytes`, or is of a single image.
+    """
+
+    def __init__(
+        self, generator: Generator, dtype: torch.dtype, most: int, group_bytes: int = GROUP_BYTES
+    ) -> None:
         self.layers: list[FoldedBlock | LastLayers] = []
         self.groups: list[int] = []  # images that pass a layer together
         cpu = generator.conv.weight.device.type == "cpu"
@@ -246,7 +251,7 @@ class Stack:
             for block in generator.blocks:
                 assert isinstance(block, UpBlock)
                 cin, cout = block.conv1.in_channels, block.conv1.out_channels
-                group = max(1, GROUP_BYTES // (cout * 4 * size * size * dtype.itemsize))
+                group = max(1, group_bytes // (cout * 4 * size * size * dtype.itemsize))
                 group = min(group if cpu else ALL, most)
                 self.groups.append(group)
                 self.layers.append(FoldedBlock(block, (group, cin, size, size), dtype))
@@ -268,7 +273,9 @@ class Stack:
 class FoldedGenerator:
     """The generator for inference, see `fold`."""
 
-    def __init__(self, generator: Generator, precision: Precision) -> None:
+    def __init__(
+        self, generator: Generator, precision: Precision, group_bytes: int = GROUP_BYTES
+    ) -> None:
         self.precision: Precision = precision
         self.dtype = dtype_of(precision)
         self.generator = copy.deepcopy(generator)
@@ -277,11 +284,11 @@ class FoldedGenerator:
         parts = [NOISE_DIM, self.config.latent_dim, 1 + self.config.azimuth_numbers]
         self.noise, self.code, self.angles = weight.split(parts, dim=1)
         self.bias = self.generator.dense.bias.detach()
-        self.for_many = Stack(self.generator, self.dtype, ALL)
+        self.for_many = Stack(self.generator, self.dtype, ALL, group_bytes)
 
     @functools.cached_property
     def for_one(self) -> Stack:
-        """The layers with kernels laid out for a single image.
+        """Return the layers with kernels laid out for a single image.
 
         Kernels laid out for a group of 32 images are slow with one.
         """

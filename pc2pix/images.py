@@ -107,12 +107,13 @@ def _draw(
     renderer: Pc2pixRenderer | None,
 ) -> NDArray[np.uint8]:
     cloud = cloud_of_points(points, up, front)
-    renderer = renderer or _bundled()
+    renderer = renderer or bundled()
     return to_uint8(renderer.draw(renderer.prepare(cloud), views))
 
 
 @functools.cache
-def _bundled() -> Pc2pixRenderer:
+def bundled() -> Pc2pixRenderer:
+    """Return the renderer with the bundled weights `chair`, the same one at each call."""
     import pc2pix
 
     return pc2pix.load()

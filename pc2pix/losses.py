@@ -80,10 +80,9 @@ def angular_error(predicted01: Tensor, target01: Tensor, range_rad: float) -> Te
 def azimuth_error(judged: Tensor, target01: Tensor) -> Tensor:
     """Return the error of an azimuth [B, 1] in radians, or of its sine and cosine [B, 2].
 
-    The latter is the mean absolute difference.
-
-    The latter has a gradient towards the target everywhere. The angular error of one number has
-    none that agrees over a batch while all angles are judged alike, as they are at the start.
+    The error of sine and cosine is the mean absolute difference, which has a gradient towards the
+    target everywhere. The angular error of one number has none that agrees over a batch while all
+    angles are judged alike, as they are at the start.
     """
     if judged.shape[1] == 1:
         return angular_error(judged, target01, AZIMUTH_RANGE_RAD)
@@ -135,7 +134,7 @@ OBJECTIVES = {
 }
 
 
-class Condition(NamedTuple):
+class Conditioning(NamedTuple):
     """The condition of an image, c_1, c_2, c_3 of Eq. 6: what it was, or should be, made from."""
 
     code: Tensor  # [B, latent_dim]
@@ -154,7 +153,7 @@ class LossTerms(NamedTuple):
 
 
 def _terms(
-    judged: DiscriminatorOutput, condition: Condition, real: bool, objective: Objective
+    judged: DiscriminatorOutput, condition: Conditioning, real: bool, objective: Objective
 ) -> LossTerms:
     logit = judged.real_logit
     label = torch.ones_like(logit) if real else torch.zeros_like(logit)
@@ -175,8 +174,8 @@ def _terms(
 def discriminator_loss(
     on_real: DiscriminatorOutput,
     on_fake: DiscriminatorOutput,
-    real: Condition,
-    fake: Condition,
+    real: Conditioning,
+    fake: Conditioning,
     objective: Objective,
 ) -> LossTerms:
     """Return the terms of Eq. 6: cross entropy and reconstruction of conditions, both halves.
@@ -193,7 +192,7 @@ def discriminator_loss(
 
 
 def generator_loss(
-    on_fake: DiscriminatorOutput, fake: Condition, objective: Objective
+    on_fake: DiscriminatorOutput, fake: Conditioning, objective: Objective
 ) -> LossTerms:
-    """Return the terms of Eq. 7: be taken for real, and have the conditions read off the image."""
+    """Return the terms of Eq. 7: cross entropy to real, and the reconstruction of conditions."""
     return _terms(on_fake, fake, True, objective)

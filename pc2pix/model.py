@@ -1,9 +1,9 @@
-"""The networks of pc2pix in one file: encoders, decoder, generator, discriminator.
+"""The generator and the discriminator of pc2pix; all its networks can be imported from here.
 
-Sources: the paper's sections 3.1 and 3.2 (Tables 1 and 2) and roatienza/pc2pix@23b7b46d; where the
-two differ, the code is followed and the place says so. One number scales every width. PyTorch
-layout (NCHW) inside, but wherever channels and positions meet a dense layer they are ordered as in
-the original (height, width, channel), so that weights trained there can be loaded.
+Sources: the paper's section 3.2 (Tables 1 and 2) and roatienza/pc2pix@23b7b46d; where the two
+differ, the code is followed and the place says so. One number scales every width. PyTorch layout
+(NCHW) inside, but wherever channels and positions meet a dense layer they are ordered as in the
+original (height, width, channel), so that weights trained there can be loaded.
 
 Two identities save 40 % of the arithmetic without changing a result beyond rounding:
 - nearest up-sampling commutes with BatchNorm and ReLU, and up-sampling followed by a 3x3
@@ -15,82 +15,37 @@ Two identities save 40 % of the arithmetic without changing a result beyond roun
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from data_prep.scene import CLOUD_SIZE
+from pc2pix.autoencoder import Decoder, Encoder, PointNet, build_encoder
+from pc2pix.model_config import LITE, PAPER, ModelConfig, initialise
+
+__all__ = [
+    "LITE",
+    "NOISE_DIM",
+    "PAPER",
+    "Decoder",
+    "Discriminator",
+    "DiscriminatorOutput",
+    "Encoder",
+    "Generator",
+    "ModelConfig",
+    "PointNet",
+    "UpBlock",
+    "build_encoder",
+    "channels_last",
+    "sine_cosine",
+]
 
 NOISE_DIM = 128  # z ~ U(-1, 1)
 GENERATOR_CHANNELS = (1024, 1024, 512, 256, 128, 64)  # Table 1: 4, 8, 16, 32, 64, 128 px
 DISCRIMINATOR_CHANNELS = (64, 128, 256, 512, 1024)  # Table 2: 64, 32, 16, 8, 4 px
 CODE_HEAD_CHANNELS = (256, 1024, 1024, 1024)  # Table 2
-BRANCH_CHANNELS = 64
-BRANCH_DILATIONS = (1, 2, 4, 8)
-DOWN_CHANNELS = 128
-ENCODER_STAGES = 4  # 2048, 1024, 512, 256 positions
-LAST_CHANNELS = 32
-DECODER_CHANNELS = 1024
-POINT_CHANNELS = (64, 128, 256)  # PointNet, at every width
-
-EncoderKind = Literal["paper", "pointnet"]
-AzimuthKind = Literal["scalar", "sine-cosine"]
-
-
-@dataclass(frozen=True)
-class ModelConfig:
-    """Widths and variants of all networks.
-
-    Parameters
-    ----------
-    width : float
-        Factor on every hidden width but PointNet's; 1.0 is the paper's.
-    latent_dim : int
-        Length of the code rho: 32 for chairs, 512 for all classes in the paper.
-    encoder : {"paper", "pointnet"}
-        "paper": dilated convolutions along the order of 2,048 points. "pointnet": ours,
-        independent of order, any number of points.
-    azimuth : {"scalar", "sine-cosine"}
-        Form in which networks give and take the azimuth. "scalar": as in the paper, one number
-        that jumps at the back of the object. "sine-cosine": ours, two numbers without a jump.
-
-    Raises
-    ------
-    ValueError
-        Where a number is not positive or a kind is unknown.
-    """
-
-    width: float = 1.0
-    latent_dim: int = 32
-    encoder: EncoderKind = "paper"
-    azimuth: AzimuthKind = "scalar"
-
-    def __post_init__(self) -> None:
-        if not self.width > 0:
-            raise ValueError(f"width must be positive, got {self.width}")
-        if self.latent_dim < 1:
-            raise ValueError(f"latent_dim must be at least 1, got {self.latent_dim}")
-        if self.encoder not in ("paper", "pointnet"):
-            raise ValueError(f"encoder must be paper or pointnet, got {self.encoder!r}")
-        if self.azimuth not in ("scalar", "sine-cosine"):
-            raise ValueError(f"azimuth must be scalar or sine-cosine, got {self.azimuth!r}")
-
-    def scaled(self, channels: int) -> int:
-        """Return a width of the paper scaled to this configuration, at least 1."""
-        return max(1, round(channels * self.width))
-
-    @property
-    def azimuth_numbers(self) -> int:
-        """The number of values that stand for an azimuth, 1 or 2."""
-        return 1 if self.azimuth == "scalar" else 2
-
-
-PAPER = ModelConfig()
-LITE = ModelConfig(width=0.25)
 
 
 def sine_cosine(azimuth01: Tensor) -> Tensor:
@@ -132,17 +87,8 @@ class DiscriminatorOutput(NamedTuple):
 
     @property
     def real(self) -> Tensor:
-        """The probability [B, 1] that the image is a real one (Table 2: p_real)."""
+        """Return the probability [B, 1] that the image is a real one (Table 2: p_real)."""
         return torch.sigmoid(self.real_logit)
-
-
-def initialise(network: nn.Module) -> None:
-    """Set Glorot-uniform kernels and zero biases, the initial state of the original (Keras)."""
-    for module in network.modules():
-        if isinstance(module, nn.Conv1d | nn.Conv2d | nn.Linear):
-            nn.init.xavier_uniform_(module.weight)
-            assert module.bias is not None
-            nn.init.zeros_(module.bias)
 
 
 def channels_last(network: nn.Module) -> None:
@@ -370,167 +316,9 @@ class Discriminator(nn.Module):
             code = functional.relu(layer(code))  # [B, h]
         x = self.last_block(self.blocks[-1](x))  # [B, c5, 4, 4]
         x = functional.relu(x).sum(dim=(2, 3))  # [B, c5]
-        return DiscriminatorOutput(
-            real_logit=self.real(x),
-            code=self.code(code),
-            elevation=torch.sigmoid(self.elevation(x)),
-            azimuth=self._azimuth(x),
-        )
-
-    def _azimuth(self, x: Tensor) -> Tensor:
-        azimuth = self.azimuth(x)
-        return torch.sigmoid(azimuth) if self.config.azimuth == "scalar" else azimuth
-
-
-# Point-cloud autoencoder: paper section 3.1; its details are in the code only
-
-
-class NormConv1d(nn.Module):
-    """A BN-ReLU-conv1d of kernel 5 with Keras' "same" padding."""
-
-    def __init__(self, cin: int, cout: int, *, dilation: int = 1, stride: int = 1) -> None:
-        super().__init__()
-        self.bn = nn.BatchNorm1d(cin, eps=1e-3, momentum=0.01)
-        self.conv = nn.Conv1d(cin, cout, 5, dilation=dilation, stride=stride)
-        # "same" at stride 2 on an even length pads one position on the left and two on the right
-        self.padding = (1, 2) if stride == 2 else (2 * dilation, 2 * dilation)
-
-    def forward(self, x: Tensor) -> Tensor:
-        """Map [B, cin, L] to [B, cout, L / stride]."""
-        return self.conv(functional.pad(functional.relu(self.bn(x)), self.padding))
-
-
-class Encoder(nn.Module):
-    """The paper's encoder: wide dilated 1-D convolutions with skip connections (section 3.1).
-
-    The convolutions run along the *order* of the points: shuffling the rows of a cloud changes its
-    code, as in the original.
-    """
-
-    cloud_size: int | None = CLOUD_SIZE
-
-    def __init__(self, config: ModelConfig = PAPER) -> None:
-        super().__init__()
-        self.config = config
-        branch, down, last = (
-            config.scaled(channels) for channels in (BRANCH_CHANNELS, DOWN_CHANNELS, LAST_CHANNELS)
-        )
-        self.branches = nn.ModuleList()  # per stage: four dilations side by side
-        self.compress = nn.ModuleList()  # the skip path; the original's fourth one feeds nothing
-        self.down = nn.ModuleList()
-        cin, skip = 3, 3
-        for stage in range(ENCODER_STAGES):
-            self.branches.append(
-                nn.ModuleList(NormConv1d(cin, branch, dilation=d) for d in BRANCH_DILATIONS)
-            )
-            wide = len(BRANCH_DILATIONS) * branch + skip
-            if stage < ENCODER_STAGES - 1:
-                self.compress.append(nn.Conv1d(wide, branch, 1))
-                self.down.append(NormConv1d(wide, down, stride=2))
-                cin, skip = down, branch
-            else:
-                self.last = NormConv1d(wide, last)
-        self.dense = nn.Linear(CLOUD_SIZE // 2 ** (ENCODER_STAGES - 1) * last, config.latent_dim)
-        initialise(self)
-
-    def forward(self, points: Tensor) -> Tensor:
-        """Return the codes of clouds.
-
-        Parameters
-        ----------
-        points : Tensor, [B, 2048, 3]
-            Clouds in unit-sphere coordinates.
-
-        Returns
-        -------
-        Tensor, [B, latent_dim]
-            Codes, not whitened.
-        """
-        x = skip = points.transpose(1, 2)  # [B, 3, 2048]
-        for stage, branches in enumerate(self.branches):
-            assert isinstance(branches, nn.ModuleList)
-            # [B, 4 branch + skip, L], L = 2048, 1024, 512, 256
-            wide = torch.cat([*(branch(x) for branch in branches), skip], dim=1)
-            if stage < ENCODER_STAGES - 1:
-                skip = functional.max_pool1d(functional.relu(self.compress[stage](wide)), 2)
-                x = self.down[stage](wide)  # [B, down, L / 2]
-            else:
-                x = self.last(wide)  # [B, last, 256]
-        return self.dense(x.transpose(1, 2).flatten(1))  # [B, latent_dim]
-
-
-class PointNet(nn.Module):
-    """A PointNet (Qi et al. 2017): a network on every point, then maximum and mean over them.
-
-    The code does not depend on the order of the points, and any number of points will do. No
-    BatchNorm: it costs more than the layers it would serve, and ties a cloud's code to its batch.
-    Its width is the same in all profiles.
-    """
-
-    cloud_size: int | None = None  # any
-
-    def __init__(self, config: ModelConfig) -> None:
-        super().__init__()
-        self.config = config
-        c = POINT_CHANNELS
-        self.points = nn.ModuleList(nn.Linear(cin, cout) for cin, cout in pairwise((3, *c)))
-        self.hidden = nn.Linear(2 * c[-1], c[-1])
-        self.code = nn.Linear(c[-1], config.latent_dim)
-        initialise(self)
-
-    def forward(self, points: Tensor) -> Tensor:
-        """Return the codes of clouds.
-
-        Parameters
-        ----------
-        points : Tensor, [B, N, 3], N > 0
-            Clouds in unit-sphere coordinates.
-
-        Returns
-        -------
-        Tensor, [B, latent_dim]
-            Codes, not whitened.
-        """
-        x = points
-        for layer in self.points:
-            x = functional.relu(layer(x))  # [B, N, c]
-        pooled = torch.cat([x.amax(dim=1), x.mean(dim=1)], dim=1)  # [B, 2 c]
-        return self.code(functional.relu(self.hidden(pooled)))  # [B, latent_dim]
-
-
-def build_encoder(config: ModelConfig) -> Encoder | PointNet:
-    """Return the encoder that a configuration asks for, freshly initialised."""
-    return Encoder(config) if config.encoder == "paper" else PointNet(config)
-
-
-class Decoder(nn.Module):
-    """The decoder from a code to a cloud: three hidden dense layers and tanh.
-
-    It is used only to train the encoder, and to see what codes mean.
-    """
-
-    def __init__(self, config: ModelConfig = PAPER) -> None:
-        super().__init__()
-        self.config = config
-        hidden = config.scaled(DECODER_CHANNELS)
-        sizes = [config.latent_dim, hidden, hidden, hidden, CLOUD_SIZE * 3]
-        self.layers = nn.ModuleList(nn.Linear(cin, cout) for cin, cout in pairwise(sizes))
-        initialise(self)
-
-    def forward(self, code: Tensor) -> Tensor:
-        """Return the clouds of codes.
-
-        Parameters
-        ----------
-        code : Tensor, [B, latent_dim]
-            Codes, as the encoder gives them or whitened, depending on the training.
-
-        Returns
-        -------
-        Tensor, [B, 2048, 3]
-            Clouds in (-1, 1).
-        """
-        x = code
-        for layer in self.layers[:-1]:
-            x = functional.relu(layer(x))  # [B, hidden]
-        return torch.tanh(self.layers[-1](x)).unflatten(1, (CLOUD_SIZE, 3))  # [B, 2048, 3]
+        # gradients add up in the order of the heads: another one would move weights by rounding
+        real_logit, code = self.real(x), self.code(code)
+        elevation, azimuth = torch.sigmoid(self.elevation(x)), self.azimuth(x)
+        if self.config.azimuth == "scalar":
+            azimuth = torch.sigmoid(azimuth)
+        return DiscriminatorOutput(real_logit, code, elevation, azimuth)

@@ -1,6 +1,6 @@
 """Inference of pc2pix in narrower number formats, with the range of values of every layer.
 
-Which format is wide enough, and where does one that is not break? The networks run wholly in the
+The networks run wholly in the
 format asked for: weights, BatchNorm statistics, the cloud, the angles and everything between are
 cast to it, and PyTorch computes in it on the CPU (sums inside a product may be kept wider; what a
 layer hands on is not). float64 is the reference that the others are compared with.
@@ -12,7 +12,6 @@ derived on the way (`pc2pix.model.upsample_then_conv`). So the networks need not
 from __future__ import annotations
 
 import copy
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
@@ -25,7 +24,7 @@ from torch.overrides import TorchFunctionMode
 
 from data_prep.scene import Points, View
 from pc2pix.model import NOISE_DIM
-from pc2pix.renderer import parts, pick_points
+from pc2pix.renderer import normalised_angles, parts, pick_points
 from pc2pix.weights import Weights
 
 Format = Literal["float64", "float32", "bfloat16", "float16"]
@@ -69,18 +68,18 @@ class Inference:
 
     @property
     def overflowed(self) -> str | None:
-        """The first layer with a value that is not finite; None where all are finite."""
+        """Return the first layer with a value that is not finite; None where all are finite."""
         return next((layer.name for layer in self.layers if layer.non_finite), None)
 
     @property
     def refused(self) -> str | None:
-        """The stage at which `Pc2pixRenderer` refuses such a code or image; None if it does not."""
+        """Return the stage at which `Pc2pixRenderer` refuses this code or image, or None."""
         if not np.isfinite(self.code).all():
             return "encode"
         return None if np.isfinite(self.images).all() else "generate"
 
 
-class Deviation(NamedTuple):
+class AbsoluteDifferences(NamedTuple):
     """The absolute differences of two arrays, over all values."""
 
     largest: float
@@ -100,11 +99,8 @@ def infer(weights: Weights, points: Points, views: Sequence[View], fmt: Format) 
     generator = copy.deepcopy(weights.generator).to(dtype)
     mean, std = weights.code_mean.to(dtype), weights.code_std.to(dtype)
     fed = pick_points(points)[None] if encoder.cloud_size else parts(points)
-    angles = [
-        (v.elevation_deg / 80 + 0.5, math.remainder(v.azimuth_deg, 360.0) / 360 + 0.5)
-        for v in views
-    ]
-    elevation01, azimuth01 = torch.tensor(angles, dtype=torch.float64).to(dtype).split(1, dim=1)
+    angles = torch.tensor(normalised_angles(views), dtype=torch.float64)
+    elevation01, azimuth01 = angles.to(dtype).split(1, dim=1)
     noise = torch.zeros(len(views), NOISE_DIM, dtype=dtype)
     names = _names("encoder", encoder) | _names("generator", generator)
     with _Watch(names) as watch:
@@ -115,12 +111,14 @@ def infer(weights: Weights, points: Points, views: Sequence[View], fmt: Format) 
     return Inference(code[0].double().numpy(), images, tuple(watch.layers))
 
 
-def deviation(found: NDArray[np.float64], reference: NDArray[np.float64]) -> Deviation | None:
+def deviation(
+    values: NDArray[np.float64], reference: NDArray[np.float64]
+) -> AbsoluteDifferences | None:
     """Return the absolute differences of two arrays of one shape; None if any is not finite."""
-    if not (np.isfinite(found).all() and np.isfinite(reference).all()):
+    if not (np.isfinite(values).all() and np.isfinite(reference).all()):
         return None
-    apart = np.abs(found - reference)
-    return Deviation(float(apart.max()), float(apart.mean()))
+    apart = np.abs(values - reference)
+    return AbsoluteDifferences(float(apart.max()), float(apart.mean()))
 
 
 def _names(prefix: str, network: nn.Module) -> dict[int, str]:

@@ -149,11 +149,11 @@ class Pc2pixRenderer:
         """
         if not views:
             return np.empty((0, IMAGE_SIZE, IMAGE_SIZE, 3), dtype=np.float32)
-        angles = [(v.elevation_deg / 80 + 0.5, _turns(v.azimuth_deg) + 0.5) for v in views]
+        angles = normalised_angles(views)
         elevation01, azimuth01 = torch.tensor(angles, device=self.device).split(1, dim=1)
         images = self.generator(state, elevation01, azimuth01, self._noise(len(views), rng))
         if not images.isfinite().all():
-            raise StageFailure("generate", "the picture is not finite")
+            raise StageFailure("generate", "the image is not finite")
         return images.cpu().numpy()
 
     def _noise(self, count: int, rng: np.random.Generator | None) -> Tensor | None:
@@ -192,6 +192,12 @@ def parts(points: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.stack([ordered[random.permutation(len(points))[:PLAIN_POINTS]] for _ in range(PARTS)])
 
 
-def _turns(azimuth_deg: float) -> float:
-    """Return an azimuth as a fraction of a turn in [-0.5, 0.5]; -180 and 180 stay as they are."""
-    return math.remainder(azimuth_deg, 360.0) / 360
+def normalised_angles(views: Sequence[View]) -> list[tuple[float, float]]:
+    """Return elevation and azimuth of each view as the generator takes them.
+
+    An azimuth is brought into -180..180 degrees first; both ends stay as they are.
+    """
+    return [
+        (view.elevation_deg / 80 + 0.5, math.remainder(view.azimuth_deg, 360.0) / 360 + 0.5)
+        for view in views
+    ]

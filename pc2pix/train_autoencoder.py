@@ -9,6 +9,7 @@ learn the one order it has seen. PointNet, which is ours, is fed fewer points, f
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,16 +18,16 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from data_prep.failures import BadInput
 from data_prep.rendering.camera import project
 from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE, View
 from learning import checkpoint, training_loop
 from learning.clouds import draw_points
-from learning.processes import ONE, Processes, connect
+from learning.processes import ONE, Processes
 from learning.trainer import NetworkTrainer, Part
 from pc2pix.augment import PLAIN_POINTS, degrade, take_evenly
 from pc2pix.losses import chamfer
 from pc2pix.model import LITE, Decoder, Encoder, ModelConfig, PointNet, build_encoder
+from pc2pix.training_data import AutoencoderData
 
 KIND = "autoencoder"
 SHEET_CLOUDS = 8
@@ -51,37 +52,6 @@ class AutoencoderConfig:
     cadence: training_loop.Cadence = training_loop.DEFAULT_CADENCE
 
 
-@dataclass(frozen=True, eq=False)
-class AutoencoderData:
-    """The clouds, float32 [N, M, 3] in unit-sphere coordinates, M >= 2048.
-
-    Raises BadInput for others.
-    """
-
-    clouds: NDArray[np.float32]
-
-    def __post_init__(self) -> None:
-        check_clouds(self.clouds)
-        if self.clouds.shape[1] < CLOUD_SIZE:
-            raise BadInput(
-                f"clouds: {self.clouds.shape[1]} points each, training needs {CLOUD_SIZE} or more; "
-                "sample more points"
-            )
-
-
-def check_clouds(clouds: NDArray[np.float32]) -> None:
-    """Raise BadInput unless `clouds` is a finite, non-empty float32 [N, M, 3]."""
-    if clouds.ndim != 3 or clouds.shape[2] != 3 or clouds.dtype != np.float32 or not len(clouds):
-        raise BadInput(
-            f"clouds: expected float32 [N, M, 3] with N > 0, got {clouds.dtype} "
-            f"{list(clouds.shape)}; stack the training clouds"
-        )
-    if not np.isfinite(clouds).all():
-        bad = int((~np.isfinite(clouds).all(axis=(1, 2))).argmax())
-        raise BadInput(f"clouds: cloud {bad} is not finite; remove it from the training set")
-
-
-@training_loop.denormals_flushed()
 def train_autoencoder(
     data: AutoencoderData,
     config: AutoencoderConfig,
@@ -96,11 +66,8 @@ def train_autoencoder(
     BadInput where `out_dir` holds a run of another configuration or other data, and
     TrainingDiverged where a loss stops being finite or explodes.
     """
-    torch_device = training_loop.prepare_device(device)
-    team = connect(torch_device)
-    trainer = _AutoencoderTrainer(data, config, torch_device, team)
-    data_hash = training_loop.hash_arrays(data.clouds)
-    return training_loop.run(trainer, config, data_hash, out_dir, on_progress, team)
+    build = functools.partial(_AutoencoderTrainer, data, config)
+    return training_loop.train(build, config, [data.clouds], out_dir, device, on_progress)
 
 
 def load_encoder(path: Path) -> Encoder | PointNet:
@@ -121,9 +88,9 @@ class _AutoencoderTrainer(NetworkTrainer):
         data: AutoencoderData,
         config: AutoencoderConfig,
         device: torch.device,
-        team: Processes = ONE,
+        processes: Processes = ONE,
     ) -> None:
-        super().__init__(config, device, team)
+        super().__init__(config, device, processes)
         self.batch = config.batch
         self.clouds = torch.from_numpy(data.clouds)
         self.encoder, self.decoder = training_loop.seeded(

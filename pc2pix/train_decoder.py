@@ -8,6 +8,7 @@ but Adam: nothing here has to follow the original.
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,11 +21,12 @@ from torch import Tensor
 from data_prep.scene import CLOUD_SIZE
 from learning import training_loop
 from learning.clouds import draw_points
-from learning.processes import ONE, Processes, connect
+from learning.processes import ONE, Processes
 from learning.trainer import NetworkTrainer, Part
 from pc2pix.losses import chamfer
 from pc2pix.model import Decoder, ModelConfig
-from pc2pix.train_autoencoder import SHEET_CLOUDS, AutoencoderData, dots_of
+from pc2pix.train_autoencoder import SHEET_CLOUDS, dots_of
+from pc2pix.training_data import AutoencoderData
 from pc2pix.weights import DECODER, Weights
 
 KIND = DECODER
@@ -51,7 +53,6 @@ class DecoderConfig:
     cadence: training_loop.Cadence = training_loop.DEFAULT_CADENCE
 
 
-@training_loop.denormals_flushed()
 def train_decoder(
     data: AutoencoderData,
     weights: Weights,
@@ -67,11 +68,8 @@ def train_decoder(
     BadInput where `out_dir` holds a run of another configuration, other weights or other data, and
     TrainingDiverged where a loss stops being finite.
     """
-    torch_device = training_loop.prepare_device(device)
-    team = connect(torch_device)
-    trainer = _DecoderTrainer(data, weights, config, torch_device, team)
-    data_hash = training_loop.hash_arrays(data.clouds)
-    return training_loop.run(trainer, config, data_hash, out_dir, on_progress, team)
+    build = functools.partial(_DecoderTrainer, data, weights, config)
+    return training_loop.train(build, config, [data.clouds], out_dir, device, on_progress)
 
 
 class _DecoderTrainer(NetworkTrainer):
@@ -84,9 +82,9 @@ class _DecoderTrainer(NetworkTrainer):
         weights: Weights,
         config: DecoderConfig,
         device: torch.device,
-        team: Processes = ONE,
+        processes: Processes = ONE,
     ) -> None:
-        super().__init__(config, device, team)
+        super().__init__(config, device, processes)
         self.batch = config.batch
         self.clouds = torch.from_numpy(data.clouds)
         self.encoder = weights.encoder.to(device)

@@ -20,6 +20,7 @@ Departures from roatienza/pc2pix@23b7b46d, each for a reason:
 from __future__ import annotations
 
 import copy
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -30,16 +31,15 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from data_prep.failures import BadInput
-from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE
 from learning import training_loop
 from learning.averaging import update
 from learning.clouds import draw_points
-from learning.processes import ONE, Processes, connect
+from learning.processes import ONE, Processes
 from learning.trainer import NetworkTrainer, Part
 from pc2pix.augment import PLAIN_POINTS, Scene, degrade, mirror, take_evenly
 from pc2pix.losses import (
     OBJECTIVES,
-    Condition,
+    Conditioning,
     LossTerms,
     discriminator_loss,
     generator_loss,
@@ -56,7 +56,7 @@ from pc2pix.model import (
     PointNet,
     channels_last,
 )
-from pc2pix.train_autoencoder import check_clouds
+from pc2pix.training_data import GanData
 from pc2pix.weights import GAN
 
 KIND = GAN
@@ -103,50 +103,6 @@ class GanConfig:
             )
 
 
-@dataclass(frozen=True, eq=False)
-class GanData:
-    """The training images of N objects from V views each, and their clouds.
-
-    Raises BadInput where a shape is wrong.
-
-    images         uint8 [N, V, 128, 128, 3], white background
-    azimuth_deg    float [N, V], -180..180
-    elevation_deg  float [N, V], -40..40
-    clouds         float32 [N, 2048, 3], unit-sphere coordinates
-    """
-
-    images: NDArray[np.uint8]
-    azimuth_deg: NDArray[np.floating]
-    elevation_deg: NDArray[np.floating]
-    clouds: NDArray[np.float32]
-
-    def __post_init__(self) -> None:
-        check_clouds(self.clouds)
-        shape = self.images.shape
-        n, v = self.azimuth_deg.shape
-        if self.images.dtype != np.uint8 or shape != (n, v, IMAGE_SIZE, IMAGE_SIZE, 3):
-            raise BadInput(
-                f"images: expected uint8 [{n}, {v}, {IMAGE_SIZE}, {IMAGE_SIZE}, 3] to go with the "
-                f"angles, got {self.images.dtype} {list(shape)}; stack pictures by object and view"
-            )
-        if self.elevation_deg.shape != (n, v) or self.clouds.shape != (n, CLOUD_SIZE, 3):
-            raise BadInput(
-                f"elevation_deg {list(self.elevation_deg.shape)} or clouds "
-                f"{list(self.clouds.shape)} do not go with {n} objects of {v} views; "
-                f"expected [{n}, {v}] and [{n}, {CLOUD_SIZE}, 3]"
-            )
-        for name, angle, limit in (
-            ("azimuth_deg", self.azimuth_deg, 180.0),
-            ("elevation_deg", self.elevation_deg, 40.0),
-        ):
-            if not (np.abs(angle) <= limit).all():
-                raise BadInput(
-                    f"{name}: values {angle.min()}..{angle.max()} leave -{limit:g}..{limit:g}; "
-                    "wrap or drop those views"
-                )
-
-
-@training_loop.denormals_flushed()
 def train_gan(
     data: GanData,
     encoder: Encoder | PointNet,
@@ -169,17 +125,10 @@ def train_gan(
             f"encoder: its configuration is {encoder.config}, the GAN's {config.model}; "
             "train both with the same width and latent_dim"
         )
-    torch_device = training_loop.prepare_device(device)
-    team = connect(torch_device)
-    trainer = _GanTrainer(data, encoder, config, torch_device, team)
-    data_hash = training_loop.hash_arrays(
-        data.images,
-        data.azimuth_deg,
-        data.elevation_deg,
-        data.clouds,
-        *(tensor.cpu().numpy() for tensor in encoder.state_dict().values()),
-    )
-    return training_loop.run(trainer, config, data_hash, out_dir, on_progress, team)
+    arrays = [data.images, data.azimuth_deg, data.elevation_deg, data.clouds]
+    arrays += [tensor.cpu().numpy() for tensor in encoder.state_dict().values()]
+    build = functools.partial(_GanTrainer, data, encoder, config)
+    return training_loop.train(build, config, arrays, out_dir, device, on_progress)
 
 
 @torch.no_grad()
@@ -202,9 +151,9 @@ class _GanTrainer(NetworkTrainer):
         encoder: Encoder | PointNet,
         config: GanConfig,
         device: torch.device,
-        team: Processes = ONE,
+        processes: Processes = ONE,
     ) -> None:
-        super().__init__(config, device, team)
+        super().__init__(config, device, processes)
         self.batch = config.batch
         self.objective = OBJECTIVES[config.objective]
         self.paired = self.objective.reconstruction_weight > 0
@@ -260,17 +209,17 @@ class _GanTrainer(NetworkTrainer):
         nhwc = self.images[objects.to(device), views.to(device)]
         return nhwc.permute(0, 3, 1, 2).float() / 127.5 - 1
 
-    def _draw_real(self) -> tuple[Tensor, Condition]:
+    def _draw_real(self) -> tuple[Tensor, Conditioning]:
         n, v = self.azimuth01.shape
         objects = torch.randint(n, (self.batch,), generator=self.random)
         views = torch.randint(v, (self.batch,), generator=self.random)
         return self._images(objects, views), self._condition_of(objects, views)
 
-    def _condition_of(self, objects: Tensor, views: Tensor) -> Condition:
+    def _condition_of(self, objects: Tensor, views: Tensor) -> Conditioning:
         elevation = self.elevation01[objects, views, None]
         azimuth = self.azimuth01[objects, views, None]
         parts = (self._codes(objects), elevation, azimuth)
-        return Condition(*(part.to(self.device) for part in parts))
+        return Conditioning(*(part.to(self.device) for part in parts))
 
     @torch.no_grad()
     def _codes(self, objects: Tensor) -> Tensor:
@@ -279,13 +228,13 @@ class _GanTrainer(NetworkTrainer):
             return self.codes[objects]
         return self._whiten(self.encoder(self._points(objects).to(self.device)))
 
-    def _draw_fake(self) -> tuple[Tensor, Condition]:
+    def _draw_fake(self) -> tuple[Tensor, Conditioning]:
         """Return noise [B, 128], and a training cloud's code seen from anywhere."""
         noise = torch.rand(self.batch, NOISE_DIM, generator=self.random) * 2 - 1
         objects = torch.randint(len(self.codes), (self.batch,), generator=self.random)
         elevation, azimuth = torch.rand(2, self.batch, 1, generator=self.random)
         parts = (self._codes(objects), elevation, azimuth)
-        return noise.to(self.device), Condition(*(part.to(self.device) for part in parts))
+        return noise.to(self.device), Conditioning(*(part.to(self.device) for part in parts))
 
     def take_step(self) -> dict[str, Tensor]:
         self.generator.train()
@@ -322,7 +271,7 @@ class _GanTrainer(NetworkTrainer):
             # the same columns in losses.csv from the first step to the last
             absent = [f"{who}_{term}" for who in "dg" for term in LossTerms._fields]
             return {"reconstruction": error.detach(), **dict.fromkeys(absent, error.new_zeros(()))}
-        condition = Condition(code.detach(), *angles)
+        condition = Conditioning(code.detach(), *angles)
         on_discriminator = self._train_discriminator(
             scene.images, condition, drawn.detach(), condition
         )
@@ -356,7 +305,7 @@ class _GanTrainer(NetworkTrainer):
         return (codes - mean) / std
 
     def _train_discriminator(
-        self, real_images: Tensor, real: Condition, fake_images: Tensor, fake: Condition
+        self, real_images: Tensor, real: Conditioning, fake_images: Tensor, fake: Conditioning
     ) -> dict[str, Tensor]:
         with self.autocast():
             # one batch of both halves, as in the original: u moves once
@@ -367,7 +316,7 @@ class _GanTrainer(NetworkTrainer):
         self.minimise(terms.total, self.discriminator_adam)
         return _detached({f"d_{name}": value for name, value in terms._asdict().items()})
 
-    def _judge_drawn(self, drawn: Tensor, condition: Condition) -> dict[str, Tensor]:
+    def _judge_drawn(self, drawn: Tensor, condition: Conditioning) -> dict[str, Tensor]:
         """Return the terms of Eq. 7 for drawn images."""
         # gradients pass through the discriminator, but its own would be thrown away
         self.discriminator.requires_grad_(False)

@@ -49,8 +49,8 @@ ONE_IN = 50
 
 
 @dataclass(frozen=True, eq=False)
-class Sample:
-    """Images [N, V, H, W, 3] of the objects of a class, and their true ones."""
+class ClassImages:
+    """The images [N, V, H, W, 3] of the objects of a class, and their true ones."""
 
     class_name: str
     truth: NDArray[np.uint8]
@@ -64,7 +64,7 @@ class Measure:
         self.network = load_views_network(VIEWS_WEIGHTS)
         self.head = read_class_head(VIEWS_WEIGHTS)
 
-    def objects(self, sample: Sample) -> dict[str, NDArray[np.float64]]:
+    def objects(self, sample: ClassImages) -> dict[str, NDArray[np.float64]]:
         """Return the metrics that are means, for each object [N]."""
         per_object = [scores(t, d) for t, d in zip(sample.truth, sample.drawn, strict=True)]
         confidence = self.head.confidence(self._features(sample.drawn), sample.class_name)
@@ -76,7 +76,7 @@ class Measure:
             for metric in MEANS
         }
 
-    def distances(self, sample: Sample) -> dict[str, float]:
+    def distances(self, sample: ClassImages) -> dict[str, float]:
         """Return the distances of the set."""
         x, y = self._features(sample.truth), self._features(sample.drawn)
         return {"fd-views": frechet_distance(x, y), "kd-views": kernel_distance(x, y)}
@@ -93,7 +93,7 @@ def nudged(cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
     return replace(cloud, points=points)
 
 
-def pairs(class_name: str, objects: int, views: int) -> dict[tuple[str, str], list[Sample]]:
+def pairs(class_name: str, objects: int, views: int) -> dict[tuple[str, str], list[ClassImages]]:
     """Return by change and method the sample as it is, and changed."""
     seen = [random_views(views, generator("class noise", class_name, i)) for i in range(objects)]
     meshes = [ProceduralObject(class_name, "validation", i).load() for i in range(objects)]
@@ -103,17 +103,17 @@ def pairs(class_name: str, objects: int, views: int) -> dict[tuple[str, str], li
     ]
     farther = [turned(of_object) for of_object in seen]
     truth, truth_turned = render_all(meshes, seen), render_all(meshes, farther)
-    samples: dict[tuple[str, str], list[Sample]] = {}
+    samples: dict[tuple[str, str], list[ClassImages]] = {}
     for method in TURNED + ROUNDED:
         renderer = find_method(method).load("cpu")
-        plain = Sample(class_name, truth, draw_all(renderer, clouds, seen))
+        plain = ClassImages(class_name, truth, draw_all(renderer, clouds, seen))
         if method in TURNED:
-            again = Sample(class_name, truth_turned, draw_all(renderer, clouds, farther))
+            again = ClassImages(class_name, truth_turned, draw_all(renderer, clouds, farther))
             samples["turn", method] = [plain, again]
         else:
             rng = generator("class noise", "nudge", class_name)
             others = [nudged(cloud, rng) for cloud in clouds]
-            again = Sample(class_name, truth, draw_all(renderer, others, seen))
+            again = ClassImages(class_name, truth, draw_all(renderer, others, seen))
             samples["rounding", method] = [plain, again]
     return samples
 

@@ -58,7 +58,7 @@ class Unfilled(ValueError):
 
 
 @dataclass(frozen=True)
-class Place:
+class TableRequest:
     """The request of a mark in a page.
 
     rows, columns  a field and its values; of several fields all combinations
@@ -74,7 +74,7 @@ class Place:
     shown: str
 
 
-def parsed(asked: str) -> Place:
+def parsed(asked: str) -> TableRequest:
     """Return the request of a mark.
 
     Raises ValueError for a mark without a file, rows or columns.
@@ -82,13 +82,12 @@ def parsed(asked: str) -> Place:
     files, *words = asked.split()
     options = dict(word.split("=", 1) for word in words)
     intervals, shown = options.pop("intervals", "yes") == "yes", options.pop("show", "")
-    rows, columns = (_axis(options.pop(name)) for name in ("rows", "columns"))
-    return Place(files.split(","), rows, columns, options, intervals, shown)
-
-
-def _axis(text: str) -> Axis:
-    fields = [part.split(":", 1) for part in text.split("*")]
-    return [(field, values.split(",")) for field, values in fields]
+    fields = [
+        [part.split(":", 1) for part in options.pop(name).split("*")]
+        for name in ("rows", "columns")
+    ]
+    rows, columns = ([(field, values.split(",")) for field, values in axis] for axis in fields)
+    return TableRequest(files.split(","), rows, columns, options, intervals, shown)
 
 
 def filled(text: str, page: str, numbers: Path = NUMBERS) -> str:
@@ -116,17 +115,17 @@ def _line(text: str, place: int) -> int:
     return text.count("\n", 0, place) + 1
 
 
-def _table(place: Place, numbers: Path) -> str:
+def _table(place: TableRequest, numbers: Path) -> str:
     lines = []
     for name in place.files:
         with (numbers / name).open(encoding="utf-8", newline="") as file:
             lines += [line for line in csv.DictReader(file) if _has(line, place.chosen)]
     columns = _combinations(place.columns)
     rows = [
-        [*_name(row), *(_cell(_only(lines, {**row, **column}), place) for column in columns)]
+        [*row.values(), *(_cell(_only(lines, {**row, **column}), place) for column in columns)]
         for row in _combinations(place.rows)
     ]
-    heads = [" ".join(_name(column)) for column in columns]
+    heads = [" ".join(column.values()) for column in columns]
     corner = place.chosen.get("metric", place.rows[0][0].removesuffix("_b"))
     return markdown([corner, *[""] * (len(place.rows) - 1), *heads], rows, left=len(place.rows))
 
@@ -137,10 +136,6 @@ def _combinations(axis: Axis) -> list[dict[str, str]]:
         dict(zip(names, values_of_fields, strict=True))
         for values_of_fields in product(*(values for _, values in axis))
     ]
-
-
-def _name(fields: Mapping[str, str]) -> list[str]:
-    return list(fields.values())
 
 
 def _only(lines: Sequence[Line], wanted: Mapping[str, str]) -> Line:
@@ -155,7 +150,7 @@ def _has(line: Line, wanted: Mapping[str, str]) -> bool:
     return all(line[field] == value for field, value in wanted.items())
 
 
-def _cell(line: Line, place: Place) -> str:
+def _cell(line: Line, place: TableRequest) -> str:
     if place.shown.endswith("_ms"):
         return milliseconds(float(line[place.shown]))
     if place.shown:
@@ -166,7 +161,8 @@ def _cell(line: Line, place: Place) -> str:
     if not value:
         return "-"
     text = _short(value, digits, sign=differs)
-    if _stands_out(line):
+    p_value = line.get("p_holm")
+    if line.get("verdict") == "frontier" or (p_value and float(p_value) < SIGNIFICANCE):
         text = f"**{text}**"
     if line.get("verdict") == "below a white image":
         text = f"*{text}*"
@@ -174,11 +170,6 @@ def _cell(line: Line, place: Place) -> str:
         low, high = (_short(line[end], digits, sign=differs) for end in ("ci_low", "ci_high"))
         text += f" [{low}, {high}]"
     return text
-
-
-def _stands_out(line: Line) -> bool:
-    p = line.get("p_holm")
-    return line.get("verdict") == "frontier" or bool(p and float(p) < SIGNIFICANCE)
 
 
 def _short(number: str, digits: int, sign: bool) -> str:

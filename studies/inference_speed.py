@@ -43,7 +43,7 @@ from data_prep.scene import View
 from learning.convolution import DTYPES, Convolution
 from pc2pix.engine import UnfoldedGenerator, fold
 from pc2pix.model import GENERATOR_CHANNELS, NOISE_DIM, Generator
-from pc2pix.renderer import Pc2pixRenderer
+from pc2pix.renderer import Pc2pixRenderer, normalised_angles
 from pc2pix.weights import Weights, load_weights
 from pc2pix.widen import widen
 from studies.arguments import numbers
@@ -168,10 +168,11 @@ def report_exactness(name: str, weights: Weights, chairs: int, views: int) -> No
             View(float(a), float(e))
             for a, e in zip(rng.uniform(-180, 180, views), rng.uniform(-40, 40, views), strict=True)
         ]
-        turned = [(v.elevation_deg / 80 + 0.5, v.azimuth_deg / 360 + 0.5) for v in shown]
         with torch.inference_mode():
             exact.append(
-                plain_draw(weights.generator, state, *torch.tensor(turned).split(1, 1))().numpy()
+                plain_draw(
+                    weights.generator, state, *torch.tensor(normalised_angles(shown)).split(1, 1)
+                )().numpy()
             )
         for precision, renderer in renderers.items():
             drawn_images[precision].append(renderer.draw(state, shown))

@@ -168,7 +168,7 @@ def report_scores(watch: Watch, pair: tuple[UInt8Images, UInt8Images], rounds: i
         works[f"features of {source.id}"] = lambda extract=extract, turn=turn: extract(
             np.roll(drawn, next(turn), axis=0)
         )
-    print("\nscores, ms a picture")
+    print("\nscores, ms an image")
     taken = watch(list(works.values()), rounds)
     for name, seconds in zip(works, taken, strict=True):
         print(f"{name:<26}{1e3 * median(seconds) / len(truth):8.3f}", flush=True)

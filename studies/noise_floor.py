@@ -27,45 +27,40 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
-from bench.catalogue.lookup import find
 from bench.catalogue.methods import find_method
-from bench.catalogue.metrics import CONTROL_METRICS, IMAGE_METRICS, column
+from bench.catalogue.metrics import CONTROL_METRICS
 from bench.checking.tolerances import tolerance
-from bench.judges import JUDGE_WEIGHTS, VIEWS_WEIGHTS
-from bench.judges import answers as control
-from bench.judges.judge import greyscale, judge, load_judge_network
-from bench.judges.views import load_views_network, view_features
-from bench.metrics.frechet import frechet_distance
-from bench.metrics.kernel_distance import kernel_distance
-from bench.metrics.lpips_network import Lpips
-from bench.metrics.lpips_weights import find_lpips_weights
-from data_prep.clouds.conditions import CONDITIONS
-from data_prep.clouds.sampling import random_views, sample_surface
-from data_prep.datasets.registry import ProceduralObject
+from data_prep.clouds.sampling import random_views
 from data_prep.randomness import generator
 from data_prep.rendering.images import to_uint8
 from data_prep.rendering.raycast import OPENGL, cast
-from data_prep.scene import Mesh, PointCloud, UInt8Images, View
+from data_prep.scene import UInt8Images
 from pc2pix.number_formats import Format, infer
 from pc2pix.renderer import Pc2pixRenderer
 from pc2pix.weights import load_weights
-from studies.images import TURN_DEG, all_scores, draw_all, render_all, turned
+from studies.cells import (
+    BATCH,
+    METRICS,
+    Cells,
+    ChairSet,
+    FeatureNetworks,
+    Outputs,
+    cells,
+    make_chairs,
+)
+from studies.images import TURN_DEG, draw_all, render_all, turned
 from studies.tables import markdown
 
 METHODS = ("pc2pix", "pc2pix@acgan", "splat", "constant", "blank")
 NETWORK, WEIGHTS = "pc2pix", "chair"
 CEILING = "true-mesh"
-DISTANCES = ("fd-views", "fd-views-grey", "fd-alexnet")
-METRICS = (*IMAGE_METRICS, *DISTANCES, "kd-alexnet", *CONTROL_METRICS)
-BATCH = 20
 
 
 def grid(side: int) -> tuple[tuple[float, float], ...]:
@@ -95,26 +90,6 @@ HEADINGS = {
     **{source: f"R{source[1:]}: true pictures by rays instead of by OpenGL" for source in SAMPLES},
 }
 
-Cells = dict[str, float]  # the value of each metric, for one method
-
-
-@dataclass(frozen=True, eq=False)
-class Scene:
-    """The chairs, clouds and views of a seed; each chair has the same number of views."""
-
-    meshes: tuple[Mesh, ...]
-    clouds: tuple[PointCloud, ...]
-    views: tuple[tuple[View, ...], ...]
-
-
-class Taken(NamedTuple):
-    """The outputs of the feature networks for images: [chairs, views, d] each."""
-
-    colour: NDArray[np.floating]
-    grey: NDArray[np.floating]
-    alexnet: NDArray[np.floating]
-    answers: NDArray[np.floating]
-
 
 class Floor(NamedTuple):
     """The move of a cell; `value` is the cell before anything was changed."""
@@ -132,21 +107,22 @@ class Study:
     def __init__(self, chairs: int, views: int, condition: str = "2048") -> None:
         self.chairs, self.views, self.condition = chairs, views, condition
         self.network = Pc2pixRenderer(load_weights(WEIGHTS))
-        self.take = Features(torch.float32)
-        self.scene = make_scene(chairs, views, 0, condition)
+        self.encode = FeatureNetworks(torch.float32)
+        self.scene = make_chairs(chairs, views, 0, condition)
         self.truth = render_all(self.scene.meshes, self.scene.views)
-        self.truth_taken = self.take(self.truth)
+        self.truth_outputs = self.encode(self.truth)
         self.images = {method: self.draw(method, self.scene) for method in METHODS}
-        self.taken = {method: self.take(drawn) for method, drawn in self.images.items()}
+        self.outputs = {method: self.encode(drawn) for method, drawn in self.images.items()}
         self.cells = {
-            method: self.measure(drawn, self.taken[method]) for method, drawn in self.images.items()
+            method: self.measure(drawn, self.outputs[method])
+            for method, drawn in self.images.items()
         }
 
-    def measure(self, drawn: UInt8Images, taken: Taken) -> Cells:
+    def measure(self, drawn: UInt8Images, outputs: Outputs) -> Cells:
         """Return the cells of images against the first scene's truth."""
-        return cells(self.truth, self.truth_taken, drawn, taken, self.scene.views)
+        return cells(self.truth, self.truth_outputs, drawn, outputs, self.scene.views)
 
-    def draw(self, method: str, scene: Scene) -> UInt8Images:
+    def draw(self, method: str, scene: ChairSet) -> UInt8Images:
         """Return the images of a method, all views of a chair in one batch."""
         renderer = self.network if method == NETWORK else find_method(method).load("cpu")
         return draw_all(renderer, scene.clouds, scene.views)
@@ -168,15 +144,21 @@ class Study:
         """Measure other views and points; the first seed is the present scene's."""
         cells_by_method = {method: [self.cells[method]] for method in METHODS}
         for seed in range(1, seeds):
-            scene = make_scene(self.chairs, self.views, seed, self.condition)
+            scene = make_chairs(self.chairs, self.views, seed, self.condition)
             truth = render_all(scene.meshes, scene.views)
-            truth_taken = self.take(truth)
+            truth_outputs = self.encode(truth)
             for method in METHODS:
                 drawn = self.draw(method, scene)
-                again = cells(truth, truth_taken, drawn, self.take(drawn), scene.views)
+                again = cells(truth, truth_outputs, drawn, self.encode(drawn), scene.views)
                 cells_by_method[method].append(again)
         return [
-            Floor(SEED, method, metric, self.cells[method][metric], _deviation(runs, metric))
+            Floor(
+                SEED,
+                method,
+                metric,
+                self.cells[method][metric],
+                float(np.std([run[metric] for run in runs], ddof=1)),
+            )
             for method, runs in cells_by_method.items()
             for metric in METRICS
         ]
@@ -192,7 +174,7 @@ class Study:
             together.append(to_uint8(self.network.draw(state, [*views, *more])[: len(views)]))
             alone.append(to_uint8(np.concatenate([self.network.draw(state, [v]) for v in views])))
         singly, grouped = (
-            {NETWORK: self.measure(p, self.take(p))} for p in map(np.stack, (alone, together))
+            {NETWORK: self.measure(p, self.encode(p))} for p in map(np.stack, (alone, together))
         )
         return self.moved(BATCHES, singly, since=grouped)
 
@@ -201,19 +183,19 @@ class Study:
         torch.set_num_threads(2)
         try:
             images = self.images | {NETWORK: self.draw(NETWORK, self.scene)}
-            truth = self.take(self.truth)
-            taken = {method: self.take(drawn) for method, drawn in images.items()}
+            truth = self.encode(self.truth)
+            outputs = {method: self.encode(drawn) for method, drawn in images.items()}
         finally:
             torch.set_num_threads(1)
         again = {
-            method: cells(self.truth, truth, drawn, taken[method], self.scene.views)
+            method: cells(self.truth, truth, drawn, outputs[method], self.scene.views)
             for method, drawn in images.items()
         }
         return self.moved(THREADS, again)
 
     def by_precision(self) -> list[Floor]:
         """Measure the feature networks in float64; pc2pix in float64 and in bfloat16."""
-        exact = Features(torch.float64)
+        exact = FeatureNetworks(torch.float64)
         truth = exact(self.truth)
         again = {
             method: cells(self.truth, truth, drawn, exact(drawn), self.scene.views)
@@ -232,7 +214,7 @@ class Study:
                     for cloud, views in zip(self.scene.clouds, self.scene.views, strict=True)
                 ]
             )
-            again = {NETWORK: self.measure(drawn, self.take(drawn))}
+            again = {NETWORK: self.measure(drawn, self.encode(drawn))}
             floors += self.moved(f"{IN_DRAWING}, {fmt}", again)
         return floors
 
@@ -241,19 +223,19 @@ class Study:
         views = tuple(turned(of_chair) for of_chair in self.scene.views)
         scene = replace(self.scene, views=views)
         truth = render_all(scene.meshes, scene.views)
-        taken = self.take(truth)
+        outputs = self.encode(truth)
         images = {method: self.draw(method, scene) for method in METHODS} | {CEILING: truth}
         again = {
-            method: cells(truth, taken, drawn, self.take(drawn), views)
+            method: cells(truth, outputs, drawn, self.encode(drawn), views)
             for method, drawn in images.items()
         }
-        ceiling = {CEILING: self.measure(self.truth, self.truth_taken)}
+        ceiling = {CEILING: self.measure(self.truth, self.truth_outputs)}
         return self.moved(TURN, again, since=self.cells | ceiling)
 
     def by_renderer(self) -> list[Floor]:
         """Measure true images by rays, and the ceiling's by rays against OpenGL's."""
         floors = []
-        ceiling = {CEILING: self.measure(self.truth, self.truth_taken)}
+        ceiling = {CEILING: self.measure(self.truth, self.truth_outputs)}
         for source, samples in SAMPLES.items():
             truth = np.stack(
                 [
@@ -261,122 +243,14 @@ class Study:
                     for mesh, views in zip(self.scene.meshes, self.scene.views, strict=True)
                 ]
             )
-            taken = self.take(truth)
+            outputs = self.encode(truth)
             again = {
-                method: cells(truth, taken, drawn, self.taken[method], self.scene.views)
+                method: cells(truth, outputs, drawn, self.outputs[method], self.scene.views)
                 for method, drawn in self.images.items()
             }
             floors += self.moved(source, again)
-            floors += self.moved(source, {CEILING: self.measure(truth, taken)}, since=ceiling)
+            floors += self.moved(source, {CEILING: self.measure(truth, outputs)}, since=ceiling)
         return floors
-
-
-class Features:
-    """The bundled networks, which turn images into features in float32 (as in a run) or float64."""
-
-    def __init__(self, dtype: torch.dtype) -> None:
-        self.dtype = dtype
-        self.views = load_views_network(VIEWS_WEIGHTS).to(dtype)
-        self.judge = load_judge_network(JUDGE_WEIGHTS).to(dtype)
-        self.alexnet = Lpips(find_lpips_weights(), dtype=dtype)
-
-    def __call__(self, images: UInt8Images) -> Taken:
-        """Return features of images [chairs, views, H, W, 3]."""
-        flat = images.reshape(-1, *images.shape[2:])
-        grey = np.repeat(greyscale(flat)[..., None], 3, axis=-1)
-        alexnet = self.alexnet.encode(flat).features.numpy()
-        if self.dtype == torch.float32:  # the very functions that a run uses
-            taken = (
-                view_features(self.views, flat),
-                view_features(self.views, grey),
-                alexnet,
-                judge(self.judge, flat),
-            )
-        else:
-            taken = (self._views(flat), self._views(grey), alexnet, self._judge(flat))
-        return Taken(*(values.reshape(*images.shape[:2], -1) for values in taken))
-
-    @torch.inference_mode()
-    def _views(self, images: NDArray[np.uint8]) -> NDArray[np.floating]:
-        parts = torch.from_numpy(images).permute(0, 3, 1, 2).split(BATCH)
-        features = [
-            self.views.body(1 - part.to(self.dtype) / 255).mean(dim=(2, 3)) for part in parts
-        ]
-        return torch.cat(features).numpy()
-
-    @torch.inference_mode()
-    def _judge(self, images: NDArray[np.uint8]) -> NDArray[np.floating]:
-        parts = torch.from_numpy(greyscale(images)).split(BATCH)
-        return torch.cat([self.judge(1 - p[:, None].to(self.dtype) / 255) for p in parts]).numpy()
-
-
-def make_scene(chairs: int, views: int, seed: int, condition: str) -> Scene:
-    """Return the first validation chairs; `seed` chooses views, points and degradation.
-
-    Raises BadInput for an unknown condition.
-    """
-    perturbation = find(condition, CONDITIONS, "condition").perturbation
-    meshes = tuple(ProceduralObject("chair", "validation", i).load() for i in range(chairs))
-    return Scene(
-        meshes,
-        tuple(
-            perturbation.apply(
-                sample_surface(mesh, generator("noise floor", "cloud", seed, i)),
-                generator("noise floor", condition, seed, i),
-            )
-            for i, mesh in enumerate(meshes)
-        ),
-        tuple(
-            random_views(views, generator("noise floor", "views", seed, i)) for i in range(chairs)
-        ),
-    )
-
-
-def cells(
-    truth: UInt8Images,
-    truth_taken: Taken,
-    drawn: UInt8Images,
-    taken: Taken,
-    views: Sequence[Sequence[View]],
-) -> Cells:
-    """Return every metric over all images, as the tables of a run take it.
-
-    Means are over the images that have a value; there are distances, medians of the judge's errors,
-    and the share of objects found.
-    """
-    scored = [all_scores(t, d) for t, d in zip(truth, drawn, strict=True)]
-    values = {
-        metric: _mean(np.concatenate([per_image[column(metric)] for per_image in scored]))
-        for metric in IMAGE_METRICS
-    }
-    for metric, x, y in zip(DISTANCES, truth_taken, taken, strict=False):
-        values[metric] = frechet_distance(_flat(x), _flat(y))
-    values["kd-alexnet"] = kernel_distance(_flat(truth_taken.alexnet), _flat(taken.alexnet))
-    answers = _flat(taken.answers)
-    azimuth = np.array([view.azimuth_deg for of_chair in views for view in of_chair])
-    elevation = np.array([view.elevation_deg for of_chair in views for view in of_chair])
-    images = [(f"{chair:04d}", view) for chair, view in np.ndindex(drawn.shape[:2])]
-    among = control.gallery("chair", images, _flat(truth_taken.answers))
-    hits = control.found(among, answers, images)
-    values["azimuth-error-deg"] = float(np.median(control.azimuth_error_deg(answers, azimuth)))
-    values["elevation-error-deg"] = float(
-        np.median(control.elevation_error_deg(answers, elevation))
-    )
-    values["retrieval"] = float(hits.mean())
-    return values
-
-
-def _mean(per_image: NDArray[np.float64]) -> float:
-    finite = per_image[np.isfinite(per_image)]
-    return float(finite.mean()) if len(finite) else float("nan")
-
-
-def _flat(features: NDArray[np.floating]) -> NDArray[np.floating]:
-    return features.reshape(-1, features.shape[-1])
-
-
-def _deviation(runs: Sequence[Cells], metric: str) -> float:
-    return float(np.std([run[metric] for run in runs], ddof=1))
 
 
 def main() -> None:

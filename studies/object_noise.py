@@ -17,6 +17,7 @@ around zero, and the two largest. About ten minutes on one thread.
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +26,9 @@ from bench.catalogue.methods import find_method
 from bench.catalogue.metrics import IMAGE_METRICS, column
 from data_prep.randomness import generator
 from data_prep.scene import UInt8Images
+from studies.cells import ChairSet, finite_mean, make_chairs
 from studies.class_noise import nudged
 from studies.images import all_scores, draw_all, render_all, turned
-from studies.noise_floor import Scene, make_scene
 from studies.tables import markdown
 
 TURN, ROUNDING = "turn", "rounding"
@@ -45,25 +46,22 @@ def means(truth: UInt8Images, drawn: UInt8Images) -> dict[str, NDArray[np.float6
     """
     scored = [all_scores(t, d) for t, d in zip(truth, drawn, strict=True)]
     return {
-        metric: np.array([_mean(scores_of_chair[column(metric)]) for scores_of_chair in scored])
+        metric: np.array(
+            [finite_mean(scores_of_chair[column(metric)]) for scores_of_chair in scored]
+        )
         for metric in IMAGE_METRICS
     }
 
 
-def _mean(per_view: NDArray[np.float64]) -> float:
-    finite = per_view[np.isfinite(per_view)]
-    return float(finite.mean()) if len(finite) else float("nan")
-
-
-def moves(scene: Scene, condition: str) -> Moves:
+def moves(scene: ChairSet, condition: str, methods: Mapping[str, Sequence[str]] = METHODS) -> Moves:
     """Return how far the values of each chair move."""
     farther = tuple(turned(of_chair) for of_chair in scene.views)
     truth, truth_turned = (render_all(scene.meshes, views) for views in (scene.views, farther))
     rng = generator("object noise", "nudge", condition)
     others = tuple(nudged(cloud, rng) for cloud in scene.clouds)
     differences: Moves = {}
-    for change, methods in METHODS.items():
-        for method in methods:
+    for change, changed_methods in methods.items():
+        for method in changed_methods:
             renderer = find_method(method).load("cpu")
             before = means(truth, draw_all(renderer, scene.clouds, scene.views))
             if change == TURN:
@@ -75,24 +73,23 @@ def moves(scene: Scene, condition: str) -> Moves:
     return differences
 
 
-def summary(made: Moves) -> str:
-    """Return a line for each method, a column for each metric.
+def summary(moves_of_chairs: Moves) -> str:
+    """Return a Markdown table with a line for each method and a column for each metric.
 
     A cell has the deviation, the largest and the second largest move.
     """
     rows = []
-    for change, methods in METHODS.items():
-        for method in methods:
-            cells = []
-            for metric in IMAGE_METRICS:
-                values = made[change, method, metric]
-                size = np.sort(np.abs(values[np.isfinite(values)]))
-                if len(size) < 2:
-                    cells.append("-")
-                    continue
-                deviation = np.sqrt(np.mean(size**2))
-                cells.append(f"{deviation:.2g}, {size[-1]:.2g}, {size[-2]:.2g}")
-            rows.append([change, method, *cells])
+    for change, method in dict.fromkeys(key[:2] for key in moves_of_chairs):
+        cells = []
+        for metric in IMAGE_METRICS:
+            values = moves_of_chairs[change, method, metric]
+            size = np.sort(np.abs(values[np.isfinite(values)]))
+            if len(size) < 2:
+                cells.append("-")
+                continue
+            deviation = np.sqrt(np.mean(size**2))
+            cells.append(f"{deviation:.2g}, {size[-1]:.2g}, {size[-2]:.2g}")
+        rows.append([change, method, *cells])
     return markdown(["change", "method", *IMAGE_METRICS], rows, left=2)
 
 
@@ -107,7 +104,7 @@ def main() -> None:
     options = parser.parse_args()
     torch.set_num_threads(1)
     by_condition = [
-        moves(make_scene(options.chairs, options.views, 0, condition), condition)
+        moves(make_chairs(options.chairs, options.views, 0, condition), condition)
         for condition in options.conditions.split(",")
     ]
     together = {

@@ -38,7 +38,7 @@ class Target(NamedTuple):
     azimuth: Tensor
 
 
-class Block(nn.Module):
+class PlainUpBlock(nn.Module):
     """The up-sampling block: BN-ReLU-conv-up-BN-ReLU-conv beside conv-up, as in the paper."""
 
     def __init__(self, cin: int, cout: int) -> None:
@@ -64,7 +64,7 @@ class PlainGenerator(nn.Module):
         super().__init__()
         c = [round(n * width) for n in (1024, 1024, 512, 256, 128, 64)]
         self.dense = nn.Linear(NOISE + code + 2, 16 * c[0])
-        self.blocks = nn.Sequential(*(Block(c[i], c[i + 1]) for i in range(5)))
+        self.blocks = nn.Sequential(*(PlainUpBlock(c[i], c[i + 1]) for i in range(5)))
         self.bn = nn.BatchNorm2d(c[-1], eps=2e-5)
         self.conv = nn.Conv2d(c[-1], 3, 3, padding=1)
 
@@ -96,7 +96,7 @@ class SpectralNorm(nn.Module):
         return self.weight / (u @ (matrix @ v))
 
 
-class Conv(SpectralNorm):
+class PlainConv(SpectralNorm):
     """A "same" convolution."""
 
     def __init__(self, cin: int, cout: int, size: int) -> None:
@@ -107,7 +107,7 @@ class Conv(SpectralNorm):
         return conv2d(x, self.normalised(), self.bias, padding="same")
 
 
-class Dense(SpectralNorm):
+class PlainDense(SpectralNorm):
     """A dense layer."""
 
     def __init__(self, cin: int, cout: int) -> None:
@@ -118,14 +118,14 @@ class Dense(SpectralNorm):
         return linear(x, self.normalised(), self.bias)
 
 
-class DownBlock(nn.Module):
+class PlainDownBlock(nn.Module):
     """The down-sampling block: ReLU-conv-ReLU-conv-pool beside conv-pool; the last has no pool."""
 
     def __init__(self, cin: int, cout: int, pool: bool) -> None:
         super().__init__()
-        self.conv1 = Conv(cin, cout, 3)
-        self.conv2 = Conv(cout, cout, 3)
-        self.shortcut = Conv(cin, cout, 1)
+        self.conv1 = PlainConv(cin, cout, 3)
+        self.conv2 = PlainConv(cout, cout, 3)
+        self.shortcut = PlainConv(cin, cout, 1)
         self.pool = pool
 
     def forward(self, x: Tensor) -> Tensor:
@@ -142,11 +142,11 @@ class PlainDiscriminator(nn.Module):
         super().__init__()
         c = [3, *(round(n * width) for n in (64, 128, 256, 512, 1024))]
         h = [64 * c[4], *(round(n * width) for n in (256, 1024, 1024, 1024))]
-        self.blocks = nn.ModuleList(DownBlock(c[i], c[i + 1], pool=True) for i in range(5))
-        self.last_block = DownBlock(c[5], c[5], pool=False)
-        self.code_hidden = nn.ModuleList(Dense(h[i], h[i + 1]) for i in range(4))
-        self.code = Dense(h[4], code)
-        self.real, self.elevation, self.azimuth = (Dense(c[5], 1) for _ in range(3))
+        self.blocks = nn.ModuleList(PlainDownBlock(c[i], c[i + 1], pool=True) for i in range(5))
+        self.last_block = PlainDownBlock(c[5], c[5], pool=False)
+        self.code_hidden = nn.ModuleList(PlainDense(h[i], h[i + 1]) for i in range(4))
+        self.code = PlainDense(h[4], code)
+        self.real, self.elevation, self.azimuth = (PlainDense(c[5], 1) for _ in range(3))
 
     def forward(self, x: Tensor) -> tuple[Tensor, Target]:
         """Return the logit of being real [B, 1], and what is recognised."""
@@ -160,9 +160,9 @@ class PlainDiscriminator(nn.Module):
         return self.real(x), Target(self.code(code), *angles)
 
 
-def angle_loss(found: Tensor, wanted: Tensor, range_rad: float) -> Tensor:
+def angle_loss(recognised: Tensor, wanted: Tensor, range_rad: float) -> Tensor:
     """Return the paper's L_theta, in radians."""
-    delta = range_rad * (wanted - found)
+    delta = range_rad * (wanted - recognised)
     return torch.atan2(torch.sin(delta), torch.cos(delta)).abs().mean()
 
 

@@ -22,7 +22,8 @@ import torch
 from learning.training_loop import Precision, denormals_flushed, seeded
 from pc2pix.losses import chamfer
 from pc2pix.model import LITE, PAPER, ModelConfig, build_encoder
-from pc2pix.train_gan import GanConfig, GanData, _GanTrainer
+from pc2pix.train_gan import GanConfig, _GanTrainer
+from pc2pix.training_data import GanData
 from studies.arguments import numbers
 from studies.plain_loop import NOISE, PlainLoop, Target
 from studies.turns import Work, in_turns, ratio

@@ -28,6 +28,7 @@ from data_prep.failures import StageFailure
 from data_prep.scene import Mesh, PointCloud, Points
 
 CORNERS = 4  # of a tetrahedron
+_OPPOSITE = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])  # a corner's face
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,8 @@ def alpha_mesh(points: Points, radius: float) -> Mesh:
     try:
         cells = Delaunay(exact)
     except QhullError as error:
-        raise StageFailure("delaunay", _first_line(error)) from error
+        first_line, *_ = str(error).strip().splitlines()
+        raise StageFailure("delaunay", first_line) from error
     faces = alpha_faces(exact, cells.simplices, cells.neighbors, radius)
     if len(faces) == 0:
         raise StageFailure("alpha-shape", f"no triangle fits a ball of radius {radius:.3g}")
@@ -93,9 +95,6 @@ def alpha_faces(
     empty = ((apexes < 0) | (distance >= triangle_radius[:, None])).all(axis=1)
     single = ~kept[cell] & ~kept[across] & (triangle_radius <= radius) & empty
     return faces[boundary | single]
-
-
-_OPPOSITE = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])  # a corner's face
 
 
 def _apex(
@@ -135,7 +134,3 @@ def smallest_sphere(corners: Floats) -> tuple[Floats, Floats]:
     aa, bb = (a**2).sum(axis=1)[:, None], (b**2).sum(axis=1)[:, None]
     offset = np.cross(aa * b - bb * a, normal) / (2 * (normal**2).sum(axis=1)[:, None])
     return corners[:, 0] + offset, np.linalg.norm(offset, axis=1)
-
-
-def _first_line(error: QhullError) -> str:
-    return str(error).strip().splitlines()[0]

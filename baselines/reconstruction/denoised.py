@@ -43,7 +43,7 @@ CLEAN_DEPTH, NOISY_DEPTH = 7, 6  # of Poisson's octree: a cell of 0.035 is finer
 
 @dataclass(frozen=True)
 class Cleaned:
-    """Points [N, 3] to mesh, the noise and spacing that they had, and notes.
+    """The points [N, 3] to mesh, the noise and spacing that they had, and notes.
 
     The noise is 0 where the points are left as they are.
     """
@@ -79,7 +79,7 @@ def cleaned(cloud: PointCloud, strength: float, most: int = MOST_POINTS) -> Clea
 
 @dataclass(frozen=True)
 class DenoisedBpa(DrawsReconstruction):
-    """Ball pivoting and closed holes; `strength` is a factor on the estimated noise."""
+    """The method by ball pivoting; `strength` is a factor on the estimated noise."""
 
     strength: float = 1.0
 
@@ -96,7 +96,7 @@ class DenoisedBpa(DrawsReconstruction):
 
 @dataclass(frozen=True)
 class DenoisedAlpha(DrawsReconstruction):
-    """The alpha shape; its ball follows the spacing of the cloud's points.
+    """The method by the alpha shape, whose ball follows the spacing of the cloud's points.
 
     `strength` is a factor on the estimated noise.
     """
@@ -116,7 +116,7 @@ class DenoisedAlpha(DrawsReconstruction):
 
 @dataclass(frozen=True)
 class DenoisedPoisson(DrawsReconstruction):
-    """Screened Poisson, trimmed; `strength` is a factor on the estimated noise."""
+    """The method by screened Poisson, trimmed; `strength` is a factor on the estimated noise."""
 
     strength: float = 1.0
 

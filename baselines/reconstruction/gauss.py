@@ -42,7 +42,7 @@ CHUNK = 1024  # places at a time: 10 MB for each array of places x samples
 
 @dataclass(frozen=True)
 class ParametricGauss(DrawsReconstruction):
-    """Parametric Gauss reconstruction; `width` is the kernel's, in spacings of the points."""
+    """The parametric Gauss reconstruction; `width` is the kernel's, in spacings of the points."""
 
     width: float = 1.0
 
@@ -69,7 +69,9 @@ def solution(samples: Floats32, width: np.float32) -> Floats32:
 
     Raises StageFailure("gauss", ...) where rounding leaves the system without a solution.
     """
-    kernel = _kernel(samples, samples, width)
+    inverse = _inverse_cube(samples, samples, width)
+    parts = [(samples[:, axis, None] - samples[:, axis]) * inverse for axis in range(3)]
+    kernel = np.concatenate(parts, axis=1)  # K as a matrix [N, 3 N]: all x, then all y, then all z
     gram = kernel @ kernel.T
     gram[np.diag_indices_from(gram)] *= RAISED_DIAGONAL
     try:
@@ -129,13 +131,6 @@ def surface(samples: Floats32, vectors: Floats32, width: np.float32, reach: floa
         raise StageFailure("marching-cubes", f"no face within {reach:.3g} of the points")
     used, corners = np.unique(kept, return_inverse=True)
     return in_grey(vertices[used], corners.reshape(-1, 3))
-
-
-def _kernel(places: Floats32, samples: Floats32, width: np.float32) -> Floats32:
-    """Return K as a matrix [M, 3 N]: first all x, then all y, then all z."""
-    inverse = _inverse_cube(places, samples, width)
-    parts = [(places[:, axis, None] - samples[:, axis]) * inverse for axis in range(3)]
-    return np.concatenate(parts, axis=1)
 
 
 def _inverse_cube(places: Floats32, samples: Floats32, width: np.float32) -> Floats32:

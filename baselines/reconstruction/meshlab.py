@@ -112,7 +112,7 @@ class MeshLab:
 
     @property
     def face_count(self) -> int:
-        """The number of faces of the current mesh."""
+        """Return the number of faces of the current mesh."""
         return self._meshes.current_mesh().face_number()
 
     def normals(self) -> NDArray[np.float64]:

@@ -35,7 +35,7 @@ REMEDY = "install it with \"pip install 'pc2pix-bench[open3d]'\", or leave out o
 
 @dataclass(frozen=True)
 class Open3dPoisson(DrawsReconstruction):
-    """Screened Poisson of Open3D; `depth` is the number of levels of the octree."""
+    """The screened Poisson method of Open3D; `depth` is the number of levels of the octree."""
 
     depth: int = 8
 

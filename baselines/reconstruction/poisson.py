@@ -32,7 +32,7 @@ from data_prep.scene import Mesh, PointCloud, Points
 
 @dataclass(frozen=True)
 class Poisson(DrawsReconstruction):
-    """Screened Poisson on an octree of `depth` levels: 2^depth cells a side at the finest.
+    """The screened Poisson method on an octree of `depth` levels, 2^depth cells a side.
 
     On validation chairs under the five conditions mean SSIM is 0.722, 0.726 and 0.730 at depths 5,
     6 and 7; untrimmed it is 0.656, 0.666 and 0.671.
@@ -65,9 +65,7 @@ def trimmed_poisson(points: Points, depth: int) -> Reconstruction:
 def trimmed(mesh: Mesh, points: Points) -> Mesh:
     """Return the faces of `mesh` whose vertices all lie within the spacing of points [N, 3].
 
-    N > 10.
-
-    Raises StageFailure("trim", ...) where there are none.
+    N is above 10. Raises StageFailure("trim", ...) where no face is left.
     """
     reach = spacing(points)
     distance, _ = cKDTree(points).query(mesh.vertices)

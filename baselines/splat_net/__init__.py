@@ -23,10 +23,30 @@ def load(
     precision: Precision = "float32",
     size: int = 128,
 ) -> SplatNetRenderer:
-    """Return a renderer with `prepare` and `draw`; see `SplatNetRenderer`.
+    """Return a renderer with `prepare(cloud)` and `draw(state, views)`, from trained weights.
 
-    Bundled names are the keys of `baselines.splat_net.weights.BUNDLED`. Raises BadInput for an
-    unknown name and a damaged file, ValueError for another precision or size.
+    Parameters
+    ----------
+    name_or_path : str or Path
+        A bundled name (`baselines.splat_net.weights.BUNDLED`) or the path of an exported file.
+    device : str
+        PyTorch's name of the device, "cpu" or "cuda" for example.
+    precision : {"float32", "bfloat16"}
+        The network's precision, see `SplatNetRenderer`.
+    size : int
+        Side of the images in pixels, a multiple of 16.
+
+    Returns
+    -------
+    SplatNetRenderer
+        Renderer of images [V, size, size, 3].
+
+    Raises
+    ------
+    data_prep.failures.BadInput
+        For an unknown name and a damaged file.
+    ValueError
+        For another precision or size.
     """
     from baselines.splat_net.renderer import SplatNetRenderer
     from baselines.splat_net.weights import load_weights

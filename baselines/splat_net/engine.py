@@ -33,7 +33,7 @@ class FoldedSplatNet:
 
     @functools.cached_property
     def for_one(self) -> _Layers:
-        """The layers with kernels laid out for a single image.
+        """Return the layers with kernels laid out for a single image.
 
         Kernels laid out for a group are slow with one image.
         """
@@ -80,7 +80,11 @@ class _Layers:
             self.middle = _folded(network.middle, [group, wide, size, size], dtype)
             for place, (lift, level) in enumerate(zip(network.lift, network.up, strict=True)):
                 width = widths[len(widths) - 1 - place]
-                below = _lifting(lift, [group, width, size, size], dtype)
+                assert isinstance(lift, nn.Conv2d)
+                assert lift.bias is not None
+                # each channel twice, for `_add_doubled`
+                kernel, bias = lift.weight.double().repeat(2, 1, 1, 1), lift.bias.double().repeat(2)
+                below = Convolution(kernel, bias, [group, width, size, size], dtype)
                 size *= 2
                 inner = [group, widths[len(widths) - 2 - place], size, size]
                 blocks = [_folded(block, inner, dtype) for block in level]  # type: ignore[attr-defined]
@@ -89,7 +93,7 @@ class _Layers:
 
     @functools.cached_property
     def empty(self) -> Tensor:
-        """The input of the level below the finest for an image without points.
+        """Return the input of the level below the finest for an image without points.
 
         Its shape is [1, S / 2, S / 2, c].
         """
@@ -141,14 +145,6 @@ def _folded(block: nn.Module, like: list[int], dtype: torch.dtype) -> Convolutio
     kernel = block.conv.weight.double() * scale[:, None, None, None]
     stride = block.conv.stride[0]
     return Convolution(kernel, shift, like, dtype, stride=stride, padding=1, relu=True)
-
-
-def _lifting(conv: nn.Module, like: list[int], dtype: torch.dtype) -> Convolution:
-    """Return the convolution that gives each channel twice, for `_add_doubled`."""
-    assert isinstance(conv, nn.Conv2d)
-    assert conv.bias is not None
-    kernel, bias = conv.weight.double().repeat(2, 1, 1, 1), conv.bias.double().repeat(2)
-    return Convolution(kernel, bias, like, dtype)
 
 
 def _last(network: SplatNet, like: list[int], dtype: torch.dtype) -> Convolution:

@@ -17,7 +17,7 @@ GREY_WEIGHT = 0.5
 
 
 @dataclass(frozen=True)
-class Objective:
+class SplatNetObjective:
     """The terms of a training's loss and their weights.
 
     patch_weight  that of the judge of patches on clean clouds, and on those with the strongest
@@ -54,16 +54,16 @@ class Objective:
 
     @property
     def judged_channels(self) -> int:
-        """The number of channels of `judged`."""
+        """Return the number of channels of `judged`."""
         return 4 if self.colours else 1
 
 
 OBJECTIVES = {
-    "l1": Objective(None, "weighted L1 + SSIM + cross entropy of the coverage"),
-    "l1-patch": Objective(
+    "l1": SplatNetObjective(None, "weighted L1 + SSIM + cross entropy of the coverage"),
+    "l1-patch": SplatNetObjective(
         (0.05, 0.2), "l1, and hinge losses of patches in grey (after Isola et al. 2017)"
     ),
-    "pix2pix": Objective(
+    "pix2pix": SplatNetObjective(
         (0.01, 0.01),
         "L1 and patches, 100 to 1 (Isola et al. 2017), here with hinge losses",
         plain=True,
@@ -74,7 +74,7 @@ OBJECTIVES = {
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """True images of B clouds and views, in 0..1.
+    """The true images of B clouds and views, in 0..1.
 
     colour    [B, 3, S, S]
     grey      [B, 1, S, S]

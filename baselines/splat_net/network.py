@@ -46,7 +46,7 @@ class NetworkConfig:
 
     @property
     def outputs(self) -> int:
-        """The number of planes that the network gives: alpha's, and those of each head."""
+        """Return the number of planes that the network gives: alpha's, and those of each head."""
         return 1 + sum(PLANES[head] for head in self.heads)
 
 
@@ -73,7 +73,7 @@ NETWORKS = {
 
 
 class Block(nn.Sequential):
-    """Convolution, normalisation, ReLU; `norm` is folded into the convolution for inference."""
+    """A convolution, normalisation and ReLU; inference folds `norm` into the convolution."""
 
     def __init__(self, cin: int, cout: int, stride: int = 1) -> None:
         super().__init__()

@@ -25,7 +25,7 @@ SLOPE = 0.2
 DROPPED = 0.5  # of the channels of the widest two levels that go up, in training
 
 
-class PointNet(nn.Sequential):
+class PointNetCode(nn.Sequential):
     """A PointNet from points [P, 3, N] to codes [P, CODE]; their order does not matter."""
 
     def __init__(self) -> None:
@@ -42,7 +42,7 @@ class Points2Pix(nn.Module):
         super().__init__()
         self.config = config
         widths = config.widths + config.widths[-1:] * 2  # seven levels: 128 pixels down to one
-        self.code = PointNet()
+        self.code = PointNetCode()
         self.down = nn.ModuleList()
         wide = config.inputs.channels
         for level, width in enumerate(widths):

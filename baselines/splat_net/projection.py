@@ -49,7 +49,7 @@ class Inputs:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The name of each channel, in the order of `project`."""
+        """Return the name of each channel, in the order of `project`."""
         return (
             *(f"nearest in {window}" for window in self.windows),
             *(["farthest"] if self.far else []),
@@ -71,12 +71,12 @@ class Inputs:
 
     @property
     def channels(self) -> int:
-        """The number of channels."""
+        """Return the number of channels."""
         return len(self.names)
 
     @property
     def surfaces(self) -> bool:
-        """True if any channel needs the neighbours of points."""
+        """Return whether any channel needs the neighbours of points."""
         return self.normals or self.flattened or self.noise
 
 
@@ -118,12 +118,15 @@ class Projection:
         self.count = self.seen.count() if inputs.density else None
         self.flat = [(some.nearest_depth(), some.count()) for some in self.flattened]
         self.attributes = _attributes(surfels, cameras, points) if inputs.normals else None
-        self.noise = _noise(surfels, len(cameras)) if inputs.noise else None
+        self.noise: Tensor | None = None
+        if inputs.noise:  # the medians [P, scales] of the variation of each image's cloud
+            medians = 3 * surfels.variation.median(dim=-2).values
+            self.noise = medians.expand(len(cameras), -1)
 
     def boxes(self) -> list[Box]:
         """Return for each image the box beyond which all channels are zero.
 
-        It is around the middle where no point is seen.
+        Where no point is seen the box is around the middle.
         """
         every = [self.seen, *self.flattened]
         seen = torch.cat([some.seen for some in every], dim=1)
@@ -146,10 +149,9 @@ class Projection:
     def channels(self, windows: Windows, dtype: torch.dtype = torch.float32) -> Tensor:
         """Return channels [n, inputs.channels, h, w] of windows, channels last, in a type.
 
-        All computation before the conversion to `dtype` is in float32.
-
-        All zero where no point is near. Depth is given as nearness, 0 for `FARTHEST` or nothing to
-        about 1.1; counts n as log(1 + n).
+        All computation before the conversion to `dtype` is in float32. Channels are 0 where no
+        point is near. Depth is given as nearness, from 0 for `FARTHEST` or nothing to about 1.1;
+        counts n as log(1 + n).
         """
         inputs, size = self.inputs, self.size
         nearest = windows.cut(self.nearest)
@@ -346,12 +348,6 @@ def _attributes(surfels: Surfels, cameras: Tensor, points: Tensor) -> tuple[Tens
     both[:, :, 3, :-1] = 3 * surfels.variation.mT
     first, others = both.flatten(1, 2).split([4, 4 * (scales - 1)], dim=1)
     return first.mT.contiguous(), others.mT.contiguous()
-
-
-def _noise(surfels: Surfels, images: int) -> Tensor:
-    """Return the medians [images, scales] of the variation of each image's cloud."""
-    of_clouds = 3 * surfels.variation.median(dim=-2).values
-    return of_clouds.expand(images, -1)
 
 
 def _look_up(attributes: Tensor, nearest: Tensor, numbers: Sequence[int]) -> Tensor:

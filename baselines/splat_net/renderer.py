@@ -13,7 +13,7 @@ from baselines.splat_net.network import SMALLEST
 from baselines.splat_net.points2pix import Points2Pix, Points2PixEngine
 from baselines.splat_net.projection import Projection, cameras
 from baselines.splat_net.surfels import Surfels, find_surfels, stack
-from baselines.splat_net.weights import Weights
+from baselines.splat_net.weights import SplatNetWeights
 from baselines.splat_net.window import Box, in_groups
 from data_prep.failures import StageFailure
 from data_prep.scene import IMAGE_SIZE, Images, PointCloud, View
@@ -28,22 +28,34 @@ POINTS_TOGETHER = 2**19  # of all these views: a bound on memory for large cloud
 class SplatNetRenderer:
     """A `data_prep.scene.Renderer` by projection and network.
 
-    precision  of the network: "float32" (default), or "bfloat16", twice as fast where the processor
-               has it; points and their projection are float32 always. ValueError for another
-    size       of the images, a multiple of 16. ValueError for another. The network was trained
-               for 128
-
     The finest level of the network computes a window around the points only, beyond which the image
     is white. Where something is drawn at a window's edge, the whole image is computed: up to a grey
     level the result is that of whole images. Weights that draw a background cost twice as much.
 
     The order of the points does not matter: the same image, bit for bit. Results do not depend on
     the other views of a call, or the number of threads, beyond the rounding of the precision.
+
+    Parameters
+    ----------
+    weights : SplatNetWeights
+        Trained network of `baselines.splat_net.weights.load_weights`; moved to `device`.
+    device : str
+        PyTorch's name of the device.
+    precision : {"float32", "bfloat16"}
+        Precision of the network; points and their projection are float32 always. "bfloat16" is
+        twice as fast where the processor has it.
+    size : int
+        Side of the images in pixels, a multiple of 16. The network was trained for 128.
+
+    Raises
+    ------
+    ValueError
+        For another precision or size.
     """
 
     def __init__(
         self,
-        weights: Weights,
+        weights: SplatNetWeights,
         *,
         device: str = "cpu",
         precision: Precision = "float32",
@@ -66,12 +78,26 @@ class SplatNetRenderer:
 
     @torch.inference_mode()
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> Surfels:
-        """Return all points with neighbours and normals, with one leading dimension.
+        """Return all points with neighbours and normals.
 
-        `rng` is not used.
+        A single point, or points that all coincide, are drawn like any others.
 
-        Raises StageFailure("input") for an empty or non-finite cloud. A single point, or points
-        that all coincide, are drawn like any others.
+        Parameters
+        ----------
+        cloud : PointCloud
+            Points [N, 3] in unit-sphere coordinates.
+        rng : numpy.random.Generator, optional
+            Not used.
+
+        Returns
+        -------
+        Surfels
+            Surfels of one cloud, with a leading dimension of 1.
+
+        Raises
+        ------
+        StageFailure
+            At the stage "input", for an empty or non-finite cloud.
         """
         del rng
         if not len(cloud):
@@ -87,13 +113,30 @@ class SplatNetRenderer:
     def draw(
         self, state: Surfels, views: Sequence[View], rng: np.random.Generator | None = None
     ) -> Images:
-        """Return images float32 [V, size, size, 3] in 0..1; no randomness.
+        """Return images of a cloud.
 
-        No views give an empty array.
+        Parameters
+        ----------
+        state : Surfels
+            Surfels of `prepare`.
+        views : sequence of View
+            V cameras; none give an empty array.
+        rng : numpy.random.Generator, optional
+            Not used.
+
+        Returns
+        -------
+        float32 array, [V, size, size, 3]
+            Images in [0, 1].
+
+        Raises
+        ------
+        StageFailure
+            At the stage "draw", where the network gives NaN or infinity.
         """
         del rng
         images = np.ones((len(views), self.size, self.size, 3), np.float32)
-        most = max(1, min(VIEWS_TOGETHER, POINTS_TOGETHER // len(state)))
+        most = views_at_once(len(state))
         for start in range(0, len(views), most):
             at = cameras(views[start : start + most]).to(self.device)
             seen = Projection(state, at, self.inputs, self.size)
@@ -116,11 +159,16 @@ class SplatNetRenderer:
         for windows in in_groups(boxes, self.size, GROUP):
             drawn = self.engine(seen.channels(windows, self.engine.dtype), windows, seen.points)
             if not drawn.sum().isfinite():  # of values in 0..1
-                raise StageFailure("draw", "the picture is not finite")
+                raise StageFailure("draw", "the image is not finite")
             parts = zip(windows.numbers, windows.corners, drawn.cpu().numpy(), strict=True)
             for number, (top, left), part in parts:
                 box = boxes[number]
                 box.of(images[number])[:] = box.moved(-top, -left).of(part)
+
+
+def views_at_once(points: int) -> int:
+    """Return how many views of a cloud of so many points are projected together."""
+    return max(1, min(VIEWS_TOGETHER, POINTS_TOGETHER // points))
 
 
 def _is_cut_off(image: NDArray[np.float32], box: Box) -> bool:

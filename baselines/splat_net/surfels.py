@@ -28,7 +28,9 @@ _LARGEST = float(np.finfo(np.float32).max)
 
 @dataclass(frozen=True, eq=False)
 class Surfels:
-    """Points of one cloud or of several (leading dimensions ...), float32, unit-sphere coordinates.
+    """The surfels of one cloud, or of several (leading dimensions ...), in unit-sphere coordinates.
+
+    Tensors are float32.
 
     points     [..., N, 3]
     flattened  [..., N, 2, 3]: the points moved onto the planes of their neighbourhoods, by scale
@@ -74,9 +76,12 @@ def find_surfels(
         if hop not in HOPS:
             continue
         mean = moments[:, :3]
-        normal, flatness = _fit(moments[:, 3:] - _products(mean))
+        covariance = moments[:, 3:] - _products(mean)
+        least, normal = smallest_eigenpairs(covariance)
+        total = covariance[:, [0, 3, 5]].sum(axis=1)  # the trace is the sum of the eigenvalues
+        share = np.divide(least, total, out=np.zeros_like(total), where=total > 0)
         normals.append(normal)
-        variation.append(flatness)
+        variation.append(share.clip(0, 1 / 3))
         if HOPS.index(hop) in FLATTENED:
             height = ((local - mean) * normal).sum(axis=1, keepdims=True)
             flattened.append((place - height * normal).clip(-_LARGEST, _LARGEST))
@@ -103,25 +108,12 @@ def _products(vectors: Floats) -> Floats:
     return vectors[:, rows] * vectors[:, columns]
 
 
-def _fit(covariance: Floats) -> tuple[Floats, Floats]:
-    """Return normals [n, 3] and surface variation [n] from covariances' upper triangles [n, 6]."""
-    least, normals = smallest_eigenpairs(covariance)
-    total = covariance[:, [0, 3, 5]].sum(axis=1)  # the trace is the sum of the eigenvalues
-    variation = np.divide(least, total, out=np.zeros_like(total), where=total > 0)
-    return normals, variation.clip(0, 1 / 3)
-
-
 def stack(surfels: list[Surfels]) -> Surfels:
     """Return clouds as one with a leading dimension; the last place of shorter ones repeats."""
     most = max(len(s) for s in surfels)
 
     def together(name: str) -> Tensor:
-        return torch.stack([_filled_up(vars(s)[name], most) for s in surfels])
+        parts = [vars(s)[name] for s in surfels]
+        return torch.stack([part[torch.arange(most).clamp(max=len(part) - 1)] for part in parts])
 
     return Surfels(*(together(field.name) for field in fields(Surfels)))
-
-
-def _filled_up(rows: Tensor, count: int) -> Tensor:
-    if len(rows) == count:
-        return rows
-    return rows[torch.arange(count).clamp(max=len(rows) - 1)]

@@ -44,7 +44,7 @@ from data_prep.scene import View
 from learning import training_loop
 from learning.averaging import take_statistics, update
 from learning.clouds import add_noise, draw_points
-from learning.processes import ONE, Processes, connect
+from learning.processes import ONE, Processes
 from learning.trainer import NetworkTrainer, Part
 
 Seen = tuple[Tensor, Tensor]  # channels [B, C, S, S], and points [B, 3, N] as the camera sees them
@@ -100,7 +100,6 @@ class SplatNetConfig:
             )
 
 
-@training_loop.denormals_flushed()
 def train_splat_net(
     data: SurfaceSet,
     config: SplatNetConfig,
@@ -123,18 +122,14 @@ def train_splat_net(
             f"{data.seen.azimuth_deg.shape[1]} views of an object: at least {VIEWS_TOGETHER} are "
             "drawn together; render more"
         )
-    torch_device = training_loop.prepare_device(device)
-    team = connect(torch_device)
-    trainer = _Trainer(data, config, torch_device, team, start)
     seen = data.seen
-    data_hash = training_loop.hash_arrays(
-        *(seen.images, seen.azimuth_deg, seen.elevation_deg, seen.clouds),
-        *(data.coverage, data.grey),
-    )
-    return training_loop.run(trainer, config, data_hash, out_dir, on_progress, team)
+    arrays = [seen.images, seen.azimuth_deg, seen.elevation_deg, seen.clouds]
+    arrays += [data.coverage, data.grey]
+    build = functools.partial(_SplatNetTrainer, data, config, start=start)
+    return training_loop.train(build, config, arrays, out_dir, device, on_progress)
 
 
-class _Trainer(NetworkTrainer):
+class _SplatNetTrainer(NetworkTrainer):
     kind = KIND
     config: SplatNetConfig
 
@@ -143,10 +138,10 @@ class _Trainer(NetworkTrainer):
         data: SurfaceSet,
         config: SplatNetConfig,
         device: torch.device,
-        team: Processes = ONE,
+        processes: Processes = ONE,
         start: Network | None = None,
     ) -> None:
-        super().__init__(config, device, team)
+        super().__init__(config, device, processes)
         self.data, self.batch = data, config.batch
         self.objective = OBJECTIVES[config.objective]
         self.clouds = torch.from_numpy(data.seen.clouds)

@@ -54,7 +54,7 @@ MOST_WINDOW = 63
 
 
 @dataclass(frozen=True, eq=False)
-class Weights:
+class SplatNetWeights:
     """A network in float32 and evaluation mode, on the CPU, and its origin.
 
     card    how it was trained: objective, steps, learning rates, seed, ...
@@ -104,7 +104,7 @@ def export(checkpoint_path: Path, path: Path, head: Material) -> str:
     return file_sha256(path)
 
 
-def load_weights(name_or_path: str | Path = "chair") -> Weights:
+def load_weights(name_or_path: str | Path = "chair") -> SplatNetWeights:
     """Return the weights of a bundled name or a path.
 
     Raises BadInput as `find_weights`, and where the file is no safetensors file or of another
@@ -126,10 +126,10 @@ def load_weights(name_or_path: str | Path = "chair") -> Weights:
     check_tensors(path, tensors, expected, REMEDY)
     network = build(config)
     fill_network(network, tensors)
-    return Weights(network, {"network": asdict(config), **card}, file_sha256(path))
+    return SplatNetWeights(network, {"network": asdict(config), **card}, file_sha256(path))
 
 
-def network_config(found: Mapping[str, Any]) -> NetworkConfig:
+def network_config(fields: Mapping[str, Any]) -> NetworkConfig:
     """Return the configuration from JSON.
 
     Raises TypeError or ValueError where a number is none that anybody has trained.
@@ -137,15 +137,9 @@ def network_config(found: Mapping[str, Any]) -> NetworkConfig:
     from baselines.splat_net.network import BODIES, PLANES, NetworkConfig
     from baselines.splat_net.projection import Inputs
 
-    inputs = Inputs(**{**found["inputs"], "windows": tuple(found["inputs"]["windows"])})
-    config = NetworkConfig(
-        **{
-            **found,
-            "inputs": inputs,
-            "widths": tuple(found["widths"]),
-            "heads": tuple(found["heads"]),
-        }
-    )
+    inputs = Inputs(**{**fields["inputs"], "windows": tuple(fields["inputs"]["windows"])})
+    tuples = {name: tuple(fields[name]) for name in ("widths", "heads")}  # lists in JSON
+    config = NetworkConfig(**{**fields, **tuples, "inputs": inputs})
     if not all(type(n) is int and n <= MOST_WIDTH for n in config.widths):  # True is an int, too
         raise ValueError(f"widths {config.widths}")
     flags = (inputs.normals, inputs.density, inputs.flattened, inputs.far, inputs.noise)

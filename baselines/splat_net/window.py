@@ -44,7 +44,7 @@ class Box(NamedTuple):
 
 @dataclass(frozen=True)
 class Windows:
-    """Rectangles of one size, so that they pass the network together, in some of many images.
+    """The windows of some of many images, of one size, so that they pass the network together.
 
     numbers        of the images
     corners        first row and column of each, even
@@ -60,7 +60,7 @@ class Windows:
 
     @property
     def whole(self) -> bool:
-        """True if the windows are whole images."""
+        """Return whether the windows are whole images."""
         return self.height == self.width == self.size
 
     def cut(self, images: Tensor) -> Tensor:

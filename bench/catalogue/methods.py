@@ -272,7 +272,7 @@ METHODS = (
     ),
     Method(
         "true-mesh@grey",
-        load=partial(loaders.renderer, "baselines.reference:TrueMesh", painted=False),
+        load=partial(loaders.renderer, "baselines.reference:TrueMesh", coloured=False),
         identity=loaders.versions,
         version=1,
         source="the mesh behind the cloud in neutral grey: a ceiling for what has no colour",

@@ -173,13 +173,16 @@ class JackknifeMoments:
         Raises as `frechet_distance`, and ValueError for groups that are not [n].
         """
         self._features = _of_set(features)
-        self.groups = _labels(groups, len(self._features))
+        self.groups = np.asarray(groups)
+        n = len(self._features)
+        if self.groups.shape != (n,):
+            raise ValueError(f"{n} rows need groups of shape [{n}], got {list(self.groups.shape)}")
         self.whole = _centred(self._features)
         self._kept: tuple[bytes, list[Centred]] | None = None
 
     @property
     def has_rows(self) -> bool:
-        """True if the factor of the whole set is its rows, not that of a decomposition."""
+        """Return whether the factor of the whole set is its rows, not that of a decomposition."""
         return len(self.whole.factor) == len(self._features)
 
     def without_each(self, member: NDArray[np.intp], count: int) -> Iterator[Centred]:
@@ -290,13 +293,6 @@ def _moments_without(whole: Centred, kept: NDArray[np.bool_]) -> tuple[Floats, F
 def _growth(kept: NDArray[np.bool_]) -> float:
     """Return sqrt((n - 1) / (n' - 1)), which rescales a factor to the rows that are kept."""
     return float(np.sqrt((len(kept) - 1) / (kept.sum() - 1)))
-
-
-def _labels(groups: NDArray[Any], n: int) -> NDArray[Any]:
-    groups = np.asarray(groups)
-    if groups.shape != (n,):
-        raise ValueError(f"{n} rows need groups of shape [{n}], got {list(groups.shape)}")
-    return groups
 
 
 def _of_set(features: NDArray[Any]) -> NDArray[Any]:

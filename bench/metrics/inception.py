@@ -27,7 +27,7 @@ import torch.nn.functional as F
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from bench.metrics.inception_weights import read_weights
+from bench.metrics.inception_weights import WEIGHTS_SHA256, read_weights
 
 FEATURES = 2048
 _INPUT_SIZE = 299
@@ -55,7 +55,7 @@ class _Branch(NamedTuple):
 
 
 class _Mixed(NamedTuple):
-    """Branches side by side, concatenated in this order."""
+    """The branches side by side, concatenated in this order."""
 
     name: str
     branches: tuple[_Branch, ...]
@@ -268,19 +268,17 @@ class FidInception(nn.Module):
             raise ValueError(
                 f"images must be uint8 [N, 3, H, W], got {images.dtype} {list(images.shape)}"
             )
-        x = _resize(images.to(self.fc.weight.dtype), _INPUT_SIZE)
+        x = images.to(self.fc.weight.dtype)
+        for dim in (3, 2):
+            x = _stretch(x, _INPUT_SIZE, dim)
         x = (x - 128.0) / 128.0
         for stage in _NETWORK:
             x = _pool(x, stage) if isinstance(stage, str) else self.get_submodule(stage.name)(x)
         return x.mean(dim=(2, 3))
 
 
-def _resize(images: Tensor, size: int) -> Tensor:
-    """Resize [N, C, H, W] to [N, C, size, size], bilinear as in TensorFlow 1, rows first."""
-    return _stretch(_stretch(images, size, dim=3), size, dim=2)
-
-
 def _stretch(x: Tensor, size: int, dim: int) -> Tensor:
+    """Resize one dimension to `size`, linear as in TensorFlow 1."""
     # TensorFlow computes positions in float32; in float64 they would differ by up to 1e-5 pixels.
     length = x.shape[dim]
     step = float(np.float32(length / size))
@@ -318,7 +316,7 @@ def inception_features(
     return features
 
 
-def load_inception(path: Path) -> FidInception:
+def load_inception(path: Path, sha256: str = WEIGHTS_SHA256) -> FidInception:
     """Return the network with the published weights from `path`.
 
     `inception_weights.find_weights` gives the path.
@@ -327,7 +325,7 @@ def load_inception(path: Path) -> FidInception:
     Raises BadInput where the file cannot be read or is not the published one.
     """
     model = FidInception()
-    data = io.BytesIO(read_weights(path))
+    data = io.BytesIO(read_weights(path, sha256))
     model.load_state_dict(torch.load(data, map_location="cpu", weights_only=True))
     # 1.4 times as fast on a CPU as the default layout; features differ by rounding (5e-7).
     return model.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]

@@ -10,7 +10,9 @@ import hashlib
 import http.client
 import os
 import urllib.request
+from collections.abc import Callable
 from pathlib import Path
+from typing import IO
 
 from data_prep.failures import BadInput
 from data_prep.files.atomic_write import write_whole
@@ -28,31 +30,35 @@ class WeightsUnavailable(RuntimeError):
     """The error for published weights that are not here and cannot be fetched; has the remedy."""
 
 
-def find_weights(chosen: str | None) -> Path:
+def find_weights(
+    chosen: str | None,
+    sha256: str = WEIGHTS_SHA256,
+    open_url: Callable[..., IO[bytes]] = urllib.request.urlopen,
+) -> Path:
     """Return the verified weight file.
 
     chosen None        the user's cache: `pc2pix-bench/` in $XDG_CACHE_HOME or ~/.cache
     chosen "download"  the same, filled from the net where it does not hold the intact file
     anything else      the path of the file
 
-    The network is asked on request only: the default run needs none, and taking the features of all
-    its images would more than double its time. Raises BadInput where a path cannot be read or is
-    not the published file (sha256), and WeightsUnavailable where the cache does not hold it (and it
-    cannot be fetched).
+    `sha256` is the checksum that the file has to have; `open_url` fetches it, on request only: the
+    default run needs none, and taking the features of all its images would more than double its
+    time. Raises BadInput where a path cannot be read or is not the published file, and
+    WeightsUnavailable where the cache does not hold it (and it cannot be fetched).
     """
     if chosen is not None and chosen != DOWNLOAD:
-        read_weights(Path(chosen))
+        read_weights(Path(chosen), sha256)
         return Path(chosen)
     root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     cached = Path(root) / "pc2pix-bench" / WEIGHTS_NAME
     try:
-        intact = _digest(read_file(cached, MOST_BYTES)) == WEIGHTS_SHA256
+        intact = _digest(read_file(cached, MOST_BYTES)) == sha256
     except BadInput:
         intact = False
     if not intact:
         if chosen is None:
             raise WeightsUnavailable(f"the FID weights are not in the cache; {_REMEDY}")
-        data = _download()
+        data = _download(sha256, open_url)
         try:
             write_whole(cached, data)
         except OSError as error:
@@ -60,7 +66,7 @@ def find_weights(chosen: str | None) -> Path:
     return cached
 
 
-def read_weights(path: Path) -> bytes:
+def read_weights(path: Path, sha256: str = WEIGHTS_SHA256) -> bytes:
     """Return the bytes of the weight file at `path`.
 
     Raises BadInput where it is not the published one.
@@ -70,8 +76,8 @@ def read_weights(path: Path) -> bytes:
     except BadInput as error:
         raise BadInput(f"{error}; {_REMEDY}") from error
     digest = _digest(data)
-    if digest != WEIGHTS_SHA256:
-        raise BadInput(f"{path}: sha256 {digest}, expected {WEIGHTS_SHA256}; {_REMEDY}")
+    if digest != sha256:
+        raise BadInput(f"{path}: sha256 {digest}, expected {sha256}; {_REMEDY}")
     return data
 
 
@@ -82,16 +88,16 @@ def _digest(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-def _download() -> bytes:
+def _download(sha256: str, open_url: Callable[..., IO[bytes]]) -> bytes:
     try:
-        with urllib.request.urlopen(WEIGHTS_URL, timeout=DOWNLOAD_TIMEOUT_S) as response:
+        with open_url(WEIGHTS_URL, timeout=DOWNLOAD_TIMEOUT_S) as response:
             data = response.read(MOST_BYTES)
     except (OSError, http.client.HTTPException) as error:  # URLError and time-outs included
         raise WeightsUnavailable(f"cannot fetch the FID weights ({error}); {_REMEDY}") from error
     digest = _digest(data)
-    if digest != WEIGHTS_SHA256:
+    if digest != sha256:
         raise WeightsUnavailable(
             f"{WEIGHTS_URL} answered with {len(data)} bytes of sha256 {digest}, "
-            f"expected {WEIGHTS_SHA256}; {_REMEDY}"
+            f"expected {sha256}; {_REMEDY}"
         )
     return data

@@ -96,7 +96,7 @@ def _sums(
         rows = slice(i, i + _ROWS)
         for j in range(0, len(b), _ROWS):
             columns = slice(j, j + _ROWS)
-            kernels = _kernel(a[rows], b[columns])
+            kernels = (a[rows] @ b[columns].T / a.shape[1] + 1.0) ** 3
             sums += blocks[member_a[rows]].T @ (kernels @ blocks[member_b[columns]])
     return sums
 
@@ -109,10 +109,6 @@ def _distance(sums: _BlockSums, kept: Floats) -> float:
     within_x = kept @ sums.xx @ kept / (n * (n - 1))
     within_y = kept @ sums.yy @ kept / (m * (m - 1))
     return float(within_x + within_y - 2.0 * (kept @ sums.xy @ kept) / (n * m))
-
-
-def _kernel(a: Floats, b: Floats) -> Floats:
-    return (a @ b.T / a.shape[1] + 1.0) ** 3
 
 
 def _checked(features: NDArray[Any]) -> Floats:

@@ -10,8 +10,9 @@ from __future__ import annotations
 import hashlib
 import io
 import pickle
+from collections.abc import Callable
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, distribution
+from importlib.metadata import Distribution, PackageNotFoundError, distribution
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -50,14 +51,16 @@ ALLOWED = {
 }
 
 
-def find_lpips_weights(net: Net = "alex") -> Path:
+def find_lpips_weights(
+    net: Net = "alex", find_distribution: Callable[[str], Distribution] = distribution
+) -> Path:
     """Return the verified checkpoint of a trunk in the installed package, which is not imported.
 
     Raises WeightsUnavailable where the package is absent, has another version or lacks the file,
     and BadInput where the file is not the published one (sha256).
     """
     try:
-        package = distribution(PACKAGE)
+        package = find_distribution(PACKAGE)
     except PackageNotFoundError as error:
         raise WeightsUnavailable(f"the package {PACKAGE} is not installed; {REMEDY}") from error
     if package.version != VERSION:

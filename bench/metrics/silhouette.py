@@ -31,9 +31,7 @@ Masks = NDArray[np.bool_]  # [N, H, W]
 def foreground(images: NDArray[np.uint8]) -> Masks:
     """Return the pixels [N, H, W] that are not white, of uint8 [N, H, W, C].
 
-    Edges count as a whole.
-
-    Raises ValueError where the images are not uint8.
+    Pixels of an edge count as a whole. Raises ValueError where the images are not uint8.
     """
     _require_uint8(images)
     shown = np.zeros(images.shape[:-1], np.bool_)
@@ -55,7 +53,7 @@ def contrast(images: NDArray[np.uint8]) -> NDArray[np.float32]:
 
 
 class Pairs:
-    """Pairs of true images and images, uint8 [N, H, W, C] each, and their silhouettes by contrast.
+    """The silhouettes by contrast of true images and of images of them, uint8 [N, H, W, C] each.
 
     shown  the pixels [N, H, W] that the true images show
 
@@ -66,7 +64,7 @@ class Pairs:
     def __init__(self, truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> None:
         _require_pairs(truth, images)
         self.shown = foreground(truth)
-        self._true, self._found = contrast(truth), contrast(images)
+        self._true, self._shown = contrast(truth), contrast(images)
 
     def drawn(self, usual: Masks) -> Masks:
         """Return the pixels [N, H, W] where images draw something.
@@ -74,12 +72,12 @@ class Pairs:
         usual  [N, H, W], a part of `shown`; its median contrast is asked for where the true images
                are white (the neutral grey's, where the part is empty)
 
-        Of a true image, drawn is all that it shows.
+        A true image draws all that it shows.
         """
         asked = self._true.copy()
         for values, shown, some in zip(asked, self.shown, usual, strict=True):
             values[~shown] = np.median(values[some]) if some.any() else MOST_ASKED
-        return self._found >= np.minimum(asked, MOST_ASKED) / 2
+        return self._shown >= np.minimum(asked, MOST_ASKED) / 2
 
 
 def _require_pairs(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> None:
@@ -88,9 +86,9 @@ def _require_pairs(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> None:
             shape = f"{some.dtype} {list(some.shape)}"
             raise ValueError(f"images must be uint8 [N, H, W, C], got {shape}")
     if truth.shape != images.shape:
-        raise ValueError(f"pictures {list(images.shape)} of truths {list(truth.shape)}")
+        raise ValueError(f"images {list(images.shape)} of truths {list(truth.shape)}")
     if 0 in truth.shape[1:]:
-        raise ValueError(f"nothing to compare, got pictures {list(truth.shape)}")
+        raise ValueError(f"nothing to compare, got images {list(truth.shape)}")
 
 
 def object_boxes(truth: NDArray[np.uint8]) -> NDArray[np.intp]:

@@ -110,9 +110,7 @@ def ssim_per_image(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> SsimPerImage:
 def ssim_per_image_and_mask(
     a: NDArray[np.uint8], b: NDArray[np.uint8], masks: NDArray[np.bool_]
 ) -> tuple[SsimPerImage, Floats]:
-    """Return `ssim_per_image`, and the mean `ssim` [N] of the windows over a mask.
-
-    Both are from one map.
+    """Return `ssim_per_image`, and the mean `ssim` [N] of the windows over a mask, from one map.
 
     masks  bool [N, H, W], one per pair, in pixels
 
@@ -163,7 +161,9 @@ def _score(
             inside *= counted
         mask_sums = inside.sum(axis=(1, 2)) * channels
         n_inside = mask_sums.sum()
-        for chunk in _chunks(np.flatnonzero(differs)):
+        different = np.flatnonzero(differs)
+        for start in range(0, len(different), _CHUNK):
+            chunk = different[start : start + _CHUNK]
             sums[chunk] = blur.component_sums(tiles[:, chunk], weights_of[chunk])
             if mask_sums[chunk].any():
                 mask_sums[chunk] = blur.sums_of_last(inside[chunk])
@@ -242,10 +242,6 @@ def _cut_tiles(image: NDArray[np.uint8], rows: _Cut, columns: _Cut, out: NDArray
     planes = np.ascontiguousarray(image.transpose(0, 2, 1))
     for tile, (y, x) in zip(out, _corners(rows, columns), strict=True):
         tile[...] = planes[y : y + rows.extent, :, x : x + columns.extent]
-
-
-def _chunks(indices: NDArray[np.intp]) -> Iterator[NDArray[np.intp]]:
-    return (indices[i : i + _CHUNK] for i in range(0, len(indices), _CHUNK))
 
 
 def _band(weights: Floats, length: int) -> Floats:
@@ -364,9 +360,9 @@ class _TileBlur:
 
 
 def _steps(field: Floats, axis: int, cut: _Cut) -> Floats:
-    """Return the pixels that each band of a tile takes: [5, tile, band, ...].
+    """Return the pixels that each band of a tile takes, [5, tile, band, ...].
 
-    They overlap along `axis`.
+    Those of neighbouring bands overlap along `axis`.
 
     field  [5, tile, pixel row, pixel column]
     """

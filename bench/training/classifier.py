@@ -58,7 +58,7 @@ class CosineTrainer(NetworkTrainer):
         Raises as `learning.training_loop.run`.
         """
         with training_progress(self.kind, quiet=not is_first()) as show:
-            run(self, self.config, data_hash, folder, show, self.team)
+            run(self, self.config, data_hash, folder, show, self.processes)
 
 
 def view_answers(

@@ -185,7 +185,7 @@ class _Trainer(CosineTrainer):
     def _validate(self, step: str) -> None:
         scores = score(self.network.eval(), self.validation)
         self.network.train()
-        if self.team.rank == 0:
+        if self.processes.rank == 0:
             print(f"{step}: {scores}", file=sys.stderr, flush=True)
         merit = scores.retrieval - scores.azimuth_deg / 40
         if merit > self.best_merit:

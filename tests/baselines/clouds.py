@@ -22,12 +22,12 @@ def lattice_sphere(count: int = 2048) -> np.ndarray:
 
 
 def chair_cloud(count: int = 2048) -> PointCloud:
-    """Of a chair, with the mesh behind it."""
+    """Return the cloud of a chair, with the mesh behind it."""
     rng = np.random.default_rng(3)
     return sample_surface(chair(rng), rng, count)
 
 
 def faces_of_edges(faces: np.ndarray) -> np.ndarray:
-    """How many of faces [F, 3] each of their edges has: all 2 where a surface is closed."""
+    """Return how many of faces [F, 3] each edge has: all 2 where a surface is closed."""
     edges = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     return np.unique(edges, axis=0, return_counts=True)[1]

@@ -37,7 +37,7 @@ def test_the_bundled_image() -> None:
 def test_images_that_cannot_be_used(tmp_path) -> None:
     path = tmp_path / "constant.png"
     for _ in ("missing", "damaged"):
-        with pytest.raises(BadInput, match=r"no readable picture .* 'bench train constant'"):
+        with pytest.raises(BadInput, match=r"no readable image .* 'bench train constant'"):
             read_image(path)
         path.write_bytes(b"nothing")
     Image.new("RGB", (64, 128)).save(path)

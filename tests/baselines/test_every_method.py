@@ -1,4 +1,4 @@
-"""What holds of every method that is compared, whatever it does: each is a `Renderer`."""
+"""Properties of every method that is compared, whatever it does: each is a `Renderer`."""
 
 from __future__ import annotations
 
@@ -30,6 +30,10 @@ NETWORKS = (
 )
 FLOORS = ("constant", "blank")
 METHODS = (*SURFACES, *NETWORKS, "splat", "true-mesh", *FLOORS)
+ORDERLESS = (
+    *("denoised-alpha", "denoised-bpa", "denoised-poisson", "pgr", "surface-fit"),
+    *("splat-net@tiny", "splat"),
+)
 VIEWS = [View(10, 20), View(370, 20), View(-100, -40), View(0, 90), View(30, -90)]
 
 
@@ -66,6 +70,24 @@ def test_the_mesh_behind_the_cloud_is_not_looked_at(cloud: PointCloud, name: str
     bare = PointCloud(cloud.points)
     known, unknown = (method.draw(method.prepare(c, rng), VIEWS[:1], rng) for c in (cloud, bare))
     np.testing.assert_array_equal(known, unknown)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.1])
+@pytest.mark.parametrize("name", ORDERLESS)
+def test_neither_order_nor_repeated_points_matter(name: str, noise: float) -> None:
+    rng = np.random.default_rng(0)
+    points = chair_cloud(512).points
+    points = (points + rng.normal(scale=noise, size=points.shape)).astype(np.float32)
+    changed = rng.permutation(points if name == "splat" else np.repeat(points, 2, axis=0))
+    method = find_method(name).load("cpu")
+    states = [method.prepare(PointCloud(some), rng) for some in (points, changed)]
+    images, others = (method.draw(state, VIEWS, rng) for state in states)
+    np.testing.assert_array_equal(images, others)
+    if name in SURFACES:
+        first, second = states
+        np.testing.assert_array_equal(first.mesh.vertices, second.mesh.vertices)
+        np.testing.assert_array_equal(first.mesh.faces, second.mesh.faces)
+        assert first.notes == second.notes
 
 
 @pytest.mark.parametrize("name", [n for n in METHODS if n not in (*FLOORS, "true-mesh")])
@@ -143,8 +165,8 @@ ANY_THREADS = (*SURFACES, "splat", "true-mesh")  # networks sum in another order
 
 @pytest.mark.slow
 def test_same_bytes_in_any_process_with_any_number_of_threads() -> None:
-    """Of processes like the workers of a run, with one thread and with two; and of `surface-fit`
-    whatever memory held before, unlike `surface-apss`: see tests/upstream."""
+    """Processes like the workers of a run, with one thread and with two, draw the same; so does
+    `surface-fit` whatever memory held before, unlike `surface-apss`: see tests/upstream."""
 
     def digests(names, environment):
         done = subprocess.run(
@@ -158,10 +180,10 @@ def test_same_bytes_in_any_process_with_any_number_of_threads() -> None:
         )
         return json.loads(done.stdout.splitlines()[-1])
 
-    found, threaded = (
+    actual, threaded = (
         digests(ANY_THREADS, {**WORKER_ENVIRONMENT, "OMP_NUM_THREADS": n, "LP_NUM_THREADS": n})
         for n in ("1", "2")
     )
-    assert found == threaded
+    assert actual == threaded
     tunables = {"GLIBC_TUNABLES": "glibc.malloc.perturb=170:glibc.malloc.tcache_count=0"}
-    assert digests(["surface-fit"], tunables) == {"surface-fit": found["surface-fit"]}
+    assert digests(["surface-fit"], tunables) == {"surface-fit": actual["surface-fit"]}

@@ -26,10 +26,10 @@ def test_the_ceiling_is_the_ground_truth_bit_for_bit() -> None:
 
 
 def test_the_ceiling_without_colour_is_the_unpainted_mesh() -> None:
-    method = TrueMesh(painted=False)
-    found = to_uint8(method.draw(method.prepare(CLOUD), VIEWS))
-    np.testing.assert_array_equal(found, render(unpainted(CLOUD.source), VIEWS))
-    assert (found == found[..., :1]).all()
+    method = TrueMesh(coloured=False)
+    actual = to_uint8(method.draw(method.prepare(CLOUD), VIEWS))
+    np.testing.assert_array_equal(actual, render(unpainted(CLOUD.source), VIEWS))
+    assert (actual == actual[..., :1]).all()
 
 
 def test_the_ceiling_sees_through_every_condition_and_needs_the_mesh() -> None:

@@ -1,4 +1,4 @@
-"""What every training has in common, whichever network it trains."""
+"""Properties of every training, whichever network it trains."""
 
 from __future__ import annotations
 
@@ -51,13 +51,13 @@ def kill_at(step):
     return on_progress
 
 
-def require_equal(one, other, kind, steps):
+def require_equal(first, other, kind, steps):
     """Checkpoints and logs of two runs, bit for bit."""
-    (state, step, _), (found, found_step, _) = (checkpoint.load(p, kind) for p in (one, other))
-    assert step == found_step == steps
-    assert state.keys() == found.keys()
-    assert all(torch.equal(state[key], found[key]) for key in state)
-    logs = [(path.parent / "losses.csv").read_text() for path in (one, other)]
+    (state, step, _), (actual, second_step, _) = (checkpoint.load(p, kind) for p in (first, other))
+    assert step == second_step == steps
+    assert state.keys() == actual.keys()
+    assert all(torch.equal(state[key], actual[key]) for key in state)
+    logs = [(path.parent / "losses.csv").read_text() for path in (first, other)]
     assert logs[0] == logs[1]
     rows = [row.split(",")[0] for row in logs[0].splitlines()]
     assert rows == ["step", *map(str, range(1, steps + 1))]
@@ -102,23 +102,23 @@ def test_a_killed_run_resumes_bit_for_bit_and_may_be_lengthened(name, whole, tmp
 def test_reports_and_sheets(name, whole):
     train = TRAININGS[name]
     steps = 6 if train.lengthens else 5
-    made = whole(name, steps)
-    assert [report.step for report in made.reports] == list(range(1, steps + 1))
-    assert made.reports[0].images_per_s is None
-    assert made.reports[-1].images_per_s > 0
-    assert made.reports[-1].seconds_left == 0
-    assert made.flushed == {True}
+    result = whole(name, steps)
+    assert [report.step for report in result.reports] == list(range(1, steps + 1))
+    assert result.reports[0].images_per_s is None
+    assert result.reports[-1].images_per_s > 0
+    assert result.reports[-1].seconds_left == 0
+    assert result.flushed == {True}
     assert sys.float_info.min / 2 > 0.0, "denormal numbers are flushed inside only"
-    sheets = sorted((made.folder / "sheets").glob("*"))
+    sheets = sorted((result.folder / "sheets").glob("*"))
     assert [sheet.name for sheet in sheets] == (
         ["step-000004.png", f"step-{steps:06}.png"] if train.sheet else []
     )
     for sheet in sheets:
         with Image.open(sheet) as image:
             assert image.size == train.sheet
-    with Image.open(made.folder / "losses.png") as image:
+    with Image.open(result.folder / "losses.png") as image:
         image.load()
-    assert not list(made.folder.glob(".*"))
+    assert not list(result.folder.glob(".*"))
 
 
 @pytest.mark.parametrize("name", TRAININGS)

@@ -10,8 +10,7 @@ import torch
 from safetensors.torch import save_file
 
 from data_prep.failures import BadInput
-from learning import weights as weight_files
-from learning.weights import file_sha256, objective_of, read_safetensors
+from learning.weights import card_of, file_sha256, objective_of, read_safetensors
 
 from .weight_files import KINDS, load_decoder, whole
 
@@ -109,7 +108,7 @@ def test_another_format(tmp_path, name):
 @pytest.mark.parametrize("text", [None, "{", "[]", "null", '{"depth": 1}', DEEP])
 @pytest.mark.parametrize("name", CHECKED)
 def test_a_header_that_cannot_be_read(tmp_path, name, text):
-    """Of the network, and of the training where drawing reads that."""
+    """The header describes the network, and the training where drawing reads that."""
     for key in (KINDS[name].model, *(["training"] if name != "decoder" else [])):
         if key == "training" and text == '{"depth": 1}':
             continue  # which a card may say
@@ -203,10 +202,9 @@ def test_an_objective_that_cannot_be_trusted(tmp_path, content, expected):
     assert one_line(error).startswith(f"{path}: its header cannot be read (")
 
 
-def test_a_long_header_is_not_read(tmp_path, monkeypatch):
+def test_a_long_header_is_not_read(tmp_path):
     path = tmp_path / "w.safetensors"
     path.write_bytes(raw({"__metadata__": {"note": "x" * 100}}))
     assert objective_of(path) == ""
-    monkeypatch.setattr(weight_files, "MOST_HEADER_BYTES", 100)
     with pytest.raises(BadInput, match="bytes by its own account"):
-        objective_of(path)
+        card_of(path, most_header_bytes=100)

@@ -41,8 +41,8 @@ def test_networks_are_trained_as_they_draw():
     norm.eps = averaged.eps = 0.0
     current.train()
     take_statistics(current, average)
-    found = norm(torch.tensor([[5.0], [5.0]]).T[..., None, None])  # one pixel of two channels
-    torch.testing.assert_close(found.flatten(), torch.tensor([3 * (5 - 1) / 2, 3 * (5 + 2) / 0.5]))
+    actual = norm(torch.tensor([[5.0], [5.0]]).T[..., None, None])  # one pixel of two channels
+    torch.testing.assert_close(actual.flatten(), torch.tensor([3 * (5 - 1) / 2, 3 * (5 + 2) / 0.5]))
     assert norm.running_mean.tolist() == averaged.running_mean.tolist() == [1, -2]
     assert int(norm.num_batches_tracked) == 7
     assert norm.weight.requires_grad

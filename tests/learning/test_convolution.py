@@ -8,24 +8,23 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from learning import convolution
 from learning.convolution import Convolution, fold_normalisation
 
 
-@pytest.mark.parametrize("prepacks", [False, True])
+@pytest.mark.filterwarnings("ignore:TF32 acceleration")  # of the context manager
+@pytest.mark.parametrize("enabled", [False, True])
 @pytest.mark.parametrize("dtype", [torch.float32, torch.bfloat16, torch.float64])
 @pytest.mark.parametrize(("size", "stride", "padding"), [(3, 1, 1), (4, 2, 1), (1, 1, 0)])
-def test_against_pytorchs_own(monkeypatch, prepacks, dtype, size, stride, padding):
+def test_against_pytorchs_own(enabled, dtype, size, stride, padding):
     """Kernels are laid out for one size of image, and right for any other."""
-    if not prepacks:
-        monkeypatch.setattr(convolution, "_prepacks", lambda weight: False)
     torch.manual_seed(0)
     kernel, bias = torch.randn(7, 5, size, size).double(), torch.randn(7).double()
     options = {"stride": stride, "padding": padding}
     shapes = ((1, 5, 6, 8), (4, 5, 16, 16), (2, 5, 2, 3))
     for shape, given, relu in itertools.product(shapes, (bias, None), (False, True)):
-        conv = Convolution(kernel, given, shapes[0], dtype, relu=relu, **options)
-        assert prepacks or not conv.prepacked
+        with torch.backends.mkldnn.flags(enabled=enabled):
+            conv = Convolution(kernel, given, shapes[0], dtype, relu=relu, **options)
+        assert enabled or not conv.prepacked
         x = torch.randn(shape).to(dtype, memory_format=torch.channels_last)
         expected = functional.conv2d(x.double(), kernel, given, **options)
         expected = expected.relu() if relu else expected
@@ -57,10 +56,7 @@ def test_a_normalisation_behind_a_convolution_becomes_part_of_it():
     x = torch.randn(2, 4, 8, 8)
     expected = copy.deepcopy(network).double()(x.double())
     fold_normalisation(network)
-    assert [isinstance(one, nn.BatchNorm2d) for one in (network[0], inner[1], network[2])] == [
-        True,
-        False,
-        True,
-    ]
+    layers = (network[0], inner[1], network[2])
+    assert [isinstance(layer, nn.BatchNorm2d) for layer in layers] == [True, False, True]
     # 36 products of values up to 8, scaled by at most 2 / sqrt(0.5) three times: 2**-24 of each
     torch.testing.assert_close(network(x).double(), expected, rtol=0, atol=36 * 8 * 22 * 2**-24)

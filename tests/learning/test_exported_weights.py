@@ -13,7 +13,7 @@ import torch
 from baselines.splat_net import weights as splat_net
 from data_prep.failures import BadInput
 from learning import checkpoint
-from learning.weights import file_sha256, objective_of, read_safetensors
+from learning.weights import file_sha256, find_file, objective_of, read_safetensors
 from pc2pix import weights as pc2pix
 
 from .trainings import TRAININGS
@@ -107,17 +107,14 @@ def test_bundled_weights_load_and_are_small(kind, name):
     assert sum(f"`{name}`" in title for title in titles) == 1
 
 
-@pytest.mark.parametrize("kind", OF)
-def test_names_and_checksums(kind, tmp_path, monkeypatch):
-    module, path = OF[kind], tmp_path / "x.safetensors"
-    with pytest.raises(BadInput, match="'no-such-weights' is neither a bundled name"):
-        module.load_weights("no-such-weights")
-    monkeypatch.setattr(module, "FOLDER", tmp_path)
-    monkeypatch.setitem(module.BUNDLED, "x", "0" * 64)
+def test_names_and_checksums(tmp_path):
+    path = tmp_path / "x.safetensors"
+    for module in OF.values():
+        with pytest.raises(BadInput, match="'no-such-weights' is neither a bundled name"):
+            module.load_weights("no-such-weights")
     with pytest.raises(BadInput, match=r"x\.safetensors: the bundled weights are missing"):
-        module.find_weights("x")
-    path.write_bytes(whole(kind))
+        find_file("x", tmp_path, {"x": "0" * 64})
+    path.write_bytes(whole("pc2pix"))
     with pytest.raises(BadInput, match="is not the expected 000"):
-        module.find_weights("x")
-    monkeypatch.setitem(module.BUNDLED, "x", file_sha256(path))
-    assert module.load_weights("x").sha256 == file_sha256(path)
+        find_file("x", tmp_path, {"x": "0" * 64})
+    assert find_file("x", tmp_path, {"x": file_sha256(path)}) == path

@@ -19,9 +19,9 @@ def test_structural_similarity_is_scikit_images_at_every_so_many_windows(every):
 
     a, b = images()
     expected = []
-    for one, other in zip(a.numpy(), b.numpy(), strict=True):
+    for first, other in zip(a.numpy(), b.numpy(), strict=True):
         _, full = reference(
-            one, other, data_range=1, channel_axis=0, gaussian_weights=True, sigma=1.5,
+            first, other, data_range=1, channel_axis=0, gaussian_weights=True, sigma=1.5,
             use_sample_covariance=False, full=True,
         )  # fmt: skip
         expected.append(full[:, 5:-5:every, 5:-5:every].mean())

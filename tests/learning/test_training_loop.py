@@ -22,7 +22,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Config:
-    """With what JSON has no word for: a tuple, in a dataclass within."""
+    """A configuration with a tuple, in a dataclass within: JSON has no word for it."""
 
     steps: int
     part: Part = field(default_factory=Part)
@@ -92,7 +92,7 @@ def start(out_dir, config, trainer=None, data="data"):
 
 
 def test_a_run_goes_on_where_it_was(tmp_path):
-    """Also where its configuration has tuples, which JSON gives back as lists."""
+    """The configuration has tuples, which JSON gives back as lists."""
     steps, _ = start(tmp_path, Config(steps=3))
     assert steps == [1, 2, 3]
     steps, (state, step, _) = start(tmp_path, Config(steps=5))
@@ -144,15 +144,15 @@ def test_a_run_of_another_length_is_one_of_that_length_from_the_beginning(
             anneal(cut, length)
         assert (cut / checkpoint.FILE_NAME).read_bytes() == before
         return
-    steps, (found, step, _) = anneal(cut, length)
+    steps, (actual, step, _) = anneal(cut, length)
     assert step == length
-    assert found["total"] == expected["total"]
+    assert actual["total"] == expected["total"]
     assert steps[:1] == ([min(taken, 5) + 1] if length != 8 else steps[:1])
     assert (cut / "losses.csv").read_text() == (tmp_path / "whole" / "losses.csv").read_text()
 
 
 def test_a_run_that_kept_nothing_from_before_its_rate_fell_is_not_lengthened(tmp_path):
-    """As by a version that did not know of that; it can still be ended."""
+    """A version that did not know of that has written it; it can still be ended."""
     anneal(tmp_path, 8)
     (tmp_path / training_loop.FULL_RATE).unlink()
     with pytest.raises(BadInput, match="step 8 of a training of 8 steps; one of 9 has another"):
@@ -210,13 +210,22 @@ def test_losses_are_read_when_they_are_logged_or_a_checkpoint_is_written(
     assert not path.exists() or checkpoint.load(path, "counter")[1] == 3
 
 
+def test_an_explosion_stops_a_resumed_training(tmp_path):
+    losses = dict.fromkeys(range(25, 41), 1e4)
+    start(tmp_path, Config(steps=22), Counter(losses))
+    message = r"step 25: loss is 1e\+04, 10000 times what it was; last good checkpoint: step 24,"
+    with pytest.raises(TrainingDiverged, match=message):
+        start(tmp_path, Config(steps=40), Counter(losses))
+    assert math.isfinite(float((tmp_path / "losses.csv").read_text().split(",")[-1]))
+
+
 def test_seeding_leaves_the_global_generator_alone():
     torch.manual_seed(5)
     before = torch.random.get_rng_state()
-    one, two = (training_loop.seeded(7, lambda: torch.rand(3)) for _ in range(2))
-    assert torch.equal(one, two)
+    first, second = (training_loop.seeded(7, lambda: torch.rand(3)) for _ in range(2))
+    assert torch.equal(first, second)
     assert torch.equal(torch.random.get_rng_state(), before)
-    assert not torch.equal(training_loop.seeded(8, lambda: torch.rand(3)), one)
+    assert not torch.equal(training_loop.seeded(8, lambda: torch.rand(3)), first)
 
 
 def test_fingerprints_of_data():

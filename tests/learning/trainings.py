@@ -18,9 +18,10 @@ from data_prep.datasets.training_set import SurfaceSet, TrainingSet
 from learning import training_loop
 from learning.training_loop import Cadence, seeded
 from pc2pix.model import ModelConfig, build_encoder
-from pc2pix.train_autoencoder import AutoencoderConfig, AutoencoderData, train_autoencoder
+from pc2pix.train_autoencoder import AutoencoderConfig, train_autoencoder
 from pc2pix.train_decoder import DecoderConfig, train_decoder
-from pc2pix.train_gan import GanConfig, GanData, train_gan
+from pc2pix.train_gan import GanConfig, train_gan
+from pc2pix.training_data import AutoencoderData, GanData
 from pc2pix.weights import load_weights
 
 from .weight_files import whole
@@ -106,15 +107,6 @@ def start_views(out_dir, on_progress, **changes):
         patch.setattr(train_views, "BATCH", 4)  # an epoch is of two batches and a half
         trainer = train_views._Trainer(labels, images, answers, config)
         return training_loop.run(trainer, config, "data", out_dir, on_progress)
-
-
-def trainer_of(train, *arguments, **options):
-    """What a training would hand to the loop, before its first step."""
-    kept = []
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(training_loop, "run", lambda trainer, *rest: kept.append(trainer))
-        train(*arguments, **options)
-    return kept[0]
 
 
 def ignore(report):

@@ -45,7 +45,7 @@ def write_decoder(path: Path) -> None:
 
 
 def load_decoder(path: Path) -> Any:
-    """From where a decoder has to stand; `path` may be anything."""
+    """Load `path`, which may be anything, from where a decoder has to stand."""
     weights = path.with_name("of-decoder.safetensors")
     weights.write_bytes(whole("pc2pix"))
     pc2pix.decoder_path(weights).unlink(missing_ok=True)

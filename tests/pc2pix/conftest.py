@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from pc2pix.train_gan import GanData
+from pc2pix.training_data import GanData
 from pc2pix.weights import export
 from tests.learning.trainings import TRAININGS, make_set
 

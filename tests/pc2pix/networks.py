@@ -6,8 +6,10 @@ from torch import nn
 
 
 def live_in(network):
-    """In BatchNorms and biases no number is 0 or 1; some scales are negative. The network, ready
-    to draw; the numbers are those of torch's global generator."""
+    """Return the network, ready to draw, with numbers of torch's global generator.
+
+    In BatchNorms and biases no number is 0 or 1; some scales are negative.
+    """
     network.eval().requires_grad_(False)
     for module in network.modules():
         if isinstance(module, nn.BatchNorm2d):

@@ -54,12 +54,12 @@ def test_a_mirrored_scene_is_what_the_renderer_draws_of_the_mirrored_shape():
         torch.tensor([[37 / 360 + 0.5], [37 / 360 + 0.5]]),
     )
     scene = scene._replace(points=scene.points.expand(2, -1, -1))
-    made = mirror(scene, torch.tensor([True, False]))
-    torch.testing.assert_close(made.points[:, 0], torch.tensor([[-0.1, 0.2, 0.3], [0.1, 0.2, 0.3]]))
-    torch.testing.assert_close(made.azimuth01[:, 0], torch.tensor([0.5 - 37 / 360, 0.5 + 37 / 360]))
-    assert torch.equal(made.elevation01, scene.elevation01)
-    assert torch.equal(made.images[1], images[0])
-    difference = np.abs(made.images[0].permute(1, 2, 0).numpy().astype(int) - truth)
+    flip = mirror(scene, torch.tensor([True, False]))
+    torch.testing.assert_close(flip.points[:, 0], torch.tensor([[-0.1, 0.2, 0.3], [0.1, 0.2, 0.3]]))
+    torch.testing.assert_close(flip.azimuth01[:, 0], torch.tensor([0.5 - 37 / 360, 0.5 + 37 / 360]))
+    assert torch.equal(flip.elevation01, scene.elevation01)
+    assert torch.equal(flip.images[1], images[0])
+    difference = np.abs(flip.images[0].permute(1, 2, 0).numpy().astype(int) - truth)
     # the samples of anti-aliasing do not lie symmetrically in a pixel, so edges differ
     assert (difference > 2).mean() < 0.05
     unmirrored = np.abs(images[0].permute(1, 2, 0).numpy().astype(int) - truth)

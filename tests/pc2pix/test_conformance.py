@@ -87,13 +87,13 @@ def test_discriminator(reference):
     cases = ("first_forward_1_power_iteration", "second_training_forward_2_power_iterations")
     for case, judged in zip(cases, forwards, strict=True):
         expected = entry[case]
-        for found, key in (
+        for actual, key in (
             (judged.real[:, 0], "real_fake"),
             (judged.code, "reco_pc_code"),
             (judged.elevation[:, 0], "reco_elev"),
             (judged.azimuth[:, 0], "reco_azim"),
         ):
-            np.testing.assert_allclose(found.numpy(), expected[key], rtol=0, atol=1e-8)
+            np.testing.assert_allclose(actual.numpy(), expected[key], rtol=0, atol=1e-8)
 
 
 def test_autoencoder(reference):

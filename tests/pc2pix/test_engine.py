@@ -6,9 +6,7 @@ import pytest
 import torch
 from torch.nn import functional
 
-from learning import convolution
-from pc2pix import engine
-from pc2pix.engine import NineProducts, Phases, Rows, fold, upsampled
+from pc2pix.engine import FoldedGenerator, NineProducts, Phases, Rows, fold, upsampled
 from pc2pix.model import Generator, ModelConfig
 
 from .networks import live_in
@@ -47,41 +45,40 @@ def generator(request):
 def test_float32_draws_what_the_generator_draws(generator, noisy):
     code, elevation01, azimuth01, noise = inputs(generator.config, 5)
     given = code, elevation01, azimuth01, noise if noisy else None
-    found = fold(generator)(*given)
-    assert found.shape == (5, 128, 128, 3)
-    assert found.dtype == torch.float32
-    assert found.is_contiguous()
+    actual = fold(generator)(*given)
+    assert actual.shape == (5, 128, 128, 3)
+    assert actual.dtype == torch.float32
+    assert actual.is_contiguous()
     expected = drawn(generator, *given)
     assert expected.std() > 0.05
     # sums of some 1,000 float32 products in another order, through twelve layers: some 1e-6
-    torch.testing.assert_close(found, expected, rtol=0, atol=1e-5)
+    torch.testing.assert_close(actual, expected, rtol=0, atol=1e-5)
 
 
 def test_bfloat16_is_bfloat16(generator):
     given = inputs(generator.config, 3)
     expected = drawn(generator, *given)
-    found = fold(generator, "bfloat16")(*given)
-    assert found.dtype == torch.float32
-    apart = (found - expected).abs()
+    actual = fold(generator, "bfloat16")(*given)
+    assert actual.dtype == torch.float32
+    apart = (actual - expected).abs()
     # half a unit of 8 digits is 2e-3 of a value; fifteen roundings in a row, added as errors do
     assert 1e-4 < apart.mean() < 2e-3 * 15**0.5
-    assert (found - expected).mean().abs() < 1e-3  # to nearest: no drift
+    assert (actual - expected).mean().abs() < 1e-3  # to nearest: no drift
 
 
 @pytest.mark.parametrize("form", [Phases, Rows, NineProducts])
 @pytest.mark.parametrize("shape", [(2, 3, 4, 4), (1, 5, 6, 3), (1, 2, 1, 1)])
-def test_every_form_of_upsampling(monkeypatch, form, shape):
-    monkeypatch.setattr(convolution, "_prepacks", lambda weight: False)  # oneDNN has no float64
+def test_every_form_of_upsampling(form, shape):
     torch.manual_seed(0)
     channels = shape[1]
     y, shortcut = torch.randn(2, *shape, dtype=torch.float64)
     kernel = torch.randn(channels, channels, 3, 3, dtype=torch.float64)
     conv = form(kernel, shape, torch.float64)
-    found = conv(y, shortcut.repeat(1, conv.shortcuts, 1, 1))
+    actual = conv(y, shortcut.repeat(1, conv.shortcuts, 1, 1))
     expected = functional.conv2d(functional.interpolate(y, scale_factor=2.0), kernel, padding=1)
     expected += functional.interpolate(shortcut, scale_factor=2.0)
-    assert found.is_contiguous(memory_format=torch.channels_last)
-    assert (found - expected).abs().max() < 1e-13  # some 40 products
+    assert actual.is_contiguous(memory_format=torch.channels_last)
+    assert (actual - expected).abs().max() < 1e-13  # some 40 products
 
 
 @pytest.mark.parametrize(
@@ -102,11 +99,10 @@ def test_the_form_follows_from_the_channels(channels, dtype, form):
 
 
 @pytest.mark.parametrize("precision", ["float32", "bfloat16"])
-def test_groups_are_whole_and_in_order(monkeypatch, precision):
+def test_groups_are_whole_and_in_order(precision):
     generator = lived_in(TURNING)
     code, elevation01, azimuth01, noise = inputs(TURNING, 5)
-    monkeypatch.setattr(engine, "GROUP_BYTES", 2 * 2 * 128 * 128 * 2 * 2)
-    grouped = fold(generator, precision)
+    grouped = FoldedGenerator(generator, precision, group_bytes=2 * 2 * 128 * 128 * 2 * 2)
     assert grouped.for_many.groups[-1] in (2, 4)  # float32 and bfloat16; neither divides 5
     assert grouped.for_many.groups[0] > 5
     assert set(grouped.for_one.groups) == {1}

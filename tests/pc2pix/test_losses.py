@@ -14,7 +14,7 @@ from pc2pix.losses import (
     ELEVATION_RANGE_RAD,
     OBJECTIVES,
     STRUCTURE_WEIGHT,
-    Condition,
+    Conditioning,
     angular_error,
     azimuth_error,
     chamfer,
@@ -58,9 +58,9 @@ def test_chamfer_agrees_with_all_pairs():
     table = (a[:, :, None] - b[:, None]).square().sum(-1)
     expected = table.amin(2).mean() + table.amin(1).mean()
     (expected_grad,) = torch.autograd.grad(expected, a)
-    found = chamfer(a, b)
-    (found_grad,) = torch.autograd.grad(found, a)
-    assert abs(found.item() - expected.item()) < 1e-14
+    actual = chamfer(a, b)
+    (found_grad,) = torch.autograd.grad(actual, a)
+    assert abs(actual.item() - expected.item()) < 1e-14
     assert (found_grad - expected_grad).abs().max() < 1e-14
 
 
@@ -90,7 +90,7 @@ def judgement(logit, code, angle):
     )
 
 
-CONDITION = Condition(torch.zeros(2, 3), torch.full((2, 1), 0.5), torch.full((2, 1), 0.5))
+CONDITION = Conditioning(torch.zeros(2, 3), torch.full((2, 1), 0.5), torch.full((2, 1), 0.5))
 
 
 def test_losses_stay_finite_for_certain_judgements():

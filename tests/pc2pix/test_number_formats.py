@@ -31,7 +31,7 @@ def points():
 @pytest.mark.parametrize("name", ["chair", "chair-acgan"])
 def test_float32_is_what_the_renderer_draws_and_every_layer_is_watched(name, points):
     weights = load_weights(name)
-    found = infer(weights, points, VIEWS, "float32")
+    actual = infer(weights, points, VIEWS, "float32")
     layers = [
         f"{prefix}.{path}"
         for prefix, network in (("encoder", weights.encoder), ("generator", weights.generator))
@@ -39,14 +39,14 @@ def test_float32_is_what_the_renderer_draws_and_every_layer_is_watched(name, poi
         if getattr(module, "bias", None) is not None
     ]
     assert len(layers) > 20
-    assert sorted(layer.name for layer in found.layers) == sorted(layers)
+    assert sorted(layer.name for layer in actual.layers) == sorted(layers)
     renderer = Pc2pixRenderer(weights)
     state = renderer.prepare(PointCloud(points))
     # the renderer encodes a large cloud's parts one by one: float32 sums in another order, values
     # up to 3, some ten roundings of 2^-23 of that
-    np.testing.assert_allclose(found.code, state[0].numpy(), rtol=0, atol=3e-6)
+    np.testing.assert_allclose(actual.code, state[0].numpy(), rtol=0, atol=3e-6)
     # the renderer's kernels lie in another order in memory: float32 sums differ by some 1e-6
-    np.testing.assert_allclose(found.images, renderer.draw(state, VIEWS), rtol=0, atol=1e-5)
+    np.testing.assert_allclose(actual.images, renderer.draw(state, VIEWS), rtol=0, atol=1e-5)
 
 
 def test_weights_stay_as_they_are(tiny):
@@ -112,9 +112,9 @@ def test_an_overflow_between_layers_is_found_before_the_next(tiny):
 def test_the_renderer_refuses_what_overflows_before_it_is_drawn(points, scale, stage, refusal):
     weights = load_weights("chair-acgan")
     large = points * np.float32(scale)
-    found = infer(weights, large, VIEWS, "float32")
-    assert found.refused == stage
-    assert (found.overflowed is None) == (stage is None)
+    actual = infer(weights, large, VIEWS, "float32")
+    assert actual.refused == stage
+    assert (actual.overflowed is None) == (stage is None)
     renderer = Pc2pixRenderer(weights)
     if refusal is None:
         assert np.isfinite(renderer.draw(renderer.prepare(PointCloud(large)), VIEWS)).all()
@@ -125,7 +125,7 @@ def test_the_renderer_refuses_what_overflows_before_it_is_drawn(points, scale, s
 
 
 def test_deviation():
-    found = deviation(np.array([1.0, 2.0, -3.0]), np.array([1.0, 0.0, -4.0]))
-    assert found == (2.0, 1.0)
+    actual = deviation(np.array([1.0, 2.0, -3.0]), np.array([1.0, 0.0, -4.0]))
+    assert actual == (2.0, 1.0)
     assert deviation(np.array([1.0, np.inf]), np.zeros(2)) is None
     assert deviation(np.zeros(2), np.array([np.nan, 0.0])) is None

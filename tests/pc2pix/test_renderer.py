@@ -37,9 +37,9 @@ def test_networks_get_whitened_codes_and_normalised_angles(renderer, cloud):
             elevation01=torch.tensor([[0.75]]),  # 20 / 80 + 0.5
             azimuth01=torch.tensor([[0.25]]),  # -90 / 360 + 0.5
         )
-    (found,) = renderer.draw(renderer.prepare(cloud), [View(-90, 20)])
+    (actual,) = renderer.draw(renderer.prepare(cloud), [View(-90, 20)])
     expected = expected[0].permute(1, 2, 0).numpy() / 2 + 0.5
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(actual, expected, rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize("name", ["chair", "chair-acgan"])
@@ -48,22 +48,22 @@ def test_bfloat16_draws_nearly_the_same(name):
     exact, coarse = load(name), load(name, precision="bfloat16")
     state = coarse.prepare(cloud)
     assert torch.equal(state, exact.prepare(cloud))  # the encoder knows of no precision
-    found, expected = coarse.draw(state, VIEWS), exact.draw(state, VIEWS)
-    assert found.dtype == np.float32
-    assert found.min() >= 0
-    assert found.max() <= 1
+    actual, expected = coarse.draw(state, VIEWS), exact.draw(state, VIEWS)
+    assert actual.dtype == np.float32
+    assert actual.min() >= 0
+    assert actual.max() <= 1
     # half a unit of 8 digits is 2e-3 of a value; fifteen roundings in a row, added as errors do
-    assert 1e-5 < np.abs(found - expected).mean() < 2e-3 * 15**0.5
+    assert 1e-5 < np.abs(actual - expected).mean() < 2e-3 * 15**0.5
 
 
 def test_uniform_noise_comes_from_the_rng(weights_file, cloud):
     renderer = load(weights_file, z="uniform")
     state = renderer.prepare(cloud)
-    one, same, other = (
+    first, same, other = (
         renderer.draw(state, VIEWS, np.random.default_rng(seed)) for seed in (0, 0, 1)
     )
-    assert np.array_equal(one, same)
-    assert not np.array_equal(one, other)
+    assert np.array_equal(first, same)
+    assert not np.array_equal(first, other)
     with pytest.raises(ValueError, match="rng"):
         renderer.draw(state, VIEWS)
 
@@ -103,16 +103,16 @@ def test_parts_of_a_large_cloud_depend_on_no_order_and_use_nearly_all_points():
     assert np.array_equal(parts(small), small[None])
     assert parts(np.concatenate([small, small[:1]])).shape == (8, 1024, 3)
     points = rng.normal(size=(2048, 3)).astype(np.float32)
-    made = parts(points)
-    assert made.shape == (8, 1024, 3)
-    assert np.array_equal(made, parts(rng.permutation(points)))
+    result = parts(points)
+    assert result.shape == (8, 1024, 3)
+    assert np.array_equal(result, parts(rng.permutation(points)))
     known = {tuple(row) for row in points}
-    for part in made:
+    for part in result:
         chosen = {tuple(row) for row in part}
         assert len(chosen) == 1024
         assert chosen <= known
     # a point is in none of eight halves with probability 2^-8: 8 of 2,048, deviation 2.8
-    assert len({tuple(row) for part in made for row in part}) > 2048 - 8 - 4 * 2.8
+    assert len({tuple(row) for part in result for row in part}) > 2048 - 8 - 4 * 2.8
 
 
 @pytest.mark.parametrize("name", ["chair", "chair-acgan"])

@@ -11,33 +11,38 @@ from safetensors.torch import save_file
 from data_prep.failures import BadInput
 from learning import checkpoint
 from learning.weights import file_sha256
-from pc2pix import weights as weight_files
 from pc2pix.losses import chamfer
 from pc2pix.model import Decoder
-from pc2pix.train_autoencoder import AutoencoderData
-from pc2pix.train_decoder import DecoderConfig, train_decoder
-from pc2pix.weights import decoder_path, export_decoder, load_decoder, load_weights
-from tests.learning.trainings import TRAININGS, make_clouds, trainer_of
+from pc2pix.train_decoder import DecoderConfig, _DecoderTrainer
+from pc2pix.training_data import AutoencoderData
+from pc2pix.weights import (
+    BUNDLED_DECODERS,
+    decoder_path,
+    export_decoder,
+    load_decoder,
+    load_weights,
+)
+from tests.learning.trainings import TRAININGS, make_clouds
 
 
-def trainer(weights, out_dir):
-    """On one cloud of exactly 2,048 points: only their order is drawn."""
+def trainer(weights):
+    """Return the trainer on one cloud of exactly 2,048 points: only their order is drawn."""
     data = AutoencoderData(make_clouds(1))
     config = DecoderConfig(weights=weights.sha256, model=weights.encoder.config, batch=1)
-    return trainer_of(train_decoder, data, weights, config, out_dir)
+    return _DecoderTrainer(data, weights, config, torch.device("cpu"))
 
 
-def test_the_loss_falls_and_the_encoder_stays(weights_file, tmp_path):
+def test_the_loss_falls_and_the_encoder_stays(weights_file):
     weights = load_weights(weights_file)
     before = {key: value.clone() for key, value in weights.encoder.state_dict().items()}
-    fitting = trainer(weights, tmp_path)
+    fitting = trainer(weights)
     losses = [float(fitting.take_step()["chamfer"]) for _ in range(40)]
     assert np.mean(losses[-5:]) < 0.5 * losses[0]
     after = weights.encoder.state_dict()
     assert all(torch.equal(before[key], after[key]) for key in before)
 
 
-def test_the_first_loss_is_chamfer_of_whitened_codes(weights_file, tmp_path):
+def test_the_first_loss_is_chamfer_of_whitened_codes(weights_file):
     weights = load_weights(weights_file)
     random = torch.Generator().manual_seed(0)
     torch.randint(1, (1,), generator=random)
@@ -48,8 +53,8 @@ def test_the_first_loss_is_chamfer_of_whitened_codes(weights_file, tmp_path):
         decoder = Decoder(weights.encoder.config)
     code = (weights.encoder(fed) - weights.code_mean) / weights.code_std
     expected = float(chamfer(decoder(code).detach(), fed))
-    found = float(trainer(weights, tmp_path).take_step()["chamfer"])
-    assert found == pytest.approx(expected, rel=1e-5)
+    actual = float(trainer(weights).take_step()["chamfer"])
+    assert actual == pytest.approx(expected, rel=1e-5)
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +65,7 @@ def trained(tmp_path_factory):
 
 
 @pytest.fixture
-def own(trained, tmp_path):
+def trained_weights(trained, tmp_path):
     """A copy of the weights with the decoder beside it."""
     path = tmp_path / "own.safetensors"
     shutil.copy(trained[0], path)
@@ -68,9 +73,9 @@ def own(trained, tmp_path):
     return path
 
 
-def test_round_trip(own, trained):
-    decoder, sha256 = load_decoder(own, load_weights(own))
-    assert sha256 == file_sha256(own.with_name("own-decoder.safetensors"))
+def test_round_trip(trained_weights, trained):
+    decoder, sha256 = load_decoder(trained_weights, load_weights(trained_weights))
+    assert sha256 == file_sha256(trained_weights.with_name("own-decoder.safetensors"))
     state, _, _ = checkpoint.load(trained[1], "decoder")
     assert not decoder.training
     for key, value in decoder.state_dict().items():
@@ -87,30 +92,27 @@ def refusal(name_or_path, weights):
     return str(error.value)
 
 
-def test_no_decoder_or_that_of_other_weights(own):
-    weights = load_weights(own)
+def test_no_decoder_or_that_of_other_weights(trained_weights):
+    weights = load_weights(trained_weights)
     others = replace(weights, sha256="ab" * 32)
-    text = refusal(own, others)
+    text = refusal(trained_weights, others)
     assert f"belongs to weights of sha256 {weights.sha256}" in text
     assert f"not to these of sha256 {others.sha256}" in text
-    text = refusal(own.with_name("tiny.safetensors"), weights)
+    text = refusal(trained_weights.with_name("tiny.safetensors"), weights)
     assert "tiny-decoder.safetensors: there is no decoder for these weights" in text
 
 
-def test_a_bundled_decoder_has_its_checksum(own, monkeypatch):
-    weights = load_weights(own)
-    monkeypatch.setattr(weight_files, "FOLDER", own.parent)
-    monkeypatch.setitem(weight_files.BUNDLED, "own", weights.sha256)
-    found = load_decoder("own", weights)[1]  # not registered: the header has to do
-    monkeypatch.setitem(weight_files.BUNDLED_DECODERS, "own", found)
-    assert load_decoder("own", weights)[1] == found
-    monkeypatch.setitem(weight_files.BUNDLED_DECODERS, "own", "0" * 64)
-    with pytest.raises(BadInput, match=f"sha256 {found} is not the expected {'0' * 64}"):
-        load_decoder("own", weights)
+def test_a_bundled_decoder_has_its_checksum(monkeypatch):
+    weights = load_weights("chair")
+    _, sha256 = load_decoder("chair", weights)
+    assert sha256 == BUNDLED_DECODERS["chair"]
+    monkeypatch.setitem(BUNDLED_DECODERS, "chair", "0" * 64)
+    with pytest.raises(BadInput, match=f"sha256 {sha256} is not the expected {'0' * 64}"):
+        load_decoder("chair", weights)
 
 
-def test_a_decoder_of_another_size(own):
-    path = decoder_path(own)
+def test_a_decoder_of_another_size(trained_weights):
+    path = decoder_path(trained_weights)
     tensors, header = checkpoint.read_safetensors(path)
     save_file(tensors, path, metadata=header | {"model": '{"latent_dim": 5}'})
-    assert "its model does not fit" in refusal(own, load_weights(own))
+    assert "its model does not fit" in refusal(trained_weights, load_weights(trained_weights))

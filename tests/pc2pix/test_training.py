@@ -12,10 +12,11 @@ from learning import checkpoint
 from learning.training_loop import TrainingDiverged, seeded
 from pc2pix import train_autoencoder, train_gan
 from pc2pix.model import Encoder, build_encoder
-from pc2pix.train_autoencoder import AutoencoderConfig, AutoencoderData
-from pc2pix.train_gan import GanConfig, GanData
+from pc2pix.train_autoencoder import AutoencoderConfig
+from pc2pix.train_gan import GanConfig, _GanTrainer
+from pc2pix.training_data import AutoencoderData, GanData
 from pc2pix.weights import export, load_weights
-from tests.learning.trainings import PAIRED, TINY, TRAININGS, make_clouds, trainer_of
+from tests.learning.trainings import PAIRED, TINY, TRAININGS, make_clouds
 
 
 def test_non_finite_weights_are_never_saved(tmp_path):
@@ -84,14 +85,14 @@ def test_bad_configurations_are_refused(gan_data, tmp_path):
         GanConfig(warm_up=5)
 
 
-def paired_trainer(data, out_dir, **changes):
+def paired_trainer(data, **changes):
     encoder = seeded(0, lambda: build_encoder(PAIRED))
     config = GanConfig(**{"model": PAIRED, "objective": "paired", "batch": 2} | changes)
-    return trainer_of(train_gan.train_gan, data, encoder, config, out_dir)
+    return _GanTrainer(data, encoder, config, torch.device("cpu"))
 
 
-def test_warming_up_leaves_the_discriminator_out_at_a_higher_rate(gan_data, tmp_path):
-    trainer = paired_trainer(gan_data, tmp_path, warm_up=2)
+def test_warming_up_leaves_the_discriminator_out_at_a_higher_rate(gan_data):
+    trainer = paired_trainer(gan_data, warm_up=2)
     weight = trainer.generator.dense.weight
     assert (weight[:, :128] == 0).all()  # it starts without noise
     assert (weight[:, 128:] != 0).any()
@@ -121,15 +122,15 @@ def test_paired_trains_the_encoder_and_exports_its_average(tmp_path):
     assert not torch.equal(average, trained["points.0.bias"])
 
 
-def test_the_reconstruction_term_pulls_a_drawn_image_to_the_real_one(gan_data, tmp_path):
+def test_the_reconstruction_term_pulls_a_drawn_image_to_the_real_one(gan_data):
     """One object, one view: the error must fall to a fraction of what it was."""
-    one = GanData(
+    single = GanData(
         np.full((1, 1, 128, 128, 3), 255, np.uint8),
         np.zeros((1, 1)),
         np.zeros((1, 1)),
         gan_data.clouds[:1],
     )
-    one.images[0, 0, 32:96, 32:96] = (200, 40, 90)
-    trainer = paired_trainer(one, tmp_path, warm_up=99, generator_lr=1e-3)
+    single.images[0, 0, 32:96, 32:96] = (200, 40, 90)
+    trainer = paired_trainer(single, warm_up=99, generator_lr=1e-3)
     errors = [trainer.take_step()["reconstruction"] for _ in range(60)]
     assert np.mean(errors[-5:]) < 0.25 * np.mean(errors[:5])

@@ -32,10 +32,10 @@ def test_the_wider_one_draws_the_same(generator, times):
 
 def test_copies_are_read_with_different_weights_of_the_seed(generator):
     before = {key: value.clone() for key, value in generator.state_dict().items()}
-    one, same, other = (widen(generator, 2, seed).conv.weight for seed in (0, 0, 1))
-    assert torch.equal(one, same)
-    assert not torch.equal(one, other)
-    read = one.unflatten(1, (-1, 2))
+    first, same, other = (widen(generator, 2, seed).conv.weight for seed in (0, 0, 1))
+    assert torch.equal(first, same)
+    assert not torch.equal(first, other)
+    read = first.unflatten(1, (-1, 2))
     assert (read[:, :, 0] != read[:, :, 1]).all()
     torch.testing.assert_close(read.sum(dim=2), generator.conv.weight, rtol=1e-6, atol=1e-8)
     assert all(torch.equal(value, before[key]) for key, value in generator.state_dict().items())

@@ -51,7 +51,6 @@ from bench.running.work import run_job
 from bench.tables.build import Outputs, write_outputs
 from bench.tables.scored import scored_run
 from data_prep.failures import BadInput
-from tests.robustness.kill_and_resume import recorded, tables
 
 KILLED = "SIGKILL"
 WAYS: dict[str, int | None] = {"ENOSPC": errno.ENOSPC, "EIO": errno.EIO, KILLED: None}
@@ -61,7 +60,7 @@ WRITING = os.O_WRONLY | os.O_RDWR
 
 
 class InProcess:
-    """Does jobs in this process: an executor (`bench.running.isolation`), made as `JobPool` is."""
+    """An executor that does jobs in this process, made as `bench.running.isolation.JobPool` is."""
 
     capacity = 1
 
@@ -83,7 +82,7 @@ class InProcess:
 
 @dataclass
 class Writes:
-    """Counts the writes below a folder, and has one of them fail.
+    """A counter of the writes below a folder, which has one of them fail.
 
     fails_at  the number of that call, from 1; None: none
     way       a key of WAYS
@@ -95,14 +94,14 @@ class Writes:
     count: int = 0
 
     def note(self, path: object) -> bool:
-        """Count a call if it is below the folder; whether it is the one to fail."""
+        """Count a call below the folder; return whether it is the one to fail."""
         if not str(path).startswith(str(self.folder)):
             return False
         self.count += 1
         return self.count == self.fails_at
 
     def fail(self, path: object) -> None:
-        """As the operating system would."""
+        """Fail as the operating system would."""
         number = WAYS[self.way]
         if number is None:
             os.kill(os.getpid(), signal.SIGKILL)
@@ -110,7 +109,7 @@ class Writes:
             raise OSError(number, os.strerror(number), str(path))
 
     def check(self, path: object) -> None:
-        """Before a call that writes."""
+        """Count a call that writes, or fail it."""
         if self.note(path):
             self.fail(path)
 
@@ -130,7 +129,7 @@ def _file_type(writes: Writes) -> type[io.FileIO]:
 
 @contextmanager
 def failing(writes: Writes) -> Iterator[None]:
-    """Within, Python's writes below the folder are counted, and one may fail."""
+    """Count Python's writes below the folder within, and fail one of them."""
     file_type, real_open, real_os_open, real_fsync = _file_type(writes), io.open, os.open, os.fsync
 
     def open_(file: Any, mode: str = "r", buffering: int = -1, *text: Any, **more: Any) -> Any:
@@ -180,7 +179,7 @@ def publish(measured: WrittenRun) -> Outputs:
 
 
 def run_once(out: Path, writes: Writes, done: Any) -> None:
-    """In a process of its own: a small run. Sends how many writes there were, or what ended it.
+    """Carry out a small run in this process; send how many writes there were, or what ended it.
 
     Keys go into a file beside the run as soon as the journal has acknowledged them.
     """
@@ -215,7 +214,7 @@ def run_once(out: Path, writes: Writes, done: Any) -> None:
 
 
 def apart(out: Path, writes: Writes) -> str:
-    """`run_once` in a forked process; what it sent, or "killed"."""
+    """Return what `run_once` sends from a forked process, or "killed"."""
     ours, theirs = multiprocessing.Pipe(duplex=False)
     process = multiprocessing.get_context("fork").Process(
         target=run_once, args=(out, writes, theirs)
@@ -230,8 +229,22 @@ def apart(out: Path, writes: Writes) -> str:
         process.join()
 
 
+def tables(out: Path) -> dict[str, bytes]:
+    """Return the bytes of the tables of a run, by file name."""
+    return {path.name: path.read_bytes() for path in sorted((out / "tables").iterdir())}
+
+
+def recorded(out: Path) -> set[str]:
+    """Return the keys in the journal of a run."""
+    return {
+        json.loads(line.partition(" ")[2])["key"]
+        for shard in sorted((out / "journal").glob("*.jsonl"))
+        for line in shard.read_text(encoding="utf-8").splitlines()
+    }
+
+
 def faults_of(out: Path, at: int, way: str, expected: dict[str, bytes]) -> list[str]:
-    """What is wrong after a run into `out` has failed at a write and has been started again."""
+    """Return what is wrong after a run into `out` has failed at a write and was started again."""
     ended = apart(out, Writes(out, at, way))
     survived = ended.startswith("finished")  # it can do without what it could not write
     wrong = []
@@ -243,21 +256,21 @@ def faults_of(out: Path, at: int, way: str, expected: dict[str, bytes]) -> list[
     again = apart(out, Writes(out))
     if not again.startswith("finished"):
         return [*wrong, f"the second start ended with {again!r}"]
-    there = {name: data for name, data in tables(out).items() if not name.startswith(".")}
-    if there != expected:
+    present = {name: data for name, data in tables(out).items() if not name.startswith(".")}
+    if present != expected:
         wrong.append("its tables are others")
-    found = recorded(out)
     acknowledged = out.with_suffix(f".{ACKNOWLEDGED}").read_text().split()
     if Counter(acknowledged) - Counter(set(acknowledged)):
         wrong.append("a result was acknowledged, lost, and made again")
-    if set(acknowledged) - found.keys():
+    if set(acknowledged) - recorded(out):
         wrong.append("an acknowledged result is not in the journal")
     return wrong
 
 
 def cut_everywhere(shard: Path, step: int = 1) -> Iterator[str]:
-    """What is wrong where a journal file ends after each of its bytes, or each `step`th of a line
-    and the last.
+    """Yield what is wrong where a journal file ends after each of its bytes.
+
+    With `step`, it ends after each `step`th byte of a line, and the last.
 
     Only the last line can be cut, and lines are read one by one: of the whole lines before it, two
     stand for all, but at each cut within the first and last line of the file all are there.
@@ -274,13 +287,13 @@ def cut_everywhere(shard: Path, step: int = 1) -> Iterator[str]:
             before = b"".join(lines[first:number])
             for end in sorted({*range(0, len(line), step), len(line) - 1}):
                 part.write_bytes(before + line[:end])
-                found = Lines()
-                damage = found.take(part)
+                actual = Lines()
+                damage = actual.take(part)
                 # a line that lacks nothing but its line feed is whole
                 whole = keys[first : number + (end == len(line) - 1)]
-                there = [key for key in keys if key in found]
-                if there != [key for key in keys if key in whole]:
-                    yield f"line {number + 1} cut after {end} bytes: {len(there)} lines count"
+                counted = [key for key in keys if key in actual]
+                if counted != [key for key in keys if key in whole]:
+                    yield f"line {number + 1} cut after {end} bytes: {len(counted)} lines count"
                 if len(damage) != (0 < end < len(line) - 1):
                     yield f"line {number + 1} cut after {end} bytes: {len(damage)} are reported"
         part.write_bytes(data[: -len(lines[-1]) // 2])
@@ -290,13 +303,13 @@ def cut_everywhere(shard: Path, step: int = 1) -> Iterator[str]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Have all writes fail, and cut the journal everywhere; 0 if nothing is wrong."""
+    """Have all writes fail, and cut the journal everywhere; return 0 if nothing is wrong."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--every", type=int, default=1, help="only each so many-th call")
     parser.add_argument("--journal", type=Path, help="the folder of a finished run, to be cut")
     chosen = parser.parse_args(arguments)
-    wrong, found = 0, environment()
-    bench.running.protocol.environment = lambda: found  # a second of each run
+    wrong, actual = 0, environment()
+    bench.running.protocol.environment = lambda: actual  # a second of each run
     with tempfile.TemporaryDirectory() as folder:
         alone = Path(folder) / "alone"
         ended = apart(alone, Writes(alone))

@@ -1,4 +1,4 @@
-"""Methods that misbehave, announced as another package announces its own: for tests and `faults`.
+"""Methods that misbehave, announced as another package announces its own.
 
 Spawned workers import this module by its name: the folder above has to be on `sys.path`.
 """
@@ -67,14 +67,14 @@ class Faulty:
     fault_of: Callable[[Points], str | None]
 
     def prepare(self, cloud: PointCloud, rng: np.random.Generator) -> Any:
-        """What the renderer makes of the cloud, unless it hangs, dies or raises."""
+        """Return the renderer's state of the cloud, unless it hangs, dies or raises."""
         fault = self.fault_of(cloud.points)
         if fault is not None and fault in IN_PREPARE:
             IN_PREPARE[fault]()
         return fault, self.renderer.prepare(cloud, rng)
 
     def draw(self, state: Any, views: Sequence[View], rng: np.random.Generator) -> Images:
-        """Its pictures, or what is made of them."""
+        """Return the renderer's images, changed where the fault is one of drawing."""
         fault, inner = state
         images = self.renderer.draw(inner, views, rng)
         return IN_DRAW[fault](images) if fault in IN_DRAW else images

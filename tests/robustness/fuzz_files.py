@@ -17,7 +17,7 @@ from __future__ import annotations
 import argparse
 import shutil
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,6 +26,9 @@ from bench.running.isolation import WorkerFailure, run_tasks
 from tests.robustness.fuzzing import (
     CANARY,
     FORMATS,
+    TRICKS,
+    Files,
+    Format,
     Reading,
     Task,
     case_rng,
@@ -47,39 +50,50 @@ class Result:
     task: Task
     number: int
     reading: Reading | WorkerFailure
+    in_worker: bool
 
     @property
     def failures(self) -> list[str]:
-        """What must not happen, in words."""
+        """Return what must not happen and did, in words."""
         if isinstance(self.reading, WorkerFailure):
             return []  # contained, and a column of its own in the table
-        found = []
+        problems = [f"event: {event}" for event in self.reading.events]
         if self.reading.outcome == "defect":
-            found = [f"defect: {self.reading.detail}"]
+            problems.insert(0, f"defect: {self.reading.detail}")
         # Nobody kills this process, so that what exceeds the limits here is a failure.
-        if not FORMATS[self.task.format].in_worker:
+        if not self.in_worker:
             if self.reading.seconds > LIMITS.time_s:
-                found.append(f"took {self.reading.seconds:.1f} s in the main process")
+                problems.append(f"took {self.reading.seconds:.1f} s in the main process")
             if self.reading.peak_mib > 1024 * LIMITS.memory_gib:
-                found.append(f"took {self.reading.peak_mib:.0f} MiB in the main process")
-        return found + [f"event: {event}" for event in self.reading.events]
+                problems.append(f"took {self.reading.peak_mib:.0f} MiB in the main process")
+        return problems
 
 
-def main() -> int:
-    """Run from the command line."""
+def main(
+    arguments: Sequence[str] | None = None,
+    formats: Mapping[str, Format] = FORMATS,
+    tricks: float = TRICKS,
+) -> int:
+    """Run from the command line; return the exit status."""
     parser = argparse.ArgumentParser(description="Damaged files, and what readers make of them.")
     parser.add_argument("--files", type=int, default=2000, help="in all, shared among the formats")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--formats", nargs="+", choices=FORMATS, default=list(FORMATS))
+    parser.add_argument("--formats", nargs="+", choices=formats, default=list(formats))
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--keep", type=Path, help="folder for the files that failed")
-    options = parser.parse_args()
+    options = parser.parse_args(arguments)
     counts = shares(options.files, len(options.formats))
     failed = 0
     print(HEADER)
     for name, count in zip(options.formats, counts, strict=True):
         with playground() as root:
-            results, changes = fuzz(root, name, range(count), options.seed, options.workers)
+            files = {
+                number: make_case(
+                    name, case_rng(options.seed, name, number), str(root), formats, tricks
+                )
+                for number in range(count)
+            }
+            results, changes = fuzz(root, name, files, options.workers, formats)
             print(table_row(name, results, changes), flush=True)
             for result in results:
                 for failure in result.failures:
@@ -98,24 +112,29 @@ def main() -> int:
 
 
 def shares(total: int, parts: int) -> list[int]:
-    """`total` in `parts` as equal as can be."""
+    """Return `total` in `parts` as equal as can be."""
     return [total // parts + (i < total % parts) for i in range(parts)]
 
 
 def fuzz(
-    root: Path, name: str, numbers: Sequence[int], seed: int, workers: int
+    root: Path,
+    name: str,
+    cases: Mapping[int, Files],
+    workers: int,
+    formats: Mapping[str, Format],
 ) -> tuple[list[Result], list[str]]:
-    """The results of one format's files, and what has changed in `root` though nothing may."""
-    tasks = {}
-    for number in numbers:
-        files = make_case(name, case_rng(seed, name, number), str(root))
-        tasks[Task(name, write_case(root / "cases" / str(number), files))] = number
+    """Return the results of one format's cases, and all changes in `root`, where none may be."""
+    tasks = {
+        Task(name, write_case(root / "cases" / str(number), files)): number
+        for number, files in cases.items()
+    }
     before = listing(root)
-    if FORMATS[name].in_worker:
+    in_worker = formats[name].in_worker
+    if in_worker:
         done = run_tasks(tasks, read, workers, LIMITS)
     else:
-        done = ((task, read(task)) for task in tasks)
-    results = [Result(task, tasks[task], reading) for task, reading in done]
+        done = ((task, read(task, formats)) for task in tasks)
+    results = [Result(task, tasks[task], reading, in_worker) for task, reading in done]
     after = listing(root)
     changes = [f"{path} was made" for path in after.keys() - before.keys()]
     changes += [f"{path} is gone" for path in before.keys() - after.keys()]
@@ -130,7 +149,7 @@ HEADER = f"| {' | '.join(COLUMNS)} |\n{'|---' * len(COLUMNS)}|"
 
 
 def table_row(name: str, results: Sequence[Result], changes: Sequence[str]) -> str:
-    """One line of the table."""
+    """Return one line of the table."""
     readings = [r.reading for r in results if isinstance(r.reading, Reading)]
     outcomes = [reading.outcome for reading in readings]
     cells = [

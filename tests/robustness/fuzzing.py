@@ -54,12 +54,12 @@ Files = dict[str, bytes]  # the file to read is the first
 
 
 def table(rows: Any, separator: str = " ", before: str = "") -> str:
-    """Rows of numbers as lines."""
+    """Return rows of numbers as lines."""
     return "".join(f"{before}{separator.join(map(str, row))}\n" for row in rows)
 
 
 def mesh_ply(binary: bool) -> bytes:
-    """A tetrahedron with colours of its faces."""
+    """Return a tetrahedron with colours of its faces."""
     kind = "binary_little_endian" if binary else "ascii"
     head = (
         f"ply\nformat {kind} 1.0\ncomment TextureFile paint.png\nelement vertex 4\n"
@@ -75,7 +75,7 @@ def mesh_ply(binary: bool) -> bytes:
 
 
 def mesh_obj() -> Files:
-    """A tetrahedron with a material, a texture and groups."""
+    """Return a tetrahedron with a material, a texture and groups."""
     text = "mtllib a.mtl\no thing\n" + table(CORNERS.tolist(), before="v ")
     text += "vt 0 0\nvt 1 0\nvt 0 1\nvn 0 0 1\nusemtl paint\ng one\n"
     text += table(([f"{i + 1}/{k}/1" for k, i in enumerate(f, 1)] for f in FACES), before="f ")
@@ -84,7 +84,7 @@ def mesh_obj() -> Files:
 
 
 def image(mode: str = "RGB", size: tuple[int, int] = (4, 4)) -> bytes:
-    """A PNG of one colour."""
+    """Return a PNG of one colour."""
     file = io.BytesIO()
     Image.new(mode, size, (9, 99, 200) if mode == "RGB" else 0).save(file, "PNG")
     return file.getvalue()
@@ -92,7 +92,7 @@ def image(mode: str = "RGB", size: tuple[int, int] = (4, 4)) -> bytes:
 
 @functools.cache
 def image_bomb() -> bytes:
-    """Few bytes, many pixels."""
+    """Return few bytes of many pixels."""
     return image("1", (20_000, 10_000))
 
 
@@ -113,7 +113,7 @@ def mesh_stl(binary: bool) -> bytes:
 
 
 def gltf_tree(blob: bytes, **buffer: object) -> dict[str, Any]:
-    """The JSON of a tetrahedron with a material and a texture in its one buffer."""
+    """Return the JSON of a tetrahedron with a material and a texture in its one buffer."""
     points, indices = CORNERS.nbytes, 12 * 2
     return {
         "asset": {"version": "2.0"},
@@ -141,7 +141,7 @@ def gltf_blob() -> bytes:
 
 
 def mesh_gltf(embedded: bool) -> Files:
-    """A tetrahedron as JSON, its buffer in the JSON or in a file."""
+    """Return a tetrahedron as JSON, its buffer in the JSON or in a file."""
     blob = gltf_blob()
     data = "data:application/octet-stream;base64," + base64.b64encode(blob).decode()
     tree = gltf_tree(blob, uri=data if embedded else "a.bin")
@@ -149,7 +149,7 @@ def mesh_gltf(embedded: bool) -> Files:
 
 
 def cloud_ply(binary: bool) -> bytes:
-    """Eight points."""
+    """Return eight points."""
     kind = "binary_big_endian" if binary else "ascii"
     points = (np.arange(24.0).reshape(8, 3) / 8).astype(">f8")
     head = f"ply\nformat {kind} 1.0\nelement vertex 8\n"
@@ -163,23 +163,23 @@ def cloud_text(separator: str) -> bytes:
 
 
 def npy(array: np.ndarray) -> bytes:
-    """Any array; one of objects is pickled."""
+    """Return any array as a file; one of objects is pickled."""
     file = io.BytesIO()
     np.save(file, array, allow_pickle=True)
     return file.getvalue()
 
 
 def weights() -> bytes:
-    """Untrained weights of pc2pix, a sixteenth of the paper's width."""
+    """Return untrained weights of pc2pix, a sixteenth of the paper's width."""
     from tests.learning.weight_files import whole  # loads torch
 
     return whole("pc2pix")
 
 
-def safetensors(header: object, body: bytes = b"", length: int | None = None) -> bytes:
-    """A safetensors file with any header, of any alleged length."""
+def safetensors(header: object, body: bytes) -> bytes:
+    """Return a safetensors file with any header."""
     text = header if isinstance(header, bytes) else json.dumps(header).encode()
-    return struct.pack("<Q", len(text) if length is None else length) + text + body
+    return struct.pack("<Q", len(text)) + text + body
 
 
 VIEWS = "".join(f"{18 * i - 180} {4 * i - 40} 0 2\n" for i in range(20)).encode()
@@ -193,7 +193,7 @@ SPLIT = json.dumps(
 
 
 class Executed:
-    """Unpickled, it makes a file."""
+    """An object that makes a file when it is unpickled."""
 
     def __init__(self, path: str) -> None:
         self._path = path
@@ -203,7 +203,7 @@ class Executed:
 
 
 def torch_file(canary: str) -> bytes:
-    """What `torch.save` writes, by hand: a zip of a pickle that makes a folder."""
+    """Return the bytes that `torch.save` writes: a zip of a pickle that makes a folder."""
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w") as archive:
         # a ZipInfo: a name alone would be stamped with the time, and no file be made again
@@ -213,7 +213,7 @@ def torch_file(canary: str) -> bytes:
 
 
 def postscript(canary: str) -> bytes:
-    """A picture whose decoder is Ghostscript, and which makes a file when that runs it."""
+    """Return an image whose decoder is Ghostscript, and which makes a file when that runs it."""
     return (
         "%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 4 4\n%%EndComments\n"
         f"({canary}) (w) file closefile\nshowpage\n%%EOF\n"
@@ -231,7 +231,7 @@ TOKENS = (
 
 
 def mutated(rng: random.Random, data: bytes) -> bytes:
-    """One to four mutations, one after another."""
+    """Return the data after one to four mutations."""
     for _ in range(rng.choice((1, 1, 1, 2, 2, 3, 4))):
         data = rng.choice(_MUTATIONS)(rng, data)
     return data
@@ -268,7 +268,7 @@ def _put_an_integer(rng: random.Random, data: bytes) -> bytes:
 
 
 def _replace_a_token(rng: random.Random, data: bytes) -> bytes:
-    """A number or word becomes something that a parser may not expect."""
+    """Replace a number or word by something that a parser may not expect."""
     at = rng.randrange(len(data) + 1)
     while at < len(data) and not chr(data[at]).isalnum():
         at += 1
@@ -279,7 +279,7 @@ def _replace_a_token(rng: random.Random, data: bytes) -> bytes:
 
 
 def _insert_a_monster(rng: random.Random, data: bytes) -> bytes:
-    """Deep nesting, a long line, many lines, one long number."""
+    """Insert deep nesting, a long line, many lines or one long number."""
     monsters = (b"[" * 20_000, b'{"a":' * 20_000, b"1 " * 40_000, b"\n" * 40_000, b"7" * 40_000)
     at = rng.randrange(len(data) + 1)
     return data[:at] + rng.choice((*monsters, b"\0" * 40_000, b"(" * 20_000)) + data[at:]
@@ -418,39 +418,29 @@ def _tricky_text(rng: random.Random, root: str) -> Files:
 
 
 def _tricky_weights(rng: random.Random, root: str) -> Files:
+    """Return weights that are a pickle or have a strange table; headers are attacked elsewhere.
+
+    `tests/learning/test_attacked_weights.py` has these.
+    """
     canary = f"{root}/{CANARY}-weights"
     entry = {"dtype": "F32", "shape": [2], "data_offsets": [0, 8]}
-    model = {"width": rng.choice((1e6, 1e308, "1", None, True)), "latent_dim": 4}
-    if rng.random() < 0.5:
-        model = {"width": 0.0625, "latent_dim": rng.choice((10**9, 1.5, True, 2**70, -1, [4]))}
-    lone = {
-        "format": "pc2pix-weights-1", "encoder": "dilated-conv-k5", "model": json.dumps(model),
-        "training": rng.choice(("{}", "[]", "3", '{"objective": ' + "[" * 20_000)),
-    }  # fmt: skip
     twice = b'{"a":' + json.dumps(entry).encode() + b',"a":' + json.dumps(entry).encode() + b"}"
     beyond = entry | {"data_offsets": [0, rng.choice(INTEGERS)]}
     strange = entry | {"dtype": rng.choice(("BOOL", "F8_E4M3", "C64", "X"))}
     tricks = (
         torch_file(canary),
         pickle.dumps(Executed(canary)),
-        safetensors({}, length=rng.choice(INTEGERS)),
-        safetensors({"a": entry, "b": entry}, bytes(8)),
         safetensors({"a": entry, "b": entry | {"data_offsets": [4, 12]}}, bytes(12)),
         *(safetensors({"a": wrong}, bytes(8)) for wrong in (beyond, strange)),
         safetensors({"a": entry | {"shape": [2**32, 2**32, 2**32]}}, bytes(8)),
         safetensors(twice, bytes(8)),
-        safetensors(b"[" * 50_000),
-        safetensors(b'{"__metadata__":' + b'{"a":' * 50_000),
-        safetensors({"__metadata__": rng.choice((3, [], {"training": 3}, {"training": "["}))}),
-        safetensors({"__metadata__": lone}),
-        safetensors(rng.choice((b"null", b"3", b"[]", b"{}", b'""', b"\xff"))),
         _with_changed_header(rng),
     )
     return {"w.safetensors": rng.choice(tricks)}
 
 
 def _with_changed_header(rng: random.Random) -> bytes:
-    """Whole weights, but for one entry of the header."""
+    """Return whole weights, but for one entry of the header."""
     data = weights()
     length = int.from_bytes(data[:8], "little")
     header = json.loads(data[8 : 8 + length])
@@ -499,7 +489,7 @@ def _read_inception(path: Path) -> None:
 
 @dataclass(frozen=True)
 class Format:
-    """How files of a kind are made and read.
+    """The way in which files of a kind are made and read.
 
     valid      whole cases; their first file is mutated, and sometimes another
     trick      a case made on purpose, for a folder `root` around all cases
@@ -555,9 +545,16 @@ FORMATS: Mapping[str, Format] = {
 TRICKS = 0.25  # share of cases that are tricks
 
 
-def make_case(name: str, rng: random.Random, root: str) -> Files:
-    fmt = FORMATS[name]
-    if rng.random() < TRICKS:
+def make_case(
+    name: str,
+    rng: random.Random,
+    root: str,
+    formats: Mapping[str, Format] = FORMATS,
+    tricks: float = TRICKS,
+) -> Files:
+    """Return a case of a format, a trick or a mutated file."""
+    fmt = formats[name]
+    if rng.random() < tricks:
         files = fmt.trick(rng, root)
         if rng.random() < 0.7:
             return files
@@ -569,13 +566,13 @@ def make_case(name: str, rng: random.Random, root: str) -> Files:
 
 
 def case_rng(seed: int, name: str, number: int) -> random.Random:
-    """What number `number` of a format is made from."""
+    """Return the random numbers that case `number` of a format is made from."""
     return random.Random(f"{seed}/{name}/{number}")
 
 
 @contextmanager
 def playground() -> Iterator[Path]:
-    """A folder for cases, with a secret in it."""
+    """Yield a folder for cases, with a secret in it."""
     with tempfile.TemporaryDirectory(prefix="fuzz-") as name:
         root = Path(name)
         (root / SECRET).write_bytes(cloud_text(" "))
@@ -584,7 +581,7 @@ def playground() -> Iterator[Path]:
 
 
 def write_case(folder: Path, files: Files) -> Path:
-    """Write a case with its FIFO, link and sub-folder; the path of the file to read."""
+    """Write a case with its FIFO, link and sub-folder; return the path of the file to read."""
     folder.mkdir(parents=True)
     for name, data in files.items():
         (folder / name).write_bytes(data)
@@ -595,14 +592,14 @@ def write_case(folder: Path, files: Files) -> Path:
 
 
 def listing(root: Path) -> dict[str, tuple[int, int]]:
-    """Everything below `root`, with size and time of its last change."""
-    found = {}
+    """Return everything below `root`, with size and time of its last change."""
+    actual = {}
     for where, folders, names in os.walk(root):
         for name in (*folders, *names):
             path = os.path.join(where, name)  # noqa: PTH118 (names may be anything)
             status = os.lstat(path)
-            found[path] = (status.st_size, status.st_mtime_ns)
-    return found
+            actual[path] = (status.st_size, status.st_mtime_ns)
+    return actual
 
 
 FORBIDDEN = (
@@ -620,7 +617,7 @@ _OWN = (sys.prefix, sys.base_prefix, _LIBRARIES, _ROOT, "/proc/self/")
 
 @dataclass
 class _Watch:
-    """What the hook has seen since `folder` was set; None while nobody is watched."""
+    """The events that the hook has seen since `folder` was set; None while nobody is watched."""
 
     folder: str | None = None
     events: list[str] = field(default_factory=list)
@@ -664,7 +661,7 @@ class Task:
 
 @dataclass(frozen=True)
 class Reading:
-    """What came of it.
+    """The outcome of reading a file.
 
     outcome   "defect": anything raised but BadInput
     detail    the message, or where the defect was raised
@@ -679,17 +676,18 @@ class Reading:
     events: tuple[str, ...]
 
 
-def read(task: Task) -> Reading:
+def read(task: Task, formats: Mapping[str, Format] = FORMATS) -> Reading:
     """Read a file with its format's reader, watched."""
     _install_hook()
-    _warm_up(task.format)
+    if formats is FORMATS:
+        _warm_up(task.format)
     _reset_peak()
     start = time.perf_counter()
     _watch.events, _watch.folder = [], str(task.path.parent)
     outcome: Literal["read", "refused", "defect"] = "read"
     detail = ""
     try:
-        FORMATS[task.format].read(task.path)
+        formats[task.format].read(task.path)
     except BadInput as error:
         outcome, detail = "refused", str(error)
     except Exception:

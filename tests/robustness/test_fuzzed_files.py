@@ -9,7 +9,6 @@ import re
 import socket
 import struct
 import subprocess
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +47,6 @@ from tests.robustness.fuzzing import (
     playground,
     postscript,
     read,
-    safetensors,
     torch_file,
     write_case,
 )
@@ -58,7 +56,7 @@ LIMITS = Limits(time_s=10.0, memory_gib=2.0)
 
 
 def check(name: str, files: Files, root: Path, outcome: str | None = None) -> str:
-    """Read a case in this process: nothing may happen but reading. The message of a refusal."""
+    """Read a case in this process, where nothing may happen but that; return the refusal."""
     number = len(list((root / "cases").iterdir()))
     path = write_case(root / "cases" / str(number), files)
     before = listing(root)
@@ -107,13 +105,6 @@ def tree(**changes: object) -> Files:
 
 
 ACCESSORS = gltf_tree(gltf_blob())["accessors"]
-
-
-def model(**changes: object) -> Files:
-    """Weights that are nothing but a header, of a model too large for any memory."""
-    config = {"width": 0.0625, "latent_dim": 4} | changes
-    header = {"format": "pc2pix-weights-1", "encoder": "dilated-conv-k5", "training": "{}"}
-    return {"w.safetensors": safetensors({"__metadata__": header | {"model": json.dumps(config)}})}
 
 
 REFUSED: dict[str, tuple[str, Files, str]] = {
@@ -269,7 +260,7 @@ def test_what_is_no_file_is_refused_at_once(root: Path, name: str) -> None:
     ],
     ids=["write", "read", "run", "shell", "connect", "remove", "mkdir", "torch", "npy", "exec"],
 )
-def test_the_watch_sees(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, act, event: str) -> None:
+def test_the_watch_sees(tmp_path: Path, act, event: str) -> None:
     folder = tmp_path / "case"
     folder.mkdir()
     (tmp_path / "other").write_text("x")
@@ -277,48 +268,36 @@ def test_the_watch_sees(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, act, ev
     (folder / "torch.pth").write_bytes(torch_file(str(folder / "made")))
     (folder / "o.npy").write_bytes(npy(np.array([Executed(str(folder / "made"))], object)))
     careless = Format(lambda: (), lambda rng, root: {}, lambda path: act(path.parent))
-    monkeypatch.setattr(fuzzing, "FORMATS", {"careless": careless})
-    reading = read(Task("careless", folder / "a"))
+    reading = read(Task("careless", folder / "a"), {"careless": careless})
     assert any(event in seen for seen in reading.events), reading
     # A pickle of the corpus does harm to the careless: else the canaries would mean nothing.
     assert (folder / "made").exists() == (event == "pickle.find_class")
 
 
-@pytest.fixture
-def script(capsys: Any, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[int, list[str]]]:
-    """Runs the command; its exit status and what it printed."""
+def test_the_script(capsys: Any) -> None:
+    """Meshes are read in a worker, some with success; lists of views here, all without.
 
-    def run(*arguments: str) -> tuple[int, list[str]]:
-        monkeypatch.setattr("sys.argv", ["fuzz_files", *arguments])
-        return fuzz_files.main(), capsys.readouterr().out.splitlines()
-
-    return run
-
-
-def test_the_script(script: Callable[..., tuple[int, list[str]]]) -> None:
-    """Of meshes, in a worker, some are read and some refused; of lists of views, here, all refused.
-    None is lost or a defect, and there are no events and no canaries."""
-    status, lines = script("--files", "40", "--seed", "1", "--formats", "mesh-glb", "view-txt")
-    assert status == 0
-    meshes, views = lines[2:4]
+    None is lost or a defect, and there are no events and no canaries.
+    """
+    arguments = ("--files", "40", "--seed", "1", "--formats", "mesh-glb", "view-txt")
+    assert fuzz_files.main(arguments) == 0
+    *_, meshes, views, last = capsys.readouterr().out.splitlines()
     some = r"[1-9]\d*"
     counts = rf"20 \| {some} \| {some} \| 0 \| 0"
     assert re.fullmatch(rf"\| mesh-glb \| {counts} \| .* \| 0 \| 0 \|", meshes)
     assert re.fullmatch(r"\| view-txt \| 20 \| 0 \| 20 \| 0 \| 0 \| .* \| 0 \| 0 \|", views)
-    assert lines[-1] == "40 files, 0 failures, 0 crashes of the main process"
+    assert last == "40 files, 0 failures, 0 crashes of the main process"
 
 
-def test_the_script_reports_defects(script: Any, monkeypatch: Any, tmp_path: Path) -> None:
+def test_the_script_reports_defects(capsys: Any, tmp_path: Path) -> None:
     def fail(path: Path) -> None:
         (path.parent / "made").mkdir()
         raise KeyError("x")
 
     broken = Format(lambda: (), lambda rng, root: {"a": b"x"}, fail)
-    for module in (fuzzing, fuzz_files):
-        monkeypatch.setattr(module, "FORMATS", {"broken": broken})
-    monkeypatch.setattr(fuzzing, "TRICKS", 1.0)
-    status, lines = script("--files", "1", "--keep", str(tmp_path / "kept"))
-    assert status == 1
+    arguments = ("--files", "1", "--keep", str(tmp_path / "kept"))
+    assert fuzz_files.main(arguments, {"broken": broken}, tricks=1.0) == 1
+    lines = capsys.readouterr().out.splitlines()
     assert "FAIL broken 0 (seed 0): defect: Traceback (most recent call last):" in lines
     assert "KeyError: 'x'" in lines
     assert "FAIL broken 0 (seed 0): event: os.mkdir" in "\n".join(lines)

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 
 from data_prep.scene import PointCloud, View
-from studies.class_noise import ONE_IN, Measure, Sample, nudged, summary, turned
+from studies.class_noise import ONE_IN, ClassImages, Measure, nudged, summary, turned
 
 
 def test_one_point_in_fifty_is_moved_by_one_rounding_error() -> None:
@@ -25,12 +25,12 @@ def test_views_are_turned_by_a_tenth_of_a_degree() -> None:
 def test_true_images_are_perfect_by_all_that_compares_images() -> None:
     truth = np.full((2, 3, 128, 128, 3), 255, np.uint8)
     truth[:, :, 40:90, 30:100] = (120, 60, 20)
-    sample = Sample("table", truth, truth)
+    sample = ClassImages("table", truth, truth)
     measure = Measure()
-    found = measure.objects(sample)
+    actual = measure.objects(sample)
     for metric in ("ssim", "luminance", "contrast", "structure", "silhouette-iou"):
-        assert np.allclose(found[metric], 1.0, atol=1e-12), metric
-    assert ((found["class-confidence"] > 0) & (found["class-confidence"] < 1)).all()
+        assert np.allclose(actual[metric], 1.0, atol=1e-12), metric
+    assert ((actual["class-confidence"] > 0) & (actual["class-confidence"] < 1)).all()
     assert measure.distances(sample)["fd-views"] < 1e-9
 
 

@@ -106,6 +106,6 @@ def test_a_place_that_cannot_be_filled_is_named(numbers, text, message):
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.stem)
 def test_pages_are_what_the_numbers_say(path):
-    """Where this fails: python -m studies.documents."""
+    """Run python -m studies.documents where this fails."""
     text = path.read_text(encoding="utf-8")
     assert filled(text, str(path.relative_to(REPOSITORY))) == text

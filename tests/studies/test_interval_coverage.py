@@ -13,14 +13,14 @@ from studies.interval_coverage import CLOSED, missed, percentile_interval, rates
 def test_what_is_counted():
     assert rates(0, lambda rng, n: np.ones(n), 8, 3) == (1.0, 1.0)
     assert rates(0, lambda rng, n: np.zeros(n), 8, 3) == (0.0, 0.0)
-    assert [missed(of) for of in ((0.1, 0.2), (-0.2, -0.1), (-0.1, 0.1), (0.0, 0.1))] == [
-        *(True, True, False, False)
-    ]
+    assert [
+        missed(interval) for interval in ((0.1, 0.2), (-0.2, -0.1), (-0.1, 0.1), (0.0, 0.1))
+    ] == [*(True, True, False, False)]
 
 
 @pytest.mark.parametrize("name", CLOSED)
 def test_true_means_are_0(name):
-    """Of 200,000 draws, within five standard errors of the sample."""
+    """The mean of 200,000 draws is 0 within five standard errors."""
     values = CLOSED[name](np.random.default_rng(1), 200_000)
     assert abs(values.mean()) < 5 * values.std() / np.sqrt(len(values))
 

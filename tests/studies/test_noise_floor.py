@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from studies import noise_floor
-from studies.noise_floor import BATCHES, CEILING, METHODS, METRICS, THREADS, TURN, Study, cells
+from studies.cells import METRICS, FeatureNetworks, cells
+from studies.noise_floor import BATCHES, CEILING, METHODS, THREADS, TURN, Study
 
 
 @pytest.fixture(scope="module")
@@ -19,13 +19,13 @@ def study():
 
 
 def test_the_truth_scores_full_marks(study):
-    found = study.measure(study.truth, study.truth_taken)
-    assert set(found) == set(METRICS)
+    actual = study.measure(study.truth, study.truth_outputs)
+    assert set(actual) == set(METRICS)
     for metric in ("ssim", "luminance", "contrast", "structure", "ssim-object", "thin-recall"):
-        assert found[metric] == 1.0
+        assert actual[metric] == 1.0
     for metric in ("fd-views", "fd-views-grey", "fd-alexnet"):
         # The distance of a set to itself, in float64: a rounding of the trace, some 1e-14 x 100.
-        assert 0.0 <= found[metric] < 1e-9
+        assert 0.0 <= actual[metric] < 1e-9
 
 
 def test_blank_images_show_no_thin_part(study):
@@ -36,14 +36,14 @@ def test_blank_images_show_no_thin_part(study):
 
 def test_cells_are_those_of_a_hand_made_case(study):
     # Pictures of the other chair, under the same views: what is found is the other chair.
-    swapped, taken = study.truth[::-1], study.truth_taken
-    other = type(taken)(*(values[::-1] for values in taken))
-    found = cells(study.truth, taken, swapped, other, study.scene.views)
-    assert found["fd-views"] < 1e-9  # the same set of pictures
+    swapped, outputs = study.truth[::-1], study.truth_outputs
+    other = type(outputs)(*(values[::-1] for values in outputs))
+    actual = cells(study.truth, outputs, swapped, other, study.scene.views)
+    assert actual["fd-views"] < 1e-9  # the same set of pictures
     # each picture is compared with the other chair's views but its own: with 3 views of 2 chairs
-    # that differ enough, none is taken for the chair that was asked for
-    assert found["retrieval"] == 0.0
-    assert found["ssim"] < 0.9
+    # that differ enough, none is outputs for the chair that was asked for
+    assert actual["retrieval"] == 0.0
+    assert actual["ssim"] < 0.9
 
 
 def test_batch_and_threads_move_nothing_that_is_kept(study):
@@ -57,8 +57,8 @@ def test_batch_and_threads_move_nothing_that_is_kept(study):
 
 
 def test_float64_features_are_those_of_float32(study):
-    exact = noise_floor.Features(torch.float64)(study.truth)
-    for narrow, wide in zip(study.truth_taken, exact, strict=True):
+    exact = FeatureNetworks(torch.float64)(study.truth)
+    for narrow, wide in zip(study.truth_outputs, exact, strict=True):
         assert narrow.dtype == np.float32
         assert wide.dtype == np.float64
         # rounding of 5 to 12 layers, 6e-8 each, of values up to 4 (of AlexNet up to 20)
@@ -67,9 +67,9 @@ def test_float64_features_are_those_of_float32(study):
 
 def test_a_turn_moves_the_truth_as_well(study):
     floors = study.by_turn()
-    of = {(f.method, f.metric): f for f in floors}
-    assert set(of) == {(method, metric) for method in (*METHODS, CEILING) for metric in METRICS}
-    assert of[CEILING, "ssim"].moved == 0.0
-    assert of[CEILING, "elevation-error-deg"].moved > 0  # other pictures are judged
-    assert 0 < of["splat", "ssim"].moved < 0.01
+    moves = {(f.method, f.metric): f for f in floors}
+    assert set(moves) == {(method, metric) for method in (*METHODS, CEILING) for metric in METRICS}
+    assert moves[CEILING, "ssim"].moved == 0.0
+    assert moves[CEILING, "elevation-error-deg"].moved > 0  # other images are judged
+    assert 0 < moves["splat", "ssim"].moved < 0.01
     assert {f.source for f in floors} == {TURN}

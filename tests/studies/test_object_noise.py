@@ -6,9 +6,8 @@ import pytest
 from bench.catalogue.metrics import IMAGE_METRICS
 from bench.metrics.image_scores import scores
 from data_prep.rendering.opengl import render
-from studies import object_noise
+from studies.cells import make_chairs
 from studies.images import turned
-from studies.noise_floor import make_scene
 from studies.object_noise import ROUNDING, TURN, means, moves, summary
 
 
@@ -20,18 +19,17 @@ def test_means_are_over_the_views_that_have_a_value() -> None:
     drawn = np.stack([white(2), white(2)])
     truth = drawn.copy()
     truth[0, 0, 40:42, 20:100] = 0  # a thin bar, in one view only
-    found = means(truth, drawn)
-    assert found["thin-recall"].tolist() == [0.0, pytest.approx(np.nan, nan_ok=True)]
-    assert found["ssim"][0] == pytest.approx(scores(truth[0], drawn[0])["ssim"].mean(), abs=1e-12)
-    assert found["ssim"][1] == 1.0
+    actual = means(truth, drawn)
+    assert actual["thin-recall"].tolist() == [0.0, pytest.approx(np.nan, nan_ok=True)]
+    assert actual["ssim"][0] == pytest.approx(scores(truth[0], drawn[0])["ssim"].mean(), abs=1e-12)
+    assert actual["ssim"][1] == 1.0
 
 
 @pytest.mark.opengl
-def test_moves_of_white_images_are_those_of_the_truth(monkeypatch) -> None:
-    monkeypatch.setattr(object_noise, "METHODS", {TURN: ("blank",), ROUNDING: ("constant",)})
-    scene = make_scene(2, 2, 0, "2048")
-    made = moves(scene, "2048")
-    assert set(made) == {
+def test_moves_of_white_images_are_those_of_the_truth() -> None:
+    scene = make_chairs(2, 2, 0, "2048")
+    result = moves(scene, "2048", {TURN: ("blank",), ROUNDING: ("constant",)})
+    assert set(result) == {
         (change, method, metric)
         for change, method in ((TURN, "blank"), (ROUNDING, "constant"))
         for metric in IMAGE_METRICS
@@ -40,17 +38,16 @@ def test_moves_of_white_images_are_those_of_the_truth(monkeypatch) -> None:
         before, after = (
             scores(render(mesh, seen), white(2))["ssim"].mean() for seen in (views, turned(views))
         )
-        by = made[TURN, "blank", "ssim"][chair]
+        by = result[TURN, "blank", "ssim"][chair]
         assert by == pytest.approx(after - before, abs=1e-12)
         assert by != 0
-    assert (made[ROUNDING, "constant", "ssim"] == 0).all()  # it sees no cloud
+    assert (result[ROUNDING, "constant", "ssim"] == 0).all()  # it sees no cloud
 
 
-def test_the_summary_has_deviation_and_the_two_largest(monkeypatch) -> None:
-    monkeypatch.setattr(object_noise, "METHODS", {TURN: ("splat",), ROUNDING: ()})
+def test_the_summary_has_deviation_and_the_two_largest() -> None:
     nothing = np.full(3, np.nan)
-    made = {(TURN, "splat", metric): nothing for metric in IMAGE_METRICS}
-    made[TURN, "splat", "ssim"] = np.array([0.03, -0.04, np.nan])
-    cells = summary(made).splitlines()[-1].strip("| ").split(" | ")
+    result = {(TURN, "splat", metric): nothing for metric in IMAGE_METRICS}
+    result[TURN, "splat", "ssim"] = np.array([0.03, -0.04, np.nan])
+    cells = summary(result).splitlines()[-1].strip("| ").split(" | ")
     # sqrt((0.03^2 + 0.04^2) / 2) = 0.03536
     assert cells[:4] == ["turn", "splat", "0.035, 0.04, 0.03", "-"]

@@ -34,30 +34,30 @@ def both():
     noise, wanted = zip(*(ours._draw_fake() for _ in range(2)), strict=True)
     ours.random.set_state(before)
     losses = ours.take_step()
-    found = plain.step(
+    actual = plain.step(
         images.contiguous(), Target(*shown), noise, tuple(Target(*some) for some in wanted)
     )
-    return ours, losses, plain, found
+    return ours, losses, plain, actual
 
 
 def test_the_losses_are_the_same(both):
-    _, losses, _, found = both
+    _, losses, _, actual = both
     # measured: 3e-7
-    np.testing.assert_allclose(found, (losses["d_total"], losses["g_total"]), rtol=3e-6)
+    np.testing.assert_allclose(actual, (losses["d_total"], losses["g_total"]), rtol=3e-6)
 
 
 @pytest.mark.parametrize("network", ["generator", "discriminator"])
 def test_the_gradients_are_the_same(both, network):
     ours, _, plain, _ = both
     expected = dict(getattr(ours, network).named_parameters())
-    found = dict(getattr(plain, network).named_parameters())
-    assert expected.keys() == found.keys()
+    actual = dict(getattr(plain, network).named_parameters())
+    assert expected.keys() == actual.keys()
     largest = max(p.grad.abs().max() for p in expected.values())
     for name, parameter in expected.items():
         # a bias before BatchNorm has no gradient but rounding, hence the second scale; there the
         # difference is 5e-4 of it, elsewhere 2e-5
         scale = max(parameter.grad.abs().max(), 1e-3 * largest)
-        difference = (found[name].grad - parameter.grad).abs().max()
+        difference = (actual[name].grad - parameter.grad).abs().max()
         assert difference < 2e-3 * scale, name
 
 

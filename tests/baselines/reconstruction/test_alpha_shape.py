@@ -23,7 +23,7 @@ def exposed(points: np.ndarray, radius: float) -> set[tuple[int, ...]]:
 
     It goes through all triples, and knows nothing of Delaunay.
     """
-    found = set()
+    actual = set()
     for triple in itertools.combinations(range(len(points)), 3):
         a, b, c = points[list(triple)]
         normal = np.cross(b - a, c - a)
@@ -38,8 +38,8 @@ def exposed(points: np.ndarray, radius: float) -> set[tuple[int, ...]]:
         for side in (1, -1):
             ball = centre + side * math.sqrt(height) * normal / np.linalg.norm(normal)
             if (((others - ball) ** 2).sum(axis=1) > radius**2).all():
-                found.add(triple)
-    return found
+                actual.add(triple)
+    return actual
 
 
 def found_faces(points: np.ndarray, radius: float) -> list[tuple[int, ...]]:
@@ -66,9 +66,9 @@ def test_a_huge_ball_leaves_the_convex_hull() -> None:
 def test_circumscribed_spheres() -> None:
     regular = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], np.float64)
     flat = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], np.float64)
-    found = circumradius(np.stack([regular, 3 * regular + 7, flat]))
-    np.testing.assert_allclose(found[:2], [math.sqrt(3), 3 * math.sqrt(3)], rtol=1e-12)
-    assert not found[2] <= 1e9
+    actual = circumradius(np.stack([regular, 3 * regular + 7, flat]))
+    np.testing.assert_allclose(actual[:2], [math.sqrt(3), 3 * math.sqrt(3)], rtol=1e-12)
+    assert not actual[2] <= 1e9
     right = np.array([[0, 0, 1], [3, 0, 1], [0, 4, 1]], np.float64)  # its hypotenuse is 5
     centre, radius = smallest_sphere(np.stack([right, right - 2]))
     np.testing.assert_allclose(centre, [[1.5, 2, 1], [-0.5, 0, -1]], atol=1e-12)

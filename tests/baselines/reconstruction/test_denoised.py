@@ -4,14 +4,12 @@ import numpy as np
 import pytest
 
 from baselines.reconstruction.alpha_shape import alpha_mesh
-from baselines.reconstruction.denoised import DenoisedAlpha, DenoisedBpa, DenoisedPoisson, cleaned
+from baselines.reconstruction.denoised import DenoisedAlpha, DenoisedBpa, cleaned
 from baselines.reconstruction.stages import spacing
 from baselines.reconstruction.surface import SurfaceBpa
 from data_prep.failures import StageFailure
 from data_prep.scene import PointCloud
 from tests.baselines.clouds import RADIUS, chair_cloud, lattice_sphere
-
-METHODS = (DenoisedAlpha(), DenoisedBpa(), DenoisedPoisson())
 
 
 def noisy(points: np.ndarray, sigma: float) -> PointCloud:
@@ -48,17 +46,6 @@ def test_noisy_points_are_brought_nearer_and_the_sparsest_left_out(sigma: float)
     assert np.sqrt((left**2).mean()) < sigma / 2  # see test_smoothing
     assert clean.notes[0] == f"noise: {clean.noise:.3f}"
     assert clean.notes[1].endswith(f"points, {len(clean.points)} of 2048 kept")
-
-
-@pytest.mark.parametrize("method", METHODS, ids=lambda method: type(method).__name__)
-def test_any_order_and_repeated_points_give_the_same_mesh(method) -> None:
-    points = noisy(chair_cloud(512).points, 0.1).points
-    order = np.random.default_rng(1).permutation(512)
-    again = PointCloud(np.repeat(points[order], 2, axis=0))
-    first, second = method.prepare(PointCloud(points)), method.prepare(again)
-    np.testing.assert_array_equal(first.mesh.vertices, second.mesh.vertices)
-    np.testing.assert_array_equal(first.mesh.faces, second.mesh.faces)
-    assert first.notes == second.notes
 
 
 def test_strength() -> None:

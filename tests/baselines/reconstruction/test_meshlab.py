@@ -56,8 +56,8 @@ def test_meshlab_confirms_the_originals_parameters(tmp_path: Path) -> None:
     assert [step.get("name") for step in steps] == [name for name, _ in ORIGINAL]
     for step, (_, expected) in zip(steps, ORIGINAL, strict=True):
         recorded = {param.get("name"): param.get("value") for param in step.findall("Param")}
-        found = {name: value_of(recorded[name]) for name in expected}
-        assert found == expected
+        actual = {name: value_of(recorded[name]) for name in expected}
+        assert actual == expected
 
 
 def ellipsoid() -> np.ndarray:

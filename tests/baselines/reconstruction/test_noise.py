@@ -38,8 +38,8 @@ def test_noise_of_known_size(shape, sigma: float) -> None:
 
 
 def test_more_noise_is_more() -> None:
-    found = [noise_scale(lifted(square(), sigma)) for sigma in (0, 0.01, 0.02, 0.05, 0.10, 0.15)]
-    assert found == sorted(found)
+    actual = [noise_scale(lifted(square(), sigma)) for sigma in (0, 0.01, 0.02, 0.05, 0.10, 0.15)]
+    assert actual == sorted(actual)
 
 
 def test_a_smooth_sphere_has_less_than_the_sag_of_a_patch() -> None:

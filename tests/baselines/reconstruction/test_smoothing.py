@@ -8,7 +8,7 @@ from tests.baselines.clouds import RADIUS, lattice_sphere
 
 
 def saddle(points: np.ndarray) -> np.ndarray:
-    """How far points [N, 3] lie above a saddle."""
+    """Return how far points [N, 3] lie above a saddle."""
     x, y, z = points.T
     return z - (0.3 * x * x - 0.2 * x * y - 0.1 * y * y)
 
@@ -22,7 +22,7 @@ def test_a_plane_stays_as_it_is() -> None:
 
 
 def test_curved_surfaces_stay_as_they_are() -> None:
-    """Where heights over a patch have a third derivative, a fit of degree 2 errs; over the patch's
+    """A fit of degree 2 errs where heights over a patch have a third derivative; over the patch's
     own plane, which is tilted by some 0.1 against the saddle's, and on spheres (their fourth)."""
     rng = np.random.default_rng(0)
     points = np.column_stack([rng.uniform(-1, 1, (2048, 2)), np.zeros(2048)])

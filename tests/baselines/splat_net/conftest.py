@@ -18,7 +18,7 @@ def make_cloud(count=2048, seed=0):
 
 
 def lived_in(config):
-    """Its layers hand on as much as they are given, so that the first one is heard in the last."""
+    """Return a network whose layers hand on as much as they are given."""
     torch.manual_seed(0)
     network = live_in(SplatNet(config))
     for module in network.modules():

@@ -1,4 +1,4 @@
-"""What the camera sees of the points, in plain loops: to be held against `project`."""
+"""The camera's view of the points in plain loops, to be held against `project`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SCALED = {
 
 
 class SlowProjection:
-    """Of one cloud, its arrays without a leading dimension, from one view."""
+    """The view of one cloud, its arrays without a leading dimension."""
 
     def __init__(self, surfels, view, size=IMAGE_SIZE):
         self.surfels, self.view, self.size = surfels, view, size
@@ -69,7 +69,7 @@ class SlowProjection:
         return plane
 
     def look(self, side, scale, k):
-        """What the camera sees of a point: its normal (k = 0, 1, 2), thrice its variation (3)."""
+        """Return the normal of the points (k = 0, 1, 2), or thrice the variation (3)."""
         pose = camera_to_world(self.view)
         plane = np.zeros((self.size, self.size))
         for pixel, (_, i) in best(self.seen, side, self.size).items():
@@ -95,20 +95,20 @@ def best(seen, side, size, sign=1):
     """{pixel: (depth, number)} of the nearest point (the farthest: sign -1) of those whose own
     pixel is in a square around it; of equally near ones, that of the lowest number."""
     half = side // 2
-    found = {}
+    actual = {}
     for row, column, depth, number in seen:
         for r in range(int(row) - half, int(row) + half + 1):
             for c in range(int(column) - half, int(column) + half + 1):
                 if 0 <= r < size and 0 <= c < size:
                     candidate = (sign * depth, number)
-                    found[r, c] = min(found.get((r, c), candidate), candidate)
-    return {pixel: (sign * depth, number) for pixel, (depth, number) in found.items()}
+                    actual[r, c] = min(actual.get((r, c), candidate), candidate)
+    return {pixel: (sign * depth, number) for pixel, (depth, number) in actual.items()}
 
 
-def nearness(found, size):
+def nearness(actual, size):
     """Half of how much nearer than 5.25 it is, 0..1.5."""
     values = np.zeros((size, size))
-    for pixel, (depth, _) in found.items():
+    for pixel, (depth, _) in actual.items():
         values[pixel] = min(max((4 + 1.25 - depth) / 2, 0), 1.5)
     return values
 
@@ -128,7 +128,7 @@ def shared_counts(seen, size):
 def sums(counts, side):
     """Over squares of `side` pixels around each: every pixel is in those of its neighbours."""
     half = side // 2
-    found = np.zeros_like(counts)
+    actual = np.zeros_like(counts)
     for r, c in np.argwhere(counts > 0):
-        found[max(0, r - half) : r + half + 1, max(0, c - half) : c + half + 1] += counts[r, c]
-    return found
+        actual[max(0, r - half) : r + half + 1, max(0, c - half) : c + half + 1] += counts[r, c]
+    return actual

@@ -23,8 +23,8 @@ def test_against_lapack(scale):
     rng = np.random.default_rng(0)
     gaps = rng.uniform(0.1, 1, (500, 3)).cumsum(axis=1) - 0.5  # also negative, all well apart
     matrices, vectors = turned(gaps, rng)
-    found, across = smallest_eigenpairs(packed(matrices * scale))
-    np.testing.assert_allclose(found / scale, np.linalg.eigvalsh(matrices)[:, 0], atol=1e-13)
+    actual, across = smallest_eigenpairs(packed(matrices * scale))
+    np.testing.assert_allclose(actual / scale, np.linalg.eigvalsh(matrices)[:, 0], atol=1e-13)
     # an error of 1e-15 over a gap of 0.1 turns a vector by 1e-14; its cosine by nothing
     np.testing.assert_allclose(np.abs((across * vectors[..., 0]).sum(axis=1)), 1, atol=1e-14)
     np.testing.assert_allclose(np.linalg.norm(across, axis=1), 1, atol=1e-15)
@@ -34,11 +34,11 @@ def test_against_lapack(scale):
     "values", [(0, 0, 1), (0, 1, 1), (1, 1, 2), (1, 1 + 1e-9, 2), (0, 1e-9, 1)]
 )
 def test_equal_eigenvalues(values):
-    """Where two are nearly equal, to the root of float64's last digit: 1e-8."""
+    """Two that are nearly equal are known to the root of float64's last digit, 1e-8."""
     rng = np.random.default_rng(1)
     matrices, _ = turned(np.tile(np.array(values, np.float64), (200, 1)), rng)
-    found, across = smallest_eigenpairs(packed(matrices))
-    np.testing.assert_allclose(found, values[0], rtol=0, atol=3e-8)
+    actual, across = smallest_eigenpairs(packed(matrices))
+    np.testing.assert_allclose(actual, values[0], rtol=0, atol=3e-8)
     np.testing.assert_allclose(np.linalg.norm(across, axis=1), 1, atol=1e-15)
     # whichever vector it is, it is one of the smallest eigenvalue, as nearly as there are two
     stretch = np.linalg.norm((matrices @ across[..., None])[..., 0] - values[0] * across, axis=1)
@@ -60,6 +60,6 @@ def test_matrices_do_not_know_of_each_other():
     matrices, _ = turned(rng.uniform(0, 1, (20, 3)), rng)
     alone = smallest_eigenpairs(packed(matrices))
     mixed = smallest_eigenpairs(packed([*matrices, np.diag([1.0, 0, 0]), np.zeros((3, 3))]))
-    for one, other in zip(alone, mixed, strict=True):
-        np.testing.assert_array_equal(one, other[:20])
-    assert [found.shape for found in smallest_eigenpairs(np.empty((0, 6)))] == [(0,), (0, 3)]
+    for first, other in zip(alone, mixed, strict=True):
+        np.testing.assert_array_equal(first, other[:20])
+    assert [actual.shape for actual in smallest_eigenpairs(np.empty((0, 6)))] == [(0,), (0, 3)]

@@ -3,12 +3,10 @@ from __future__ import annotations
 import pytest
 import torch
 
-from baselines.splat_net import engine
-from baselines.splat_net.engine import FoldedSplatNet
+from baselines.splat_net.engine import GROUP, FoldedSplatNet
 from baselines.splat_net.network import NetworkConfig, SplatNet, composite
 from baselines.splat_net.projection import Inputs
 from baselines.splat_net.window import RING, Windows
-from learning import convolution
 
 from .conftest import lived_in
 
@@ -25,7 +23,7 @@ def inputs(config, count, size=128):
 
 
 def drawn(network, channels):
-    """By the first head."""
+    """Return the images of the first head."""
     with torch.no_grad():
         _, (image, *_) = composite(network(channels), network.config.heads)
     return image.expand(-1, 3, -1, -1).permute(0, 2, 3, 1)
@@ -40,13 +38,13 @@ def network(request):
 def test_float32_draws_what_the_network_draws_and_leaves_it_as_it_is(network, size):
     before = {key: value.clone() for key, value in network.state_dict().items()}
     given = inputs(network.config, 3, size)
-    found = FoldedSplatNet(network, size=size)(given)
-    assert found.shape == (3, size, size, 3)
-    assert found.dtype == torch.float32
+    actual = FoldedSplatNet(network, size=size)(given)
+    assert actual.shape == (3, size, size, 3)
+    assert actual.dtype == torch.float32
     assert all(torch.equal(value, before[key]) for key, value in network.state_dict().items())
     expected = drawn(network, given)
     assert expected.std() > 0.01
-    torch.testing.assert_close(found, expected, rtol=0, atol=CLOSE)
+    torch.testing.assert_close(actual, expected, rtol=0, atol=CLOSE)
 
 
 # from one channel, whose layout in memory is ambiguous, to all; and layers one channel wide
@@ -56,33 +54,32 @@ def test_some_or_all_of_the_channels(flags, width):
     config = NetworkConfig(Inputs((3,), *flags), (width,) * 5, ("grey",))
     network = lived_in(config)
     given = inputs(config, 2, 32)
-    found = FoldedSplatNet(network, size=32)(given)
-    torch.testing.assert_close(found, drawn(network, given), rtol=0, atol=CLOSE)
+    actual = FoldedSplatNet(network, size=32)(given)
+    torch.testing.assert_close(actual, drawn(network, given), rtol=0, atol=CLOSE)
 
 
 def test_bfloat16_is_bfloat16(network):
     channels = inputs(network.config, 3)
     folded = FoldedSplatNet(network, "bfloat16")
     assert folded.dtype == torch.bfloat16
-    found = folded(channels.bfloat16())
-    assert found.dtype == torch.float32
-    apart = (found - drawn(network, channels)).abs().mean()
+    actual = folded(channels.bfloat16())
+    assert actual.dtype == torch.float32
+    apart = (actual - drawn(network, channels)).abs().mean()
     # Half a unit of 8 digits is 2e-3 of a value; some twenty roundings in a row, added as errors
     # do. A sigmoid hands on a quarter, of values around 2.
     assert 1e-4 < apart < 2e-3 * 20**0.5 / 2
 
 
 @pytest.mark.parametrize("precision", ["float32", "bfloat16"])
-def test_one_image_or_many(network, monkeypatch, precision):
-    """Kernels for groups of 3: of five pictures, of two, of each alone."""
-    monkeypatch.setattr(engine, "GROUP", 3)
+def test_one_image_or_many(network, precision):
+    """Kernels for a group serve more images, fewer, and those for one each alone."""
     folded = FoldedSplatNet(network, precision, size=64)
-    channels = inputs(network.config, 5, 64).to(folded.dtype)
+    channels = inputs(network.config, GROUP + 2, 64).to(folded.dtype)
     together = folded(channels)
     assert (together[0] - together[1]).abs().max() > 0.01
     # other kernels may serve: float32 as above, bfloat16 by units of 1/256 here and there
     atol = CLOSE if precision == "float32" else 0.05
-    torch.testing.assert_close(folded(channels[3:]), together[3:], rtol=0, atol=atol)
+    torch.testing.assert_close(folded(channels[GROUP:]), together[GROUP:], rtol=0, atol=atol)
     assert "for_one" not in vars(folded)
     for i in range(5):
         alone = folded(channels[i : i + 1])
@@ -90,15 +87,15 @@ def test_one_image_or_many(network, monkeypatch, precision):
     assert "for_one" in vars(folded)
 
 
+@pytest.mark.filterwarnings("ignore:TF32 acceleration")  # of the context manager
 @pytest.mark.parametrize("where", ["first.norm.bias", "down.3.1.norm.running_mean", "last.bias"])
-def test_what_is_not_finite_stays_so(monkeypatch, where):
-    """By PyTorch's convolutions; oneDNN's ReLU makes 0 of NaN, which only the last layer keeps."""
+def test_what_is_not_finite_stays_so(where):
+    """PyTorch's convolutions keep NaN; oneDNN's ReLU makes 0 of it, but for the last layer."""
     network = lived_in(GREY)
     network.state_dict()[where][0] = torch.nan
-    if where != "last.bias":
-        monkeypatch.setattr(convolution, "_prepacks", lambda weight: False)
-    found = FoldedSplatNet(network, size=32)(inputs(GREY, 1, 32))
-    assert found.isnan().any()
+    with torch.backends.mkldnn.flags(enabled=where == "last.bias"):
+        images = FoldedSplatNet(network, size=32)(inputs(GREY, 1, 32))
+    assert images.isnan().any()
 
 
 @pytest.mark.parametrize(
@@ -111,8 +108,8 @@ def test_what_is_not_finite_stays_so(monkeypatch, where):
     ],
 )
 def test_in_windows_it_draws_the_same(network, corners, height, width):
-    """As the unfolded network whole images, whatever it draws beyond: of channels that are zero up
-    to MARGIN from the windows' edges, unless these are the image's."""
+    """The unfolded network draws the same in whole images, whatever it draws beyond, of channels
+    that are zero up to `margin` from the windows' edges, unless these are the image's."""
     size, margin = 64, 3  # of the level below, a pixel beyond looks at 3 of these
     channels = inputs(network.config, 3, size)
     inside = torch.zeros(3, 1, size, size)
@@ -126,10 +123,10 @@ def test_in_windows_it_draws_the_same(network, corners, height, width):
     channels = (channels * inside).contiguous(memory_format=torch.channels_last)
     windows = Windows(range(3), corners, height, width, size)
     given = windows.cut(channels.permute(0, 2, 3, 1)).permute(0, 3, 1, 2)
-    found = FoldedSplatNet(network, size=size)(given, windows)
-    assert found.shape == (3, height, width, 3)
+    actual = FoldedSplatNet(network, size=size)(given, windows)
+    assert actual.shape == (3, height, width, 3)
     whole = drawn(network, channels)
-    for part, image, (top, left) in zip(found, whole, corners, strict=True):
+    for part, image, (top, left) in zip(actual, whole, corners, strict=True):
         bottom, right = top + height, left + width
         rows = slice(RING * (top > 0), height - RING * (bottom < size))
         columns = slice(RING * (left > 0), width - RING * (right < size))

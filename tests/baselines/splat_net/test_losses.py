@@ -74,7 +74,7 @@ def test_judges_are_held_to_margins_of_one():
     assert judge_error(torch.ones(5), -torch.ones(5)).item() == 0
 
 
-@pytest.mark.parametrize("name", [name for name, of in OBJECTIVES.items() if of.patch_weight])
+@pytest.mark.parametrize("name", [name for name in OBJECTIVES if OBJECTIVES[name].patch_weight])
 def test_only_the_judge_of_pix2pix_sees_colours(name):
     """A change of the colours alone changes what it says, and what the colours are taught."""
     torch.manual_seed(0)
@@ -100,11 +100,11 @@ def test_patches_of_a_judge(size):
     torch.manual_seed(0)
     judge = PatchJudge(4).eval()
     images = torch.rand(2, 4, size, size)
-    found = judge(images)
-    assert found.shape == (2, 1, size // 8, size // 8)
+    actual = judge(images)
+    assert actual.shape == (2, 1, size // 8, size // 8)
     # what a patch sees: 22 px of the three halvings, and 16 more of the last kernel
     images[:, :, 40:] = 0.5
-    assert torch.equal(judge(images)[:, :, 0], found[:, :, 0])
+    assert torch.equal(judge(images)[:, :, 0], actual[:, :, 0])
 
 
 def test_a_judge_is_bounded():

@@ -48,15 +48,15 @@ def test_composites_are_float32_whatever_they_are_made_of():
 
 
 def test_number_of_parameters():
-    found = {n: sum(p.numel() for p in build(c).parameters()) for n, c in NETWORKS.items()}
-    assert found == {
+    actual = {n: sum(p.numel() for p in build(c).parameters()) for n, c in NETWORKS.items()}
+    assert actual == {
         **{"tiny": 223_301, "default": 1_354_133, "large": 2_876_861},
         **{"depth": 1_350_821, "points2pix": sum_of_layers()},
     }
 
 
 def sum_of_layers():
-    """Of points2pix, by hand: kernels of 4 x 4, normalisation of 2 a channel, the code, the end."""
+    """Return the parameters of points2pix: kernels of 4 x 4, 2 a channel, the code, the end."""
     down = [(1, 16), (16, 32), (32, 64), (64, 96), (96, 96), (96, 96), (96, 96)]
     up = [(96 + 128, 96), (192, 96), (192, 96), (192, 64), (128, 32), (64, 16)]
     kernels = sum(16 * a * b for a, b in down + up)

@@ -9,12 +9,12 @@ import pytest
 import torch
 
 from baselines.splat_net.network import POINTS2PIX, composite
-from baselines.splat_net.points2pix import PointNet, Points2Pix, build
+from baselines.splat_net.points2pix import PointNetCode, Points2Pix, build
 from baselines.splat_net.projection import Projection, cameras
 from baselines.splat_net.renderer import SplatNetRenderer
 from baselines.splat_net.surfels import find_surfels, stack
 from baselines.splat_net.train import SplatNetConfig, train_splat_net
-from baselines.splat_net.weights import Weights, export, load_weights
+from baselines.splat_net.weights import SplatNetWeights, export, load_weights
 from baselines.splat_net.window import whole_images
 from data_prep.scene import PointCloud, View
 
@@ -34,19 +34,19 @@ def seen(points):
 @pytest.fixture(scope="module")
 def network():
     torch.manual_seed(0)
-    made = build(POINTS2PIX)
-    assert isinstance(made, Points2Pix)
-    for layer in made.modules():  # as if trained: each hands on as much as it is given
+    result = build(POINTS2PIX)
+    assert isinstance(result, Points2Pix)
+    for layer in result.modules():  # as if trained: each hands on as much as it is given
         if isinstance(layer, (torch.nn.Conv1d, torch.nn.Conv2d)):
             torch.nn.init.kaiming_normal_(layer.weight, nonlinearity="relu")
         elif isinstance(layer, torch.nn.ConvTranspose2d):  # a pixel is the sum of 2 x 2 products
             torch.nn.init.normal_(layer.weight, std=(2 / (4 * layer.in_channels)) ** 0.5)
-    return made.eval().requires_grad_(False)
+    return result.eval().requires_grad_(False)
 
 
 def test_a_code_depends_on_the_places_alone():
     torch.manual_seed(1)
-    code = PointNet().eval()
+    code = PointNetCode().eval()
     points = torch.from_numpy(cloud().T)[None]
     order = torch.randperm(points.shape[2])
     with torch.no_grad():
@@ -67,12 +67,11 @@ def test_both_inputs_count(network):
         assert (network(*other) - drawn).abs().max() > 1e-3
 
 
-def test_points_are_seen_about_the_middle_of_the_object(network, monkeypatch):
+def test_points_are_seen_about_the_middle_of_the_object(network):
     given = []
-    forward = network.code.forward
-    monkeypatch.setattr(network.code, "forward", lambda x: given.append(x) or forward(x))
     points = cloud()
-    network(*seen(points))
+    with network.code.register_forward_hook(lambda module, inputs, _: given.extend(inputs)):
+        network(*seen(points))
     # turned about the origin, not moved: the lengths are those of the cloud
     lengths = given[0][0].double().norm(dim=0).sort().values
     expected = np.sort(np.linalg.norm(points.astype(np.float64), axis=1))
@@ -82,11 +81,11 @@ def test_points_are_seen_about_the_middle_of_the_object(network, monkeypatch):
 @pytest.mark.parametrize("heads", [("colour",), ("grey",)])
 def test_the_renderer_draws_what_the_network_draws(heads):
     torch.manual_seed(2)
-    made = build(dataclasses.replace(POINTS2PIX, heads=heads)).eval().requires_grad_(False)
-    renderer = SplatNetRenderer(Weights(made, {}, ""))
+    result = build(dataclasses.replace(POINTS2PIX, heads=heads)).eval().requires_grad_(False)
+    renderer = SplatNetRenderer(SplatNetWeights(result, {}, ""))
     state = renderer.prepare(PointCloud(cloud()))
     images = renderer.draw(state, VIEWS)
-    _, (expected,) = composite(made(*seen(cloud())), heads)
+    _, (expected,) = composite(result(*seen(cloud())), heads)
     expected = expected.expand(-1, 3, -1, -1).permute(0, 2, 3, 1)
     assert images.shape == (2, 128, 128, 3)
     assert images == pytest.approx(expected.numpy(), abs=1e-6)
@@ -98,7 +97,7 @@ def test_the_renderer_draws_what_the_network_draws(heads):
 @pytest.mark.parametrize("wrong", [{"size": 256}, {"precision": "bfloat16"}])
 def test_other_sizes_and_precisions_are_refused(wrong):
     with pytest.raises(ValueError, match="points2pix draws 128 pixels in float32"):
-        SplatNetRenderer(Weights(build(GREY_ALONE), {}, ""), **wrong)
+        SplatNetRenderer(SplatNetWeights(build(GREY_ALONE), {}, ""), **wrong)
 
 
 def test_it_is_trained_and_stored_like_splat_net(data, tmp_path):

@@ -53,14 +53,14 @@ def made_up(count, seed=0, spread=0.7):
 
 
 def check(surfels, views, inputs, size=128):
-    found = project(stack([surfels]), cameras(views), inputs, size)
-    assert found.shape == (len(views), inputs.channels, size, size)
-    assert found.dtype == torch.float32
-    assert found.is_contiguous(memory_format=torch.channels_last)
-    for one, view in zip(found, views, strict=True):
+    actual = project(stack([surfels]), cameras(views), inputs, size)
+    assert actual.shape == (len(views), inputs.channels, size, size)
+    assert actual.dtype == torch.float32
+    assert actual.is_contiguous(memory_format=torch.channels_last)
+    for image, view in zip(actual, views, strict=True):
         expected = SlowProjection(surfels, view, size).channels(inputs)
-        np.testing.assert_allclose(one, expected, rtol=0, atol=CLOSE)
-    return found
+        np.testing.assert_allclose(image, expected, rtol=0, atol=CLOSE)
+    return actual
 
 
 @pytest.mark.parametrize("spread", [0.4, 3.0])
@@ -69,8 +69,8 @@ def test_every_channel_against_plain_loops(spread):
     surfels = made_up(80, spread=spread)
     depths = np.concatenate([pixels_of(surfels.points.numpy(), view)[1] for view in VIEWS])
     assert (depths < 0).any() == (spread == 3.0)
-    found = check(surfels, VIEWS, ALL_INPUTS)
-    assert (found.amax(dim=(0, 2, 3)) > 0.1).all()  # no channel is empty
+    actual = check(surfels, VIEWS, ALL_INPUTS)
+    assert (actual.amax(dim=(0, 2, 3)) > 0.1).all()  # no channel is empty
 
 
 @pytest.mark.parametrize("size", [64, 256])
@@ -83,9 +83,9 @@ def test_number_and_order_of_the_channels_of_every_combination():
     slow = SlowProjection(surfels, view)
     for windows, *flags in itertools.product(((3,), (7,), (3, 7), (1, 5, 9)), *[(False, True)] * 5):
         inputs = Inputs(windows, *flags)
-        (found,) = project(stack([surfels]), cameras([view]), inputs)
-        assert len(found) == inputs.channels
-        np.testing.assert_allclose(found, slow.channels(inputs), rtol=0, atol=CLOSE)
+        (actual,) = project(stack([surfels]), cameras([view]), inputs)
+        assert len(actual) == inputs.channels
+        np.testing.assert_allclose(actual, slow.channels(inputs), rtol=0, atol=CLOSE)
 
 
 def one_point(place, normals, variation):
@@ -102,8 +102,8 @@ def test_ties_in_depth_go_to_the_first_point():
     points[:, 2] = 0.25
     points[75:, :2] = points[:75, :2]  # twice: in one pixel as well
     flat = dataclasses.replace(surfels, points=points)
-    found = check(flat, VIEWS[:1], ALL_INPUTS)
-    depths = found[0, 0].unique()
+    actual = check(flat, VIEWS[:1], ALL_INPUTS)
+    depths = actual[0, 0].unique()
     assert len(depths) == 2
     assert depths.tolist() == [0, 0.5]  # (5.25 - 4.25) / 2
 
@@ -134,9 +134,9 @@ def test_nearness_ends_where_it_says():
     """0 at 1.25 beyond the origin; at most 1.5; what is nearer than 0.2 is cut off."""
     for z, expected in ((1.25, 0.0), (1.5, 0.0), (-3.0, 1.5), (-3.79, 1.5), (-1.0, 1.125)):
         surfels = one_point([0.0, 0.0, z], [[0.0] * 3] * len(HOPS), [0.0] * len(HOPS))
-        (found,) = project(surfels, cameras([View(0, 0)]), ALL_INPUTS)
-        assert found[[0, 1, 2, 6], 64, 64].tolist() == [expected] * 4
-        assert found[3, 64, 64] > 0  # it is counted
+        (actual,) = project(surfels, cameras([View(0, 0)]), ALL_INPUTS)
+        assert actual[[0, 1, 2, 6], 64, 64].tolist() == [expected] * 4
+        assert actual[3, 64, 64] > 0  # it is counted
 
 
 def test_one_cloud_for_all_cameras_or_one_each_and_clouds_do_not_mix():
@@ -163,16 +163,16 @@ def test_bfloat16_is_the_last_step():
 
 
 def test_windows_are_parts_of_whole_images():
-    """Of some images, in another order; around all that is seen of them."""
+    """Windows of some images, in another order, lie around all that is seen of them."""
     surfels, seen = stack([made_up(300, spread=0.2)]), cameras(VIEWS)
     projection = Projection(surfels, seen, ALL_INPUTS)
     boxes = projection.boxes()
     height, width = (max(boxes[i][k + 1] - boxes[i][k] for i in (2, 0)) for k in (0, 2))
     corners = [(min(boxes[i].top, 128 - height), min(boxes[i].left, 128 - width)) for i in (2, 0)]
-    found = projection.channels(Windows([2, 0], corners, height, width, 128))
+    actual = projection.channels(Windows([2, 0], corners, height, width, 128))
     assert 16 < height < 128
     whole = project(surfels, seen, ALL_INPUTS)
-    for part, i, (top, left) in zip(found, (2, 0), corners, strict=True):
+    for part, i, (top, left) in zip(actual, (2, 0), corners, strict=True):
         assert torch.equal(part, whole[i, :, top : top + height, left : left + width])
 
 
@@ -194,8 +194,8 @@ def test_boxes_by_hand():
 
     def box(place, size):
         surfels = one_point(place, normals, variation)
-        (found,) = Projection(surfels, cameras([View(0, 0)]), ALL_INPUTS, size).boxes()
-        return found
+        (actual,) = Projection(surfels, cameras([View(0, 0)]), ALL_INPUTS, size).boxes()
+        return actual
 
     # 64 - 58 x 4 / 4 columns, for the camera looks along +Z and +X is on its left
     assert box([0.51, 0.0, 0.0], 128) == (59, 70, 29, 40)

@@ -5,14 +5,13 @@ import pytest
 import torch
 
 from baselines.splat_net import load
-from baselines.splat_net import renderer as renderer_module
 from baselines.splat_net.engine import GROUP
 from baselines.splat_net.network import NetworkConfig, composite
-from baselines.splat_net.projection import ALL_INPUTS, Inputs, Projection, cameras, project
-from baselines.splat_net.renderer import SplatNetRenderer
+from baselines.splat_net.projection import ALL_INPUTS, Inputs, cameras, project
+from baselines.splat_net.renderer import SplatNetRenderer, views_at_once
 from baselines.splat_net.surfels import HOPS, find_surfels, stack
-from baselines.splat_net.weights import Weights
-from baselines.splat_net.window import Box, in_groups
+from baselines.splat_net.weights import SplatNetWeights
+from baselines.splat_net.window import Box
 from data_prep.clouds.conditions import CONDITIONS
 from data_prep.clouds.sampling import sample_surface
 from data_prep.datasets.registry import ProceduralObject
@@ -30,7 +29,7 @@ CLOSE = 1e-5
 
 def build(inputs=ALL_INPUTS, **options):
     config = NetworkConfig(inputs, CONFIG.widths, CONFIG.heads)
-    return SplatNetRenderer(Weights(lived_in(config), {}, "0" * 64), **options)
+    return SplatNetRenderer(SplatNetWeights(lived_in(config), {}, "0" * 64), **options)
 
 
 @pytest.fixture(scope="module")
@@ -51,8 +50,8 @@ def test_images_are_the_networks(cloud, size):
     surfels = stack([find_surfels(cloud.points)])
     channels = project(surfels, cameras(VIEWS), ALL_INPUTS, size)
     _, (expected,) = composite(network(channels), ("colour",))
-    found = renderer.draw(renderer.prepare(cloud), VIEWS)
-    np.testing.assert_allclose(found, expected.permute(0, 2, 3, 1), rtol=0, atol=CLOSE)
+    actual = renderer.draw(renderer.prepare(cloud), VIEWS)
+    np.testing.assert_allclose(actual, expected.permute(0, 2, 3, 1), rtol=0, atol=CLOSE)
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +61,7 @@ def chair():
 
 
 def whole_images(renderer, state, views):
-    """By the network as it was trained, at all pixels."""
+    """Return the images of the network as it was trained, at all pixels."""
     channels = project(state, cameras(views), renderer.inputs)
     with torch.inference_mode():
         _, (image,) = composite(renderer.network(channels), renderer.network.config.heads)
@@ -78,45 +77,51 @@ def test_windows_change_no_pixel_by_more_than_a_grey_level(chair, weights, condi
     (perturbation,) = (known.perturbation for known in CONDITIONS if known.id == condition)
     state = renderer.prepare(perturbation.apply(chair, np.random.default_rng(1)))
     views = [View(40.0 * i, 20.0 * i - 40) for i in range(5)]
-    found, expected = renderer.draw(state, views), whole_images(renderer, state, views)
-    levels = np.abs(to_uint8(found).astype(int) - to_uint8(expected))
+    actual, expected = renderer.draw(state, views), whole_images(renderer, state, views)
+    levels = np.abs(to_uint8(actual).astype(int) - to_uint8(expected))
     assert levels.max() <= 1
     assert expected.min() < 0.5  # something is drawn
 
 
-def test_most_of_a_chair_is_drawn_in_windows(chair, monkeypatch):
-    """A wide one; nothing is drawn twice."""
-    pixels = []
+class CountedPixels:
+    """The engine of a renderer, which counts the pixels that it computes."""
 
-    def counting(*options):
-        for windows in in_groups(*options):
-            pixels.append(len(windows.numbers) * windows.height * windows.width)
-            yield windows
+    def __init__(self, engine):
+        self.engine, self.dtype, self.pixels = engine, engine.dtype, 0
 
-    monkeypatch.setattr(renderer_module, "in_groups", counting)
+    def __call__(self, channels, windows, points):
+        self.pixels += len(windows.numbers) * windows.height * windows.width
+        return self.engine(channels, windows, points)
+
+
+def test_most_of_a_chair_is_drawn_in_windows(chair):
+    """The chair is a wide one; nothing is drawn twice."""
     renderer = load("chair")
+    renderer.engine = CountedPixels(renderer.engine)
     views = [View(18.0 * i, 4.0 * i - 40) for i in range(20)]
     renderer.draw(renderer.prepare(chair), views)
-    assert sum(pixels) < 0.9 * 20 * 128 * 128
+    assert renderer.engine.pixels < 0.9 * 20 * 128 * 128
 
 
-def test_what_reaches_beyond_its_window_is_drawn_whole(chair, monkeypatch):
-    """Two of four views have windows that are far too small."""
-    renderer = load("chair")
-    state = renderer.prepare(chair)
-    views = [View(0, 0), View(90, 20), View(-180, -40), View(30, 30)]
-    expected = renderer.draw(state, views)
-    found = Projection.boxes
+class TooSmallWindows(SplatNetRenderer):
+    """A renderer two of whose first windows are far too small."""
 
-    def too_small(self):
-        boxes = found(self)
+    def boxes(self, seen):
+        boxes = super().boxes(seen)
         boxes[1] = Box(60, 70, 60, 70)
         boxes[2] = boxes[2]._replace(bottom=80)
         return boxes
 
-    monkeypatch.setattr(Projection, "boxes", too_small)
-    levels = np.abs(to_uint8(renderer.draw(state, views)).astype(int) - to_uint8(expected))
-    assert levels.max() <= 1
+
+def test_what_reaches_beyond_its_window_is_drawn_whole(chair):
+    renderer = load("chair")
+    state = renderer.prepare(chair)
+    views = [View(0, 0), View(90, 20), View(-180, -40), View(30, 30)]
+    images, expected = (
+        to_uint8(some.draw(state, views)).astype(int)
+        for some in (TooSmallWindows(renderer.weights), renderer)
+    )
+    assert np.abs(images - expected).max() <= 1
 
 
 def test_the_order_of_the_views_does_not_matter(chair):
@@ -165,21 +170,13 @@ def test_neighbours_and_groups_do_not_matter(cloud, precision, atol):
     assert renderer.draw(state, views).tobytes() == together.tobytes()
 
 
-def test_few_views_of_large_clouds_are_seen_at_once(renderer, cloud, monkeypatch):
-    sizes = []
-
-    def counting(surfels, at, *options):
-        sizes.append(len(at))
-        return Projection(surfels, at, *options)
-
-    monkeypatch.setattr(renderer_module, "Projection", counting)
-    state = renderer.prepare(cloud)
-    for limit, expected in ((10 * 2048, [5]), (2 * 2048, [2, 2, 1]), (1, [1] * 5)):
-        sizes.clear()
-        monkeypatch.setattr(renderer_module, "POINTS_TOGETHER", limit)
-        images = renderer.draw(state, [*VIEWS, *VIEWS[:2]])
-        assert sizes == expected
-        np.testing.assert_allclose(images[3:], images[:2], rtol=0, atol=CLOSE)
+def test_few_views_of_large_clouds_are_seen_at_once(renderer, cloud):
+    points = (2048, 2**19 // 5, 2**18, 2**19, 2**24)
+    assert [views_at_once(count) for count in points] == [20, 5, 2, 1, 1]
+    state, many = renderer.prepare(cloud), [*VIEWS] * 7
+    images = renderer.draw(state, many)
+    for i in range(len(VIEWS), len(many)):
+        np.testing.assert_allclose(images[i], images[i % len(VIEWS)], rtol=0, atol=CLOSE)
 
 
 @pytest.mark.parametrize("size", [0, -16, 8, 100])
@@ -192,7 +189,7 @@ def test_images_that_are_not_finite_fail_by_name(cloud):
     renderer = build()
     state = renderer.prepare(cloud)
     renderer.engine.for_many.last.bias[0] = torch.nan
-    with pytest.raises(StageFailure, match="the picture is not finite") as failure:
+    with pytest.raises(StageFailure, match="the image is not finite") as failure:
         renderer.draw(state, VIEWS)
     assert failure.value.stage == "draw"
 

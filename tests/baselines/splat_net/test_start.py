@@ -9,14 +9,14 @@ from baselines.splat_net.network import DEFAULT, POINTS2PIX, NetworkConfig
 from baselines.splat_net.projection import ALL_INPUTS, Inputs, cameras, project
 from baselines.splat_net.start import read_start
 from baselines.splat_net.surfels import find_surfels, stack
-from baselines.splat_net.train import KIND, SplatNetConfig, train_splat_net
+from baselines.splat_net.train import KIND, SplatNetConfig, _SplatNetTrainer, train_splat_net
 from baselines.splat_net.weights import BUNDLED, export
 from bench.commands.train import do_without
 from data_prep.failures import BadInput
 from data_prep.scene import View
 from learning import checkpoint
 from learning.weights import file_sha256
-from tests.learning.trainings import SMALL, trainer_of
+from tests.learning.trainings import SMALL
 
 from .conftest import make_cloud
 
@@ -70,7 +70,7 @@ def _seen(inputs: Inputs) -> torch.Tensor:
 def test_training_goes_on_from_it(data, files, tmp_path) -> None:
     start = read_start(str(files), SMALL)
     config = SplatNetConfig(network=SMALL, steps=1, cool_down=1, batch=4, start=start.sha256)
-    trainer = trainer_of(train_splat_net, data, config, tmp_path / "never", start=start.network)
+    trainer = _SplatNetTrainer(data, config, torch.device("cpu"), start=start.network)
     for part in (trainer.network, trainer.average):
         state = part.state_dict()
         assert all(torch.equal(state[k], v) for k, v in start.network.state_dict().items())
@@ -123,12 +123,12 @@ def test_what_a_wider_network_has_more_of_can_be_trained() -> None:
 
 def test_what_it_has_more_of_is_random_by_seed() -> None:
     wider = dataclasses.replace(DEFAULT, widths=(17, 32, 64, 128, 160))
-    one, again, other = (
+    first, again, other = (
         read_start("chair", wider, seed).network.first.conv.weight for seed in (0, 0, 1)
     )
-    assert torch.equal(one, again)
-    assert torch.equal(one[:16], other[:16])
-    assert not torch.equal(one[16:], other[16:])
+    assert torch.equal(first, again)
+    assert torch.equal(first[:16], other[:16])
+    assert not torch.equal(first[16:], other[16:])
 
 
 def test_a_narrower_network_is_refused(files) -> None:
@@ -159,7 +159,7 @@ def test_only_splat_net_can_start_from_weights() -> None:
 
 @pytest.mark.parametrize("key", ["last.weight", "last.bias", "first.norm.bias"])
 def test_files_of_two_trainings_are_refused(files, key) -> None:
-    """By the coverage that both heads have, or by any other layer."""
+    """The coverage that both heads have tells, or any other layer."""
     grey = files.with_name("weights-grey.safetensors")
     tensors, header = checkpoint.read_safetensors(grey)
     tensors[key][0] += 1

@@ -23,10 +23,10 @@ def same_bytes(surfels, others):
 
 
 def test_against_all_pairs_and_ways_of_so_many_hops():
-    """How often a point counts in a neighbourhood is the number of ways that lead to it."""
-    found = arrays(find_surfels(make_cloud(120)))
-    assert {value.dtype for value in found.values()} == {np.dtype(np.float32)}
-    place = found["points"].astype(np.float64)
+    """A point counts in a neighbourhood as often as ways lead to it."""
+    actual = arrays(find_surfels(make_cloud(120)))
+    assert {value.dtype for value in actual.values()} == {np.dtype(np.float32)}
+    place = actual["points"].astype(np.float64)
     hop = np.zeros((120, 120), int)
     for i, p in enumerate(place):
         hop[i, np.argsort([np.linalg.norm(q - p) for q in place])[:NEIGHBOURS]] = 1
@@ -36,13 +36,13 @@ def test_against_all_pairs_and_ways_of_so_many_hops():
             assert ways.sum() == NEIGHBOURS**hops
             values, vectors = np.linalg.eig(np.cov(place.T, bias=True, fweights=ways))
             least = np.argmin(values)
-            assert abs(found["variation"][i, scale] - values[least] / values.sum()) < ROUNDED
+            assert abs(actual["variation"][i, scale] - values[least] / values.sum()) < ROUNDED
             # the smallest eigenvalues are 1e-3 apart or more: 1e-12 of an angle, in float64
             normal = vectors[:, least]
-            assert abs(abs(found["normals"][i, scale] @ normal) - 1) < 2 * ROUNDED
+            assert abs(abs(actual["normals"][i, scale] @ normal) - 1) < 2 * ROUNDED
             if scale in FLATTENED:
                 height = (p - np.average(place, axis=0, weights=ways)) @ normal
-                flattened = found["flattened"][i, FLATTENED.index(scale)]
+                flattened = actual["flattened"][i, FLATTENED.index(scale)]
                 assert np.abs(flattened - (p - height * normal)).max() < ROUNDED
 
 
@@ -151,8 +151,8 @@ def test_one_outlier_spoils_nothing_but_its_neighbours(far):
 def test_where_a_cloud_is_does_not_matter():
     # multiples of 1/32, which float32 has out there as well
     cloud = np.random.default_rng(0).integers(-32, 32, (300, 3)).astype(np.float32) / 32
-    here, there = find_surfels(cloud), find_surfels(cloud + np.float32(2.0**16))
-    np.testing.assert_allclose(there.variation, here.variation, rtol=0, atol=ROUNDED)
+    here, far_surfels = find_surfels(cloud), find_surfels(cloud + np.float32(2.0**16))
+    np.testing.assert_allclose(far_surfels.variation, here.variation, rtol=0, atol=ROUNDED)
     cloud = cloud[:100] * np.finfo(np.float32).max  # the largest numbers there are
     check(find_surfels(cloud), len(np.unique(cloud, axis=0)))
 

@@ -25,9 +25,9 @@ def test_a_file_of_one_head_draws_what_the_trained_network_draws_with_it(trained
         loaded = load_weights(tmp_path / head)
         assert loaded.network.config.heads == loaded.card["network"]["heads"] == (head,)
         assert loaded.network.config.widths == SMALL.widths
-        found_alpha, (found,) = composite(loaded.network(given), (head,))
+        found_alpha, (actual,) = composite(loaded.network(given), (head,))
         # the same sums, of some 9 x 12 products, by other kernels: some 1e-7
-        torch.testing.assert_close(found, expected, rtol=0, atol=1e-5)
+        torch.testing.assert_close(actual, expected, rtol=0, atol=1e-5)
         torch.testing.assert_close(found_alpha, alpha, rtol=0, atol=1e-5)
     assert (images[0] - images[1]).abs().max() > 1e-3
     assert loaded.card["steps"] == 2

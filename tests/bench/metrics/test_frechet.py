@@ -11,6 +11,7 @@ import pytest
 
 from bench.metrics import frechet_distance
 from bench.metrics.frechet import (
+    MOST_BLOCKS,
     JackknifeMoments,
     TooFewSamples,
     centred,
@@ -104,13 +105,13 @@ def test_agrees_with_eigenvalues(n, m, d, dtype):
 @pytest.mark.parametrize(("n", "d"), [(2, 5), (5, 5), (6, 5), (500, 5)])
 def test_factor_squares_to_the_covariance(n, d):
     x = normal(0, n, d) @ normal(1, d, d) + 3
-    found = centred(x)
-    assert found.factor.shape == (min(n, d), d)
-    np.testing.assert_allclose(found.mean, x.mean(axis=0), rtol=1e-13)
+    actual = centred(x)
+    assert actual.factor.shape == (min(n, d), d)
+    np.testing.assert_allclose(actual.mean, x.mean(axis=0), rtol=1e-13)
     np.testing.assert_allclose(
-        found.factor.T @ found.factor, np.cov(x, rowvar=False), rtol=0, atol=1e-12
+        actual.factor.T @ actual.factor, np.cov(x, rowvar=False), rtol=0, atol=1e-12
     )
-    assert centred_to_frechet(found, centred(2 * x)) == frechet_distance(x, 2 * x)
+    assert centred_to_frechet(actual, centred(2 * x)) == frechet_distance(x, 2 * x)
 
 
 def views_of_objects(seed, n_objects, n_views, d, offset=0.0):
@@ -123,7 +124,7 @@ def views_of_objects(seed, n_objects, n_views, d, offset=0.0):
 
 
 def by_leaving_out(x, y, groups_x, groups_y):
-    """By their definition: a distance of its own for every object."""
+    """Return the distances by their definition: one anew for every object."""
     return [
         frechet_distance(x[groups_x != group], y[groups_y != group])
         for group in np.union1d(groups_x, groups_y)
@@ -144,12 +145,12 @@ def test_distances_share_what_they_may(shape, gone):
     kept = groups != gone  # the method failed on one object
     order = np.random.default_rng(2).permutation(len(y))  # rows need not stand side by side
     x, groups_x, y, groups_y = x[kept], groups[kept], y[order], groups[order]
-    found = leave_one_out(x, y, groups_x, groups_y)
+    actual = leave_one_out(x, y, groups_x, groups_y)
     expected = by_leaving_out(x, y, groups_x, groups_y)
-    assert found == pytest.approx(expected, rel=0, abs=ROUNDING * traces(x, y))
-    assert np.ptp(found) > 0
+    assert actual == pytest.approx(expected, rel=0, abs=ROUNDING * traces(x, y))
+    assert np.ptp(actual) > 0
     names = [np.array([f"chair-{i}" for i in groups]) for groups in (groups_x, groups_y)]
-    assert leave_one_out(x, y, *names).tolist() == found.tolist()
+    assert leave_one_out(x, y, *names).tolist() == actual.tolist()
 
 
 @pytest.mark.parametrize("count", [2, 3, 8, 13])
@@ -170,23 +171,21 @@ def test_what_is_left_without_each_block(count):
 )
 def test_many_objects_are_left_out_in_blocks(objects, blocks):
     names = np.array([f"o{i:04d}" for i in range(objects)], dtype="U8")
-    found, block = object_blocks(np.random.default_rng(0).permutation(np.repeat(names, 2)))
-    assert found.tolist() == names.tolist()
+    actual, block = object_blocks(np.random.default_rng(0).permutation(np.repeat(names, 2)))
+    assert actual.tolist() == names.tolist()
     assert sorted(set(block.tolist())) == list(range(blocks))
     assert (np.diff(block) >= 0).all()  # neighbours by name
     if blocks:
         assert np.ptp(np.bincount(block)) <= 1
 
 
-def test_blocks_of_objects_are_left_out(monkeypatch):
-    monkeypatch.setattr("bench.metrics.frechet.MOST_BLOCKS", 4)
-    x, groups = views_of_objects(0, 10, 4, d=6)
-    y, _ = views_of_objects(1, 10, 4, d=6, offset=0.3)
-    # k = ceil(10 / 4) = 3, so ceil(10 / 3) = 4 blocks: objects 0 1 2, 3 4 5, 6 7 and 8 9
-    block = np.array([0, 0, 0, 1, 1, 1, 2, 2, 3, 3])[groups]
+def test_blocks_of_objects_are_left_out():
+    x, groups = views_of_objects(0, MOST_BLOCKS + 1, 2, d=6)
+    y, _ = views_of_objects(1, MOST_BLOCKS + 1, 2, d=6, offset=0.3)
+    block = groups // 2  # two of 401 objects together
+    distances = leave_one_out(x, y, groups, groups)
     expected = by_leaving_out(x, y, block, block)
-    found = leave_one_out(x, y, groups, groups)
-    assert found == pytest.approx(expected, rel=0, abs=ROUNDING * traces(x, y))
+    assert distances == pytest.approx(expected, rel=0, abs=ROUNDING * traces(x, y))
 
 
 @pytest.mark.parametrize("d", [4, 40])
@@ -253,23 +252,23 @@ def test_merging_far_from_the_origin_does_not_cancel():
     """A mean of 1e6 with a spread of 1: sums of squares would leave 4 of 16 digits."""
     x, y = normal(5, 400, 6) + 1e6, 1.5 * normal(6, 400, 6) + 1e6
     expected = frechet_distance(x - 1e6, y - 1e6)
-    of = [merged_to_centred(in_parts(z, [7] * 50)) for z in (x, y)]
+    sets = [merged_to_centred(in_parts(z, [7] * 50)) for z in (x, y)]
     # the features themselves have a rounding of 1e6 * 2^-53 = 1e-10
-    assert centred_to_frechet(*of) == pytest.approx(expected, rel=1e-8)
+    assert centred_to_frechet(*sets) == pytest.approx(expected, rel=1e-8)
 
 
 def test_no_rows_and_one_row():
     x = spread(10, 40, 3)
-    nothing, one = moments(x[:0]), moments(x[:1])
+    nothing, single = moments(x[:0]), moments(x[:1])
     assert (nothing.n, nothing.mean.tolist(), nothing.root.shape) == (0, [0, 0, 0], (0, 3))
-    assert (one.n, one.mean.tolist()) == (1, x[0].tolist())
-    assert not one.root.any()
-    assert merged(nothing, one) is one
-    assert merged(one, nothing) is one
-    for too_few in ([], [nothing], [one], [nothing, one, nothing]):
+    assert (single.n, single.mean.tolist()) == (1, x[0].tolist())
+    assert not single.root.any()
+    assert merged(nothing, single) is single
+    assert merged(single, nothing) is single
+    for too_few in ([], [nothing], [single], [nothing, single, nothing]):
         with pytest.raises(TooFewSamples, match="at least 2 samples"):
             merged_to_centred(too_few)
-    two = merged_to_centred([one, nothing, moments(x[1:2])])
+    two = merged_to_centred([single, nothing, moments(x[1:2])])
     np.testing.assert_allclose(two.factor.T @ two.factor, np.cov(x[:2].T), rtol=1e-12)
 
 

@@ -22,10 +22,10 @@ def ssim_object_by_definition(truth, drawing):
 
     Silhouettes in whole numbers: three times the contrast, twice the threshold.
     """
-    true, found = (765 - image.astype(int).sum(axis=-1) for image in (truth, drawing))
+    true, actual = (765 - image.astype(int).sum(axis=-1) for image in (truth, drawing))
     shown = (truth < 255).any(axis=-1)
     median = np.median(true[shown]) if shown.any() else 225
-    drawn = 2 * found >= np.minimum(np.where(shown, true, median), 225)
+    drawn = 2 * actual >= np.minimum(np.where(shown, true, median), 225)
     _, full = structural_similarity(
         truth,
         drawing,
@@ -64,7 +64,7 @@ def pairs():
     noise = rng.integers(0, 256, (2, 1, 128, 128, 3), np.uint8)
     blank = np.full((1, 128, 128, 3), 255, np.uint8)
     cut = chair()[:, 34:, 46:].repeat(2, axis=1)[:, :128].repeat(2, axis=2)[:, :, :128]
-    made = [
+    result = [
         (chair(), chair(3)),
         (chair(), chair(30)),
         (chair(), chair(color=(185, 180, 175))),
@@ -77,7 +77,7 @@ def pairs():
         (noise[0], noise[1]),
         (chair(), np.where(rng.random((1, 128, 128, 1)) < 0.01, 0, chair(1)).astype(np.uint8)),
     ]
-    truth, drawing = zip(*made, strict=True)
+    truth, drawing = zip(*result, strict=True)
     return np.concatenate(truth), np.concatenate(drawing)
 
 
@@ -86,12 +86,12 @@ def test_ssim_object_is_by_its_definition():
     expected = [ssim_object_by_definition(t, d) for t, d in zip(truth, drawing, strict=True)]
     assert min(expected) < 0.01
     assert max(expected) > 0.7
-    found = scores(truth, drawing)["ssim_object"]
-    np.testing.assert_allclose(found, expected, rtol=0, atol=TOLERANCE)
+    actual = scores(truth, drawing)["ssim_object"]
+    np.testing.assert_allclose(actual, expected, rtol=0, atol=TOLERANCE)
 
 
 def test_white_around_the_object_does_not_count():
-    """The same object in larger frames: ssim rises, ssim-object stays; so it does where white is
+    """In larger frames ssim of the same object rises, ssim-object stays; so it does where white is
     drawn in its place."""
     for drawing in (chair(3), np.full_like(chair(), 255)):
         wide = [np.pad(x, ((0, 0), (40, 60), (50, 50), (0, 0)), constant_values=255)
@@ -104,23 +104,23 @@ def test_white_around_the_object_does_not_count():
 def test_what_is_drawn_beside_the_object_counts():
     """A second chair, where the true image is white, lowers it."""
     both = np.minimum(chair(), np.roll(chair(), 40, axis=2))
-    found = scores(np.concatenate([chair(), chair()]), np.concatenate([both, chair()]))
-    assert found["ssim_object"][0] < 0.7
-    assert found["ssim_object"][1] == 1.0
+    actual = scores(np.concatenate([chair(), chair()]), np.concatenate([both, chair()]))
+    assert actual["ssim_object"][0] < 0.7
+    assert actual["ssim_object"][1] == 1.0
 
 
 def test_scores_are_those_of_each_metric_by_itself():
     """Bit for bit, and an image's do not depend on its neighbours."""
     truth, drawing = pairs()
-    found = scores(truth, drawing)
+    actual = scores(truth, drawing)
     alone = ssim_per_image(truth, drawing)._asdict()
     alone |= {"psnr": psnr(truth, drawing)}
     alone |= {"silhouette_iou": silhouette_iou(truth, drawing)}
     alone |= {f"thin_{k}": v for k, v in thin_scores(truth, drawing)._asdict().items()}
-    assert found.keys() == {*alone, "ssim_object"}
+    assert actual.keys() == {*alone, "ssim_object"}
     for name, values in alone.items():
-        np.testing.assert_array_equal(found[name], values)
+        np.testing.assert_array_equal(actual[name], values)
     for i in range(len(truth)):
-        one = scores(truth[i : i + 1], drawing[i : i + 1])
-        for name, values in one.items():
-            np.testing.assert_array_equal(found[name][i : i + 1], values)
+        first = scores(truth[i : i + 1], drawing[i : i + 1])
+        for name, values in first.items():
+            np.testing.assert_array_equal(actual[name][i : i + 1], values)

@@ -6,7 +6,6 @@ import re
 import subprocess
 import sys
 import urllib.error
-import urllib.request
 from io import BytesIO
 from pathlib import Path
 
@@ -66,9 +65,9 @@ def reference():
         return dict(arrays)
 
 
-def off(found, expected):
+def off(actual, expected):
     """Largest difference, relative to the largest expected value."""
-    return np.abs(np.asarray(found, np.float64) - expected).max() / np.abs(expected).max()
+    return np.abs(np.asarray(actual, np.float64) - expected).max() / np.abs(expected).max()
 
 
 @needs_reference
@@ -105,13 +104,13 @@ def test_every_stage_conforms_in_float64(model, reference):
     assert features.dtype == np.float64
     seen["features_2048_f64"] = features
     seen["logits_unbiased_f64"] = features @ double.fc.weight.numpy().T
-    for name, found in seen.items():
-        assert off(found, reference[name][:1]) < FLOAT64, name
+    for name, actual in seen.items():
+        assert off(actual, reference[name][:1]) < FLOAT64, name
 
 
 @pytest.mark.parametrize("size", [2, 128, 299, 640])
 def test_resize_agrees_with_interpolation_on_a_grid(model, size):
-    """By TensorFlow 1: read at multiples of the ratio, the last pixel held beyond the edge."""
+    """Return the value by TensorFlow 1: read at multiples of the ratio, the last pixel held."""
     image = np.random.default_rng(0).integers(0, 256, (size, size), dtype=np.uint8)
     position = np.arange(299) * (size / 299)
     by_row = np.stack([np.interp(position, np.arange(size), row) for row in image])
@@ -120,10 +119,10 @@ def test_resize_agrees_with_interpolation_on_a_grid(model, size):
     handle = model.Conv2d_1a_3x3.register_forward_pre_hook(lambda _, given: seen.append(given[0]))
     inception_features(model, np.repeat(image[None, :, :, None], 3, axis=3))
     handle.remove()
-    found = 128 + 128 * seen[0][0, 0].numpy()
+    actual = 128 + 128 * seen[0][0, 0].numpy()
     # positions are float32 as in TensorFlow: off by up to 640 * 2^-24 = 4e-5 pixels, in two axes,
     # of up to 255 levels a pixel
-    np.testing.assert_allclose(found, expected, rtol=0, atol=0.03)
+    np.testing.assert_allclose(actual, expected, rtol=0, atol=0.03)
 
 
 @pytest.fixture(scope="module")
@@ -159,11 +158,11 @@ def test_is_frozen_and_looks_at_each_image_alone(model, image):
 def test_names_the_images_it_refuses(model, shape, dtype, planes):
     images = np.zeros(shape, dtype)
     given = torch.from_numpy(images).permute(planes)
-    for ask, of in (
+    for ask, stack in (
         (lambda: inception_features(model, images), images),
         (lambda: model(given), given),
     ):
-        with pytest.raises(ValueError, match=re.escape(f"{of.dtype} {list(of.shape)}")):
+        with pytest.raises(ValueError, match=re.escape(f"{stack.dtype} {list(stack.shape)}")):
             ask()
 
 
@@ -177,72 +176,73 @@ def weights(model):
 
 @pytest.fixture
 def published(weights, monkeypatch, tmp_path):
-    digest = hashlib.sha256(weights).hexdigest()
-    monkeypatch.setattr(inception_weights, "WEIGHTS_SHA256", digest)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     return tmp_path / "cache" / "pc2pix-bench" / inception_weights.WEIGHTS_NAME
 
 
-def serve(monkeypatch, answer):
-    """What the network answers: bytes, or None where there is none."""
-    requests = []
+@pytest.fixture
+def find(weights):
+    """Return `find_weights` for this file, with the network's answer: bytes, or None for none."""
+    sha256 = hashlib.sha256(weights).hexdigest()
 
-    def urlopen(url, timeout):
-        requests.append((url, timeout))
-        if answer is None:
-            raise urllib.error.URLError("no route to host")
-        return BytesIO(answer)
+    def find(chosen, answer=None, requests=None):
+        def open_url(url, timeout):
+            if requests is not None:
+                requests.append((url, timeout))
+            if answer is None:
+                raise urllib.error.URLError("no route to host")
+            return BytesIO(answer)
 
-    monkeypatch.setattr(urllib.request, "urlopen", urlopen)
-    return requests
+        return find_weights(chosen, sha256, open_url)
+
+    return find
 
 
-def test_a_given_file_is_verified_and_loaded(model, weights, published, tmp_path, image):
+def test_a_given_file_is_verified_and_loaded(model, weights, published, find, tmp_path, image):
     path = tmp_path / "weights.pth"
     path.write_bytes(weights)
-    assert find_weights(str(path)) == path
-    features = inception_features(load_inception(path), image)
+    assert find(str(path)) == path
+    loaded = load_inception(path, hashlib.sha256(weights).hexdigest())
+    features = inception_features(loaded, image)
     assert off(features, inception_features(model, image)) < FLOAT32  # another memory layout
     assert not published.exists()
     path.write_bytes(weights[:-1])
     with pytest.raises(BadInput, match="sha256"):
-        find_weights(str(path))
+        find(str(path))
 
 
-def test_refuses_another_file_before_unpickling_it(monkeypatch, tmp_path):
+def test_refuses_another_file_before_unpickling_it(tmp_path):
     path = tmp_path / "other.pth"
-    path.write_bytes(b"anything")
-    monkeypatch.setattr(torch, "load", lambda *_, **__: pytest.fail("was loaded"))
+    path.write_bytes(b"anything")  # which torch.load would refuse with another message
     with pytest.raises(BadInput) as caught:
         load_inception(path)
     message = str(caught.value)
     published = "6726825d0af5f729cebd5821db510b11b1cfad8faad88a03f1befd49fb9129b2"
-    found = hashlib.sha256(b"anything").hexdigest()
-    assert all(p in message for p in (str(path), found, published, inception_weights.WEIGHTS_URL))
+    digest = hashlib.sha256(b"anything").hexdigest()
+    assert all(p in message for p in (str(path), digest, published, inception_weights.WEIGHTS_URL))
     assert "\n" not in message
     with pytest.raises(BadInput, match="missing"):
         load_inception(tmp_path / "missing.pth")
 
 
-def test_fetches_once_then_reads_the_cache(weights, published, monkeypatch):
-    requests = serve(monkeypatch, weights)
-    assert find_weights("download") == published
+def test_fetches_once_then_reads_the_cache(weights, published, find):
+    requests = []
+    assert find("download", weights, requests) == published
     assert requests == [(inception_weights.WEIGHTS_URL, inception_weights.DOWNLOAD_TIMEOUT_S)]
     assert [path.name for path in published.parent.iterdir()] == [published.name]
-    serve(monkeypatch, None)
-    assert find_weights("download") == published
-    assert find_weights(None) == published
+    assert find("download") == published
+    assert find(None) == published
     published.write_bytes(weights[:-1])  # a damaged one is fetched anew, where that is asked for
     with pytest.raises(WeightsUnavailable, match="not in the cache"):
-        find_weights(None)
-    serve(monkeypatch, weights)
-    assert find_weights("download").read_bytes() == weights
+        find(None)
+    assert find("download", weights).read_bytes() == weights
 
 
-def test_says_how_to_get_the_weights_and_asks_the_network_on_request_only(published, monkeypatch):
-    requests = serve(monkeypatch, None)
+@pytest.mark.usefixtures("published")
+def test_says_how_to_get_the_weights_and_asks_the_network_on_request_only(find):
+    requests = []
     with pytest.raises(WeightsUnavailable, match="--inception-weights download"):
-        find_weights(None)
+        find(None, None, requests)
     assert requests == []
 
 
@@ -254,13 +254,12 @@ def test_says_how_to_get_the_weights_and_asks_the_network_on_request_only(publis
         ("weights", "cannot keep"),
     ],
 )
-def test_keeps_nothing_of_a_download_that_fails(weights, published, monkeypatch, answer, message):
+def test_keeps_nothing_of_a_download_that_fails(weights, published, find, answer, message):
     if answer == "weights":
         published.parent.parent.write_bytes(b"")  # a file where the folder should be
         answer = weights
-    serve(monkeypatch, answer)
     with pytest.raises(WeightsUnavailable, match=message) as caught:
-        find_weights("download")
+        find("download", answer)
     assert answer is not None or inception_weights.WEIGHTS_URL in str(caught.value)
     assert not published.exists()
 

@@ -5,6 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
+from bench.metrics.frechet import MOST_BLOCKS
 from bench.metrics.kernel_distance import kernel_distance, left_out_kernel_distances
 
 
@@ -14,7 +15,7 @@ def features(seed, n, d):
 
 @pytest.mark.parametrize(("n", "m", "d"), [(2, 2, 1), (4, 6, 5), (30, 30, 2048)])
 def test_the_mean_over_pairs_spelled_out(n, m, d):
-    """Of sets of one size it is what torch-fidelity 0.4 computes (`metric_kid.py`: mmd2 with
+    """Sets of one size have what torch-fidelity 0.4 computes (`metric_kid.py`: mmd2 with
     unbiased) for one subset of all samples; degree 3, gamma 1/d, coef0 1."""
     x, y = features(3, n, d).astype(float), 1.2 * features(4, m, d).astype(float) + 0.1
 
@@ -34,16 +35,16 @@ def test_leaving_out_an_object_is_leaving_out_its_rows():
     x, y = features(7, 12, 6), features(8, 12, 6)
     objects_x = np.array(list("aaabbbcccddd"))
     objects_y = np.array(list("dabcabcabcde"))
-    found = left_out_kernel_distances(x, y, objects_x, objects_y)
+    actual = left_out_kernel_distances(x, y, objects_x, objects_y)
     expected = [kernel_distance(x[objects_x != name], y[objects_y != name]) for name in "abcde"]
     # sums of 12^2 kernels of size 10, less some of them
-    np.testing.assert_allclose(found, expected, rtol=1e-9)
+    np.testing.assert_allclose(actual, expected, rtol=1e-9)
 
 
 def test_an_object_that_leaves_too_little():
     x, y = features(9, 3, 2), features(10, 3, 2)
-    found = left_out_kernel_distances(x, y, np.array(["a", "a", "b"]), np.array(["a", "b", "b"]))
-    assert np.isnan(found).all()  # one row of x is left without a, one of y without b
+    actual = left_out_kernel_distances(x, y, np.array(["a", "a", "b"]), np.array(["a", "b", "b"]))
+    assert np.isnan(actual).all()  # one row of x is left without a, one of y without b
 
 
 @pytest.mark.parametrize(
@@ -61,20 +62,21 @@ def test_what_it_refuses(x, said):
         kernel_distance(x, np.zeros((2, 3)))
 
 
-@pytest.mark.parametrize("rows", [1, 5, 12])
-def test_how_many_rows_are_taken_at_a_time_moves_rounding_only(rows, monkeypatch):
-    x, y = features(11, 12, 6), features(12, 9, 6)
-    objects_x, objects_y = np.array(list("aaabbbcccddd")), np.array(list("abcabcabc"))
-    expected = left_out_kernel_distances(x, y, objects_x, objects_y)
-    monkeypatch.setattr("bench.metrics.kernel_distance._ROWS", rows)
-    found = left_out_kernel_distances(x, y, objects_x, objects_y)
-    np.testing.assert_allclose(found, expected, rtol=1e-12)
+def test_many_rows_are_taken_some_at_a_time():
+    x, y = features(11, 1100, 3).astype(float), 1.2 * features(12, 1030, 3).astype(float)
+    within_x, within_y, across = ((a @ b.T / 3 + 1) ** 3 for a, b in ((x, x), (y, y), (x, y)))
+    expected = -2 * across.mean()
+    for kernels in (within_x, within_y):
+        n = len(kernels)
+        expected += (kernels.sum() - np.trace(kernels)) / (n * (n - 1))
+    assert kernel_distance(x, y) == pytest.approx(expected, rel=1e-9, abs=1e-12)
 
 
-def test_many_objects_are_left_out_in_blocks(monkeypatch):
-    monkeypatch.setattr("bench.metrics.frechet.MOST_BLOCKS", 2)
-    x, y = features(13, 12, 6), features(14, 12, 6)
-    objects = np.repeat(np.arange(4), 3)
-    found = left_out_kernel_distances(x, y, objects, objects)
-    expected = [kernel_distance(x[half], y[half]) for half in (objects >= 2, objects < 2)]
-    np.testing.assert_allclose(found, expected, rtol=1e-12)
+def test_many_objects_are_left_out_in_blocks():
+    x, y = features(13, MOST_BLOCKS + 1, 6), features(14, MOST_BLOCKS + 1, 6)
+    objects = np.arange(MOST_BLOCKS + 1)
+    distances = left_out_kernel_distances(x, y, objects, objects)
+    assert len(distances) == 201  # two of 401 objects together
+    for block in (0, 100, 200):
+        kept = objects // 2 != block
+        assert distances[block] == pytest.approx(kernel_distance(x[kept], y[kept]), rel=1e-9)

@@ -7,6 +7,7 @@ import io
 import json
 import os
 import pickle
+from importlib.metadata import PackageNotFoundError
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,7 +17,6 @@ from skimage.io import imread
 from torch import nn
 
 import bench.metrics
-from bench.metrics import lpips_weights
 from bench.metrics.inception_weights import WeightsUnavailable
 from bench.metrics.lpips_network import BATCH, Lpips, lpips
 from bench.metrics.lpips_weights import (
@@ -80,9 +80,9 @@ def test_conformance(reference, net, single, tolerance):
     for case in reference["cases"]:
         a, b = PAIRS[case["case"]]
         assert [hashlib.sha256(x.tobytes()).hexdigest() for x in (a, b)] == case["sha256"]
-        found = lpips(a[None], b[None], net, single=single)
-        assert found.dtype == np.float64
-        assert found[0] == pytest.approx(case[f"lpips_{NETS[net]}"], rel=0, abs=tolerance)
+        actual = lpips(a[None], b[None], net, single=single)
+        assert actual.dtype == np.float64
+        assert actual[0] == pytest.approx(case[f"lpips_{NETS[net]}"], rel=0, abs=tolerance)
         (features,) = network.encode(a[None]).features.numpy()
         stated = case[f"features_{NETS[net]}"]
         assert len(features) == stated["dim"]
@@ -95,10 +95,10 @@ def test_the_published_pair(reference, net):
         imread(REFERENCE / "lpips" / f"ex_{name}.png")[None, ..., :3]
         for name in ("ref", "p1", "p0")
     )
-    found = [float(lpips(ref, other, net, single=True)[0]) for other in (far, near)]
+    actual = [float(lpips(ref, other, net, single=True)[0]) for other in (far, near)]
     if net == "alex":
-        assert [round(value, 3) for value in found] == reference["published"]["alexnet"]
-    assert [round(value, 4) for value in found] == reference["published_reproduced_float32"][
+        assert [round(value, 3) for value in actual] == reference["published"]["alexnet"]
+    assert [round(value, 4) for value in actual] == reference["published_reproduced_float32"][
         NETS[net]
     ]
 
@@ -124,42 +124,42 @@ def test_the_trunk_of_alexnet_as_modules():
     x = ((x - mean) / deviation).permute(0, 3, 1, 2)
     with torch.inference_mode():
         expected = trunk.double()(x).mean(dim=(2, 3))
-    found = Lpips(find_lpips_weights(), dtype=torch.float64).encode(images).features
-    torch.testing.assert_close(found, expected, rtol=1e-6, atol=1e-6)
+    actual = Lpips(find_lpips_weights(), dtype=torch.float64).encode(images).features
+    torch.testing.assert_close(actual, expected, rtol=1e-6, atol=1e-6)
 
 
 def test_identical_symmetric_and_by_itself(net):
     a, b = noise(4, 3, 64, 48, 3), noise(5, 3, 64, 48, 3)
     b[2] = a[2]
-    there, back = lpips(a, b, net), lpips(b, a, net)
-    assert (there[:2] > 0.01).all()
-    assert there[2] == 0
-    np.testing.assert_array_equal(there, back)
+    forth, back = lpips(a, b, net), lpips(b, a, net)
+    assert (forth[:2] > 0.01).all()
+    assert forth[2] == 0
+    np.testing.assert_array_equal(forth, back)
     assert (lpips(a, a, net, single=True) == 0).all()
     for i in range(3):  # sums of up to 4,608 products of float64, in another order
-        np.testing.assert_allclose(lpips(a[i : i + 1], b[i : i + 1], net), there[i], rtol=1e-12)
+        np.testing.assert_allclose(lpips(a[i : i + 1], b[i : i + 1], net), forth[i], rtol=1e-12)
     mirrored = a[:, :, ::-1]  # negative strides, which torch refuses
     np.testing.assert_array_equal(lpips(mirrored, b, net), lpips(mirrored.copy(), b, net))
 
 
 def test_more_images_than_a_batch_and_none():
     a, b = noise(6, BATCH + 2, 40, 40, 3), noise(7, BATCH + 2, 40, 40, 3)
-    found = bench.metrics.lpips(a, b)
-    assert found.shape == (BATCH + 2,)
-    np.testing.assert_allclose(found[BATCH:], lpips(a[BATCH:], b[BATCH:]), rtol=1e-12)
+    actual = bench.metrics.lpips(a, b)
+    assert actual.shape == (BATCH + 2,)
+    np.testing.assert_allclose(actual[BATCH:], lpips(a[BATCH:], b[BATCH:]), rtol=1e-12)
     assert lpips(a[:0], b[:0]).shape == (0,)
 
 
 def test_what_was_seen_last_is_not_looked_at_again():
     network = Lpips(find_lpips_weights())
-    truth, one, other = (noise(seed, 2, 40, 40, 3) for seed in range(3))
+    truth, second_image, other = (noise(seed, 2, 40, 40, 3) for seed in range(3))
     seen = network.encode(truth)
-    first = network.encode(one)
+    first = network.encode(second_image)
     assert network.encode(truth) is seen
-    second = network.encode(other)  # takes the place of `one`
+    second = network.encode(other)  # takes the place of `second_image`
     assert network.encode(truth) is seen
     assert network.encode(other) is second
-    assert network.encode(one) is not first
+    assert network.encode(second_image) is not first
     changed = truth.copy()
     network.encode(changed)
     changed[0, 0, 0] ^= 255
@@ -198,15 +198,14 @@ def test_the_smallest_images():
         ("0.1.0", "alexnet.ckpt: not there; run 'pip install"),
     ],
 )
-def test_a_package_that_is_not_there_or_another(package, message, monkeypatch, tmp_path):
+def test_a_package_that_is_not_there_or_another(package, message, tmp_path):
     def distribution(name):
         if package is None:
-            raise lpips_weights.PackageNotFoundError(name)
+            raise PackageNotFoundError(name)
         return SimpleNamespace(version=package, locate_file=tmp_path.joinpath)
 
-    monkeypatch.setattr(lpips_weights, "distribution", distribution)
     with pytest.raises(WeightsUnavailable) as error:
-        find_lpips_weights()
+        find_lpips_weights(find_distribution=distribution)
     assert message in str(error.value)
 
 

@@ -47,15 +47,15 @@ def test_identical_images_have_the_value_of_one_level_in_one_channel():
 
 
 @pytest.mark.parametrize(
-    ("a", "b", "found"),
+    ("a", "b", "actual"),
     [
         (np.zeros((1, 8, 8, 3)), np.zeros((1, 8, 8, 3)), "float64"),
         (np.zeros((1, 8, 8, 3), np.uint8), np.zeros((2, 8, 8, 3), np.uint8), r"\[2, 8, 8, 3\]"),
         (np.zeros((8, 8, 3), np.uint8), np.zeros((8, 8, 3), np.uint8), r"\[8, 8, 3\]"),
     ],
 )
-def test_other_arrays_are_refused(a, b, found):
-    with pytest.raises(ValueError, match=rf"images must be uint8 .* same shape, got .*{found}"):
+def test_other_arrays_are_refused(a, b, actual):
+    with pytest.raises(ValueError, match=rf"images must be uint8 .* same shape, got .*{actual}"):
         psnr(a, b)
 
 

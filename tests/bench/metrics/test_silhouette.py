@@ -29,8 +29,8 @@ def by_definition(truth, drawing):
     asked = sorted(c for c in three_contrasts[0] if c > 0)
     n = len(asked)
     median = (asked[(n - 1) // 2] + asked[n // 2]) / 2 if n else 225
-    for true, found in zip(*three_contrasts, strict=True):
-        covers = 2 * found >= min(true if true > 0 else median, 225)
+    for true, actual in zip(*three_contrasts, strict=True):
+        covers = 2 * actual >= min(true if true > 0 else median, 225)
         both += true > 0 and covers
         either += true > 0 or covers
     return both / either if either else 1.0
@@ -47,17 +47,17 @@ def test_agrees_with_its_definition(level):
     expected = [by_definition(t, d) for t, d in zip(truth, drawing, strict=True)]
     assert 0 < min(expected) < max(expected) < 1
     truth.flags.writeable = drawing.flags.writeable = False
-    found = silhouette_iou(truth, drawing)
-    np.testing.assert_allclose(found, expected, rtol=1e-15)
-    assert scores(truth, drawing)["silhouette_iou"].tolist() == found.tolist()
+    actual = silhouette_iou(truth, drawing)
+    np.testing.assert_allclose(actual, expected, rtol=1e-15)
+    assert scores(truth, drawing)["silhouette_iou"].tolist() == actual.tolist()
 
 
 def test_an_empty_part_asks_for_half_of_the_neutral_grey():
     nowhere = np.zeros((2, 128, 128), bool)
     levels = np.concatenate([blank(1) - 37, blank(1) - 38])
-    found = Pairs(blank(2), levels).drawn(nowhere)
-    assert found.all(axis=(1, 2)).tolist() == [False, True]
-    assert not found[0].any()
+    actual = Pairs(blank(2), levels).drawn(nowhere)
+    assert actual.all(axis=(1, 2)).tolist() == [False, True]
+    assert not actual[0].any()
 
 
 def test_boxes():
@@ -68,7 +68,7 @@ def test_boxes():
 
 
 def test_every_function_refuses_what_is_no_image():
-    """In 0..1 all would be dark, and NaN would pass for white."""
+    """An image in 0..1 would be all dark, and NaN would pass for white."""
     for values in (blank(1) / 255, np.full((1, 128, 128, 3), np.nan), blank(1).astype(np.int64)):
         for function in (foreground, contrast, object_boxes, evaluated):
             with pytest.raises(ValueError, match=rf"must be uint8.*got {values.dtype}"):

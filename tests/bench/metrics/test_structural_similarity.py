@@ -26,9 +26,9 @@ from .reference import reference_cases
 TOLERANCE = Ssim(ssim=1e-10, luminance=1e-10, contrast=1e-9, structure=1e-9)
 
 
-def assert_close(found: Ssim, expected: Ssim) -> None:
+def assert_close(actual: Ssim, expected: Ssim) -> None:
     for name in Ssim._fields:
-        error = abs(getattr(found, name) - getattr(expected, name))
+        error = abs(getattr(actual, name) - getattr(expected, name))
         assert error <= getattr(TOLERANCE, name), f"{name} is off by {error:.2e}"
 
 
@@ -219,15 +219,15 @@ def test_a_mask_is_the_part_of_the_map_whose_windows_it_meets():
             ~pixels((30, 60, 40, 90)),
         ]
     )
-    whole, found = ssim_per_image_and_mask(a, b, masks)
+    whole, actual = ssim_per_image_and_mask(a, b, masks)
     np.testing.assert_array_equal(np.array(whole), np.array(ssim_per_image(a, b)))
     for i, mask in enumerate(masks):
         # the window in row r of the map is centred on pixel r + 5 and reaches 5 px to each side
         meets = binary_dilation(mask, np.ones((11, 11)))[5:-5, 5:-5]
         assert 0 < meets.sum() < 118**2 or i == 0
-        assert found[i] == pytest.approx(map_of(a[i], b[i])[meets].mean(), abs=TOLERANCE.ssim)
+        assert actual[i] == pytest.approx(map_of(a[i], b[i])[meets].mean(), abs=TOLERANCE.ssim)
     # the map has no window that the whole frame does not meet
-    assert found[0] == pytest.approx(whole.ssim[0], abs=1e-15)
+    assert actual[0] == pytest.approx(whole.ssim[0], abs=1e-15)
 
 
 @pytest.mark.parametrize(("height", "width"), [(1, 9), (4, 30), (10, 10), (11, 30), (35, 36)])
@@ -241,9 +241,9 @@ def test_windows_of_small_images_meet_a_mask_too(height, width):
     b[mask] = 255 - b[mask]
     meets = sliding_window_view(mask, (size, size)).any(axis=(-2, -1))
     expected = 1 + (two_pass(a, b).ssim - 1) * meets.size / meets.sum()
-    _, found = ssim_per_image_and_mask(a[None], b[None], mask[None])
+    _, actual = ssim_per_image_and_mask(a[None], b[None], mask[None])
     # the factor widens the error of the mean
-    assert found == pytest.approx(expected, abs=TOLERANCE.ssim * meets.size / meets.sum())
+    assert actual == pytest.approx(expected, abs=TOLERANCE.ssim * meets.size / meets.sum())
 
 
 def test_an_empty_mask_has_no_value_and_identical_images_are_1():

@@ -1,4 +1,4 @@
-"""What is thin, by scipy and by hand; scores of a leg are cases of the suite `stability`."""
+"""Thin parts by scipy and by hand; scores of a leg are cases of the suite `stability`."""
 
 from __future__ import annotations
 
@@ -39,15 +39,15 @@ def score(truth, drawn):
 def test_bars_along_the_axes(width, is_thin, upright):
     bar = box(40, 40 + width, 20, 90)
     bar = bar.T if upright else bar
-    found = thin(bar[None])[0]
-    assert np.array_equal(found, bar) if is_thin else not found.any()
+    actual = thin(bar[None])[0]
+    assert np.array_equal(actual, bar) if is_thin else not actual.any()
 
 
 def test_agrees_with_scipy():
     """The opening and the groups, on random blobs that touch the frame."""
     rng = np.random.default_rng(0)
     masks = ndimage.gaussian_filter(rng.standard_normal((6, 64, 64)), (0, 2, 2)) > 0.02
-    for mask, found in zip(masks, thin(masks), strict=True):
+    for mask, actual in zip(masks, thin(masks), strict=True):
         padded = np.pad(mask, 5)
         lost = (padded & ~ndimage.binary_opening(padded, DISC))[5:-5, 5:-5]
         groups, count = ndimage.label(lost, np.ones((3, 3)))
@@ -56,20 +56,20 @@ def test_agrees_with_scipy():
             if (groups == group).sum() >= 8:
                 expected |= groups == group
         assert 0 < expected.sum() < mask.sum()
-        assert np.array_equal(found, expected)
+        assert np.array_equal(actual, expected)
 
 
 def test_a_leg_and_its_joint_are_evaluated():
     seat, leg = box(30, 50, 30, 90), box(50, 90, 40, 43)
-    found = evaluated(painted(seat, leg)[None])[0]
-    assert found[leg].all()
+    actual = evaluated(painted(seat, leg)[None])[0]
+    assert actual[leg].all()
     # The disc reaches one row into the leg, which is thin from there on; E goes back by two.
     assert not thin((seat | leg)[None])[0][:51].any()
-    assert found[49, 40:43].all()
-    assert not found[48, 30:90].any()
-    assert not (found & ~(seat | leg)).any()
+    assert actual[49, 40:43].all()
+    assert not actual[48, 30:90].any()
+    assert not (actual & ~(seat | leg)).any()
     distance = ndimage.distance_transform_edt(~thin((seat | leg)[None])[0])
-    assert np.array_equal(found, (distance <= 2) & (seat | leg))
+    assert np.array_equal(actual, (distance <= 2) & (seat | leg))
 
 
 LEG = box(40, 80, 60, 63)  # 40 x 3 px, all of it thin, hence evaluated
@@ -96,8 +96,8 @@ def test_haze_draws_nothing(color, level):
     for grey, recall in ((level, 1.0), (level + 1, 0.0)):
         assert score(truth, painted(LEG, color=(grey,) * 3))[0] == recall
         # All of the frame in that level: recalled as before, no more precise than any painting.
-        found, precision = score(truth, painted(everywhere, color=(grey,) * 3))
-        assert found == recall
+        actual, precision = score(truth, painted(everywhere, color=(grey,) * 3))
+        assert actual == recall
         assert precision == pytest.approx(120 / 496) if recall else np.isnan(precision)
 
 

@@ -20,7 +20,7 @@ from . import two_processes
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """What two processes left behind."""
+    """Return the folder that two processes have written."""
     pytest.importorskip(
         "lightning_fabric", reason="needs the extra 'distributed' (Lightning Fabric)"
     )
@@ -55,9 +55,9 @@ def test_the_mean_gradient_is_that_of_the_joined_batch(folder):
 @pytest.mark.parametrize("training", ["whole", "autoencoder", "decoder"])
 def test_all_processes_end_with_the_same_weights(folder, training):
     first, second = (load_file(folder / f"{training}-{rank}.safetensors") for rank in (0, 1))
-    own = ("running_", "random")  # BatchNorm's moving statistics, and the random streams
+    separate = ("running_", "random")  # BatchNorm's moving statistics, and the random streams
     for key, value in first.items():
-        if not any(part in key for part in own):
+        if not any(part in key for part in separate):
             assert torch.equal(value, second[key]), key
     assert not torch.equal(first["random"], second["random"])
 
@@ -134,14 +134,14 @@ def test_torchrun_with_one_process_and_other_launchers_need_nothing(torchrun):
     assert processes.is_first()
 
 
-def test_auto_is_the_gpu_where_there_is_one(monkeypatch):
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    assert prepare_device("auto") == torch.device("cpu")
+def test_auto_is_the_gpu_where_there_is_one():
+    assert prepare_device("auto", lambda: False) == torch.device("cpu")
     with pytest.raises(BadInput, match=r"--device cuda: .* no usable GPU; use --device cpu"):
-        prepare_device("cuda")
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
-    assert prepare_device("auto") == torch.device("cuda")
-    for name, value in TORCHRUN.items():
-        monkeypatch.setenv(name, str(value))
-    assert prepare_device("auto") == torch.device("cuda", 1)
-    assert prepare_device("cpu") == torch.device("cpu")
+        prepare_device("cuda", lambda: False)
+    assert prepare_device("auto", lambda: True) == torch.device("cuda")
+
+
+@pytest.mark.usefixtures("torchrun")
+def test_each_process_has_a_gpu():
+    assert prepare_device("auto", lambda: True) == torch.device("cuda", 1)
+    assert prepare_device("cpu", lambda: True) == torch.device("cpu")

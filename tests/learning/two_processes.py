@@ -1,4 +1,4 @@
-"""What test_processes.py has torchrun start twice: python -m tests.pc2pix.two_processes FOLDER."""
+"""The program of test_processes.py for torchrun: python -m tests.learning.two_processes FOLDER."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tests.learning.trainings import TRAININGS
 
 
 def two_layers():
-    """With kernels in both memory layouts."""
+    """Return a network with kernels in both memory layouts."""
     return torch.nn.Sequential(
         torch.nn.Conv2d(2, 3, 3).to(memory_format=torch.channels_last),
         torch.nn.Flatten(),
@@ -38,7 +38,7 @@ def gradients(team, folder):
 
 
 def start_decoder(folder):
-    """By the command's own function, and the files that this process replaced by new ones."""
+    """Train a decoder by the command's function; return the files that this process replaced."""
     replaced = []
     replace = os.replace
     os.replace = lambda old, new: (replaced.append(Path(new).name), replace(old, new))
