@@ -39,7 +39,7 @@ from bench.metrics.frechet import (
     merged_to_centred,
     moments,
 )
-from bench.running.protocol import Options
+from bench.running.options import Options
 from bench.suites.speed.measure import peak_mib
 from bench.tables.table import csv_text
 from studies.arguments import names, numbers

@@ -37,7 +37,9 @@ from bench.catalogue.suites import SUITES
 from bench.metrics.structural_similarity import ssim_per_image
 from bench.records.job import Job
 from bench.running.isolation import WORKER_ENVIRONMENT
-from bench.running.protocol import Options, plan, protocol_of
+from bench.running.options import Options
+from bench.running.plan import plan
+from bench.running.protocol import protocol_of
 from bench.running.work import cloud_of
 from data_prep.rendering.mesh import RAYS_FROM_FACES
 from data_prep.rendering.opengl import gl_renderer, render
@@ -105,7 +107,7 @@ def jobs_of(chairs: int, views: int) -> tuple[Job, ...]:
     """Return a run's jobs with the method, object by object."""
     options = Options(SUITE, methods=(METHOD,), limit=chairs, views=views)
     protocol, _ = protocol_of(find(SUITE, SUITES, "suite"), options)
-    return tuple(job for job in plan(protocol, Path()).items if job.method == METHOD)
+    return tuple(job for job in plan(protocol, Path()).method_jobs if job.method == METHOD)
 
 
 def first(jobs: tuple[Job, ...], chairs: int) -> Iterator[Job]:

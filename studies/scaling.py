@@ -24,9 +24,11 @@ from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
 from bench.records.journal import open_journal
 from bench.running.executors import JobPool, run_jobs
-from bench.running.protocol import Options, plan, protocol_of
+from bench.running.factory import executor_factory
+from bench.running.options import Options
+from bench.running.plan import plan
+from bench.running.protocol import protocol_of
 from bench.running.ray import LOCAL
-from bench.running.run import executor_factory
 from studies.arguments import names, numbers
 from studies.tables import markdown
 
@@ -63,10 +65,10 @@ def measure(of: Workers, options: Options) -> Measured:
     with tempfile.TemporaryDirectory() as folder, open_journal(Path(folder, "run")) as journal:
         planned = plan(protocol, journal.directory)
         truths = partial(JobPool, workers=workers, limits=suite.limits)
-        run_jobs(planned.references, journal, "ground truth", truths)
+        run_jobs(planned.ground_truths, journal, "ground truth", truths)
         with executor_factory(options, protocol) as executor:
             start = time.perf_counter()
-            done = run_jobs(planned.items, journal, f"{workers} workers", executor.start)
+            done = run_jobs(planned.method_jobs, journal, f"{workers} workers", executor.start)
             wall_s = time.perf_counter() - start
     jobs_s = sum(sum(astuple(job.timing)) for job in done.values())
     return Measured(workers, len(done), wall_s, jobs_s)

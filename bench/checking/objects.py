@@ -32,7 +32,7 @@ from bench.catalogue.methods import find_method
 from bench.catalogue.metrics import column
 from bench.checking.thumbnails import NO_IMAGE, read_png, thumbnail, to_png
 from bench.checking.tolerances import object_tolerance
-from bench.records.artifacts import Item
+from bench.records.artifacts import JobName, read_array
 from bench.records.parquet import artifacts_of, read_jobs
 from bench.tables.published import golden_path
 from bench.tables.scored import ScoredRun, in_order
@@ -80,20 +80,19 @@ class StoredImages:
     """The images of a run's items, read when they are asked for."""
 
     def __init__(self, directory: Path) -> None:
-        there = artifacts_of(directory, read_jobs(directory))
-        self._artifacts = {artifact.item: artifact for artifact in there}
+        self._artifacts = artifacts_of(directory, read_jobs(directory))
 
-    def __contains__(self, item: Item) -> bool:
+    def __contains__(self, item: JobName) -> bool:
         """Whether an item has images, also where their file is gone; failed ones have none."""
         return item in self._artifacts
 
-    def images(self, item: Item) -> NDArray[np.uint8] | None:
+    def images(self, item: JobName) -> NDArray[np.uint8] | None:
         """All views [V, H, W, 3]; None where there are none, or their file cannot be read."""
-        artifact = self._artifacts.get(item)
-        if artifact is None or not zipfile.is_zipfile(artifact.path):
+        path = self._artifacts.get(item)
+        if path is None or not zipfile.is_zipfile(path):
             return None
         try:
-            return artifact.images()
+            return read_array(path)
         except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error):
             return None
 
@@ -194,7 +193,7 @@ def write_objects(run: ScoredRun, protocol: Mapping[str, Any]) -> list[Path]:
     values = object_values(run).reset_index()
     lines, thumbnails = [], []
     for row in values.to_dict("records"):
-        item = Item(*(row[name] for name in KEY))
+        item = JobName(*(row[name] for name in KEY))
         if not sees_cloud[item.method]:
             if item.condition != first:
                 continue
@@ -228,7 +227,7 @@ class Deviation:
     line  of the golden file
     """
 
-    item: Item
+    item: JobName
     metric: str
     found: float
     golden: float
@@ -281,7 +280,7 @@ def compare_objects(run: ScoredRun, golden: GoldenObjects) -> Comparison:
                 of_cell.index, of_run[metric], of_cell[metric], of_cell["line"], strict=True
             )
             beyond = [
-                Deviation(Item(*key), metric, now, was, allowed, line)
+                Deviation(JobName(*key), metric, now, was, allowed, line)
                 for key, now, was, line in values
                 if not (abs(now - was) <= allowed or (math.isnan(now) and math.isnan(was)))
             ]

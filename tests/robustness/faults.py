@@ -34,7 +34,9 @@ from bench.commands.publish import run_suite
 from bench.records.job import Job
 from bench.records.parquet import read_records
 from bench.running.isolation import TASKS_PER_WORKER
-from bench.running.protocol import Options, Protocol, plan
+from bench.running.options import Options
+from bench.running.plan import plan
+from bench.running.protocol import Protocol, find_methods
 from bench.running.work import cloud_of
 from data_prep.datasets.registry import open_dataset
 from data_prep.randomness import generator
@@ -127,7 +129,7 @@ def planned(suite: Suite, objects: int) -> list[Job]:
     protocol = Protocol(
         suite=suite,
         dataset=dataset.id,
-        methods=suite.methods,
+        methods=find_methods(suite.methods),
         conditions=suite.conditions,
         objects=dataset.objects("chair", objects, objects),
         views=VIEWS,
@@ -137,7 +139,7 @@ def planned(suite: Suite, objects: int) -> list[Job]:
         feature_identity={},
         environment={},
     )
-    return list(plan(protocol, Path()).items)
+    return list(plan(protocol, Path()).method_jobs)
 
 
 def choose(jobs: list[Job]) -> dict[str, str]:

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from bench.running.protocol import Options
+from bench.running.options import Options
 from studies.scaling import Measured, measure, report
 
 pytestmark = pytest.mark.timing

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.metrics.silhouette import foreground
+from bench.records.artifacts import read_array
 from bench.records.job import Job, Result
 from bench.suites.stability.cases import CASES, Case
 
@@ -59,11 +60,11 @@ def observe(jobs: Sequence[Job], result: Callable[[str], Result]) -> list[Observ
         record = first[job.key]
         shown = mean = most = None
         if (job.method, job.condition) in drawn:
-            images = job.made.images()
+            images = read_array(job.artifact)
             shown = float(foreground(images).mean())
             other = drawn.get((job.method, likes[job.condition] or ""))
             if other is not None:
-                mean, most = _change(images, other.made.images())
+                mean, most = _change(images, read_array(other.artifact))
         observed.append(
             Observation(
                 case=job.condition,

@@ -21,9 +21,12 @@ from bench.commands.run import describe_run
 from bench.records.job import failed
 from bench.records.journal import open_journal, read_manifest, write_manifest
 from bench.records.record import GROUND_TRUTH
+from bench.running.manifest import describe
+from bench.running.options import Options
 from bench.running.pilot import Pilot, Sample
-from bench.running.protocol import Options, describe, plan, protocol_of
-from bench.running.run import RunStatus, run_status
+from bench.running.plan import plan
+from bench.running.protocol import protocol_of
+from bench.running.status import RunStatus, run_status
 from bench.tables.markdown import document
 
 from ..builders import SUITE, make_protocol

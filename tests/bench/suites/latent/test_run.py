@@ -17,7 +17,7 @@ from bench.catalogue.suites import LATENT
 from bench.judges import VIEWS_WEIGHTS
 from bench.judges.views import load_views_network
 from bench.metrics.structural_similarity import ssim
-from bench.running.protocol import Options
+from bench.running.options import Options
 from bench.suites.latent.arithmetic import ANSWER, NOTHING, SUM, TRAIN, add_up
 from bench.suites.latent.chairs import choose_pairs, choose_triples, specified_chairs
 from bench.suites.latent.network import cloud_of, load_network

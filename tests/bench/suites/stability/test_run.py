@@ -10,7 +10,7 @@ from matplotlib import image
 import bench.suites.stability.run
 from bench.checking.golden import check
 from bench.records.journal import read_manifest
-from bench.running.protocol import Options
+from bench.running.options import Options
 from bench.suites.stability.cases import CASES
 from bench.suites.stability.expectations import KINDS, Outcome
 from bench.suites.stability.figures import ACROSS, COLOURS, MISSING, matrix_figure, sheet
