@@ -207,9 +207,17 @@ def test_a_rerun_starts_over(measured, untrained, tmp_path):
     directory = shutil.copytree(measured.directory, tmp_path / "run")
     (directory / "figures" / "interpolation-2.png").touch()
     (directory / "tables" / FILES[0]).write_text("old")
-    run(stated(untrained, directory, limit=1), SMALL)
+    run(stated(untrained, directory), SMALL)
     assert (directory / "tables" / FILES[0]).read_text() != "old"
     assert len(list((directory / "figures").iterdir())) == 2
+
+
+def test_a_smaller_limit_keeps_the_run_of_the_folder(measured, untrained, tmp_path):
+    directory = shutil.copytree(measured.directory, tmp_path / "run")
+    before = {path: path.read_bytes() for path in directory.rglob("*") if path.is_file()}
+    with pytest.raises(BadInput, match=r"run: holds a run with 2 more pairs, .* give a new --out"):
+        run(stated(untrained, directory, limit=1), SMALL)
+    assert {path: path.read_bytes() for path in directory.rglob("*") if path.is_file()} == before
 
 
 @pytest.mark.slow
