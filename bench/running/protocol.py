@@ -24,7 +24,7 @@ from data_prep.progress import log
 
 @dataclass(frozen=True)
 class Protocol:
-    """What a run measures. Two runs with equal protocols give equal tables on one machine.
+    """The measurements of a run. Equal protocols give equal tables on one machine.
 
     Attributes
     ----------

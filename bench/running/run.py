@@ -116,8 +116,7 @@ class RunResult(Generic[Outputs]):
     interrupted : bool
         Whether Ctrl-C ended the run.
     done, reused : int
-        Jobs of this start, and of earlier ones. Jobs without a ground truth count as soon as it has
-        failed.
+        Jobs of this start, and of earlier ones; with a failed ground truth all of its object.
     failed : int
         Jobs without images.
     hopeless : tuple of str
@@ -301,7 +300,7 @@ def _carry_out(
             }
             write_manifest(directory, part.manifest | ending)
     drawn = {key for key, result in schedule.results.items() if result.has_images}
-    undrawn = schedule.results.keys() - drawn | unscorable(planned, schedule.results).keys()
+    undrawn = (schedule.results.keys() - drawn) | unscorable(planned, schedule.results).keys()
     return RunResult(
         directory,
         outputs,
@@ -339,8 +338,7 @@ def _do_jobs(
     title = prepared.protocol.suite.id
     if schedule.results:
         log(f"{title}: {len(schedule.results)} jobs are there from before")
-    failures = 0
-    snapshot = partial(prepared.snapshot, schedule, journal)
+    snapshot, failures = partial(prepared.snapshot, schedule, journal), 0
     try:
         with (
             watch(f"{title}, jobs", schedule.left) as reporter,
@@ -370,8 +368,8 @@ def write_parquet(
     """
     artifacts = artifacts_of(part.directory, part.jobs)
     with timed("tables", seconds):
-        methods_rows = [job for job in part.jobs if job.name.method != GROUND_TRUTH]
-        write_records(part.directory, methods_rows, part.records)
+        rows = [job for job in part.jobs if job.name.method != GROUND_TRUTH]
+        write_records(part.directory, rows, part.records)
         write_jobs(part.directory, part.jobs)
         for metric in extractors:
             write_features(part.directory, metric, artifacts)
@@ -390,10 +388,9 @@ def _check_any_truth(planned: Plan, done: Mapping[str, Result]) -> None:
     """Raise BadInput where none of the ground truths could be drawn."""
     # One bad object among many is a failed record; if none can be drawn, the input is wrong.
     truths = [done[job.key] for job in planned.ground_truths if job.key in done]
-    if any(truth.has_images for truth in truths):
-        return
-    first = truths[0].reason.removeprefix("input: ")
-    raise BadInput(f"none of the {len(truths)} objects can be drawn; the first: {first}")
+    if not any(truth.has_images for truth in truths):
+        reason = truths[0].reason.removeprefix("input: ")
+        raise BadInput(f"none of the {len(truths)} objects can be drawn; the first: {reason}")
 
 
 def _hopeless(complete: Plan, drawn: set[str]) -> tuple[str, ...]:
