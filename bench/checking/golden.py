@@ -27,7 +27,7 @@ from bench.checking.objects import (
 )
 from bench.checking.tolerances import tolerance
 from bench.records.journal import read_finished
-from bench.running.protocol import Options
+from bench.running.options import Options
 from bench.suites.stability.tables import read_outcomes
 from bench.tables.build import class_orderings, crossings, tables
 from bench.tables.orderings import PAPER_NETWORK

@@ -32,7 +32,7 @@ from bench.catalogue.methods import find_method
 from bench.catalogue.metrics import column
 from bench.checking.thumbnails import NO_IMAGE, read_png, thumbnail, to_png
 from bench.checking.tolerances import object_tolerance
-from bench.records.artifacts import Item
+from bench.records.artifacts import JobName, read_array
 from bench.records.parquet import artifacts_of, read_jobs
 from bench.tables.published import golden_path
 from bench.tables.scored import ScoredRun, in_order
@@ -83,20 +83,19 @@ class StoredImages:
     """The images of a run's jobs, each read on demand."""
 
     def __init__(self, directory: Path) -> None:
-        artifacts = artifacts_of(directory, read_jobs(directory))
-        self._artifacts = {artifact.item: artifact for artifact in artifacts}
+        self._paths = artifacts_of(directory, read_jobs(directory))
 
-    def __contains__(self, item: Item) -> bool:
-        """Return whether an item has images, even without their file; failed items have none."""
-        return item in self._artifacts
+    def __contains__(self, job: JobName) -> bool:
+        """Return whether a job has images, even without their file; failed jobs have none."""
+        return job in self._paths
 
-    def images(self, item: Item) -> NDArray[np.uint8] | None:
+    def images(self, job: JobName) -> NDArray[np.uint8] | None:
         """Return all views [V, H, W, 3]; None without images, or where their file is unreadable."""
-        artifact = self._artifacts.get(item)
-        if artifact is None or not zipfile.is_zipfile(artifact.path):
+        path = self._paths.get(job)
+        if path is None or not zipfile.is_zipfile(path):
             return None
         try:
-            return artifact.images()
+            return read_array(path)
         except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error):
             return None
 
@@ -201,7 +200,7 @@ def write_objects(run: ScoredRun, protocol: Mapping[str, Any]) -> list[Path]:
     values = object_values(run).reset_index()
     lines, thumbnails = [], []
     for row in values.to_dict("records"):
-        item = Item(*(row[name] for name in KEY))
+        item = JobName(*(row[name] for name in KEY))
         if not sees_cloud[item.method]:
             if item.condition != first:
                 continue
@@ -235,7 +234,7 @@ class GoldenDeviation:
     line  of the golden file
     """
 
-    item: Item
+    item: JobName
     metric: str
     actual: float
     golden: float
@@ -288,7 +287,7 @@ def compare_objects(run: ScoredRun, golden: GoldenObjects) -> ObjectComparison:
                 wanted.index, measured[metric], wanted[metric], wanted["line"], strict=True
             )
             beyond = [
-                GoldenDeviation(Item(*key), metric, now, was, allowed, line)
+                GoldenDeviation(JobName(*key), metric, now, was, allowed, line)
                 for key, now, was, line in values
                 if not (abs(now - was) <= allowed or (math.isnan(now) and math.isnan(was)))
             ]

@@ -15,7 +15,8 @@ from bench.catalogue.suites import SUITES
 from bench.commands.options import USAGE_ERROR
 from bench.records.journal import PROTOCOL
 from bench.records.record import SCHEMA_VERSION
-from bench.running.protocol import Options, name_of, objects_of
+from bench.running.options import Options
+from bench.running.protocol import name_of, objects_of
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from data_prep.datasets.registry import open_dataset
 from data_prep.failures import BadInput, unknown

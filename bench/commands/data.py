@@ -32,7 +32,7 @@ from bench.commands.options import (
 from bench.running.environment import cores
 from bench.running.export import export
 from bench.running.isolation import WorkerFailure, run_tasks
-from bench.running.protocol import Options
+from bench.running.options import Options
 from bench.tables.markdown import visible
 from bench.tables.published import RESULTS
 from data_prep.datasets.dataset import Dataset, listed

@@ -189,7 +189,7 @@ def _option(
 
 
 def _shard(text: str | None) -> Any:
-    from bench.running.protocol import read_shard
+    from bench.running.shards import read_shard
 
     return read_shard(text) if text else None
 

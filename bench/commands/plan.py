@@ -17,6 +17,7 @@ from bench.catalogue.methods import FLOOR, METHODS, find_method, known_method
 from bench.catalogue.suites import ALL_SUITES, Suite
 from bench.commands.options import RUN_OPTIONS, names, options_from_dataclass
 from bench.records.record import GROUND_TRUTH
+from bench.running.options import Options
 from bench.running.pilot import (
     Amount,
     Pilot,
@@ -29,8 +30,8 @@ from bench.running.pilot import (
     ssim_deviations,
 )
 from bench.running.pilot import Cell as FrontierPoint
-from bench.running.protocol import Options, Protocol, protocol_of
-from bench.running.run import RunStatus, refuse_small, run_status
+from bench.running.protocol import Protocol, find_methods, protocol_of
+from bench.running.status import RunStatus, refuse_small, run_status
 from bench.tables.markdown import cell, code, document
 from bench.tables.table import BOLD, Block, Cell, Table, columns, grid, number
 from data_prep.failures import BadInput
@@ -64,7 +65,7 @@ def forecast(
     if not any(run.left.values()):
         return f"{run.directory}: nothing is left to do; the run would make its tables."
     methods = tuple(dict.fromkeys((*protocol.methods, *also)))
-    pilot = measure(replace(protocol, methods=methods), objects, run.workers)
+    pilot = measure(replace(protocol, methods=find_methods(methods)), objects, run.workers)
     if samples is not None:
         names_of_fields = (field.name for field in fields(Sample))
         table = Table("samples", "", columns(*names_of_fields, digits=""), pilot.samples)
@@ -77,7 +78,7 @@ def plan_of(run: RunStatus, pilot: Pilot, also: tuple[str, ...] = ()) -> Iterato
     protocol, left = run.protocol, run.jobs_left
     total = core_s(pilot, left, run.workers)
     items = sum(run.left.values()) - run.left[GROUND_TRUTH, ""]
-    there = len(run.todo.items) - items
+    there = len(run.plan.method_jobs) - items
     measured = {(s.class_name, s.object_id) for s in pilot.samples}
     workers = "one worker" if run.workers == 1 else f"{run.workers} workers"
     shard = f", shard {protocol.shard}" if protocol.shard else ""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -13,10 +13,10 @@ from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
 from bench.commands.options import Format
 from bench.commands.terminal import Terminal, shown
-from bench.records.artifacts import Artifact
+from bench.records.artifacts import JobName
 from bench.records.features import ArtifactFeatures
 from bench.records.journal import read_finished, read_manifest
-from bench.records.parquet import artifacts_of, records_of_item
+from bench.records.parquet import artifacts_of, named_records
 from bench.records.record import GROUND_TRUTH, to_frame
 from bench.report.build import REPORT, write_report
 from bench.report.classes import write_class_figures
@@ -24,7 +24,7 @@ from bench.report.families import write_beyond_figures
 from bench.report.pareto import write_frontier
 from bench.report.robustness import write_figures
 from bench.running.merge import Merged, merge
-from bench.running.protocol import Options
+from bench.running.options import Options
 from bench.running.run import PartialRun, RunResult, WrittenRun, run, timed
 from bench.tables.build import Outputs, write_outputs
 from bench.tables.classes import CLASSES
@@ -55,8 +55,8 @@ def partial_table(snapshot: PartialRun) -> Table[Row]:
     records = [
         record
         for job in items
-        if job.item.method != GROUND_TRUTH
-        for record in records_of_item(job.item, snapshot.records(job))
+        if job.name.method != GROUND_TRUTH
+        for record in named_records(job.name, snapshot.records(job))
     ]
     artifacts = artifacts_of(snapshot.directory, items)
     features = {
@@ -122,7 +122,7 @@ def _report(outputs: Outputs) -> None:
 
 
 def _write_figures(
-    directory: Path, suite: str, outputs: Outputs, artifacts: Sequence[Artifact]
+    directory: Path, suite: str, outputs: Outputs, artifacts: Mapping[JobName, Path]
 ) -> None:
     by_class = next((t for t in outputs.tables if t.name == CLASSES), None)
     if by_class is not None:

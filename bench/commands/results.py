@@ -21,7 +21,7 @@ from bench.analysis.recommend import (
 )
 from bench.analysis.recommend import recommend as best_methods
 from bench.commands.options import FormatOption, RunDirectory, names
-from bench.running.protocol import file_name
+from bench.running.options import file_name
 from bench.tables.build import how_timed
 from bench.tables.markdown import visible
 from bench.tables.scored import ScoredRun, read_scored

@@ -12,7 +12,6 @@ from typing import Annotated
 import typer
 
 from bench.catalogue.lookup import find
-from bench.catalogue.methods import find_method
 from bench.catalogue.metrics import find_extractor
 from bench.catalogue.suites import ALL_SUITES, Suite
 from bench.commands.config import ConfigOption, refuse_other_objects
@@ -21,9 +20,11 @@ from bench.commands.publish import Outputs, in_format, print_outputs, run_suite
 from bench.metrics.inception_weights import DOWNLOAD, WEIGHTS_SHA256
 from bench.records.record import GROUND_TRUTH
 from bench.report.build import REPORT
+from bench.running.options import Options
 from bench.running.pilot import Cell
-from bench.running.protocol import Options, Protocol, method_identity, protocol_of
-from bench.running.run import RunResult, RunStatus, refuse_small, run_status
+from bench.running.protocol import Protocol, method_identity, protocol_of
+from bench.running.run import RunResult
+from bench.running.status import RunStatus, refuse_small, run_status
 from bench.tables.markdown import table, visible
 from bench.tables.table import grid
 
@@ -103,14 +104,14 @@ def _folder(prospect: RunStatus, options: Options) -> str:
 
 def _methods(protocol: Protocol) -> dict[str, str]:
     found = {}
-    for method in protocol.methods:
+    for method_id, method in protocol.methods.items():
         version, libraries, _ = method_identity(method, protocol.device)
-        found[method] = f"version {version}" + (f", {libraries}" if libraries else "")
+        found[method_id] = f"version {version}" + (f", {libraries}" if libraries else "")
     return found
 
 
 def _weights(protocol: Protocol) -> dict[str, str]:
-    files = {method: find_method(method).weights_file for method in protocol.methods}
+    files = {method_id: method.weights_file for method_id, method in protocol.methods.items()}
     return {method: str(file()) for method, file in files.items() if file} | dict(protocol.features)
 
 
@@ -125,7 +126,7 @@ def _jobs(prospect: RunStatus) -> list[str]:
     objects = len(protocol.objects)
     truths = left[GROUND_TRUTH, ""]
     items = sum(left.values()) - truths
-    every = len(prospect.todo.items)
+    every = len(prospect.plan.method_jobs)
 
     def to_do(place: Cell) -> str:
         there = objects - left[place]

@@ -21,7 +21,7 @@ from bench.analysis.distances import FeatureDistances
 from bench.catalogue.metrics import column
 from bench.catalogue.plugins import ImageMetric, SetMetric, find_metric, metric_ids
 from bench.commands.options import RunDirectory, names
-from bench.records.artifacts import Item
+from bench.records.artifacts import JobName
 from bench.records.features import ImageKey
 from bench.records.record import GROUND_TRUTH
 from bench.report.stored import Sources, open_sources
@@ -96,7 +96,7 @@ class SeenFeatures:
         cells = ok.groupby(["method", "condition", "class"], sort=False)
         self._images = {cell: sorted(image_keys(group)) for cell, group in cells}
         self._sources, self._metric = sources, metric
-        self._true: dict[Item, NDArray[np.float64]] = {}
+        self._true: dict[JobName, NDArray[np.float64]] = {}
         for name in records["class"].unique():
             of_class = (images for cell, images in self._images.items() if cell[2] == name)
             self._images[GROUND_TRUTH, "", name] = sorted(set().union(*of_class))
@@ -111,7 +111,7 @@ class SeenFeatures:
         """Theirs [n, d], in the order of `images`. Raises BadInput as `score`."""
         of_objects = {}
         for obj in dict.fromkeys(obj for obj, _ in images):
-            item = Item(method, condition, class_name, obj)
+            item = JobName(method, condition, class_name, obj)
             found = self._true.get(item)
             if found is None:
                 found = checked_features(self._metric, kept_images(self._sources, item))
@@ -129,14 +129,14 @@ def scored(records: pd.DataFrame, sources: Sources, metric: ImageMetric) -> pd.D
     values = pd.Series(np.nan, index=records.index)
     ok = records[records["outcome"] == "ok"]
     for cell, group in ok.groupby(["method", "condition", "class", "object"], sort=False):
-        item = Item(*map(str, cell))  # type: ignore[arg-type]  # pandas: of several columns a tuple
+        item = JobName(*map(str, cell))  # type: ignore[arg-type]  # pandas: of several columns a tuple
         drawn, truth = kept_images(sources, item), kept_images(sources, item.truth)
         views = group["view"].to_numpy()
         values[group.index] = checked_scores(metric, truth, drawn)[views]
     return records.assign(**{column(metric.id): values})
 
 
-def kept_images(sources: Sources, item: Item) -> UInt8Images:
+def kept_images(sources: Sources, item: JobName) -> UInt8Images:
     """The images [V, H, W, 3] of an item. Raises BadInput where they are gone."""
     images = sources.images(item)
     if images is None:

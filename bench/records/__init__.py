@@ -1,1 +1,1 @@
-"""What a run keeps on disk: records, journal, artifacts, Parquet files, features."""
+"""The files of a run: records, journal, artifacts, Parquet files and features."""

@@ -1,12 +1,11 @@
-"""Files of finished images and features, and what they belong to.
+"""Artifacts: the files of the images and features that jobs have drawn.
 
-An artifact is a compressed .npz, written whole or not at all by `bench.running.work`: `images`,
-uint8 [V, S, S, 3], and one array [V, d] for each feature extractor.
+An artifact is a compressed .npz: `images`, uint8 [V, S, S, 3], and an array [V, d] for each feature
+extractor. It is written whole or not at all by `bench.running.work`.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,8 +18,11 @@ from data_prep.files.atomic_write import write_whole
 from data_prep.files.checksums import file_sha256
 
 
-class Item(NamedTuple):
-    """One method on one cloud; of a ground truth the method is GROUND_TRUTH, without condition."""
+class JobName(NamedTuple):
+    """The name of a job in tables and reports: one method on one cloud.
+
+    The method of a ground truth is GROUND_TRUTH; it has no condition.
+    """
 
     method: str
     condition: str
@@ -28,40 +30,23 @@ class Item(NamedTuple):
     object_id: str
 
     @property
-    def truth(self) -> Item:
-        """The true images of its object."""
-        return Item(GROUND_TRUTH, "", self.class_name, self.object_id)
+    def truth(self) -> JobName:
+        """Return the name of the ground truth of its object."""
+        return JobName(GROUND_TRUTH, "", self.class_name, self.object_id)
 
     @property
     def object(self) -> tuple[str, str]:
-        """Class and name."""
+        """Return class and name of its object."""
         return self.class_name, self.object_id
 
 
-@dataclass(frozen=True)
-class Artifact:
-    """The images of an item are in the file `path`."""
-
-    item: Item
-    path: Path
-
-    def images(self) -> NDArray[np.uint8]:
-        """All views [V, S, S, 3]."""
-        return self.array("images")
-
-    def array(self, name: str) -> NDArray[Any]:
-        """One of its arrays; the others are not unpacked. Raises KeyError where there is none."""
-        with np.load(self.path, allow_pickle=False) as arrays:
-            return arrays[name]
-
-
 def artifact_path(directory: Path, key: str) -> Path:
-    """Where the artifact of a job has its place in the directory of a run."""
+    """Return the place of a job's artifact in the directory of a run."""
     return directory / "artifacts" / key[:2] / f"{key}.npz"
 
 
 def artifact_sha256(path: Path) -> str | None:
-    """The checksum of an artifact; None where it cannot be read."""
+    """Return the checksum of an artifact; None where it cannot be read."""
     try:
         return file_sha256(path)
     except (BadInput, OSError):
@@ -78,7 +63,10 @@ def write_artifact(path: Path, data: bytes) -> None:
         ) from error
 
 
-def read_artifact(path: Path) -> dict[str, NDArray[Any]]:
-    """The arrays of an artifact: `images` and one per feature extractor."""
+def read_array(path: Path, name: str = "images") -> NDArray[Any]:
+    """Return one array of an artifact; the others are not unpacked.
+
+    Raises KeyError for an array that it does not have.
+    """
     with np.load(path, allow_pickle=False) as arrays:
-        return dict(arrays)
+        return arrays[name]

@@ -1,14 +1,13 @@
-"""The features that a run has kept, read cell by cell: all of them at once need not fit in memory.
+"""The features of a run, read class by class: all of them at once need not fit in memory.
 
-A cell is one method's images of one class under one condition. The files are written cell by cell
-(`bench.records.parquet.write_features`), a row group holding images of one cell only, and every
-row group says what cells and objects are in it; so what is asked for is read, and nothing else.
-Files in another order are read as well, more slowly.
+`bench.records.parquet.write_features` writes the files so that a row group holds images of one
+method, condition and class, and says in the footer of which; other row groups are not read. Files
+in another order are read as well, more slowly.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -17,138 +16,151 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from bench.records.artifacts import Artifact
+from bench.records.artifacts import JobName, read_array
+from data_prep.arrays import Floats32
 from data_prep.failures import BadInput
 
 ImageKey = tuple[str, int]  # object, view
-CELL = ("method", "condition", "class")
+GROUP = ("method", "condition", "class")
 VALUES = "features"
 
 
 class Features(Protocol):
-    """The features of one extractor by (method, condition, class), each a set of images."""
+    """The features of one extractor by method, condition and class."""
 
     def images(self, method: str, condition: str, class_name: str) -> list[ImageKey]:
-        """The images there are, sorted; none in a cell that is not there."""
+        """Return all images that have features, sorted; an empty list where none have."""
         ...
 
     def of(
         self, method: str, condition: str, class_name: str, images: Sequence[ImageKey]
     ) -> NDArray[Any]:
-        """Theirs [n, d], in the order of `images`. Raises KeyError for one that is not there."""
+        """Return the features of `images`, [n, d]. Raises KeyError for an unknown image."""
         ...
 
 
 class ArtifactFeatures:
     """The features in the artifacts of a run that goes on; each array is read when asked for."""
 
-    def __init__(self, extractor: str, artifacts: Sequence[Artifact], views: int) -> None:
+    def __init__(self, extractor: str, artifacts: Mapping[JobName, Path], views: int) -> None:
         self._extractor, self._views = extractor, views
-        self._cells: dict[tuple[str, str, str], dict[str, Artifact]] = {}
-        for artifact in artifacts:
-            *cell, obj = artifact.item
-            self._cells.setdefault((cell[0], cell[1], cell[2]), {})[obj] = artifact
+        self._objects: dict[tuple[str, ...], dict[str, Path]] = {}
+        for (*group, obj), path in artifacts.items():
+            self._objects.setdefault(tuple(group), {})[obj] = path
 
     def images(self, method: str, condition: str, class_name: str) -> list[ImageKey]:
-        """The images there are, sorted; none in a cell that is not there."""
-        objects = sorted(self._cells.get((method, condition, class_name), ()))
+        """Return all images that have features, sorted; an empty list where none have."""
+        objects = sorted(self._objects.get((method, condition, class_name), ()))
         return [(obj, view) for obj in objects for view in range(self._views)]
 
     def of(
         self, method: str, condition: str, class_name: str, images: Sequence[ImageKey]
     ) -> NDArray[Any]:
-        """Theirs [n, d], in the order of `images`. Raises KeyError for one that is not there."""
-        there = self._cells.get((method, condition, class_name), {})
-        read = {obj: there[obj].array(self._extractor) for obj in {obj for obj, _ in images}}
+        """Return the features of `images`, [n, d]. Raises KeyError for an unknown image."""
+        paths = self._objects.get((method, condition, class_name), {})
+        read = {obj: read_array(paths[obj], self._extractor) for obj in {obj for obj, _ in images}}
         return np.stack([read[obj][view] for obj, view in images])
 
 
-class _Span(NamedTuple):
-    """Smallest and largest value of a column in a row group; None where the file does not say."""
+class _Range(NamedTuple):
+    """Smallest and largest value of a column in a row group."""
 
     low: str
     high: str
 
 
 class FeatureFile:
-    """The features in a Parquet file. In memory are its footer, and the cell that is read."""
+    """The features in a Parquet file. In memory are its footer and the images asked for.
+
+    `pyarrow.dataset` reads the same in half the code; it holds several row groups at a time, takes
+    15 times the memory and is slower.
+    """
 
     def __init__(self, path: Path) -> None:
-        """Raises BadInput for a file that cannot be read."""
+        """Raise BadInput for a file that cannot be read."""
         self._path = path
         try:
             self._footer = pq.read_metadata(path)
             arrow = self._footer.schema.to_arrow_schema()
         except (pa.ArrowException, OSError) as error:
-            raise self._unreadable(error) from error
-        if lacking := [n for n in (*CELL, "object", "view", VALUES) if n not in arrow.names]:
+            raise unreadable(self._path, error) from error
+        if lacking := [n for n in (*GROUP, "object", "view", VALUES) if n not in arrow.names]:
             raise BadInput(f"{path}: no column {', '.join(lacking)}; start the run again")
         self._width = int(getattr(arrow.field(VALUES).type, "list_size", 0))
         if self._width < 1:  # of variable length, or -1
             raise BadInput(f"{path}: features of no fixed number; start the run again")
-        self._spans = [
-            {name: _span(self._footer, group, name) for name in (*CELL, "object")}
-            for group in range(self._footer.num_row_groups)
+        self._ranges = [
+            {name: _range(self._footer, number, name) for name in (*GROUP, "object")}
+            for number in range(self._footer.num_row_groups)
         ]
 
     def images(self, method: str, condition: str, class_name: str) -> list[ImageKey]:
-        """The images there are, sorted; none in a cell that is not there. Raises BadInput."""
-        found: list[ImageKey] = []
+        """Return all images that have features, sorted; an empty list where none have.
+
+        Raises BadInput for a file that cannot be read.
+        """
+        images: list[ImageKey] = []
         for table in self._read((method, condition, class_name), ("object", "view")):
-            found += _images(table)
-        return sorted(found)
+            images += _images(table)
+        return sorted(images)
 
     def of(
         self, method: str, condition: str, class_name: str, images: Sequence[ImageKey]
-    ) -> NDArray[np.float32]:
-        """Theirs [n, d], in the order of `images`.
+    ) -> Floats32:
+        """Return the features of `images`, [n, d].
 
-        Raises KeyError for one that is not there, and BadInput for a file that cannot be read.
+        Raises KeyError for an unknown image, and BadInput for a file that cannot be read.
         """
-        places = {image: place for place, image in enumerate(dict.fromkeys(images))}
-        values = np.empty((len(places), self._width), np.float32)
-        missing = set(places)
-        objects = _Span(min(images)[0], max(images)[0]) if images else _Span("", "")
+        rows = {image: row for row, image in enumerate(dict.fromkeys(images))}
+        values = np.empty((len(rows), self._width), np.float32)
+        missing = set(rows)
+        objects = _Range(min(images)[0], max(images)[0]) if images else _Range("", "")
         for table in self._read(
             (method, condition, class_name), ("object", "view", VALUES), objects
         ):
-            here = _images(table)
-            rows = [row for row, image in enumerate(here) if image in places]
+            stored = _images(table)
+            wanted = [number for number, image in enumerate(stored) if image in rows]
             column = table.column(VALUES).combine_chunks()
             read = column.flatten().to_numpy().reshape(-1, self._width)
-            values[[places[here[row]] for row in rows]] = read[rows]
-            missing.difference_update(here)
+            values[[rows[stored[number]] for number in wanted]] = read[wanted]
+            missing.difference_update(stored)
         if missing:
             raise KeyError(min(missing))
-        return values if len(places) == len(images) else values[[places[p] for p in images]]
+        return values if len(rows) == len(images) else values[[rows[image] for image in images]]
 
     def _read(
-        self, cell: tuple[str, str, str], columns: Sequence[str], objects: _Span | None = None
+        self, group: tuple[str, str, str], columns: Sequence[str], objects: _Range | None = None
     ) -> Iterator[pa.Table]:
-        """Row group by row group, the rows of a cell; `objects` are the first and last wanted."""
-        spans = {name: _Span(value, value) for name, value in zip(CELL, cell, strict=True)}
-        wanted = spans if objects is None else spans | {"object": objects}
-        groups = [
-            group
-            for group, there in enumerate(self._spans)
-            if all(_meet(there[name], span) for name, span in wanted.items())
+        """Yield the rows of a method, condition and class, one row group after the other.
+
+        `objects` is the range of those wanted; row groups without any are not read.
+        """
+        exact = {name: _Range(value, value) for name, value in zip(GROUP, group, strict=True)}
+        wanted = exact if objects is None else exact | {"object": objects}
+        numbers = [
+            number
+            for number, ranges in enumerate(self._ranges)
+            if all(_overlap(ranges[name], range_) for name, range_ in wanted.items())
         ]
-        if not groups:
+        if not numbers:
             return
         try:
             with pq.ParquetFile(self._path, metadata=self._footer) as file:
-                for group in groups:
-                    table = file.read_row_group(group, [*CELL, *columns], use_threads=False)
-                    if any(self._spans[group][name] != spans[name] for name in CELL):
-                        there = zip(*(table.column(name).to_pylist() for name in CELL), strict=True)
-                        rows = [row for row, of in enumerate(there) if of == cell]
+                for number in numbers:
+                    table = file.read_row_group(number, [*GROUP, *columns], use_threads=False)
+                    if any(self._ranges[number][name] != exact[name] for name in GROUP):
+                        stored = (table.column(name).to_pylist() for name in GROUP)
+                        groups = enumerate(zip(*stored, strict=True))
+                        rows = [row for row, other in groups if other == group]
                         table = table.take(pa.array(rows, pa.int64()))
                     yield table
         except (pa.ArrowException, OSError) as error:
-            raise self._unreadable(error) from error
+            raise unreadable(self._path, error) from error
 
-    def _unreadable(self, error: Exception) -> BadInput:
-        return BadInput(f"{self._path}: not readable ({error}); start the run again")
+
+def unreadable(path: Path, error: Exception) -> BadInput:
+    """Return the refusal of a Parquet file that Arrow cannot read; its messages may have lines."""
+    return BadInput(f"{path}: not readable ({' '.join(str(error).split())}); start the run again")
 
 
 def _images(table: pa.Table) -> list[ImageKey]:
@@ -157,13 +169,14 @@ def _images(table: pa.Table) -> list[ImageKey]:
     return [(names[obj], view) for obj, view in zip(objects, views, strict=True)]
 
 
-def _span(footer: Any, group: int, name: str) -> _Span | None:
-    number = footer.schema.names.index(name)
-    statistics = footer.row_group(group).column(number).statistics
+def _range(footer: Any, number: int, name: str) -> _Range | None:
+    """Return the range of a column in a row group; None where the file does not say."""
+    column = footer.schema.names.index(name)
+    statistics = footer.row_group(number).column(column).statistics
     if statistics is None or not statistics.has_min_max:
         return None
-    return _Span(statistics.min, statistics.max)
+    return _Range(statistics.min, statistics.max)
 
 
-def _meet(one: _Span | None, other: _Span) -> bool:
-    return one is None or (one.low <= other.high and other.low <= one.high)
+def _overlap(range_: _Range | None, other: _Range) -> bool:
+    return range_ is None or (range_.low <= other.high and other.low <= range_.high)

@@ -1,15 +1,15 @@
-"""A job, its result, and the times of its parts: plain values that cross processes."""
+"""Jobs, their results and the times of their parts: plain values that cross processes."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
-from bench.records.artifacts import Artifact, Item
+from bench.records.artifacts import JobName
 from bench.records.record import Record
 from data_prep.clouds.conditions import Perturbation
 from data_prep.datasets.objects import SceneObject
@@ -20,10 +20,16 @@ from data_prep.scene import View
 class JobTiming:
     """Wall time of a worker on one job, in seconds, by what it went into.
 
-    methods    loading, preparing, drawing
-    metrics    scores and features
-    rendering  the ground truth
-    harness    the rest: clouds, artifacts
+    Attributes
+    ----------
+    methods : float
+        Loading, preparing and drawing.
+    metrics : float
+        Scores and features.
+    rendering : float
+        The ground truth.
+    harness : float
+        The rest: clouds and artifacts.
     """
 
     methods: float = 0.0
@@ -36,37 +42,38 @@ NOTHING = JobTiming()
 
 
 class Stopwatch:
-    """Seconds by the fields of `JobTiming`, since it was made."""
+    """Seconds by the fields of `JobTiming`, since the creation of the stopwatch."""
 
-    def __init__(self) -> None:
-        self._start = time.perf_counter()
+    def __init__(self, clock: Callable[[], float] | None = None) -> None:
+        self._clock = clock or time.perf_counter
+        self._start = self._clock()
         self._seconds: dict[str, float] = {}
 
     @contextmanager
     def on(self, part: str) -> Iterator[None]:
-        """Within, time goes to `part`, also where an exception ends it."""
-        start = time.perf_counter()
+        """Count the time of the block for `part`, also where an exception ends it."""
+        start = self._clock()
         try:
             yield
         finally:
-            taken = time.perf_counter() - start
+            taken = self._clock() - start
             self._seconds[part] = self._seconds.get(part, 0.0) + taken
 
     def timing(self) -> JobTiming:
-        """What went nowhere by name, went into the harness."""
-        total = time.perf_counter() - self._start
+        """Return the times so far. Time not counted for a named part is that of the harness."""
+        total = self._clock() - self._start
         return JobTiming(**self._seconds, harness=total - sum(self._seconds.values()))
 
 
-def shares(timing: Iterable[JobTiming], available_s: float) -> dict[str, float]:
-    """Parts of 1 by the fields of `JobTiming`, of the seconds that all workers together had.
+def shares(timings: Iterable[JobTiming], available_s: float) -> dict[str, float]:
+    """Return the parts of `available_s`, the time of all workers together, by `JobTiming`'s fields.
 
-    What no method, metric or rendering has used counts as harness: workers that start, wait or
+    Time that no method, metric or rendering has used counts as harness: workers that start, wait or
     idle while the tables are made.
     """
-    every = list(timing)
+    timings = list(timings)
     named = {
-        part: sum(getattr(one, part) for one in every) / available_s
+        part: sum(getattr(timing, part) for timing in timings) / available_s
         for part in ("methods", "metrics", "rendering")
     }
     return named | {"harness": 1.0 - sum(named.values())}
@@ -76,12 +83,20 @@ def shares(timing: Iterable[JobTiming], available_s: float) -> dict[str, float]:
 class Job:
     """One method on one cloud with all its views; or the ground truth (method GROUND_TRUTH).
 
-    key           names everything that the result depends on
-    perturbation  what `condition` is the name of
-    artifact      where images and features go
-    reference     the artifact of the ground truth; None where nothing is scored
-    features      (id, weights file) of the extractors to run
-    batch         views drawn in one call; None: all of them
+    Attributes
+    ----------
+    key : str
+        A digest of everything that the result depends on.
+    perturbation : Perturbation
+        The change of the cloud that `condition` is the name of.
+    artifact : Path
+        The file for images and features.
+    reference : Path or None
+        The artifact of the ground truth; None where nothing is scored.
+    features : tuple of (str, str)
+        Id and weights file of each extractor to run.
+    batch : int or None
+        Views drawn in one call; None for all of them.
     """
 
     key: str
@@ -99,35 +114,52 @@ class Job:
     batch: int | None = None
 
     @property
-    def item(self) -> Item:
-        """What it draws."""
-        return Item(self.method, self.condition, self.object.class_name, self.object.object_id)
-
-    @property
-    def made(self) -> Artifact:
-        """What it leaves behind where it ends well."""
-        return Artifact(self.item, self.artifact)
+    def name(self) -> JobName:
+        """Return the name of the job in tables and reports."""
+        return JobName(self.method, self.condition, self.object.class_name, self.object.object_id)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Result:
-    """What became of a job. `artifact_sha256` is None where there are no images.
+    """The result of a job.
 
-    `timing` is zeros for a job that was done by an earlier start, or whose worker died.
-    `unusable` is set where going on with other jobs of its kind makes no sense (a library or
-    weights file is missing): the run ends with this message.
+    Attributes
+    ----------
+    key : str
+        The key of the job.
+    records : tuple of Record
+        One for each view; empty where they are left in the journal (`without_records`).
+    artifact_sha256 : str or None
+        Checksum of the artifact; None where the job gave no images.
+    reason : str
+        Why there are no images; empty where there are.
+    unusable : str or None
+        Why going on with other jobs of this kind makes no sense (a library or weights file is
+        missing); the run ends with this message.
+    timing : JobTiming
+        Zeros for a job of an earlier start, and for one whose worker died.
     """
 
     key: str
     records: tuple[Record, ...]
     artifact_sha256: str | None
+    reason: str = ""
     unusable: str | None = None
     timing: JobTiming = NOTHING
 
+    @property
+    def has_images(self) -> bool:
+        """Return whether the job gave images."""
+        return self.artifact_sha256 is not None
+
+    def without_records(self) -> Result:
+        """Return the part that a run holds in memory, which does not grow with the views."""
+        return replace(self, records=())
+
 
 def failed(job: Job, reason: str) -> Result:
-    """The result of a job that gave no images."""
-    return Result(job.key, tuple(records_of(job, "failed", reason=reason)), None)
+    """Return the result of a job that gave no images."""
+    return Result(job.key, tuple(records_of(job, "failed", reason=reason)), None, reason)
 
 
 def records_of(
@@ -139,7 +171,7 @@ def records_of(
     prepare_s: float | None = None,
     draw_s: float | None = None,
 ) -> Sequence[Record]:
-    """The records of a job, one a view, without scores."""
+    """Return the records of a job, one for each view, without scores."""
     return [
         Record(
             suite=job.suite,

@@ -8,13 +8,9 @@
     jobs.parquet         what each artifact is of: all jobs of that run, in the order of its plan
     tables/              made from records and features
 
-A line counts if its checksum fits and its artifact is there with the right bytes; a job whose line
-does not count is done again. Every start writes a journal file of its own, so that a line torn by
-a power cut is never glued to the next one. A file with a line that does not count is archived
-(journal/set-aside/), its good lines are written into a new one.
-
-In memory are the places of the lines and what a run decides by; the records, which are most of a
-line, are read back when they are asked for.
+A line counts if its checksum fits and its artifact is intact; a job whose line does not count is
+done again. A file with a line that does not count is archived in journal/set-aside/, and its good
+lines are written into a new one.
 """
 
 from __future__ import annotations
@@ -30,7 +26,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
 from bench.records.artifacts import artifact_sha256
-from bench.records.job import NOTHING, Job, JobTiming, Result
+from bench.records.job import Job, Result
 from bench.records.record import SCHEMA_VERSION, Record
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.files.atomic_write import atomic_write, sync_folder, write_whole
@@ -43,60 +39,42 @@ MOST_BYTES = 64 * MIB  # of a manifest: one line an object
 _FIELDS = Record.__dataclass_fields__.keys()
 FIXED = ("suite", "dataset", "views", "seed", "device")  # one directory, one value of each
 PROTOCOL = "protocol"  # its version
-SHARD = "shard"  # likewise; manifests from before there were any have none
+SHARD = "shard"  # one value, too; manifests from before there were shards have none
 
 
-@dataclass(frozen=True, slots=True)
-class JobOutcome:
-    """What became of a job, without its records.
-
-    artifact_sha256  None where there are no images
-    reason           why there are none; empty where there are
-    timing           zeros for a job that was done by an earlier start
-    """
-
-    artifact_sha256: str | None
-    reason: str
-    timing: JobTiming = NOTHING
-
-    @classmethod
-    def of(cls, result: Result) -> JobOutcome:
-        """A result without its records."""
-        failed = result.artifact_sha256 is None and result.records
-        reason = result.records[0].reason if failed else ""
-        return cls(result.artifact_sha256, reason, result.timing)
-
-
-class _Place(NamedTuple):
-    """Where a line begins, and how long it is, in bytes; what became of its job."""
+class LinePosition(NamedTuple):
+    """The place of a line in a journal file, in bytes, and its result without the records."""
 
     path: Path
     offset: int
     length: int
-    outcome: JobOutcome
+    result: Result
 
 
-class Lines:
-    """The lines of a journal that count, by the keys of their jobs."""
+class JournalIndex:
+    """The positions of the lines of a journal that count, by the keys of their jobs.
+
+    The records, which are most of a line, are read back when they are asked for.
+    """
 
     def __init__(self) -> None:
-        self._places: dict[str, _Place] = {}
+        self._positions: dict[str, LinePosition] = {}
 
     def __contains__(self, key: str) -> bool:
-        return key in self._places
+        return key in self._positions
 
-    def outcome(self, key: str) -> JobOutcome | None:
-        """What became of a job; None where no line says."""
-        place = self._places.get(key)
-        return None if place is None else place.outcome
+    def find(self, key: str) -> Result | None:
+        """Return the result of a job without its records; None for a job without a line."""
+        position = self._positions.get(key)
+        return None if position is None else position.result
 
-    def result(self, key: str) -> Result:
-        """The result of a job with all its records, read back from its line.
+    def read(self, key: str) -> Result:
+        """Return the result of a job with all its records, read back from its line.
 
-        Raises KeyError for a key without a line, and BadInput where the line is no longer what it
-        was when the journal was opened.
+        Raises KeyError for a job without a line, and BadInput where the line has changed since the
+        journal was opened.
         """
-        path, offset, length, _ = self._places[key]
+        path, offset, length, _ = self._positions[key]
         try:
             with path.open("rb") as shard:
                 shard.seek(offset)
@@ -108,78 +86,92 @@ class Lines:
             raise BadInput(f"{path}: the line at byte {offset} has changed; run again")
         return result
 
-    def take(self, shard: Path) -> list[str]:
-        """Take over the lines of a journal file, and tell what is wrong with those left out."""
+    def add_file(self, shard: Path) -> list[str]:
+        """Add the lines of a journal file. Return what is wrong with the lines that do not count.
+
+        A later line replaces an earlier one of the same job.
+        """
         damage: list[str] = []
         for number, offset, line in _lines(shard):
             if not _counts(line):
                 torn = not line.endswith(b"\n")
-                what = "was cut short by the end of its run" if torn else "is damaged"
-                damage.append(f"{shard}: line {number} {what}; its job is done again")
+                problem = "was cut short by the end of its run" if torn else "is damaged"
+                damage.append(f"{shard}: line {number} {problem}; its job is done again")
             elif (result := _to_result(line)) is not None:
-                self.put(result, shard, offset, len(line))
+                self.add(result, shard, offset, len(line))
         return damage
 
-    def update(self, later: Lines) -> None:
-        """Take over all lines of `later`; they replace earlier ones of the same jobs."""
-        self._places |= later._places
+    def update(self, later: JournalIndex) -> None:
+        """Add all lines of `later`; they replace earlier lines of the same jobs."""
+        self._positions |= later._positions
 
-    def put(self, result: Result, shard: Path, offset: int, length: int) -> None:
-        """Note the line of a result; it replaces an earlier one of the same job."""
-        self._places[result.key] = _Place(shard, offset, length, JobOutcome.of(result))
+    def add(self, result: Result, shard: Path, offset: int, length: int) -> None:
+        """Add the line of a result; it replaces an earlier line of the same job."""
+        self._positions[result.key] = LinePosition(shard, offset, length, result.without_records())
 
 
 @dataclass
 class Journal:
     """The finished jobs of a directory.
 
-    `damage` lists what had to be archived, `added` the keys that this start has appended.
+    Attributes
+    ----------
+    directory : Path
+    index : JournalIndex
+    damage : list of str
+        What had to be archived or is done again, a line each.
+    added : set of str
+        The keys of the results that this start has appended.
     """
 
     directory: Path
-    lines: Lines = field(default_factory=Lines)
+    index: JournalIndex = field(default_factory=JournalIndex)
     damage: list[str] = field(default_factory=list)
     added: set[str] = field(default_factory=set)
-    _shard: BinaryIO | None = None
+    _file: BinaryIO | None = None
 
     def append(self, result: Result) -> None:
         """Write a result down; when this returns, a power cut cannot take it back."""
-        if self._shard is None:
-            path = _next_shard(self.directory)
+        if self._file is None:
+            # A file for each start: a line torn by a power cut is never glued to the next one.
+            path = _next_file(self.directory)
             path.parent.mkdir(exist_ok=True)
-            self._shard = path.open("xb")
+            self._file = path.open("xb")
             sync_folder(path.parent)
-        line, offset = to_line(result), self._shard.tell()
-        self._shard.write(line)
-        self._shard.flush()
-        os.fsync(self._shard.fileno())
-        self.lines.put(result, Path(self._shard.name), offset, len(line))
+        line, offset = to_line(result), self._file.tell()
+        self._file.write(line)
+        self._file.flush()
+        os.fsync(self._file.fileno())
+        self.index.add(result, Path(self._file.name), offset, len(line))
         self.added.add(result.key)
 
-    def usable(self, job: Job) -> JobOutcome | None:
-        """What became of a job where it counts: written down, and its artifact unharmed."""
-        outcome = self.lines.outcome(job.key)
-        if outcome is None or outcome.artifact_sha256 is None:
-            return outcome
-        if artifact_sha256(job.artifact) != outcome.artifact_sha256:
+    def usable(self, job: Job) -> Result | None:
+        """Return the result of a job, without its records, if it need not be done again.
+
+        It need not be where the journal has it and its artifact is intact.
+        """
+        result = self.index.find(job.key)
+        if result is None or not result.has_images:
+            return result
+        if artifact_sha256(job.artifact) != result.artifact_sha256:
             self.damage.append(f"{job.artifact}: missing or altered; its job is done again")
             return None
-        return outcome
+        return result
 
-    def usable_of(self, jobs: Iterable[Job]) -> dict[str, JobOutcome]:
-        """What became, by key, of those jobs that count."""
-        once = {job.key: job for job in jobs}
-        return {key: found for key, job in once.items() if (found := self.usable(job))}
+    def all_usable(self, jobs: Iterable[Job]) -> dict[str, Result]:
+        """Return the results, by key, of the jobs that need not be done again."""
+        unique = {job.key: job for job in jobs}
+        return {key: result for key, job in unique.items() if (result := self.usable(job))}
 
     def close(self) -> None:
         """Close the journal file of this start."""
-        if self._shard is not None:
-            self._shard.close()
+        if self._file is not None:
+            self._file.close()
 
 
 @contextmanager
 def open_journal(directory: Path) -> Iterator[Journal]:
-    """The directory's journal, for one process at a time.
+    """Yield the directory's journal, to one process at a time.
 
     Raises BadInput where another run holds the directory.
     """
@@ -189,8 +181,8 @@ def open_journal(directory: Path) -> Iterator[Journal]:
         raise _not_writable(directory, error) from error
     with _locked(directory):
         journal = Journal(directory)
-        for shard in _shards(directory / JOURNAL):
-            _read_shard(shard, journal)
+        for file in _files(directory / JOURNAL):
+            _add_or_replace(file, journal)
         try:
             yield journal
         finally:
@@ -218,41 +210,39 @@ def _not_writable(directory: Path, error: OSError) -> CannotWrite:
 
 
 def check_directory(directory: Path, manifest: Mapping[str, Any]) -> None:
-    """Raises BadInput where a run described by `manifest` must not be written into `directory`."""
+    """Raise BadInput where a run described by `manifest` must not be written into `directory`."""
     if not _holds_run(directory):
         return
-    found = read_manifest(directory)
+    stored = read_manifest(directory)
     for name in (*FIXED, SHARD):
-        there, wanted = found.get(name), manifest.get(name)
-        if there != wanted:
+        present, wanted = stored.get(name), manifest.get(name)
+        if present != wanted:
             raise BadInput(
-                f"{directory}: holds a run of {name} {there!r}, not {wanted!r}; "
+                f"{directory}: holds a run of {name} {present!r}, not {wanted!r}; "
                 "give another --out, or --fresh to start over"
             )
 
 
 def _holds_run(directory: Path) -> bool:
-    """False where nothing is there yet. Raises BadInput where it is something else than a run."""
+    """Return whether there is a run. Raises BadInput where the directory holds something else."""
     if not directory.exists():
         return False
     if not directory.is_dir():
         raise BadInput(f"{directory}: is a file; give a folder with --out")
     if (directory / MANIFEST).exists():
         return True
-    if any(not _of_a_start(path.name) for path in directory.iterdir()):
+    # A run that was killed before it had a manifest may have left these.
+    names = [path.name for path in directory.iterdir() if path.name != "lock"]
+    if any(not name.startswith(f".{MANIFEST}.") for name in names):
         raise BadInput(f"{directory}: not empty and not a run; give a new --out")
     return False
 
 
-def _of_a_start(name: str) -> bool:
-    """Whether a run that was killed before it had a manifest may have left this file."""
-    return name == "lock" or name.startswith(f".{MANIFEST}.")
-
-
 def read_finished(directory: Path) -> dict[str, Any]:
-    """The manifest of a run that has come to its end; while it goes on, records are of another.
+    """Return the manifest of a finished run.
 
-    Raises BadInput as `read_manifest`, and where the run was stopped.
+    Raises BadInput as `read_manifest`, and where the run is not finished: its records may then be
+    those of another run.
     """
     manifest = read_manifest(directory)
     if manifest.get("finished") is None:
@@ -297,7 +287,7 @@ def write_manifest(directory: Path, manifest: Mapping[str, Any]) -> None:
 
 
 def set_aside(directory: Path) -> Path | None:
-    """Rename an old run out of the way (`--fresh`); nothing is deleted. None if there is none.
+    """Rename an old run out of the way (`--fresh`) and return its new place; None without a run.
 
     Raises BadInput where the directory is no run, and where another process is writing the run.
     """
@@ -314,7 +304,7 @@ def set_aside(directory: Path) -> Path | None:
 
 
 def to_line(result: Result) -> bytes:
-    """A result as it stands in the journal: the checksum of its JSON, the JSON, a line feed."""
+    """Return a result as a line of the journal: the checksum of its JSON, the JSON, a line feed."""
     body = json.dumps(
         {
             "key": result.key,
@@ -326,41 +316,42 @@ def to_line(result: Result) -> bytes:
     return sha256(body).hexdigest().encode() + b" " + body + b"\n"
 
 
-def _shards(folder: Path) -> list[Path]:
+def _files(folder: Path) -> list[Path]:
     return sorted(path for path in folder.glob("*.jsonl") if path.stem.isdecimal())
 
 
-def _next_shard(directory: Path) -> Path:
-    """A name that no journal file has or had."""
+def _next_file(directory: Path) -> Path:
+    """Return a name that no journal file of the directory has or had."""
     folder = directory / JOURNAL
-    taken = [int(path.stem) for path in (*_shards(folder), *_shards(folder / SET_ASIDE))]
+    taken = [int(path.stem) for path in (*_files(folder), *_files(folder / SET_ASIDE))]
     return folder / f"{1 + max(taken, default=0):04d}.jsonl"
 
 
-def read_lines(directory: Path) -> Lines:
-    """The lines of a directory's journal that count; others are left alone."""
-    found = Lines()
-    for shard in _shards(directory / JOURNAL):
-        found.take(shard)
-    return found
+def read_index(directory: Path) -> JournalIndex:
+    """Return the lines of a directory's journal that count; nothing is repaired."""
+    index = JournalIndex()
+    for file in _files(directory / JOURNAL):
+        index.add_file(file)
+    return index
 
 
-def _read_shard(shard: Path, journal: Journal) -> None:
-    found = Lines()
-    damage = found.take(shard)
+def _add_or_replace(file: Path, journal: Journal) -> None:
+    """Add a file to the journal; where a line is damaged, a new file with the others."""
+    index = JournalIndex()
+    damage = index.add_file(file)
     if damage:
-        kept, good = _replace_shard(shard, journal.directory)
-        journal.damage += [*damage, f"{shard}: kept for you to look at as {kept}"]
-        if good is not None:
-            found.take(good)  # the same lines, in other places
-    journal.lines.update(found)
+        archived, repaired = _replace_file(file, journal.directory)
+        journal.damage += [*damage, f"{file}: kept for you to look at as {archived}"]
+        if repaired is not None:
+            index.add_file(repaired)  # the same lines, in other places
+    journal.index.update(index)
 
 
-def _lines(shard: Path) -> Iterator[tuple[int, int, bytes]]:
-    """Number (from 1), first byte and bytes of each line that is not empty."""
+def _lines(file: Path) -> Iterator[tuple[int, int, bytes]]:
+    """Yield number (from 1), first byte and bytes of each line that is not empty."""
     offset = 0
-    with shard.open("rb") as file:
-        for number, line in enumerate(file, 1):
+    with file.open("rb") as lines:
+        for number, line in enumerate(lines, 1):
             if line != b"\n":
                 yield number, offset, line
             offset += len(line)
@@ -372,32 +363,34 @@ def _counts(line: bytes) -> bool:
 
 
 def _to_result(line: bytes) -> Result | None:
-    """The result in a line that counts; None for one of another schema: its key, which names the
-    schema, is no job's any more."""
+    """Return the result in a line that counts; None for a line of another schema."""
     values = json.loads(line.partition(b" ")[2])
+    # The key of a line of another schema is no job's any more: keys depend on the schema.
     if any(record.keys() != _FIELDS for record in values["records"]):
         return None
     records = tuple(Record(**record) for record in values["records"])
-    return Result(values["key"], records, values["artifact_sha256"])
+    sha = values["artifact_sha256"]
+    reason = records[0].reason if records and sha is None else ""
+    return Result(values["key"], records, sha, reason)
 
 
-def _replace_shard(shard: Path, directory: Path) -> tuple[Path, Path | None]:
-    """Write the good lines into a new journal file, then set the damaged one aside.
+def _replace_file(file: Path, directory: Path) -> tuple[Path, Path | None]:
+    """Write the good lines into a new journal file, then archive the damaged one.
 
-    Both places; without good lines there is no new file.
+    Return the places of both; without good lines there is no new file.
     """
-    aside, good = shard.parent / SET_ASIDE / shard.name, _next_shard(directory)
+    archived, repaired = file.parent / SET_ASIDE / file.name, _next_file(directory)
     try:
-        if any(_counts(line) for _, _, line in _lines(shard)):
-            with atomic_write(good) as new, new.open("wb") as file:
-                for _, _, line in _lines(shard):
+        if any(_counts(line) for _, _, line in _lines(file)):
+            with atomic_write(repaired) as new, new.open("wb") as output:
+                for _, _, line in _lines(file):
                     if _counts(line):
-                        file.write(line.removesuffix(b"\n") + b"\n")
+                        output.write(line.removesuffix(b"\n") + b"\n")
         else:
-            good = None
-        aside.parent.mkdir(exist_ok=True)
-        shard.replace(aside)
-        sync_folder(shard.parent)
+            repaired = None
+        archived.parent.mkdir(exist_ok=True)
+        file.replace(archived)
+        sync_folder(file.parent)
     except OSError as error:
         raise _not_writable(directory, error) from error
-    return aside, good
+    return archived, repaired

@@ -1,11 +1,8 @@
-"""Records, features and the list of jobs as Parquet files.
-
-What tables, reports and merged runs are made from, and what scripts may read.
-"""
+"""Parquet files of records, features and jobs, from which tables, reports and merges are made."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, groupby, islice
 from pathlib import Path
@@ -15,8 +12,8 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from bench.records.artifacts import Artifact, Item, artifact_path
-from bench.records.features import FeatureFile
+from bench.records.artifacts import JobName, artifact_path, read_array
+from bench.records.features import GROUP, FeatureFile, unreadable
 from bench.records.record import COLUMNS, SCHEMA_VERSION, TYPES, Record, to_frame
 from data_prep.failures import BadInput
 from data_prep.files.atomic_write import atomic_write
@@ -27,7 +24,7 @@ pa.set_memory_pool(pa.system_memory_pool())
 RECORDS = "records.parquet"
 JOBS = "jobs.parquet"
 FEATURES = "features"
-_ITEM = ("method", "condition", "class", "object")
+_NAME = (*GROUP, "object")  # the columns of a `JobName`
 _SCHEMA_KEY = b"pc2pix_bench_schema"
 _ROW_GROUP = 512  # records written at a time: 1 MB in memory
 _ARTIFACTS = 16  # whose features are written at a time
@@ -41,65 +38,74 @@ _RECORDS_SCHEMA = pa.schema(
 
 
 def write_records(
-    directory: Path, jobs: Iterable[JobRow], records: Callable[[JobRow], Sequence[Record]]
+    directory: Path,
+    jobs: Iterable[JobRow],
+    records: Callable[[JobRow], Sequence[Record]],
+    row_group: int = _ROW_GROUP,
 ) -> None:
-    """Write `records.parquet`, whole or not at all: the records of all jobs, sorted.
+    """Write `records.parquet`, whole or not at all: the records of all jobs.
 
-    records  gives those of a job; they are asked for some jobs at a time, so that memory does not
-             grow with their number. A job may stand for several conditions: the records get that
-             of the item
+    They are sorted by method, condition, class, object and view, whatever the order of the jobs.
 
-    Sorted by method, condition, class, object and view, whatever the order of the jobs.
+    Parameters
+    ----------
+    directory : Path
+    jobs : iterable of JobRow
+    records : callable
+        Returns the records of one job. It is called for some jobs at a time, so that memory does
+        not grow with their number.
+    row_group : int
+        Records written at a time.
     """
     rows = chain.from_iterable(
-        records_of_item(job.item, records(job)) for job in sorted(jobs, key=lambda job: job.item)
+        named_records(job.name, records(job)) for job in sorted(jobs, key=lambda job: job.name)
     )
     with (
         atomic_write(directory / RECORDS) as new,
         pq.ParquetWriter(new, _RECORDS_SCHEMA) as writer,
     ):
-        while group := list(islice(rows, _ROW_GROUP)):
+        while group := list(islice(rows, row_group)):
             frame = to_frame(group)
             writer.write_table(
                 pa.Table.from_pandas(frame, schema=_RECORDS_SCHEMA, preserve_index=False)
             )
 
 
-def records_of_item(item: Item, records: Iterable[Record]) -> list[Record]:
-    """The records of the job that an item was done by, as those of the item, by view."""
-    own = (replace(record, condition=item.condition) for record in records)
-    return sorted(own, key=lambda record: record.view)
+def named_records(name: JobName, records: Iterable[Record]) -> list[Record]:
+    """Return the records of a job by view, with the condition of `name`.
+
+    One job stands for every condition where its method does not see the cloud.
+    """
+    renamed = (replace(record, condition=name.condition) for record in records)
+    return sorted(renamed, key=lambda record: record.view)
 
 
 def read_records(directory: Path, columns: Sequence[str] = COLUMNS) -> pd.DataFrame:
-    """The records of a run, or some columns of them.
+    """Return the records of a run, or some columns of them.
 
-    Raises BadInput: none there, unreadable, or of another version.
+    Raises BadInput for a file that is missing, unreadable or of another version.
     """
     table = _read_table(directory / RECORDS, COLUMNS, columns)
     return table.to_pandas(use_threads=False)
 
 
-def _write_table(path: Path, table: pa.Table) -> None:
-    table = table.replace_schema_metadata({_SCHEMA_KEY: str(SCHEMA_VERSION).encode()})
-    with atomic_write(path) as new:
-        pq.write_table(table, new)
-
-
 def _read_table(
     path: Path, columns: Sequence[str], wanted: Sequence[str] | None = None
 ) -> pa.Table:
-    """Those `wanted` of its columns, None: all. All of `columns` have to be there."""
+    """Return the `wanted` columns of a file (None: all); `columns` are those it has to have.
+
+    Raises BadInput for a file that is missing, unreadable or of another version.
+    """
     if not path.is_file():
         raise BadInput(f"{path.parent}: no {path.name}; the run is not finished, start it again")
     try:
-        there = pq.read_schema(path)
-        known = [name for name in wanted or there.names if name in there.names]
+        stored = pq.read_schema(path)
+        known = [name for name in wanted or stored.names if name in stored.names]
         table = pq.read_table(path, columns=known, use_threads=False)  # threads take memory each
     except (pa.ArrowException, OSError) as error:
-        raise BadInput(f"{path}: not readable ({error}); start the run again") from error
+        raise unreadable(path, error) from error
     try:
-        schema = int((there.metadata or {}).get(_SCHEMA_KEY, b"0"))
+        schema = int((stored.metadata or {}).get(_SCHEMA_KEY, b"0"))
     except ValueError as error:
         raise BadInput(f"{path}: its schema is no number; start the run again") from error
     if schema > SCHEMA_VERSION:
@@ -111,7 +117,7 @@ def _read_table(
             f"{path}: schema {schema} is older than {SCHEMA_VERSION}; start the run again with its "
             "command, to measure what is new"
         )
-    lacking = [name for name in columns if name not in there.names]
+    lacking = [name for name in columns if name not in stored.names]
     if lacking:
         raise BadInput(f"{path}: no column {', '.join(lacking)}; start the run again")
     return table
@@ -119,50 +125,51 @@ def _read_table(
 
 @dataclass(frozen=True)
 class JobRow:
-    """A finished job: `key` is its name in the journal; without an artifact, it failed."""
+    """A finished job, a row of `jobs.parquet`: its key in the journal, and its name.
+
+    `artifact_sha256` is None for a job that failed.
+    """
 
     key: str
-    item: Item
+    name: JobName
     artifact_sha256: str | None
 
 
 def write_jobs(directory: Path, jobs: Sequence[JobRow]) -> None:
-    """Write `jobs.parquet`, whole or not at all: all jobs, ground truths too, in the given order;
-    the checksum of an artifact is null where there is none."""
+    """Write `jobs.parquet`, whole or not at all: the jobs and ground truths in the given order."""
     columns: dict[str, Any] = {"key": [job.key for job in jobs]}
-    columns |= {name: [job.item[i] for job in jobs] for i, name in enumerate(_ITEM)}
+    columns |= {column: [job.name[i] for job in jobs] for i, column in enumerate(_NAME)}
     columns["artifact_sha256"] = pa.array([job.artifact_sha256 for job in jobs], pa.string())
-    _write_table(directory / JOBS, pa.table(columns))
+    table = pa.table(columns, metadata={_SCHEMA_KEY: str(SCHEMA_VERSION).encode()})
+    with atomic_write(directory / JOBS) as new:
+        pq.write_table(table, new)
 
 
 def read_jobs(directory: Path) -> list[JobRow]:
-    """The jobs of a finished run, in the order of its plan.
+    """Return the jobs of a finished run, in the order of its plan.
 
-    Raises BadInput: none there, unreadable, or of another version.
+    Raises BadInput for a file that is missing, unreadable or of another version.
     """
-    columns = ("key", *_ITEM, "artifact_sha256")
+    columns = ("key", *_NAME, "artifact_sha256")
     table = _read_table(directory / JOBS, columns)
     rows = zip(*(table.column(name).to_pylist() for name in columns), strict=True)
-    return [JobRow(key, Item(*item), sha) for key, *item, sha in rows]
+    return [JobRow(key, JobName(*name), sha) for key, *name, sha in rows]
 
 
-def artifacts_of(directory: Path, jobs: Iterable[JobRow]) -> list[Artifact]:
-    """Where the images are of those jobs that have any."""
-    return [
-        Artifact(job.item, artifact_path(directory, job.key)) for job in jobs if job.artifact_sha256
-    ]
+def artifacts_of(directory: Path, jobs: Iterable[JobRow]) -> dict[JobName, Path]:
+    """Return the artifacts of the jobs that have any, by name, in the order of the jobs."""
+    return {job.name: artifact_path(directory, job.key) for job in jobs if job.artifact_sha256}
 
 
-def write_features(directory: Path, metric: str, artifacts: Sequence[Artifact]) -> None:
-    """Collect one extractor's features from all artifacts into one file, which is written whole or
-    not at all; without artifacts, there is none.
+def write_features(directory: Path, metric: str, artifacts: Mapping[JobName, Path]) -> None:
+    """Collect one extractor's features from all artifacts into one file, whole or not at all.
 
-    Sorted as the records are; a row group is of one cell (`bench.records.features`), and only its
-    artifacts are in memory.
+    They are sorted as the records are; only the artifacts of one row group are in memory. Without
+    artifacts no file is written.
     """
     groups = (
-        pa.concat_tables([_feature_table(artifact, metric) for artifact in some])
-        for some in _by_cell(artifacts)
+        pa.concat_tables([_feature_table(name, artifacts[name], metric) for name in names])
+        for names in _row_groups(artifacts)
     )
     first = next(groups, None)
     if first is None:
@@ -175,16 +182,15 @@ def write_features(directory: Path, metric: str, artifacts: Sequence[Artifact]) 
             writer.write_table(table)
 
 
-def _by_cell(artifacts: Sequence[Artifact]) -> Iterator[list[Artifact]]:
-    """Cells in order, each in parts of up to _ARTIFACTS."""
-    ordered = sorted(artifacts, key=lambda artifact: artifact.item)
-    for _, of_cell in groupby(ordered, lambda artifact: artifact.item[:3]):
-        while some := list(islice(of_cell, _ARTIFACTS)):
-            yield some
+def _row_groups(names: Iterable[JobName]) -> Iterator[list[JobName]]:
+    """Yield sorted names in parts of up to _ARTIFACTS, of one method, condition and class each."""
+    for _, group in groupby(sorted(names), lambda name: name[:3]):
+        while part := list(islice(group, _ARTIFACTS)):
+            yield part
 
 
 def read_features(directory: Path, metric: str) -> FeatureFile | None:
-    """The features of one extractor; None where they were not taken.
+    """Return the features of one extractor; None where they were not taken.
 
     Raises BadInput for a file that cannot be read.
     """
@@ -192,15 +198,15 @@ def read_features(directory: Path, metric: str) -> FeatureFile | None:
     return FeatureFile(path) if path.is_file() else None
 
 
-def _feature_table(artifact: Artifact, metric: str) -> pa.Table:
-    values = artifact.array(metric)
+def _feature_table(name: JobName, artifact: Path, metric: str) -> pa.Table:
+    values = read_array(artifact, metric)
     count, width = values.shape
     return pa.table(
         {
-            "method": [artifact.item.method] * count,
-            "condition": [artifact.item.condition] * count,
-            "class": [artifact.item.class_name] * count,
-            "object": [artifact.item.object_id] * count,
+            "method": [name.method] * count,
+            "condition": [name.condition] * count,
+            "class": [name.class_name] * count,
+            "object": [name.object_id] * count,
             "view": pa.array(range(count), pa.int32()),
             "features": pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), width),
         }

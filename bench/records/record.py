@@ -1,4 +1,4 @@
-"""What a run writes down: one record per (suite, method, condition, object, view).
+"""Records of a run: one for each suite, method, condition, object and view.
 
 The order of the fields is the order of the columns of `records.parquet`.
 """
@@ -19,14 +19,22 @@ GROUND_TRUTH = "ground-truth"  # stands where a method's id stands, in features 
 
 @dataclass(frozen=True)
 class Record:
-    """One image, or the reason why there is none.
+    """One image and its scores, or the reason why there is none.
 
-    `reason` is empty where the outcome is ok. `notes` holds what a method repaired on its way.
-    Scores are None unless the outcome is ok; `ssim_object` and the thin scores also where the
-    image has nothing that they could be taken of (`bench.catalogue.metrics.UNDEFINED` says when).
-    `prepare_s` is the object's, repeated for each view; `draw_s` is this view's share of drawing
-    all views at once. Times are wall time in seconds; in a run with several workers they were taken
-    while others ran: compare them within a run only.
+    Scores are None unless the outcome is ok; `ssim_object` and the thin scores also where the image
+    does not define them (`bench.catalogue.metrics.UNDEFINED` says when). Times are wall time in
+    seconds; workers of a run disturb each other: compare times within a run only.
+
+    Attributes
+    ----------
+    reason : str
+        Why there is no image; empty where the outcome is ok.
+    notes : str
+        What the method repaired on its way.
+    prepare_s : float or None
+        The time to prepare the object, repeated for each view.
+    draw_s : float or None
+        This view's share of the time to draw all views at once.
     """
 
     suite: str
@@ -57,7 +65,7 @@ class Record:
 COLUMNS = tuple(  # of `records.parquet`
     "class" if name == "class_name" else name for name in Record.__dataclass_fields__
 )
-TYPES = {  # of columns that are no text
+TYPES = {  # of the columns that are not text
     "view": "int32",
     **dict.fromkeys(("azimuth_deg", "elevation_deg"), "float64"),
     **dict.fromkeys(("ssim", "luminance", "contrast", "structure", "psnr"), "float64"),
@@ -68,7 +76,7 @@ TYPES = {  # of columns that are no text
 
 
 def to_frame(records: Sequence[Record]) -> pd.DataFrame:
-    """Records as columns, `class_name` under its public name `class`, sorted: order is no data."""
+    """Return records as a sorted table; `class_name` has its public name `class`."""
     rows: list[dict[str, Any]] = [asdict(record) for record in records]
     frame = pd.DataFrame(rows, columns=list(Record.__dataclass_fields__)).astype(TYPES)
     frame = frame.rename(columns={"class_name": "class"})

@@ -15,8 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.catalogue.lookup import find
-from bench.catalogue.suites import STABILITY, SUITES, Limits
+from bench.catalogue.suites import STABILITY, Limits
 from bench.records.job import Job
 from bench.records.journal import MANIFEST, read_finished
 from bench.records.parquet import read_records
@@ -24,10 +23,10 @@ from bench.rendering.cloud import CloudFile, Drawing, Failed, draw_cloud, draw_f
 from bench.rendering.delta_debugging import Rows, ever_smaller
 from bench.rendering.shrink_result import NotReproduced, Shrunk, fails_alike
 from bench.running.isolation import TaskPool, WorkerFailure, run_tasks
-from bench.running.protocol import Protocol, objects_to_search, plan
+from bench.running.plan import plan
+from bench.running.protocol import stored_protocol
 from bench.running.work import cloud_of, reason_of, rng_of
 from bench.suites.stability.run import stability_jobs
-from data_prep.datasets.registry import open_dataset
 from data_prep.failures import BadInput
 from data_prep.files.clouds import save_ply
 from data_prep.files.safe_read import is_regular_file
@@ -147,30 +146,15 @@ def _item(directory: Path, name: str, record: dict[str, Any]) -> FailedJob:
         if not found:
             raise BadInput(f"{name}: there is no such case any more; run the suite again")
         return FailedJob(directory, name, record["reason"], found[0], STABILITY.limits)
-    suite = find(manifest["suite"], SUITES, "suite")
-    dataset, count = open_dataset(manifest["dataset"]), objects_to_search(manifest)
-    wanted = record["class"], record["object"]
-    candidates = (o for c in suite.classes for o in dataset.objects(c, None, count))
-    objects = tuple(o for o in candidates if (o.class_name, o.object_id) == wanted)[:1]
-    if not objects:
+    wanted = [(record["class"], record["object"])]
+    protocol = stored_protocol(manifest, wanted, (method,), (condition,))
+    if not protocol.objects:
         raise BadInput(
-            f"{name}: the dataset {dataset.id} has no such object any more; bring its file back"
+            f"{name}: the dataset {protocol.dataset} has no such object any more; bring its file "
+            "back"
         )
-    protocol = Protocol(
-        suite=suite,
-        dataset=dataset.id,
-        methods=(method,),
-        conditions=(condition,),
-        objects=objects,
-        views=manifest["views"],
-        seed=manifest["seed"],
-        device=device,
-        features=(),
-        feature_identity={},
-        environment={},
-    )
-    (job,) = plan(protocol, directory).items
-    return FailedJob(directory, name, record["reason"], job, suite.limits)
+    job = plan(protocol, directory).method_jobs[0]
+    return FailedJob(directory, name, record["reason"], job, protocol.suite.limits)
 
 
 def _points(failed: FailedJob) -> Points:

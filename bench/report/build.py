@@ -22,7 +22,7 @@ from bench.catalogue.metrics import (
     SET_METRICS,
 )
 from bench.catalogue.suites import Suite
-from bench.records.artifacts import Item
+from bench.records.artifacts import JobName
 from bench.report.families import family_curves
 from bench.report.images import cases, extremes, grids, shown_objects
 from bench.report.page import Choice, Failure, FailureGroup, Page, TableGroup, html
@@ -117,12 +117,12 @@ def read_page(made: Outputs) -> Page:
     )
 
 
-def _shown(records: pd.DataFrame, chosen: pd.DataFrame) -> list[Item]:
+def _shown(records: pd.DataFrame, chosen: pd.DataFrame) -> list[JobName]:
     """The items whose clouds are to be seen."""
     conditions = list(dict.fromkeys(map(str, records["condition"])))
-    of_grids = [Item("", c, *obj) for obj in shown_objects(records) for c in conditions]
+    of_grids = [JobName("", c, *obj) for obj in shown_objects(records) for c in conditions]
     names = (chosen[name].tolist() for name in ("condition", "class", "object"))
-    return of_grids + [Item("", *map(str, of_case)) for of_case in zip(*names, strict=True)]
+    return of_grids + [JobName("", *map(str, of_case)) for of_case in zip(*names, strict=True)]
 
 
 def _facts(manifest: Mapping[str, Any], records: pd.DataFrame) -> tuple[tuple[str, str], ...]:

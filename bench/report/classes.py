@@ -12,7 +12,7 @@ import numpy as np
 from bench.catalogue.methods import role
 from bench.catalogue.metrics import higher_is_better
 from bench.metrics.structural_similarity import ssim_per_image
-from bench.records.artifacts import Artifact, Item
+from bench.records.artifacts import JobName, read_array
 from bench.records.record import GROUND_TRUTH
 from bench.tables.classes import AVERAGE, SURFACE, network_of
 from bench.tables.figure import FIGURES, drawing, panels, save, show
@@ -36,7 +36,7 @@ def write_class_figures(
     table: Table[Row],
     headline: Table[Row],
     published: Published,
-    artifacts: Sequence[Artifact],
+    artifacts: Mapping[JobName, Path],
 ) -> None:
     """Write `classes.png` (the paper's Figure 4) and `table5.png`.
 
@@ -44,7 +44,7 @@ def write_class_figures(
     `artifacts` are all images, ground truths included. Without pc2pix or without SR there is no
     second figure; where all methods have failed, none.
     """
-    cells = [artifact.item for artifact in artifacts if artifact.item.condition]
+    cells = [name for name in artifacts if name.condition]
     if not cells:
         return
     folder = directory / FIGURES
@@ -80,18 +80,17 @@ def images_figure(
     shown: Sequence[str],
     condition: str,
     best: Mapping[str, str],
-    artifacts: Sequence[Artifact],
+    artifacts: Mapping[JobName, Path],
 ) -> Figure:
     """Draw the first view of the first object of each class, which nobody has chosen: the truth,
     then what the methods drew at a condition; below each image its SSIM with the truth.
 
     `best` are methods by the metrics that they are best by.
     """
-    first: dict[str, Artifact] = {}
-    for artifact in artifacts:
-        if artifact.item.method == GROUND_TRUTH:
-            first.setdefault(artifact.item.class_name, artifact)
-    by_item = {artifact.item: artifact for artifact in artifacts}
+    first: dict[str, JobName] = {}
+    for name in artifacts:
+        if name.method == GROUND_TRUTH:
+            first.setdefault(name.class_name, name)
     rows, width = math.ceil(len(first) / BLOCKS), 1 + len(shown)
     size_in = (1.25 * BLOCKS * width, 1.35 * rows + 0.5)
     figure, axes = panels(rows, BLOCKS * width, size_in)
@@ -100,14 +99,14 @@ def images_figure(
     for number, (class_name, truth) in enumerate(first.items()):
         block, row = divmod(number, rows)
         line = axes[row, block * width : (block + 1) * width]
-        true = truth.images()[:1]
+        true = read_array(artifacts[truth])[:1]
         show(line[0], true[0])
         line[0].set_axis_on()
         line[0].set_ylabel(visible(class_name), fontsize=9)
         for axis, method in zip(line[1:], shown, strict=True):
             axis.set_axis_on()
-            artifact = by_item.get(Item(method, condition, *truth.item.object))
-            image = None if artifact is None else artifact.images()[:1]
+            path = artifacts.get(JobName(method, condition, *truth.object))
+            image = None if path is None else read_array(path)[:1]
             show(axis, None if image is None else image[0])
             if image is not None:
                 axis.set_xlabel(f"{ssim_per_image(true, image).ssim[0]:.2f}", fontsize=7)

@@ -10,7 +10,7 @@ from bench.analysis.crossings import ConditionCurve, place_of
 from bench.catalogue.families import Family
 from bench.catalogue.methods import role
 from bench.catalogue.metrics import is_mean
-from bench.records.artifacts import Artifact
+from bench.records.artifacts import JobName
 from bench.report.inline import Drawing, inline
 from bench.report.page import Plot
 from bench.report.robustness import (
@@ -35,7 +35,7 @@ OBJECTS_SHOWN = 2
 
 
 def write_beyond_figures(
-    directory: Path, curves: Sequence[ConditionCurve], artifacts: Sequence[Artifact]
+    directory: Path, curves: Sequence[ConditionCurve], artifacts: Mapping[JobName, Path]
 ) -> None:
     """`beyond` (PNG and SVG) and `beyond-pictures.png`: the first view of the first objects, nobody
     has chosen, a column for each condition, family after family.

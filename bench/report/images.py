@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.records.artifacts import Item
+from bench.records.artifacts import JobName
 from bench.records.record import GROUND_TRUTH
 from bench.report.page import Case, CaseGroup, Grid, GridCell, PageImage
 from bench.report.stored import Sources
@@ -78,7 +78,7 @@ def grids(records: pd.DataFrame, sources: Sources) -> tuple[Grid, ...]:
         view = _view(next(iter(by_cell.values())))
         rows = []
         for condition in conditions:
-            item = Item(GROUND_TRUTH, condition, class_name, obj)
+            item = JobName(GROUND_TRUTH, condition, class_name, obj)
             where = f"{condition}, {class_name} {obj}"
             cells = [
                 GridCell(_cloud(sources, item, view, f"the cloud at {where}")),
@@ -112,7 +112,7 @@ def _turned(grid: Grid) -> Grid:
     return Grid(grid.title, grid.description, "method", columns, rows, grid.tags)
 
 
-def _grid_cell(sources: Sources, item: Item, record: Mapping[str, Any] | None) -> GridCell:
+def _grid_cell(sources: Sources, item: JobName, record: Mapping[str, Any] | None) -> GridCell:
     what = f"{item.method} at {item.condition}, {item.class_name} {item.object_id}"
     if record is None:
         return GridCell(PageImage("", f"{what}: not measured"), "not measured")
@@ -152,7 +152,7 @@ def _tells_classes(of_method: pd.DataFrame) -> bool:
 
 def _case(record: Mapping[str, Any], sources: Sources) -> Case:
     class_name, obj, view = record["class"], record["object"], record["view"]
-    item = Item(record["method"], record["condition"], class_name, obj)
+    item = JobName(record["method"], record["condition"], class_name, obj)
     name = f"{class_name} {obj}, view {view}"
     at = _view(record)
     facts = [
@@ -182,14 +182,14 @@ def _view(record: Mapping[str, Any]) -> View:
     return View(record["azimuth_deg"], record["elevation_deg"])
 
 
-def _drawn(sources: Sources, item: Item, view: int, description: str) -> PageImage:
+def _drawn(sources: Sources, item: JobName, view: int, description: str) -> PageImage:
     images = sources.images(item)
     if images is None or view >= len(images):
         return PageImage("", f"{description}; the picture is no longer there")
     return PageImage(data_uri(images[view]), description)
 
 
-def _cloud(sources: Sources, item: Item, view: View, description: str) -> PageImage:
+def _cloud(sources: Sources, item: JobName, view: View, description: str) -> PageImage:
     points = sources.points(item)
     if points is None:
         return PageImage("", f"{description}; it cannot be made again")

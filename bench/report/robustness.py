@@ -15,7 +15,7 @@ from bench.catalogue.methods import role
 from bench.catalogue.metrics import higher_is_better, is_mean
 from bench.metrics.silhouette import object_boxes
 from bench.metrics.thin_parts import evaluated
-from bench.records.artifacts import Artifact, Item
+from bench.records.artifacts import JobName, read_array
 from bench.records.record import GROUND_TRUTH
 from bench.report.inline import Drawing, inline
 from bench.report.page import Plot
@@ -59,7 +59,7 @@ SUBDIVIDED = (1, 2, 5)
 
 
 def write_figures(
-    directory: Path, tables: Sequence[Table[Row]], artifacts: Sequence[Artifact]
+    directory: Path, tables: Sequence[Table[Row]], artifacts: Mapping[JobName, Path]
 ) -> None:
     """Robustness curves (after Tables 3 and 4), image grids (the paper's Figures 1 and 3) and a
     sheet of thin parts.
@@ -67,21 +67,21 @@ def write_figures(
     `artifacts` are all that there are, ground truths included. Where all methods have failed, there
     is nothing to draw.
     """
-    if all(artifact.item.method == GROUND_TRUTH for artifact in artifacts):
+    if all(name.method == GROUND_TRUTH for name in artifacts):
         return
     folder = directory / FIGURES
     styles = looks(ordered(row.method for table in tables for row in table.rows))
     curved = curve_panels(tables)
     if curved:
         save(robustness_figure(curved, styles).figure, folder / "robustness.png")
-    conditions = ordered(a.item.condition for a in artifacts if a.item.condition)
+    conditions = ordered(name.condition for name in artifacts if name.condition)
     write_images(folder / "pictures.png", artifacts, conditions)
     _write_thin_parts(folder / "thin-parts.png", artifacts)
 
 
 def write_images(
     path: Path,
-    artifacts: Sequence[Artifact],
+    artifacts: Mapping[JobName, Path],
     conditions: Sequence[str],
     objects_shown: int = OBJECTS_SHOWN,
     cell_in: float = 1.3,
@@ -90,17 +90,16 @@ def write_images(
 ) -> None:
     """The first view of the first objects, which nobody has chosen: a row for each object and
     method that competes, the truth and then a column for each condition."""
-    by_item = {artifact.item: artifact for artifact in artifacts}
-    methods = rivals(ordered(item.method for item in by_item if item.condition))
+    methods = rivals(ordered(item.method for item in artifacts if item.condition))
     cells = [(GROUND_TRUTH, ""), *(("", condition) for condition in conditions)]
 
     def first(cell: tuple[str, str], method: str, obj: tuple[str, str]) -> Image | None:
-        artifact = by_item.get(Item(cell[0] or method, cell[1], *obj))
-        return None if artifact is None else artifact.images()[0]
+        drawn = artifacts.get(JobName(cell[0] or method, cell[1], *obj))
+        return None if drawn is None else read_array(drawn)[0]
 
     rows = [
         (f"{obj[1][:LONGEST]}\n{method}", [first(cell, method, obj) for cell in cells])
-        for obj in ordered(artifact.item.object for artifact in artifacts)[:objects_shown]
+        for obj in ordered(name.object for name in artifacts)[:objects_shown]
         for method in methods
     ]
     if rows:
@@ -108,22 +107,21 @@ def write_images(
         save(image_grid([GROUND_TRUTH, *conditions], rows, size_in), path, dpi=dpi)
 
 
-def _write_thin_parts(path: Path, artifacts: Sequence[Artifact]) -> None:
+def _write_thin_parts(path: Path, artifacts: Mapping[JobName, Path]) -> None:
     """Objects with the most thin parts, each in the view that shows most of them, cut out.
 
     Columns: the truth, the truth with the evaluated pixels tinted, then method by method the
     images at a clean and at a noisy condition.
     """
-    by_item = {artifact.item: artifact for artifact in artifacts}
-    truths = [artifact for artifact in artifacts if artifact.item.method == GROUND_TRUTH][:THIN_OF]
-    parts = {truth.item.object: evaluated(truth.images()) for truth in truths}
+    truths = [name for name in artifacts if name.method == GROUND_TRUTH][:THIN_OF]
+    parts = {truth.object: evaluated(read_array(artifacts[truth])) for truth in truths}
     counts = {obj: part.sum(axis=(1, 2)) for obj, part in parts.items()}
-    by_count = sorted(truths, key=lambda truth: -int(counts[truth.item.object].sum()))
-    chosen = [truth for truth in by_count if counts[truth.item.object].any()][:OBJECTS_SHOWN]
-    there = {item.condition for item in by_item}
+    by_count = sorted(truths, key=lambda truth: -int(counts[truth.object].sum()))
+    chosen = [truth for truth in by_count if counts[truth.object].any()][:OBJECTS_SHOWN]
+    there = {item.condition for item in artifacts}
     columns = [
         (method, condition)
-        for method in rivals(ordered(item.method for item in by_item if item.condition))
+        for method in rivals(ordered(item.method for item in artifacts if item.condition))
         for condition in THIN_CONDITIONS
         if condition in there
     ]
@@ -131,16 +129,16 @@ def _write_thin_parts(path: Path, artifacts: Sequence[Artifact]) -> None:
         return
     rows = []
     for truth in chosen:
-        obj = truth.item.object
+        obj = truth.object
         view = int(counts[obj].argmax())
-        true = truth.images()[view]
+        true = read_array(artifacts[truth])[view]
         top, bottom, left, right = object_boxes(true[None])[0].tolist()
         cut = slice(max(top - 3, 0), bottom + 3), slice(max(left - 3, 0), right + 3)
         tinted = np.where(parts[obj][view][..., None], np.array(THIN_TINT, np.uint8), true)
         images: list[Image | None] = [true[cut], tinted[cut]]
         for cell in columns:
-            artifact = by_item.get(Item(*cell, *obj))
-            images.append(None if artifact is None else artifact.images()[view][cut])
+            drawn = artifacts.get(JobName(*cell, *obj))
+            images.append(None if drawn is None else read_array(drawn)[view][cut])
         rows.append((f"{obj[1][:LONGEST]}\nview {view}", images))
     titles = [GROUND_TRUTH, "its thin parts", *(f"{m}\n{c}" for m, c in columns)]
     size_in = (2.2 * len(titles), 2.3 * len(rows))

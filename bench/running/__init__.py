@@ -1,1 +1,1 @@
-"""From a protocol to jobs, executors and a finished run."""
+"""The steps from a protocol to jobs, executors and a finished run."""

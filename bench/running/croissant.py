@@ -14,7 +14,7 @@ PAPER = (
     "Atienza_A_Conditional_Generative_Adversarial_Network_for_Rendering_Point_Clouds_"
     "CVPRW_2019_paper.pdf"
 )
-_CONTEXT: dict[str, Any] = {  # as the specification has it
+_CONTEXT: dict[str, Any] = {  # of the specification
     "@language": "en",
     "@vocab": "https://schema.org/",
     "citeAs": "cr:citeAs",
@@ -68,10 +68,9 @@ _TYPES = {
 
 
 def metadata(protocol: Protocol, lists: Mapping[str, str], published: str) -> dict[str, Any]:
-    """JSON-LD of an export.
+    """Return the JSON-LD of an export.
 
-    lists      its CSV files and their checksums
-    published  the date (2026-01-31)
+    `lists` are its CSV files with their checksums, `published` the date as in 2026-01-31.
     """
     suite = protocol.suite.id
     described = {

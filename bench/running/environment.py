@@ -1,8 +1,7 @@
 """The machine, the libraries and the code that a run depends on.
 
-`python -m bench.running.environment` looks at the graphics driver from a process of its own, so
-that a driver that crashes takes only that, and prints one JSON object; `environment()` runs it and
-reads the answer.
+`environment` runs `python -m bench.running.environment`, which asks the graphics driver and prints
+one JSON object: a driver that crashes ends that process only.
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ import os
 import platform
 import subprocess
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from datetime import UTC, datetime
 from hashlib import sha256
 from importlib.metadata import PackageNotFoundError, version
@@ -42,7 +41,7 @@ VECTOR = ("sse4", "avx", "fma", "amx", "asimd", "sve")  # begin the names of suc
 
 
 def machine_info() -> dict[str, Any]:
-    """Command, time, versions, machine and checkout: what is the same for all kinds of runs."""
+    """Return the entries of a manifest on command, time, versions, machine and checkout."""
     return {
         "command": sys.argv,
         "started": now(),
@@ -62,44 +61,46 @@ def machine_info() -> dict[str, Any]:
 
 
 def cores() -> int:
-    """Cores that this process may use."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0))
 
 
 def now() -> str:
-    """The time, UTC, to the second."""
+    """Return the time, UTC, to the second."""
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
 def versions() -> dict[str, str]:
-    """Of Python and the packages that results may depend on."""
-    found = {"python": platform.python_version()}
+    """Return the versions of Python and of the packages that results may depend on."""
+    installed = {"python": platform.python_version()}
     for package in PACKAGES:
         try:
-            found[package] = version(package)
+            installed[package] = version(package)
         except PackageNotFoundError:
-            found[package] = "not installed"
-    return found
+            installed[package] = "not installed"
+    return installed
 
 
 def _cpu() -> str:
-    return _of_processor("model name") or platform.processor()
+    return _processor_entry("model name") or platform.processor()
 
 
 def _instructions() -> str:
-    """What libraries choose their code by, so that they round differently: a name like "AMD EPYC"
-    stands for many processors."""
+    """Return family, model and vector instructions, by which libraries choose their code.
+
+    They then round differently; a name like "AMD EPYC" stands for many processors.
+    """
     vector = [
         name
-        for name in (_of_processor("flags") or _of_processor("Features")).split()
+        for name in (_processor_entry("flags") or _processor_entry("Features")).split()
         if name.startswith(VECTOR)
     ]
-    which = f"family {_of_processor('cpu family')}, model {_of_processor('model')}"
-    return f"{which}: {' '.join(vector)}"
+    family, model = _processor_entry("cpu family"), _processor_entry("model")
+    return f"family {family}, model {model}: {' '.join(vector)}"
 
 
-def _of_processor(name: str) -> str:
-    """What Linux says about the first processor; empty where it says nothing."""
+def _processor_entry(name: str) -> str:
+    """Return an entry of Linux on the first processor; empty where it has none."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -109,8 +110,10 @@ def _of_processor(name: str) -> str:
 
 
 def _git() -> dict[str, Any]:
-    """Commit and cleanliness of the checkout; empty where this is none: installed, the packages may
-    lie in a checkout of something else."""
+    """Return commit and cleanliness of the checkout; empty for installed packages.
+
+    These may lie in a checkout of something else.
+    """
     try:
         root, commit, status = (
             subprocess.run(
@@ -134,16 +137,18 @@ def _git() -> dict[str, Any]:
 TIMEOUT_S = 120
 
 
-def environment() -> dict[str, str]:
-    """What the project's images depend on beside its own code.
+def environment(
+    execute: Callable[..., subprocess.CompletedProcess[str]] = subprocess.run,
+) -> dict[str, str]:
+    """Return the libraries and the driver that images depend on beside this project's code.
 
-    Raises MissingDependency where nothing can be rendered on this machine; the message says which
-    Debian packages to install.
+    `execute` runs another process, as `subprocess.run` does. Raises MissingDependency where nothing
+    can be rendered on this machine; the message says which Debian packages to install.
     """
     from data_prep.rendering.opengl import REMEDY
 
     try:
-        done = subprocess.run(
+        done = execute(
             own_python("-m", "bench.running.environment"),
             env=os.environ | WORKER_ENVIRONMENT,
             capture_output=True,
@@ -165,14 +170,14 @@ def environment() -> dict[str, str]:
     return answer
 
 
-def main() -> None:
-    """Print the environment, or the reason why there is none."""
-    from data_prep.rendering import opengl as render
+def main(find_renderer: Callable[[], str] | None = None) -> None:
+    """Print the environment, or the reason why nothing can be rendered."""
+    from data_prep.rendering import opengl
 
     try:
         answer = {
-            "gl": render.gl_renderer(),
-            "render": str(render.VERSION),
+            "gl": (find_renderer or opengl.gl_renderer)(),
+            "render": str(opengl.VERSION),
             "pyrender": version("pyrender"),
             "numpy": version("numpy"),
         }
@@ -182,7 +187,7 @@ def main() -> None:
 
 
 def code_sha256(names: Iterable[str], root: Path = ROOT) -> str:
-    """Of all code in those folders and files below `root`, names included."""
+    """Return a checksum of all code, names included, in these folders and files below `root`."""
     files = [
         path
         for name in names

@@ -1,4 +1,4 @@
-"""Jobs in worker processes, and their outcomes: from the journal, or by running them."""
+"""Jobs in worker processes, and their results: from the journal, or by running them."""
 
 from __future__ import annotations
 
@@ -7,30 +7,44 @@ from contextlib import closing
 
 from bench.catalogue.suites import Limits
 from bench.records.job import Job, Result, failed
-from bench.records.journal import JobOutcome, Journal
-from bench.running.isolation import Executor, TaskPool, WorkerFailure, submit_all
+from bench.records.journal import Journal
+from bench.running.isolation import (
+    TASKS_PER_WORKER,
+    Executor,
+    TaskPool,
+    WorkerFailure,
+    submit_all,
+)
 from bench.running.work import run_job
 from data_prep.failures import MissingDependency
 from data_prep.progress import log, progress
 
 
 class JobPool:
-    """Does jobs in worker processes of this machine, an executor (`bench.running.isolation`).
+    """An executor (`bench.running.isolation`) of jobs in worker processes of this machine.
 
-    At most `workers` of them, and not more than there are jobs to come (`count`). A job that takes
-    more than its limits or whose process dies becomes failed records.
+    It has at most `workers` processes, and not more than there are jobs to come (`count`). A job
+    that takes more than its limits or whose process dies becomes failed records.
     """
 
-    def __init__(self, count: int, workers: int, limits: Limits) -> None:
-        self._pool: TaskPool[Job, Result] = TaskPool(run_job, min(workers, count), limits)
+    def __init__(
+        self,
+        count: int,
+        workers: int,
+        limits: Limits,
+        tasks_per_worker: int = TASKS_PER_WORKER,
+    ) -> None:
+        self._pool: TaskPool[Job, Result] = TaskPool(
+            run_job, min(workers, count), limits, tasks_per_worker=tasks_per_worker
+        )
         self.capacity = self._pool.capacity
 
     def submit(self, job: Job) -> None:
-        """Have a job done; at most `capacity` may be under way."""
+        """Start a job; at most `capacity` may be under way."""
         self._pool.submit(job)
 
     def wait_any(self) -> Iterator[Result]:
-        """Wait until jobs have ended; the result of each."""
+        """Wait until jobs have ended, and yield the result of each."""
         for job, result in self._pool.wait_any():
             yield failed(job, result.reason) if isinstance(result, WorkerFailure) else result
 
@@ -44,30 +58,29 @@ def run_jobs(
     journal: Journal,
     title: str,
     start: Callable[[int], Executor[Job, Result]],
-) -> dict[str, JobOutcome]:
-    """What became of all jobs by key: those in the journal, and the rest by doing them.
+) -> dict[str, Result]:
+    """Do the jobs that the journal does not have yet, and return the results of all, by key.
 
-    Their records are in the journal, and nowhere else: memory does not grow with the images.
-
-    `start` gives the executor for so many jobs; it is closed here. Raises MissingDependency where
-    going on makes no sense.
+    Records are in the journal, and nowhere else: memory does not grow with the images. `start`
+    gives the executor for a number of jobs; it is closed here. Raises MissingDependency where going
+    on makes no sense.
     """
-    outcomes = journal.usable_of(jobs)
-    missing = [job for job in jobs if job.key not in outcomes]
+    done = journal.all_usable(jobs)
+    missing = [job for job in jobs if job.key not in done]
     if not missing:
-        return outcomes
-    if outcomes:
-        log(f"{title}: {len(outcomes)} of {len(jobs)} are there from before")
+        return done
+    if done:
+        log(f"{title}: {len(done)} of {len(jobs)} are there from before")
     failures = 0
     with (
         progress(title, len(missing)) as advance,
         closing(results(missing, len(missing), journal, start)) as stream,
     ):
         for result in stream:
-            outcomes[result.key] = JobOutcome.of(result)
-            failures += result.artifact_sha256 is None
+            done[result.key] = result.without_records()
+            failures += not result.has_images
             advance(failures)
-    return outcomes
+    return done
 
 
 def results(
@@ -76,10 +89,10 @@ def results(
     journal: Journal,
     start: Callable[[int], Executor[Job, Result]],
 ) -> Generator[Result, None, None]:
-    """Do jobs, at most `count`; each result as it comes, written into the journal.
+    """Do jobs, at most `count`, and yield each result as soon as the journal has it.
 
-    `jobs` as in `submit_all`, `start` as in `run_jobs`. Raises MissingDependency
-    where going on makes no sense.
+    `jobs` is as in `submit_all`, `start` as in `run_jobs`. Raises MissingDependency where going on
+    makes no sense.
     """
     with closing(start(count)) as executor, closing(submit_all(jobs, executor)) as stream:
         for result in stream:

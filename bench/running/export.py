@@ -1,4 +1,4 @@
-"""What a run sees, as a dataset of files that can be cited and read back (`exported:PATH`).
+"""The inputs of a run as a dataset of files that can be cited and read back (`exported:PATH`).
 
 The layout is that of `data_prep.datasets.exported`. Clouds, views and true images are made by the
 jobs of the run's plan, so that a run on the files has the same inputs to the last bit.
@@ -20,7 +20,9 @@ from bench.catalogue.methods import FLOOR
 from bench.catalogue.suites import SUITES
 from bench.running.croissant import metadata
 from bench.running.isolation import WorkerFailure, run_tasks
-from bench.running.protocol import ObjectJobs, Options, Protocol, plan, protocol_of, workers_of
+from bench.running.options import Options, workers_of
+from bench.running.plan import ObjectJobs, plan
+from bench.running.protocol import Protocol, protocol_of
 from bench.running.work import cloud_of
 from data_prep.clouds.conditions import CONDITIONS
 from data_prep.datasets.exported import (
@@ -42,15 +44,15 @@ from data_prep.scene import Mesh, UInt8Images
 
 ALL = "all"
 Task = tuple[Path, str, ObjectJobs]  # the folder, the object's name in it, and its jobs
-Rows = dict[str, list[tuple[Any, ...]]]  # of the lists, without class and object
+Rows = dict[str, list[tuple[Any, ...]]]  # by list, without class and object
 
 
 def export(options: Options, out: Path) -> int:
-    """Write the inputs of a run into a new folder, whole or not at all; the number of objects.
+    """Write the inputs of a run into a new folder, whole or not at all; return how many objects.
 
-    Conditions: the suite's, those named, or ("all",), with the unperturbed cloud in any case.
-    Raises BadInput where the folder is there already, as `protocol_of` and `plan` do, and for an
-    object that cannot be drawn; CannotWrite where the disk refuses.
+    The conditions are those of the options (default: of the suite; ("all",): every condition), and
+    the unperturbed cloud in any case. Raises BadInput for an existing folder, as `protocol_of` and
+    `plan` do, and for an object that cannot be drawn; CannotWrite where the disk refuses.
     """
     if out.exists():
         raise BadInput(f"{out}: is there already; give a new folder with --out")
@@ -73,22 +75,21 @@ def _fill(folder: Path, protocol: Protocol, objects: Sequence[ObjectJobs], worke
     tasks = [
         (folder, f"{obj.truth.object.class_name}/{i:05d}", obj) for i, obj in enumerate(objects)
     ]
-    found: dict[str, Rows] = {}
+    rows_of: dict[str, Rows] = {}
     with progress("objects", len(tasks)) as advance:
         for (_, place, obj), rows in run_tasks(tasks, _write, workers, protocol.suite.limits):
             if isinstance(rows, WorkerFailure):
                 raise BadInput(f"{obj.truth.object.object_id}: {rows.reason}; leave it out")
-            found[place] = rows
+            rows_of[place] = rows
             advance(0)
     for name, columns in COLUMNS.items():
-        lines: list[Sequence[Any]] = [columns]
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(columns)
+        run = (PROTOCOL_VERSION, protocol.seed, protocol.dataset) if name == OBJECTS else ()
         for _, place, obj in tasks:
-            of = obj.truth.object.class_name, obj.truth.object.object_id
-            whole = (PROTOCOL_VERSION, protocol.seed, protocol.dataset)
-            lines += [
-                (*of, *(whole if name == OBJECTS else ()), *row) for row in found[place][name]
-            ]
-        write_whole(folder / name, _csv(lines))
+            writer.writerows((*obj.truth.name.object, *run, *row) for row in rows_of[place][name])
+        write_whole(folder / name, text.getvalue().encode())
     lists = {name: file_sha256(folder / name) for name in COLUMNS}
     described = metadata(protocol, lists, datetime.now(UTC).date().isoformat())
     text = json.dumps(described, indent=2, ensure_ascii=False) + "\n"
@@ -96,43 +97,37 @@ def _fill(folder: Path, protocol: Protocol, objects: Sequence[ObjectJobs], worke
 
 
 def _write(task: Task) -> Rows:
-    """In a worker: write the files of an object; their rows."""
+    """Write the files of an object, in a worker, and return their rows."""
     root, place, jobs = task
     rows: Rows = {OBJECTS: [("", "")], CLOUDS: [], VIEWS: []}
     obj, views = jobs.truth.object, jobs.truth.views
 
-    def kept(name: str) -> tuple[str, str]:
+    def with_checksum(name: str) -> tuple[str, str]:
         return name, file_sha256(root / name)
 
     if isinstance(obj, MeshObject):
         name = f"meshes/{place}.ply"
         write_whole(root / name, _ply(obj.load()), synced=False)
-        rows[OBJECTS] = [kept(name)]
-    for job in jobs.items:
+        rows[OBJECTS] = [with_checksum(name)]
+    for job in jobs.method_jobs:
         points = cloud_of(job).points
         name = f"clouds/{place}/{job.condition}.ply"
         save_ply(points, root / name)
-        rows[CLOUDS].append((job.condition, len(points), *kept(name)))
+        rows[CLOUDS].append((job.condition, len(points), *with_checksum(name)))
     for number, (view, image) in enumerate(zip(views, obj.truth(views), strict=True)):
         name = f"images/{place}/{number:02d}.png"
         write_whole(root / name, _png(image), synced=False)
         angles = repr(view.azimuth_deg), repr(view.elevation_deg)
-        rows[VIEWS].append((number, *angles, *kept(name)))
+        rows[VIEWS].append((number, *angles, *with_checksum(name)))
     return rows
-
-
-def _csv(rows: Sequence[Sequence[Any]]) -> bytes:
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(rows)
-    return text.getvalue().encode()
 
 
 def _ply(mesh: Mesh) -> bytes:
     import trimesh
 
     colors: Any = mesh.face_colors
-    made = trimesh.Trimesh(mesh.vertices, mesh.faces, face_colors=colors, process=False)
-    data: Any = made.export(file_type="ply")
+    shape = trimesh.Trimesh(mesh.vertices, mesh.faces, face_colors=colors, process=False)
+    data: Any = shape.export(file_type="ply")
     return data
 
 

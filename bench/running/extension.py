@@ -1,7 +1,7 @@
-"""A run that is joined with what its folder already has: methods, conditions and objects only grow.
+"""A run joined with the one that its folder already has: methods, conditions and objects only grow.
 
 The manifest and the tables of the folder stay those of the run before until the wider run has all
-that they are of; so an extension that is stopped, or killed, leaves them as they were.
+their objects; so an extension that is stopped, or killed, leaves them as they were.
 """
 
 from __future__ import annotations
@@ -12,22 +12,18 @@ from pathlib import Path
 from typing import Any
 
 from bench.catalogue.lookup import find
+from bench.catalogue.methods import Method, find_method
 from bench.records.journal import (
     MANIFEST,
     SHARD,
     check_directory,
-    read_lines,
+    read_index,
     read_manifest,
 )
-from bench.running.protocol import (
-    WHOLE,
-    Options,
-    Protocol,
-    method_identity,
-    name_of,
-    objects_to_search,
-    plan,
-)
+from bench.running.options import Options
+from bench.running.plan import plan
+from bench.running.protocol import Protocol, method_identity, name_of
+from bench.running.shards import WHOLE, objects_to_search
 from data_prep.clouds.conditions import CONDITIONS
 from data_prep.datasets.objects import SceneObject
 from data_prep.datasets.registry import open_dataset
@@ -41,23 +37,30 @@ APART = "give --out for a run of its own, or --fresh to start over"
 class KeptRun:
     """The run of a folder that a further run must not narrow.
 
-    objects   by class and name
-    manifest  as it was read
+    Attributes
+    ----------
+    methods : mapping
+        The methods by id.
+    conditions : tuple of str
+    objects : frozenset of str
+        Class and name of each complete object.
+    manifest : mapping
+        The manifest as it was read.
     """
 
-    methods: tuple[str, ...]
+    methods: Mapping[str, Method]
     conditions: tuple[str, ...]
     objects: frozenset[str]
     manifest: Mapping[str, Any]
 
 
 def join(options: Options, protocol: Protocol) -> tuple[Protocol, KeptRun | None]:
-    """Return what is asked for together with what the run in the folder has, and the latter.
+    """Return the protocol widened by the run in the folder, and that run.
 
-    A line on stderr says what the folder has beyond what is asked for. Nothing is written. None
-    stands for a folder without a run, with `--fresh`, and for a run of which nothing is complete.
-    Raises BadInput where the folder holds something else, and where a part of its run is not known
-    here, so that it could not be kept.
+    The run is None for a folder without one, with `--fresh`, and where nothing of it is complete. A
+    line on stderr says what the folder has beyond the request. Nothing is written. Raises BadInput
+    where the folder holds something else, and where a part of its run is not known here, so that it
+    could not be kept.
     """
     directory = options.directory
     if options.fresh:
@@ -68,10 +71,11 @@ def join(options: Options, protocol: Protocol) -> tuple[Protocol, KeptRun | None
     kept = _kept(directory, protocol, read_manifest(directory))
     if kept is None:
         return protocol, None
-    _check_known(directory, protocol.device, {*kept.methods} - {*protocol.methods}, kept.conditions)
+    every_method = {**kept.methods, **protocol.methods}
+    ids = joined(tuple(protocol.methods), tuple(kept.methods), protocol.suite.methods)
     wide = replace(
         protocol,
-        methods=joined(protocol.methods, kept.methods, protocol.suite.methods),
+        methods={method_id: every_method[method_id] for method_id in ids},
         conditions=joined(protocol.conditions, kept.conditions, protocol.suite.conditions),
         objects=_with_kept(directory, protocol, kept),
     )
@@ -90,7 +94,7 @@ def pinned_request(options: Options, protocol: Protocol) -> dict[str, Any]:
     limit = max(map(names.count, {*names}))
     return replace(
         options,
-        methods=protocol.methods,
+        methods=tuple(protocol.methods),
         conditions=protocol.conditions,
         limit=options.limit if protocol.shard else limit,
         views=protocol.views,
@@ -99,7 +103,10 @@ def pinned_request(options: Options, protocol: Protocol) -> dict[str, Any]:
 
 
 def joined(asked: tuple[str, ...], kept: tuple[str, ...], listed: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of both: in their own order where one has all, else first as `listed`."""
+    """Return the names of both, in the order of the one that has all names.
+
+    Where neither has all, the names that are `listed` come first, as they are listed there.
+    """
     if set(kept) <= set(asked):
         return asked
     if set(asked) <= set(kept):
@@ -111,7 +118,7 @@ def joined(asked: tuple[str, ...], kept: tuple[str, ...], listed: Sequence[str])
 def with_methods_there(
     options: Options, suite: str, asked: tuple[str, ...], listed: Sequence[str]
 ) -> tuple[str, ...]:
-    """Return the methods of a suite with a procedure of its own, with those its folder has.
+    """Return the methods of a suite with a procedure of its own, and the methods its folder has.
 
     Raises BadInput where the folder holds a method that is not known here.
     """
@@ -122,7 +129,7 @@ def with_methods_there(
     if manifest["suite"] != suite:  # which is refused before anything is written
         return asked
     kept = tuple(map(str, manifest.get("methods", ())))
-    _check_known(directory, options.device, {*kept} - {*asked}, ())
+    _find_kept(directory, options.device, (name for name in kept if name not in asked), ())
     methods = joined(asked, kept, listed)
     _tell(directory, [_counted(len(methods) - len(asked), "methods")])
     return methods
@@ -133,7 +140,7 @@ def refuse_narrowing(directory: Path, manifest: Mapping[str, Any]) -> None:
     if not (directory / MANIFEST).is_file():
         return
     before = read_manifest(directory)
-    for kind in ("methods", "conditions", "objects"):
+    for kind in ("methods", "conditions", "objects", "pairs", "triples"):
         if lacking := [name for name in before.get(kind, ()) if name not in manifest.get(kind, ())]:
             raise BadInput(
                 f"{directory}: holds a run with {_counted(len(lacking), kind)}, {lacking[0]} among "
@@ -163,50 +170,55 @@ def _kept(directory: Path, protocol: Protocol, manifest: Mapping[str, Any]) -> K
     A run that was killed, perhaps while its tables were made again, counts with the objects that
     are complete; None where none is.
     """
-    methods, conditions, objects = (
+    ids, conditions, objects = (
         tuple(map(str, manifest.get(kind, ()))) for kind in ("methods", "conditions", "objects")
     )
+    finished = manifest.get("finished")
+    same = {*ids} == {*protocol.methods} and {*conditions} == {*protocol.conditions}
+    if not finished and same and {*objects} <= {name_of(obj) for obj in protocol.objects}:
+        return None  # only objects may be added, and those that are complete stay so
+    beyond = [name for name in ids if name not in protocol.methods]
+    known = {**protocol.methods, **_find_kept(directory, protocol.device, beyond, conditions)}
+    methods = {name: known[name] for name in ids}
     kept = KeptRun(methods, conditions, frozenset(objects), manifest)
-    if manifest.get("finished"):
+    if finished:
         return kept
-    asked = {name_of(obj) for obj in protocol.objects}
-    if (
-        {*methods} == {*protocol.methods}
-        and {*conditions} == {*protocol.conditions}
-        and kept.objects <= asked
-    ):
-        return None  # only objects may be added, and what is complete of them stays so
-    _check_known(directory, protocol.device, {*methods} - {*protocol.methods}, conditions)
     stored = tuple(obj for obj in _search(protocol, manifest) if name_of(obj) in kept.objects)
     before = replace(protocol, methods=methods, conditions=conditions, objects=stored)
-    lines = read_lines(directory)
+    index = read_index(directory)
     complete = frozenset(
         obj.name
         for obj in plan(before, directory).objects
-        if all(job.key in lines for job in obj.jobs)
+        if all(job.key in index for job in obj.jobs)
     )
     return replace(kept, objects=complete) if complete else None
 
 
-def _check_known(
-    directory: Path, device: str, methods: Iterable[str], conditions: Iterable[str]
-) -> None:
-    """Raise BadInput for a method that cannot be used here, and for an unknown condition."""
+def _find_kept(
+    directory: Path, device: str, ids: Iterable[str], conditions: Iterable[str]
+) -> dict[str, Method]:
+    """Return methods of the run in the folder, by id.
+
+    Raises BadInput for a method that cannot be used here, and for an unknown condition.
+    """
+    methods = {}
     try:
-        for method in sorted(methods):
-            method_identity(method, device)
+        for method_id in sorted(ids):
+            methods[method_id] = find_method(method_id)
+            method_identity(methods[method_id], device)
         for condition in conditions:
             find(condition, CONDITIONS, "condition")
     except BadInput as error:
-        # Of an unknown name without the list of all that are known.
+        # The list of all known names would hide the remedy.
         reason = str(error).partition(": ")[0] if str(error).startswith("unknown") else str(error)
         raise BadInput(
             f"{directory}: its run cannot be kept here: {reason}; install what is missing, {APART}"
         ) from error
+    return methods
 
 
 def _with_kept(directory: Path, protocol: Protocol, kept: KeptRun) -> tuple[SceneObject, ...]:
-    """Return the objects of both, as the dataset orders them."""
+    """Return the objects of the protocol and of the kept run, as the dataset orders them."""
     wanted = kept.objects | {name_of(obj) for obj in protocol.objects}
     if len(wanted) == len(protocol.objects):
         return protocol.objects
@@ -225,7 +237,7 @@ def _with_kept(directory: Path, protocol: Protocol, kept: KeptRun) -> tuple[Scen
 
 
 def _search(protocol: Protocol, manifest: Mapping[str, Any]) -> Iterable[SceneObject]:
-    """Yield the objects of the dataset, class by class, as far as both runs can have reached."""
+    """Yield the objects of the dataset, class by class, as far as both runs can have come."""
     dataset = open_dataset(protocol.dataset)
     count = max(objects_to_search(manifest), len(protocol.objects))
     for class_name in protocol.suite.classes:
@@ -234,5 +246,5 @@ def _search(protocol: Protocol, manifest: Mapping[str, Any]) -> Iterable[SceneOb
 
 
 def _counted(count: int, kind: str) -> str:
-    """Return a number and what it counts, as in "1 more method"; nothing for 0."""
+    """Return a number with its noun, as in "1 more method"; an empty text for 0."""
     return f"{count} more {kind if count > 1 else kind.removesuffix('s')}" if count else ""

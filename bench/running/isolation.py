@@ -1,9 +1,8 @@
 """Tasks in killable worker processes: spawned, one library thread each, replaced now and then.
 
-Native libraries hang, leak and crash (see CONTRIBUTING.md); a task that does costs its own result
-and nothing else. One thread a worker, whatever their number, so that no result depends on how many
-neighbours a task had: sums are taken in the same order. Tasks are idempotent, and what becomes of
-one depends on nothing but the task: an executor may do one twice, on any machine, in any order.
+Native libraries hang, leak and crash (see CONTRIBUTING.md); such a task costs its own result and
+nothing else. Tasks are idempotent, and a result depends on nothing but the task: an executor may do
+a task twice, on any machine, in any order.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from bench.running.worker_process import SAFE_PATH, WorkerProcess, watched_memor
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Within, this process computes on one thread; afterwards on as many as before."""
+    """Compute on one thread within the block; afterwards on as many as before."""
     import torch
     from threadpoolctl import threadpool_limits
 
@@ -47,32 +46,32 @@ DoneOut = TypeVar("DoneOut", covariant=True)
 
 
 class Executor(Protocol[TaskIn, DoneOut]):
-    """Does tasks, several at a time."""
+    """A pool that does tasks, several at a time."""
 
     @property
     def capacity(self) -> int:
-        """How many tasks may be under way: enough to keep all workers busy, and not more."""
+        """Return how many tasks may be under way: just enough to keep all workers busy."""
         ...
 
     def submit(self, task: TaskIn, /) -> None:
-        """Have a task done."""
+        """Start a task."""
         ...
 
     def wait_any(self) -> Iterator[DoneOut]:
-        """Wait until at least one of those under way has ended, and give what has."""
+        """Wait until at least one task has ended, and yield the results of those that have."""
         ...
 
     def close(self) -> None:
-        """Stop at once what is under way, and let go of all workers."""
+        """Stop all tasks at once, and let go of all workers."""
         ...
 
 
 def submit_all(
     tasks: Iterable[Task | None], executor: Executor[Task, Done]
 ) -> Generator[Done, None, None]:
-    """What becomes of each task, as it comes; tasks are taken as there is room.
+    """Do tasks as the executor has capacity, and yield each result as it comes.
 
-    None among the tasks: the next one waits for the end of one that is under way.
+    A None in `tasks` means: wait until one running task has finished.
     """
     queue, under_way = iter(tasks), 0
     while True:
@@ -90,14 +89,14 @@ def submit_all(
 
 Result = TypeVar("Result")
 
-TASKS_PER_WORKER = 500  # then a fresh process: what leaks, leaks no further
+TASKS_PER_WORKER = 500  # then a fresh process, which ends every leak
 LONGEST_WAIT_S = 3600.0  # more overflows in the system call for limits without end
 START_S = 120.0  # for a worker to get ready, on a machine that swaps, too
-MOST_BREAKS = 3  # workers lost before they were ready, without a task's end in between
+MOST_BREAKS = 3  # workers lost before they were ready, one after the other
 
 
 def thread_counts(threads: int) -> dict[str, str]:
-    """Return what libraries read from the environment when they are loaded, for so many threads."""
+    """Return the environment in which libraries, when they are loaded, take so many threads."""
     names = (
         *("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS"),
         "LP_NUM_THREADS",  # Mesa's software rasteriser
@@ -105,6 +104,8 @@ def thread_counts(threads: int) -> dict[str, str]:
     return dict.fromkeys(names, str(threads))
 
 
+# One thread a worker, so that no result depends on the number of workers: sums are taken in the
+# same order.
 WORKER_ENVIRONMENT = thread_counts(1) | {
     # MeshLab's APSS reads memory that it has not written: in about half of all processes some
     # vertices end up a rounding error away, and where the surface is ill-conditioned a spike more
@@ -123,7 +124,7 @@ class WorkerFailure:
 
     @property
     def reason(self) -> str:
-        """For a record: "timeout: no result within 120 s"."""
+        """Return the reason in a record, as in "timeout: no result within 120 s"."""
         return f"{self.kind}: {self.detail}"
 
 
@@ -154,9 +155,8 @@ class TaskPool(Generic[Task, Result]):
     """Worker processes that do `work(task)`, one task at a time each.
 
     `work` and the tasks cross process boundaries: a function of a module, and plain values.
-    `environment` is put on top of this process's own. To be closed, whatever happens, before
-    another is made. Nothing is in other threads but the watch on memory: workers get tasks, and are
-    stopped when their time is over, within `submit` and `wait_any`.
+    `environment` is added to this process's own. A worker is replaced after `tasks_per_worker`
+    tasks. Close a pool, whatever happens, before you make another.
     """
 
     def __init__(
@@ -165,8 +165,12 @@ class TaskPool(Generic[Task, Result]):
         workers: int,
         limits: Limits,
         environment: Mapping[str, str] = WORKER_ENVIRONMENT,
+        tasks_per_worker: int = TASKS_PER_WORKER,
     ) -> None:
+        # Only the watch on memory is another thread: tasks are handed out, and workers stopped when
+        # their time is over, within `submit` and `wait_any`.
         self._work, self._size, self._limits = work, workers, limits
+        self._tasks_per_worker = tasks_per_worker
         self.capacity = 2 * workers  # a queue as short as keeps them busy: there may be 10^5 tasks
         self._queue: deque[Task] = deque()
         self._workers: list[_Worker[Task]] = []
@@ -184,15 +188,15 @@ class TaskPool(Generic[Task, Result]):
         return [worker.process.pid for worker in self._workers]
 
     def submit(self, task: Task) -> None:
-        """Have a task done; at most `capacity` may be under way."""
+        """Start a task; at most `capacity` may be under way."""
         self._queue.append(task)
         self._hand_out()
 
     def wait_any(self) -> Iterator[tuple[Task, Result | WorkerFailure]]:
-        """Wait until tasks have ended; each with its result, or with what became of its worker.
+        """Wait until tasks have ended, and yield each with its result or its worker's failure.
 
-        What `work` raises is raised here, and BrokenProcessPool where one worker after another is
-        lost before it is ready.
+        An exception of `work` is raised here, and BrokenProcessPool where one worker after another
+        is lost before it is ready.
         """
         while not self._ended and (self._queue or any(w.under_way for w in self._workers)):
             self._hand_out()
@@ -260,7 +264,7 @@ class TaskPool(Generic[Task, Result]):
         self._breaks = 0
         self._ended.append((worker.under_way[0], fine, value))
         worker.under_way, worker.deadline = (), float("inf")
-        if worker.begun >= TASKS_PER_WORKER:
+        if worker.begun >= self._tasks_per_worker:
             self._let_go(worker)
 
     def _lose(self, worker: _Worker[Task], reason: WorkerFailure) -> None:
@@ -295,13 +299,13 @@ class TaskPool(Generic[Task, Result]):
                 "memory", f"the worker used more than {self._limits.memory_gib:g} GiB"
             )
         try:
-            how = signal.Signals(-code).name if code < 0 else f"exit code {code}"
+            ending = signal.Signals(-code).name if code < 0 else f"exit code {code}"
         except ValueError:
-            how = f"signal {-code}"
-        return WorkerFailure("crash", f"the worker died ({how})")
+            ending = f"signal {-code}"
+        return WorkerFailure("crash", f"the worker died ({ending})")
 
     def close(self) -> None:
-        """Stop all workers at once; idle ones are let go."""
+        """Stop all workers at once; idle workers end by themselves."""
         for worker in tuple(self._workers):
             if not worker.under_way:
                 self._let_go(worker)
@@ -320,13 +324,14 @@ def run_tasks(
     workers: int,
     limits: Limits,
     environment: Mapping[str, str] = WORKER_ENVIRONMENT,
+    tasks_per_worker: int = TASKS_PER_WORKER,
 ) -> Generator[tuple[Task, Result | WorkerFailure], None, None]:
-    """Each task with `work(task)`, or with what became of its worker, as they come.
+    """Yield each task with its result or its worker's failure, as they come (see `TaskPool`).
 
-    As `TaskPool`. Closing the iterator stops all workers at once. Tasks are taken from their
-    iterable as workers get free.
+    Closing the iterator stops all workers at once. Tasks are taken from their iterable as workers
+    get free.
     """
-    with closing(TaskPool(work, workers, limits, environment)) as pool:
+    with closing(TaskPool(work, workers, limits, environment, tasks_per_worker)) as pool:
         yield from submit_all(tasks, pool)
 
 

@@ -1,9 +1,8 @@
-"""`bench merge`: the shards of a run become one run, as if it had not been divided.
+"""The shards of a run put together to one run, as if it had not been divided (`bench merge`).
 
-Journals, artifacts and records of the shards are brought together; tables, figures and the report
-are made from them as at the end of any run. No method draws anything again, and neither dataset nor
-weights need to be at hand. What has been copied is checked against its checksum. A merge that was
-stopped goes on where it was.
+Journals and artifacts are copied and checked; tables, figures and the report are made as at the end
+of any run. No method draws anything again, and neither dataset nor weights need to be at hand. A
+merge that was stopped goes on where it was.
 """
 
 from __future__ import annotations
@@ -20,26 +19,26 @@ from typing import Any, Generic
 
 from bench.records.artifacts import artifact_path, artifact_sha256
 from bench.records.job import Result
-from bench.records.journal import FIXED, Journal, read_finished, read_lines
+from bench.records.journal import FIXED, Journal, read_finished, read_index
 from bench.records.parquet import JobRow, read_jobs
 from bench.records.record import GROUND_TRUTH
 from bench.running.extension import refuse_narrowing
-from bench.running.protocol import WHOLE, Shard, interleave, read_shard
-from bench.running.run import Outputs, WrittenRun, open_run, write_parquet
+from bench.running.run import Outputs, PartialRun, WrittenRun, open_run, write_parquet
+from bench.running.shards import WHOLE, Shard, interleave, read_shard
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.progress import progress
 
-# What all shards must have in common, beside what one directory has one value of.
+# Entries of the manifest that all shards must have in common.
 ALIKE = (
     *FIXED,
     *("methods", "identities", "conditions", "skipped_metrics", "feature_identity", "environment"),
     "versions",
 )
-OWN = ("shard", "started", "finished", "machine", "git")  # stated for each
+EACH = ("shard", "started", "finished", "machine", "git")  # entries kept for each shard
 
 
 @dataclass(frozen=True)
-class Part:
+class FinishedShard:
     """A finished shard."""
 
     directory: Path
@@ -49,7 +48,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Merged(Generic[Outputs]):
-    """A complete run: where it is, what was made of it, its jobs, and how many were copied now."""
+    """A complete run: its folder, its outputs, and how many jobs it has and were copied."""
 
     directory: Path
     outputs: Outputs
@@ -60,10 +59,10 @@ class Merged(Generic[Outputs]):
 def merge(
     directories: Sequence[Path], out: Path, publish: Callable[[WrittenRun], Outputs]
 ) -> Merged[Outputs]:
-    """Put the shards of a run together in `out`; `publish` as in `bench.running.run.run`.
+    """Put the shards of a run together in `out`; `publish` is as in `bench.running.run.run`.
 
-    Raises BadInput where a directory is no finished shard, one is missing, there twice or of
-    another run, naming it; where images of a shard are missing or altered; and where `out` holds
+    Raises BadInput, which names the directory, where one is no finished shard, is missing, given
+    twice or of another run, or where images of it are missing or altered; and where `out` holds
     another run, or one with more methods, conditions or objects. The shards stay as they are.
     """
     parts = _in_order([_read_part(directory) for directory in directories])
@@ -72,22 +71,14 @@ def merge(
     with open_run(out, manifest) as journal:
         jobs = _collect(parts, manifest["objects"], journal)
         seconds: dict[str, float] = {}
-        outputs = publish(
-            write_parquet(
-                out,
-                manifest["suite"],
-                jobs,
-                lambda job: journal.lines.result(job.key).records,
-                manifest["feature_identity"],
-                seconds,
-            )
-        )
+        whole = PartialRun(out, manifest, jobs, lambda job: journal.index.read(job.key).records)
+        outputs = publish(write_parquet(whole, manifest["feature_identity"], seconds))
         stages = manifest["stage_seconds"]
         stages |= {name: round(stages.get(name, 0) + timing, 1) for name, timing in seconds.items()}
     return Merged(out, outputs, len(jobs), len(journal.added))
 
 
-def _read_part(directory: Path) -> Part:
+def _read_part(directory: Path) -> FinishedShard:
     manifest = read_finished(directory)
     name = manifest.get("shard", WHOLE)
     if name is WHOLE:
@@ -98,11 +89,11 @@ def _read_part(directory: Path) -> Part:
             f"{directory}: {complete} of its {planned} objects are complete; run the shard again "
             "with its command, which goes on with the others"
         )
-    return Part(directory, read_shard(name), manifest)
+    return FinishedShard(directory, read_shard(name), manifest)
 
 
-def _in_order(parts: Sequence[Part]) -> list[Part]:
-    """Shards 1 to N. Raises BadInput where they are not those of one run, each of them once."""
+def _in_order(parts: Sequence[FinishedShard]) -> list[FinishedShard]:
+    """Return shards 1 to N. Raises BadInput where they are not the shards of one run, each once."""
     first = parts[0]
     for part in parts[1:]:
         for name in ALIKE:
@@ -117,30 +108,30 @@ def _in_order(parts: Sequence[Part]) -> list[Part]:
                 f"{part.directory}: is shard {part.shard}, {first.directory} {first.shard}; give "
                 "the shards of one run"
             )
-    found: dict[int, Part] = {}
+    by_number: dict[int, FinishedShard] = {}
     for part in parts:
-        if (other := found.setdefault(part.shard.number, part)) is not part:
+        if (other := by_number.setdefault(part.shard.number, part)) is not part:
             raise BadInput(
                 f"shard {part.shard}: is there twice, in {other.directory} and {part.directory}; "
                 "leave one out"
             )
     count = first.shard.count
-    if missing := [f"{k}/{count}" for k in range(1, count + 1) if k not in found]:
+    if missing := [f"{k}/{count}" for k in range(1, count + 1) if k not in by_number]:
         named = ", ".join(missing)
         raise BadInput(f"missing: shard {named}; make it with --shard, and give it too")
-    return [found[k] for k in range(1, count + 1)]
+    return [by_number[k] for k in range(1, count + 1)]
 
 
-def _differing(own: object, others: object) -> str:
-    """Two values of a manifest, of mappings only what differs."""
-    if isinstance(own, Mapping) and isinstance(others, Mapping):
-        keys = [key for key in own.keys() | others.keys() if own.get(key) != others.get(key)]
-        own, others = ({key: of.get(key) for key in sorted(keys)} for of in (own, others))
-    return f"{own!r}, there {others!r}"
+def _differing(value: object, other: object) -> str:
+    """Return two values of a manifest as text; of mappings only the entries that differ."""
+    if isinstance(value, Mapping) and isinstance(other, Mapping):
+        keys = sorted(k for k in value.keys() | other.keys() if value.get(k) != other.get(k))
+        value, other = {k: value.get(k) for k in keys}, {k: other.get(k) for k in keys}
+    return f"{value!r}, there {other!r}"
 
 
-def _describe(parts: Sequence[Part]) -> dict[str, Any]:
-    """The manifest of the whole. Raises BadInput where objects are missing or there twice."""
+def _describe(parts: Sequence[FinishedShard]) -> dict[str, Any]:
+    """Return the manifest of the whole run. Raises BadInput for missing and repeated objects."""
     shards = [list(part.manifest["objects"]) for part in parts]
     try:
         objects = interleave(shards)
@@ -162,7 +153,7 @@ def _describe(parts: Sequence[Part]) -> dict[str, Any]:
         "objects": objects,
         "planned": len(objects),
         "shard": WHOLE,
-        "merged": [{name: part.manifest.get(name) for name in OWN} for part in parts],
+        "merged": [{name: part.manifest.get(name) for name in EACH} for part in parts],
         "machine": first.get("machine", {}) | {"cpu": "; ".join(processors)},
         "workers": max(int(p.manifest.get("workers", 1)) for p in parts),
         "stage_seconds": seconds,
@@ -171,33 +162,35 @@ def _describe(parts: Sequence[Part]) -> dict[str, Any]:
     }
 
 
-def _collect(parts: Sequence[Part], objects: Sequence[str], journal: Journal) -> list[JobRow]:
-    """All jobs in the order of the whole run, each in the journal and with its artifact."""
+def _collect(
+    parts: Sequence[FinishedShard], objects: Sequence[str], journal: Journal
+) -> list[JobRow]:
+    """Bring all jobs into the journal, with their artifacts; return them in the run's order."""
     rank = {name: place for place, name in enumerate(objects)}
     listed = [(part, read_jobs(part.directory)) for part in parts]
     with progress("merging", sum(len(jobs) for _, jobs in listed)) as advance:
         for part, jobs in listed:
-            lines = read_lines(part.directory)
+            index = read_index(part.directory)
             for job in jobs:
-                if job.key not in lines:
+                if job.key not in index:
                     raise BadInput(
-                        f"{part.directory}: {' '.join(job.item)} is not in its journal any more; "
+                        f"{part.directory}: {' '.join(job.name)} is not in its journal any more; "
                         "run the shard again"
                     )
-                _take(part.directory, job, lines.result(job.key), journal)
+                _copy_job(part.directory, job, index.read(job.key), journal)
                 advance(0)
     return sorted(
         (job for _, jobs in listed for job in jobs),
-        key=lambda job: (job.item.method != GROUND_TRUTH, rank["/".join(job.item.object)]),
+        key=lambda job: (job.name.method != GROUND_TRUTH, rank["/".join(job.name.object)]),
     )
 
 
-def _take(source: Path, job: JobRow, result: Result, journal: Journal) -> None:
-    """Bring a job over unless it is there. Its line is written when its artifact is whole."""
+def _copy_job(source: Path, job: JobRow, result: Result, journal: Journal) -> None:
+    """Copy a job unless the journal has it. Its line is written when its artifact is whole."""
     target = artifact_path(journal.directory, job.key)
-    there = journal.lines.result(job.key) if job.key in journal.lines else None
+    present = journal.index.read(job.key) if job.key in journal.index else None
     wanted = result.artifact_sha256
-    if there == result and (wanted is None or artifact_sha256(target) == wanted):
+    if present == result and (wanted is None or artifact_sha256(target) == wanted):
         return
     if wanted is not None:
         _copy(artifact_path(source, job.key), target)
@@ -210,7 +203,7 @@ def _take(source: Path, job: JobRow, result: Result, journal: Journal) -> None:
 
 
 def _copy(source: Path, target: Path) -> None:
-    """A second name for the file where the file system allows it, else a copy."""
+    """Give the file a second name where the file system allows it, else copy it."""
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         target.unlink(missing_ok=True)

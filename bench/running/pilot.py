@@ -35,7 +35,8 @@ from bench.records.job import Job
 from bench.records.journal import to_line
 from bench.records.record import GROUND_TRUTH
 from bench.running.isolation import TASKS_PER_WORKER, WorkerFailure, run_tasks
-from bench.running.protocol import Protocol, plan
+from bench.running.plan import plan
+from bench.running.protocol import Protocol
 from bench.running.work import run_job
 from data_prep.datasets.objects import SceneObject
 from data_prep.failures import BadInput, MissingDependency
@@ -124,13 +125,13 @@ def measure(protocol: Protocol, objects: int, workers: int) -> Pilot:
     )
     limits = protocol.suite.limits
     with tempfile.TemporaryDirectory(prefix="bench-plan-") as folder:
-        todo = plan(part, Path(folder))
-        truths = _measure(todo.references, sizes, workers, limits, "pilot's ground truth")
+        planned = plan(part, Path(folder))
+        truths = _measure(planned.ground_truths, sizes, workers, limits, "pilot's ground truth")
         drawn = {job.artifact for job, sample in truths if not sample.reason}
         if not drawn:
             first = truths[0][1].reason
             raise BadInput(f"none of the pilot's objects can be drawn; the first: {first}")
-        jobs = [job for job in todo.jobs if job.reference in drawn]
+        jobs = [job for job in planned.jobs if job.reference in drawn]
         items = _measure(jobs, sizes, workers, limits, "pilot")
     return Pilot(tuple(sample for _, sample in (*truths, *items)), tuple(sizes.values()))
 
@@ -229,7 +230,7 @@ def lost_sample(job: Job, size: float, lost: WorkerFailure, limits: Limits) -> S
 
 
 def _sample(job: Job, size: float, **measured: Any) -> Sample:
-    return Sample(job.method, job.condition, *job.item.object, size, **measured)
+    return Sample(job.method, job.condition, *job.name.object, size, **measured)
 
 
 def _forget_peak() -> None:

@@ -1,15 +1,9 @@
-"""Jobs on a Ray cluster: an executor whose workers are Ray's, and what a node does.
+"""Jobs on a Ray cluster: an executor whose workers are Ray's, and the work of a node.
 
-Ray decides where a job is done, and does those of a lost node again elsewhere; nothing else is left
-to it. A job that fails, hangs or takes its process down is a result like on one machine, and is not
-tried again. Jobs and results are plain values of some kB; of a run's files none has to be reachable
-from the nodes, and nothing but this process writes into its folder.
-
-A node does one job at a time, in a killable process of its own. It gets a list of what it has to
-have in common with the machine that keeps the run (`NodeRequirements`), and proves it before its
-first job: images of another driver or another version of a file would go into the same tables
-unseen. The true images that a job is scored against come with the job, its artifact goes back as
-bytes (about 0.1 MB for 20 views).
+Ray decides where a job is done, and does the jobs of a lost node again elsewhere. A job that fails,
+hangs or ends its process is a result like on one machine, and is not tried again. Only this process
+reads and writes the run's folder: true images come with a job, its artifact goes back as bytes
+(about 0.1 MB for 20 views).
 """
 
 from __future__ import annotations
@@ -21,7 +15,7 @@ import socket
 import tempfile
 import time
 from collections import OrderedDict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import chdir, contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -32,10 +26,10 @@ from bench.catalogue.methods import find_method
 from bench.catalogue.suites import Limits
 from bench.records.artifacts import write_artifact
 from bench.records.job import Job, Result, failed
-from bench.records.record import GROUND_TRUTH
 from bench.running.environment import code_sha256, environment, versions
 from bench.running.executors import JobPool
-from bench.running.protocol import LOCAL, Protocol, method_identity
+from bench.running.options import LOCAL
+from bench.running.protocol import Protocol, method_identity
 from data_prep.datasets.objects import SceneObject
 from data_prep.failures import BadInput, MissingDependency
 from data_prep.files.checksums import file_sha256
@@ -45,15 +39,24 @@ PACKAGES = ("data_prep", "learning", "baselines", "pc2pix", "bench")
 
 @dataclass(frozen=True)
 class NodeRequirements:
-    """What all nodes have in common.
+    """The properties that a node shares with the machine that keeps the run.
 
-    environment  what `bench.running.environment` finds
-    versions     of packages
-    code         checksum of this project's own
-    identities   of the methods, see `bench.running.protocol.method_identity`
-    weights      checksums of the files that extractors load
-    device       where networks run
-    folder       relative paths start here, where there is such a folder
+    Attributes
+    ----------
+    environment : mapping
+        The answer of `bench.running.environment.environment`.
+    versions : mapping
+        Versions of packages.
+    code : mapping
+        Checksums of this project's packages.
+    identities : mapping
+        Identities of the methods, see `bench.running.protocol.method_identity`.
+    weights : mapping
+        Checksums of the files that extractors load.
+    device : str
+        Where networks run.
+    folder : str
+        The start of relative paths, where there is such a folder.
     """
 
     environment: Mapping[str, str]
@@ -66,22 +69,28 @@ class NodeRequirements:
 
 
 class Node:
-    """A process of Ray's, with the process that does its jobs."""
+    """A process of Ray's, with the killable process that does its jobs, one at a time."""
 
-    def __init__(self, requirements: NodeRequirements, limits: Limits) -> None:
-        with suppress(OSError):  # not there: a path that needs it will say so
+    def __init__(
+        self,
+        requirements: NodeRequirements,
+        limits: Limits,
+        probe: Callable[[], Mapping[str, str]] = environment,
+    ) -> None:
+        with suppress(OSError):  # missing: a path that needs it will say so
             os.chdir(requirements.folder)
-        self._mismatch = mismatch(requirements)
+        # Images of another driver or version of a file would go into the same tables unseen.
+        self._mismatch = mismatch(requirements, probe)
         self._pool = JobPool(1, 1, limits)
 
     def run_job(
         self, job: Job, fingerprint: str, reference: bytes | None
     ) -> tuple[Result, bytes | None]:
-        """The result of a job, and its artifact where there is one.
+        """Do a job, and return its result, and its artifact where it has one.
 
-        `fingerprint` is that of its object where the run is kept, `reference` the artifact that it
-        is scored against. A node that is not fit, or whose copy of the object is another, gives a
-        result that is `unusable` and says why.
+        `fingerprint` is that of the object on the machine of the run, `reference` the artifact that
+        the job is scored against. The result of a node that does not meet the requirements, or
+        whose copy of the object differs, is `unusable` and says why.
         """
         if mismatch := self._mismatch or _other_object(job.object, fingerprint):
             mismatch = f"node {socket.gethostname()}: {mismatch}"
@@ -102,7 +111,7 @@ _node: Node | None = None  # of this process, where it is one of Ray's
 def do_on_node(
     message: tuple[NodeRequirements, Limits], job: Job, fingerprint: str, reference: bytes | None
 ) -> tuple[Result, bytes | None]:
-    """`Node.run_job` of the node that this process is; Ray has it do one job after another."""
+    """Do a job on the node that this process is; Ray calls this for one job after another."""
     global _node
     if _node is None:
         _node = Node(*message)
@@ -110,7 +119,7 @@ def do_on_node(
 
 
 def requirements(protocol: Protocol) -> NodeRequirements:
-    """What this machine has, to be asked of others."""
+    """Return the properties of this machine, which all nodes have to share."""
     return NodeRequirements(
         environment=protocol.environment,
         versions=versions(),
@@ -122,14 +131,19 @@ def requirements(protocol: Protocol) -> NodeRequirements:
     )
 
 
-def mismatch(requirements: NodeRequirements) -> str:
-    """In what this machine does not meet the requirements, and the remedy; empty where it does."""
+def mismatch(
+    requirements: NodeRequirements, probe: Callable[[], Mapping[str, str]] = environment
+) -> str:
+    """Return how this machine fails the requirements, with the remedy; empty where it does not.
+
+    `probe` finds out the environment.
+    """
     try:
-        found = environment()
+        here = probe()
     except MissingDependency as error:
         return str(error)
-    for what, here, wanted in (
-        ("environment", found, requirements.environment),
+    for kind, present, wanted in (
+        ("environment", here, requirements.environment),
         ("versions", versions(), requirements.versions),
         ("code", _code(), requirements.code),
         (
@@ -139,41 +153,41 @@ def mismatch(requirements: NodeRequirements) -> str:
         ),
         ("weights", {path: _sum(path) for path in requirements.weights}, requirements.weights),
     ):
-        if differing := [name for name in wanted if here.get(name) != wanted[name]]:
-            message = ", ".join(f"{n} is {here.get(n)}, not {wanted[n]}" for n in differing)
-            return f"not set up as the machine of the run, {what}: {message}; make it the same"
+        if differing := [name for name in wanted if present.get(name) != wanted[name]]:
+            message = ", ".join(f"{n} is {present.get(n)}, not {wanted[n]}" for n in differing)
+            return f"not set up as the machine of the run, {kind}: {message}; make it the same"
     return ""
 
 
 def _other_object(obj: SceneObject, fingerprint: str) -> str:
-    found = fingerprint_of(obj)
-    if found == fingerprint:
+    present = fingerprint_of(obj)
+    if present == fingerprint:
         return ""
     return (
-        f"{obj.class_name}/{obj.object_id} is not what it is in the run ({found[:40]}, not "
+        f"{obj.class_name}/{obj.object_id} is not what it is in the run ({present[:40]}, not "
         f"{fingerprint[:40]}); put the same dataset into the same folder on all nodes"
     )
 
 
 @lru_cache(maxsize=64)
 def fingerprint_of(obj: SceneObject) -> str:
-    """Read once for the jobs of an object, which follow each other."""
+    """Return the fingerprint of an object, read once for its jobs, which follow each other."""
     return obj.fingerprint()
 
 
 def _code() -> dict[str, str]:
-    """A checksum for each package of this project."""
+    """Return a checksum for each package of this project."""
     return {package: code_sha256([package])[:16] for package in PACKAGES}
 
 
 def _identities(methods: Iterable[str], device: str) -> dict[str, str]:
-    found = {}
+    identities = {}
     for method in methods:
         try:
-            found[method] = json.dumps(method_identity(method, device))
+            identities[method] = json.dumps(method_identity(find_method(method), device))
         except BadInput as error:  # its weights are not here
-            found[method] = str(error)
-    return found
+            identities[method] = str(error)
+    return identities
 
 
 def _sum(path: str) -> str:
@@ -185,7 +199,7 @@ def _sum(path: str) -> str:
 
 PATIENCE_S = 10.0
 COUNTED_EVERY_S = 5.0  # the CPUs of a cluster
-NODES_PER_JOB = 5  # lost ones; then it is the job that takes them down
+NODES_PER_JOB = 5  # lost nodes; then it is the job that takes them down
 REFERENCES_KEPT = 64  # true images in the object store; jobs of one object follow each other
 STORE_BYTES = 256 * 2**20  # of the object store of a cluster of our own
 INSTALL = "Ray is not installed; pip install 'pc2pix-bench[ray]'"
@@ -193,7 +207,7 @@ INSTALL = "Ray is not installed; pip install 'pc2pix-bench[ray]'"
 
 @dataclass(frozen=True)
 class Cluster:
-    """A connection. `cpus` and `gpus` are those of all nodes when it was made."""
+    """A connection to a cluster, with the CPUs and GPUs of all nodes when it was made."""
 
     address: str
     cpus: int
@@ -204,9 +218,9 @@ class Cluster:
 
 @contextmanager
 def connected(address: str, workers: int) -> Iterator[Cluster]:
-    """A connection to the cluster at `address` ("host:port", "auto", "ray://host:port"), or, for
-    LOCAL, to one on this machine with so many workers, which ends with the block.
+    """Yield a connection to the cluster at `address` ("host:port", "auto", "ray://host:port").
 
+    For LOCAL it is a new cluster on this machine with so many workers, which ends with the block.
     Raises MissingDependency without Ray, and BadInput where no cluster answers.
     """
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nobody was asked
@@ -216,30 +230,30 @@ def connected(address: str, workers: int) -> Iterator[Cluster]:
     except ImportError as error:
         raise MissingDependency(INSTALL) from error
     _check_reachable(address)
-    own = {"num_cpus": workers, "object_store_memory": STORE_BYTES, "include_dashboard": False}
+    local = {"num_cpus": workers, "object_store_memory": STORE_BYTES, "include_dashboard": False}
     try:
         with chdir("/"):  # workers would import from the current folder: a `random.py`, say
             ray.init(
                 address=address,
                 logging_level=logging.ERROR,
                 log_to_driver=False,
-                **(own if address == LOCAL else {}),
+                **(local if address == LOCAL else {}),
             )
     except (ConnectionError, RuntimeError, ValueError, OSError) as error:
         message = (str(error).strip().splitlines() or [type(error).__name__])[0]
         raise _no_cluster(address, message) from error
     try:
-        there = ray.cluster_resources()
+        resources = ray.cluster_resources()
+        cpus, gpus = (int(resources.get(kind, 0)) for kind in ("CPU", "GPU"))
         nodes = sum(node["Alive"] for node in ray.nodes())
-        yield Cluster(
-            address, int(there.get("CPU", 0)), int(there.get("GPU", 0)), nodes, ray.__version__
-        )
+        yield Cluster(address, cpus, gpus, nodes, ray.__version__)
     finally:
         ray.shutdown()
 
 
 def _check_reachable(address: str) -> None:
-    """Raises BadInput where nobody listens at "host:port": Ray would ask for minutes."""
+    """Raise BadInput where nobody listens at "host:port"."""
+    # Ray would ask for minutes.
     host, _, port = address.removeprefix("ray://").rpartition(":")
     if not (host and port.isdecimal()):
         return
@@ -257,17 +271,19 @@ def _no_cluster(address: str, message: str) -> BadInput:
 
 
 class RayPool:
-    """Does jobs on the nodes of a cluster, an executor. To be made within `connected`.
+    """An executor of jobs on the nodes of a cluster, within `connected`.
 
-    A CPU each; a GPU as well for a network, where the cluster has any and the device is not "cpu".
+    A job takes a CPU; a network takes a GPU as well, where the cluster has GPUs and the device is
+    not "cpu".
     """
 
-    def __init__(self, cluster: Cluster, limits: Limits, requirements: NodeRequirements) -> None:
+    def __init__(self, cluster: Cluster, protocol: Protocol) -> None:
         import ray
 
-        self._gpus = cluster.gpus
-        self._room, self._counted = 0, float("-inf")
-        self._text = ray.put((requirements, limits))
+        networks = {m for m, method in protocol.methods.items() if method.weights_file}
+        self._on_gpu = networks if cluster.gpus and protocol.device != "cpu" else set()
+        self._capacity, self._counted = 0, float("-inf")
+        self._message = ray.put((requirements(protocol), protocol.suite.limits))
         remote = ray.remote(num_cpus=1, max_retries=NODES_PER_JOB, max_calls=0)  # 0: no end
         self._do = remote(do_on_node)
         self._waiting: dict[Any, Job] = {}
@@ -275,25 +291,24 @@ class RayPool:
 
     @property
     def capacity(self) -> int:
-        """Two jobs for each CPU that the cluster has now: nodes come and go."""
+        """Return two jobs for each CPU that the cluster has now: nodes come and go."""
         import ray
 
         if time.monotonic() > self._counted + COUNTED_EVERY_S:  # a question to another process
-            self._room = max(2, 2 * int(ray.cluster_resources().get("CPU", 0)))
+            self._capacity = max(2, 2 * int(ray.cluster_resources().get("CPU", 0)))
             self._counted = time.monotonic()
-        return self._room
+        return self._capacity
 
     def submit(self, job: Job) -> None:
-        """Have a job done. Raises OSError where its ground truth cannot be read."""
+        """Start a job. Raises OSError where its ground truth cannot be read."""
         reference = None if job.reference is None else self._reference(job.reference)
-        gpus = 1 if self._gpus and _wants_gpu(job) else 0
-        ref = self._do.options(num_gpus=gpus).remote(
-            self._text, job, fingerprint_of(job.object), reference
+        ref = self._do.options(num_gpus=int(job.method in self._on_gpu)).remote(
+            self._message, job, fingerprint_of(job.object), reference
         )
         self._waiting[ref] = job
 
     def wait_any(self) -> Iterator[Result]:
-        """Wait until jobs have ended; the result of each, its artifact written."""
+        """Wait until jobs have ended; write their artifacts and yield their results."""
         import ray
 
         ready, _ = ray.wait(list(self._waiting), num_returns=1, fetch_local=False)
@@ -306,7 +321,7 @@ class RayPool:
             yield result
 
     def close(self) -> None:
-        """Stop what is under way."""
+        """Stop all jobs that are under way."""
         import ray
 
         for ref in self._waiting:
@@ -339,9 +354,3 @@ def _outcome(ref: Any, job: Job) -> tuple[Result, bytes | None]:
     except RayError as error:
         reason = f"crash: its node was lost {NODES_PER_JOB + 1} times ({type(error).__name__})"
         return failed(job, reason), None
-
-
-def _wants_gpu(job: Job) -> bool:
-    if job.method == GROUND_TRUTH or job.device == "cpu":
-        return False
-    return find_method(job.method).weights_file is not None

@@ -1,4 +1,4 @@
-"""A run from its protocol to its records; and what a run would do, without doing it."""
+"""A run from its protocol to its records."""
 
 from __future__ import annotations
 
@@ -6,45 +6,38 @@ import time
 import typing
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing, contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
-from bench.records.artifacts import Artifact
+from bench.records.artifacts import JobName
 from bench.records.job import Job, Result, failed, shares
 from bench.records.journal import (
-    MANIFEST,
-    JobOutcome,
     Journal,
+    JournalIndex,
     check_directory,
     open_journal,
-    read_lines,
+    read_index,
     read_manifest,
     set_aside,
     write_manifest,
 )
 from bench.records.parquet import JobRow, artifacts_of, write_features, write_jobs, write_records
 from bench.records.record import GROUND_TRUTH, Record
-from bench.running import environment as manifests
-from bench.running.executors import JobPool, results
+from bench.running.environment import now
+from bench.running.executors import results
 from bench.running.extension import KeptRun, join, pinned_request, refuse_narrowing
+from bench.running.factory import ExecutorFactory, executor_factory
 from bench.running.isolation import Executor
-from bench.running.pilot import Cell
-from bench.running.protocol import (
-    LOCAL,
-    Options,
-    Plan,
-    Protocol,
-    describe,
-    plan,
-    protocol_of,
-    workers_of,
-)
-from bench.running.ray import RayPool, connected, requirements
+from bench.running.manifest import describe
+from bench.running.options import Options
+from bench.running.plan import Plan, plan
+from bench.running.protocol import Protocol, protocol_of
 from bench.running.schedule import Budget, Schedule, guess_s
+from bench.running.status import unscorable
 from data_prep.failures import BadInput
 from data_prep.progress import log
 
@@ -52,139 +45,38 @@ Outputs = TypeVar("Outputs")
 
 
 @dataclass(frozen=True)
-class RunStatus:
-    """A run that has not been started, or not now.
-
-    there    keys of the jobs that count as done, items without a true image included
-    workers  processes of this machine
-    """
-
-    protocol: Protocol
-    directory: Path
-    todo: Plan
-    there: frozenset[str]
-    workers: int
-
-    @property
-    def left(self) -> dict[Cell, int]:
-        """How many items are to be done, by method and condition; zeros included."""
-        return count((*self.todo.references, *self.todo.items), self.there)
-
-    @property
-    def jobs_left(self) -> dict[Cell, int]:
-        """The same in jobs: one that does an item under every condition counts at the first."""
-        return count(self.todo.jobs, self.there)
-
-    def left_of_first(self, objects: int) -> dict[Cell, int]:
-        """The same with `--limit`: of each class only so many, as the dataset orders them."""
-        return count(self.todo.first(objects).jobs, self.there)
-
-
-def count(jobs: Iterable[Job], there: frozenset[str]) -> dict[Cell, int]:
-    """Jobs that are not `there`, by method and condition, in their order."""
-    found: dict[Cell, int] = {}
-    for job in jobs:
-        cell = (job.method, job.condition)
-        found[cell] = found.get(cell, 0) + (job.key not in there)
-    return found
-
-
-def run_status(options: Options, protocol: Protocol) -> RunStatus:
-    """What `bench run` would do with these. Nothing is written, nor locked.
-
-    Raises BadInput as `bench.running.run.run` before it does its first job.
-    """
-    suite = protocol.suite
-    directory = options.directory
-    protocol, _ = join(options, protocol)
-    todo = plan(protocol, directory)
-    workers = workers_of(suite, options)
-    there: frozenset[str] = frozenset()
-    if not options.fresh:
-        there = _there(directory, todo)
-    elif not (directory / MANIFEST).exists():  # else it would be renamed
-        check_directory(directory, {})
-    return RunStatus(protocol, directory, todo, there, workers)
-
-
-def refuse_small(suite: str, what: str) -> BadInput:
-    """For suites that are not made of items."""
-    return BadInput(f"{what}: the suite {suite} takes minutes and has no plan; run it")
-
-
-def _any_complete(options: Options, todo: Plan) -> bool:
-    """Whether an earlier start has completed an object."""
-    if options.fresh:
-        return False
-    lines = read_lines(options.directory)
-    return any(all(job.key in lines for job in obj.jobs) for obj in todo.objects)
-
-
-def _there(directory: Path, todo: Plan) -> frozenset[str]:
-    journal = Journal(directory, read_lines(directory))
-    outcomes = journal.usable_of(todo.jobs)
-    return frozenset(outcomes) | _unscorable(todo, outcomes).keys()
-
-
-@dataclass(frozen=True)
-class ExecutorFactory:
-    """How to begin: `start` gives an executor for so many jobs.
-
-    workers  processes at work at once
-    cluster  what it is, for the manifest; None for this machine
-    """
-
-    start: Callable[[int], Executor[Job, Result]]
-    workers: int
-    cluster: dict[str, Any] | None
-
-
-@contextmanager
-def executor_factory(options: Options, protocol: Protocol) -> Iterator[ExecutorFactory]:
-    """As requested; connected to the cluster for as long as the block lasts.
-
-    Raises BadInput for options that have no meaning, and as `bench.running.ray.connected`.
-    """
-    suite = protocol.suite
-    workers = workers_of(suite, options)
-    if options.ray is None:
-        start = partial(JobPool, workers=workers, limits=suite.limits)
-        yield ExecutorFactory(start, workers, None)
-        return
-    if suite.frontier:
-        raise BadInput(
-            f"--ray: has no meaning for the suite {suite.id}, whose times are compared; leave it"
-        )
-    if options.workers is not None and options.ray != LOCAL:
-        raise BadInput("--workers: has no meaning with --ray, whose nodes bring theirs; leave it")
-    asked = requirements(protocol)
-    with connected(options.ray, workers) as cluster:
-        yield ExecutorFactory(
-            lambda _: RayPool(cluster, suite.limits, asked), cluster.cpus, asdict(cluster)
-        )
-
-
-@dataclass(frozen=True)
 class WrittenRun:
     """A run whose records and features are written, while its directory is still locked.
 
-    artifacts  the images of all jobs that have any: ground truths, then items
-    seconds    what each stage took; whoever goes on adds to it
+    Attributes
+    ----------
+    directory : Path
+    suite : str
+    artifacts : mapping
+        The artifacts of all jobs that have images, by name: ground truths first.
+    seconds : dict
+        The time that each stage took; later stages add theirs.
     """
 
     directory: Path
     suite: str
-    artifacts: Sequence[Artifact]
+    artifacts: Mapping[JobName, Path]
     seconds: dict[str, float]
 
 
 @dataclass(frozen=True)
 class PartialRun:
-    """What is complete of a run that goes on.
+    """The complete objects of a run, which may still go on.
 
-    manifest  as it would be, were that all
-    jobs      of the complete objects: ground truths, then items
-    records   gives those of an item
+    Attributes
+    ----------
+    directory : Path
+    manifest : dict
+        Manifest that a run of these objects alone would have.
+    jobs : sequence of JobRow
+        Jobs of the complete objects, ground truths first.
+    records : callable
+        Returns the records of one job.
     """
 
     directory: Path
@@ -194,34 +86,45 @@ class PartialRun:
 
 
 class ProgressReporter(typing.Protocol):
-    """Who is told how a run goes on."""
+    """A listener to the progress of a run."""
 
     def on_jobs_done(self, ended: int, failed: int) -> None:
-        """So many more jobs have ended; how many have failed since the start."""
+        """Report that `ended` more jobs have ended, and that `failed` have failed so far."""
         ...
 
     def on_object_done(self, snapshot: Callable[[], PartialRun]) -> None:
-        """One more object is complete. `snapshot` takes longer the more there are."""
+        """Report that an object is complete. `snapshot` takes the longer the more there are."""
         ...
 
 
-# Gets title and number of the jobs to be done.
+# Takes title and number of the jobs to be done.
 Watch = Callable[[str, int], AbstractContextManager[ProgressReporter]]
 
 
 @dataclass(frozen=True)
 class RunResult(Generic[Outputs]):
-    """A run that is complete, or of which some objects are.
+    """A run of which all objects are complete, or some.
 
-    outputs           of what is complete; None where the folder keeps those of the run before,
-                      because these would be of fewer objects
-    objects, planned  complete, and of the whole run
-    interrupted       whether Ctrl-C ended it
-    done, reused      jobs of this start, and of earlier ones; as in the progress, those that a
-                      ground truth without images makes pointless are among them
-    failed            jobs without images
-    hopeless          methods without an image, though there is something to draw
-    shares            of the workers' time, see `bench.records.job.shares`
+    Attributes
+    ----------
+    directory : Path
+    outputs : Outputs or None
+        Outputs of the complete objects; None where the folder keeps those of the run before,
+        because these would be of fewer objects.
+    objects, planned : int
+        Complete objects, and objects of the whole run.
+    interrupted : bool
+        Whether Ctrl-C ended the run.
+    done, reused : int
+        Jobs of this start, and of earlier ones; with a failed ground truth all of its object.
+    failed : int
+        Jobs without images.
+    hopeless : tuple of str
+        Methods without a single image, though there is something to draw.
+    seconds : dict
+        The time of each stage.
+    shares : dict
+        Parts of the workers' time, see `bench.records.job.shares`.
     """
 
     directory: Path
@@ -237,17 +140,79 @@ class RunResult(Generic[Outputs]):
     shares: dict[str, float]
 
 
+@dataclass(frozen=True)
+class _PreparedRun:
+    """A run of which everything is decided and nothing is written yet.
+
+    Attributes
+    ----------
+    manifest : dict
+        Manifest that the run will have when all its objects are complete.
+    kept : KeptRun or None
+        The run in the folder, of which nothing may get lost.
+    begun : float
+        The start, by `time.perf_counter`.
+    """
+
+    directory: Path
+    fresh: bool
+    protocol: Protocol
+    plan: Plan
+    manifest: dict[str, Any]
+    kept: KeptRun | None
+    budget: Budget
+    begun: float
+
+    def narrows(self, schedule: Schedule) -> bool:
+        """Return whether outputs of the complete objects would lack an object of the kept run."""
+        return self.kept is not None and not self.kept.objects <= {*schedule.complete}
+
+    def snapshot(self, schedule: Schedule, journal: Journal) -> PartialRun:
+        """Return the run of the objects that are complete."""
+        part = self.plan.select(frozenset(schedule.complete))
+        without_truth = unscorable(part, schedule.results)
+
+        def records(row: JobRow) -> Sequence[Record]:
+            if row.key in without_truth:
+                return failed(*without_truth[row.key]).records
+            return journal.index.read(row.key).records
+
+        rows = []
+        for job in (*part.ground_truths, *part.method_jobs):
+            result = schedule.results.get(job.key)  # None: the ground truth has failed
+            rows.append(JobRow(job.key, job.name, result and result.artifact_sha256))
+        objects = [obj.name for obj in part.objects]
+        return PartialRun(self.directory, self.manifest | {"objects": objects}, rows, records)
+
+
 def run(
-    options: Options, publish: Callable[[WrittenRun], Outputs], watch: Watch
+    options: Options,
+    publish: Callable[[WrittenRun], Outputs],
+    watch: Watch,
+    make_budget: Callable[[float | None, float], Budget] = Budget,
 ) -> RunResult[Outputs]:
     """Carry out a run, or what is left of it, for as long as its budget allows.
 
-    `publish` makes the outputs from the Parquet files; the run counts as finished after it. What a
-    run in the folder has beyond the request is kept and goes on (`bench.running.extension`). Where
-    the budget or Ctrl-C ends it, it is a run of the objects that are complete, unless the folder
-    has outputs of more; the same options go on with the others. Raises BadInput for anything the
-    user has to fix, and KeyboardInterrupt where no object is complete; what was done until then is
-    kept.
+    What a run in the folder has beyond the request is kept and goes on (`bench.running.extension`).
+    Where the budget or Ctrl-C ends it, it is a run of the objects that are complete, unless the
+    folder has outputs of more; the same options go on with the others.
+
+    Parameters
+    ----------
+    options : Options
+    publish : callable
+        Makes the outputs from the Parquet files; the run counts as finished after it.
+    watch : callable
+        Gives the reporter of progress.
+    make_budget : callable
+        Makes the budget from `--budget` and the expected cost of an object, both in seconds.
+
+    Raises
+    ------
+    BadInput
+        For anything the user has to fix.
+    KeyboardInterrupt
+        Where no object is complete; what was done until then is kept.
     """
     begun = time.perf_counter()
     suite = find(options.suite, SUITES, "suite")
@@ -256,21 +221,22 @@ def run(
             f"--budget: has no meaning with --shard {options.shard}, whose objects are fixed; "
             "leave one of the two"
         )
-    asked, skipped = protocol_of(suite, options)
-    protocol, kept = join(options, asked)
-    todo = plan(protocol, options.directory)  # refuses weights that cannot be used
+    requested, skipped = protocol_of(suite, options)
+    protocol, kept = join(options, requested)
+    planned = plan(protocol, options.directory)  # refuses weights that cannot be used
     with executor_factory(options, protocol) as factory:
-        budget = Budget(options.budget, guess_s(todo.objects[0], factory.workers))
-        if options.budget is not None and not _any_complete(options, todo):
+        budget = make_budget(options.budget, guess_s(planned.objects[0], factory.workers))
+        if options.budget is not None and not _any_complete(options, planned):
             budget.check()
         manifest = describe(protocol, factory.workers, skipped) | {
             "request": pinned_request(options, protocol),
             "cluster": factory.cluster,
-            "planned": len(todo.objects),  # "objects" are those that are complete, at the end
+            "planned": len(planned.objects),  # "objects" are those that are complete, at the end
         }
-        return _carry_out(
-            options, protocol, kept, todo, factory, budget, manifest, begun, publish, watch
+        prepared = _PreparedRun(
+            options.directory, options.fresh, protocol, planned, manifest, kept, budget, begun
         )
+        return _carry_out(prepared, factory, publish, watch)
 
 
 @contextmanager
@@ -286,11 +252,7 @@ def open_run(directory: Path, manifest: dict[str, Any], fresh: bool = False) -> 
         refuse_narrowing(directory, manifest)
         write_manifest(directory, manifest)
         yield journal
-        _write_finished(directory, manifest)
-
-
-def _write_finished(directory: Path, manifest: dict[str, Any]) -> None:
-    write_manifest(directory, manifest | {"finished": manifests.now()})
+        write_manifest(directory, manifest | {"finished": now()})
 
 
 @contextmanager
@@ -305,108 +267,91 @@ def _locked_journal(directory: Path, manifest: dict[str, Any], fresh: bool) -> I
 
 
 def _carry_out(
-    options: Options,
-    protocol: Protocol,
-    kept: KeptRun | None,
-    todo: Plan,
+    prepared: _PreparedRun,
     factory: ExecutorFactory,
-    budget: Budget,
-    manifest: dict[str, Any],
-    begun: float,
     publish: Callable[[WrittenRun], Outputs],
     watch: Watch,
 ) -> RunResult[Outputs]:
-    suite, directory = protocol.suite, options.directory
+    directory, planned = prepared.directory, prepared.plan
     seconds: dict[str, float] = {}
-    with _locked_journal(directory, manifest, options.fresh) as journal:
-        if kept is None:
-            write_manifest(directory, manifest)
-        elif read_manifest(directory) != kept.manifest:  # another process had the lock meanwhile
+    with _locked_journal(directory, prepared.manifest, prepared.fresh) as journal:
+        if prepared.kept is None:
+            write_manifest(directory, prepared.manifest)
+        elif read_manifest(directory) != prepared.kept.manifest:  # it had the lock meanwhile
             raise BadInput(f"{directory}: another run has changed it just now; run again")
-        schedule = Schedule(todo, journal.usable_of(todo.jobs), budget)
+        schedule = Schedule(planned, journal.all_usable(planned.jobs), prepared.budget)
         reused = schedule.total - schedule.left
-
-        def narrows() -> bool:
-            """Return whether outputs of what is complete would lack an object of those before."""
-            return kept is not None and not kept.objects <= {*schedule.complete}
-
-        def snapshot() -> PartialRun:
-            """And the manifest says what is complete."""
-            part = todo.of(frozenset(schedule.complete))
-            manifest["objects"] = [obj.name for obj in part.objects]
-            unscorable = _unscorable(part, schedule.outcomes)
-
-            def records(row: JobRow) -> Sequence[Record]:
-                lost = unscorable.get(row.key)
-                return failed(*lost).records if lost else journal.lines.result(row.key).records
-
-            rows = _in_order(part, schedule.outcomes)
-            return PartialRun(directory, manifest, rows, records)
-
         with timed("items", seconds):
-            interrupted = _do(schedule, journal, factory, suite.id, snapshot, narrows, watch)
-        _check_any_truth(todo, schedule.outcomes)
+            interrupted = _do_jobs(prepared, schedule, journal, factory.start, watch)
+        _check_any_truth(planned, schedule.results)
+        part = None if prepared.narrows(schedule) else prepared.snapshot(schedule, journal)
         outputs = None
-        if not narrows():
-            made = snapshot()
-            extractors = [metric for metric, _ in protocol.features]
-            write_manifest(directory, manifest)  # the tables are of these objects
-            outputs = publish(
-                write_parquet(directory, suite.id, made.jobs, made.records, extractors, seconds)
-            )
-        timing = (outcome.timing for outcome in schedule.outcomes.values())
-        of_workers = shares(timing, factory.workers * (time.perf_counter() - begun))
-        manifest |= {
-            "stage_seconds": seconds,
-            "worker_shares": {part: round(share, 4) for part, share in of_workers.items()},
-        }
-        if outputs is not None:
-            _write_finished(directory, manifest)
-    without = {key for key, found in schedule.outcomes.items() if found.artifact_sha256 is None}
+        if part is not None:
+            write_manifest(directory, part.manifest)  # the tables are of these objects
+            extractors = [metric for metric, _ in prepared.protocol.features]
+            outputs = publish(write_parquet(part, extractors, seconds))
+        timings = (result.timing for result in schedule.results.values())
+        of_workers = shares(timings, factory.workers * (time.perf_counter() - prepared.begun))
+        if part is not None:
+            ending = {
+                "stage_seconds": seconds,
+                "worker_shares": {name: round(share, 4) for name, share in of_workers.items()},
+                "finished": now(),
+            }
+            write_manifest(directory, part.manifest | ending)
+    drawn = {key for key, result in schedule.results.items() if result.has_images}
+    undrawn = (schedule.results.keys() - drawn) | unscorable(planned, schedule.results).keys()
     return RunResult(
         directory,
         outputs,
         objects=len(schedule.complete),
-        planned=len(todo.objects),
+        planned=len(planned.objects),
         interrupted=interrupted,
         done=schedule.total - reused - schedule.left,
         reused=reused,
-        failed=len(without | _unscorable(todo, schedule.outcomes).keys()),
-        hopeless=_hopeless(todo, schedule),
+        failed=len(undrawn),
+        hopeless=_hopeless(planned.select(frozenset(schedule.complete)), drawn),
         seconds=seconds,
         shares=of_workers,
     )
 
 
-def _do(
+def _any_complete(options: Options, planned: Plan) -> bool:
+    """Return whether an earlier start has completed an object."""
+    index = JournalIndex() if options.fresh else read_index(options.directory)
+    return any(all(job.key in index for job in obj.jobs) for obj in planned.objects)
+
+
+def _do_jobs(
+    prepared: _PreparedRun,
     schedule: Schedule,
     journal: Journal,
-    factory: ExecutorFactory,
-    title: str,
-    snapshot: Callable[[], PartialRun],
-    narrows: Callable[[], bool],
+    start: Callable[[int], Executor[Job, Result]],
     watch: Watch,
 ) -> bool:
-    """Do the jobs; whether Ctrl-C came in between. Raises KeyboardInterrupt where that leaves
-    nothing complete."""
+    """Do the jobs that are left, and return whether Ctrl-C came in between.
+
+    Raises KeyboardInterrupt where no object is complete by then.
+    """
     if not schedule.left:
         return False
-    if schedule.outcomes:
-        log(f"{title}: {len(schedule.outcomes)} jobs are there from before")
-    failures = 0
+    title = prepared.protocol.suite.id
+    if schedule.results:
+        log(f"{title}: {len(schedule.results)} jobs are there from before")
+    snapshot, failures = partial(prepared.snapshot, schedule, journal), 0
     try:
         with (
-            watch(f"{title}, jobs", schedule.left) as observer,
-            closing(results(schedule.jobs(), schedule.left, journal, factory.start)) as stream,
+            watch(f"{title}, jobs", schedule.left) as reporter,
+            closing(results(schedule.jobs(), schedule.left, journal, start)) as stream,
         ):
             for result in stream:
                 before = schedule.left
                 complete = schedule.take(result)
-                ended = before - schedule.left  # with a ground truth its items fail
-                failures += ended * (result.artifact_sha256 is None)
-                observer.on_jobs_done(ended, failures)
-                if complete and schedule.scored and not narrows():
-                    observer.on_object_done(snapshot)
+                ended = before - schedule.left  # with a ground truth all jobs of its object fail
+                failures += ended * (not result.has_images)
+                reporter.on_jobs_done(ended, failures)
+                if complete and schedule.scored and not prepared.narrows(schedule):
+                    reporter.on_object_done(snapshot)
     except KeyboardInterrupt:
         if not schedule.scored:
             raise
@@ -415,68 +360,41 @@ def _do(
 
 
 def write_parquet(
-    directory: Path,
-    suite: str,
-    jobs: Sequence[JobRow],
-    records: Callable[[JobRow], Sequence[Record]],
-    features: Iterable[str],
-    seconds: dict[str, float],
+    part: PartialRun, extractors: Iterable[str], seconds: dict[str, float]
 ) -> WrittenRun:
     """Write the results of jobs as Parquet files into a directory with a manifest.
 
-    jobs      all jobs in the order of the plan: ground truths, then items
-    records   gives those of a job; asked for once for each item
-    features  extractors whose features are in the artifacts
-    seconds   gets what it took, and goes on in what is returned
+    `extractors` are those whose features are in the artifacts. The time is added to `seconds`.
     """
-    artifacts = artifacts_of(directory, jobs)
+    artifacts = artifacts_of(part.directory, part.jobs)
     with timed("tables", seconds):
-        write_records(directory, [job for job in jobs if job.item.method != GROUND_TRUTH], records)
-        write_jobs(directory, jobs)
-        for metric in features:
-            write_features(directory, metric, artifacts)
-    return WrittenRun(directory, suite, artifacts, seconds)
+        rows = [job for job in part.jobs if job.name.method != GROUND_TRUTH]
+        write_records(part.directory, rows, part.records)
+        write_jobs(part.directory, part.jobs)
+        for metric in extractors:
+            write_features(part.directory, metric, artifacts)
+    return WrittenRun(part.directory, str(part.manifest["suite"]), artifacts, seconds)
 
 
 @contextmanager
 def timed(stage: str, seconds: dict[str, float]) -> Iterator[None]:
-    """Within, time is added to `seconds[stage]`, rounded to tenths."""
+    """Add the time of the block to `seconds[stage]`, rounded to tenths."""
     start = time.perf_counter()
     yield
     seconds[stage] = round(seconds.get(stage, 0.0) + time.perf_counter() - start, 1)
 
 
-def _check_any_truth(todo: Plan, outcomes: Mapping[str, JobOutcome]) -> None:
-    """One bad object among many is a failed record; if none can be drawn, the input is wrong."""
-    truths = [outcomes[job.key] for job in todo.references if job.key in outcomes]
-    if any(truth.artifact_sha256 for truth in truths):
-        return
-    first = truths[0].reason.removeprefix("input: ")
-    raise BadInput(f"none of the {len(truths)} objects can be drawn; the first: {first}")
+def _check_any_truth(planned: Plan, done: Mapping[str, Result]) -> None:
+    """Raise BadInput where none of the ground truths could be drawn."""
+    # One bad object among many is a failed record; if none can be drawn, the input is wrong.
+    truths = [done[job.key] for job in planned.ground_truths if job.key in done]
+    if not any(truth.has_images for truth in truths):
+        reason = truths[0].reason.removeprefix("input: ")
+        raise BadInput(f"none of the {len(truths)} objects can be drawn; the first: {reason}")
 
 
-def _unscorable(todo: Plan, outcomes: Mapping[str, JobOutcome]) -> dict[str, tuple[Job, str]]:
-    """By key, items whose ground truth has failed: the item, and the reason of the failure."""
-    return {
-        job.key: (job, found.reason)
-        for obj in todo.objects
-        if (found := outcomes.get(obj.truth.key)) and found.artifact_sha256 is None
-        for job in obj.items
-    }
-
-
-def _hopeless(todo: Plan, schedule: Schedule) -> tuple[str, ...]:
+def _hopeless(complete: Plan, drawn: set[str]) -> tuple[str, ...]:
     """Return the methods that have failed on all complete objects that can be drawn."""
-    drawn = {
-        key for key, outcome in schedule.outcomes.items() if outcome.artifact_sha256 is not None
-    }
-    complete = todo.of(frozenset(schedule.complete)).objects
-    items = [job for obj in complete if obj.truth.key in drawn for job in obj.items]
-    working = {job.method for job in items if job.key in drawn}
-    return tuple(dict.fromkeys(job.method for job in items if job.method not in working))
-
-
-def _in_order(todo: Plan, outcomes: Mapping[str, JobOutcome]) -> list[JobRow]:
-    every = (*todo.references, *todo.items)
-    shas = ((job, outcomes.get(job.key)) for job in every)  # None: the ground truth has failed
-    return [JobRow(job.key, job.item, found and found.artifact_sha256) for job, found in shas]
+    jobs = [job for obj in complete.objects if obj.truth.key in drawn for job in obj.method_jobs]
+    working = {job.method for job in jobs if job.key in drawn}
+    return tuple(dict.fromkeys(job.method for job in jobs if job.method not in working))

@@ -1,8 +1,7 @@
-"""Which job of a run is next: object by object, for as long as the time allows.
+"""The order of the jobs of a run: object by object, for as long as the time allows.
 
 All methods and conditions of an object come before the next object, so that a run that is stopped
-has complete objects. Ground truths are drawn one object ahead: nothing waits for one but at the
-start.
+has complete objects.
 """
 
 from __future__ import annotations
@@ -15,8 +14,7 @@ from dataclasses import dataclass, field
 from itertools import zip_longest
 
 from bench.records.job import Job, Result
-from bench.records.journal import JobOutcome
-from bench.running.protocol import ObjectJobs, Plan
+from bench.running.plan import ObjectJobs, Plan
 from data_prep.failures import BadInput
 
 UNITS_S = {"s": 1, "m": 60, "h": 3600}
@@ -28,31 +26,41 @@ JOB_S = 0.6  # of a worker for a job, in the mean of the default suite
 
 
 def seconds_of(text: str) -> float:
-    """A time like "90s", "2m" or "1.5h" in seconds. Raises BadInput for anything else, and zero."""
-    found = re.fullmatch(r"([0-9]{1,9}(?:\.[0-9]{1,9})?)([smh])", text.strip())
-    seconds = float(found[1]) * UNITS_S[found[2]] if found else 0.0
+    """Return the seconds of a time like "90s", "2m" or "1.5h".
+
+    Raises BadInput for any other text, and for zero.
+    """
+    match = re.fullmatch(r"([0-9]{1,9}(?:\.[0-9]{1,9})?)([smh])", text.strip())
+    seconds = float(match[1]) * UNITS_S[match[2]] if match else 0.0
     if not seconds:
         raise BadInput(f"--budget {text}: give a time over 0 with its unit, as in 90s, 2m or 1.5h")
     return seconds
 
 
 def guess_s(obj: ObjectJobs, workers: int) -> float:
-    """What an object costs, before any has been done."""
+    """Return the seconds that an object is expected to take, before any has been done."""
     return len(obj.jobs) * JOB_S / workers
 
 
 def end_s(objects: int) -> float:
-    """Seconds for the tables, figures and report of so many objects."""
+    """Return the seconds for the tables, figures and report of so many objects."""
     return END_S + END_OF_OBJECT_S * objects
 
 
 @dataclass
 class Budget:
-    """Whether there is time for another object, by what objects have cost since the start.
+    """A time limit of a run, which decides whether to begin another object.
 
-    seconds  for the whole run, its end included; None: no limit
-    guess_s  what an object costs, as long as none has been done
-    clock    in seconds; the time counts from when this was made
+    The time counts from the creation of the budget.
+
+    Attributes
+    ----------
+    seconds : float or None
+        Limit of the whole run, its end included; None for no limit.
+    guess_s : float
+        Expected seconds of an object, as long as none has been done.
+    clock : callable
+        Returns the time in seconds.
     """
 
     seconds: float | None = None
@@ -65,7 +73,7 @@ class Budget:
         self._begun = self.clock()
 
     def check(self) -> None:
-        """Raises BadInput where not even one object would fit."""
+        """Raise BadInput where not even one object would fit."""
         shortest = math.ceil(START_S + self.guess_s + end_s(1))
         if self.seconds is not None and self.seconds < shortest:
             raise BadInput(
@@ -74,7 +82,7 @@ class Budget:
             )
 
     def note(self, complete: bool) -> None:
-        """A job has ended, and with it an object if `complete`."""
+        """Note that a job has ended, and with it an object if `complete`."""
         now = self.clock()
         if self._last is None:
             self._last = now
@@ -83,13 +91,14 @@ class Budget:
             self._last = now
 
     def allows(self, complete: int, under_way: float) -> bool:
-        """Whether to begin another object, with so many complete and so many under way."""
+        """Return whether to begin another object, with so many complete and so many under way."""
         cost = max(self._costs, default=self.guess_s)
         end = end_s(complete + math.ceil(under_way) + 1)
         return self._fits((under_way + 1) * cost + end)
 
     def allows_jobs(self, complete: int) -> bool:
-        """Whether to go on with objects that are under way: they may take longer than expected."""
+        """Return whether to go on with objects that are under way."""
+        # They may take longer than was expected when they were begun.
         return self._fits(end_s(complete))
 
     def _fits(self, seconds: float) -> bool:
@@ -97,49 +106,56 @@ class Budget:
 
 
 class Schedule:
-    """The jobs of a run in the order of their start, and what has become of them.
+    """The jobs of a run in the order of their start, and their results.
 
-    outcomes  by key, of the jobs that have ended
-    complete  names of the objects whose jobs have all ended. Where the ground truth has failed,
-              there is nothing to score, and the object is complete
-    scored    how many of these have a ground truth
-    total     how many jobs the run has
-    left      how many of these are to be done, were there no budget
+    Attributes
+    ----------
+    results : dict
+        Results of the jobs that have ended, by key and without records.
+    complete : list of str
+        Names of the objects whose jobs have all ended. An object whose ground truth has failed is
+        complete: there is nothing to score.
+    scored : int
+        Complete objects that have a ground truth.
+    total : int
+        Jobs of the run.
+    left : int
+        Jobs to be done, if there were no budget.
     """
 
-    def __init__(self, todo: Plan, outcomes: Mapping[str, JobOutcome], budget: Budget) -> None:
-        self._objects = todo.in_turns
+    def __init__(self, planned: Plan, results: Mapping[str, Result], budget: Budget) -> None:
+        self._objects = planned.in_turns
         self._budget = budget
         self._object_of = {job.key: obj for obj in self._objects for job in obj.jobs}
         self._open = {obj.name: {job.key for job in obj.jobs} for obj in self._objects}
-        self.outcomes: dict[str, JobOutcome] = {}
+        self.results: dict[str, Result] = {}
         self.complete: list[str] = []
         self.scored = 0
         self.total = self.left = sum(map(len, self._open.values()))
-        for key, outcome in outcomes.items():
-            self._put(key, outcome)
+        for result in results.values():
+            self._put(result)
 
     def jobs(self) -> Iterator[Job | None]:
-        """Those to be done. None: the next one waits for a ground truth that is under way.
+        """Yield the jobs to be done; None where the next job waits for a ground truth.
 
-        They end where the budget does not allow another object. The first one is always done.
+        They end where the budget does not allow another object. The first object is always done.
         """
         truths: set[str] = set()
         begun: list[ObjectJobs] = []
         for obj, ahead in zip_longest(self._objects, self._objects[1:]):
             if not self._open[obj.name]:
                 continue
-            begun = [one for one in begun if self._open[one.name]]
-            if (self.complete or begun) and not self._budget.allows(
-                len(self.complete), sum(self._part_left(one) for one in begun)
-            ):
+            begun = [earlier for earlier in begun if self._open[earlier.name]]
+            under_way = sum(len(self._open[o.name]) / len(o.jobs) for o in begun)
+            if (self.complete or begun) and not self._budget.allows(len(self.complete), under_way):
                 return
             begun.append(obj)
-            for one in (obj, ahead):
-                if one and one.truth.key not in self.outcomes and one.truth.key not in truths:
-                    truths.add(one.truth.key)
-                    yield one.truth
-            while obj.truth.key not in self.outcomes:
+            # Ground truths are drawn one object ahead: nothing waits for one but at the start.
+            for truth in (obj.truth, ahead and ahead.truth):
+                if truth and truth.key not in self.results and truth.key not in truths:
+                    truths.add(truth.key)
+                    yield truth
+            while obj.truth.key not in self.results:
                 yield None
             for job in obj.jobs:
                 if self.complete and not self._budget.allows_jobs(len(self.complete)):
@@ -148,25 +164,22 @@ class Schedule:
                     yield job
 
     def take(self, result: Result) -> bool:
-        """Note what has become of a job; whether its object is complete by it."""
-        complete = self._put(result.key, JobOutcome.of(result))
+        """Note the result of a job, and return whether its object is complete by it."""
+        complete = self._put(result.without_records())
         self._budget.note(complete)
         return complete
 
-    def _put(self, key: str, outcome: JobOutcome) -> bool:
-        self.outcomes[key] = outcome
-        obj = self._object_of[key]
+    def _put(self, result: Result) -> bool:
+        self.results[result.key] = result
+        obj = self._object_of[result.key]
         still_open = self._open[obj.name]
         before = len(still_open)
-        still_open.discard(key)
-        if key == obj.truth.key and outcome.artifact_sha256 is None:
+        still_open.discard(result.key)
+        if result.key == obj.truth.key and not result.has_images:
             still_open.clear()
         self.left -= before - len(still_open)
         if not before or still_open:
             return False
         self.complete.append(obj.name)
-        self.scored += self.outcomes[obj.truth.key].artifact_sha256 is not None
+        self.scored += self.results[obj.truth.key].has_images
         return True
-
-    def _part_left(self, obj: ObjectJobs) -> float:
-        return len(self._open[obj.name]) / len(obj.jobs)

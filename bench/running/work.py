@@ -1,8 +1,7 @@
-"""What a worker does: draw the ground truth of an object, or take one method over one cloud.
+"""The work of a worker: draw the ground truth of an object, or one cloud with one method.
 
-Jobs and their results are plain values that cross process boundaries. A job writes its images and
-features into an artifact (a compressed .npz, written whole or not at all) and returns the records;
-whether they count is decided by whoever keeps the journal.
+A job writes its images and features into an artifact and returns the records; whether they count
+is decided by the process that keeps the journal.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from numpy.typing import NDArray
 from bench.catalogue.methods import FLOORS, Method, find_method
 from bench.catalogue.metrics import LEARNED_METRICS, Extractor, find_extractor, lpips_network
 from bench.metrics.image_scores import scores
-from bench.records.artifacts import read_artifact, write_artifact
+from bench.records.artifacts import read_array, write_artifact
 from bench.records.job import Job, Result, Stopwatch, failed, records_of
 from bench.records.record import GROUND_TRUTH
 from data_prep.datasets.exported import ExportedObject
@@ -33,7 +32,7 @@ from data_prep.scene import IMAGE_SIZE, PointCloud, Renderer, UInt8Images, View
 
 @dataclass(frozen=True, eq=False)
 class RenderedViews:
-    """Images of a cloud, what the method repaired on the way, and its times as in a record."""
+    """Images of a cloud, notes on the method's repairs, and its times as in a record."""
 
     images: UInt8Images
     notes: str
@@ -44,23 +43,18 @@ class RenderedViews:
 def run_job(job: Job) -> Result:
     """Carry out a job. Whatever a method raises becomes failed records with the reason."""
     watch = Stopwatch()
-    result = _do(job, watch)
+    draw_job = _draw_ground_truth if job.method == GROUND_TRUTH else _run_method
+    try:
+        result = draw_job(job, watch)
+    except (MissingDependency, CannotWrite) as error:
+        result = replace(failed(job, str(error)), unusable=str(error))
+    except BaseException as error:  # a method may call exit(), or raise KeyboardInterrupt
+        result = failed(job, reason_of(error))
     return replace(result, timing=watch.timing())
 
 
-def _do(job: Job, watch: Stopwatch) -> Result:
-    try:
-        if job.method == GROUND_TRUTH:
-            return _draw_ground_truth(job, watch)
-        return _run_method(job, watch)
-    except (MissingDependency, CannotWrite) as error:
-        return replace(failed(job, str(error)), unusable=str(error))
-    except BaseException as error:  # a method may call exit(), or raise KeyboardInterrupt
-        return failed(job, reason_of(error))
-
-
 def reason_of(error: BaseException) -> str:
-    """What a method raised, as the reason in a record: "ball-pivoting: no faces"."""
+    """Return an exception as the reason in a record, as in "ball-pivoting: no faces"."""
     if isinstance(error, BadInput):
         return f"input: {error}"
     if isinstance(error, StageFailure):
@@ -87,9 +81,9 @@ def _run_method(job: Job, watch: Stopwatch) -> Result:
     try:
         with watch.on("methods"):
             renderer = load_renderer(job.method, job.device)
-    except BadInput as error:  # unusable weights fail every item alike
+    except BadInput as error:  # unusable weights fail every job alike
         return replace(failed(job, str(error)), unusable=str(error))
-    truth = None if job.reference is None else read_artifact(job.reference)["images"]
+    truth = None if job.reference is None else read_array(job.reference)
     cloud, rng = cloud_of(job), rng_of(job)
     with watch.on("methods"):
         drawn = draw(method, renderer, cloud, job.views, rng, job.batch, truth)
@@ -100,7 +94,10 @@ def _run_method(job: Job, watch: Stopwatch) -> Result:
         with watch.on("metrics"):
             scored = scores(truth, drawn.images) | _learned(job, truth, drawn.images)
         records = [
-            replace(record, **{name: _or_none(values[i]) for name, values in scored.items()})
+            replace(
+                record,
+                **{n: float(v[i]) if np.isfinite(v[i]) else None for n, v in scored.items()},
+            )
             for i, record in enumerate(records)
         ]
     sha = _write_artifact(job, drawn.images, watch)
@@ -108,7 +105,7 @@ def _run_method(job: Job, watch: Stopwatch) -> Result:
 
 
 def _learned(job: Job, truth: UInt8Images, images: UInt8Images) -> dict[str, NDArray[np.float64]]:
-    """Scores [V] by the networks among the job's extractors, by their names in a record."""
+    """Return scores [V] by the networks among the job's extractors, by their names in a record."""
     weights = dict(job.features).get(LEARNED_METRICS["lpips"])
     if weights is None:
         return {}
@@ -125,24 +122,21 @@ def draw(
     batch: int | None = None,
     truth: UInt8Images | None = None,
 ) -> RenderedViews:
-    """Images of a cloud, `batch` views a call (None: all of them), checked.
+    """Draw a cloud, `batch` views a call (None: all of them), and check the images.
 
-    Raises whatever the method raises, and StageFailure where what it gives are no images, or
-    blank ones (unless the true image is blank too, or blank is what the method is for).
+    Raises whatever the method raises, and StageFailure for anything but images, and for blank
+    images, unless the true image is blank too or the method is a floor, which draws no object.
     """
     cloud = seen_by(method, cloud)
     start = time.perf_counter()
     state = renderer.prepare(cloud, rng)
     prepared = time.perf_counter()
-    batches = _batches(views, batch)
-    drawn = [renderer.draw(state, some, rng) for some in batches]
+    size = batch or len(views)
+    batches = [views[i : i + size] for i in range(0, len(views), size)]
+    drawn = [renderer.draw(state, part, rng) for part in batches]
     done = time.perf_counter()
-    images = np.concatenate(
-        [
-            checked_images(drawn_now, len(some))
-            for drawn_now, some in zip(drawn, batches, strict=True)
-        ]
-    )
+    checked = (checked_images(i, len(part)) for i, part in zip(drawn, batches, strict=True))
+    images = np.concatenate([*checked])
     if method.id not in FLOORS:
         _refuse_blank(images, truth)
     notes = "; ".join(getattr(state, "notes", ()))
@@ -150,22 +144,13 @@ def draw(
 
 
 def seen_by(method: Method, cloud: PointCloud) -> PointCloud:
-    """The cloud as the method gets it: without the mesh, unless it is there to look at that."""
+    """Return the cloud as the method gets it: without the mesh, unless it is to look at that."""
     return cloud if method.sees_mesh else PointCloud(cloud.points)
 
 
-def _batches(views: Sequence[View], batch: int | None) -> list[Sequence[View]]:
-    if batch is None:
-        return [views]
-    return [views[i : i + batch] for i in range(0, len(views), batch)]
-
-
 def _refuse_blank(images: UInt8Images, truth: UInt8Images | None) -> None:
-    """Raises StageFailure where an image is of one colour throughout, unless the true one is.
-
-    A renderer that has lost its context gives such, and so does one that looks the wrong way;
-    as the image of an object it is none.
-    """
+    """Raise StageFailure where an image is of one colour throughout, unless the true one is."""
+    # A renderer that has lost its context draws such images, or one that looks the wrong way.
     flat = _is_flat(images)
     if truth is not None:
         flat &= ~_is_flat(truth)
@@ -177,14 +162,10 @@ def _is_flat(images: UInt8Images) -> NDArray[np.bool_]:
     return (images == images[:, :1, :1]).all(axis=(1, 2, 3))
 
 
-def _or_none(score: np.float64) -> float | None:
-    return float(score) if np.isfinite(score) else None
-
-
 def cloud_of(job: Job) -> PointCloud:
-    """The perturbed cloud. It depends on seed, object and condition, never on the method.
+    """Return the perturbed cloud, which depends on seed, object and condition only.
 
-    An export has it as a file, unless it was made without that condition.
+    An exported dataset has it as a file, unless it was made without that condition.
     """
     stored = job.object.perturbed(job.condition) if isinstance(job.object, ExportedObject) else None
     if stored is not None:
@@ -194,7 +175,7 @@ def cloud_of(job: Job) -> PointCloud:
 
 
 def rng_of(job: Job) -> np.random.Generator:
-    """What the method of a job draws its random numbers from."""
+    """Return the source of random numbers for the method of a job."""
     return generator(job.seed, "method", job.method, job.condition, *_identity(job))
 
 
@@ -203,11 +184,11 @@ def _identity(job: Job) -> tuple[str, str]:
 
 
 def checked_images(images: NDArray[np.float32], count: int) -> UInt8Images:
-    """Return images of so many views as bytes. Raises StageFailure for what are none."""
+    """Return images of `count` views as bytes. Raises StageFailure for anything but images."""
     expected = (count, IMAGE_SIZE, IMAGE_SIZE, 3)
     if not isinstance(images, np.ndarray) or images.dtype.kind != "f":
-        found = getattr(images, "dtype", type(images).__name__)
-        raise StageFailure("draw", f"pictures are {found}, expected float32 in [0, 1]")
+        kind = getattr(images, "dtype", type(images).__name__)
+        raise StageFailure("draw", f"pictures are {kind}, expected float32 in [0, 1]")
     if images.shape != expected:
         raise StageFailure("draw", f"pictures of shape {images.shape}, expected {expected}")
     bad = int((~np.isfinite(images)).sum())
@@ -230,7 +211,10 @@ def _write_artifact(job: Job, images: UInt8Images, watch: Stopwatch) -> str:
 
 @functools.cache
 def load_renderer(method: str, device: str) -> Renderer:
-    """The renderer of a method, once a process. Raises BadInput where its weights are unusable."""
+    """Return the renderer of a method, loaded once a process.
+
+    Raises BadInput where its weights are unusable.
+    """
     return find_method(method).load(device)
 
 

@@ -2,10 +2,9 @@
 
 A worker is two processes. The pool starts the keeper, which waits and does nothing else, so that it
 neither hangs nor crashes; its child, the worker proper, does the tasks. Linux hands orphans to the
-nearest subreaper above them, so a process that detaches itself (a double fork, a session of its
-own) still comes up to the worker, and after the worker's end to the keeper, which ends it. The
-kernel tells the keeper of the pool's end, even by SIGKILL. What escapes: processes of another user
-(setuid programs), and all of them where somebody kills the keeper itself by SIGKILL.
+nearest subreaper above them: first the worker, after its end the keeper, which ends them. The
+kernel tells the keeper of the pool's end, even by SIGKILL. Two things escape: processes of another
+user (setuid programs), and all of them where somebody kills the keeper itself by SIGKILL.
 """
 
 from __future__ import annotations
@@ -48,11 +47,11 @@ def own_python(*arguments: str) -> list[str]:
 
 
 class WorkerProcess:
-    """A process that applies a function to whatever it is sent, with all that it has started.
+    """A process that applies a function to the tasks it is sent, with all that it has started.
 
     It reads its environment when it starts. The answers, which `connection` gives in turn, are
-    (True, None) when it is ready, then (True, value) or (False, what the function raised) for each
-    task. To be ended by `kill`, or by `let_go` and `join`.
+    (True, None) when it is ready, then (True, value) or (False, exception) for each task. End it by
+    `stop`, or by `let_go` and `join`.
     """
 
     def __init__(self, work: Callable[[Any], Any], memory_gib: float) -> None:
@@ -66,22 +65,22 @@ class WorkerProcess:
 
     @property
     def pid(self) -> int:
-        """The process id of the keeper."""
+        """Return the process id of the keeper."""
         assert self._keeper.pid is not None
         return self._keeper.pid
 
     @property
     def sentinel(self) -> int:
-        """A handle that is ready when the keeper has ended (`multiprocessing.connection.wait`)."""
+        """Return a handle that is ready when the keeper has ended, for `connection.wait`."""
         return self._keeper.sentinel
 
     @property
     def has_ended(self) -> bool:
-        """Whether the keeper has ended, the last of the processes."""
+        """Return whether the keeper, the last of the processes, has ended."""
         return self._keeper.exitcode is not None
 
     def exit_code(self) -> int:
-        """Wait until all of it has ended, and return how: as `multiprocessing.Process.exitcode`."""
+        """Wait until all processes have ended, and return the `multiprocessing` exit code."""
         self.join()
         return self._keeper.exitcode or 0
 
@@ -90,11 +89,11 @@ class WorkerProcess:
         self.connection.close()
 
     def stop(self) -> None:
-        """Have all of it ended, without waiting for that."""
+        """End all processes, without waiting for that."""
         self._keeper.terminate()
 
     def join(self) -> None:
-        """Wait until all of it has ended, and end what has not within `PATIENCE_S`."""
+        """Wait until all processes have ended; after `PATIENCE_S` end the others."""
         self._keeper.join(PATIENCE_S)  # a library may hang when it is unloaded
         if not self.has_ended:
             self.stop()
@@ -170,8 +169,7 @@ def _answer(work: Callable[[Any], Any], task: object) -> tuple[bool, Any]:
 def _bind(memory_gib: float) -> None:
     """Tie this process to its keeper (Linux), and have the kernel bound its memory.
 
-    What takes more than the limit and RESERVED_GIB is refused, whoever asks: a MemoryError in
-    Python.
+    Allocations beyond the limit and RESERVED_GIB are refused: a MemoryError in Python.
     """
     os.dup2(2, 1)  # stdout is for the results of a command: what a method prints goes to stderr
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -192,9 +190,9 @@ def _control(option: int, value: int) -> None:
 
 
 def end_children() -> None:
-    """End all children of this process, and theirs, which come up to it as their parents end."""
+    """End all children of this process, and their children."""
     with suppress(ChildProcessError):  # none is left
-        while True:
+        while True:  # children of children come up to this process as their parents end
             while os.waitpid(-1, os.WNOHANG)[0]:
                 pass
             import psutil
@@ -209,9 +207,8 @@ def end_children() -> None:
 def watched_memory(keepers: Callable[[], Iterable[int]], limit_gib: float) -> Iterator[set[int]]:
     """Kill workers that outgrow the limit, with all their processes, as long as the block lasts.
 
-    From outside: code that hangs in a native library, or allocates there, runs no Python thread.
-    Not by RLIMIT_DATA alone (`_bind`): what a library does when an allocation fails is anything
-    from an exception to a wrong result.
+    RLIMIT_DATA alone (`_bind`) is not enough: a library whose allocation fails does anything from
+    raising an exception to giving a wrong result.
 
     Parameters
     ----------
@@ -223,10 +220,11 @@ def watched_memory(keepers: Callable[[], Iterable[int]], limit_gib: float) -> It
     Yields
     ------
     set of int
-        The ids of those that were killed.
+        The process ids of the keepers whose workers were killed.
     """
     import psutil
 
+    # From outside: code that hangs in a native library, or allocates there, runs no Python thread.
     killed: set[int] = set()
     stop = threading.Event()
 
@@ -265,7 +263,7 @@ def _families(keepers: Iterable[int]) -> dict[int, list[psutil.Process]]:
 
 
 def _exceeds(family: list[psutil.Process], limit: float) -> bool:
-    """Whether processes together hold more bytes of memory than the limit."""
+    """Return whether processes together hold more bytes of memory than the limit."""
     resident = _sum(family, lambda process: process.memory_info().rss)
     if resident <= limit or len(family) == 1:
         return resident > limit

@@ -9,7 +9,7 @@ from typing import Any
 from bench.catalogue.methods import find_method
 from bench.catalogue.suites import LatentSuite, SpeedSuite, StabilitySuite
 from bench.running.extension import with_methods_there
-from bench.running.protocol import Options, refuse, refuse_absent_gpu, refuse_counts
+from bench.running.options import Options, refuse, refuse_absent_gpu, refuse_counts
 from bench.tables.table import Table
 
 

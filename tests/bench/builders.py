@@ -16,7 +16,7 @@ from bench.catalogue.methods import FLOORS
 from bench.catalogue.metrics import IMAGE_METRICS, column
 from bench.catalogue.suites import SUITES
 from bench.metrics.frechet import JackknifeMoments, frechet_distance, left_out_distances
-from bench.records.artifacts import Item, artifact_path
+from bench.records.artifacts import JobName, artifact_path
 from bench.records.job import Job
 from bench.records.journal import write_manifest
 from bench.records.parquet import (
@@ -27,7 +27,8 @@ from bench.records.parquet import (
     write_records,
 )
 from bench.records.record import GROUND_TRUTH, SCHEMA_VERSION, Record
-from bench.running.protocol import Options, Protocol
+from bench.running.options import Options
+from bench.running.protocol import Protocol, find_methods
 from bench.tables.build import write_outputs
 from bench.tables.scored import scored_run
 from data_prep.clouds.conditions import CONDITIONS, Unchanged
@@ -107,10 +108,11 @@ def make_truth(directory: Path, obj=None, **changes) -> Job:
 
 def make_protocol(**changes) -> Protocol:
     """Two methods under two conditions, without objects and features."""
+    changes["methods"] = find_methods(changes.get("methods", ("splat", "blank")))
     protocol = Protocol(
         suite=SUITES[0],
         dataset="procedural",
-        methods=("splat", "blank"),
+        methods={},
         conditions=("2048", "512"),
         objects=(),
         views=2,
@@ -161,14 +163,14 @@ class FeaturesAtHand:
         return np.array([rows[image] for image in images])
 
 
-def write_all(directory, records):
+def write_all(directory, records, **options):
     """Records as `records.parquet`; those of an item are a job."""
     by_item = {}
     for record in records:
-        item = Item(record.method, record.condition, record.class_name, record.object)
+        item = JobName(record.method, record.condition, record.class_name, record.object)
         by_item.setdefault(item, []).append(record)
     rows = [JobRow(str(i), item, None) for i, item in enumerate(by_item)]
-    write_records(directory, rows, lambda row: by_item[row.item])
+    write_records(directory, rows, lambda row: by_item[row.name], **options)
 
 
 def read_all(directory) -> list[Record]:
@@ -252,9 +254,9 @@ def write_run(directory: Path, **changes) -> Path:
                 )
                 jobs.append(job)
     write_all(directory, records)
-    write_jobs(directory, [JobRow(job.key, job.item, "0" * 64) for job in jobs])
+    write_jobs(directory, [JobRow(job.key, job.name, "0" * 64) for job in jobs])
     for extractor in EXTRACTORS:
-        write_features(directory, extractor, [job.made for job in jobs])
+        write_features(directory, extractor, {job.name: job.artifact for job in jobs})
     write_outputs(scored_run(directory, manifest))
     return directory
 

@@ -36,16 +36,16 @@ from unittest import mock
 
 import pyarrow.parquet as pq
 
+import bench.running.factory
 import bench.running.protocol
-import bench.running.run
 from bench.catalogue.suites import Limits
 from bench.commands.publish import partial_table
 from bench.commands.terminal import Terminal
 from bench.judges import views as _loaded_before_forks  # noqa: F401
 from bench.records.job import Job, Result
-from bench.records.journal import JOURNAL, Journal, Lines, open_journal, read_manifest
+from bench.records.journal import JOURNAL, Journal, JournalIndex, open_journal, read_manifest
 from bench.running.environment import environment
-from bench.running.protocol import Options
+from bench.running.options import Options
 from bench.running.run import WrittenRun, run
 from bench.running.work import run_job
 from bench.tables.build import Outputs, write_outputs
@@ -191,7 +191,7 @@ def run_once(out: Path, writes: Writes, done: Any) -> None:
         os.write(keys, f"{result.key}\n".encode())
 
     sys.stdout = sys.stderr = io.StringIO()
-    bench.running.run.JobPool = InProcess  # type: ignore[misc]
+    bench.running.factory.JobPool = InProcess  # type: ignore[misc]
     options = Options(
         suite="chair-robustness",
         methods=("splat", "blank"),
@@ -267,7 +267,9 @@ def faults_of(out: Path, at: int, way: str, expected: dict[str, bytes]) -> list[
     return wrong
 
 
-def cut_everywhere(shard: Path, step: int = 1) -> Iterator[str]:
+def cut_everywhere(
+    shard: Path, step: int = 1, index_type: type[JournalIndex] = JournalIndex
+) -> Iterator[str]:
     """Yield what is wrong where a journal file ends after each of its bytes.
 
     With `step`, it ends after each `step`th byte of a line, and the last.
@@ -287,8 +289,8 @@ def cut_everywhere(shard: Path, step: int = 1) -> Iterator[str]:
             before = b"".join(lines[first:number])
             for end in sorted({*range(0, len(line), step), len(line) - 1}):
                 part.write_bytes(before + line[:end])
-                actual = Lines()
-                damage = actual.take(part)
+                actual = index_type()
+                damage = actual.add_file(part)
                 # a line that lacks nothing but its line feed is whole
                 whole = keys[first : number + (end == len(line) - 1)]
                 counted = [key for key in keys if key in actual]
@@ -298,7 +300,7 @@ def cut_everywhere(shard: Path, step: int = 1) -> Iterator[str]:
                     yield f"line {number + 1} cut after {end} bytes: {len(damage)} are reported"
         part.write_bytes(data[: -len(lines[-1]) // 2])
         with open_journal(run) as journal:  # archives what is torn, and keeps the rest
-            if sum(key in journal.lines for key in keys) != len(keys) - 1:
+            if sum(key in journal.index for key in keys) != len(keys) - 1:
                 yield "opened after a cut, the journal has lost a whole line"
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from bench.analysis.paired import Side
 from bench.analysis.ranks import Ranking
-from bench.running.protocol import file_name
+from bench.running.options import file_name
 
 SHORT = 7  # digits of a checksum in a name
 LONGEST = 80  # bytes of a part of a file name; two of them are in the name of a page

@@ -24,7 +24,8 @@ from bench.report.build import REPORT, write_report
 from bench.report.site.methods import shortened_name, site_methods, under_site_names
 from bench.report.site.page import Link, site_html
 from bench.report.site.pages import MENU, QUALITY, SiteRun, pages
-from bench.running.protocol import digest, file_name
+from bench.running.options import file_name
+from bench.running.plan import digest
 from bench.tables.build import make_outputs
 from bench.tables.differences import refuse_other_protocol
 from bench.tables.figure import FIGURES

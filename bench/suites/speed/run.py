@@ -13,11 +13,14 @@ from pathlib import Path
 from typing import Any
 
 from bench.catalogue.lookup import find
-from bench.catalogue.methods import objectives
+from bench.catalogue.methods import find_method, objectives
 from bench.catalogue.suites import SPEED, SpeedSuite
 from bench.running.environment import code_sha256, cores, environment
 from bench.running.isolation import WorkerFailure, run_tasks, thread_counts
-from bench.running.protocol import Options, digest, manifest_of, method_identity, seed_of
+from bench.running.manifest import manifest_of
+from bench.running.options import Options, seed_of
+from bench.running.plan import digest
+from bench.running.protocol import method_identity
 from bench.running.run import open_run
 from bench.suites.procedure import SuiteRun, methods_of
 from bench.suites.speed.figure import amortised_figure
@@ -93,7 +96,7 @@ def speed_units(
     ]
     units = []
     for method in manifest["methods"]:
-        identity = [method, method_identity(method, device)]
+        identity = [method, method_identity(find_method(method), device)]
         for name in manifest["conditions"]:
             condition = find(name, CONDITIONS, "condition")
             of_cloud = [condition.id, repr(condition.perturbation)]

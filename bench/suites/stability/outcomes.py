@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.metrics.silhouette import foreground
+from bench.records.artifacts import read_array
 from bench.records.job import Job, Result
 from bench.suites.stability.cases import CASES
 from bench.suites.stability.expectations import (
@@ -60,11 +61,11 @@ def observe(jobs: Sequence[Job], result: Callable[[str], Result]) -> list[Observ
         record = first[job.key]
         shown = mean = most = None
         if (job.method, job.condition) in drawn:
-            images = job.made.images()
+            images = read_array(job.artifact)
             shown = float(foreground(images).mean())
             other = drawn.get((job.method, likes[job.condition] or ""))
             if other is not None:
-                like = other.made.images()
+                like = read_array(other.artifact)
                 # A case may have more views than its `like`, which is repeated then.
                 counterpart = like[np.arange(len(images)) % len(like)]
                 difference = np.abs(images.astype(np.int16) - counterpart)

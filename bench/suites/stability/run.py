@@ -12,17 +12,19 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from bench.catalogue.methods import FLOORS, objectives
+from bench.catalogue.methods import FLOORS, find_method, objectives
 from bench.catalogue.suites import STABILITY, StabilitySuite
-from bench.records.artifacts import artifact_path
-from bench.records.job import Job
-from bench.records.journal import JobOutcome
+from bench.records.artifacts import artifact_path, read_array
+from bench.records.job import Job, Result
 from bench.records.parquet import JobRow, write_records
 from bench.records.record import SCHEMA_VERSION
 from bench.running.environment import cores, environment
 from bench.running.executors import JobPool, run_jobs
 from bench.running.isolation import one_thread
-from bench.running.protocol import Options, digest, manifest_of, method_identity
+from bench.running.manifest import manifest_of
+from bench.running.options import Options
+from bench.running.plan import digest
+from bench.running.protocol import method_identity
 from bench.running.run import open_run
 from bench.suites.procedure import SuiteRun, methods_of
 from bench.suites.stability.cases import CASES, TURN_DEG, VIEWS
@@ -64,7 +66,7 @@ def stability_jobs(
     for method in methods:
         common = [
             *(suite.id, SCHEMA_VERSION, CASES_VERSION, obj.fingerprint(), seed, method),
-            *(sorted(environment.items()), method_identity(method, device)),
+            *(sorted(environment.items()), method_identity(find_method(method), device)),
         ]
         for case in CASES:
             views = [[view.azimuth_deg, view.elevation_deg] for view in case.views]
@@ -140,8 +142,8 @@ def run(
         outcomes = run_jobs(
             jobs, journal, suite.id, partial(JobPool, limits=suite.limits, workers=workers)
         )
-        results = journal.lines.result
-        rows = [JobRow(job.key, job.item, outcomes[job.key].artifact_sha256) for job in jobs]
+        results = journal.index.read
+        rows = [JobRow(job.key, job.name, outcomes[job.key].artifact_sha256) for job in jobs]
         write_records(directory, rows, lambda row: results(row.key).records)
         observations = observe(jobs, results)
         log("metrics and number formats")
@@ -204,14 +206,14 @@ def _draw(
     directory: Path,
     matrices: Sequence[Table[CaseOutcome]],
     jobs: Sequence[Job],
-    outcomes: Mapping[str, JobOutcome],
+    outcomes: Mapping[str, Result],
     methods: Sequence[str],
 ) -> None:
     folder = directory / FIGURES
     for table in matrices:
         save(matrix_figure(table), folder / f"{table.name}.png")
     first = {
-        (job.condition, job.method): job.made.images()[0]
+        (job.condition, job.method): read_array(job.artifact)[0]
         for job in jobs
         if outcomes[job.key].artifact_sha256
     }

@@ -19,7 +19,7 @@ from bench.checking.golden import bless, check
 from bench.checking.objects import environment_of, golden_thumbnails, read_objects
 from bench.checking.thumbnails import ACROSS, SIDE, read_png, thumbnail, to_png
 from bench.checking.tolerances import PRINTED, object_tolerance
-from bench.records.artifacts import Artifact, artifact_path
+from bench.records.artifacts import artifact_path
 from bench.records.journal import read_manifest, write_manifest
 from bench.records.parquet import JobRow, artifacts_of, read_jobs, write_jobs
 from bench.rendering.sheet import LABEL_HEIGHT, MARGIN, PROBLEM_GROUND
@@ -268,25 +268,25 @@ def halves(left, right):
 def paint(run):
     """Every artifact gets an image of two colours of its own; all by item."""
     painted = {}
-    for number, artifact in enumerate(artifacts_of(run, read_jobs(run))):
-        painted[artifact.item] = halves((number, 255 - number, 0), (0, number, 255 - number))
-        rewrite(artifact, painted[artifact.item])
+    for number, (name, path) in enumerate(artifacts_of(run, read_jobs(run)).items()):
+        painted[name] = halves((number, 255 - number, 0), (0, number, 255 - number))
+        rewrite(path, painted[name])
     return painted
 
 
-def rewrite(artifact: Artifact, image):
-    with np.load(artifact.path) as arrays:
+def rewrite(path, image):
+    with np.load(path) as arrays:
         features = {name: arrays[name] for name in arrays if name != "images"}
-    job = replace(make_job(artifact.path.parent), artifact=artifact.path)
+    job = replace(make_job(path.parent), artifact=path)
     write_artifact(job, images=np.stack([image, 255 - image]), **features)
 
 
 def item_of(run, obj, method="splat", condition="512"):
     (job,) = (
         job for job in read_jobs(run)
-        if job.item[:2] == (method, condition) and job.item.object_id == obj
+        if job.name[:2] == (method, condition) and job.name.object_id == obj
     )  # fmt: skip
-    return job.item
+    return job.name
 
 
 def test_the_objects_that_moved_most_beside_their_golden_images(run, golden_results, command):
@@ -295,7 +295,7 @@ def test_the_objects_that_moved_most_beside_their_golden_images(run, golden_resu
     alter(run, {"c": -0.3, "e": 0.2})
     alter(run, {"a": 0.1}, method="blank", condition="2048")
     red = halves((255, 0, 0), (0, 0, 0))
-    rewrite(Artifact(item_of(run, "c"), place_of(run, "c")), red)
+    rewrite(place_of(run, "c"), red)
     place_of(run, "e").unlink()
     status, out, _ = command("check", run)
     assert status == 1
@@ -321,7 +321,7 @@ def test_the_objects_that_moved_most_beside_their_golden_images(run, golden_resu
 
 
 def place_of(run, obj):
-    (job,) = (job for job in read_jobs(run) if job.item == item_of(run, obj))
+    (job,) = (job for job in read_jobs(run) if job.name == item_of(run, obj))
     return artifact_path(run, job.key)
 
 
@@ -344,7 +344,7 @@ def test_no_more_than_eight_objects_are_drawn(run, command):
 def test_a_failed_object_was_there(run, command):
     """A failed job has no artifact, and its records have no scores."""
     jobs, lost = read_jobs(run), item_of(run, "d")
-    write_jobs(run, [JobRow(j.key, j.item, None) if j.item == lost else j for j in jobs])
+    write_jobs(run, [JobRow(j.key, j.name, None) if j.name == lost else j for j in jobs])
     path = run / "records.parquet"
     frame = pd.read_parquet(path)
     chosen = (frame["method"] == "splat") & (frame["condition"] == "512") & (frame["object"] == "d")

@@ -17,7 +17,7 @@ from bench.commands.publish import run_suite
 from bench.judges.views import Labels, ViewsNetwork, to_file
 from bench.records.journal import read_manifest
 from bench.report.build import read_page
-from bench.running.protocol import Options
+from bench.running.options import Options
 from bench.tables.build import make_outputs, tables
 from bench.tables.scored import read_scored
 from data_prep.failures import BadInput

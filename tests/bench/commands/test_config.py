@@ -9,7 +9,8 @@ import pytest
 from bench.commands import run as module
 from bench.commands.config import read_config
 from bench.records.journal import read_manifest
-from bench.running.protocol import REPEATED, Options, Shard
+from bench.running.options import REPEATED, Options
+from bench.running.shards import Shard
 
 from ..builders import make_manifest, write_manifest
 

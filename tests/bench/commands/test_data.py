@@ -13,7 +13,7 @@ import pytest
 
 from bench.commands.data import REAL_MESHES, Verification, inspect, verify
 from bench.commands.publish import run_suite
-from bench.running.protocol import Options
+from bench.running.options import Options
 from data_prep.datasets.registry import ProceduralObject
 from data_prep.files.clouds import save_ply
 

@@ -21,9 +21,12 @@ from bench.commands.run import describe_run
 from bench.records.job import failed
 from bench.records.journal import open_journal, read_manifest, write_manifest
 from bench.records.record import GROUND_TRUTH
+from bench.running.manifest import describe
+from bench.running.options import Options
 from bench.running.pilot import Pilot, Sample
-from bench.running.protocol import Options, describe, plan, protocol_of
-from bench.running.run import RunStatus, run_status
+from bench.running.plan import plan
+from bench.running.protocol import protocol_of
+from bench.running.status import RunStatus, run_status
 from bench.tables.markdown import document
 
 from ..builders import SUITE, make_protocol
@@ -142,9 +145,9 @@ def test_items_of_an_object_that_cannot_be_drawn_are_there(tmp_path):
     suite = find(SUITE, SUITES, "suite")
     options = Options(SUITE, methods=("blank",), conditions=("2048",), limit=3, out=tmp_path)
     protocol, _ = protocol_of(suite, options)
-    todo = plan(protocol, tmp_path)
+    planned = plan(protocol, tmp_path)
     with open_journal(tmp_path) as journal:
-        journal.append(failed(todo.references[1], "input: no such shape"))
+        journal.append(failed(planned.ground_truths[1], "input: no such shape"))
     write_manifest(tmp_path, describe(protocol, 1, {}))
     ahead = run_status(options, protocol)
     for found, left in (
@@ -192,9 +195,9 @@ def make_run(tmp_path, objects=8, there=0, **changes) -> RunStatus:
         views=20,
         **{"device": "auto"} | changes,
     )
-    todo = plan(protocol, tmp_path)
-    done = frozenset(job.key for job in todo.items[:there])
-    return RunStatus(protocol, tmp_path, todo, done, 2)
+    planned = plan(protocol, tmp_path)
+    done = frozenset(job.key for job in planned.method_jobs[:there])
+    return RunStatus(protocol, tmp_path, planned, done, 2)
 
 
 def make_pilot(run, *methods, **changes) -> Pilot:

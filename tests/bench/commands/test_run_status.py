@@ -41,11 +41,11 @@ def test_a_gpu_that_is_not_there_is_refused_before_the_first_job(
 
 def test_a_method_without_an_image_is_no_success(copied, same_machine, arguments, command):
     """Its jobs are in the journal as failed; one of another method, too."""
-    jobs = [job for job in read_jobs(copied) if job.item.method == "splat"]
-    jobs.append(next(job for job in read_jobs(copied) if job.item.method == "true-mesh"))
+    jobs = [job for job in read_jobs(copied) if job.name.method == "splat"]
+    jobs.append(next(job for job in read_jobs(copied) if job.name.method == "true-mesh"))
     with open_journal(copied) as journal:
         for job in jobs:
-            result = journal.lines.result(job.key)
+            result = journal.index.read(job.key)
             lost = {"outcome": "failed", "reason": "draw: no images", "ssim": None}
             records = tuple(replace(record, **lost) for record in result.records)
             journal.append(replace(result, records=records, artifact_sha256=None))

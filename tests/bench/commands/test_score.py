@@ -19,7 +19,7 @@ from bench.commands.score import (
 )
 from bench.metrics.frechet import frechet_distance
 from bench.metrics.kernel_distance import kernel_distance
-from bench.records.artifacts import Item
+from bench.records.artifacts import JobName
 from bench.records.record import GROUND_TRUTH
 from bench.report.stored import open_sources
 from bench.tables.quality import image_rows
@@ -100,7 +100,7 @@ def test_scores_stand_with_their_own_views(finished):
     values = scored(run.records, sources, light)
     for record in values[values["method"] == "splat"].to_dict("records"):
         names = ("method", "condition", "class", "object")
-        images = sources.images(Item(*(record[name] for name in names)))
+        images = sources.images(JobName(*(record[name] for name in names)))
         assert images[0].mean() != images[1].mean()
         assert record["light"] == images[record["view"]].mean()
 
@@ -164,7 +164,7 @@ def test_distances_of_an_extractor_are_those_of_its_features(copied, metrics):
     objects = sorted(run.records["object"].unique())
     drawn, true = (
         np.concatenate(
-            [features(sources.images(Item(method, condition, "chair", obj))) for obj in objects]
+            [features(sources.images(JobName(method, condition, "chair", obj))) for obj in objects]
         )
         for method, condition in (("splat", "noise-0.10"), (GROUND_TRUTH, ""))
     )

@@ -11,11 +11,10 @@ from hashlib import sha256
 
 import pytest
 
-import bench.records.journal as journals
 from bench.records.job import Result, failed
 from bench.records.journal import (
     MANIFEST,
-    JobOutcome,
+    JournalIndex,
     check_directory,
     open_journal,
     read_finished,
@@ -67,18 +66,19 @@ def names(paths):
 def test_what_was_appended_is_there_again(tmp_path):
     job, broken = jobs_of(tmp_path, "splat", "blank")
     done, lost = finish(job), failed(broken, 'crash: "ä" \u2028 died')
-    outcomes = [JobOutcome(done.artifact_sha256, ""), JobOutcome(None, 'crash: "ä" \u2028 died')]
+    results = [done.without_records(), lost.without_records()]
+    assert results[1].reason == 'crash: "ä" \u2028 died'
     with open_journal(tmp_path) as journal:
         assert journal.usable(job) is None
         journal.append(done)
         journal.append(lost)
-        assert journal.usable(job) == outcomes[0]
-        assert journal.lines.result(job.key) == done
+        assert journal.usable(job) == results[0]
+        assert journal.index.read(job.key) == done
         assert journal.added == {job.key, broken.key}
     with open_journal(tmp_path) as journal:
-        assert [journal.usable(job), journal.usable(broken)] == outcomes
-        assert journal.lines.result(job.key) == done  # 1/3 to the last bit
-        assert journal.lines.result(broken.key) == lost
+        assert [journal.usable(job), journal.usable(broken)] == results
+        assert journal.index.read(job.key) == done  # 1/3 to the last bit
+        assert journal.index.read(broken.key) == lost
         assert (journal.damage, journal.added) == ([], set())
 
 
@@ -105,8 +105,8 @@ def test_every_start_that_writes_has_a_file_and_later_results_replace_earlier_on
         with open_journal(tmp_path) as journal:
             journal.append(done)
         with open_journal(tmp_path) as journal:  # reads only
-            assert journal.usable(job) == JobOutcome(done.artifact_sha256, "")
-            assert journal.lines.result(job.key) == done
+            assert journal.usable(job) == done.without_records()
+            assert journal.index.read(job.key) == done
     assert names(shards(tmp_path)) == ["0001.jsonl", "0002.jsonl"]
 
 
@@ -160,11 +160,18 @@ def test_cut_after_any_of_its_bytes_it_has_its_whole_lines_and_no_other(four_lin
     assert list(cut_everywhere(four_lines, step=9)) == []
 
 
-def test_a_whole_line_that_did_not_count_would_be_found(four_lines, monkeypatch):
-    counts = journals._counts
-    monkeypatch.setattr(journals, "_counts", lambda line: line.endswith(b"\n") and counts(line))
-    faults = list(cut_everywhere(four_lines, step=9))
-    assert len(faults) == 4 * 2  # those that lack their line feed alone
+class Forgetful(JournalIndex):
+    """An index without a last line that lacks its line feed."""
+
+    def add_file(self, file):
+        whole = file.read_bytes().rpartition(b"\n")[0]
+        file.write_bytes(whole + b"\n" * bool(whole))
+        return super().add_file(file)
+
+
+def test_a_whole_line_that_did_not_count_would_be_found(four_lines):
+    faults = list(cut_everywhere(four_lines, step=9, index_type=Forgetful))
+    assert sum("lines count" in fault for fault in faults) == 4  # the lines without a line feed
 
 
 @pytest.mark.parametrize("change", [(b'"ssim": 0.33', b'"ssim": 0.34'), (b" ", b""), (b"{", b"\n")])
@@ -177,7 +184,7 @@ def test_a_damaged_line_is_done_again_and_the_others_stay(tmp_path, change):
     with open_journal(tmp_path) as journal:
         assert [journal.usable(job) is not None for job in jobs] == [True, False, True]
         for job in (jobs[0], jobs[2]):  # from the file that took the place of the damaged one
-            assert journal.lines.result(job.key) == finish(job)
+            assert journal.index.read(job.key) == finish(job)
         assert journal.damage[0].startswith(f"{shard}: line 2 is damaged")
         journal.append(finish(jobs[1]))
     assert (shard.parent / "set-aside" / shard.name).read_bytes() == b"".join(lines)
@@ -239,7 +246,7 @@ def test_records_are_read_back_from_the_file_and_not_kept(tmp_path):
         with open_journal(tmp_path) as journal:
             gc.collect()
             held, _ = tracemalloc.get_traced_memory()
-            assert journal.lines.result(job.key).records == records
+            assert journal.index.read(job.key).records == records
     finally:
         tracemalloc.stop()
     assert shard.stat().st_size > 200_000
@@ -259,9 +266,9 @@ def test_a_line_that_has_changed_since_is_no_result(tmp_path, harm):
             altered = first.replace(b'"ssim": 0.33', b'"ssim": 0.34', 1)
             shard.write_bytes({"altered": altered, "shorter": b"\n", "another": second}[harm])
         shown = "cannot be read" if harm == "gone" else "the line at byte 0 has changed; run again"
-        assert refusal(journal.lines.result, job.key).startswith(f"{shard}: {shown}")
+        assert refusal(journal.index.read, job.key).startswith(f"{shard}: {shown}")
         with pytest.raises(KeyError):
-            journal.lines.result("a key without a line")
+            journal.index.read("a key without a line")
 
 
 HOLD = """

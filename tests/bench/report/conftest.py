@@ -25,7 +25,7 @@ def drawn(monkeypatch, tmp_path):
         for seed, job in enumerate(jobs):
             if not job.artifact.exists():
                 write_artifact(job, seed)
-        write(tmp_path, *arguments, [job.made for job in jobs])
+        write(tmp_path, *arguments, {job.name: job.artifact for job in jobs})
         return figures
 
     return draw

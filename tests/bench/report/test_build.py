@@ -18,11 +18,10 @@ from PIL import Image
 from report_parser import parse
 
 from bench.catalogue.metrics import CONTROL_METRICS, higher_is_better
-from bench.records.artifacts import read_artifact
+from bench.records.artifacts import artifact_path, read_array
 from bench.records.journal import read_manifest, write_manifest
 from bench.records.record import GROUND_TRUTH
 from bench.report.build import read_page, write_report
-from bench.running.protocol import artifact_path
 from bench.tables.build import make_outputs
 from bench.tables.scored import read_scored
 from data_prep.failures import BadInput, CannotWrite
@@ -290,7 +289,7 @@ def test_images_are_those_of_the_run_to_the_last_bit(copied):
                 continue
             cell = (GROUND_TRUTH, "") if column == "truth" else (column, condition)
             key = _entry(copied, *cell, "test-0001")["key"]
-            expected = read_artifact(artifact_path(copied, key))["images"][0]
+            expected = read_array(artifact_path(copied, key))[0]
             np.testing.assert_array_equal(image, expected)
     clean, noisy = (shown[c]["cloud"] < 255 for c in ("2048", "noise-0.10"))
     assert 0.02 < clean.mean() < 0.2
@@ -300,7 +299,7 @@ def test_images_are_those_of_the_run_to_the_last_bit(copied):
 def test_a_run_that_was_stopped_and_changed_shows_what_its_records_measured(copied):
     """A later start under another key, whose records are not those of the run, does not count."""
     entry = _entry(copied, "splat", "2048", "test-0000")
-    kept = read_artifact(artifact_path(copied, entry["key"]))["images"]
+    kept = read_array(artifact_path(copied, entry["key"]))
     for number, factor in ((2, 2.0), (3, 3.0)):
         other = f"{number}" * 64
         buffer = io.BytesIO()

@@ -7,7 +7,7 @@ import numpy as np
 from harness_objects import Tetrahedron
 
 from bench.metrics.structural_similarity import ssim_per_image
-from bench.records.artifacts import read_artifact
+from bench.records.artifacts import read_array
 from bench.records.record import GROUND_TRUTH
 from bench.report.classes import write_class_figures
 from bench.tables.classes import AVERAGE, table_of_classes
@@ -60,8 +60,7 @@ def test_figure_4(drawn, tmp_path):
     assert [axis.get_title() for axis in by_row[0]] == ["truth", *METHODS] * 2
     first = {(job.object.object_id, job.method): job for job in jobs}
     true, shown = (
-        read_artifact(first["car-a", method].artifact)["images"][:1]
-        for method in (GROUND_TRUTH, "splat")
+        read_array(first["car-a", method].artifact)[:1] for method in (GROUND_TRUTH, "splat")
     )
     assert np.array_equal(by_row[0, 0].images[0].get_array(), true[0])
     assert np.array_equal(by_row[0, 3].images[0].get_array(), shown[0])

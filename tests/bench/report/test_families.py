@@ -164,7 +164,9 @@ def test_steps_without_value_or_interval():
 def drawn_files(folder, families, methods, jobs):
     for number, job in enumerate(jobs):
         write_artifact(job, seed=number)
-    write_beyond_figures(folder, every_curve(families, methods), [job.made for job in jobs])
+    write_beyond_figures(
+        folder, every_curve(families, methods), {job.name: job.artifact for job in jobs}
+    )
     return {path.name for path in (folder / "figures").iterdir()}
 
 

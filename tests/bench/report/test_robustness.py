@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from harness_objects import Tetrahedron
 
-from bench.records.artifacts import read_artifact
+from bench.records.artifacts import read_array
 from bench.report.robustness import THIN_TINT, write_figures
 from bench.tables.quality import Row, quality_table
 
@@ -59,7 +59,7 @@ def test_the_grid_shows_first_images_and_failures(drawn, jobs):
         for axis, method in zip(row, ("ground-truth", "splat"), strict=True):
             if axis.images:
                 shown = np.asarray(axis.images[0].get_array())
-                expected = read_artifact(by_cell[obj, method].artifact)["images"][0]
+                expected = read_array(by_cell[obj, method].artifact)[0]
                 assert np.array_equal(shown, expected)
     assert sum(len(axis.images) for axis in cells.flat) == 3
 

@@ -23,7 +23,6 @@ from harness_objects import (
     Tetrahedron,
 )
 
-import bench.running.isolation
 from bench.catalogue.suites import Limits
 from bench.running.executors import JobPool
 from bench.running.isolation import WORKER_ENVIRONMENT, submit_all
@@ -47,8 +46,8 @@ def jobs_for(tmp_path):
     return make
 
 
-def run_jobs(jobs, workers, limits):
-    with closing(JobPool(len(jobs), workers, limits)) as pool:
+def run_jobs(jobs, workers, limits, **options):
+    with closing(JobPool(len(jobs), workers, limits, **options)) as pool:
         yield from submit_all(jobs, pool)
 
 
@@ -138,16 +137,16 @@ def test_workers_do_not_outlive_a_killed_run(jobs_for, tmp_path):
 def test_workers_have_an_environment_of_their_own_and_are_replaced_now_and_then(
     jobs_for, monkeypatch
 ):
-    monkeypatch.setattr(bench.running.isolation, "TASKS_PER_WORKER", 2)
     monkeypatch.setenv("OMP_NUM_THREADS", "7")
     for name in WORKER_ENVIRONMENT.keys() - {"OMP_NUM_THREADS"}:
         monkeypatch.delenv(name, raising=False)
     before = dict(os.environ)
-    results = run_jobs(jobs_for(*(TellingItsProcess(str(i)) for i in range(4))), 1, AMPLE)
+    jobs = jobs_for(*(TellingItsProcess(str(i)) for i in range(4)))
+    results = run_jobs(jobs, 1, AMPLE, tasks_per_worker=2)
     told = [json.loads(result.records[0].reason.removeprefix("input: ")) for result in results]
     for name in ("OMP", "OPENBLAS", "MKL", "NUMEXPR", "LP"):
         assert told[0][f"{name}_NUM_THREADS"] == "1"
     assert WORKER_ENVIRONMENT.items() <= told[0].items()
     assert dict(os.environ) == before
-    _, counts = np.unique([one["pid"] for one in told], return_counts=True)
+    _, counts = np.unique([process["pid"] for process in told], return_counts=True)
     assert counts.tolist() == [2, 2]

@@ -15,7 +15,9 @@ from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
 from bench.commands.publish import run_suite
 from bench.running.export import export
-from bench.running.protocol import Options, plan, protocol_of
+from bench.running.options import Options
+from bench.running.plan import plan
+from bench.running.protocol import protocol_of
 from bench.running.work import cloud_of, rng_of
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from data_prep.datasets.registry import open_dataset
@@ -67,14 +69,14 @@ def test_its_objects_are_those_of_the_source_to_the_last_bit(exported, jobs):
     pairs = zip(jobs("procedural"), jobs(f"exported:{exported}"), strict=True)
     for ours, theirs in pairs:
         a, b = ours.truth, theirs.truth
-        assert a.item.object == b.item.object
+        assert a.name.object == b.name.object
         assert a.views == b.views
         np.testing.assert_array_equal(a.object.truth(a.views), b.object.truth(b.views))
         for field in ("vertices", "faces", "face_colors"):
             one, other = (getattr(job.object.load(), field) for job in (a, b))
             assert one.dtype == other.dtype
             np.testing.assert_array_equal(one, other)
-        for one, other in zip(ours.items, theirs.items, strict=True):
+        for one, other in zip(ours.method_jobs, theirs.method_jobs, strict=True):
             assert cloud_of(one).points.tobytes() == cloud_of(other).points.tobytes()
 
 
@@ -88,7 +90,7 @@ def test_the_seed_is_that_of_the_export(no_machine, tmp_path, command):
         cells = {"methods": ("splat",), "conditions": ("2048", "512", "noise-0.05")}
         options = Options("chair-robustness", dataset, **cells, limit=1, views=2, seed=seed)
         protocol, _ = protocol_of(SUITES[0], options)
-        return protocol, plan(protocol, Path()).items
+        return protocol, plan(protocol, Path()).method_jobs
 
     (source, ours), (protocol, theirs) = jobs("procedural", 5), jobs(f"exported:{tree}")
     assert protocol.seed == source.seed == 5
@@ -123,7 +125,7 @@ def test_a_grey_suite_reads_its_own_export(no_machine, tmp_path, exported):
     images = [obj.truth.object.truth(obj.truth.views) for obj in (ours, theirs)]
     np.testing.assert_array_equal(*images)
     assert (images[1].max(axis=-1) - images[1].min(axis=-1)).max() == 0  # no colour
-    for one, other in zip(ours.items, theirs.items, strict=True):
+    for one, other in zip(ours.method_jobs, theirs.method_jobs, strict=True):
         assert cloud_of(one).points.tobytes() == cloud_of(other).points.tobytes()
     with pytest.raises(BadInput, match="chair/test-0000 was exported in colour; export it again"):
         jobs(f"exported:{exported}")
@@ -141,7 +143,7 @@ def test_verify_of_an_export_without_its_metadata_says_so(copied, command):
 
 def test_its_clouds_are_read_and_others_made(exported, jobs, monkeypatch):
     (obj, _) = jobs(f"exported:{exported}")
-    job = obj.items[1]
+    job = obj.method_jobs[1]
     monkeypatch.setattr("data_prep.clouds.conditions.Stride.apply", None)  # nobody needs it
     assert job.condition == "512"
     assert len(cloud_of(job)) == 512
@@ -174,7 +176,7 @@ def test_an_altered_file_is_not_used(copied, jobs):
     (obj, _) = jobs(f"exported:{copied}")
     (copied / "clouds/chair/00000/512.ply").write_bytes(b"ply")
     with pytest.raises(BadInput, match=r"512\.ply: not the file of the list"):
-        cloud_of(obj.items[1])
+        cloud_of(obj.method_jobs[1])
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of the libraries of mlcroissant

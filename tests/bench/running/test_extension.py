@@ -13,8 +13,10 @@ from bench.commands.publish import merge_shards, partial_table, publish, run_sui
 from bench.commands.terminal import Terminal
 from bench.records.journal import read_manifest, write_manifest
 from bench.running.extension import join, joined
-from bench.running.protocol import Options, Shard, protocol_of
+from bench.running.options import Options
+from bench.running.protocol import protocol_of
 from bench.running.run import open_run, run
+from bench.running.shards import Shard
 from bench.suites.procedure import methods_of
 from data_prep.failures import BadInput
 
@@ -133,7 +135,7 @@ def test_objects_are_joined_in_the_order_of_the_dataset(tmp_path, no_machine):
     _, wide, kept = asked(tmp_path, methods=("splat",), limit=2)
     assert names(wide) == ["chair/test-0000", "chair/test-0001", "chair/test-0003"]
     assert kept.objects == {*some}
-    assert wide.methods == ("splat", "true-mesh", "blank")
+    assert tuple(wide.methods) == ("splat", "true-mesh", "blank")
     assert wide.conditions == ("2048", "1024", "512", "noise-0.05", "noise-0.10")
 
 

@@ -278,14 +278,13 @@ def test_what_a_task_raises_is_raised(tmp_path):
 
 
 REPLACING = """
-import bench.running.isolation
 from bench.running.isolation import Limits, run_tasks
 from data_prep.rendering.opengl import gl_renderer
 def draw(_):
     return bool(gl_renderer())
 if __name__ == "__main__":
-    bench.running.isolation.TASKS_PER_WORKER = 1  # at the end, another worker is just starting
-    print(len(list(run_tasks(range(3), draw, 2, Limits(60.0, 4.0)))))
+    # at the end, another worker is just starting
+    print(len(list(run_tasks(range(3), draw, 2, Limits(60.0, 4.0), tasks_per_worker=1))))
 """
 
 

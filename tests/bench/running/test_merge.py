@@ -9,9 +9,9 @@ import pandas as pd
 import pytest
 
 from bench.commands.publish import merge_shards, run_suite
-from bench.records.journal import open_journal, read_lines, read_manifest, write_manifest
+from bench.records.journal import open_journal, read_index, read_manifest, write_manifest
 from bench.records.parquet import read_jobs, write_jobs
-from bench.running.protocol import Shard
+from bench.running.shards import Shard
 from bench.tables.build import tables
 from bench.tables.scored import read_scored
 from data_prep.failures import BadInput
@@ -26,7 +26,7 @@ def as_shard(finished, tiny_weights, out, number, count=COUNT):
     for name in ("journal", "artifacts"):
         shutil.copytree(finished[0] / name, out / name)
     manifest = read_manifest(finished[0])
-    objects = list(Shard(number, count).of(manifest["objects"]))
+    objects = list(Shard(number, count).select(manifest["objects"]))
     write_manifest(out, manifest | {"shard": f"{number}/{count}", "objects": objects})
     done = run_suite(finished_options(tiny_weights, out, shard=Shard(number, count)))
     assert done.done == 0
@@ -65,10 +65,10 @@ def test_merged_shards_are_the_run_in_one_piece(finished, made, tmp_path, comman
     assert_equal_runs(whole, finished[0])
     assert file_bytes(whole / "figures") == file_bytes(finished[0] / "figures")
     assert read_jobs(whole) == read_jobs(finished[0])
-    merged_lines, lines = read_lines(whole), read_lines(finished[0])
+    merged, index = read_index(whole), read_index(finished[0])
     same = [f"features/{metric}.parquet" for metric in ("fd-views", "judge")]
     for job in read_jobs(whole):
-        assert merged_lines.result(job.key) == lines.result(job.key)
+        assert merged.read(job.key) == index.read(job.key)
         same.append(f"artifacts/{job.key[:2]}/{job.key}.npz")
     for path in same:
         assert (whole / path).read_bytes() == (finished[0] / path).read_bytes()
@@ -154,7 +154,7 @@ def test_failed_jobs_and_their_reasons_come_along(shards, tmp_path):
     """A shard in which one job failed: without artifact, its records say why."""
     jobs = read_jobs(shards[1])
     chosen = jobs[2]  # of a network: it depends on the condition
-    result = read_lines(shards[1]).result(chosen.key)
+    result = read_index(shards[1]).read(chosen.key)
     lost = {"outcome": "failed", "reason": "apss: no faces", "ssim": None}
     records = tuple(replace(record, **lost) for record in result.records)
     failed = replace(result, records=records, artifact_sha256=None)
@@ -164,7 +164,7 @@ def test_failed_jobs_and_their_reasons_come_along(shards, tmp_path):
     merge_shards(shards, tmp_path / "whole")
     frame = pd.read_parquet(tmp_path / "whole" / "records.parquet")
     reasons = frame[frame["outcome"] == "failed"][["method", "reason"]].to_numpy().tolist()
-    assert reasons == [[chosen.item.method, "apss: no faces"]] * 2
+    assert reasons == [[chosen.name.method, "apss: no faces"]] * 2
 
 
 def test_a_folder_with_another_run_is_left_alone(copied, shards):

@@ -14,8 +14,8 @@ from data_prep.failures import MissingDependency
 from data_prep.rendering import opengl as render
 
 
-def answer(monkeypatch, stdout, code=0):
-    """What the other process says; None where it hangs."""
+def process(stdout, code=0):
+    """Return a stand-in for `subprocess.run` (without output it hangs), and its calls."""
     calls = []
 
     def run(command, **options):
@@ -24,13 +24,12 @@ def answer(monkeypatch, stdout, code=0):
             raise subprocess.TimeoutExpired(command, options["timeout"])
         return subprocess.CompletedProcess(command, code, stdout, "noise")
 
-    monkeypatch.setattr(subprocess, "run", run)
-    return calls
+    return run, calls
 
 
-def test_the_last_line_is_the_answer(monkeypatch):
-    calls = answer(monkeypatch, 'a driver says hello\n{"gl": "llvmpipe"}\n')
-    assert environment() == {"gl": "llvmpipe"}
+def test_the_last_line_is_the_answer():
+    run, calls = process('a driver says hello\n{"gl": "llvmpipe"}\n')
+    assert environment(run) == {"gl": "llvmpipe"}
     ((command, options),) = calls
     assert command == [sys.executable, "-P", "-m", "bench.running.environment"]
     assert WORKER_ENVIRONMENT.items() <= options["env"].items()
@@ -50,23 +49,20 @@ SILENT = f"OpenGL did not answer in 120 s: {render.REMEDY}"
         ('{"error": "no OpenGL: install libegl1"}', 0, "no OpenGL: install libegl1"),
     ],
 )
-def test_a_driver_that_crashes_hangs_or_refuses(monkeypatch, stdout, code, message):
-    answer(monkeypatch, stdout, code)
+def test_a_driver_that_crashes_hangs_or_refuses(stdout, code, message):
     with pytest.raises(MissingDependency) as error:
-        environment()
+        environment(process(stdout, code)[0])
     assert str(error.value) == message
 
 
-def test_what_the_other_process_prints(monkeypatch, capsys):
-    monkeypatch.setattr(render, "gl_renderer", lambda: "a driver")
-    probe.main()
-    found = json.loads(capsys.readouterr().out)
-    assert found.keys() == {"gl", "render", "pyrender", "numpy"}
-    assert (found["gl"], found["render"]) == ("a driver", str(render.VERSION))
+def test_what_the_other_process_prints(capsys):
+    probe.main(lambda: "a driver")
+    printed = json.loads(capsys.readouterr().out)
+    assert printed.keys() == {"gl", "render", "pyrender", "numpy"}
+    assert (printed["gl"], printed["render"]) == ("a driver", str(render.VERSION))
 
-    def gl_renderer():
+    def refusing():
         raise MissingDependency("none here")
 
-    monkeypatch.setattr(render, "gl_renderer", gl_renderer)
-    probe.main()
+    probe.main(refusing)
     assert json.loads(capsys.readouterr().out) == {"error": "none here"}

@@ -6,12 +6,12 @@ from pathlib import Path
 import pytest
 from harness_objects import Tetrahedron
 
-import bench.catalogue.methods
-import bench.running.protocol
+import bench.running.plan
 from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES, Limits
 from bench.records.record import GROUND_TRUTH
-from bench.running.protocol import plan, with_floor
+from bench.running.plan import plan
+from bench.running.protocol import find_methods, with_floor
 from bench.running.work import cloud_of, run_job
 from data_prep.clouds import conditions
 from data_prep.clouds.conditions import Condition, GaussianNoise
@@ -39,12 +39,14 @@ class Edited(Tetrahedron):
 
 def keys(**changes):
     """Keys of all jobs, by object, method and condition."""
+    if "methods" in changes:
+        changes["methods"] = find_methods(changes["methods"])
     made = plan(replace(PROTOCOL, **changes), HERE)
     found = {
         (job.object.object_id, job.method, job.condition): job.key
-        for job in (*made.references, *made.items)
+        for job in (*made.ground_truths, *made.method_jobs)
     }
-    assert len(found) == len(made.references) + len(made.items)
+    assert len(found) == len(made.ground_truths) + len(made.method_jobs)
     what_is_drawn = {
         (obj, method, condition if method == "splat" else "") for obj, method, condition in found
     }
@@ -59,39 +61,44 @@ def changed(before, after):
 def test_what_is_planned_and_in_which_order():
     made = plan(PROTOCOL, HERE)
     assert made == plan(replace(PROTOCOL), HERE)
-    assert [(j.object.object_id, j.method, j.condition) for j in made.references] == [
+    assert [(j.object.object_id, j.method, j.condition) for j in made.ground_truths] == [
         ("a", GROUND_TRUTH, ""),
         ("b", GROUND_TRUTH, ""),
     ]
-    assert [(j.object.object_id, j.condition, j.method) for j in made.items] == [
+    assert [(j.object.object_id, j.condition, j.method) for j in made.method_jobs] == [
         (obj, condition, method)
         for obj in "ab"
         for condition in ("2048", "noise-0.05")
         for method in ("splat", "blank")
     ]
-    truths = {job.object: job for job in made.references}
-    for job in (*made.references, *made.items):
+    truths = {job.object: job for job in made.ground_truths}
+    for job in (*made.ground_truths, *made.method_jobs):
         assert (job.suite, job.seed, job.device) == (SUITES[0].id, 0, "cpu")
         assert job.features == PROTOCOL.features
         assert job.views == truths[job.object].views
         assert job.artifact == HERE / "artifacts" / job.key[:2] / f"{job.key}.npz"
-    assert all(job.reference is None for job in made.references)
-    assert all(job.reference == truths[job.object].artifact for job in made.items)
+    assert all(job.reference is None for job in made.ground_truths)
+    assert all(job.reference == truths[job.object].artifact for job in made.method_jobs)
 
 
 def test_views_are_the_objects_own():
-    a, b = (job.views for job in plan(PROTOCOL, HERE).references)
+    a, b = (job.views for job in plan(PROTOCOL, HERE).ground_truths)
     assert len(set(a + b)) == 4
     for view in a + b:
         assert -180 <= view.azimuth_deg <= 180
         assert -40 <= view.elevation_deg <= 40
-    other = plan(replace(PROTOCOL, seed=1), HERE).references[0].views
+    other = plan(replace(PROTOCOL, seed=1), HERE).ground_truths[0].views
     assert not set(other) & set(a)
 
 
-def test_the_seed_counts_whatever_the_views(monkeypatch):
-    monkeypatch.setattr(Tetrahedron, "views", lambda self, count, rng: (View(0, 0),) * count)
-    assert not set(keys().values()) & set(keys(seed=1).values())
+class SameViews(Tetrahedron):
+    def views(self, count, rng):
+        return (View(0, 0),) * count
+
+
+def test_the_seed_counts_whatever_the_views():
+    objects = (SameViews("a"), SameViews("b"))
+    assert not {*keys(objects=objects).values()} & {*keys(objects=objects, seed=1).values()}
 
 
 def everything(*cell):
@@ -132,10 +139,14 @@ def test_only_what_a_change_concerns_is_done_again(change, concerned):
     assert changed(before, keys(**change)) == expected
 
 
-def other_method(**change):
-    methods = bench.catalogue.methods
-    table = [replace(m, **change) if m.id == "splat" else m for m in methods.METHODS]
-    return methods, "METHODS", table
+@pytest.mark.parametrize("change", [{"version": 2}, {"identity": lambda: "99"}])
+def test_another_version_of_a_method_concerns_its_jobs(change):
+    before, splat = keys(), replace(PROTOCOL.methods["splat"], **change)
+    protocol = replace(PROTOCOL, methods=PROTOCOL.methods | {"splat": splat})
+    after = {(j.object.object_id, j.method, j.condition): j.key for j in plan(protocol, HERE).jobs}
+    assert {cell for cell in after if before[cell] != after[cell]} == {
+        cell for cell in before if cell[1] == "splat"
+    }
 
 
 def other_noise():
@@ -143,22 +154,20 @@ def other_noise():
         Condition(c.id, GaussianNoise(0.06), c.source) if c.id == "noise-0.05" else c
         for c in conditions.CONDITIONS
     ]
-    return bench.running.protocol, "CONDITIONS", table
+    return bench.running.plan, "CONDITIONS", table
 
 
 @pytest.mark.parametrize(
     ("patch", "concerned"),
     [
-        (other_method(version=2), lambda obj, method, condition: method == "splat"),
-        (other_method(identity=lambda: "99"), lambda obj, method, condition: method == "splat"),
         (other_noise(), lambda obj, *cell: cell == ("splat", "noise-0.05")),
         # the ground truth has no score
         (
-            (bench.running.protocol, "SCORES_VERSION", 99),
+            (bench.running.plan, "SCORES_VERSION", 99),
             lambda obj, method, condition: method != GROUND_TRUTH,
         ),
-        ((bench.running.protocol, "PROCEDURAL_VERSION", 99), everything),
-        ((bench.running.protocol, "SCHEMA_VERSION", 99), everything),
+        ((bench.running.plan, "PROCEDURAL_VERSION", 99), everything),
+        ((bench.running.plan, "SCHEMA_VERSION", 99), everything),
     ],
 )
 def test_another_version_of_the_code_concerns_what_it_makes(monkeypatch, patch, concerned):
@@ -193,7 +202,7 @@ def test_a_suite_in_grey_has_the_same_points_and_views_of_grey_objects(tmp_path)
 def test_a_suite_in_grey_needs_meshes(tmp_path):
     obj = PaperObject("chair", "a", tmp_path / "a.ply", tmp_path)
     suite = find("chair-robustness-grey", SUITES, "suite")
-    with pytest.raises(BadInput, match="chair/a has pictures but no mesh, and chair-robustness-gr"):
+    with pytest.raises(BadInput, match="chair/a has images but no mesh, and chair-robustness-gr"):
         plan(make_protocol(suite=suite, objects=(obj,)), HERE)
 
 

@@ -12,7 +12,6 @@ from pathlib import Path
 import pytest
 from harness_objects import Killed, Refusing, Tetrahedron
 
-import bench.running.ray
 from bench.catalogue.suites import Limits
 from bench.running.ray import Node, mismatch, requirements
 from bench.running.work import run_job
@@ -23,24 +22,29 @@ from ..builders import make_job, make_protocol, make_truth, write_artifact
 LIMITS = Limits(60.0, 8.0)
 
 
+MACHINE = {"gl": "llvmpipe", "numpy": "2"}
+
+
 @pytest.fixture(autouse=True)
-def driver(monkeypatch):
-    """Finding out about OpenGL takes seconds; and a node changes its folder."""
-    found = {"gl": "llvmpipe", "numpy": "2"}
-    monkeypatch.setattr(bench.running.ray, "environment", lambda: found)
+def back():
+    """Return to the current folder, which a node changes."""
     here = Path.cwd()
-    yield found
+    yield
     os.chdir(here)
 
 
+def mismatch_of(requirements):
+    return mismatch(requirements, lambda: MACHINE)
+
+
 @pytest.fixture
-def asked(tmp_path, driver):
+def asked(tmp_path):
     weights = tmp_path / "views.safetensors"
     weights.write_bytes(b"weights")
     protocol = make_protocol(
         methods=("splat-net", "blank"),
         features=(("fd-views", str(weights)),),
-        environment=dict(driver),
+        environment=MACHINE,
     )
     return requirements(protocol)
 
@@ -48,13 +52,13 @@ def asked(tmp_path, driver):
 @contextmanager
 def node(asked):
     """A node with a process of its own."""
-    made = Node(asked, LIMITS)
+    made = Node(asked, LIMITS, lambda: MACHINE)
     with closing(made._pool):
         yield made
 
 
 def test_a_machine_meets_its_own_requirements_which_are_plain_values(asked):
-    assert mismatch(asked) == ""
+    assert mismatch_of(asked) == ""
     assert pickle.loads(pickle.dumps(asked)) == asked
 
 
@@ -71,19 +75,18 @@ def test_a_machine_meets_its_own_requirements_which_are_plain_values(asked):
     ],
 )
 def test_what_differs_is_named(asked, change, message):
-    assert re.search(message, mismatch(replace(asked, **change)))
+    assert re.search(message, mismatch_of(replace(asked, **change)))
 
 
-def test_weights_that_were_exchanged_and_a_machine_without_opengl(asked, monkeypatch):
+def test_weights_that_were_exchanged_and_a_machine_without_opengl(asked):
     (path,) = asked.weights
     Path(path).write_bytes(b"other")
-    assert "weights: " in mismatch(asked)
+    assert "weights: " in mismatch_of(asked)
 
     def environment():
         raise MissingDependency("no OpenGL context: install libegl1")
 
-    monkeypatch.setattr(bench.running.ray, "environment", environment)
-    assert mismatch(asked) == "no OpenGL context: install libegl1"
+    assert mismatch(asked, environment) == "no OpenGL context: install libegl1"
 
 
 def test_a_job_gives_what_it_gives_at_home(asked, tmp_path):

@@ -20,13 +20,16 @@ from PIL import Image
 
 import bench.running.run
 import bench.tables.scored
+from bench.catalogue.suites import SUITES
 from bench.commands.publish import partial_table, publish, run_suite
 from bench.commands.terminal import Terminal
 from bench.records.journal import read_manifest
 from bench.records.record import GROUND_TRUTH
-from bench.running.protocol import Options, Shard, protocol_of
+from bench.running.options import Options
+from bench.running.protocol import protocol_of
 from bench.running.run import run
 from bench.running.schedule import Budget
+from bench.running.shards import Shard
 from bench.tables.build import tables
 from bench.tables.scored import read_scored
 from data_prep.failures import BadInput, MissingDependency
@@ -256,7 +259,7 @@ def test_killed_three_times(finished, arguments, tmp_path):
 @pytest.fixture
 def no_networks(monkeypatch):
     """Without set metrics, workers need no torch and start in a second."""
-    suites = [replace(bench.running.run.SUITES[0], set_metrics=(), control_metrics=())]
+    suites = [replace(SUITES[0], set_metrics=(), control_metrics=())]
     monkeypatch.setattr(bench.running.run, "SUITES", suites)
     monkeypatch.setattr(bench.tables.scored, "SUITES", suites)
 
@@ -296,23 +299,15 @@ def test_some_objects_now_and_the_others_later(
     assert interim_table.startswith("# ssim-object and lpips: 1 of 3 objects; protocol 1\n")
     assert set(records(directory)["object"]) == {"test-0000"}
 
-    monkeypatch.setattr(bench.running.run, "Budget", OneMore)
-    second = run_suite(replace(options, budget=100.0))
+    reporter = partial(Terminal, partial_table)
+    second = run(replace(options, budget=100.0), publish, reporter, OneMore)
     assert (second.interrupted, second.objects, second.reused) == (False, 2, 8)
     assert read_manifest(directory)["finished"]
     status, out, err = command("table", directory)
     assert (status, err) == (0, "")
     assert out.startswith("ssim-object and lpips: 2 of 3 objects; protocol 1\n")
     assert {row.n for table in tables(read_scored(directory)) for row in table.rows} == {4}
-    assert (directory / "report.html").stat().st_mtime_ns > (
-        directory / "records.parquet"
-    ).stat().st_mtime_ns
 
-    monkeypatch.undo()
-    monkeypatch.setattr(
-        "bench.running.protocol.environment", lambda: read_manifest(finished[0])["environment"]
-    )
-    monkeypatch.setenv("XDG_CACHE_HOME", str(finished[0].parent))
     last = run_suite(options)
     assert (last.objects, last.planned, last.reused) == (3, 3, 15)
     assert_equal_runs(directory, finished[0])
@@ -402,20 +397,19 @@ def test_nothing_but_bad_meshes(tmp_path):
     )
 
 
-def test_a_machine_without_opengl(monkeypatch, tmp_path):
+def test_a_machine_without_opengl(tmp_path):
     def environment():
         raise MissingDependency("no OpenGL context: install libegl1")
 
-    monkeypatch.setattr(bench.running.protocol, "environment", environment)
+    options = Options("chair-robustness", methods=("blank",), out=tmp_path / "run")
     with pytest.raises(BadInput, match="no OpenGL context: install libegl1"):
-        run_suite(Options("chair-robustness", methods=("blank",), out=tmp_path / "run"))
+        protocol_of(SUITES[0], options, environment)
     assert not (tmp_path / "run").exists()
 
 
-def test_defaults_are_those_of_the_suite(monkeypatch, tmp_path):
-    monkeypatch.setattr(bench.running.protocol, "environment", dict)
-    protocol, skipped = protocol_of(bench.running.run.SUITES[0], Options("chair-robustness"))
-    assert protocol.methods == (
+def test_defaults_are_those_of_the_suite():
+    protocol, skipped = protocol_of(SUITES[0], Options("chair-robustness"), dict)
+    assert tuple(protocol.methods) == (
         *("surface-apss", "alpha-shape", "denoised-alpha", "pc2pix", "pc2pix@acgan"),
         *("splat-net", "splat-net@grey"),
         *("splat", "true-mesh", "true-mesh@grey", "constant", "blank"),

@@ -9,7 +9,7 @@ from harness_objects import Tetrahedron
 
 from bench.records.job import Result, failed
 from bench.running.isolation import submit_all
-from bench.running.protocol import plan
+from bench.running.plan import plan
 from bench.running.schedule import Budget, Schedule, end_s, seconds_of
 from data_prep.failures import BadInput
 
@@ -18,7 +18,7 @@ from ..builders import make_protocol
 HERE = Path("run")
 
 
-def todo(*names):
+def plan_of(*names):
     """Five jobs an object: splat at two conditions, blank once for both, and the truth."""
     return plan(make_protocol(objects=tuple(Tetrahedron(*name.split("/")) for name in names)), HERE)
 
@@ -59,7 +59,7 @@ def carried_out(schedule, **executor):
 
 
 def test_objects_follow_each_other_and_truths_come_one_ahead():
-    schedule = Schedule(todo("a", "b", "c"), {}, Budget())
+    schedule = Schedule(plan_of("a", "b", "c"), {}, Budget())
     assert schedule.left == 12
     assert carried_out(schedule) == [
         *("a ground-truth", "b ground-truth"),
@@ -73,25 +73,25 @@ def test_objects_follow_each_other_and_truths_come_one_ahead():
 
 
 def test_classes_take_turns():
-    made = todo("a/chair", "b/chair", "c/chair", "d/sofa", "e/table", "f/table")
+    made = plan_of("a/chair", "b/chair", "c/chair", "d/sofa", "e/table", "f/table")
     assert [obj.name[-1] for obj in made.in_turns] == ["a", "d", "e", "b", "f", "c"]
-    assert [obj.name[-1] for obj in made.of({"table/f", "chair/b"}).objects] == ["b", "f"]
+    assert [obj.name[-1] for obj in made.select({"table/f", "chair/b"}).objects] == ["b", "f"]
 
 
 def test_what_is_there_is_not_done_again():
-    made = todo("a", "b")
+    made = plan_of("a", "b")
     first = Schedule(made, {}, Budget())
     carried_out(first)
-    kept = {key: first.outcomes[key] for key in list(first.outcomes)[:-1]}
+    kept = {key: first.results[key] for key in list(first.results)[:-1]}
     second = Schedule(made, kept, Budget())
     assert second.complete == ["chair/a"]
     assert (second.left, carried_out(second)) == (1, ["b splat 512"])
     assert second.complete == ["chair/a", "chair/b"]
-    assert carried_out(Schedule(made, first.outcomes, Budget())) == []
+    assert carried_out(Schedule(made, first.results, Budget())) == []
 
 
 def test_an_object_without_a_ground_truth_is_complete_with_it():
-    schedule = Schedule(todo("a", "b"), {}, Budget())
+    schedule = Schedule(plan_of("a", "b"), {}, Budget())
     order = carried_out(schedule, refuse=("a ground-truth",))
     assert order[:3] == ["a ground-truth", "b ground-truth", "b splat 2048"]
     assert len(order) == 5
@@ -102,7 +102,9 @@ def test_an_object_without_a_ground_truth_is_complete_with_it():
 
 def budgeted(seconds, objects=5, guess_s=4.0, job_s=1.0, capacity=1):
     clock = [0.0]
-    schedule = Schedule(todo(*"abcdefgh"[:objects]), {}, Budget(seconds, guess_s, lambda: clock[0]))
+    schedule = Schedule(
+        plan_of(*"abcdefgh"[:objects]), {}, Budget(seconds, guess_s, lambda: clock[0])
+    )
     carried_out(schedule, capacity=capacity, seconds=job_s, clock=clock)
     return schedule.complete, clock[0]
 

@@ -4,21 +4,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.running.protocol import Shard, interleave, objects_to_search, read_shard
+from bench.running.shards import Shard, interleave, objects_to_search, read_shard
 from data_prep.failures import BadInput
 
 
 def test_every_nth_from_the_kth():
-    assert Shard(1, 3).of("abcdefgh") == ("a", "d", "g")
-    assert Shard(2, 3).of("abcdefgh") == ("b", "e", "h")
-    assert Shard(3, 3).of("abcdefgh") == ("c", "f")
-    assert Shard(1, 1).of("ab") == ("a", "b")
-    assert Shard(3, 3).of("ab") == ()
+    assert Shard(1, 3).select("abcdefgh") == ("a", "d", "g")
+    assert Shard(2, 3).select("abcdefgh") == ("b", "e", "h")
+    assert Shard(3, 3).select("abcdefgh") == ("c", "f")
+    assert Shard(1, 1).select("ab") == ("a", "b")
+    assert Shard(3, 3).select("ab") == ()
 
 
 @given(st.lists(st.integers(), max_size=40), st.integers(1, 12))
 def test_what_was_interleaved_comes_back_in_its_order(things, count):
-    assert interleave([Shard(k, count).of(things) for k in range(1, count + 1)]) == things
+    assert interleave([Shard(k, count).select(things) for k in range(1, count + 1)]) == things
 
 
 @pytest.mark.parametrize("shards", [["ab", "cde"], ["abc", "d"], ["ab", "c", "de"], ["", "a"]])

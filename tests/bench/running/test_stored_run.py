@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
@@ -11,8 +12,9 @@ import pytest
 
 from bench.catalogue.suites import SUITES
 from bench.records.journal import read_manifest
-from bench.running import protocol, run
-from bench.running.protocol import Options, protocol_of
+from bench.running.options import Options
+from bench.running.protocol import protocol_of
+from bench.running.status import run_status
 from bench.tables.build import make_outputs
 from bench.tables.scored import read_scored
 from bench.tables.table import TABLES, table_files
@@ -34,18 +36,22 @@ def test_its_tables_are_made_again_to_the_byte(stored):
     assert files.keys() == found.keys()
 
 
-def test_its_journal_is_used_again(stored, monkeypatch):
-    # As on the machine that made it: drivers and libraries are part of the keys.
+def test_its_journal_is_used_again(stored):
     manifest = read_manifest(stored)
-    identities = manifest["identities"]
-    monkeypatch.setattr(protocol, "environment", lambda: manifest["environment"])
-    monkeypatch.setattr(protocol, "method_identity", lambda method, device: identities[method])
     (suite,) = (suite for suite in SUITES if suite.id == manifest["suite"])
     cells = {"methods": ("splat",), "conditions": tuple(manifest["conditions"])}
     place = {"views": manifest["views"], "device": "cpu", "out": stored}
     options = Options(suite.id, **cells, limit=1, **place)
-    todo = run.run_status(options, protocol_of(suite, options)[0])
-    assert set(todo.left.values()) == {0}
+    # As on the machine that made it: drivers and libraries are part of the keys.
+    protocol, _ = protocol_of(suite, options, lambda: manifest["environment"])
+    methods = {}
+    for name, (version, identity, _) in manifest["identities"].items():
+        method = protocol.methods[name]
+        methods[name] = replace(
+            method, version=version, identity=lambda identity=identity: identity
+        )
+    status = run_status(options, replace(protocol, methods=methods))
+    assert set(status.left.values()) == {0}
 
 
 def altered_manifest(change):

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from bench.running.protocol import Options
+from bench.running.options import Options
 from bench.suites.latent import run as latent
 from bench.suites.speed import run as speed
 from bench.suites.stability import run as stability

@@ -17,7 +17,7 @@ from bench.catalogue.suites import LATENT
 from bench.judges import VIEWS_WEIGHTS
 from bench.judges.views import load_views_network
 from bench.metrics.structural_similarity import ssim
-from bench.running.protocol import Options
+from bench.running.options import Options
 from bench.suites.latent.arithmetic import ANSWER, NOTHING, SUM, TRAIN, add_up
 from bench.suites.latent.chairs import choose_pairs, choose_triples, specified_chairs
 from bench.suites.latent.network import cloud_of, load_network
@@ -203,9 +203,17 @@ def test_a_rerun_starts_over(measured, untrained, tmp_path):
     directory = shutil.copytree(measured.directory, tmp_path / "run")
     (directory / "figures" / "interpolation-2.png").touch()
     (directory / "tables" / FILES[0]).write_text("old")
-    run_small(stated(untrained, directory, limit=1))
+    run_small(stated(untrained, directory))
     assert (directory / "tables" / FILES[0]).read_text() != "old"
     assert len(list((directory / "figures").iterdir())) == 2
+
+
+def test_a_smaller_limit_keeps_the_run_of_the_folder(measured, untrained, tmp_path):
+    directory = shutil.copytree(measured.directory, tmp_path / "run")
+    before = {path: path.read_bytes() for path in directory.rglob("*") if path.is_file()}
+    with pytest.raises(BadInput, match=r"run: holds a run with 2 more pairs, .* give a new --out"):
+        run(stated(untrained, directory, limit=1), SMALL)
+    assert {path: path.read_bytes() for path in directory.rglob("*") if path.is_file()} == before
 
 
 @pytest.mark.slow

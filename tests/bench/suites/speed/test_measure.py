@@ -17,7 +17,7 @@ import bench
 from bench.catalogue.methods import Method
 from bench.catalogue.suites import SPEED
 from bench.running.environment import code_sha256
-from bench.running.protocol import plan
+from bench.running.plan import plan
 from bench.running.work import cloud_of, rng_of
 from bench.suites.speed.measure import (
     Clock,
@@ -331,7 +331,9 @@ def test_clouds_views_and_random_numbers_are_those_of_the_other_suites(tmp_path)
     (unit,) = units(threads=(1,), **same)
     subjects, failures = subjects_of(unit)
     assert failures == []
-    for job, subject in zip(plan(make_protocol(**same), tmp_path).items, subjects, strict=True):
+    for job, subject in zip(
+        plan(make_protocol(**same), tmp_path).method_jobs, subjects, strict=True
+    ):
         assert subject.id == f"chair/{job.object.object_id}"
         assert np.array_equal(subject.cloud.points, cloud_of(job).points)
         assert subject.views == job.views

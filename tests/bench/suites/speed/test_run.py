@@ -13,7 +13,7 @@ import bench.suites.speed.run
 from bench.catalogue.suites import SPEED, Limits
 from bench.records.journal import read_manifest
 from bench.running.isolation import WORKER_ENVIRONMENT, run_tasks, thread_counts
-from bench.running.protocol import Options
+from bench.running.options import Options
 from bench.suites.speed.measure import Unit, lost
 from bench.suites.speed.run import Laboratory, measure_alone, run
 from bench.suites.speed.samples import TimingSample

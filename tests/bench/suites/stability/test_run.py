@@ -9,7 +9,7 @@ from matplotlib import image
 
 from bench.checking.golden import check
 from bench.records.journal import read_manifest
-from bench.running.protocol import Options
+from bench.running.options import Options
 from bench.suites.stability.cases import CASES
 from bench.suites.stability.expectations import KINDS
 from bench.suites.stability.figures import ACROSS, COLOURS, MISSING, matrix_figure, sheet

@@ -1,0 +1,145 @@
+"""The options of `bench run`, and the checks and defaults that need nothing else."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from unicodedata import category, normalize
+
+from bench.catalogue.suites import Suite
+from bench.running.environment import cores
+from bench.running.shards import Shard
+from data_prep.datasets.registry import Dataset
+from data_prep.failures import BadInput
+
+LOCAL = "local"  # address of a Ray cluster that a run starts on this machine
+# More objects of a class than published datasets have (ShapeNet: 8,509 tables). Procedural classes
+# have no end, and the plan of an object takes 3 ms and 70 kB.
+MOST_OBJECTS = 10_000
+# A job draws all views of an object at once; so many in float32 are half of what a worker may have.
+MOST_VIEWS = 10_000
+RUNS = Path("results/runs")
+# Options that say what is measured, and not how or where.
+REPEATED = (
+    *("suite", "dataset", "methods", "conditions", "limit", "views", "device", "seed"),
+    "inception_weights",
+)
+
+
+@dataclass(frozen=True)
+class Options:
+    """The options of the command line; None means the choice of the suite or of the dataset."""
+
+    suite: str
+    dataset: str = "procedural"
+    methods: tuple[str, ...] | None = None
+    conditions: tuple[str, ...] | None = None
+    limit: int | None = None
+    budget: float | None = None  # seconds
+    views: int | None = None
+    workers: int | None = None
+    device: str = "auto"
+    seed: int | None = None
+    out: Path | None = None
+    fresh: bool = False
+    shard: Shard | None = None
+    ray: str | None = None
+    inception_weights: str | None = None
+
+    @property
+    def request(self) -> dict[str, Any]:
+        """Return the options that say what is measured, as `bench run --config` reads them.
+
+        Options that are None are left out.
+        """
+        given = {name: getattr(self, name) for name in REPEATED}
+        return {
+            name: list(value) if isinstance(value, tuple) else value
+            for name, value in given.items()
+            if value is not None
+        }
+
+    @property
+    def directory(self) -> Path:
+        """Return the run's folder."""
+        return self.out or RUNS / default_name(self.suite, self.dataset, self.shard)
+
+
+def refuse(suite: str, options: Iterable[tuple[str, object, str]]) -> None:
+    """Raise BadInput for the first of the options that was given.
+
+    `options` are names, values and the reasons why these options have no meaning for the suite.
+    """
+    for name, value, why in options:
+        if value is not None:
+            option = name.replace("_", "-")
+            raise BadInput(f"--{option}: has no meaning for the suite {suite}, {why}; leave it")
+
+
+def refuse_counts(options: Options) -> None:
+    """Raise BadInput for fewer than one object or view, and for more than a run can hold."""
+    for name, value, most, remedy in (
+        ("limit", options.limit, MOST_OBJECTS, ", or leave it for all objects of a folder"),
+        ("views", options.views, MOST_VIEWS, ""),
+    ):
+        if value is not None and value < 1:
+            raise BadInput(f"--{name} {value}: must be at least 1")
+        if value is not None and value > most:
+            raise BadInput(f"--{name} {value}: too many; give at most {most}{remedy}")
+
+
+def refuse_absent_gpu(options: Options) -> None:
+    """Raise BadInput for `--device cuda` where this machine, which is to draw, has no GPU."""
+    if options.device == "cuda" and options.ray in (None, LOCAL):  # other nodes have GPUs of theirs
+        from learning.training_loop import prepare_device
+
+        prepare_device(options.device)
+
+
+def seed_of(dataset: Dataset, options: Options) -> int:
+    """Return the seed of a run. Raises BadInput for another than that of an exported dataset."""
+    if dataset.seed is None:
+        return options.seed or 0
+    if options.seed not in (None, dataset.seed):
+        raise BadInput(
+            f"--seed {options.seed}: {dataset.id} was exported with --seed {dataset.seed}, which "
+            "decides its clouds and views; leave --seed, or export it again with yours"
+        )
+    return dataset.seed
+
+
+def workers_of(suite: Suite, options: Options) -> int:
+    """Return the number of worker processes: as requested, else one for each core.
+
+    A suite that compares times has one. Raises BadInput where another number was requested for it.
+    """
+    if suite.frontier:
+        more = options.workers if options.workers != 1 else None
+        refuse(suite.id, [("workers", more, "whose times are taken with nothing beside them")])
+        return 1
+    return options.workers or cores()
+
+
+def default_name(suite: str, dataset: str, shard: Shard | None = None) -> str:
+    """Return the name of a run's folder, made of suite, dataset and shard."""
+    kind, _, location = dataset.partition(":")
+    parts = [suite, kind, Path(location).resolve().name] if location else [suite, kind]
+    if shard is not None:
+        parts.append(f"shard-{shard.number}-of-{shard.count}")
+    return file_name(*parts)
+
+
+def file_name(*parts: str) -> str:
+    """Join the parts to one file name; a hyphen stands for each run of unsuitable characters.
+
+    Letters, digits and marks of any script are suitable, and so are full stops, underscores and
+    hyphens.
+    """
+    kept = (
+        char if char.isalnum() or char in "._-" or category(char).startswith("M") else "/"
+        for char in normalize("NFC", "-".join(parts))
+    )
+    return re.sub("/+", "-", "".join(kept))
