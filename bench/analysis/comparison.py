@@ -188,12 +188,12 @@ def worse_than_blank(qualities: Mapping[str, Quality]) -> set[str]:
     return set() if blank is None else {m for m, q in qualities.items() if q.rank < blank.rank}
 
 
-def lead(a: Quality, b: Quality) -> Estimate:
+def better_by(a: Quality, b: Quality) -> Estimate:
     """How much better a is than b: their difference, over 0 where a is better."""
     return difference(a, b) if higher_is_better(a.metric) else difference(b, a)
 
 
-def lead_over_classes(
+def class_mean_difference(
     a: Sequence[Quality], b: Sequence[Quality]
 ) -> tuple[Estimate, StandardError | None]:
     """How much better `a` is than `b` by one metric in the mean over classes, with its error.
@@ -203,12 +203,12 @@ def lead_over_classes(
     metric = a[0].metric
     sign = 1.0 if higher_is_better(metric) else -1.0
     pairs = list(zip(a, b, strict=True))
-    leads = [sign * (x.per_object - y.per_object) for x, y in pairs]
+    differences = [sign * (x.per_object - y.per_object) for x, y in pairs]
     if is_mean(metric):
-        value = float(np.mean([of.mean() for of in leads]))
-        return Estimate(value, *interval_of_means(leads)), mean_error(leads)
+        value = float(np.mean([of.mean() for of in differences]))
+        return Estimate(value, *interval_of_means(differences)), mean_error(differences)
     value = float(np.mean([sign * (x.estimate.value - y.estimate.value) for x, y in pairs]))
-    return Estimate(value, *jackknife_interval(value, leads)), jackknife_error(leads)
+    return Estimate(value, *jackknife_interval(value, differences)), jackknife_error(differences)
 
 
 def difference(a: Quality, b: Quality) -> Estimate:

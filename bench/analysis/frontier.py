@@ -19,9 +19,9 @@ from bench.analysis.comparison import (
     Comparison,
     Estimate,
     Quality,
+    better_by,
     candidates,
     decimals,
-    lead,
     worse_than_blank,
 )
 from bench.catalogue.methods import FLOOR
@@ -57,7 +57,7 @@ class FrontierPoint:
     n_ok: int
     n: int
     verdict: Verdict
-    rival: str
+    baseline: str
 
 
 def pareto(cost: NDArray[np.float64], quality: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -88,7 +88,7 @@ def places(comparison: Comparison, metrics: Sequence[str], views: int) -> list[F
         )
         on_frontier = {method for method, is_on in zip(above, ahead, strict=True) if is_on}
         for method, quality in qualities.items():
-            verdict, rival = _verdict(method, could, below, on_frontier, costs, qualities)
+            verdict, baseline = _verdict(method, could, below, on_frontier, costs, qualities)
             made.append(
                 FrontierPoint(
                     comparison.condition,
@@ -100,7 +100,7 @@ def places(comparison: Comparison, metrics: Sequence[str], views: int) -> list[F
                     quality.estimate,
                     *comparison.images[method],
                     verdict,
-                    rival,
+                    baseline,
                 )
             )
     return made
@@ -123,18 +123,20 @@ def _verdict(
         return "below a white image", FLOOR
     if method in on_frontier:
         return "frontier", ""
-    rivals = [
+    baselines = [
         other
         for other in could
         if other != method
         and costs[other].value <= costs[method].value
         and qualities[other].rank >= own.rank
     ]
-    rivals.sort(key=lambda other: -qualities[other].rank)
+    baselines.sort(key=lambda other: -qualities[other].rank)
     digits = decimals(own.metric)
-    clear = (other for other in rivals if round(lead(qualities[other], own).low, digits) > 0)
+    clear = (
+        other for other in baselines if round(better_by(qualities[other], own).low, digits) > 0
+    )
     shown_by = next(clear, None)
-    return ("tied", rivals[0]) if shown_by is None else ("dominated", shown_by)
+    return ("tied", baselines[0]) if shown_by is None else ("dominated", shown_by)
 
 
 @dataclass(frozen=True)
@@ -173,7 +175,7 @@ def thinned(
             cost_ms = c.cost_ms(method, views)
             for metric in metrics:
                 own = c.qualities[metric][method]
-                lost = lead(whole.qualities[metric][method], own)
+                lost = better_by(whole.qualities[metric][method], own)
                 made.append(
                     SubsampledFrontier(
                         c.class_name,

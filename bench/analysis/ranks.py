@@ -17,7 +17,7 @@ from itertools import combinations
 from string import ascii_lowercase
 
 from bench.analysis.comparison import Comparison, Estimate, candidates
-from bench.analysis.paired import Pair, PairedDifference, Side, paired_differences
+from bench.analysis.paired import ComparedPair, PairedDifference, Side, paired_differences
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,9 @@ def ranking(of: Comparison, metric: str) -> Ranking:
     def differences(pairs: Iterable[tuple[str, str]]) -> list[PairedDifference]:
         sides = [(Side("", a), Side("", b), qualities[a], qualities[b]) for a, b in pairs]
         cell = of.condition, of.class_name
-        return paired_differences([Pair(*cell, *side, objects=len(of.objects)) for side in sides])
+        return paired_differences(
+            [ComparedPair(*cell, *side, objects=len(of.objects)) for side in sides]
+        )
 
     family = differences(combinations(ranked, 2))
     with_reference = [

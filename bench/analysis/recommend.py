@@ -16,8 +16,8 @@ from bench.analysis.comparison import (
     Comparison,
     Estimate,
     Floats,
+    better_by,
     candidates,
-    lead,
     worse_than_blank,
 )
 from bench.analysis.intervals import mean_interval
@@ -29,7 +29,7 @@ ALTERNATIVES = 3
 
 
 @dataclass(frozen=True)
-class Request:
+class Requirements:
     """The limits that are asked for; None where one does not matter.
 
     views      images of a cloud
@@ -43,7 +43,7 @@ class Request:
 
 
 @dataclass(frozen=True)
-class Choice:
+class MethodOption:
     """A method that one could take, and by one metric how good it is.
 
     behind  how much worse than the best affordable one, paired
@@ -54,7 +54,7 @@ class Choice:
     quality: Estimate
     n_ok: int
     n: int
-    behind: Estimate
+    gap: Estimate
 
 
 @dataclass(frozen=True)
@@ -79,16 +79,16 @@ class Advice:
     condition: str
     class_name: str
     objects: int
-    best: Choice | None
-    next: tuple[Choice, ...]
+    best: MethodOption | None
+    next: tuple[MethodOption, ...]
     affordable: int
     below_blank: tuple[str, ...]
     regret: Estimate
     regret_blind: Estimate
-    on_average: Choice | None
-    surely: Choice | None
-    cheapest: Choice | None
-    finest: Choice | None
+    by_mean: MethodOption | None
+    significant: MethodOption | None
+    cheapest: MethodOption | None
+    best_of_all: MethodOption | None
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ class Recommendation:
     by_metric: tuple[Advice, ...]
     by_ssim: Advice | None
 
-    def meets(self, request: Request) -> bool:
+    def meets(self, request: Requirements) -> bool:
         """Return whether each metric has a method within the budget, and one is good enough."""
         if request.min_ssim is None:
             return all(advice.best is not None for advice in self.by_metric)
@@ -113,7 +113,9 @@ class Recommendation:
         return best is not None and best.quality.value >= request.min_ssim
 
 
-def recommend(comparison: Comparison, request: Request, metrics: Sequence[str]) -> Recommendation:
+def recommend(
+    comparison: Comparison, request: Requirements, metrics: Sequence[str]
+) -> Recommendation:
     """Return the advice of a comparison by each of these metrics of images, which it has to have.
 
     It has to have `ssim`, too, where a least SSIM is required.
@@ -124,7 +126,7 @@ def recommend(comparison: Comparison, request: Request, metrics: Sequence[str]) 
     )
 
 
-def advise(comparison: Comparison, request: Request, metric: str) -> Advice:
+def advise(comparison: Comparison, request: Requirements, metric: str) -> Advice:
     """Return the advice of a comparison by a metric of images.
 
     Methods without a cost (they failed on all objects) and those worse than a white image are no
@@ -141,16 +143,16 @@ def advise(comparison: Comparison, request: Request, metric: str) -> Advice:
     affordable = [m for m in by_quality if costs[m].value <= budget]
     distinct = list({qualities[m].rank: m for m in reversed(affordable)}.values())[::-1]
 
-    def choice(method: str) -> Choice:
-        behind = Estimate(NAN, NAN, NAN)
+    def choice(method: str) -> MethodOption:
+        gap = Estimate(NAN, NAN, NAN)
         if affordable:
-            behind = lead(qualities[affordable[0]], qualities[method])
+            gap = better_by(qualities[affordable[0]], qualities[method])
         images = comparison.images[method]
-        return Choice(method, costs[method], qualities[method].estimate, *images, behind)
+        return MethodOption(method, costs[method], qualities[method].estimate, *images, gap)
 
     required = -np.inf if request.min_ssim is None or metric != SSIM else request.min_ssim
-    on_average = [m for m in by_cost if qualities[m].estimate.value >= required]
-    surely = [m for m in by_cost if qualities[m].estimate.low >= required]
+    by_mean = [m for m in by_cost if qualities[m].estimate.value >= required]
+    significant = [m for m in by_cost if qualities[m].estimate.low >= required]
     sign = 1.0 if higher_is_better(metric) else -1.0
     scores = np.array([sign * qualities[m].per_object for m in affordable])
     scores = scores[:, np.isfinite(scores).all(axis=0)] if affordable else scores
@@ -165,10 +167,10 @@ def advise(comparison: Comparison, request: Request, metric: str) -> Advice:
         below_blank=tuple(m for m in valued if m in below and costs[m].value <= budget),
         regret=_regret(scores, chosen=np.zeros(scores.shape[-1], np.intp)),
         regret_blind=_regret(scores, chosen=_chosen_by_the_others(scores)),
-        on_average=choice(on_average[0]) if on_average else None,
-        surely=choice(surely[0]) if surely else None,
+        by_mean=choice(by_mean[0]) if by_mean else None,
+        significant=choice(significant[0]) if significant else None,
         cheapest=choice(by_cost[0]) if by_cost else None,
-        finest=choice(by_quality[0]) if by_quality else None,
+        best_of_all=choice(by_quality[0]) if by_quality else None,
     )
 
 

@@ -54,7 +54,7 @@ class Suite:
     limits: Limits
     frontier: tuple[str, ...] = ()
     class_metrics: tuple[str, ...] = ()
-    crossings: tuple[str, ...] = ()
+    condition_sweep: tuple[str, ...] = ()
     headline: tuple[str, ...] = ("ssim-object", "lpips")
     painted: bool = True
 
@@ -229,7 +229,7 @@ SUITES = (
         views=10,
         endless_limit=24,
         limits=Limits(time_s=120.0, memory_gib=4.0),
-        crossings=("ssim", "lpips", "silhouette-iou", "fd-views"),
+        condition_sweep=("ssim", "lpips", "silhouette-iou", "fd-views"),
     ),
 )
 
@@ -347,7 +347,7 @@ class SpeedSuite:
     id: str
     about: str
     methods: tuple[str, ...]
-    rivals: tuple[str, ...]
+    baselines: tuple[str, ...]
     conditions: tuple[str, ...]
     class_name: str
     clouds: int
@@ -381,7 +381,7 @@ SPEED = SpeedSuite(
         "splat",
         "true-mesh",
     ),
-    rivals=("surface-apss", "surface-fit"),
+    baselines=("surface-apss", "surface-fit"),
     conditions=("2048",),
     class_name="chair",
     # As many as an interval over objects needs. Reconstruction takes seconds a cloud: three rounds

@@ -16,7 +16,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 import pandas as pd
 
-from bench.analysis.comparison import Comparison, Estimate, Quality, decimals, lead_over_classes
+from bench.analysis.comparison import Comparison, Estimate, Quality, class_mean_difference, decimals
 from bench.analysis.intervals import (
     StandardError,
     interval_of_means,
@@ -508,7 +508,7 @@ def _lead_on_chairs(
 def _lead_over_classes(name: str, a: Sequence[Quality], b: Sequence[Quality]) -> Requirement:
     """How much better a is than b, class by class, in the mean over classes."""
     objects = sum(len(of.per_object) for of in a)
-    return Requirement(name, *lead_over_classes(a, b), objects)
+    return Requirement(name, *class_mean_difference(a, b), objects)
 
 
 def _of_objects(name: str, per_object: Sequence[Floats]) -> Requirement:

@@ -30,10 +30,10 @@ from bench.checking.tolerances import tolerance
 from bench.records.journal import read_finished
 from bench.running.protocol import Options
 from bench.suites.stability.tables import read_outcomes
-from bench.tables.build import class_orderings, crossings, tables
+from bench.tables.build import class_orderings, condition_sweep, tables
 from bench.tables.orderings import PAPER_NETWORK
 from bench.tables.published import golden, golden_path
-from bench.tables.quality import PAPER_METHODS, Row
+from bench.tables.quality import PAPER_METHODS, QualityRow
 from bench.tables.scored import ScoredRun, read_scored
 from bench.tables.table import TABLES, Table, table_files
 from data_prep.failures import BadInput
@@ -77,7 +77,7 @@ def check(directory: Path) -> Verdict:
     objects = read_objects(manifest["suite"])
     whole = _is_whole(directory, manifest, expected, objects)
     made = tables(run)
-    written: list[Table[Any]] = [*made, *filter(None, (class_orderings(run), crossings(run)))]
+    written: list[Table[Any]] = [*made, *filter(None, (class_orderings(run), condition_sweep(run)))]
     compared, regressions = 0, _stale_tables(directory, written)
     if whole:
         compared, moved = _compare_means(made, manifest, expected)
@@ -98,7 +98,7 @@ def check(directory: Path) -> Verdict:
 
 
 def _compare_means(
-    made: Sequence[Table[Row]], manifest: dict[str, Any], expected: pd.DataFrame
+    made: Sequence[Table[QualityRow]], manifest: dict[str, Any], expected: pd.DataFrame
 ) -> tuple[int, list[str]]:
     """How many golden values of the whole run were compared, and a line for each that moved."""
     found = {_cell(row): row.value for table in made for row in table.rows}
@@ -255,11 +255,11 @@ def _check_stated(directory: Path) -> Verdict:
     )
 
 
-def _cell(row: Row) -> tuple[str, str, str, str]:
+def _cell(row: QualityRow) -> tuple[str, str, str, str]:
     return row.method, row.condition, row.class_name, row.metric
 
 
-def _against_paper(made: list[Table[Row]]) -> list[str]:
+def _against_paper(made: list[Table[QualityRow]]) -> list[str]:
     """For each metric that the paper has: in how many cells the same method is ahead."""
     rows = {_cell(row): row for table in made for row in table.rows}
     sr, network, *_ = PAPER_METHODS  # the bundled default; the others are variants

@@ -31,7 +31,7 @@ from bench.tables.classes import CLASSES
 from bench.tables.figure import FIGURES
 from bench.tables.headline import headline
 from bench.tables.published import published
-from bench.tables.quality import Row
+from bench.tables.quality import QualityRow
 from bench.tables.scored import score, scored_run
 from bench.tables.table import TABLES, Table, write_tables
 
@@ -47,7 +47,7 @@ def run_suite(options: Options) -> RunResult[Outputs]:
     return finished
 
 
-def partial_table(snapshot: PartialRun) -> Table[Row]:
+def partial_table(snapshot: PartialRun) -> Table[QualityRow]:
     """The headline table of the objects that are complete; written into the folder of tables."""
     manifest, items = snapshot.manifest, snapshot.jobs
     suite = find(str(manifest["suite"]), SUITES, "suite")

@@ -29,7 +29,7 @@ from bench.running.work import reason_of
 from bench.tables.quality import (
     FRECHET,
     KERNEL,
-    Row,
+    QualityRow,
     RowWithSamples,
     distance_rows,
     image_keys,
@@ -42,7 +42,7 @@ from data_prep.failures import BadInput
 from data_prep.scene import UInt8Images
 
 
-def score(directory: Path, metric_ids: Sequence[str]) -> list[Table[Row]]:
+def score(directory: Path, metric_ids: Sequence[str]) -> list[Table[QualityRow]]:
     """A table for each metric, written into `directory`/tables as metric_ID.csv and .md.
 
     Raises BadInput for what is no finished run, an unknown metric, images that are not there any

@@ -98,7 +98,7 @@ def read_page(made: Outputs) -> Page:
         curves_title=title,
         curves_remark=remark.strip(),
         tables=(
-            *([table_group(made.crossings)] if made.crossings else ()),
+            *([table_group(made.condition_sweep)] if made.condition_sweep else ()),
             *map(table_group, made.tables),
             *([table_group(made.orderings, folded=False)] if made.orderings else ()),
         ),

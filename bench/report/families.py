@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from bench.analysis.crossings import ConditionCurve, place_of
+from bench.analysis.condition_sweep import ConditionCurve, place_of
 from bench.catalogue.families import Family
 from bench.catalogue.methods import role
 from bench.catalogue.metrics import is_mean

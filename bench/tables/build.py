@@ -9,19 +9,19 @@ from typing import Any, TypeVar
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from bench.analysis.crossings import ConditionCurve, condition_curves, paired_comparisons
+from bench.analysis.condition_sweep import ConditionCurve, condition_curves, paired_comparisons
 from bench.analysis.frontier import FrontierPoint, SubsampledFrontier, places, thinned
 from bench.catalogue.metrics import JUDGE
 from bench.records.journal import PROTOCOL
 from bench.tables import markdown
 from bench.tables.classes import class_table
-from bench.tables.crossings import Step, crossings_table
+from bench.tables.condition_sweep import ConditionStep, condition_sweep_table
 from bench.tables.frontier import frontier_table, points_table
 from bench.tables.headline import headline
 from bench.tables.orderings import Ordering, orderings
 from bench.tables.published import published
 from bench.tables.quality import (
-    Row,
+    QualityRow,
     detail_table,
     image_table,
     recognition_table,
@@ -53,12 +53,12 @@ OWN_TITLES = (
 )
 
 
-def tables(run: ScoredRun) -> list[Table[Row]]:
+def tables(run: ScoredRun) -> list[Table[QualityRow]]:
     """The tables of a run, from its records and features alone.
 
     One BLAS thread, so that the last digits are the same however many cores there are.
     """
-    ours = run.suite.frontier or run.suite.class_metrics or run.suite.crossings
+    ours = run.suite.frontier or run.suite.class_metrics or run.suite.condition_sweep
     titles = OWN_TITLES if ours else PAPER_TITLES
     images, sets, detail = titles if run.suite.painted else GREY_TITLES
     paper = published(run.suite.id)
@@ -92,17 +92,17 @@ def class_orderings(run: ScoredRun) -> Table[Ordering] | None:
 
 def curves(run: ScoredRun) -> tuple[ConditionCurve, ...]:
     """The methods of a run along the families of conditions that it has; none for other suites."""
-    metrics = run.measured(run.suite.crossings)
+    metrics = run.measured(run.suite.condition_sweep)
     with threadpool_limits(1):
         return condition_curves(run.compared(metrics), metrics) if metrics else ()
 
 
-def crossings(run: ScoredRun) -> Table[Step] | None:
+def condition_sweep(run: ScoredRun) -> Table[ConditionStep] | None:
     """Who is ahead of whom along these, and where that changes; None without two such methods."""
-    metrics = run.measured(run.suite.crossings)
+    metrics = run.measured(run.suite.condition_sweep)
     with threadpool_limits(1):
         found = paired_comparisons(run.compared(metrics), metrics) if metrics else ()
-    return _of_run(run, crossings_table(run.suite.id, found)) if found else None
+    return _of_run(run, condition_sweep_table(run.suite.id, found)) if found else None
 
 
 def frontier_tables(
@@ -134,20 +134,20 @@ class Outputs:
     """What is made of the records and features of a run; see the functions of the same names."""
 
     run: ScoredRun
-    headline: Table[Row]
-    tables: tuple[Table[Row], ...]
+    headline: Table[QualityRow]
+    tables: tuple[Table[QualityRow], ...]
     cost: str
     frontier_tables: tuple[Table[FrontierPoint], Table[SubsampledFrontier]] | None
     orderings: Table[Ordering] | None
     curves: tuple[ConditionCurve, ...]
-    crossings: Table[Step] | None
+    condition_sweep: Table[ConditionStep] | None
 
     @property
     def further(self) -> list[Table[Any]]:
         """The tables that only some suites have."""
         return [
             t
-            for t in (*(self.frontier_tables or ()), self.orderings, self.crossings)
+            for t in (*(self.frontier_tables or ()), self.orderings, self.condition_sweep)
             if t is not None
         ]
 
@@ -162,7 +162,7 @@ def make_outputs(run: ScoredRun) -> Outputs:
         frontier_tables=frontier_tables(run),
         orderings=class_orderings(run),
         curves=curves(run),
-        crossings=crossings(run),
+        condition_sweep=condition_sweep(run),
     )
 
 

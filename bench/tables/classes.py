@@ -20,7 +20,7 @@ from bench.records.features import Features
 from bench.tables import markdown
 from bench.tables.quality import (
     Published,
-    Row,
+    QualityRow,
     RowWithSamples,
     all_methods,
     as_published,
@@ -50,12 +50,12 @@ def class_table(
     skipped: Mapping[str, str],
     suite: Suite,
     published: Published,
-) -> Table[Row]:
+) -> Table[QualityRow]:
     """Table 5 from records (with class confidence, where it is known) and features by extractor.
 
     `skipped` gives the reason for each metric and extractor that there is nothing of.
     """
-    rows: list[Row] = []
+    rows: list[QualityRow] = []
     for metric in suite.class_metrics:
         made = _measured(metric, records, features, skipped, suite, published)
         rows += _in_order([*(m.row for m in made), *_averages(metric, made, published)])
@@ -64,10 +64,10 @@ def class_table(
     return table_of_classes(shown, " ".join(filter(None, remarks)))
 
 
-def table_of_classes(rows: Iterable[Row], remark: str) -> Table[Row]:
+def table_of_classes(rows: Iterable[QualityRow], remark: str) -> Table[QualityRow]:
     """Table 5 of its rows. Several metrics, each with digits of its own."""
 
-    def layout(rows: Sequence[Row]) -> Iterator[Block]:
+    def layout(rows: Sequence[QualityRow]) -> Iterator[Block]:
         yield remark
         for condition in ordered(row.condition for row in rows):
             if condition != rows[0].condition:
@@ -77,7 +77,7 @@ def table_of_classes(rows: Iterable[Row], remark: str) -> Table[Row]:
             yield from all_methods(of_condition)
 
     title = "Table 5: classes, against pictures of the true meshes"
-    return Table(CLASSES, title, columns_of(Row), tuple(rows), layout, remark)
+    return Table(CLASSES, title, columns_of(QualityRow), tuple(rows), layout, remark)
 
 
 def with_confidence(records: pd.DataFrame, features: Features, head: ClassHead) -> pd.DataFrame:
@@ -132,7 +132,9 @@ def _measured(
     return set_rows(metric, records, features, skipped, suite, published)
 
 
-def _averages(metric: str, made: Sequence[RowWithSamples], published: Published) -> list[Row]:
+def _averages(
+    metric: str, made: Sequence[RowWithSamples], published: Published
+) -> list[QualityRow]:
     """The mean over classes for each method and condition, of the classes that have a value."""
     by_cell: dict[tuple[str, str], list[RowWithSamples]] = {}
     for measured in made:
@@ -140,7 +142,7 @@ def _averages(metric: str, made: Sequence[RowWithSamples], published: Published)
     return [_average(metric, of_cell, published) for of_cell in by_cell.values()]
 
 
-def _average(metric: str, of_cell: Sequence[RowWithSamples], published: Published) -> Row:
+def _average(metric: str, of_cell: Sequence[RowWithSamples], published: Published) -> QualityRow:
     first = of_cell[0].row
     valued = [m for m in of_cell if math.isfinite(m.row.value)]
     lacking = [m.row.class_name for m in of_cell if not math.isfinite(m.row.value)]
@@ -150,7 +152,7 @@ def _average(metric: str, of_cell: Sequence[RowWithSamples], published: Publishe
     interval = interval_of_means(of_classes) if mean else jackknife_interval(value, of_classes)
     low, high = clipped(interval, value_range(metric))
     note = f"without {', '.join(lacking)}" if lacking else ""
-    return Row(
+    return QualityRow(
         suite=first.suite,
         method=first.method,
         condition=first.condition,
@@ -168,13 +170,13 @@ def _average(metric: str, of_cell: Sequence[RowWithSamples], published: Publishe
     )
 
 
-def _in_order(rows: Sequence[Row]) -> list[Row]:
+def _in_order(rows: Sequence[QualityRow]) -> list[QualityRow]:
     """Class by class, the average last; methods and conditions as they came."""
     classes = ordered(row.class_name for row in rows)
     return [row for name in classes for row in rows if row.class_name == name]
 
 
-def _paper_layout(rows: Sequence[Row]) -> Iterator[Block]:
+def _paper_layout(rows: Sequence[QualityRow]) -> Iterator[Block]:
     """Of one condition: SR and PC2PIX side by side, classes in rows of seven."""
     network = network_of([row.method for row in rows])
     if network is None or not any(row.method == SURFACE for row in rows):

@@ -15,7 +15,7 @@ from bench.analysis.comparison import Comparison, compare, decimals, paired, poo
 from bench.analysis.intervals import FEWEST
 from bench.analysis.paired import (
     SIGNIFICANCE,
-    Pair,
+    ComparedPair,
     PairedDifference,
     Side,
     paired_differences,
@@ -234,9 +234,9 @@ def _best_by_condition(run: ScoredRun) -> dict[str, str]:
     return best if len(best) == len(conditions) else {}
 
 
-def _pair(metric: str, in_a: Comparison, in_b: Comparison, a: Side, b: Side) -> Pair:
+def _pair(metric: str, in_a: Comparison, in_b: Comparison, a: Side, b: Side) -> ComparedPair:
     one, other = in_a.qualities[metric][a.method], in_b.qualities[metric][b.method]
-    return Pair(
+    return ComparedPair(
         condition=in_a.condition,
         class_name=in_a.class_name,
         a=a,
@@ -247,7 +247,7 @@ def _pair(metric: str, in_a: Comparison, in_b: Comparison, a: Side, b: Side) -> 
     )
 
 
-def _by_metric(pairs: Sequence[Pair], metrics: Sequence[str]) -> list[Pair]:
+def _by_metric(pairs: Sequence[ComparedPair], metrics: Sequence[str]) -> list[ComparedPair]:
     return sorted(pairs, key=lambda pair: metrics.index(pair.metric))
 
 

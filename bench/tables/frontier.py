@@ -56,7 +56,7 @@ def frontier_table(rows: Iterable[FrontierPoint], remark: str) -> Table[Frontier
         *columns("condition", ("class", "class_name"), "views", "metric", "method"),
         *_interval_columns("cost_ms", "cost_ms", "cost_ci"),
         *_interval_columns("value", "quality", "ci"),
-        *columns("n_ok", "n", "verdict", "rival"),
+        *columns("n_ok", "n", "verdict", ("rival", "baseline")),
     )
     layout = partial(_frontier, remark)
     return Table("frontier", "Quality against cost", made, tuple(rows), layout)

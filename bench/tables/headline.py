@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 from bench.catalogue.metrics import is_mean
 from bench.records.journal import PROTOCOL
 from bench.tables.classes import AVERAGE, class_table
-from bench.tables.quality import Row, all_methods, image_table, set_table, with_objectives
+from bench.tables.quality import QualityRow, all_methods, image_table, set_table, with_objectives
 from bench.tables.scored import ScoredRun
 from bench.tables.table import NAN, Block, Table, columns_of, of_protocol
 
@@ -21,7 +21,7 @@ HEADLINE = "headline"
 FEWEST_SHOWN = 12  # objects: intervals of fewer are so wide and so uncertain that they mislead here
 
 
-def headline(run: ScoredRun) -> Table[Row]:
+def headline(run: ScoredRun) -> Table[QualityRow]:
     """Return the metrics that the suite has for it, of the objects that are complete.
 
     People see intervals from FEWEST_SHOWN objects on; its CSV has them before.
@@ -45,12 +45,12 @@ def headline(run: ScoredRun) -> Table[Row]:
     planned = run.manifest.get("planned", objects)
     title = f"{' and '.join(metrics)}: {objects} of {planned} objects"
 
-    def layout(rows: Sequence[Row]) -> Iterator[Block]:
+    def layout(rows: Sequence[QualityRow]) -> Iterator[Block]:
         if objects < FEWEST_SHOWN:
             yield f"Intervals are shown from {FEWEST_SHOWN} objects on."
             rows = [replace(row, ci_low=NAN, ci_high=NAN) for row in rows]
         yield from all_methods(rows)
 
-    table = Table(HEADLINE, title, columns_of(Row), tuple(rows), layout)
+    table = Table(HEADLINE, title, columns_of(QualityRow), tuple(rows), layout)
     table = of_protocol(table, run.manifest[PROTOCOL])
     return with_objectives(table, dict(run.manifest.get("objectives", {})))

@@ -19,10 +19,10 @@ from bench.analysis.comparison import (
     NAN,
     Comparison,
     Estimate,
+    better_by,
+    class_mean_difference,
     compare,
     decimals,
-    lead,
-    lead_over_classes,
 )
 from bench.analysis.distances import FeatureDistances
 from bench.analysis.intervals import FEWEST
@@ -73,19 +73,19 @@ class Ordering:
     metric: str
     surface: float
     network: float
-    lead: Estimate
-    paper_lead: float
+    difference: Estimate
+    paper_difference: float
     objects: int
     method: str
 
     @property
     def verdict(self) -> Verdict:
         """Reproduced or opposite where the interval of the lead is on one side of 0."""
-        low, high = self.lead.low, self.lead.high
-        if not (math.isfinite(self.lead.value) and math.isfinite(self.paper_lead)):
+        low, high = self.difference.low, self.difference.high
+        if not (math.isfinite(self.difference.value) and math.isfinite(self.paper_difference)):
             return "no value"
         if low > 0 or high < 0:
-            return "reproduced" if (low > 0) == (self.paper_lead > 0) else "opposite"
+            return "reproduced" if (low > 0) == (self.paper_difference > 0) else "opposite"
         return "undecided"
 
 
@@ -94,8 +94,12 @@ def orderings_table(suite: str, network: str, rows: Sequence[Ordering]) -> Table
     made = (
         constant("suite", suite),
         *columns("condition", ("class", "class_name"), "metric", "method", "surface", "network"),
-        *columns(("lead", "lead.value"), ("ci_low", "lead.low"), ("ci_high", "lead.high")),
-        *columns("paper_lead", "verdict", "objects"),
+        *columns(
+            ("lead", "difference.value"),
+            ("ci_low", "difference.low"),
+            ("ci_high", "difference.high"),
+        ),
+        *columns(("paper_lead", "paper_difference"), "verdict", "objects"),
     )
     title = "Which of the paper's orderings hold"
     remark = _REMARK.format(network=network, surface=SURFACE)
@@ -159,8 +163,8 @@ def _of_metric(
             metric,
             b.estimate.value,
             a.estimate.value,
-            lead(a, b),
-            paper_lead(published, c.class_name),
+            better_by(a, b),
+            paper_difference(published, c.class_name),
             counts[c.class_name],
             network,
         )
@@ -172,15 +176,17 @@ def _of_metric(
         metric,
         _mean([row.surface for row in rows]),
         _mean([row.network for row in rows]),
-        lead_over_classes(own, other)[0]._replace(value=_mean([row.lead.value for row in rows])),
-        paper_lead(published, AVERAGE),
+        class_mean_difference(own, other)[0]._replace(
+            value=_mean([row.difference.value for row in rows])
+        ),
+        paper_difference(published, AVERAGE),
         sum(counts.values()),
         network,
     )
     return [*rows, average]
 
 
-def paper_lead(published: Published, class_name: str) -> float:
+def paper_difference(published: Published, class_name: str) -> float:
     """By how much the paper's PC2PIX is ahead of its SR, in FID; NaN where it has no such class."""
     cell = (class_name, PAPER_METRIC, "2048")
     surface, network = (published.get((*cell, m), NAN) for m in (SURFACE, PAPER_NETWORK))
@@ -194,7 +200,7 @@ def _counts(rows: Sequence[Ordering]) -> Grid:
         of_metric = [row for row in rows if row.metric == metric]
         classes = [row for row in of_metric if row.class_name != AVERAGE]
         counts = [sum(row.verdict == verdict for row in classes) for verdict in VERDICTS]
-        same = sum(row.lead.value * row.paper_lead > 0 for row in classes)
+        same = sum(row.difference.value * row.paper_difference > 0 for row in classes)
         (average,) = (row.verdict for row in of_metric if row.class_name == AVERAGE)
         lines.append([metric, *map(str, (*counts, same, average))])
     condition = rows[0].condition
@@ -217,7 +223,7 @@ def _leads(rows: Sequence[Ordering]) -> Grid:
         corner="class",
         before={
             "objects": lambda row: Cell(str(row.objects), row.objects),
-            "paper (FID)": lambda row: number((row.paper_lead, NAN, NAN), "{:+.1f}".format),
+            "paper (FID)": lambda row: number((row.paper_difference, NAN, NAN), "{:+.1f}".format),
         },
         caption=f"lead at {condition}",
         tags=Tags(condition=condition),
@@ -229,7 +235,7 @@ def _leads(rows: Sequence[Ordering]) -> Grid:
 
 def _cell(row: Ordering) -> Cell:
     show = f"{{:+.{decimals(row.metric)}f}}".format
-    return number(row.lead, show, special=MARKS.get(row.verdict))
+    return number(row.difference, show, special=MARKS.get(row.verdict))
 
 
 _REMARK = (

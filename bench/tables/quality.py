@@ -71,7 +71,7 @@ PAPER_METHODS = {"surface-apss": "SR", "pc2pix": "PC2PIX", "pc2pix@acgan": "PC2P
 
 
 @dataclass(frozen=True)
-class Row:
+class QualityRow:
     """One cell of a table. A number that does not exist is NaN.
 
     value              over the images whose outcome is ok
@@ -123,16 +123,16 @@ class Row:
 def quality_table(
     name: str,
     title: str,
-    rows: Iterable[Row],
+    rows: Iterable[QualityRow],
     remark: str = "",
     paper_layout: bool = True,
-) -> Table[Row]:
+) -> Table[QualityRow]:
     """A table of rows; `paper_layout` says whether Markdown begins with it.
 
     Several classes at one condition are never in the paper's layout: they are a line each.
     """
 
-    def layout(rows: Sequence[Row]) -> Iterator[Block]:
+    def layout(rows: Sequence[QualityRow]) -> Iterator[Block]:
         yield remark
         one_condition = len({row.condition for row in rows}) == 1
         if paper_layout and not (one_condition and len({row.class_name for row in rows}) > 1):
@@ -141,10 +141,10 @@ def quality_table(
 
     rows = with_best_reconstruction(rows)
     remark = " ".join(filter(None, [remark, which_is_best(rows)]))
-    return Table(name, title, columns_of(Row), rows, layout, remark)
+    return Table(name, title, columns_of(QualityRow), rows, layout, remark)
 
 
-def with_best_reconstruction(rows: Iterable[Row]) -> tuple[Row, ...]:
+def with_best_reconstruction(rows: Iterable[QualityRow]) -> tuple[QualityRow, ...]:
     """The rows, and each that is the best reconstruction at its condition a second time, by that
     name."""
     rows = tuple(rows)
@@ -158,7 +158,7 @@ def with_best_reconstruction(rows: Iterable[Row]) -> tuple[Row, ...]:
     return tuple(made)
 
 
-def which_is_best(rows: Iterable[Row]) -> str:
+def which_is_best(rows: Iterable[QualityRow]) -> str:
     """What the best reconstruction is at each condition; nothing where there is none."""
     conditions: dict[str, list[str]] = {}
     for row in rows:
@@ -171,7 +171,7 @@ def which_is_best(rows: Iterable[Row]) -> str:
     return f"`{BEST_RECONSTRUCTION}`, chosen on validation chairs, is {'; '.join(parts)}."
 
 
-def _paper_layout(rows: Sequence[Row]) -> Iterator[Block]:
+def _paper_layout(rows: Sequence[QualityRow]) -> Iterator[Block]:
     """SR beside PC2PIX at each condition, the paper's values below ours; nothing without either."""
     rows = [row for row in rows if row.method in PAPER_METHODS]
     if not rows:
@@ -198,7 +198,7 @@ def with_paper_values(
     corner: str,
     metrics: Iterable[str],
     across: Mapping[tuple[str, str], str],
-    at: Mapping[tuple[str, str, str], Row],
+    at: Mapping[tuple[str, str, str], QualityRow],
 ) -> Grid:
     """A line of ours for each metric, and below it the paper's where it has any.
 
@@ -219,7 +219,7 @@ def with_paper_values(
     return Grid(corner, tuple(map(ColumnHeader, across.values())), tuple(made))
 
 
-def all_methods(rows: Sequence[Row]) -> Iterator[Block]:
+def all_methods(rows: Sequence[QualityRow]) -> Iterator[Block]:
     """What all cells hold, with a grid for each metric: of one class methods down and conditions
     across, of several classes these down and methods across, condition by condition."""
     yield (
@@ -257,12 +257,12 @@ _DEBIASED = (
 )
 
 
-def _without_bias(row: Row) -> Row:
+def _without_bias(row: QualityRow) -> QualityRow:
     nothing = dict.fromkeys(("ci_low", "ci_high", "paper", "failures_as_blank"), NAN)
     return replace(row, value=row.debiased, **nothing)
 
 
-def _grid(rows: Sequence[Row], by_class: bool, how: str = "") -> Grid:
+def _grid(rows: Sequence[QualityRow], by_class: bool, how: str = "") -> Grid:
     """Of one metric, and of one condition or else of one class; `how` follows the metric's name."""
     metric, higher = rows[0].metric, higher_is_better(rows[0].metric)
     skipped = ordered(row.note for row in rows if row.skipped)
@@ -286,7 +286,7 @@ def _grid(rows: Sequence[Row], by_class: bool, how: str = "") -> Grid:
     )
 
 
-def _gaps(rows: Sequence[Row], across: str) -> list[str]:
+def _gaps(rows: Sequence[QualityRow], across: str) -> list[str]:
     """A line for each cell with failures; of cells that only have no value, those alike share."""
     notes: list[str] = []
     alike: dict[str, list[str]] = {}
@@ -300,19 +300,19 @@ def _gaps(rows: Sequence[Row], across: str) -> list[str]:
     return notes + [f"{', '.join(ordered(methods))}: {note}" for note, methods in alike.items()]
 
 
-def _best(rows: Sequence[Row]) -> dict[tuple[str, str], float]:
+def _best(rows: Sequence[QualityRow]) -> dict[tuple[str, str], float]:
     """By class and condition the best value as printed, of those that compete; NaN of fewer than
     two."""
-    rivals: dict[tuple[str, str], list[float]] = {}
+    baselines: dict[tuple[str, str], list[float]] = {}
     for row in rows:
-        values = rivals.setdefault((row.class_name, row.condition), [])
+        values = baselines.setdefault((row.class_name, row.condition), [])
         if math.isfinite(row.value) and not role(row.method):
             values.append(round(row.value, decimals(row.metric)))
     best = max if higher_is_better(rows[0].metric) else min
-    return {place: best(values) if len(values) > 1 else NAN for place, values in rivals.items()}
+    return {place: best(values) if len(values) > 1 else NAN for place, values in baselines.items()}
 
 
-def _cell(row: Row, best: Mapping[tuple[str, str], float]) -> Cell:
+def _cell(row: QualityRow, best: Mapping[tuple[str, str], float]) -> Cell:
     show = partial(shown, decimals=decimals(row.metric))
     leads = round(row.value, decimals(row.metric)) == best[row.class_name, row.condition]
     beside = {
@@ -327,12 +327,12 @@ def _cell(row: Row, best: Mapping[tuple[str, str], float]) -> Cell:
     return number(estimate, show, **beside)
 
 
-def _about(rows: Sequence[Row]) -> str:
+def _about(rows: Sequence[QualityRow]) -> str:
     parts = [role(rows[0].method), rows[0].objective and f"trained with {rows[0].objective}"]
     return ", ".join(part for part in parts if part)
 
 
-def _outcomes(rows: Sequence[Row]) -> tuple[str, ...]:
+def _outcomes(rows: Sequence[QualityRow]) -> tuple[str, ...]:
     """What became of the images of these rows, in the words of the records."""
     found = set()
     for row in rows:
@@ -353,7 +353,7 @@ def image_table(
     skipped: Mapping[str, str],
     suite: Suite,
     published: Published,
-) -> Table[Row]:
+) -> Table[QualityRow]:
     """Means over images of the suite's image metrics, with intervals over objects."""
     made = image_rows(suite.image_metrics, records, skipped, suite, published)
     rows = [measured.row for measured in made]
@@ -362,12 +362,12 @@ def image_table(
 
 def _as_paper(suite: Suite) -> bool:
     """Whether a suite is laid out as the paper's tables; those of our own are not."""
-    return suite.painted and not suite.frontier and not suite.crossings
+    return suite.painted and not suite.frontier and not suite.condition_sweep
 
 
 def detail_table(
     name: str, title: str, records: pd.DataFrame, skipped: Mapping[str, str], suite: Suite
-) -> Table[Row]:
+) -> Table[QualityRow]:
     """As `image_table`, of the suite's detail metrics, which the paper has not."""
     remark = (
         "Means are over the pictures that have a value; where some have none, a line below says "
@@ -385,7 +385,7 @@ class RowWithSamples(NamedTuple):
                 (`bench.metrics.frechet`)
     """
 
-    row: Row
+    row: QualityRow
     per_object: Floats
 
 
@@ -455,7 +455,7 @@ def _floor_of_failed(
 
 def recognition_table(
     records: pd.DataFrame, judged: Features | None, skipped: str, suite: Suite
-) -> Table[Row]:
+) -> Table[QualityRow]:
     """What the judge makes of each method's images: the view, and which object it is.
 
     Angles: medians over images of the error in degrees, intervals by a bootstrap over objects.
@@ -542,7 +542,7 @@ def set_table(
     skipped: Mapping[str, str],
     suite: Suite,
     published: Published,
-) -> Table[Row]:
+) -> Table[QualityRow]:
     """Distances between a method's images and the ground truth of the same views.
 
     `skipped` gives the reason for each extractor that has no features.
@@ -658,7 +658,7 @@ def make_row(
     failures_as_blank: float,
     note: str,
     undefined: int = 0,
-) -> Row:
+) -> QualityRow:
     """A row, with the counts and the reasons that the records give.
 
     `undefined` is the number of images that are there and have no value of this metric.
@@ -670,7 +670,7 @@ def make_row(
     message = [f"{count} x {reason}" for reason, count in reasons.most_common()]
     if undefined:
         message.append(f"{undefined} x {NO_VALUE}: {UNDEFINED[metric]}")
-    return Row(
+    return QualityRow(
         suite=suite.id,
         method=method,
         condition=condition,
@@ -703,7 +703,7 @@ def _mean(values: NDArray[np.float64]) -> float:
     return float(values.mean()) if len(values) else NAN
 
 
-def with_objectives(table: Table[Row], objectives: Mapping[str, str]) -> Table[Row]:
+def with_objectives(table: Table[QualityRow], objectives: Mapping[str, str]) -> Table[QualityRow]:
     """The table with what the weights of each network were trained with."""
     rows = (replace(row, objective=objectives.get(row.method, "")) for row in table.rows)
     return replace(table, rows=tuple(rows))

@@ -94,7 +94,7 @@ def speed_rows(summaries: Sequence[Summary], suite: SpeedSuite, paper: Paper) ->
     rows = []
     for summary in summaries:
         measurement = summary.measurement
-        rival = beside(summaries, summary, suite.rivals[0])
+        rival = beside(summaries, summary, suite.baselines[0])
         for metric, value in (dict(summary.values) | speedups(summary, rival)).items():
             published = metric.replace(f"picture-of-{measurement.views}-", "picture-")
             key = (PAPER_CLASS, published, measurement.condition, measurement.method)
@@ -121,7 +121,7 @@ def break_even_rows(summaries: Sequence[Summary], suite: SpeedSuite) -> list[Bre
     """Return each method against each of the suite's rivals, by the clock, if both have a cost."""
     rows = []
     for summary in summaries:
-        for name in suite.rivals:
+        for name in suite.baselines:
             rival = beside(summaries, summary, name)
             if rival is None or rival is summary or not (rival.wall and summary.wall):
                 continue
@@ -197,7 +197,7 @@ def _circumstances_in_words(
         f"threads named. Medians over clouds (here {summaries[0].measurement.clouds}) and rounds "
         f"(at least {suite.least_rounds}, after {suite.warm_ups} not counted), the 95th percentile "
         "in brackets. 2x: a picture costs half of what it does with "
-        f"{markdown.cell(suite.rivals[0])}."
+        f"{markdown.cell(suite.baselines[0])}."
     )
 
 
@@ -248,7 +248,7 @@ def _image(
 ) -> str:
     if summary is None or summary.wall is None:
         return "failed" if summary else "-"
-    rival = beside(summaries, summary, suite.rivals[0])
+    rival = beside(summaries, summary, suite.baselines[0])
     faster = speedups(summary, rival).get(f"picture-of-{views}-speedup")
     is_rival = summary is rival
     return (
@@ -366,12 +366,12 @@ def _rival(row: AmortisedRow) -> bool:
 
 def _break_even(rows: Sequence[BreakEvenRow], suite: SpeedSuite) -> Grid:
     compared = {row.rival for row in rows}
-    rivals = [name for name in suite.rivals if name in compared]
+    baselines = [name for name in suite.baselines if name in compared]
 
     def cell(row: BreakEvenRow) -> Cell:
         return Cell(verdict(row.found))
 
-    return pivot(rows, METHOD, "rival", cell, columns=rivals, corner="method")
+    return pivot(rows, METHOD, "rival", cell, columns=baselines, corner="method")
 
 
 def verdict(found: BreakEven) -> str:

@@ -146,7 +146,7 @@ def test_the_orderings_in_the_report(written):
     # as published: 94.0 - 28.8, 127.2 - 39.7, 114.4 - 57.2
     assert [line.cells[1].text for line in leads.lines] == ["+65.2", "+87.5", "+57.2"]
     (made,) = (table for table in outputs.further if table.name == "table5_orderings")
-    ssim = [row.lead.value for row in made.rows if row.metric == "ssim"]
+    ssim = [row.difference.value for row in made.rows if row.metric == "ssim"]
     column = [name for name, _ in leads.columns].index("ssim")
     assert [line.cells[column].value for line in leads.lines] == ssim
     explained = [metric for metric, _ in dict(page.meanings)["Metrics"]]

@@ -9,11 +9,13 @@ import pytest
 
 from bench.commands.terminal import MOST_LINES, SHARE, Terminal, shown
 from bench.running.run import PartialRun
-from bench.tables.quality import Row, quality_table
+from bench.tables.quality import QualityRow, quality_table
 
 
 def make_row(method="splat", value=0.5, condition="2048"):
-    return Row("s", method, condition, "chair", "ssim", value, 0.4, 0.6, 2, 2, 0.0, value, "")
+    return QualityRow(
+        "s", method, condition, "chair", "ssim", value, 0.4, 0.6, 2, 2, 0.0, value, ""
+    )
 
 
 def table(objects):

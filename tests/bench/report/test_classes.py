@@ -12,7 +12,7 @@ from bench.records.record import GROUND_TRUTH
 from bench.report.classes import write_class_figures
 from bench.tables.classes import AVERAGE, table_of_classes
 from bench.tables.published import published
-from bench.tables.quality import Row
+from bench.tables.quality import QualityRow
 
 from ..builders import make_job, make_truth
 
@@ -22,7 +22,9 @@ METHODS = ("surface-apss", "pc2pix@all", "splat")
 
 
 def row(metric, method, class_name, value, low=NAN, high=NAN):
-    return Row("s", method, "2048", class_name, metric, value, low, high, 2, 2, NAN, value, "")
+    return QualityRow(
+        "s", method, "2048", class_name, metric, value, low, high, 2, 2, NAN, value, ""
+    )
 
 
 def figures(drawn, rows, jobs, headline=()):

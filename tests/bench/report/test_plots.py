@@ -19,7 +19,7 @@ from bench.report.styles import PAPER, looks
 from bench.tables.figure import NAMES_APART
 from bench.tables.frontier import cost_grid
 from bench.tables.markdown import visible
-from bench.tables.quality import Row, quality_table
+from bench.tables.quality import QualityRow, quality_table
 from bench.tables.table import NAN
 
 METHODS = ("surface-apss", "splat", "true-mesh", "blank")
@@ -27,7 +27,7 @@ METHODS = ("surface-apss", "splat", "true-mesh", "blank")
 
 def row(method, condition, value, metric="ssim", class_name="chair", low=0.0, high=1.0):
     at = (method, condition, class_name, metric)
-    return Row("s", *at, value, low, high, 2, 2, NAN, value, "")
+    return QualityRow("s", *at, value, low, high, 2, 2, NAN, value, "")
 
 
 def table(*rows):

@@ -6,7 +6,7 @@ from harness_objects import Tetrahedron
 
 from bench.records.artifacts import read_artifact
 from bench.report.robustness import THIN_TINT, write_figures
-from bench.tables.quality import Row, quality_table
+from bench.tables.quality import QualityRow, quality_table
 
 from ..builders import make_job, make_truth, write_artifact
 
@@ -14,7 +14,9 @@ NAN = float("nan")
 
 
 def make_row(metric, method, condition, value, low=NAN, high=NAN):
-    return Row("s", method, condition, "chair", metric, value, low, high, 2, 2, NAN, value, "")
+    return QualityRow(
+        "s", method, condition, "chair", metric, value, low, high, 2, 2, NAN, value, ""
+    )
 
 
 IMAGES = (

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from bench.report.build import table_group
 from bench.tables.classes import table_of_classes
-from bench.tables.quality import Row, quality_table
+from bench.tables.quality import QualityRow, quality_table
 from bench.tables.table import NAN
 
 
@@ -14,7 +14,7 @@ def row(method, value, condition="2048", class_name="chair", metric="ssim", **ch
         "ci_low": value - 0.1, "ci_high": value + 0.1, "n_ok": 4, "n": 4, "paper": NAN,
         "failures_as_blank": value, "note": "",
     }  # fmt: skip
-    return Row("s", method, condition, class_name, metric, value, **(values | changes))
+    return QualityRow("s", method, condition, class_name, metric, value, **(values | changes))
 
 
 def tables_of(*rows):

@@ -10,7 +10,7 @@ from bench.tables.frontier import frontier_table, points_table
 NOTHING = Estimate(NAN, NAN, NAN)
 
 
-def place(method="splat", metric="ssim", verdict="frontier", rival="", **changes):
+def place(method="splat", metric="ssim", verdict="frontier", baseline="", **changes):
     values = {
         "condition": "2048",
         "class_name": "chair",
@@ -21,7 +21,7 @@ def place(method="splat", metric="ssim", verdict="frontier", rival="", **changes
         "n": 40,
     }
     return FrontierPoint(
-        method=method, metric=metric, verdict=verdict, rival=rival, **(values | changes)
+        method=method, metric=metric, verdict=verdict, baseline=baseline, **(values | changes)
     )
 
 
@@ -31,7 +31,7 @@ def rows(text):
 
 def test_csv_is_tidy():
     failed = place("poisson", verdict="no value", cost_ms=NOTHING, quality=NOTHING, n_ok=0)
-    first, second = rows(frontier_table((place(rival="a,b"), failed), "").to_csv())
+    first, second = rows(frontier_table((place(baseline="a,b"), failed), "").to_csv())
     assert ",".join(first) == (
         "condition,class,views,metric,method,cost_ms,cost_ci_low,cost_ci_high,value,ci_low,ci_high,"
         "n_ok,n,verdict,rival"
@@ -52,7 +52,7 @@ def test_markdown_has_methods_by_cost_and_marks():
         place("pc2pix", verdict="tied", cost_ms=costly),
         place("splat"),
         place("true_mesh", verdict="reference", cost_ms=free),
-        place("surface-fit", verdict="below a white image", rival="blank", cost_ms=costly),
+        place("surface-fit", verdict="below a white image", baseline="blank", cost_ms=costly),
         place("poisson", "fd-views", "no value", **nothing),
         place("pc2pix", verdict="dominated", cost_ms=costly, **distance),
         place("splat", **distance),

@@ -23,7 +23,7 @@ from bench.metrics.frechet import (
     left_out_distances,
 )
 from bench.records.record import GROUND_TRUTH, to_frame
-from bench.tables.orderings import Ordering, orderings, orderings_table, paper_lead
+from bench.tables.orderings import Ordering, orderings, orderings_table, paper_difference
 from bench.tables.published import published
 
 from ..builders import FeaturesAtHand, feature_index, make_record
@@ -65,10 +65,10 @@ def row(made, class_name, metric="ssim"):
 def test_a_lead_is_paired_over_objects():
     made = table()
     found = row(made, "car")
-    assert found.lead.value == pytest.approx(0.105, abs=1e-12)
+    assert found.difference.value == pytest.approx(0.105, abs=1e-12)
     # differences of numbers near 0.6
     expected = mean_interval(np.array(LEADS["car"]))
-    assert found.lead[1:] == pytest.approx(expected, abs=1e-12)
+    assert found.difference[1:] == pytest.approx(expected, abs=1e-12)
     assert found.surface == pytest.approx(0.5 + 0.15 + 0.005, abs=1e-12)
     assert found.network == pytest.approx(found.surface + 0.105, abs=1e-12)
     assert found.objects == 4
@@ -78,7 +78,7 @@ def test_a_lead_is_paired_over_objects():
 
 
 @pytest.mark.parametrize(
-    ("lead", "paper", "verdict"),
+    ("difference", "paper", "verdict"),
     [
         ((1, 0.5, 1.5), 3.0, "reproduced"),
         ((1, 0.5, 1.5), -3.0, "opposite"),
@@ -91,17 +91,17 @@ def test_a_lead_is_paired_over_objects():
         ((1, 0.5, 1.5), math.nan, "no value"),
     ],
 )
-def test_rules_of_a_verdict(lead, paper, verdict):
-    assert ordering("car", "fid", lead, paper).verdict == verdict
+def test_rules_of_a_verdict(difference, paper, verdict):
+    assert ordering("car", "fid", difference, paper).verdict == verdict
 
 
 def test_the_average():
     made = table()
     found = row(made, "average")
-    assert found.lead.value == pytest.approx((0.105 + 0.035 + 0) / 3, abs=1e-12)
+    assert found.difference.value == pytest.approx((0.105 + 0.035 + 0) / 3, abs=1e-12)
     differences = [np.array(LEADS[k], float) for k in ("car", "lamp", "vessel")]
-    assert found.lead[1:] == pytest.approx(interval_of_means(differences), abs=1e-12)
-    assert found.paper_lead == pytest.approx(57.2, abs=1e-9)
+    assert found.difference[1:] == pytest.approx(interval_of_means(differences), abs=1e-12)
+    assert found.paper_difference == pytest.approx(57.2, abs=1e-9)
     assert found.objects == 12
 
 
@@ -112,8 +112,8 @@ def test_the_average_of_the_classes_that_have_a_value():
     made = orderings(without, {}, SUITE, PAPER)
     assert made is not None
     found = row(made, "average")
-    assert found.lead.value == pytest.approx((0.105 + 0) / 2, abs=1e-12)
-    assert all(map(math.isnan, found.lead[1:]))
+    assert found.difference.value == pytest.approx((0.105 + 0) / 2, abs=1e-12)
+    assert all(map(math.isnan, found.difference[1:]))
 
 
 def test_distances_are_ahead_where_they_are_smaller():
@@ -131,24 +131,24 @@ def test_distances_are_ahead_where_they_are_smaller():
         )
         every.append(left_out_distances(network, truth) - left_out_distances(surface, truth))
         found = row(made, k, "fd-views")
-        assert found.lead.value == pytest.approx(found.surface - found.network, rel=1e-12)
-        assert found.lead.value > 5  # 3 features off by 2 each: 12, less what chance gives
-        interval = distance_interval(found.lead.value, -every[-1])
-        assert found.lead[1:] == pytest.approx(interval, rel=1e-9)
+        assert found.difference.value == pytest.approx(found.surface - found.network, rel=1e-12)
+        assert found.difference.value > 5  # 3 features off by 2 each: 12, less what chance gives
+        interval = distance_interval(found.difference.value, -every[-1])
+        assert found.difference[1:] == pytest.approx(interval, rel=1e-9)
     average = row(made, "average", "fd-views")
-    value = np.mean([row(made, k, "fd-views").lead.value for k in LEADS])
-    assert average.lead.value == pytest.approx(value, rel=1e-12)
-    assert average.lead[1:] == pytest.approx(jackknife_interval(value, every), rel=1e-9)
+    value = np.mean([row(made, k, "fd-views").difference.value for k in LEADS])
+    assert average.difference.value == pytest.approx(value, rel=1e-12)
+    assert average.difference[1:] == pytest.approx(jackknife_interval(value, every), rel=1e-9)
 
 
 def test_the_paper():
     """11 classes and the average for pc2pix, rifle and lamp for SR."""
-    leads = {name: paper_lead(PAPER, name) for name in (*SUITE.classes, "average")}
-    assert [name for name, lead in leads.items() if lead < 0] == ["lamp", "rifle"]
+    leads = {name: paper_difference(PAPER, name) for name in (*SUITE.classes, "average")}
+    assert [name for name, difference in leads.items() if difference < 0] == ["lamp", "rifle"]
     # the paper's AVERAGE is the mean of its classes, printed with one decimal
     classes = [leads[name] for name in SUITE.classes]
     assert np.mean(classes) == pytest.approx(leads["average"], abs=0.1)
-    assert math.isnan(paper_lead(PAPER, "spoon"))
+    assert math.isnan(paper_difference(PAPER, "spoon"))
 
 
 def test_csv():
@@ -165,8 +165,10 @@ def test_csv():
     }.items() <= car.items()  # fmt: skip
 
 
-def ordering(class_name, metric, lead, paper):
-    return Ordering("2048", class_name, metric, 0.5, 0.6, Estimate(*lead), paper, 4, "pc2pix@all")
+def ordering(class_name, metric, difference, paper):
+    return Ordering(
+        "2048", class_name, metric, 0.5, 0.6, Estimate(*difference), paper, 4, "pc2pix@all"
+    )
 
 
 NAN = math.nan

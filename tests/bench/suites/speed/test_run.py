@@ -28,7 +28,7 @@ from ...harness_objects import Dying, Tetrahedron
 SMALL = replace(
     SPEED,
     methods=("splat", "blank"),
-    rivals=("splat",),
+    baselines=("splat",),
     clouds=2,
     views=3,
     singles=1,

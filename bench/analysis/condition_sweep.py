@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from bench.analysis.comparison import NAN, Comparison, Estimate, Quality, lead
+from bench.analysis.comparison import NAN, Comparison, Estimate, Quality, better_by
 from bench.catalogue.families import Family, families_of
 
 # Who is set against whom; settings and weights of a method (`pc2pix@FILE`) stand for it too.
@@ -60,31 +60,31 @@ class PairedComparison:
     family: Family
     metric: str
     method: str
-    rival: str
+    baseline: str
     values: tuple[float, ...]
-    rival_values: tuple[float, ...]
-    leads: tuple[Estimate, ...]
+    baseline_values: tuple[float, ...]
+    differences: tuple[Estimate, ...]
 
     @property
     def sides(self) -> tuple[Family, str, str]:
         """Family, method and rival."""
-        return self.family, self.method, self.rival
+        return self.family, self.method, self.baseline
 
     @property
     def ahead(self) -> tuple[str, ...]:
         """At each step whose lead has an interval on its side of 0; else UNDECIDED or NO_VALUE."""
-        return tuple(_ahead(of, self.method, self.rival) for of in self.leads)
+        return tuple(_ahead(of, self.method, self.baseline) for of in self.differences)
 
     @property
-    def crossings(self) -> tuple[Crossover, ...]:
+    def crossovers(self) -> tuple[Crossover, ...]:
         """All within the family, in its order. A lead that touches 0 and comes back is none."""
         places = [place_of(value, self.family) for value in self.family.values]
-        leads, lows, highs = zip(*self.leads, strict=True)
+        differences, lows, highs = zip(*self.differences, strict=True)
         # 0 leaves the interval where one of its ends passes through 0.
         left = [at for _, at in (*sign_changes(places, lows), *sign_changes(places, highs))]
         sure = all(map(math.isfinite, (*lows, *highs)))
         made = []
-        for after, at in sign_changes(places, leads):
+        for after, at in sign_changes(places, differences):
             low = max(p for p in (*left, min(places)) if p <= at) if sure else NAN
             high = min(p for p in (*left, max(places)) if p >= at) if sure else NAN
             made.append(Crossover(after, *(_value(p, self.family) for p in (at, low, high))))
@@ -114,13 +114,13 @@ def paired_comparisons(
             family,
             metric,
             method,
-            rival,
+            baseline,
             tuple(step[method].estimate.value for step in steps),
-            tuple(step[rival].estimate.value for step in steps),
-            tuple(lead(step[method], step[rival]) for step in steps),
+            tuple(step[baseline].estimate.value for step in steps),
+            tuple(better_by(step[method], step[baseline]) for step in steps),
         )
         for class_name, family, metric, steps in _steps(comparisons, metrics)
-        for method, rival in pairs_among(list(steps[0]))
+        for method, baseline in pairs_among(list(steps[0]))
     )
 
 
@@ -141,11 +141,11 @@ def _steps(
 def pairs_among(methods: Sequence[str]) -> list[tuple[str, str]]:
     """The pairs of PAIRS that these methods make up."""
     return [
-        (method, rival)
+        (method, baseline)
         for one, other in PAIRS
         for method in methods
-        for rival in methods
-        if (method.partition("@")[0], rival.partition("@")[0]) == (one, other)
+        for baseline in methods
+        if (method.partition("@")[0], baseline.partition("@")[0]) == (one, other)
     ]
 
 
@@ -164,10 +164,10 @@ def sign_changes(places: Sequence[float], values: Sequence[float]) -> list[tuple
     return found
 
 
-def _ahead(of: Estimate, method: str, rival: str) -> str:
+def _ahead(of: Estimate, method: str, baseline: str) -> str:
     if not math.isfinite(of.value):
         return NO_VALUE
-    return method if of.low > 0 else rival if of.high < 0 else UNDECIDED
+    return method if of.low > 0 else baseline if of.high < 0 else UNDECIDED
 
 
 def place_of(value: float, family: Family) -> float:

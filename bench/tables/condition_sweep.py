@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from bench.analysis.comparison import Estimate, decimals
-from bench.analysis.crossings import Crossover, PairedComparison
+from bench.analysis.condition_sweep import Crossover, PairedComparison
 from bench.catalogue.families import Family
 from bench.tables import markdown
 from bench.tables.table import (
@@ -30,7 +30,7 @@ NOWHERE = Crossover(-1, math.nan, math.nan, math.nan)
 
 
 @dataclass(frozen=True)
-class Step:
+class ConditionStep:
     """One step of a paired comparison.
 
     at         the condition's place on the axis of the family
@@ -43,20 +43,28 @@ class Step:
     at: str
     unseen_by: str
     value: float
-    rival_value: float
-    lead: Estimate
+    baseline_value: float
+    difference: Estimate
     ahead: str
     crossover: Crossover
 
 
-def crossings_table(suite: str, paired_comparisons: Sequence[PairedComparison]) -> Table[Step]:
+def condition_sweep_table(
+    suite: str, paired_comparisons: Sequence[PairedComparison]
+) -> Table[ConditionStep]:
     """All paired comparisons of a run."""
     made = (
         constant("suite", suite),
         *columns(("class", "paired.class_name"), ("family", "paired.family.id")),
-        *columns(*((name, f"paired.{name}") for name in ("metric", "method", "rival"))),
-        *columns("condition", "at", "unseen_by", "value", "rival_value"),
-        *columns(("lead", "lead.value"), ("ci_low", "lead.low"), ("ci_high", "lead.high"), "ahead"),
+        *columns(*((name, f"paired.{name}") for name in ("metric", "method"))),
+        *columns(("rival", "paired.baseline")),
+        *columns("condition", "at", "unseen_by", "value", ("rival_value", "baseline_value")),
+        *columns(
+            ("lead", "difference.value"),
+            ("ci_low", "difference.low"),
+            ("ci_high", "difference.high"),
+            "ahead",
+        ),
         *columns(("crossing", "crossover.at")),
         *columns(("crossing_low", "crossover.low"), ("crossing_high", "crossover.high")),
     )
@@ -65,23 +73,23 @@ def crossings_table(suite: str, paired_comparisons: Sequence[PairedComparison]) 
     return Table("crossings", title, made, rows, _layout, _REMARK)
 
 
-def _steps(c: PairedComparison) -> Iterator[Step]:
-    crossings = {crossover.after: crossover for crossover in c.crossings}
+def _steps(c: PairedComparison) -> Iterator[ConditionStep]:
+    crossovers = {crossover.after: crossover for crossover in c.crossovers}
     for i, (at, condition) in enumerate(c.family.steps):
-        yield Step(
+        yield ConditionStep(
             paired=c,
             condition=condition,
             at=f"{at:g}",
             unseen_by=" ".join(c.family.unseen_by(at)),
             value=c.values[i],
-            rival_value=c.rival_values[i],
-            lead=c.leads[i],
+            baseline_value=c.baseline_values[i],
+            difference=c.differences[i],
             ahead=c.ahead[i],
-            crossover=crossings.get(i, NOWHERE),
+            crossover=crossovers.get(i, NOWHERE),
         )
 
 
-def _layout(rows: Sequence[Step]) -> Iterator[Block]:
+def _layout(rows: Sequence[ConditionStep]) -> Iterator[Block]:
     """Who is ahead at both ends and where that changes; then the lead at every step."""
     yield _LEGEND
     classes = ordered(row.paired.class_name for row in rows)
@@ -124,8 +132,8 @@ def end_to_end_text(paired: PairedComparison) -> str:
     """Who is ahead at the first and at the last step, and where the curves cross."""
     first, last = paired.ahead[0], paired.ahead[-1]
     ends = first if first == last else f"{first}, then {last}"
-    crossings = " and ".join(map(crossover_text, paired.crossings))
-    return f"{ends}; {f'crosses at {crossings}' if crossings else 'none within'}"
+    crossovers = " and ".join(map(crossover_text, paired.crossovers))
+    return f"{ends}; {f'crosses at {crossovers}' if crossovers else 'none within'}"
 
 
 def crossover_text(crossover: Crossover) -> str:
@@ -153,14 +161,14 @@ def _summary(paired_comparisons: Sequence[PairedComparison]) -> Grid:
             "from": lambda row: Cell(row.family.conditions[0]),
             "to": lambda row: Cell(row.family.conditions[-1]),
             "first": lambda row: Cell(row.method),
-            "second": lambda row: Cell(row.rival),
+            "second": lambda row: Cell(row.baseline),
         },
         caption=f"from end to end, {class_name}",
         tags=Tags(class_name=class_name),
     )
 
 
-def _leads(rows: Sequence[Step]) -> Grid:
+def _leads(rows: Sequence[ConditionStep]) -> Grid:
     """Of one family: metrics down, steps across."""
     class_name, family = rows[0].paired.class_name, rows[0].paired.family
     at = {row.condition: row.at for row in rows}
@@ -174,7 +182,7 @@ def _leads(rows: Sequence[Step]) -> Grid:
         corner="metric",
         before={
             "first": lambda row: Cell(row.paired.method),
-            "second": lambda row: Cell(row.paired.rival),
+            "second": lambda row: Cell(row.paired.baseline),
         },
         caption=f"lead along {family.axis}, {class_name}",
         remark=f"In training: {shown_in_training(family)}." if family.trained else "",
@@ -182,7 +190,7 @@ def _leads(rows: Sequence[Step]) -> Grid:
     )
 
 
-def _lead(row: Step) -> Cell:
+def _lead(row: ConditionStep) -> Cell:
     show = f"{{:+.{decimals(row.paired.metric)}f}}".format
-    marks = {row.paired.method: AHEAD, row.paired.rival: BEHIND}
-    return number(row.lead, show, special=marks.get(row.ahead))
+    marks = {row.paired.method: AHEAD, row.paired.baseline: BEHIND}
+    return number(row.difference, show, special=marks.get(row.ahead))
