@@ -25,9 +25,9 @@ from bench.analysis.intervals import (
     sum_error,
 )
 from bench.analysis.paired import SIGNIFICANCE, holm
+from bench.analysis.paper import AVERAGE, NETWORK, SURFACE
 from bench.catalogue.methods import FLOORS
 from bench.catalogue.metrics import higher_is_better, is_mean
-from bench.tables.classes import AVERAGE, NETWORK, SURFACE
 from data_prep.arrays import Floats
 
 Verdict = Literal["supported", "contradicted", "undecided", "not testable here"]

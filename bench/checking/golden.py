@@ -17,6 +17,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from bench.analysis.paper import PAPER_METHODS, PAPER_NETWORK
+from bench.analysis.scored import ScoredRun, read_scored
+from bench.analysis.scores import QualityRow
 from bench.catalogue.methods import role
 from bench.catalogue.suites import STABILITY
 from bench.checking.objects import (
@@ -31,10 +34,7 @@ from bench.records.journal import read_finished
 from bench.running.protocol import Options
 from bench.suites.stability.tables import read_outcomes
 from bench.tables.build import class_orderings, condition_sweep, tables
-from bench.tables.orderings import PAPER_NETWORK
 from bench.tables.published import golden, golden_path
-from bench.tables.quality import PAPER_METHODS, QualityRow
-from bench.tables.scored import ScoredRun, read_scored
 from bench.tables.table import TABLES, Table, table_files
 from data_prep.failures import BadInput
 from data_prep.files.atomic_write import write_whole

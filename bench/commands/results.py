@@ -20,11 +20,11 @@ from bench.analysis.recommend import (
     at_condition,
 )
 from bench.analysis.recommend import recommend as best_methods
+from bench.analysis.scored import ScoredRun, read_scored
 from bench.commands.options import FormatOption, RunDirectory, names
 from bench.running.protocol import file_name
 from bench.tables.build import how_timed
 from bench.tables.markdown import visible
-from bench.tables.scored import ScoredRun, read_scored
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.files.atomic_write import write_whole
 
@@ -52,9 +52,9 @@ def merge(
 
 def table(directory: RunDirectory, format_: FormatOption = None) -> None:
     """Make the tables of a run again, from its records."""
+    from bench.analysis.scored import read_scored
     from bench.commands.publish import print_outputs
     from bench.tables.build import write_outputs
-    from bench.tables.scored import read_scored
 
     print_outputs(write_outputs(read_scored(directory)), format_)
 
@@ -66,9 +66,9 @@ def report(
     ] = None,
 ) -> None:
     """Make one HTML file of a run: tables, curves, images, worst cases, failures; offline."""
+    from bench.analysis.scored import read_scored
     from bench.report.build import write_report
     from bench.tables.build import make_outputs
-    from bench.tables.scored import read_scored
 
     print(write_report(make_outputs(read_scored(directory)), out))
 
@@ -179,8 +179,9 @@ def compare(
     ] = None,
 ) -> None:
     """Compare two runs, or two methods of one, object by object: differences and ties."""
+    from bench.analysis.run_pairs import methods_of_run, runs
     from bench.report.differences import write_differences
-    from bench.tables.differences import methods_of_run, runs
+    from bench.tables.differences import differences_table
     from bench.tables.table import table_files
 
     if len(directories) > 2:
@@ -197,10 +198,11 @@ def compare(
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise CannotWrite(f"{folder}: cannot be made ({error.strerror}); give --out") from error
-    for name, text in table_files([found.table]).items():
+    table = differences_table(found)
+    for name, text in table_files([table]).items():
         write_whole(folder / name, text.encode())
     write_differences(folder / "differences", found.cells, found.a, found.b)
-    print(found.table.to_markdown())
+    print(table.to_markdown())
     print(f"written to {folder}", file=sys.stderr)
 
 

@@ -24,8 +24,8 @@ from bench.report.build import REPORT
 from bench.running.pilot import Cell
 from bench.running.protocol import Options, Protocol, method_identity, protocol_of
 from bench.running.run import RunResult, RunStatus, refuse_small, run_status
+from bench.tables.grid import grid
 from bench.tables.markdown import table, visible
-from bench.tables.table import grid
 
 FID = "fid"
 

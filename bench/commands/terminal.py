@@ -9,9 +9,9 @@ from contextlib import AbstractContextManager, ExitStack
 from types import TracebackType
 from typing import Any
 
+from bench.analysis.scores import QualityRow
 from bench.running.run import PartialRun
 from bench.tables.plain import plain
-from bench.tables.quality import QualityRow
 from bench.tables.table import TABLES, Table
 from data_prep.progress import bars, is_live, log, progress
 

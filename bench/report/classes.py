@@ -9,17 +9,24 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bench.analysis.paper import (
+    AVERAGE,
+    PAPER_METRIC,
+    PAPER_NETWORK,
+    SURFACE,
+    Published,
+    network_of,
+)
+from bench.analysis.scores import QualityRow
 from bench.catalogue.methods import role
 from bench.catalogue.metrics import higher_is_better
 from bench.metrics.structural_similarity import ssim_per_image
 from bench.records.artifacts import Artifact, Item
 from bench.records.record import GROUND_TRUTH
-from bench.tables.classes import AVERAGE, SURFACE, network_of
 from bench.tables.figure import FIGURES, drawing, panels, save, show
+from bench.tables.grid import ordered
 from bench.tables.markdown import visible
-from bench.tables.orderings import PAPER_METRIC, PAPER_NETWORK
-from bench.tables.quality import Published, QualityRow
-from bench.tables.table import Table, ordered
+from bench.tables.table import Table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bench.analysis.comparison import Estimate, decimals
+from bench.analysis.scores import QualityRow
 from bench.catalogue.methods import role
 from bench.catalogue.metrics import higher_is_better, is_mean
 from bench.metrics.silhouette import object_boxes
@@ -38,9 +39,9 @@ from bench.tables.figure import (
     panels,
     save,
 )
+from bench.tables.grid import Tags, ordered, shown
 from bench.tables.markdown import visible
-from bench.tables.quality import QualityRow
-from bench.tables.table import Table, Tags, ordered, shown
+from bench.tables.table import Table
 
 OBJECTS_SHOWN = 4
 THIN_OF = 8  # the first objects of a run, of which those with most thin parts are shown

@@ -459,7 +459,7 @@ def workers_of(suite: Suite, options: Options) -> int:
 
     Raises BadInput where that is not what was requested.
     """
-    if suite.frontier:
+    if suite.timed:
         more = options.workers if options.workers != 1 else None
         refuse(suite.id, [("workers", more, "whose times are taken with nothing beside them")])
         return 1

@@ -1,4 +1,4 @@
-"""Where one method falls behind another, as a table: families down, metrics across."""
+"""The table of methods along families of conditions: which is ahead, and where that changes."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from dataclasses import dataclass
 from bench.analysis.comparison import Estimate, decimals
 from bench.analysis.condition_sweep import Crossover, PairedComparison
 from bench.catalogue.families import Family
+from bench.catalogue.suite_types import TableSpec
 from bench.tables import markdown
-from bench.tables.table import (
+from bench.tables.grid import (
     Annotation,
     Block,
     Cell,
     Grid,
-    Table,
+    PivotLayout,
     Tags,
-    columns,
-    constant,
     number,
     ordered,
     pivot,
 )
+from bench.tables.table import Table, columns, constant
 
 AHEAD = Annotation("ahead", "**{value}{interval}**")
 BEHIND = Annotation("behind", "*{value}{interval}*", against=True)
@@ -50,10 +50,10 @@ class ConditionStep:
 
 
 def condition_sweep_table(
-    suite: str, paired_comparisons: Sequence[PairedComparison]
+    spec: TableSpec, suite: str, paired_comparisons: Sequence[PairedComparison]
 ) -> Table[ConditionStep]:
-    """All paired comparisons of a run."""
-    made = (
+    """Return the table of all paired comparisons of a run."""
+    csv = (
         constant("suite", suite),
         *columns(("class", "paired.class_name"), ("family", "paired.family.id")),
         *columns(*((name, f"paired.{name}") for name in ("metric", "method"))),
@@ -69,8 +69,7 @@ def condition_sweep_table(
         *columns(("crossing_low", "crossover.low"), ("crossing_high", "crossover.high")),
     )
     rows = tuple(step for paired in paired_comparisons for step in _steps(paired))
-    title = "Beyond what the networks were trained on"
-    return Table("crossings", title, made, rows, _layout, _REMARK)
+    return Table(spec.name, spec.title, csv, rows, _layout, _REMARK)
 
 
 def _steps(c: PairedComparison) -> Iterator[ConditionStep]:
@@ -90,7 +89,7 @@ def _steps(c: PairedComparison) -> Iterator[ConditionStep]:
 
 
 def _layout(rows: Sequence[ConditionStep]) -> Iterator[Block]:
-    """Who is ahead at both ends and where that changes; then the lead at every step."""
+    """Yield who is ahead at both ends and where that changes; then the difference at each step."""
     yield _LEGEND
     classes = ordered(row.paired.class_name for row in rows)
     for class_name in classes:
@@ -121,7 +120,7 @@ _REMARK = (
 
 
 def shown_in_training(family: Family) -> str:
-    """What networks were shown: "splat-net 512 to 2048, pc2pix 256 to 2048"."""
+    """Return the range that networks were trained on: "splat-net 512 to 2048"."""
     return ", ".join(
         f"{name} {least:g}" + (f" to {most:g}" if most > least else " only")
         for name, least, most in family.trained
@@ -129,7 +128,7 @@ def shown_in_training(family: Family) -> str:
 
 
 def end_to_end_text(paired: PairedComparison) -> str:
-    """Who is ahead at the first and at the last step, and where the curves cross."""
+    """Return who is ahead at the first and at the last step, and where the curves cross."""
     first, last = paired.ahead[0], paired.ahead[-1]
     ends = first if first == last else f"{first}, then {last}"
     crossovers = " and ".join(map(crossover_text, paired.crossovers))
@@ -137,7 +136,7 @@ def end_to_end_text(paired: PairedComparison) -> str:
 
 
 def crossover_text(crossover: Crossover) -> str:
-    """Its place with three digits: "0.137 [0.12, 0.15]"."""
+    """Return the place of a crossover with three digits: "0.137 [0.12, 0.15]"."""
     if not math.isfinite(crossover.low):
         return _place(crossover.at)
     return f"{_place(crossover.at)} [{_place(crossover.low)}, {_place(crossover.high)}]"
@@ -148,28 +147,30 @@ def _place(value: float) -> str:
 
 
 def _summary(paired_comparisons: Sequence[PairedComparison]) -> Grid:
-    """Pairs of methods along families down, metrics across."""
+    """Return the pairs of methods along families down, metrics across."""
     class_name = paired_comparisons[0].class_name
     return pivot(
         paired_comparisons,
         "sides",
         "metric",
         lambda row: Cell(end_to_end_text(row)),
-        named=lambda row: row.family.id,
+        PivotLayout(
+            line_name=lambda row: row.family.id,
+            before={
+                "from": lambda row: Cell(row.family.conditions[0]),
+                "to": lambda row: Cell(row.family.conditions[-1]),
+                "first": lambda row: Cell(row.method),
+                "second": lambda row: Cell(row.baseline),
+            },
+        ),
         corner="family",
-        before={
-            "from": lambda row: Cell(row.family.conditions[0]),
-            "to": lambda row: Cell(row.family.conditions[-1]),
-            "first": lambda row: Cell(row.method),
-            "second": lambda row: Cell(row.baseline),
-        },
         caption=f"from end to end, {class_name}",
         tags=Tags(class_name=class_name),
     )
 
 
 def _leads(rows: Sequence[ConditionStep]) -> Grid:
-    """Of one family: metrics down, steps across."""
+    """Return the differences along one family, metrics down and steps across."""
     class_name, family = rows[0].paired.class_name, rows[0].paired.family
     at = {row.condition: row.at for row in rows}
     return pivot(
@@ -177,13 +178,15 @@ def _leads(rows: Sequence[ConditionStep]) -> Grid:
         "paired",
         "condition",
         _lead,
-        named=lambda row: row.paired.metric,
-        title=lambda condition: at[condition],
+        PivotLayout(
+            line_name=lambda row: row.paired.metric,
+            column_name=lambda condition: at[condition],
+            before={
+                "first": lambda row: Cell(row.paired.method),
+                "second": lambda row: Cell(row.paired.baseline),
+            },
+        ),
         corner="metric",
-        before={
-            "first": lambda row: Cell(row.paired.method),
-            "second": lambda row: Cell(row.paired.baseline),
-        },
         caption=f"lead along {family.axis}, {class_name}",
         remark=f"In training: {shown_in_training(family)}." if family.trained else "",
         tags=Tags(class_name=class_name),

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 from rich.cells import cell_len, set_cell_size
 
+from bench.tables.grid import BEST, Cell, Grid
 from bench.tables.markdown import visible
-from bench.tables.table import BEST, Cell, Grid
 
 WIDEST_NAME = 30
 GAP = "  "

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from bench.tables.quality import Published
+from bench.analysis.paper import Published
 from data_prep.failures import BadInput
 
 RESULTS = Path(__file__).resolve().parents[2] / "results"

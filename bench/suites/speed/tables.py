@@ -20,20 +20,8 @@ from bench.suites.speed.summary import (
     speedups,
 )
 from bench.tables import markdown
-from bench.tables.table import (
-    BOLD,
-    ITALIC,
-    Block,
-    Cell,
-    Column,
-    Grid,
-    Table,
-    columns,
-    constant,
-    grid,
-    ordered,
-    pivot,
-)
+from bench.tables.grid import BOLD, ITALIC, Block, Cell, Grid, PivotLayout, grid, ordered, pivot
+from bench.tables.table import Column, Table, columns, constant
 
 PAPER_CLASS = "all"  # the paper gives one number for its 13 classes
 Paper = Mapping[tuple[str, str, str, str], float]  # by class, metric, condition and method
@@ -355,7 +343,7 @@ def _per_image(rows: Sequence[AmortisedRow], suite: SpeedSuite) -> Grid:
         first = _rival(row) and row.wall_ms == cheapest[row.views]
         return Cell(_number(row.wall_ms), special=BOLD if first else None)
 
-    return pivot(rows, METHOD, "views", cell, columns=suite.amortised, corner="method")
+    return pivot(rows, METHOD, "views", cell, PivotLayout(columns=suite.amortised), corner="method")
 
 
 def _rival(row: AmortisedRow) -> bool:
@@ -371,7 +359,7 @@ def _break_even(rows: Sequence[BreakEvenRow], suite: SpeedSuite) -> Grid:
     def cell(row: BreakEvenRow) -> Cell:
         return Cell(verdict(row.found))
 
-    return pivot(rows, METHOD, "rival", cell, columns=baselines, corner="method")
+    return pivot(rows, METHOD, "rival", cell, PivotLayout(columns=baselines), corner="method")
 
 
 def verdict(found: BreakEven) -> str:

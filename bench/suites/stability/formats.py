@@ -26,7 +26,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from bench.suites.stability.expectations import Kind, Outcome
-from bench.tables.table import Block, Table, columns_of, grid
+from bench.tables.grid import Block, grid
+from bench.tables.table import Table, columns_of
 
 if TYPE_CHECKING:
     from data_prep.scene import Points

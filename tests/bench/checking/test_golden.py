@@ -6,6 +6,7 @@ import pandas as pd
 import pytest
 
 import bench.checking.golden
+from bench.analysis.scored import read_scored
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import FLOORS
 from bench.catalogue.reconstruction import BEST_RECONSTRUCTION
@@ -15,7 +16,6 @@ from bench.checking.tolerances import JUDGED, OF_CLASSES, RECONSTRUCTION, RENDER
 from bench.records.journal import read_manifest, write_manifest
 from bench.tables.build import write_outputs
 from bench.tables.published import golden, published
-from bench.tables.scored import read_scored
 
 from ..builders import SUITE, write_run
 from .conftest import be_default

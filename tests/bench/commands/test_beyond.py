@@ -7,13 +7,13 @@ import pandas as pd
 import pytest
 
 import bench.checking.golden
+from bench.analysis.scored import read_scored
 from bench.catalogue.suites import SUITES
 from bench.commands.publish import run_suite
 from bench.records.journal import read_manifest
 from bench.report.build import read_page
 from bench.running.protocol import Options
 from bench.tables.build import make_outputs, write_outputs
-from bench.tables.scored import read_scored
 
 from ..builders import write_run
 

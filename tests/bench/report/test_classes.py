@@ -6,13 +6,15 @@ from itertools import product
 import numpy as np
 from harness_objects import Tetrahedron
 
+from bench.analysis.paper import AVERAGE
+from bench.analysis.scores import QualityRow
+from bench.catalogue.suites import TableSpec
 from bench.metrics.structural_similarity import ssim_per_image
 from bench.records.artifacts import read_artifact
 from bench.records.record import GROUND_TRUTH
 from bench.report.classes import write_class_figures
-from bench.tables.classes import AVERAGE, table_of_classes
+from bench.tables.classes import table_of_classes
 from bench.tables.published import published
-from bench.tables.quality import QualityRow
 
 from ..builders import make_job, make_truth
 
@@ -28,7 +30,7 @@ def row(metric, method, class_name, value, low=NAN, high=NAN):
 
 
 def figures(drawn, rows, jobs, headline=()):
-    tables = (table_of_classes(of, "") for of in (rows, headline))
+    tables = (table_of_classes(TableSpec("classes", "t", "T"), of, "") for of in (rows, headline))
     return drawn(write_class_figures, *tables, PAPER, jobs=jobs)
 
 

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from harness_objects import Tetrahedron
 
+from bench.analysis.scores import QualityRow
+from bench.catalogue.suites import TableSpec
 from bench.records.artifacts import read_artifact
 from bench.report.robustness import THIN_TINT, write_figures
-from bench.tables.quality import QualityRow, quality_table
+from bench.tables.quality import quality_table
 
 from ..builders import make_job, make_truth, write_artifact
 
@@ -26,7 +28,10 @@ IMAGES = (
     make_row("luminance", "splat", "2048", 0.9),
 )
 SETS = (make_row("fid", "splat", "2048", NAN), make_row("fd-views", "splat", "2048", 12.5))
-CURVES = [quality_table("t", "", IMAGES), quality_table("t", "", SETS)]
+CURVES = [
+    quality_table(TableSpec("images", "t", ""), IMAGES),
+    quality_table(TableSpec("images", "t", ""), SETS),
+]
 
 
 @pytest.fixture

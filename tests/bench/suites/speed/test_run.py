@@ -11,6 +11,7 @@ import pytest
 
 import bench.running.environment
 import bench.suites.speed.run
+from bench.analysis.scored import read_scored
 from bench.catalogue.suites import SPEED, Limits
 from bench.records.journal import read_manifest
 from bench.running.isolation import WORKER_ENVIRONMENT, run_tasks, thread_counts
@@ -19,7 +20,6 @@ from bench.suites.speed.measure import Unit, lost
 from bench.suites.speed.run import run
 from bench.suites.speed.samples import Sample
 from bench.tables.build import tables
-from bench.tables.scored import read_scored
 from data_prep.clouds.conditions import Unchanged
 from data_prep.failures import BadInput
 
