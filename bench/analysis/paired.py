@@ -7,7 +7,7 @@ Fréchet distances: both by the jackknife over objects. Holm's step-down procedu
 Journal of Statistics 6, 1979) corrects the p values for the number of cells.
 
 Of n objects no p value of sign flips is below 2^(1-n), so that few objects decide nothing among
-many cells, whatever they show: such a cell is not called a tie (`fewest_objects`). Pure functions.
+many cells, whatever they show: such a cell is not called a tie (`fewest_objects`).
 """
 
 from __future__ import annotations
@@ -44,9 +44,9 @@ class Side:
 
 @dataclass(frozen=True)
 class ComparedPair:
-    """A cell: the qualities of its two sides by one metric, on the same objects.
+    """The qualities of the two sides of a cell by one metric, on the same objects.
 
-    objects  of these, how many have a value on both sides
+    objects  number of objects that have a value on both sides
     """
 
     condition: str
@@ -59,7 +59,7 @@ class ComparedPair:
 
     @property
     def metric(self) -> str:
-        """Of both qualities."""
+        """Return the metric of both qualities."""
         return self.quality_a.metric
 
 

@@ -1,6 +1,6 @@
-"""Which method to take: by a budget, by a quality, and what that choice costs.
+"""The method to take for a budget or a quality, and what that choice costs.
 
-Pure functions of comparisons. "Affordable" is a method whose median cost is within the budget.
+A method is affordable where its median cost is within the budget.
 """
 
 from __future__ import annotations
@@ -15,26 +15,26 @@ from bench.analysis.comparison import (
     NAN,
     Comparison,
     Estimate,
-    Floats,
     better_by,
     candidates,
     worse_than_blank,
 )
 from bench.analysis.intervals import mean_interval
 from bench.catalogue.metrics import higher_is_better
+from data_prep.arrays import Floats
 from data_prep.failures import BadInput
 
-SSIM = "ssim"  # what a least quality is asked for in
+SSIM = "ssim"  # the metric of a required quality
 ALTERNATIVES = 3
 
 
 @dataclass(frozen=True)
 class Requirements:
-    """The limits that are asked for; None where one does not matter.
+    """The limits of a choice; None for one that does not matter.
 
-    views      images of a cloud
-    budget_ms  for a cloud with all its images
-    min_ssim   mean over objects
+    views      number of images of a cloud
+    budget_ms  most milliseconds for a cloud with all its images
+    min_ssim   least mean over objects
     """
 
     views: int
@@ -44,9 +44,9 @@ class Requirements:
 
 @dataclass(frozen=True)
 class MethodOption:
-    """A method that one could take, and by one metric how good it is.
+    """A method to choose, and its quality by one metric.
 
-    behind  how much worse than the best affordable one, paired
+    gap  how much worse it is than the best affordable method, paired
     """
 
     method: str
@@ -61,18 +61,18 @@ class MethodOption:
 class Advice:
     """The answer to a request by one metric under one condition.
 
-    best, next    within the budget: the best by its mean, and those after it, the cheapest of those
-                  that print equal; None and none where nothing is affordable
-    affordable    number of methods
+    best, next    methods within the budget: the best by its mean, and those after it, the cheapest
+                  of those that print equal; None and empty where nothing is affordable
+    affordable    number of methods within the budget
     below_blank   methods within the budget that are no choice, because a white image is better
-    regret        what an oracle, which takes the best affordable method for each object, has more
-                  than the best: mean over objects
+    regret        quality that an oracle, which takes the best affordable method for each object,
+                  has more than the best: mean over objects
     regret_blind  the same where each object's method is chosen by the other objects, as that of a
                   new cloud has to be; NaN with a single object
-    on_average    the cheapest whose mean is what was required, within the budget or not; of
-                  another metric than SSIM, of which nothing is required, the cheapest
-    surely        the cheapest of which even the lower end of the interval is
-    cheapest, finest  of all: what comes nearest where nothing is affordable or good enough
+    by_mean       the cheapest whose mean is as required, within the budget or not; by a metric
+                  other than SSIM, of which nothing is required, the cheapest
+    significant   the cheapest of which even the lower end of the interval is as required
+    cheapest, best_of_all  the nearest methods where nothing is affordable or good enough
     """
 
     metric: str
@@ -95,9 +95,9 @@ class Advice:
 class Recommendation:
     """The answer to a request under one condition.
 
-    by_metric  by each metric that judges: where they name different methods, which one is better
-               depends on what is looked at, and no average would say so
-    by_ssim    where a least SSIM is required; else None
+    by_metric  advice by each metric: where they name different methods, which one is better depends
+               on the metric, and no average would say so
+    by_ssim    advice where a least SSIM is required; else None
     """
 
     by_metric: tuple[Advice, ...]
@@ -184,9 +184,9 @@ def _regret(scores: Floats, chosen: NDArray[np.intp]) -> Estimate:
 
 
 def _chosen_by_the_others(scores: Floats) -> NDArray[np.intp]:
-    """For each object the method [G] with the best mean over the others; none of a single one.
+    """Return for each object the method [G] with the best mean over the others; none for one object.
 
-    Of equals the first: scores [M, G] come in the order of preference.
+    Among equals it is the first: scores [M, G] come in the order of preference.
     """
     if not len(scores) or scores.shape[1] < 2:
         return np.zeros(0, np.intp)
@@ -194,9 +194,9 @@ def _chosen_by_the_others(scores: Floats) -> NDArray[np.intp]:
 
 
 def at_condition(comparisons: Sequence[Comparison], condition: str | None) -> list[Comparison]:
-    """Those at a condition; None: all. Raises BadInput for one that the run does not have."""
+    """Return the comparisons at a condition; None: all. Raises BadInput for an unknown one."""
     chosen = [c for c in comparisons if condition in (None, c.condition)]
     if not chosen:
-        there = ", ".join(dict.fromkeys(c.condition for c in comparisons))
-        raise BadInput(f"--condition {condition}: not in this run; there are {there}")
+        known = ", ".join(dict.fromkeys(c.condition for c in comparisons))
+        raise BadInput(f"--condition {condition}: not in this run; there are {known}")
     return chosen

@@ -1,4 +1,4 @@
-"""What `bench compare` pairs: the methods of two runs, or two methods of one run."""
+"""Pairs of `bench compare`: the methods of two runs, or two methods of one run."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ class ConditionStep:
 
     at         the condition's place on the axis of the family
     unseen_by  the networks that were not shown such clouds in training
-    crossing   where the curves cross after this step, before the next or at it
+    crossover  where the curves cross after this step, before the next or at it
     """
 
     paired: PairedComparison
