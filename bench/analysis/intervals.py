@@ -54,10 +54,11 @@ def mean_interval(per_object: Floats) -> tuple[float, float]:
     return interval_of_means([per_object])
 
 
-def interval_of_means(per_object: Sequence[Floats]) -> tuple[float, float]:
+def interval_of_means(per_object: Sequence[Floats], at_once: int = AT_ONCE) -> tuple[float, float]:
     """Return the 95 % interval (low, high) of the mean over classes of the means over objects.
 
     per_object  one value per object [G] of each class
+    at_once     numbers of the resamples in memory
 
     It is a studentised bootstrap (Efron and Tibshirani 1993, section 12.5), widened to the t
     interval where that is wider, as where most values are equal. The resamples depend on the
@@ -75,7 +76,7 @@ def interval_of_means(per_object: Sequence[Floats]) -> tuple[float, float]:
     means, variances = np.zeros(RESAMPLES), np.zeros(RESAMPLES)
     for number, values in enumerate(per_object):
         rng = np.random.default_rng((SEED, number))  # one class says nothing about the next
-        drawn_means, drawn_variances = _resampled(values - values.mean(), rng)
+        drawn_means, drawn_variances = _resampled(values - values.mean(), rng, at_once)
         means += drawn_means
         variances += drawn_variances
     # Resamples of equal values have no error of their own; rounding leaves a little.
@@ -87,7 +88,9 @@ def interval_of_means(per_object: Sequence[Floats]) -> tuple[float, float]:
     return float(value - below), float(value + above)
 
 
-def median_interval(values: Floats, objects: NDArray[Any]) -> tuple[float, float]:
+def median_interval(
+    values: Floats, objects: NDArray[Any], at_once: int = AT_ONCE
+) -> tuple[float, float]:
     """Return the 95 % percentile-bootstrap interval (low, high) of the median of values [n].
 
     `objects` [n] names the object of each value; objects are drawn with all their values. The
@@ -101,9 +104,9 @@ def median_interval(values: Floats, objects: NDArray[Any]) -> tuple[float, float
     values, member = values[order], member[order]
     rng = np.random.default_rng(SEED)
     medians = []
-    at_once = max(1, AT_ONCE // len(values))
-    for start in range(0, RESAMPLES, at_once):
-        chosen = rng.integers(len(names), size=(min(at_once, RESAMPLES - start), len(names)))
+    rows = max(1, at_once // len(values))
+    for start in range(0, RESAMPLES, rows):
+        chosen = rng.integers(len(names), size=(min(rows, RESAMPLES - start), len(names)))
         numbered = chosen + len(names) * np.arange(len(chosen))[:, None]
         times = np.bincount(numbered.ravel(), minlength=chosen.size).reshape(chosen.shape)
         # How many values of the resample have come by the end of each sorted value.
@@ -211,13 +214,13 @@ def _standard_error(variances: Sequence[float], of_classes: Sequence[Floats]) ->
     )
 
 
-def _resampled(values: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
+def _resampled(values: Floats, rng: np.random.Generator, at_once: int) -> tuple[Floats, Floats]:
     """Return the means of RESAMPLES draws of all values, and the squares of their errors."""
     means, squares = np.empty(RESAMPLES), np.empty(RESAMPLES)
-    at_once = max(1, AT_ONCE // len(values))
-    for start in range(0, RESAMPLES, at_once):
-        part = slice(start, start + at_once)
-        count = min(at_once, RESAMPLES - start)
+    rows = max(1, at_once // len(values))
+    for start in range(0, RESAMPLES, rows):
+        part = slice(start, start + rows)
+        count = min(rows, RESAMPLES - start)
         drawn = values[rng.integers(len(values), size=(count, len(values)))]
         means[part] = drawn.mean(axis=1)
         squares[part] = drawn.var(axis=1, ddof=1) / len(values)

@@ -1,4 +1,4 @@
-"""Whether an image shows the view, the object and the class that it should, by networks.
+"""Recognition by networks: the view, the object and the class that an image shows.
 
 The judge (`bench.judges.judge`) gives the direction of view and a shape code from an image alone: a
 method that ignores its cloud, or the view, may have a good SSIM, but is recognised here.

@@ -184,7 +184,7 @@ def _regret(scores: Floats, chosen: NDArray[np.intp]) -> Estimate:
 
 
 def _chosen_by_the_others(scores: Floats) -> NDArray[np.intp]:
-    """Return for each object the method [G] with the best mean over the others; none for one object.
+    """Return for each object the method [G] with the best mean over the others, if any.
 
     Among equals it is the first: scores [M, G] come in the order of preference.
     """

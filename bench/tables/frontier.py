@@ -154,12 +154,12 @@ def cost_grid(comparisons: Sequence[Comparison], metric: str, views: int) -> Gri
         comparison = at.get((condition, class_name))
         if comparison is None or method not in comparison.images:
             return NOTHING
-        cost = comparison.cost_ms(method, views).value
+        cost, (n_ok, n) = comparison.cost_ms(method, views).value, comparison.images[method]
         return Cell(
             milliseconds(cost),
             cost if math.isfinite(cost) else None,
             rest=_made_of(comparison, method, views),
-            caveat=_of_images(*comparison.images[method]),
+            caveat=f"of {n_ok} of {n} images" if n_ok < n else "",
             special=special.get((condition, class_name, method)),
         )
 
@@ -187,11 +187,6 @@ def cost_grid(comparisons: Sequence[Comparison], metric: str, views: int) -> Gri
         higher=False,
     )
     return costs if costs.valued else None
-
-
-def _of_images(n_ok: int, n: int) -> str:
-    """Say how many images there are times of; empty where none failed."""
-    return f"of {n_ok} of {n} images" if n_ok < n else ""
 
 
 def _made_of(comparison: Comparison, method: str, views: int) -> str:
