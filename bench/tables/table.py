@@ -27,17 +27,17 @@ TABLES = "tables"  # folder of a run
 class Column:
     """A column of a CSV file.
 
-    of      returns its value in a row
+    value   returns the value of a row
     digits  format of its floats; one that is not finite is an empty field
     """
 
     name: str
-    of: Callable[[Any], object]
+    value: Callable[[Any], object]
     digits: str = ".6f"
 
     def field(self, row: object) -> object:
         """Return the field of a row."""
-        value = self.of(row)
+        value = self.value(row)
         if not isinstance(value, float):
             return value
         return format(value, self.digits) if math.isfinite(value) else ""
@@ -101,7 +101,7 @@ class Table(Generic[R]):
         """Return values by column, unrounded; None for a float that is not finite."""
 
         def value(column: Column, row: R) -> object:
-            number = column.of(row)
+            number = column.value(row)
             return None if isinstance(number, float) and not math.isfinite(number) else number
 
         return [{c.name: value(c, row) for c in self.columns} for row in self.rows]
