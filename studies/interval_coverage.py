@@ -26,8 +26,8 @@ import numpy as np
 
 from bench.analysis import intervals
 from bench.analysis.comparison import candidates, paired
+from bench.analysis.scored import read_scored
 from bench.metrics.frechet import JackknifeMoments, centred_to_frechet, left_out_distances
-from bench.tables.scored import read_scored
 from data_prep.arrays import Floats
 from studies.arguments import numbers, positive
 from studies.tables import markdown

@@ -1,7 +1,7 @@
 """Cost and quality of methods on the same objects, object by object.
 
-Pure functions of records and features. A failed image is scored as a blank one, as in the column
-`failures_as_blank` of the tables: whoever chooses a method gets its failures too.
+A failed image is scored as a blank one, as in the column `failures_as_blank` of the tables: whoever
+chooses a method gets its failures too.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ ALL = "all"  # classes
 
 
 class Estimate(NamedTuple):
-    """A value with its 95 % interval over objects; NaN where there is none."""
+    """A value with its 95 % interval over objects; NaN for what does not exist."""
 
     value: float
     low: float
@@ -51,12 +51,12 @@ class Estimate(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Quality:
-    """How good the images of a method are by one metric.
+    """The quality of a method's images by one metric.
 
     per_object  float64 [G]: the object's mean score, NaN where no image of it has one (an object
-                without thin parts has no thin-recall); of a Fréchet distance, which no single
-                object has, the distance of all images without those of the object, or of each
-                block of objects where there are many (`bench.metrics.frechet.object_blocks`)
+                without thin parts has no thin-recall). A Fréchet distance, which no single object
+                has: the distance of all images without those of the object, or of each block of
+                objects where there are many (`bench.metrics.frechet.object_blocks`)
     """
 
     metric: str
@@ -65,10 +65,9 @@ class Quality:
 
     @property
     def rank(self) -> float:
-        """The value as tables print it, with its sign so that more is better; NaN without one.
-
-        The same images drawn in another order of sums differ by 1e-6: that decides nothing.
-        """
+        """Return the value as tables print it, signed so that more is better; NaN without one."""
+        # Rounded: the same images drawn in another order of sums differ by 1e-6, which must not
+        # decide.
         value = round(self.estimate.value, decimals(self.metric))
         return value if higher_is_better(self.metric) else -value
 
@@ -80,7 +79,7 @@ class Comparison:
     objects            the G objects that have true images, sorted
     prepare_s, draw_s  float64 [G] by method, in the run's order: seconds for the cloud and for a
                        view, NaN where the method failed
-    images             (there, asked for) by method
+    images             numbers of images that exist and that should, by method
     qualities          by metric and method
     """
 
@@ -93,7 +92,7 @@ class Comparison:
     qualities: Mapping[str, Mapping[str, Quality]]
 
     def cost_ms(self, method: str, views: int) -> Estimate:
-        """Milliseconds for a cloud with its views: the median over the objects it managed.
+        """Return the milliseconds for a cloud with its views: the median over managed objects.
 
         NaN for a method that failed on all.
         """
@@ -108,107 +107,142 @@ class Comparison:
 def compare(
     records: pd.DataFrame, features: Mapping[str, FeatureDistances], metrics: Sequence[str]
 ) -> list[Comparison]:
-    """A comparison for each condition and class, in the order of the records.
-
-    metrics  metrics of images that the records have, and set metrics that there are features of
+    """Return a comparison for each condition and class, in the order of the records.
 
     Objects without true images are left out, and so is a class that has no others.
+
+    metrics  metrics of images that the records have, and set metrics that features exist for
     """
-    made = []
+    comparisons = []
     for (condition, class_name), group in records.groupby(["condition", "class"], sort=False):  # type: ignore[misc]
         cell = str(condition), str(class_name)
-        by_method = {str(method): of for method, of in group.groupby("method", sort=False)}
-        true = _by_image(by_method.get(FLOOR, group[:0])).index
-        objects = tuple(sorted({obj for obj, _ in true}))
+        by_method = {str(method): rows for method, rows in group.groupby("method", sort=False)}
+        blank = _existing_images(by_method.get(FLOOR, group[:0]))
+        objects = tuple(sorted({obj for obj, _ in blank.index}))
         if not objects:
             continue
-        made.append(
+        qualities = {
+            metric: _image_qualities(metric, by_method, blank)
+            if is_mean(metric)
+            else _set_qualities(metric, cell, by_method, features[metric], objects)
+            for metric in metrics
+        }
+        comparisons.append(
             Comparison(
                 *cell,
-                objects=objects,
-                prepare_s={m: _times(of, "prepare_s", objects) for m, of in by_method.items()},
-                draw_s={m: _times(of, "draw_s", objects) for m, of in by_method.items()},
+                objects,
+                prepare_s={m: _times(rows, "prepare_s", objects) for m, rows in by_method.items()},
+                draw_s={m: _times(rows, "draw_s", objects) for m, rows in by_method.items()},
                 images={
-                    m: (int((of["outcome"] == "ok").sum()), len(of)) for m, of in by_method.items()
+                    m: (int((rows["outcome"] == "ok").sum()), len(rows))
+                    for m, rows in by_method.items()
                 },
-                qualities={
-                    metric: _image_qualities(metric, by_method)
-                    if is_mean(metric)
-                    else _set_qualities(metric, cell, by_method, features[metric], objects)
-                    for metric in metrics
-                },
+                qualities=qualities,
             )
         )
-    return made
+    return comparisons
+
+
+def _existing_images(records: pd.DataFrame) -> pd.DataFrame:
+    """Return the records with an image, by object and view."""
+    return records[records["outcome"] == "ok"].set_index(["object", "view"]).sort_index()
+
+
+def _times(records: pd.DataFrame, name: str, objects: Sequence[str]) -> Floats:
+    per_object = records[records["outcome"] == "ok"].groupby("object")[name].mean()
+    return per_object.reindex(list(objects)).to_numpy(np.float64)
+
+
+def _image_qualities(
+    metric: str, by_method: Mapping[str, pd.DataFrame], blank: pd.DataFrame
+) -> dict[str, Quality]:
+    """Return means over objects. An image or an object without a value does not count."""
+    name = column(metric)
+    qualities = {}
+    for method, records in by_method.items():
+        drawn = _existing_images(records)[name]
+        scores = drawn.reindex(blank.index).where(blank.index.isin(drawn.index), blank[name])
+        per_object = scores.groupby(level="object", sort=True).mean().to_numpy(np.float64)
+        qualities[method] = _mean_quality(metric, per_object)
+    return qualities
+
+
+def _mean_quality(metric: str, per_object: Floats) -> Quality:
+    values = per_object[~np.isnan(per_object)]
+    return Quality(metric, _mean_of_objects(values, value_range(metric)), per_object)
+
+
+def _set_qualities(
+    metric: str,
+    cell: tuple[str, str],
+    by_method: Mapping[str, pd.DataFrame],
+    features: FeatureDistances,
+    objects: Sequence[str],
+) -> dict[str, Quality]:
+    """Return the Fréchet distances to the true images."""
+    known = set(objects)
+    images = [image for image in features.images(FLOOR, *cell) if image[0] in known]
+    if len(images) < 2:
+        nothing = Estimate(NAN, NAN, NAN)
+        return dict.fromkeys(by_method, Quality(metric, nothing, np.full(len(objects), NAN)))
+    qualities = {}
+    for method in by_method:
+        value, leave_one_out = features.distance((method, *cell), images)
+        estimate = Estimate(value, *distance_interval(value, leave_one_out))
+        qualities[method] = Quality(metric, estimate, leave_one_out)
+    return qualities
 
 
 def pooled(compared: Sequence[Comparison]) -> list[Comparison]:
-    """For each condition with several classes, their objects as those of one class, `ALL`.
+    """Return for each condition with several classes one comparison of all their objects, `ALL`.
 
-    By image metrics: every object counts alike, whatever its class.
+    By metrics of images: every object counts alike, whatever its class.
     """
     by_condition: dict[str, list[Comparison]] = {}
-    for of in compared:
-        by_condition.setdefault(of.condition, []).append(of)
-    return [_pooled(of) for of in by_condition.values() if len(of) > 1]
+    for comparison in compared:
+        by_condition.setdefault(comparison.condition, []).append(comparison)
+    return [_pooled(classes) for classes in by_condition.values() if len(classes) > 1]
 
 
-def _pooled(of: Sequence[Comparison]) -> Comparison:
-    methods = list(of[0].images)
+def _pooled(classes: Sequence[Comparison]) -> Comparison:
+    first = classes[0]
 
-    def qualities(metric: str) -> dict[str, Quality]:
-        made = {}
-        for method in of[0].qualities[metric]:
-            values = np.concatenate([c.qualities[metric][method].per_object for c in of])
-            mean = _mean_of_objects(values[~np.isnan(values)], value_range(metric))
-            made[method] = Quality(metric, mean, values)
-        return made
+    def quality(metric: str, method: str) -> Quality:
+        per_object = np.concatenate([c.qualities[metric][method].per_object for c in classes])
+        return _mean_quality(metric, per_object)
 
     return Comparison(
-        of[0].condition,
+        first.condition,
         ALL,
-        objects=tuple(f"{c.class_name}/{name}" for c in of for name in c.objects),
-        prepare_s={m: np.concatenate([c.prepare_s[m] for c in of]) for m in methods},
-        draw_s={m: np.concatenate([c.draw_s[m] for c in of]) for m in methods},
+        objects=tuple(f"{c.class_name}/{name}" for c in classes for name in c.objects),
+        prepare_s={m: np.concatenate([c.prepare_s[m] for c in classes]) for m in first.images},
+        draw_s={m: np.concatenate([c.draw_s[m] for c in classes]) for m in first.images},
         images={
-            m: (sum(c.images[m][0] for c in of), sum(c.images[m][1] for c in of)) for m in methods
+            m: (sum(c.images[m][0] for c in classes), sum(c.images[m][1] for c in classes))
+            for m in first.images
         },
-        qualities={metric: qualities(metric) for metric in of[0].qualities if is_mean(metric)},
+        qualities={
+            metric: {method: quality(metric, method) for method in by_method}
+            for metric, by_method in first.qualities.items()
+            if is_mean(metric)
+        },
     )
 
 
 def candidates(methods: Iterable[str]) -> list[str]:
-    """The methods that one could choose: neither do they see the mesh, nor draw without a cloud."""
-    return [method for method in methods if method not in FLOORS and not _sees_mesh(method)]
+    """Return the methods to choose from: they see no mesh, and do not draw without a cloud."""
+    known = {method: known_method(method) for method in methods}
+    return [
+        method
+        for method, entry in known.items()
+        if method not in FLOORS and not (entry is not None and entry.sees_mesh)
+    ]
 
 
 def worse_than_blank(qualities: Mapping[str, Quality]) -> set[str]:
     """Return the methods whose value, as printed, is worse than that of a white image."""
     blank = qualities.get(FLOOR)
     return set() if blank is None else {m for m, q in qualities.items() if q.rank < blank.rank}
-
-
-def lead(a: Quality, b: Quality) -> Estimate:
-    """How much better a is than b: their difference, over 0 where a is better."""
-    return difference(a, b) if higher_is_better(a.metric) else difference(b, a)
-
-
-def lead_over_classes(
-    a: Sequence[Quality], b: Sequence[Quality]
-) -> tuple[Estimate, StandardError | None]:
-    """How much better `a` is than `b` by one metric in the mean over classes, with its error.
-
-    Both have a quality of each class, in the same order.
-    """
-    metric = a[0].metric
-    sign = 1.0 if higher_is_better(metric) else -1.0
-    pairs = list(zip(a, b, strict=True))
-    leads = [sign * (x.per_object - y.per_object) for x, y in pairs]
-    if is_mean(metric):
-        value = float(np.mean([of.mean() for of in leads]))
-        return Estimate(value, *interval_of_means(leads)), mean_error(leads)
-    value = float(np.mean([sign * (x.estimate.value - y.estimate.value) for x, y in pairs]))
-    return Estimate(value, *jackknife_interval(value, leads)), jackknife_error(leads)
 
 
 def difference(a: Quality, b: Quality) -> Estimate:
@@ -224,75 +258,48 @@ def difference(a: Quality, b: Quality) -> Estimate:
     return Estimate(value, *jackknife_interval(value, [a.per_object - b.per_object]))
 
 
+def better_by(a: Quality, b: Quality) -> Estimate:
+    """Return by how much a is better than b: their difference, over 0 where a is better."""
+    return difference(a, b) if higher_is_better(a.metric) else difference(b, a)
+
+
+def class_mean_difference(
+    a: Sequence[Quality], b: Sequence[Quality]
+) -> tuple[Estimate, StandardError | None]:
+    """Return by how much `a` is better than `b` in the mean over classes, with its error.
+
+    Both have a quality of each class by one metric, in the same order.
+    """
+    metric = a[0].metric
+    sign = 1.0 if higher_is_better(metric) else -1.0
+    pairs = list(zip(a, b, strict=True))
+    differences = [sign * (x.per_object - y.per_object) for x, y in pairs]
+    if is_mean(metric):
+        value = float(np.mean([values.mean() for values in differences]))
+        return Estimate(value, *interval_of_means(differences)), mean_error(differences)
+    value = float(np.mean([sign * (x.estimate.value - y.estimate.value) for x, y in pairs]))
+    return Estimate(value, *jackknife_interval(value, differences)), jackknife_error(differences)
+
+
 def paired(a: Quality, b: Quality) -> Floats:
-    """a - b by an image metric of each object for which both have a value, float64 [G' <= G]."""
+    """Return a - b by an image metric for each object that both have a value of, [G' <= G]."""
     per_object = a.per_object - b.per_object
     return per_object[~np.isnan(per_object)]
 
 
 def decimals(metric: str) -> int:
-    """Digits after the point that values of a metric are printed with."""
+    """Return the digits after the point that values of a metric are printed with."""
     if metric in CONTROL_METRICS or metric == "psnr":  # in degrees, shares and decibels
         return 2
     return 1 if any(metric == source.id for source in SET_METRICS) else 3
 
 
 def milliseconds(value: float) -> str:
-    """With about three digits: 0.42, 7.3, 61.4, 1240."""
+    """Return milliseconds with about three digits: 0.42, 7.3, 61.4, 1240."""
     if not math.isfinite(value):
         return "-"
     digits = 2 if value < 1 else 1 if value < 100 else 0
     return f"{value:.{digits}f}"
-
-
-def _sees_mesh(method: str) -> bool:
-    known = known_method(method)
-    return known is not None and known.sees_mesh
-
-
-def _by_image(records: pd.DataFrame) -> pd.DataFrame:
-    """The images that are there, by object and view."""
-    return records[records["outcome"] == "ok"].set_index(["object", "view"]).sort_index()
-
-
-def _times(records: pd.DataFrame, name: str, objects: Sequence[str]) -> Floats:
-    per_object = records[records["outcome"] == "ok"].groupby("object")[name].mean()
-    return per_object.reindex(list(objects)).to_numpy(np.float64)
-
-
-def _image_qualities(metric: str, by_method: Mapping[str, pd.DataFrame]) -> dict[str, Quality]:
-    """Return means over objects. An image or an object without a value does not count."""
-    name = column(metric)
-    floor = _by_image(by_method[FLOOR])[name]
-    qualities = {}
-    for method, records in by_method.items():
-        own = _by_image(records)[name]
-        scores = own.reindex(floor.index).where(floor.index.isin(own.index), floor)
-        per_object = scores.groupby(level="object", sort=True).mean().to_numpy(np.float64)
-        estimate = _mean_of_objects(per_object[~np.isnan(per_object)], value_range(metric))
-        qualities[method] = Quality(metric, estimate, per_object)
-    return qualities
-
-
-def _set_qualities(
-    metric: str,
-    cell: tuple[str, str],
-    by_method: Mapping[str, pd.DataFrame],
-    features: FeatureDistances,
-    objects: Sequence[str],
-) -> dict[str, Quality]:
-    """Fréchet distances to the true images."""
-    known = set(objects)
-    images = [image for image in features.images(FLOOR, *cell) if image[0] in known]
-    if len(images) < 2:
-        nothing = Estimate(NAN, NAN, NAN)
-        return dict.fromkeys(by_method, Quality(metric, nothing, np.full(len(objects), NAN)))
-    qualities = {}
-    for method in by_method:
-        value, leave_one_out = features.distance((method, *cell), images)
-        estimate = Estimate(value, *distance_interval(value, leave_one_out))
-        qualities[method] = Quality(metric, estimate, leave_one_out)
-    return qualities
 
 
 def _mean_of_objects(values: Floats, possible: tuple[float, float]) -> Estimate:

@@ -1,100 +1,135 @@
-"""Fréchet distances between the images of a run and the true ones, each computed once.
-
-Tables, comparisons, the frontier and the report need the same distances. They share the object that
-belongs to the run, and keeps what it has computed; features are read again, not kept.
-"""
+"""Distances between sets of images, by features: a method's images and the true ones."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.analysis.cells import CellKey
+from bench.analysis.intervals import debiased, distance_interval, jackknife_interval
 from bench.catalogue.methods import FLOOR, known_method
+from bench.catalogue.metrics import KERNEL_METRICS
 from bench.metrics.frechet import JackknifeMoments, centred_to_frechet, left_out_distances
+from bench.metrics.kernel_distance import kernel_distance, left_out_kernel_distances
 from bench.records.features import Features, ImageKey
 from bench.records.record import GROUND_TRUTH
 from data_prep.arrays import Floats
 
-CellKey = tuple[str, str, str]  # method, condition, class
-
 
 class Distance(NamedTuple):
-    """A Fréchet distance, and the distances without each block of objects [g]."""
+    """A distance, and the distances without each block of objects [g]."""
 
     value: float
     leave_one_out: Floats
 
 
-def _sees_cloud(method: str) -> bool:
-    """Whether the images of a method depend on the condition."""
-    known = known_method(method)
-    return known is None or known.sees_cloud
-
-
 class FeatureDistances:
-    """The features of one extractor, as `bench.records.features.Features`, with their distances."""
+    """The features of one extractor, as `bench.records.features.Features`, with their distances.
+
+    Tables, comparisons, the frontier and the report need the same distances, so each is computed
+    once and kept. Features are read again: all of a run's would fill the memory.
+    """
 
     def __init__(self, features: Features) -> None:
         self._features = features
         self._images: dict[CellKey, tuple[ImageKey, ...]] = {}
         self._sets: dict[tuple[ImageKey, ...], tuple[ImageKey, ...]] = {}  # alike in most cells
-        self._known: dict[tuple[CellKey, tuple[ImageKey, ...]], Distance] = {}
+        self._distances: dict[tuple[CellKey, tuple[ImageKey, ...]], Distance] = {}
         self._truth: tuple[tuple[str, tuple[ImageKey, ...]], JackknifeMoments] | None = None
 
     def images(self, method: str, condition: str, class_name: str) -> list[ImageKey]:
-        """The images there are, sorted; none in a cell that is not there."""
+        """Return the images of a cell, sorted; none for a cell that the run does not have."""
         cell = method, condition, class_name
         if cell not in self._images:
-            found = tuple(self._features.images(*cell))
-            self._images[cell] = self._sets.setdefault(found, found)
+            keys = tuple(self._features.images(*cell))
+            self._images[cell] = self._sets.setdefault(keys, keys)
         return list(self._images[cell])
 
     def of(
         self, method: str, condition: str, class_name: str, images: Sequence[ImageKey]
     ) -> NDArray[Any]:
-        """Their features [n, d]. Raises KeyError for one that is not there."""
+        """Return the features of `images`, [n, d]. Raises KeyError for an unknown image."""
         return self._features.of(method, condition, class_name, images)
 
     def distance(self, cell: CellKey, images: Sequence[ImageKey]) -> Distance:
-        """Between images of a cell, at least two, and the true ones of the same views.
+        """Return the Fréchet distance between at least two images of a cell and the true ones.
 
-        Those that the method has not drawn are replaced by the floor's. In memory are the features
-        of this cell and of the true images. Raises KeyError for one that neither has drawn.
+        Images that the method has not drawn are replaced by the blank ones. Raises KeyError for an
+        image that neither has. Only the features of this cell and of the truth are in memory.
         """
+        method, _, class_name = cell
         shown = tuple(images)
         shown = self._sets.setdefault(shown, shown)
-        known = (cell if _sees_cloud(cell[0]) else (cell[0], "", cell[2])), shown
-        if known not in self._known:
+        known = known_method(method)
+        sees_cloud = known is None or known.sees_cloud  # else all conditions have the same images
+        key = (cell if sees_cloud else (method, "", class_name)), shown
+        if key not in self._distances:
             objects = np.array([obj for obj, _ in shown])
-            truth = self._true(cell[2], shown, objects)
-            own = JackknifeMoments(self.filled(cell, shown), objects)
-            value = centred_to_frechet(own.whole, truth.whole)
-            self._known[known] = Distance(value, left_out_distances(own, truth))
-        return self._known[known]
+            truth = self._true_moments(class_name, shown, objects)
+            drawn = JackknifeMoments(self.filled(cell, shown), objects)
+            value = centred_to_frechet(drawn.whole, truth.whole)
+            self._distances[key] = Distance(value, left_out_distances(drawn, truth))
+        return self._distances[key]
 
-    def _true(
+    def _true_moments(
         self, class_name: str, shown: tuple[ImageKey, ...], objects: NDArray[Any]
     ) -> JackknifeMoments:
-        """The last one is kept: the cells of a class follow each other."""
+        # Only the last one is kept: the cells of a class follow each other.
         if self._truth is None or self._truth[0] != (class_name, shown):
             values = self._features.of(GROUND_TRUTH, "", class_name, shown)
             self._truth = (class_name, shown), JackknifeMoments(values, objects)
         return self._truth[1]
 
     def filled(self, cell: CellKey, images: Sequence[ImageKey]) -> NDArray[Any]:
-        """Features [n, d] of images of a cell; the floor's of those that it does not have."""
+        """Return features [n, d] of images of a cell, with a blank image for each that it lacks."""
         drawn = set(self.images(*cell))
-        own = np.array([image in drawn for image in images])
-        if own.all():
+        is_drawn = np.array([image in drawn for image in images])
+        if is_drawn.all():
             return self._features.of(*cell, images)
-        lacking = [image for image in images if image not in drawn]
-        floor = self._features.of(FLOOR, *cell[1:], lacking)
-        values = np.empty((len(images), floor.shape[1]), floor.dtype)
-        values[~own] = floor
-        if own.any():
-            there = [image for image in images if image in drawn]
-            values[own] = self._features.of(*cell, there)
+        missing = [image for image in images if image not in drawn]
+        blank = self._features.of(FLOOR, *cell[1:], missing)
+        values = np.empty((len(images), blank.shape[1]), blank.dtype)
+        values[~is_drawn] = blank
+        if is_drawn.any():
+            values[is_drawn] = self._features.of(*cell, [i for i in images if i in drawn])
         return values
+
+
+class SetDistance(NamedTuple):
+    """A kind of distance between images of a cell and the true ones of the same views.
+
+    Attributes
+    ----------
+    between : callable
+        Returns the distance of some images of a cell by features.
+    interval : callable
+        Returns the 95 % interval from the distance and those without each block of objects.
+    debiased : callable
+        Returns the distance as it would be with infinitely many objects, from the same two.
+    """
+
+    between: Callable[[FeatureDistances, CellKey, Sequence[ImageKey]], Distance]
+    interval: Callable[[float, Floats], tuple[float, float]]
+    debiased: Callable[[float, Floats], float]
+
+
+def _kernel(features: FeatureDistances, cell: CellKey, shown: Sequence[ImageKey]) -> Distance:
+    x, y = features.filled(cell, shown), features.of(GROUND_TRUTH, "", cell[2], shown)
+    objects = np.array([obj for obj, _ in shown])
+    return Distance(kernel_distance(x, y), left_out_kernel_distances(x, y, objects, objects))
+
+
+FRECHET = SetDistance(FeatureDistances.distance, distance_interval, debiased)
+KERNEL = SetDistance(
+    _kernel,
+    lambda value, leave_one_out: jackknife_interval(value, [leave_one_out]),
+    lambda value, leave_one_out: float("nan"),  # the estimate has no bias
+)
+
+
+def set_distance(metric: str) -> SetDistance:
+    """Return the kind of distance that a set metric is."""
+    return KERNEL if metric in KERNEL_METRICS else FRECHET

@@ -1,4 +1,4 @@
-"""Which methods are worth their cost. Pure functions of comparisons.
+"""The frontier of quality and cost: the methods that are worth their cost.
 
 A method is on the frontier where it is not worse than a white image, and no other is at least as
 good for at most its cost. That is decided by the values as they are printed; whether a method off
@@ -19,9 +19,9 @@ from bench.analysis.comparison import (
     Comparison,
     Estimate,
     Quality,
+    better_by,
     candidates,
     decimals,
-    lead,
     worse_than_blank,
 )
 from bench.catalogue.methods import FLOOR
@@ -36,15 +36,15 @@ class FrontierPoint:
     """One method by one metric, for clouds with so many views.
 
     cost_ms  milliseconds for a cloud with its views
-    n_ok, n  images that are there, images there should be
+    n_ok, n  images that exist, images that should
     verdict  frontier   no other candidate is at least as good for at most this cost
              dominated  one that costs no more is better, by an interval without 0
              tied       one that costs no more is at least as good, but not by such an interval
              below a white image  it is worse than `blank`, which costs nothing
              reference  no candidate: it sees the mesh, or no cloud
              no value   it failed on all objects
-    rival    of those that cost no more: of a dominated method the best that shows it, of a tied
-             one the best, of one below a white image `blank`; else empty
+    baseline  the method that costs no more and decides the verdict: for a dominated method the best
+             that shows it, for a tied one the best, below a white image `blank`; else empty
     """
 
     condition: str
@@ -57,14 +57,14 @@ class FrontierPoint:
     n_ok: int
     n: int
     verdict: Verdict
-    rival: str
+    baseline: str
 
 
 def pareto(cost: NDArray[np.float64], quality: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which of M candidates are on the frontier of cost [M] and quality [M] (more is better).
+    """Return which of M candidates are on the frontier of cost [M] and quality [M], bool [M].
 
-    Those with equal values keep each other company. What has a NaN is never on the frontier, and
-    throws nothing off it.
+    More quality is better. Candidates with equal values are on it together; one with a NaN is never
+    on it, and pushes no other off.
     """
     no_costlier = cost[:, None] <= cost  # [i, j]: i costs no more than j
     no_worse = quality[:, None] >= quality
@@ -77,7 +77,7 @@ def places(comparison: Comparison, metrics: Sequence[str], views: int) -> list[F
     """Return the places of all methods by these metrics, in their order and the comparison's."""
     costs = {method: comparison.cost_ms(method, views) for method in comparison.images}
     could = candidates(costs)
-    made = []
+    points = []
     for metric in metrics:
         qualities = comparison.qualities[metric]
         below = worse_than_blank(qualities)
@@ -88,8 +88,8 @@ def places(comparison: Comparison, metrics: Sequence[str], views: int) -> list[F
         )
         on_frontier = {method for method, is_on in zip(above, ahead, strict=True) if is_on}
         for method, quality in qualities.items():
-            verdict, rival = _verdict(method, could, below, on_frontier, costs, qualities)
-            made.append(
+            verdict, baseline = _verdict(method, could, below, on_frontier, costs, qualities)
+            points.append(
                 FrontierPoint(
                     comparison.condition,
                     comparison.class_name,
@@ -100,10 +100,10 @@ def places(comparison: Comparison, metrics: Sequence[str], views: int) -> list[F
                     quality.estimate,
                     *comparison.images[method],
                     verdict,
-                    rival,
+                    baseline,
                 )
             )
-    return made
+    return points
 
 
 def _verdict(
@@ -116,33 +116,35 @@ def _verdict(
 ) -> tuple[Verdict, str]:
     if method not in could:
         return "reference", ""
-    own = qualities[method]
-    if not (np.isfinite(costs[method].value) and np.isfinite(own.rank)):
+    quality = qualities[method]
+    if not (np.isfinite(costs[method].value) and np.isfinite(quality.rank)):
         return "no value", ""
     if method in below:
         return "below a white image", FLOOR
     if method in on_frontier:
         return "frontier", ""
-    rivals = [
+    baselines = [
         other
         for other in could
         if other != method
         and costs[other].value <= costs[method].value
-        and qualities[other].rank >= own.rank
+        and qualities[other].rank >= quality.rank
     ]
-    rivals.sort(key=lambda other: -qualities[other].rank)
-    digits = decimals(own.metric)
-    clear = (other for other in rivals if round(lead(qualities[other], own).low, digits) > 0)
+    baselines.sort(key=lambda other: -qualities[other].rank)
+    digits = decimals(quality.metric)
+    clear = (
+        other for other in baselines if round(better_by(qualities[other], quality).low, digits) > 0
+    )
     shown_by = next(clear, None)
-    return ("tied", rivals[0]) if shown_by is None else ("dominated", shown_by)
+    return ("tied", baselines[0]) if shown_by is None else ("dominated", shown_by)
 
 
 @dataclass(frozen=True)
 class SubsampledFrontier:
     """A method on clouds of fewer points.
 
-    points   of each cloud
-    lost     quality that the full cloud has more, paired; over 0 where points help
+    points  number in each cloud
+    lost    quality that the full cloud has more, paired; over 0 where points help
     """
 
     class_name: str
@@ -158,13 +160,13 @@ class SubsampledFrontier:
 def thinned(
     comparisons: Sequence[Comparison], metrics: Sequence[str], views: int
 ) -> list[SubsampledFrontier]:
-    """Candidates at the conditions that only take points away; none where the full cloud is not.
+    """Return the candidates at the conditions that only take points away, beside the full cloud.
 
-    The number of points is a parameter of every method: what fewer save, and what they lose.
+    The number of points is a parameter of every method. None for a class without the full cloud.
     """
     counted = [(c, points) for c in comparisons if (points := point_count(c.condition))]
     full = {c.class_name: c for c, points in counted if points == CLOUD_SIZE}
-    made = []
+    frontiers = []
     for c, points in counted:
         whole = full.get(c.class_name)
         if whole is None or whole.objects != c.objects:
@@ -172,9 +174,9 @@ def thinned(
         for method in candidates(c.images):
             cost_ms = c.cost_ms(method, views)
             for metric in metrics:
-                own = c.qualities[metric][method]
-                lost = lead(whole.qualities[metric][method], own)
-                made.append(
+                quality = c.qualities[metric][method]
+                lost = better_by(whole.qualities[metric][method], quality)
+                frontiers.append(
                     SubsampledFrontier(
                         c.class_name,
                         metric,
@@ -182,15 +184,15 @@ def thinned(
                         c.condition,
                         points,
                         cost_ms,
-                        own.estimate,
+                        quality.estimate,
                         lost,
                     )
                 )
-    return made
+    return frontiers
 
 
 def point_count(condition_id: str) -> int | None:
-    """Points of a cloud of which a condition takes each n-th and no more; None for others."""
+    """Return the points of a cloud where a condition takes each n-th; None for other conditions."""
     for condition in CONDITIONS:
         if condition.id == condition_id and isinstance(condition.perturbation, Unchanged | Stride):
             step = getattr(condition.perturbation, "step", 1)

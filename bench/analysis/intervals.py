@@ -1,11 +1,9 @@
-"""Intervals over objects: the views of one object are not independent, objects are.
+"""Intervals over objects: objects are independent, the views of one object are not.
 
 The mean over classes is the paper's AVERAGE: every class counts alike, however many objects.
-Classes are fixed, objects are drawn: intervals draw objects within their classes.
-
-Means have a studentised bootstrap, distances of sets a jackknife. Below FEWEST objects there is no
-interval: `docs/protocol.md` has the rates at which a true null is rejected, by
-`studies.interval_coverage`.
+Classes are fixed, and intervals draw objects within them. Means have a studentised bootstrap,
+distances of sets a jackknife. Below FEWEST objects there is no interval: `docs/protocol.md` has the
+rates at which a true null is rejected, by `studies.interval_coverage`.
 """
 
 from __future__ import annotations
@@ -28,9 +26,9 @@ NONE = float("nan"), float("nan")
 
 
 class StandardError(NamedTuple):
-    """Of a mean over classes, with the degrees of freedom of its estimate.
+    """The standard error of a mean over classes, with the degrees of freedom of its estimate.
 
-    Welch and Satterthwaite's; the number of objects less one where there is one class.
+    These are Welch and Satterthwaite's; with one class, the number of objects less one.
     """
 
     error: float
@@ -38,63 +36,66 @@ class StandardError(NamedTuple):
 
     @property
     def reach(self) -> float:
-        """Half of Student's 95 % interval."""
+        """Return half of the t interval of 95 %."""
         return self.error * float(stdtrit(self.freedom, 0.975))
 
     def p_value(self, value: float) -> float:
-        """Of a true value of 0, two-sided, by Student's distribution."""
+        """Return the two-sided p value of a true value of 0, by the t distribution."""
         if value == 0 or self.error == 0:
             return float(value == 0)
         return float(2 * stdtr(self.freedom, -abs(value) / self.error))
 
 
 def mean_interval(per_object: Floats) -> tuple[float, float]:
-    """95 % interval (low, high) of the mean of one value per object [G].
+    """Return the 95 % interval (low, high) of the mean of one value per object [G].
 
-    As `interval_of_means` of one class.
+    It is the `interval_of_means` of one class.
     """
     return interval_of_means([per_object])
 
 
-def interval_of_means(per_object: Sequence[Floats]) -> tuple[float, float]:
-    """95 % interval (low, high) of the mean over classes of the means over objects.
+def interval_of_means(per_object: Sequence[Floats], at_once: int = AT_ONCE) -> tuple[float, float]:
+    """Return the 95 % interval (low, high) of the mean over classes of the means over objects.
 
     per_object  one value per object [G] of each class
+    at_once     numbers of the resamples in memory
 
-    Studentised bootstrap (Efron and Tibshirani 1993, section 12.5), at no side nearer than
-    Student's interval, which is the safer one where most values are equal. The resamples depend on
-    the numbers of objects alone, so that methods measured on the same objects are resampled alike
-    and their intervals are paired. (nan, nan) below FEWEST objects, without a class, where a class
+    It is a studentised bootstrap (Efron and Tibshirani 1993, section 12.5), widened to the t
+    interval where that is wider, as where most values are equal. The resamples depend on the
+    numbers of objects alone, so that methods measured on the same objects are resampled alike and
+    their intervals are paired. (nan, nan) below FEWEST objects, without a class, where a class
     has fewer than 2 objects, and where a value is not finite.
     """
-    found = mean_error(per_object)
-    if found is None:
+    error = mean_error(per_object)
+    if error is None:
         return NONE
-    value = float(np.mean([of.mean() for of in per_object]))
-    if all(np.ptp(of) == 0 for of in per_object):  # exact, where resampled sums would round
-        value = float(np.mean([of[0] for of in per_object]))
+    value = float(np.mean([values.mean() for values in per_object]))
+    if all(np.ptp(values) == 0 for values in per_object):  # exact, where resampled sums would round
+        value = float(np.mean([values[0] for values in per_object]))
         return value, value
     means, variances = np.zeros(RESAMPLES), np.zeros(RESAMPLES)
-    for number, of in enumerate(per_object):
-        # One class says nothing about the next.
-        drawn = _resampled(of - of.mean(), np.random.default_rng((SEED, number)))
-        means += drawn[0]
-        variances += drawn[1]
+    for number, values in enumerate(per_object):
+        rng = np.random.default_rng((SEED, number))  # one class says nothing about the next
+        drawn_means, drawn_variances = _resampled(values - values.mean(), rng, at_once)
+        means += drawn_means
+        variances += drawn_variances
     # Resamples of equal values have no error of their own; rounding leaves a little.
-    spread = np.sqrt(variances) / len(per_object) > 1e-9 * found.error
+    spread = np.sqrt(variances) / len(per_object) > 1e-9 * error.error
     if not spread.any():
-        return value - found.reach, value + found.reach
+        return value - error.reach, value + error.reach
     low, high = np.percentile(means[spread] / np.sqrt(variances[spread]), [2.5, 97.5])
-    below, above = max(high * found.error, found.reach), max(-low * found.error, found.reach)
+    below, above = max(high * error.error, error.reach), max(-low * error.error, error.reach)
     return float(value - below), float(value + above)
 
 
-def median_interval(values: Floats, objects: NDArray[Any]) -> tuple[float, float]:
-    """95 % percentile-bootstrap interval (low, high) of the median of values [n], over objects.
+def median_interval(
+    values: Floats, objects: NDArray[Any], at_once: int = AT_ONCE
+) -> tuple[float, float]:
+    """Return the 95 % percentile-bootstrap interval (low, high) of the median of values [n].
 
-    objects [n] names the object of each value; objects are drawn with all their values. As with
-    `mean_interval`, the resamples depend on the number of objects alone. (nan, nan) below FEWEST
-    objects and where a value is not finite.
+    `objects` [n] names the object of each value; objects are drawn with all their values. The
+    resamples depend on the number of objects alone, like those of `mean_interval`. (nan, nan) below
+    FEWEST objects and where a value is not finite.
     """
     names, member = np.unique(objects, return_inverse=True)
     if len(names) < FEWEST or not np.isfinite(values).all():
@@ -103,9 +104,9 @@ def median_interval(values: Floats, objects: NDArray[Any]) -> tuple[float, float
     values, member = values[order], member[order]
     rng = np.random.default_rng(SEED)
     medians = []
-    at_once = max(1, AT_ONCE // len(values))
-    for start in range(0, RESAMPLES, at_once):
-        chosen = rng.integers(len(names), size=(min(at_once, RESAMPLES - start), len(names)))
+    rows = max(1, at_once // len(values))
+    for start in range(0, RESAMPLES, rows):
+        chosen = rng.integers(len(names), size=(min(rows, RESAMPLES - start), len(names)))
         numbered = chosen + len(names) * np.arange(len(chosen))[:, None]
         times = np.bincount(numbered.ravel(), minlength=chosen.size).reshape(chosen.shape)
         # How many values of the resample have come by the end of each sorted value.
@@ -118,12 +119,12 @@ def median_interval(values: Floats, objects: NDArray[Any]) -> tuple[float, float
 
 
 def jackknife_interval(value: float, leave_one_out: Sequence[Floats]) -> tuple[float, float]:
-    """95 % interval (low, high) of a mean over classes of distances of sets, unclipped.
+    """Return the 95 % interval (low, high) of a mean over classes of distances of sets, unclipped.
 
-    value     the mean over the classes: of one class, its distance
-    left_out  the distance without each block of objects [g], of each class
+    value          the mean over the classes; with one class, its distance
+    leave_one_out  for each class the distances without each block of objects [g]
 
-    Student's, with `jackknife_error`. (nan, nan) where there is none.
+    It is the t interval with `jackknife_error`. (nan, nan) without such an error.
 
     Why not the bootstrap, as for the means: it draws objects twice, and repeated rows shrink the
     covariance and its rank. A Fréchet distance grows when sets get smaller, so that every replicate
@@ -132,8 +133,8 @@ def jackknife_interval(value: float, leave_one_out: Sequence[Floats]) -> tuple[f
     method removes the bias: the interval shows how far this number would move with other objects,
     not where the distance of infinite sets lies.
     """
-    found = jackknife_error(leave_one_out)
-    return (value - found.reach, value + found.reach) if found else NONE
+    error = jackknife_error(leave_one_out)
+    return (value - error.reach, value + error.reach) if error else NONE
 
 
 def clipped(interval: tuple[float, float], values: tuple[float, float]) -> tuple[float, float]:
@@ -151,9 +152,10 @@ def distance_interval(value: float, leave_one_out: Floats) -> tuple[float, float
 
 
 def debiased(value: float, leave_one_out: Floats) -> float:
-    """A distance as it would be with endless objects: extrapolated in 1 / g by the jackknife.
+    """Return a distance as it would be with infinitely many objects, by the jackknife.
 
-    g value - (g - 1) mean(left_out) (Quenouille 1956). NaN where there is no `jackknife_error`.
+    Extrapolated in 1 / g: g value - (g - 1) mean(leave_one_out) (Quenouille 1956). NaN without a
+    `jackknife_error`.
     """
     if not _enough([leave_one_out]):
         return float("nan")
@@ -161,28 +163,29 @@ def debiased(value: float, leave_one_out: Floats) -> float:
 
 
 def mean_error(per_object: Sequence[Floats]) -> StandardError | None:
-    """The standard error of the mean over classes of the means over objects; None without one.
+    """Return the standard error of the mean over classes of the means over objects.
 
-    As in `interval_of_means`, whose interval is at no side nearer than Student's by this error.
+    None where `interval_of_means` has no interval. That interval is at least the t interval of this
+    error.
     """
     if not _enough(per_object):
         return None
-    return _standard_error([of.var(ddof=1) / len(of) for of in per_object], per_object)
+    return _standard_error([v.var(ddof=1) / len(v) for v in per_object], per_object)
 
 
 def sum_error(errors: Sequence[StandardError | None]) -> StandardError | None:
-    """Of a sum or a difference of independent estimates; None where one is."""
-    there = [of for of in errors if of is not None]
-    if len(there) < len(errors) or not there:
+    """Return the error of a sum or difference of independent estimates; None where one is None."""
+    known = [error for error in errors if error is not None]
+    if len(known) < len(errors) or not known:
         return None
-    total = sum(of.error**2 for of in there)
-    parts = sum(of.error**4 / of.freedom for of in there)
-    freedom = total**2 / parts if parts > 0 else min(of.freedom for of in there)
+    total = sum(e.error**2 for e in known)
+    parts = sum(e.error**4 / e.freedom for e in known)
+    freedom = total**2 / parts if parts > 0 else min(e.freedom for e in known)
     return StandardError(total**0.5, freedom)
 
 
 def jackknife_error(leave_one_out: Sequence[Floats]) -> StandardError | None:
-    """The standard error of a mean over classes of distances, as `jackknife_interval` takes them.
+    """Return the standard error of a mean over classes of distances.
 
     The classes are independent, so their variances (g - 1) / g sum((theta_i - mean)^2) (Efron and
     Stein 1981) add up, over the square of their number. None below FEWEST blocks, without a class,
@@ -190,34 +193,34 @@ def jackknife_error(leave_one_out: Sequence[Floats]) -> StandardError | None:
     """
     if not _enough(leave_one_out):
         return None
-    variances = [(len(of) - 1) / len(of) * np.sum((of - of.mean()) ** 2) for of in leave_one_out]
+    variances = [(len(d) - 1) / len(d) * np.sum((d - d.mean()) ** 2) for d in leave_one_out]
     return _standard_error(variances, leave_one_out)
 
 
 def _enough(of_classes: Sequence[Floats]) -> bool:
-    counts = [len(of) for of in of_classes]
+    counts = [len(values) for values in of_classes]
     if not counts or min(counts) < 2 or sum(counts) < FEWEST:
         return False
-    return all(np.isfinite(of).all() for of in of_classes)
+    return all(np.isfinite(values).all() for values in of_classes)
 
 
 def _standard_error(variances: Sequence[float], of_classes: Sequence[Floats]) -> StandardError:
-    """Of the mean over classes of estimates with these variances."""
+    """Return the error of the mean over classes of estimates with these variances."""
     total = float(sum(variances))
-    parts = sum(v**2 / (len(of) - 1) for v, of in zip(variances, of_classes, strict=True))
-    least = min(len(of) for of in of_classes) - 1
+    parts = sum(v**2 / (len(x) - 1) for v, x in zip(variances, of_classes, strict=True))
+    least = min(map(len, of_classes)) - 1
     return StandardError(
         total**0.5 / len(of_classes), total**2 / float(parts) if parts > 0 else float(least)
     )
 
 
-def _resampled(values: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
-    """Means of RESAMPLES draws of as many values as there are, and the squares of their errors."""
+def _resampled(values: Floats, rng: np.random.Generator, at_once: int) -> tuple[Floats, Floats]:
+    """Return the means of RESAMPLES draws of all values, and the squares of their errors."""
     means, squares = np.empty(RESAMPLES), np.empty(RESAMPLES)
-    at_once = max(1, AT_ONCE // len(values))
-    for start in range(0, RESAMPLES, at_once):
-        part = slice(start, start + at_once)
-        count = min(at_once, RESAMPLES - start)
+    rows = max(1, at_once // len(values))
+    for start in range(0, RESAMPLES, rows):
+        part = slice(start, start + rows)
+        count = min(rows, RESAMPLES - start)
         drawn = values[rng.integers(len(values), size=(count, len(values)))]
         means[part] = drawn.mean(axis=1)
         squares[part] = drawn.var(axis=1, ddof=1) / len(values)

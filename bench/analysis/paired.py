@@ -7,7 +7,7 @@ Fréchet distances: both by the jackknife over objects. Holm's step-down procedu
 Journal of Statistics 6, 1979) corrects the p values for the number of cells.
 
 Of n objects no p value of sign flips is below 2^(1-n), so that few objects decide nothing among
-many cells, whatever they show: such a cell is not called a tie (`fewest_objects`). Pure functions.
+many cells, whatever they show: such a cell is not called a tie (`fewest_objects`).
 """
 
 from __future__ import annotations
@@ -43,10 +43,10 @@ class Side:
 
 
 @dataclass(frozen=True)
-class Pair:
-    """A cell: the qualities of its two sides by one metric, on the same objects.
+class ComparedPair:
+    """The qualities of the two sides of a cell by one metric, on the same objects.
 
-    objects  of these, how many have a value on both sides
+    objects  number of objects that have a value on both sides
     """
 
     condition: str
@@ -59,7 +59,7 @@ class Pair:
 
     @property
     def metric(self) -> str:
-        """Of both qualities."""
+        """Return the metric of both qualities."""
         return self.quality_a.metric
 
 
@@ -75,7 +75,7 @@ class PairedDifference:
     objects_needed  then the fewest that could; else None
     """
 
-    pair: Pair
+    pair: ComparedPair
     difference: Estimate
     p: float
     p_holm: float
@@ -97,7 +97,7 @@ class PairedDifference:
         return replace(self, pair=pair, difference=Estimate(-value, -high, -low), ahead=ahead)
 
 
-def paired_differences(pairs: Sequence[Pair]) -> list[PairedDifference]:
+def paired_differences(pairs: Sequence[ComparedPair]) -> list[PairedDifference]:
     """Return the difference of each pair, in their order, corrected for all of them together."""
     changes = [difference(pair.quality_b, pair.quality_a) for pair in pairs]
     values = p_values(pairs, changes)
@@ -113,7 +113,7 @@ def paired_differences(pairs: Sequence[Pair]) -> list[PairedDifference]:
     return differences
 
 
-def p_values(pairs: Sequence[Pair], changes: Sequence[Estimate]) -> list[float]:
+def p_values(pairs: Sequence[ComparedPair], changes: Sequence[Estimate]) -> list[float]:
     """Return the two-sided p value of no difference of each pair; NaN where it has no interval."""
     values = [math.nan] * len(pairs)
     flipped: dict[int, list[tuple[int, Floats]]] = {}  # by the number of objects
@@ -195,7 +195,7 @@ def fewest_objects(cells: int) -> int:
     return next(n for n in count(FEWEST) if 2.0 ** (1 - n) * cells < SIGNIFICANCE)
 
 
-def _undecidable(pair: Pair, change: Estimate, p: float, tested: int) -> bool:
+def _undecidable(pair: ComparedPair, change: Estimate, p: float, tested: int) -> bool:
     """Return whether a cell has too few objects for any difference among `tested` cells."""
     of_images = is_mean(pair.metric)
     per_object = paired(pair.quality_b, pair.quality_a)

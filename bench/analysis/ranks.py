@@ -1,10 +1,9 @@
-"""Ranks that say what is resolved: methods that share a letter are not shown to differ.
+"""Ranks of methods: methods that share a letter do not differ significantly.
 
 The letters are a compact letter display by insertion and absorption (Piepho, Journal of
 Computational and Graphical Statistics 13, 2004). Whether two methods differ is decided object by
 object (`bench.analysis.paired`), corrected by Holm for all pairs under one condition. Reference
 methods have no rank; their pairs are a family of their own, so that they cost the others nothing.
-Pure functions.
 """
 
 from __future__ import annotations
@@ -17,12 +16,12 @@ from itertools import combinations
 from string import ascii_lowercase
 
 from bench.analysis.comparison import Comparison, Estimate, candidates
-from bench.analysis.paired import Pair, PairedDifference, Side, paired_differences
+from bench.analysis.paired import ComparedPair, PairedDifference, Side, paired_differences
 
 
 @dataclass(frozen=True)
 class Rank:
-    """A method's value and its letters, "a" for the best; without a rank it has none.
+    """A method's value and its letters, "a" for the best; a method without a rank has none.
 
     Reference methods never have one, the others where there are enough objects.
     """
@@ -39,7 +38,7 @@ class Rank:
 
 @dataclass(frozen=True)
 class Ranking:
-    """The methods by one metric under one condition, and all their pairs.
+    """The ranks of methods by one metric under one condition, and all their pairs.
 
     ranks  the best first, then the reference methods
     objects_needed  where there are too few objects for letters, the fewest that can decide; else
@@ -57,9 +56,9 @@ class Ranking:
         return next((rank for rank in self.ranks if rank.method == method), None)
 
 
-def ranking(of: Comparison, metric: str) -> Ranking:
+def ranking(comparison: Comparison, metric: str) -> Ranking:
     """Return the ranks of all methods that have a value."""
-    qualities = of.qualities[metric]
+    qualities = comparison.qualities[metric]
     known = [method for method, q in qualities.items() if math.isfinite(q.estimate.value)]
     best_first = sorted(known, key=lambda method: -qualities[method].rank)
     ranked = candidates(best_first)
@@ -67,8 +66,10 @@ def ranking(of: Comparison, metric: str) -> Ranking:
 
     def differences(pairs: Iterable[tuple[str, str]]) -> list[PairedDifference]:
         sides = [(Side("", a), Side("", b), qualities[a], qualities[b]) for a, b in pairs]
-        cell = of.condition, of.class_name
-        return paired_differences([Pair(*cell, *side, objects=len(of.objects)) for side in sides])
+        cell = comparison.condition, comparison.class_name
+        return paired_differences(
+            [ComparedPair(*cell, *side, objects=len(comparison.objects)) for side in sides]
+        )
 
     family = differences(combinations(ranked, 2))
     with_reference = [
@@ -82,7 +83,7 @@ def ranking(of: Comparison, metric: str) -> Ranking:
     given = letters(ranked, resolved) if lettered else {}
     return Ranking(
         metric,
-        of.condition,
+        comparison.condition,
         tuple(Rank(m, qualities[m].estimate, given.get(m, "")) for m in [*ranked, *references]),
         (*family, *differences(with_reference)),
         None if lettered else needed,
@@ -98,7 +99,7 @@ def letters(best_first: Sequence[str], differ: AbstractSet[frozenset[str]]) -> d
     for pair in map(frozenset, combinations(best_first, 2)):
         if pair in differ:
             split = {group for group in groups if pair <= group}
-            groups = (groups - split) | {group - {one} for group in split for one in pair}
+            groups = (groups - split) | {group - {method} for group in split for method in pair}
             groups = {group for group in groups if not any(group < other for other in groups)}
     place = {method: i for i, method in enumerate(best_first)}
     ordered = sorted(groups, key=lambda group: sorted(place[method] for method in group))

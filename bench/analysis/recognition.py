@@ -1,11 +1,9 @@
-"""Whether an image shows the view, the object and the class that it should, by networks.
+"""Recognition by networks: the view, the object and the class that an image shows.
 
-Pure functions of records and features. The judge (`bench.judges.judge`) gives the direction of view
-and a shape code from an image alone: a method that ignores its cloud, or the view, may have good
-SSIM, but is found out here. `true-mesh` goes through the same and shows how far the judge itself
-errs. The classifier behind `fd-views` gives the class of an object, and how surely an image is
-taken for what it shows is the paper's "class similarity" as a number. Its last layer is applied to
-the features that a run has kept, so that nothing is drawn or loaded again.
+The judge (`bench.judges.judge`) gives the direction of view and a shape code from an image alone: a
+method that ignores its cloud, or the view, may have a good SSIM, but is recognised here.
+`true-mesh` goes through the same and shows how far the judge itself errs. The classifier behind
+`fd-views` gives the class: its confidence is the paper's "class similarity" as a number.
 """
 
 from __future__ import annotations
@@ -16,9 +14,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from safetensors import safe_open
 
+from bench.analysis.cells import cells, image_keys
+from bench.catalogue.metrics import RECOGNITION_METRICS, column
 from bench.judges.answers import VIEW_COLUMNS, Gallery, gallery
 from bench.records.features import Features
 from bench.records.record import GROUND_TRUTH
@@ -27,11 +28,11 @@ from data_prep.failures import BadInput
 
 
 def true_gallery(answers: Features, class_name: str) -> Gallery:
-    """The gallery of a class, from the judge's answers to the ground truth of a run."""
+    """Return the gallery of a class, from the judge's answers to the ground truth of a run."""
     truth = (GROUND_TRUTH, "", class_name)
     images = answers.images(*truth)
-    found = answers.of(*truth, images) if images else np.empty((0, VIEW_COLUMNS))
-    return gallery(class_name, images, found)
+    codes = answers.of(*truth, images) if images else np.empty((0, VIEW_COLUMNS))
+    return gallery(class_name, images, codes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,10 +49,9 @@ class ClassHead:
     bias: Floats
 
     def confidence(self, features: NDArray[Any], class_name: str) -> Floats:
-        """The probability [n], 0..1, that features [n, d] are given of showing this class.
+        """Return the probabilities [n], 0..1, that features [n, d] show this class.
 
-        Softmax over the C classes, in float64. Raises KeyError for a class that the head does not
-        know.
+        Softmax over the C classes, in float64. Raises KeyError for an unknown class.
         """
         if class_name not in self.classes:
             raise KeyError(class_name)
@@ -61,7 +61,7 @@ class ClassHead:
 
 
 def read_class_head(path: Path) -> ClassHead:
-    """The head in the weights of `fd-views`. Raises BadInput for a file without one."""
+    """Return the head in the weights of `fd-views`. Raises BadInput for a file without one."""
     try:
         with safe_open(path, framework="np") as file:
             classes = tuple(json.loads((file.metadata() or {})["labels"])["classes"])
@@ -70,3 +70,17 @@ def read_class_head(path: Path) -> ClassHead:
         reason = " ".join(str(error).split())
         raise BadInput(f"{path}: not the weights of fd-views ({reason}); reinstall") from error
     return ClassHead(classes, weight.astype(np.float64), bias.astype(np.float64))
+
+
+def with_confidence(records: pd.DataFrame, features: Features, head: ClassHead) -> pd.DataFrame:
+    """Return the records with a column of the confidence in the true class; NaN without image.
+
+    The head is applied to the features that a run has kept: nothing is drawn or loaded again.
+    """
+    confidence = np.full(len(records), np.nan)
+    numbered = records.reset_index(drop=True)
+    for cell, group in cells(numbered[numbered["outcome"] == "ok"]):
+        drawn = features.of(*cell, image_keys(group))
+        confidence[group.index] = head.confidence(drawn, cell[2])
+    (metric,) = RECOGNITION_METRICS
+    return records.assign(**{column(metric): confidence})

@@ -1,6 +1,6 @@
-"""Which method to take: by a budget, by a quality, and what that choice costs.
+"""The method to take for a budget or a quality, and what that choice costs.
 
-Pure functions of comparisons. "Affordable" is a method whose median cost is within the budget.
+A method is affordable where its median cost is within the budget.
 """
 
 from __future__ import annotations
@@ -15,26 +15,26 @@ from bench.analysis.comparison import (
     NAN,
     Comparison,
     Estimate,
-    Floats,
+    better_by,
     candidates,
-    lead,
     worse_than_blank,
 )
 from bench.analysis.intervals import mean_interval
 from bench.catalogue.metrics import higher_is_better
+from data_prep.arrays import Floats
 from data_prep.failures import BadInput
 
-SSIM = "ssim"  # what a least quality is asked for in
+SSIM = "ssim"  # the metric of a required quality
 ALTERNATIVES = 3
 
 
 @dataclass(frozen=True)
-class Request:
-    """The limits that are asked for; None where one does not matter.
+class Requirements:
+    """The limits of a choice; None for one that does not matter.
 
-    views      images of a cloud
-    budget_ms  for a cloud with all its images
-    min_ssim   mean over objects
+    views      number of images of a cloud
+    budget_ms  most milliseconds for a cloud with all its images
+    min_ssim   least mean over objects
     """
 
     views: int
@@ -43,10 +43,10 @@ class Request:
 
 
 @dataclass(frozen=True)
-class Choice:
-    """A method that one could take, and by one metric how good it is.
+class MethodOption:
+    """A method to choose, and its quality by one metric.
 
-    behind  how much worse than the best affordable one, paired
+    gap  how much worse it is than the best affordable method, paired
     """
 
     method: str
@@ -54,56 +54,56 @@ class Choice:
     quality: Estimate
     n_ok: int
     n: int
-    behind: Estimate
+    gap: Estimate
 
 
 @dataclass(frozen=True)
 class Advice:
     """The answer to a request by one metric under one condition.
 
-    best, next    within the budget: the best by its mean, and those after it, the cheapest of those
-                  that print equal; None and none where nothing is affordable
-    affordable    number of methods
+    best, next    methods within the budget: the best by its mean, and those after it, the cheapest
+                  of those that print equal; None and empty where nothing is affordable
+    affordable    number of methods within the budget
     below_blank   methods within the budget that are no choice, because a white image is better
-    regret        what an oracle, which takes the best affordable method for each object, has more
-                  than the best: mean over objects
+    regret        quality that an oracle, which takes the best affordable method for each object,
+                  has more than the best: mean over objects
     regret_blind  the same where each object's method is chosen by the other objects, as that of a
                   new cloud has to be; NaN with a single object
-    on_average    the cheapest whose mean is what was required, within the budget or not; of
-                  another metric than SSIM, of which nothing is required, the cheapest
-    surely        the cheapest of which even the lower end of the interval is
-    cheapest, finest  of all: what comes nearest where nothing is affordable or good enough
+    by_mean       the cheapest whose mean is as required, within the budget or not; by a metric
+                  other than SSIM, of which nothing is required, the cheapest
+    significant   the cheapest of which even the lower end of the interval is as required
+    cheapest, best_of_all  the nearest methods where nothing is affordable or good enough
     """
 
     metric: str
     condition: str
     class_name: str
     objects: int
-    best: Choice | None
-    next: tuple[Choice, ...]
+    best: MethodOption | None
+    next: tuple[MethodOption, ...]
     affordable: int
     below_blank: tuple[str, ...]
     regret: Estimate
     regret_blind: Estimate
-    on_average: Choice | None
-    surely: Choice | None
-    cheapest: Choice | None
-    finest: Choice | None
+    by_mean: MethodOption | None
+    significant: MethodOption | None
+    cheapest: MethodOption | None
+    best_of_all: MethodOption | None
 
 
 @dataclass(frozen=True)
 class Recommendation:
     """The answer to a request under one condition.
 
-    by_metric  by each metric that judges: where they name different methods, which one is better
-               depends on what is looked at, and no average would say so
-    by_ssim    where a least SSIM is required; else None
+    by_metric  advice by each metric: where they name different methods, which one is better depends
+               on the metric, and no average would say so
+    by_ssim    advice where a least SSIM is required; else None
     """
 
     by_metric: tuple[Advice, ...]
     by_ssim: Advice | None
 
-    def meets(self, request: Request) -> bool:
+    def meets(self, request: Requirements) -> bool:
         """Return whether each metric has a method within the budget, and one is good enough."""
         if request.min_ssim is None:
             return all(advice.best is not None for advice in self.by_metric)
@@ -113,7 +113,9 @@ class Recommendation:
         return best is not None and best.quality.value >= request.min_ssim
 
 
-def recommend(comparison: Comparison, request: Request, metrics: Sequence[str]) -> Recommendation:
+def recommend(
+    comparison: Comparison, request: Requirements, metrics: Sequence[str]
+) -> Recommendation:
     """Return the advice of a comparison by each of these metrics of images, which it has to have.
 
     It has to have `ssim`, too, where a least SSIM is required.
@@ -124,7 +126,7 @@ def recommend(comparison: Comparison, request: Request, metrics: Sequence[str]) 
     )
 
 
-def advise(comparison: Comparison, request: Request, metric: str) -> Advice:
+def advise(comparison: Comparison, request: Requirements, metric: str) -> Advice:
     """Return the advice of a comparison by a metric of images.
 
     Methods without a cost (they failed on all objects) and those worse than a white image are no
@@ -141,16 +143,16 @@ def advise(comparison: Comparison, request: Request, metric: str) -> Advice:
     affordable = [m for m in by_quality if costs[m].value <= budget]
     distinct = list({qualities[m].rank: m for m in reversed(affordable)}.values())[::-1]
 
-    def choice(method: str) -> Choice:
-        behind = Estimate(NAN, NAN, NAN)
+    def choice(method: str) -> MethodOption:
+        gap = Estimate(NAN, NAN, NAN)
         if affordable:
-            behind = lead(qualities[affordable[0]], qualities[method])
+            gap = better_by(qualities[affordable[0]], qualities[method])
         images = comparison.images[method]
-        return Choice(method, costs[method], qualities[method].estimate, *images, behind)
+        return MethodOption(method, costs[method], qualities[method].estimate, *images, gap)
 
     required = -np.inf if request.min_ssim is None or metric != SSIM else request.min_ssim
-    on_average = [m for m in by_cost if qualities[m].estimate.value >= required]
-    surely = [m for m in by_cost if qualities[m].estimate.low >= required]
+    by_mean = [m for m in by_cost if qualities[m].estimate.value >= required]
+    significant = [m for m in by_cost if qualities[m].estimate.low >= required]
     sign = 1.0 if higher_is_better(metric) else -1.0
     scores = np.array([sign * qualities[m].per_object for m in affordable])
     scores = scores[:, np.isfinite(scores).all(axis=0)] if affordable else scores
@@ -165,10 +167,10 @@ def advise(comparison: Comparison, request: Request, metric: str) -> Advice:
         below_blank=tuple(m for m in valued if m in below and costs[m].value <= budget),
         regret=_regret(scores, chosen=np.zeros(scores.shape[-1], np.intp)),
         regret_blind=_regret(scores, chosen=_chosen_by_the_others(scores)),
-        on_average=choice(on_average[0]) if on_average else None,
-        surely=choice(surely[0]) if surely else None,
+        by_mean=choice(by_mean[0]) if by_mean else None,
+        significant=choice(significant[0]) if significant else None,
         cheapest=choice(by_cost[0]) if by_cost else None,
-        finest=choice(by_quality[0]) if by_quality else None,
+        best_of_all=choice(by_quality[0]) if by_quality else None,
     )
 
 
@@ -182,9 +184,9 @@ def _regret(scores: Floats, chosen: NDArray[np.intp]) -> Estimate:
 
 
 def _chosen_by_the_others(scores: Floats) -> NDArray[np.intp]:
-    """For each object the method [G] with the best mean over the others; none of a single one.
+    """Return for each object the method [G] with the best mean over the others, if any.
 
-    Of equals the first: scores [M, G] come in the order of preference.
+    Among equals it is the first: scores [M, G] come in the order of preference.
     """
     if not len(scores) or scores.shape[1] < 2:
         return np.zeros(0, np.intp)
@@ -192,9 +194,9 @@ def _chosen_by_the_others(scores: Floats) -> NDArray[np.intp]:
 
 
 def at_condition(comparisons: Sequence[Comparison], condition: str | None) -> list[Comparison]:
-    """Those at a condition; None: all. Raises BadInput for one that the run does not have."""
+    """Return the comparisons at a condition; None: all. Raises BadInput for an unknown one."""
     chosen = [c for c in comparisons if condition in (None, c.condition)]
     if not chosen:
-        there = ", ".join(dict.fromkeys(c.condition for c in comparisons))
-        raise BadInput(f"--condition {condition}: not in this run; there are {there}")
+        known = ", ".join(dict.fromkeys(c.condition for c in comparisons))
+        raise BadInput(f"--condition {condition}: not in this run; there are {known}")
     return chosen

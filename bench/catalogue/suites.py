@@ -1,4 +1,4 @@
-"""The suites: literal tables of what is measured. The suite is the configuration.
+"""The suites: literal tables of what is measured and shown. The suite is the configuration.
 
 Whatever can move a value beyond its tolerance stands here; the command line chooses only where, how
 much and how fast.
@@ -6,63 +6,25 @@ much and how fast.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
-from bench.catalogue.metrics import JUDGE, extractor_of
+from bench.catalogue.suite_types import (
+    DETAIL_TABLE,
+    IMAGE_TABLE,
+    SET_TABLE,
+    LatentSuite,
+    Limits,
+    SpeedSuite,
+    StabilitySuite,
+    Suite,
+    TableSpec,
+)
 
-
-@dataclass(frozen=True)
-class Limits:
-    """What one task may take: wall time in seconds, resident memory of its worker in GiB."""
-
-    time_s: float
-    memory_gib: float
-
-
-@dataclass(frozen=True)
-class Suite:
-    """Methods x conditions x objects x views, and the metrics taken of them.
-
-    classes          the classes of the dataset that take part
-    image_metrics    of the paper's table of SSIM
-    detail_metrics   further image metrics, in a table of their own
-    set_metrics      Fréchet and kernel distances between sets of images
-    class_metrics    by class and in the mean over classes, in the paper's Table 5
-    control_metrics  what the judge is asked
-    views            random views per object
-    endless_limit    objects taken from a dataset without end (the procedural one)
-    limits           for one method on one cloud with all its views; what takes more has failed
-    frontier         metrics that cost is traded for; where there are any, one worker does all, so
-                     that times are taken with nothing beside them
-    crossings        metrics by which methods are compared along `bench.catalogue.families`
-    headline         metrics of the table that a run shows while it goes on, and at its end
-    painted          whether true images have the colours of their objects, else all faces are in
-                     neutral grey; points and views are the same
-    """
-
-    id: str
-    about: str
-    methods: tuple[str, ...]
-    conditions: tuple[str, ...]
-    classes: tuple[str, ...]
-    image_metrics: tuple[str, ...]
-    detail_metrics: tuple[str, ...]
-    set_metrics: tuple[str, ...]
-    control_metrics: tuple[str, ...]
-    views: int
-    endless_limit: int
-    limits: Limits
-    frontier: tuple[str, ...] = ()
-    class_metrics: tuple[str, ...] = ()
-    crossings: tuple[str, ...] = ()
-    headline: tuple[str, ...] = ("ssim-object", "lpips")
-    painted: bool = True
-
-    @property
-    def extractors(self) -> tuple[str, ...]:
-        """Whose features the metrics are made from."""
-        own = dict.fromkeys(map(extractor_of, self.set_metrics))
-        return (*own, *((JUDGE,) if self.control_metrics else ()))
+RECOGNITION_TABLE = TableSpec(
+    "recognition",
+    "table_control",
+    "Control: does the picture show the view and the object it should?",
+)
 
 
 ROBUSTNESS = Suite(
@@ -98,6 +60,22 @@ ROBUSTNESS = Suite(
     views=20,
     endless_limit=24,
     limits=Limits(time_s=120.0, memory_gib=4.0),
+    tables=(
+        TableSpec(
+            "images",
+            "table3_ssim",
+            "Table 3: SSIM and its components against the true mesh (higher is better)",
+            paper_layout=True,
+        ),
+        TableSpec(
+            "sets",
+            "table4_fid",
+            "Table 4: distances to pictures of the true mesh (lower is better)",
+            paper_layout=True,
+        ),
+        DETAIL_TABLE,
+        RECOGNITION_TABLE,
+    ),
 )
 
 SUITES = (
@@ -120,6 +98,18 @@ SUITES = (
         ),
         set_metrics=("fd-views-grey", "fd-alexnet", "kd-alexnet"),
         painted=False,
+        tables=(
+            replace(
+                IMAGE_TABLE,
+                title="SSIM and its components against the true mesh in grey (higher is better)",
+            ),
+            replace(
+                SET_TABLE,
+                title="Distances to pictures of the true mesh in grey (lower is better)",
+            ),
+            DETAIL_TABLE,
+            RECOGNITION_TABLE,
+        ),
     ),
     Suite(
         id="speed-accuracy",
@@ -174,6 +164,15 @@ SUITES = (
         endless_limit=12,
         limits=Limits(time_s=120.0, memory_gib=4.0),
         frontier=("ssim", "structure", "lpips", "silhouette-iou", "fd-views"),
+        timed=True,
+        tables=(
+            IMAGE_TABLE,
+            SET_TABLE,
+            DETAIL_TABLE,
+            TableSpec("frontier", "frontier", "Quality against cost"),
+            TableSpec("points", "points", "Quality against the number of points"),
+        ),
+        figures="frontier",
     ),
     Suite(
         id="thirteen-classes",
@@ -206,6 +205,18 @@ SUITES = (
             *("fid", "kid", "fd-views", "kd-views", "fd-alexnet", "kd-alexnet"),
             *("ssim", "lpips", "silhouette-iou", "class-confidence"),
         ),
+        tables=(
+            replace(IMAGE_TABLE, paper_layout=True),
+            TableSpec(
+                "classes",
+                "table5_classes",
+                "Table 5: classes, against pictures of the true meshes",
+                paper_layout=True,
+            ),
+            DETAIL_TABLE,
+            TableSpec("orderings", "table5_orderings", "Which of the paper's orderings hold"),
+        ),
+        figures="classes",
     ),
     Suite(
         id="beyond-training",
@@ -229,36 +240,16 @@ SUITES = (
         views=10,
         endless_limit=24,
         limits=Limits(time_s=120.0, memory_gib=4.0),
-        crossings=("ssim", "lpips", "silhouette-iou", "fd-views"),
+        condition_sweep=("ssim", "lpips", "silhouette-iou", "fd-views"),
+        tables=(
+            IMAGE_TABLE,
+            SET_TABLE,
+            DETAIL_TABLE,
+            TableSpec("condition sweep", "crossings", "Beyond what the networks were trained on"),
+        ),
+        figures="condition sweep",
     ),
 )
-
-
-@dataclass(frozen=True)
-class LatentSuite:
-    """What lies between codes, and what their differences mean: `bench.suites.latent.run` runs it.
-
-    methods        networks with a code: pc2pix with any weights
-    pairs          of test chairs of different structural families, joined by a path
-    positions      on a path, its two ends included
-    triples        A - B + C, where A is B with one change
-    pool           test chairs that triples are looked for among
-    neighbours     train chairs among which the nearest to a sum is looked for
-    azimuth_deg, elevation_deg  of the one view that all images show
-    shown          pairs and triples in the figures
-    """
-
-    id: str
-    about: str
-    methods: tuple[str, ...]
-    pairs: int
-    positions: int
-    triples: int
-    pool: int
-    neighbours: int
-    azimuth_deg: float
-    elevation_deg: float
-    shown: int
 
 
 LATENT = LatentSuite(
@@ -274,24 +265,6 @@ LATENT = LatentSuite(
     elevation_deg=20.0,
     shown=5,
 )
-
-
-@dataclass(frozen=True)
-class StabilitySuite:
-    """Extremes, and what is expected of methods, metrics and number formats there.
-
-    methods     what is put through `bench.suites.stability.cases.CASES`
-    class_name  of the one procedural test object
-    index       its number
-    limits      for one method on one case
-    """
-
-    id: str
-    about: str
-    methods: tuple[str, ...]
-    class_name: str
-    index: int
-    limits: Limits
 
 
 STABILITY = StabilitySuite(
@@ -324,44 +297,6 @@ STABILITY = StabilitySuite(
 )
 
 
-@dataclass(frozen=True)
-class SpeedSuite:
-    """What images cost: `bench.suites.speed.run` takes the times.
-
-    methods       what is timed, each in a process of its own for each number of threads
-    rivals        methods that all others are compared with; the first is the paper's
-    conditions    of the clouds
-    class_name    of the objects
-    clouds        objects whose clouds are drawn
-    views         of each cloud, drawn in one call
-    singles       of these that are also drawn one by one, in each round
-    warm_ups      rounds over all clouds that are not counted
-    least_rounds  counted rounds over all clouds, at least
-    most_rounds   and at most
-    seconds       after which no further round is begun, once there are `least_rounds`
-    amortised     numbers of views that the cost per image is given for
-    quiet_cores   more cores than these busy with something else: a warning beside the times
-    limits        for one measurement
-    """
-
-    id: str
-    about: str
-    methods: tuple[str, ...]
-    rivals: tuple[str, ...]
-    conditions: tuple[str, ...]
-    class_name: str
-    clouds: int
-    views: int
-    singles: int
-    warm_ups: int
-    least_rounds: int
-    most_rounds: int
-    seconds: float
-    amortised: tuple[int, ...]
-    quiet_cores: float
-    limits: Limits
-
-
 SPEED = SpeedSuite(
     id="speed",
     about="the paper's 0.02 s against 0.18 s a picture: prepare and draw, cold and warm, amortised",
@@ -381,7 +316,7 @@ SPEED = SpeedSuite(
         "splat",
         "true-mesh",
     ),
-    rivals=("surface-apss", "surface-fit"),
+    baselines=("surface-apss", "surface-fit"),
     conditions=("2048",),
     class_name="chair",
     # As many as an interval over objects needs. Reconstruction takes seconds a cloud: three rounds

@@ -11,8 +11,11 @@ import numpy as np
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
+from bench.analysis.cells import cells, image_keys
 from bench.analysis.comparison import compare
+from bench.analysis.paper import NETWORK, SURFACE
 from bench.analysis.recognition import true_gallery
+from bench.analysis.scored import read_scored
 from bench.catalogue.methods import FLOORS, known_method
 from bench.catalogue.metrics import JUDGE, column, is_mean
 from bench.checking.claim_findings import VERDICTS, ClaimFinding, Verdict, corrected
@@ -31,11 +34,9 @@ from bench.records.features import Features
 from bench.records.journal import PROTOCOL, read_finished
 from bench.records.record import GROUND_TRUTH
 from bench.tables import markdown
-from bench.tables.classes import NETWORK, SURFACE
+from bench.tables.grid import BOLD, Cell, Grid, grid
 from bench.tables.published import seed_spreads
-from bench.tables.quality import cells, image_keys
-from bench.tables.scored import read_scored
-from bench.tables.table import BOLD, TABLES, Cell, Grid, grid
+from bench.tables.table import TABLES
 from data_prep.failures import BadInput
 from data_prep.files.atomic_write import write_whole
 from learning.weights import card_of

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
-from bench.analysis.comparison import Estimate, Quality, decimals, lead_over_classes
+from bench.analysis.comparison import Estimate, Quality, class_mean_difference, decimals
 from bench.analysis.intervals import (
     StandardError,
     interval_of_means,
@@ -17,6 +17,7 @@ from bench.analysis.intervals import (
     mean_error,
     sum_error,
 )
+from bench.analysis.paper import AVERAGE, NETWORK, SURFACE
 from bench.catalogue.methods import FLOORS
 from bench.catalogue.metrics import higher_is_better, is_mean
 from bench.checking.claim_findings import ClaimFinding, Requirement
@@ -27,7 +28,6 @@ from bench.checking.evidence import (
     QualityEvidence,
     TimingEvidence,
 )
-from bench.tables.classes import AVERAGE, NETWORK, SURFACE
 from data_prep.arrays import Floats
 
 Ahead = Literal["surface", "network", "equal", "undecided"]
@@ -308,7 +308,7 @@ def weighted_sum(name: str, terms: Sequence[tuple[float, Quality]]) -> Requireme
 def _lead(a: Sequence[Quality], b: Sequence[Quality]) -> Requirement:
     """Require that `a` is better than `b`, class by class, in the mean over classes."""
     objects = sum(len(quality.per_object) for quality in a)
-    return Requirement("", *lead_over_classes(a, b), objects)
+    return Requirement("", *class_mean_difference(a, b), objects)
 
 
 def _lead_on_chairs(

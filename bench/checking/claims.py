@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+from bench.analysis.paper import AVERAGE
 from bench.catalogue.metrics import higher_is_better
 from bench.checking import claim_rules as rules
 from bench.checking.claim_findings import ClaimFinding
-from bench.tables.classes import AVERAGE
 from bench.tables.published import published_rows
 
 CHAIRS, CLASSES, SPEED, LATENT = "chair-robustness", "thirteen-classes", "speed", "latent"

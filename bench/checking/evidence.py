@@ -9,7 +9,7 @@ from typing import NamedTuple, TypeAlias
 import pandas as pd
 
 from bench.analysis.comparison import Comparison, Quality
-from bench.tables.classes import NETWORK
+from bench.analysis.paper import NETWORK
 from data_prep.arrays import Floats
 
 FULL = "2048"

@@ -16,6 +16,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from bench.analysis.paper import PAPER_METHODS, PAPER_NETWORK
+from bench.analysis.scored import ScoredRun, read_scored
+from bench.analysis.scores import QualityRow
 from bench.catalogue.methods import role
 from bench.catalogue.suites import STABILITY
 from bench.checking.objects import (
@@ -29,11 +32,8 @@ from bench.checking.tolerances import tolerance
 from bench.records.journal import read_finished
 from bench.running.options import Options
 from bench.suites.stability.tables import read_outcomes
-from bench.tables.build import class_orderings, crossings, tables
-from bench.tables.orderings import PAPER_NETWORK
+from bench.tables.build import class_orderings, condition_sweep, tables
 from bench.tables.published import golden, golden_path
-from bench.tables.quality import PAPER_METHODS, Row
-from bench.tables.scored import ScoredRun, read_scored
 from bench.tables.table import TABLES, Table, table_files
 from data_prep.failures import BadInput
 from data_prep.files.atomic_write import write_whole
@@ -75,7 +75,8 @@ def check(directory: Path) -> CheckResult:
     objects = read_objects(manifest["suite"])
     whole = _is_whole(directory, manifest, expected, objects)
     own_tables = tables(run)
-    written: list[Table[Any]] = [*own_tables, *filter(None, (class_orderings(run), crossings(run)))]
+    sweep = (class_orderings(run), condition_sweep(run))
+    written: list[Table[Any]] = [*own_tables, *filter(None, sweep)]
     compared, regressions = 0, _stale_tables(directory, written)
     if whole:
         compared, moved = _compare_means(own_tables, manifest, expected)
@@ -96,7 +97,7 @@ def check(directory: Path) -> CheckResult:
 
 
 def _compare_means(
-    own_tables: Sequence[Table[Row]], manifest: dict[str, Any], expected: pd.DataFrame
+    own_tables: Sequence[Table[QualityRow]], manifest: dict[str, Any], expected: pd.DataFrame
 ) -> tuple[int, list[str]]:
     """Return the number of golden values of the whole run, and a line for each that moved."""
     values = {_cell(row): row.value for table in own_tables for row in table.rows}
@@ -142,7 +143,7 @@ def bless(directory: Path) -> list[Path]:
     return [path, *by_object]
 
 
-def golden_lines(rows: Iterable[Row], protocol: dict[str, Any]) -> list[dict[str, Any]]:
+def golden_lines(rows: Iterable[QualityRow], protocol: dict[str, Any]) -> list[dict[str, Any]]:
     """Return the lines of a file of golden values, one for each cell.
 
     Metrics without a tolerance have no line: the default protocol has no weights for fid.
@@ -259,11 +260,11 @@ def _check_outcomes(directory: Path) -> CheckResult:
     )
 
 
-def _cell(row: Row) -> tuple[str, str, str, str]:
+def _cell(row: QualityRow) -> tuple[str, str, str, str]:
     return row.method, row.condition, row.class_name, row.metric
 
 
-def _against_paper(own_tables: list[Table[Row]]) -> list[str]:
+def _against_paper(own_tables: list[Table[QualityRow]]) -> list[str]:
     """Return a line for each metric of the paper: in how many cells the same method is ahead.
 
     The values themselves are no criterion, as the paper has other data and other weights.

@@ -28,6 +28,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from bench.analysis.scored import ScoredRun, in_order
 from bench.catalogue.methods import find_method
 from bench.catalogue.metrics import column
 from bench.checking.thumbnails import NO_IMAGE, read_png, thumbnail, to_png
@@ -35,7 +36,6 @@ from bench.checking.tolerances import object_tolerance
 from bench.records.artifacts import JobName, read_array
 from bench.records.parquet import artifacts_of, read_jobs
 from bench.tables.published import golden_path
-from bench.tables.scored import ScoredRun, in_order
 from data_prep.failures import BadInput
 from data_prep.files.atomic_write import write_whole
 from data_prep.scene import UInt8Images

@@ -32,8 +32,9 @@ from bench.running.pilot import (
 from bench.running.pilot import Cell as FrontierPoint
 from bench.running.protocol import Protocol, find_methods, protocol_of
 from bench.running.status import RunStatus, refuse_small, run_status
+from bench.tables.grid import BOLD, Block, Cell, grid, number
 from bench.tables.markdown import cell, code, document
-from bench.tables.table import BOLD, Block, Cell, Table, columns, grid, number
+from bench.tables.table import Table, columns
 from data_prep.failures import BadInput
 from data_prep.files.atomic_write import write_whole
 

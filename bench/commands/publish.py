@@ -9,8 +9,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from bench.analysis.scored import score, scored_run
+from bench.analysis.scores import QualityRow
 from bench.catalogue.lookup import find
-from bench.catalogue.suites import SUITES
+from bench.catalogue.suites import SUITES, Suite
 from bench.commands.options import Format
 from bench.commands.terminal import Terminal, shown
 from bench.records.artifacts import JobName
@@ -27,12 +29,9 @@ from bench.running.merge import Merged, merge
 from bench.running.options import Options
 from bench.running.run import PartialRun, RunResult, WrittenRun, run, timed
 from bench.tables.build import Outputs, write_outputs
-from bench.tables.classes import CLASSES
 from bench.tables.figure import FIGURES
 from bench.tables.headline import headline
 from bench.tables.published import published
-from bench.tables.quality import Row
-from bench.tables.scored import score, scored_run
 from bench.tables.table import TABLES, Table, write_tables
 
 
@@ -47,11 +46,13 @@ def run_suite(options: Options) -> RunResult[Outputs]:
     return finished
 
 
-def partial_table(snapshot: PartialRun) -> Table[Row]:
+def partial_table(snapshot: PartialRun) -> Table[QualityRow]:
     """The headline table of the objects that are complete; written into the folder of tables."""
     manifest, items = snapshot.manifest, snapshot.jobs
     suite = find(str(manifest["suite"]), SUITES, "suite")
-    suite = replace(suite, class_metrics=suite.headline if suite.class_metrics else ())
+    # Of the metrics by class only those that are shown: the others would take time.
+    shown_by_class = tuple(m for m in suite.class_metrics if m in suite.headline)
+    suite = replace(suite, class_metrics=shown_by_class)
     records = [
         record
         for job in items
@@ -81,7 +82,7 @@ def publish(measured: WrittenRun) -> Outputs:
     with timed("tables", measured.seconds):
         outputs = write_outputs(scored_run(measured.directory, read_manifest(measured.directory)))
     with timed("figures", measured.seconds):
-        _write_figures(measured.directory, measured.suite, outputs, measured.artifacts)
+        _write_figures(measured.directory, outputs.run.suite, outputs, measured.artifacts)
     return outputs
 
 
@@ -122,15 +123,16 @@ def _report(outputs: Outputs) -> None:
 
 
 def _write_figures(
-    directory: Path, suite: str, outputs: Outputs, artifacts: Mapping[JobName, Path]
+    directory: Path, suite: Suite, outputs: Outputs, artifacts: Mapping[JobName, Path]
 ) -> None:
-    by_class = next((t for t in outputs.tables if t.name == CLASSES), None)
-    if by_class is not None:
-        write_class_figures(directory, by_class, outputs.headline, published(suite), artifacts)
-    elif outputs.frontier_tables is not None:
+    classes = suite.table("classes")
+    by_class = next((t for t in outputs.tables if classes and t.name == classes.name), None)
+    if suite.figures == "classes" and by_class is not None:
+        write_class_figures(directory, by_class, outputs.headline, published(suite.id), artifacts)
+    elif suite.figures == "frontier" and outputs.frontier_tables is not None:
         frontier, _ = outputs.frontier_tables
         write_frontier(directory / FIGURES, frontier.rows)
-    elif outputs.curves:
+    elif suite.figures == "condition sweep" and outputs.curves:
         write_beyond_figures(directory, outputs.curves, artifacts)
-    else:
+    else:  # also for a part of a run that has no family of conditions
         write_figures(directory, outputs.tables, artifacts)

@@ -14,17 +14,17 @@ from bench.analysis.comparison import Estimate, decimals, milliseconds
 from bench.analysis.recommend import (
     SSIM,
     Advice,
-    Choice,
+    MethodOption,
     Recommendation,
-    Request,
+    Requirements,
     at_condition,
 )
 from bench.analysis.recommend import recommend as best_methods
+from bench.analysis.scored import ScoredRun, read_scored
 from bench.commands.options import FormatOption, RunDirectory, names
 from bench.running.options import file_name
 from bench.tables.build import how_timed
 from bench.tables.markdown import visible
-from bench.tables.scored import ScoredRun, read_scored
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.files.atomic_write import write_whole
 
@@ -52,9 +52,9 @@ def merge(
 
 def table(directory: RunDirectory, format_: FormatOption = None) -> None:
     """Make the tables of a run again, from its records."""
+    from bench.analysis.scored import read_scored
     from bench.commands.publish import print_outputs
     from bench.tables.build import write_outputs
-    from bench.tables.scored import read_scored
 
     print_outputs(write_outputs(read_scored(directory)), format_)
 
@@ -66,9 +66,9 @@ def report(
     ] = None,
 ) -> None:
     """Make one HTML file of a run: tables, curves, images, worst cases, failures; offline."""
+    from bench.analysis.scored import read_scored
     from bench.report.build import write_report
     from bench.tables.build import make_outputs
-    from bench.tables.scored import read_scored
 
     print(write_report(make_outputs(read_scored(directory)), out))
 
@@ -179,8 +179,9 @@ def compare(
     ] = None,
 ) -> None:
     """Compare two runs, or two methods of one, object by object: differences and ties."""
+    from bench.analysis.run_pairs import methods_of_run, runs
     from bench.report.differences import write_differences
-    from bench.tables.differences import methods_of_run, runs
+    from bench.tables.differences import differences_table
     from bench.tables.table import table_files
 
     if len(directories) > 2:
@@ -197,10 +198,11 @@ def compare(
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise CannotWrite(f"{folder}: cannot be made ({error.strerror}); give --out") from error
-    for name, text in table_files([found.table]).items():
+    table = differences_table(found)
+    for name, text in table_files([table]).items():
         write_whole(folder / name, text.encode())
     write_differences(folder / "differences", found.cells, found.a, found.b)
-    print(found.table.to_markdown())
+    print(table.to_markdown())
     print(f"written to {folder}", file=sys.stderr)
 
 
@@ -255,7 +257,7 @@ def _judging_metrics(run: ScoredRun, wanted: Sequence[str] | None) -> list[str]:
 
 
 def advice_lines(
-    given: Sequence[Recommendation], request: Request, views_drawn: int, in_full: bool
+    given: Sequence[Recommendation], request: Requirements, views_drawn: int, in_full: bool
 ) -> list[str]:
     """Return lines of text: for each recommendation those for the budget and the minimum quality.
 
@@ -278,7 +280,7 @@ def advice_lines(
     return lines
 
 
-def _in_short(recommendation: Recommendation, request: Request) -> list[str]:
+def _in_short(recommendation: Recommendation, request: Requirements) -> list[str]:
     lines = []
     if request.budget_ms is not None:
         advices = recommendation.by_metric
@@ -297,11 +299,13 @@ def _by(advice: Advice) -> str:
     return f" by {advice.metric}"
 
 
-def _alternatives(recommendation: Recommendation, request: Request) -> list[str]:
+def _alternatives(recommendation: Recommendation, request: Requirements) -> list[str]:
     lines = []
     if (by_ssim := recommendation.by_ssim) is not None:
-        surely = _text([(by_ssim, by_ssim.surely)], request) if by_ssim.surely else "none"
-        lines.append(f"surely that good, by the lower end of the interval: {surely}")
+        significant = (
+            _text([(by_ssim, by_ssim.significant)], request) if by_ssim.significant else "none"
+        )
+        lines.append(f"surely that good, by the lower end of the interval: {significant}")
     for advice in recommendation.by_metric:
         by = _by(advice) * (len(recommendation.by_metric) > 1)
         if advice.below_blank:
@@ -312,8 +316,8 @@ def _alternatives(recommendation: Recommendation, request: Request) -> list[str]
         if request.budget_ms is None:
             lines.append(f"best at any cost{by}: {_text([(advice, advice.best)], request)}")
         for choice in advice.next:
-            behind = _estimated(choice.behind, advice.metric)
-            lines.append(f"next{by}: {_text([(advice, choice)], request)}; behind by {behind}")
+            gap = _estimated(choice.gap, advice.metric)
+            lines.append(f"next{by}: {_text([(advice, choice)], request)}; behind by {gap}")
         regret, blind = (
             _estimated(value, advice.metric) for value in (advice.regret, advice.regret_blind)
         )
@@ -325,7 +329,9 @@ def _alternatives(recommendation: Recommendation, request: Request) -> list[str]
     return lines
 
 
-def _within_budget(advices: Sequence[Advice], request: Request, budget_ms: float, by: str) -> str:
+def _within_budget(
+    advices: Sequence[Advice], request: Requirements, budget_ms: float, by: str
+) -> str:
     """Return the line for the budget, of metrics that name the same method."""
     budget, first = f"{milliseconds(budget_ms)} ms", advices[0]
     if first.best is None:
@@ -341,24 +347,26 @@ def _within_budget(advices: Sequence[Advice], request: Request, budget_ms: float
     return message
 
 
-def _good_enough(advice: Advice, request: Request, min_ssim: float) -> str:
+def _good_enough(advice: Advice, request: Requirements, min_ssim: float) -> str:
     least = f"ssim of at least {min_ssim:g}"
-    if advice.on_average is None:
+    if advice.by_mean is None:
         nearest = (
-            f"; the nearest: {_text([(advice, advice.finest)], request)}" if advice.finest else ""
+            f"; the nearest: {_text([(advice, advice.best_of_all)], request)}"
+            if advice.best_of_all
+            else ""
         )
         return f"no method with an {least}{nearest}"
-    sure = advice.surely is not None and advice.surely.method == advice.on_average.method
+    sure = advice.significant is not None and advice.significant.method == advice.by_mean.method
     message = (
         f"cheapest with an {least}, {'surely' if sure else 'on average'}: "
-        f"{_text([(advice, advice.on_average)], request)}"
+        f"{_text([(advice, advice.by_mean)], request)}"
     )
-    if request.budget_ms is not None and advice.on_average.cost_ms.value > request.budget_ms:
+    if request.budget_ms is not None and advice.by_mean.cost_ms.value > request.budget_ms:
         message += "; over the budget"
     return message
 
 
-def _text(chosen: Sequence[tuple[Advice, Choice]], request: Request) -> str:
+def _text(chosen: Sequence[tuple[Advice, MethodOption]], request: Requirements) -> str:
     """Return a method with its quality by each metric, and its cost for the cloud and an image."""
     choice = chosen[0][1]
     qualities = ", ".join(
@@ -383,7 +391,7 @@ def _estimated(estimate: Estimate, metric: str) -> str:
     return digits(estimate.value) + _interval(estimate, digits)
 
 
-def make_request(views: int, budget_ms: float | None, min_ssim: float | None) -> Request:
+def make_request(views: int, budget_ms: float | None, min_ssim: float | None) -> Requirements:
     """A request of the command line. Raises BadInput for one that is empty or makes no sense."""
     if budget_ms is None and min_ssim is None:
         raise BadInput("nothing to go by; give --budget-ms, --min-ssim, or both")
@@ -393,4 +401,4 @@ def make_request(views: int, budget_ms: float | None, min_ssim: float | None) ->
         raise BadInput(f"--budget-ms {budget_ms:g}: must be a number over 0")
     if min_ssim is not None and not -1 <= min_ssim <= 1:
         raise BadInput(f"--min-ssim {min_ssim:g}: must be from -1 to 1")
-    return Request(views, budget_ms, min_ssim)
+    return Requirements(views, budget_ms, min_ssim)

@@ -25,8 +25,8 @@ from bench.running.pilot import Cell
 from bench.running.protocol import Protocol, method_identity, protocol_of
 from bench.running.run import RunResult
 from bench.running.status import RunStatus, refuse_small, run_status
+from bench.tables.grid import grid
 from bench.tables.markdown import table, visible
-from bench.tables.table import grid
 
 FID = "fid"
 

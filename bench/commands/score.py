@@ -9,6 +9,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import redirect_stdout
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -17,32 +18,26 @@ import pandas as pd
 import typer
 from numpy.typing import NDArray
 
-from bench.analysis.distances import FeatureDistances
+from bench.analysis.cells import image_keys
+from bench.analysis.distances import FRECHET, KERNEL, FeatureDistances
+from bench.analysis.scored import ScoredRun, read_scored
+from bench.analysis.scores import QualityRow, RowWithSamples, distance_rows, image_rows
 from bench.catalogue.metrics import column
 from bench.catalogue.plugins import ImageMetric, SetMetric, find_metric, metric_ids
+from bench.catalogue.suite_types import TableSpec
 from bench.commands.options import RunDirectory, names
 from bench.records.artifacts import JobName
 from bench.records.features import ImageKey
 from bench.records.record import GROUND_TRUTH
 from bench.report.stored import Sources, open_sources
 from bench.running.work import reason_of
-from bench.tables.quality import (
-    FRECHET,
-    KERNEL,
-    Row,
-    RowWithSamples,
-    distance_rows,
-    image_keys,
-    image_rows,
-    quality_table,
-)
-from bench.tables.scored import ScoredRun, read_scored
+from bench.tables.quality import quality_table
 from bench.tables.table import Table, write_tables
 from data_prep.failures import BadInput
 from data_prep.scene import UInt8Images
 
 
-def score(directory: Path, metric_ids: Sequence[str]) -> list[Table[Row]]:
+def score(directory: Path, metric_ids: Sequence[str]) -> list[Table[QualityRow]]:
     """A table for each metric, written into `directory`/tables as metric_ID.csv and .md.
 
     Raises BadInput for what is no finished run, an unknown metric, images that are not there any
@@ -65,14 +60,15 @@ def score(directory: Path, metric_ids: Sequence[str]) -> list[Table[Row]]:
             better = "higher" if metric.higher_is_better else "lower"
         title = f"{metric.id}, version {metric.version}: {metric.about} ({better} is better)"
         rows = (one.row for one in found)
-        made.append(quality_table(f"metric_{metric.id}", title, rows, paper_layout=False))
+        spec = TableSpec("images", f"metric_{metric.id}", title)
+        made.append(quality_table(spec, rows))
     write_tables(directory, made)
     return made
 
 
 def _image_rows(run: ScoredRun, sources: Sources, metric: ImageMetric) -> list[RowWithSamples]:
     records = scored(run.records, sources, metric)
-    return image_rows([metric.id], records, {}, run.suite, {})
+    return image_rows(replace(run, records=records, skipped={}), [metric.id])
 
 
 def _set_rows(run: ScoredRun, sources: Sources, metric: SetMetric) -> list[RowWithSamples]:
@@ -81,7 +77,7 @@ def _set_rows(run: ScoredRun, sources: Sources, metric: SetMetric) -> list[RowWi
     return [
         row
         for name, distance in ((metric.id, FRECHET), (f"{metric.id}-kernel", KERNEL))
-        for row in distance_rows(name, distance, run.records, seen, "", run.suite, {})
+        for row in distance_rows(run, name, distance, seen)
     ]
 
 

@@ -9,9 +9,9 @@ from contextlib import AbstractContextManager, ExitStack
 from types import TracebackType
 from typing import Any
 
+from bench.analysis.scores import QualityRow
 from bench.running.run import PartialRun
 from bench.tables.plain import plain
-from bench.tables.quality import Row
 from bench.tables.table import TABLES, Table
 from data_prep.progress import bars, is_live, log, progress
 
@@ -19,7 +19,7 @@ WIDEST, MOST_LINES = 100, 40
 SHARE = 0.02  # of the time of a run that goes into tables in between, at most
 
 
-def shown(table: Table[Row], lines: int = MOST_LINES) -> list[str]:
+def shown(table: Table[QualityRow], lines: int = MOST_LINES) -> list[str]:
     """The headline table as text, as wide as the terminal and at most 100 columns."""
     width = min(WIDEST, shutil.get_terminal_size((WIDEST, MOST_LINES)).columns)
     return [table.title, *plain(table.grids(), width, lines - 1)]
@@ -32,7 +32,9 @@ class Terminal(AbstractContextManager["Terminal"]):
           that would take more than a fiftieth of the time
     """
 
-    def __init__(self, make: Callable[[PartialRun], Table[Row]], title: str, total: int) -> None:
+    def __init__(
+        self, make: Callable[[PartialRun], Table[QualityRow]], title: str, total: int
+    ) -> None:
         self._make, self._title, self._total = make, title, total
         self._again = 0.0  # when the table may be made again
         self._live: Any = None

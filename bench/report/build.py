@@ -13,6 +13,7 @@ from typing import Any
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
+from bench.analysis.scored import in_order
 from bench.catalogue.methods import find_method, role
 from bench.catalogue.metrics import (
     CONTROL_METRICS,
@@ -32,8 +33,8 @@ from bench.report.stored import Sources, open_sources
 from bench.report.styles import looks
 from bench.tables.build import Outputs, how_timed
 from bench.tables.frontier import cost_grid
-from bench.tables.scored import in_order
-from bench.tables.table import Table, Tags
+from bench.tables.grid import Tags
+from bench.tables.table import Table
 from data_prep.clouds.conditions import CONDITIONS
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.files.atomic_write import write_whole
@@ -98,7 +99,7 @@ def read_page(made: Outputs) -> Page:
         curves_title=title,
         curves_remark=remark.strip(),
         tables=(
-            *([table_group(made.crossings)] if made.crossings else ()),
+            *([table_group(made.condition_sweep)] if made.condition_sweep else ()),
             *map(table_group, made.tables),
             *([table_group(made.orderings, folded=False)] if made.orderings else ()),
         ),

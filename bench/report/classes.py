@@ -9,17 +9,24 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bench.analysis.paper import (
+    AVERAGE,
+    PAPER_METRIC,
+    PAPER_NETWORK,
+    SURFACE,
+    Published,
+    network_of,
+)
+from bench.analysis.scores import QualityRow
 from bench.catalogue.methods import role
 from bench.catalogue.metrics import higher_is_better
 from bench.metrics.structural_similarity import ssim_per_image
 from bench.records.artifacts import JobName, read_array
 from bench.records.record import GROUND_TRUTH
-from bench.tables.classes import AVERAGE, SURFACE, network_of
 from bench.tables.figure import FIGURES, drawing, panels, save, show
+from bench.tables.grid import ordered
 from bench.tables.markdown import visible
-from bench.tables.orderings import PAPER_METRIC, PAPER_NETWORK
-from bench.tables.quality import Published, Row
-from bench.tables.table import Table, ordered
+from bench.tables.table import Table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -33,8 +40,8 @@ MARKERS = {SURFACE: "s", PAPER_NETWORK: "o"}
 
 def write_class_figures(
     directory: Path,
-    table: Table[Row],
-    headline: Table[Row],
+    table: Table[QualityRow],
+    headline: Table[QualityRow],
     published: Published,
     artifacts: Mapping[JobName, Path],
 ) -> None:
@@ -60,12 +67,12 @@ def write_class_figures(
             save(dots, folder / "table5.png")
 
 
-def best_methods(headline: Sequence[Row], condition: str) -> dict[str, str]:
+def best_methods(headline: Sequence[QualityRow], condition: str) -> dict[str, str]:
     """Return the best of the methods that compete by each metric, in the mean over classes.
 
     Failed images are scored as blank ones, so that no method is best by failing.
     """
-    best: dict[str, Row] = {}
+    best: dict[str, QualityRow] = {}
     for row in headline:
         if row.condition != condition or role(row.method) or math.isnan(row.failures_as_blank):
             continue
@@ -124,7 +131,7 @@ def images_figure(
 
 
 @drawing()
-def dots_figure(rows: Sequence[Row], network: str, published: Published) -> Figure | None:
+def dots_figure(rows: Sequence[QualityRow], network: str, published: Published) -> Figure | None:
     """Distances of SR and the network by class: ours with intervals, and as the paper has them;
     None where there is no distance."""
     condition = rows[0].condition
@@ -182,5 +189,5 @@ def _panel(
     axis.grid(axis="x", alpha=0.3)
 
 
-def _has(row: Row, metric: str) -> bool:
+def _has(row: QualityRow, metric: str) -> bool:
     return row.metric == metric and math.isfinite(row.value)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.analysis.paired import Pair, PairedDifference
+from bench.analysis.paired import ComparedPair, PairedDifference
 from bench.catalogue.metrics import higher_is_better
 from bench.tables.figure import drawing, panels, save
 from bench.tables.markdown import visible
@@ -68,7 +68,7 @@ def differences_figure(cells: Sequence[PairedDifference], a: str, b: str) -> Fig
     return figure
 
 
-def _label(pair: Pair) -> str:
+def _label(pair: ComparedPair) -> str:
     named = [pair.condition, pair.class_name]
     if pair.a.method == pair.b.method:
         named.insert(0, pair.b.method)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from bench.analysis.crossings import ConditionCurve, place_of
+from bench.analysis.condition_sweep import ConditionCurve, place_of
 from bench.catalogue.families import Family
 from bench.catalogue.methods import role
 from bench.catalogue.metrics import is_mean
@@ -23,8 +23,8 @@ from bench.report.robustness import (
 )
 from bench.report.styles import RULE, Look, looks
 from bench.tables.figure import FIGURES, drawing, panels, save
+from bench.tables.grid import Tags, ordered
 from bench.tables.markdown import visible
-from bench.tables.table import Tags, ordered
 
 PANEL_IN = (3.1, 2.5)
 WIDE_IN = (5.2, 3.4)  # of a plot of the page

@@ -17,7 +17,7 @@ from bench.records.record import GROUND_TRUTH
 from bench.report.page import Case, CaseGroup, Grid, GridCell, PageImage
 from bench.report.stored import Sources
 from bench.report.styles import rivals
-from bench.tables.table import Tags
+from bench.tables.grid import Tags
 from data_prep.rendering.dots import draw_dots
 from data_prep.scene import View
 

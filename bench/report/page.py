@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from importlib import resources
 from typing import Any
 
+from bench.tables.grid import ANY, Tags
+from bench.tables.grid import Grid as NumberTable
 from bench.tables.markdown import visible
-from bench.tables.table import ANY, Tags
-from bench.tables.table import Grid as NumberTable
 
 
 @dataclass(frozen=True)

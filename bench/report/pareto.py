@@ -20,8 +20,8 @@ from bench.report.page import Plot
 from bench.report.robustness import axis_title, point_style, shortened
 from bench.report.styles import INK, PAPER, RULE, SOFT, Look, looks
 from bench.tables.figure import drawing, panels, save
+from bench.tables.grid import Tags, scored_as_blank
 from bench.tables.markdown import visible
-from bench.tables.table import Tags, scored_as_blank
 from data_prep.arrays import Floats
 
 RINGS = (9, 14, 20, 28, 38, 50, 64)  # distances tried around a point, in points of 1/72 inch

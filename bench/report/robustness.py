@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bench.analysis.comparison import Estimate, decimals
+from bench.analysis.scores import QualityRow
 from bench.catalogue.methods import role
 from bench.catalogue.metrics import higher_is_better, is_mean
 from bench.metrics.silhouette import object_boxes
@@ -38,9 +39,9 @@ from bench.tables.figure import (
     panels,
     save,
 )
+from bench.tables.grid import Tags, ordered, shown
 from bench.tables.markdown import visible
-from bench.tables.quality import Row
-from bench.tables.table import Table, Tags, ordered, shown
+from bench.tables.table import Table
 
 OBJECTS_SHOWN = 4
 THIN_OF = 8  # the first objects of a run, of which those with most thin parts are shown
@@ -59,7 +60,7 @@ SUBDIVIDED = (1, 2, 5)
 
 
 def write_figures(
-    directory: Path, tables: Sequence[Table[Row]], artifacts: Mapping[JobName, Path]
+    directory: Path, tables: Sequence[Table[QualityRow]], artifacts: Mapping[JobName, Path]
 ) -> None:
     """Robustness curves (after Tables 3 and 4), image grids (the paper's Figures 1 and 3) and a
     sheet of thin parts.
@@ -156,14 +157,14 @@ class CurvePanel:
     metric: str
     place: str
     by_class: bool
-    rows: tuple[Row, ...]
+    rows: tuple[QualityRow, ...]
 
     @property
     def steps(self) -> list[str]:
         """What stands side by side."""
         return ordered(map(self.step, self.rows))
 
-    def step(self, row: Row) -> str:
+    def step(self, row: QualityRow) -> str:
         """Where a row stands."""
         return row.class_name if self.by_class else row.condition
 
@@ -173,7 +174,7 @@ def axis_title(metric: str) -> str:
     return f"{metric} ({'higher' if higher_is_better(metric) else 'lower'} is better)"
 
 
-def curve_panels(tables: Sequence[Table[Row]]) -> list[CurvePanel]:
+def curve_panels(tables: Sequence[Table[QualityRow]]) -> list[CurvePanel]:
     """A panel for each of the metrics that has values, and for each class or condition.
 
     Left out are the ceiling, settings of a parameter, and what is measured for its cost alone.
@@ -182,14 +183,14 @@ def curve_panels(tables: Sequence[Table[Row]]) -> list[CurvePanel]:
     for metric in METRICS:
         rows = _rows(tables, metric)
         by_class = len({row.class_name for row in rows}) > 1
-        places: dict[str, list[Row]] = {}
+        places: dict[str, list[QualityRow]] = {}
         for row in rows:
             places.setdefault(row.condition if by_class else row.class_name, []).append(row)
         made += [CurvePanel(metric, place, by_class, tuple(of)) for place, of in places.items()]
     return made
 
 
-def _rows(tables: Sequence[Table[Row]], metric: str) -> list[Row]:
+def _rows(tables: Sequence[Table[QualityRow]], metric: str) -> list[QualityRow]:
     """The rows of a metric that are drawn; of several tables with it, of the one with most."""
     found = [[row for row in table.rows if row.metric == metric] for table in tables]
     return [
@@ -202,7 +203,7 @@ def _rows(tables: Sequence[Table[Row]], metric: str) -> list[Row]:
     ]
 
 
-def curves(tables: Sequence[Table[Row]], styles: Mapping[str, Look]) -> tuple[Plot, ...]:
+def curves(tables: Sequence[Table[QualityRow]], styles: Mapping[str, Look]) -> tuple[Plot, ...]:
     """Each of the `curve_panels` as a plot of the page."""
     return tuple(
         _plot(panel, styles, f"curve-{number}") for number, panel in enumerate(curve_panels(tables))
@@ -289,7 +290,7 @@ def _draw_panel(drawn: Drawing, axis: Any, panel: CurvePanel, styles: Mapping[st
         drawn.mark(name.arrow_patch, Tags(method=method))
 
 
-def _caveat(row: Row) -> str:
+def _caveat(row: QualityRow) -> str:
     """Say how many images a value is of, and what it is with blank ones; empty without failures."""
     if not row.failed:
         return ""

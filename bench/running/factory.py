@@ -48,7 +48,7 @@ def executor_factory(options: Options, protocol: Protocol) -> Iterator[ExecutorF
         start = partial(JobPool, workers=workers, limits=suite.limits)
         yield ExecutorFactory(start, workers, None)
         return
-    if suite.frontier:
+    if suite.timed:
         raise BadInput(
             f"--ray: has no meaning for the suite {suite.id}, whose times are compared; leave it"
         )

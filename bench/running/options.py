@@ -116,7 +116,7 @@ def workers_of(suite: Suite, options: Options) -> int:
 
     A suite that compares times has one. Raises BadInput where another number was requested for it.
     """
-    if suite.frontier:
+    if suite.timed:
         more = options.workers if options.workers != 1 else None
         refuse(suite.id, [("workers", more, "whose times are taken with nothing beside them")])
         return 1

@@ -1,80 +1,56 @@
-"""A finished run: its tables from its records, and the files they are kept in."""
+"""The tables of a finished run, from its records, and the files they are kept in."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from bench.analysis.crossings import ConditionCurve, condition_curves, paired_comparisons
+from bench.analysis.condition_sweep import ConditionCurve, condition_curves, paired_comparisons
 from bench.analysis.frontier import FrontierPoint, SubsampledFrontier, places, thinned
-from bench.catalogue.metrics import JUDGE
+from bench.analysis.orderings import Ordering, orderings
+from bench.analysis.paper import Published
+from bench.analysis.scored import ScoredRun
+from bench.analysis.scores import QualityRow
+from bench.catalogue.suite_types import TableKind, TableSpec
 from bench.records.journal import PROTOCOL
 from bench.tables import markdown
 from bench.tables.classes import class_table
-from bench.tables.crossings import Step, crossings_table
+from bench.tables.condition_sweep import ConditionStep, condition_sweep_table
 from bench.tables.frontier import frontier_table, points_table
+from bench.tables.grid import grid
 from bench.tables.headline import headline
-from bench.tables.orderings import Ordering, orderings
+from bench.tables.orderings import orderings_table
 from bench.tables.published import published
-from bench.tables.quality import (
-    Row,
-    detail_table,
-    image_table,
-    recognition_table,
-    set_table,
-    with_objectives,
-)
-from bench.tables.scored import ScoredRun
-from bench.tables.table import Table, grid, of_protocol, write_tables
+from bench.tables.quality import detail_table, image_table, recognition_table, set_table
+from bench.tables.table import Table, of_protocol, write_tables
 from data_prep.files.atomic_write import write_whole
 
 R = TypeVar("R")
 COST = "cost.md"
-# File names and titles of image, set and detail table: the paper's, and of a suite of our own.
-DETAIL = ("table_detail", "Detail: the object alone, its outline and its thin parts")
-PAPER_TITLES = (
-    ("table3_ssim", "Table 3: SSIM and its components against the true mesh (higher is better)"),
-    ("table4_fid", "Table 4: distances to pictures of the true mesh (lower is better)"),
-    DETAIL,
-)
-GREY_TITLES = (
-    ("table_ssim", "SSIM and its components against the true mesh in grey (higher is better)"),
-    ("table_frechet", "Distances to pictures of the true mesh in grey (lower is better)"),
-    DETAIL,
-)
-OWN_TITLES = (
-    ("table_ssim", "SSIM and its components against the true mesh (higher is better)"),
-    ("table_frechet", "Distances to pictures of the true mesh (lower is better)"),
-    DETAIL,
-)
+QUALITY_TABLES: Mapping[
+    TableKind, Callable[[ScoredRun, TableSpec, Published], Table[QualityRow]]
+] = {
+    "images": image_table,
+    "sets": set_table,
+    "classes": class_table,
+    "detail": detail_table,
+    "recognition": recognition_table,
+}
 
 
-def tables(run: ScoredRun) -> list[Table[Row]]:
-    """The tables of a run, from its records and features alone.
-
-    One BLAS thread, so that the last digits are the same however many cores there are.
-    """
-    ours = run.suite.frontier or run.suite.class_metrics or run.suite.crossings
-    titles = OWN_TITLES if ours else PAPER_TITLES
-    images, sets, detail = titles if run.suite.painted else GREY_TITLES
+def tables(run: ScoredRun) -> list[Table[QualityRow]]:
+    """Return the tables of quality that the suite of a run declares."""
     paper = published(run.suite.id)
-    with threadpool_limits(1):
-        of_features = run.records, run.features, run.skipped, run.suite, paper
-        by_class = run.suite.class_metrics
-        made = [
-            image_table(*images, run.records, run.skipped, run.suite, paper),
-            class_table(*of_features) if by_class else set_table(*sets, *of_features),
-            detail_table(*detail, run.records, run.skipped, run.suite),
+    with threadpool_limits(1):  # the same last digits on any number of cores
+        return [
+            _of_run(run, QUALITY_TABLES[spec.kind](run, spec, paper))
+            for spec in run.suite.tables
+            if spec.kind in QUALITY_TABLES
         ]
-        if run.suite.control_metrics:
-            judged, skipped = run.features.get(JUDGE), run.skipped.get(JUDGE, "")
-            made.append(recognition_table(run.records, judged, skipped, run.suite))
-        objectives = dict(run.manifest.get("objectives", {}))
-        return [_of_run(run, with_objectives(table, objectives)) for table in made]
 
 
 def _of_run(run: ScoredRun, table: Table[R]) -> Table[R]:
@@ -82,78 +58,77 @@ def _of_run(run: ScoredRun, table: Table[R]) -> Table[R]:
 
 
 def class_orderings(run: ScoredRun) -> Table[Ordering] | None:
-    """Which of the paper's orderings of Table 5 a run reproduces; None where it has none."""
-    if not run.suite.class_metrics:
+    """Return the paper's orderings of Table 5 on a run; None without both sides."""
+    if (spec := run.suite.table("orderings")) is None:
         return None
     with threadpool_limits(1):
-        made = orderings(run.records, run.features, run.suite, published(run.suite.id))
-    return None if made is None else _of_run(run, made)
+        rows = orderings(run, published(run.suite.id))
+    return _of_run(run, orderings_table(spec, run.suite.id, rows)) if rows else None
 
 
 def curves(run: ScoredRun) -> tuple[ConditionCurve, ...]:
-    """The methods of a run along the families of conditions that it has; none for other suites."""
-    metrics = run.measured(run.suite.crossings)
+    """Return the methods of a run along its families of conditions; none for other suites."""
+    metrics = run.measured(run.suite.condition_sweep)
     with threadpool_limits(1):
         return condition_curves(run.compared(metrics), metrics) if metrics else ()
 
 
-def crossings(run: ScoredRun) -> Table[Step] | None:
-    """Who is ahead of whom along these, and where that changes; None without two such methods."""
-    metrics = run.measured(run.suite.crossings)
+def condition_sweep(run: ScoredRun) -> Table[ConditionStep] | None:
+    """Return who is ahead of whom along the families; None without two such methods."""
+    spec, metrics = run.suite.table("condition sweep"), run.measured(run.suite.condition_sweep)
+    if spec is None or not metrics:
+        return None
     with threadpool_limits(1):
-        found = paired_comparisons(run.compared(metrics), metrics) if metrics else ()
-    return _of_run(run, crossings_table(run.suite.id, found)) if found else None
+        pairs = paired_comparisons(run.compared(metrics), metrics)
+    return _of_run(run, condition_sweep_table(spec, run.suite.id, pairs)) if pairs else None
 
 
 def frontier_tables(
     run: ScoredRun,
 ) -> tuple[Table[FrontierPoint], Table[SubsampledFrontier]] | None:
-    """Quality against cost: the frontier, and what fewer points save; None for other suites.
+    """Return quality against cost, and against the number of points; None for other suites.
 
-    Not among `tables`: times differ from run to run, so nothing is ever compared with them.
+    They are not among `tables`: times differ from run to run, so nothing is compared with them.
     """
-    if not run.suite.frontier:
+    frontier, points = run.suite.table("frontier"), run.suite.table("points")
+    if frontier is None or points is None:
         return None
     metrics, views = run.measured(run.suite.frontier), int(run.manifest["views"])
     with threadpool_limits(1):
         compared = run.compared(metrics)
-        # Also with a single view: its frontier is another.
-        placed = (
+        placed = [
             place
-            for count in dict.fromkeys((views, 1))
+            for count in dict.fromkeys((views, 1))  # the frontier of a single view is another
             for comparison in compared
             for place in places(comparison, metrics, count)
-        )
-        frontier = frontier_table(placed, how_timed(run.manifest))
-        fewer = points_table(thinned(compared, metrics, views), views)
-    return _of_run(run, frontier), _of_run(run, fewer)
+        ]
+        fewer = thinned(compared, metrics, views)
+    by_cost = frontier_table(frontier, placed, how_timed(run.manifest))
+    return _of_run(run, by_cost), _of_run(run, points_table(points, fewer, views))
 
 
 @dataclass(frozen=True)
 class Outputs:
-    """What is made of the records and features of a run; see the functions of the same names."""
+    """The tables of a run, by the functions of the same names."""
 
     run: ScoredRun
-    headline: Table[Row]
-    tables: tuple[Table[Row], ...]
+    headline: Table[QualityRow]
+    tables: tuple[Table[QualityRow], ...]
     cost: str
     frontier_tables: tuple[Table[FrontierPoint], Table[SubsampledFrontier]] | None
     orderings: Table[Ordering] | None
     curves: tuple[ConditionCurve, ...]
-    crossings: Table[Step] | None
+    condition_sweep: Table[ConditionStep] | None
 
     @property
     def further(self) -> list[Table[Any]]:
-        """The tables that only some suites have."""
-        return [
-            t
-            for t in (*(self.frontier_tables or ()), self.orderings, self.crossings)
-            if t is not None
-        ]
+        """Return the tables that only some suites have."""
+        optional = (*(self.frontier_tables or ()), self.orderings, self.condition_sweep)
+        return [table for table in optional if table is not None]
 
 
 def make_outputs(run: ScoredRun) -> Outputs:
-    """All tables of a run."""
+    """Return all tables of a run."""
     return Outputs(
         run,
         headline=headline(run),
@@ -162,20 +137,20 @@ def make_outputs(run: ScoredRun) -> Outputs:
         frontier_tables=frontier_tables(run),
         orderings=class_orderings(run),
         curves=curves(run),
-        crossings=crossings(run),
+        condition_sweep=condition_sweep(run),
     )
 
 
 def write_outputs(run: ScoredRun) -> Outputs:
     """Make the tables of a run and write them into its folder."""
-    made = make_outputs(run)
-    write_tables(run.directory, [made.headline, *made.tables, *made.further])
-    write_whole(run.directory / COST, made.cost.encode())
-    return made
+    outputs = make_outputs(run)
+    write_tables(run.directory, [outputs.headline, *outputs.tables, *outputs.further])
+    write_whole(run.directory / COST, outputs.cost.encode())
+    return outputs
 
 
 def how_timed(manifest: Mapping[str, Any]) -> str:
-    """How the times of a run were taken, in a sentence."""
+    """Return a sentence on how the times of a run were taken."""
     workers = manifest.get("workers")
     if workers == 1:
         beside = "nothing beside it"
@@ -191,9 +166,9 @@ def how_timed(manifest: Mapping[str, Any]) -> str:
 
 
 def cost_table(records: pd.DataFrame, remark: str) -> str:
-    """What the numbers cost, in Markdown: medians in milliseconds, per cloud and per view.
+    """Return the median costs in milliseconds, per cloud and per view, as Markdown.
 
-    Not one of the tables: times differ from run to run. `remark` says how they were taken.
+    It is not one of the tables: times differ from run to run. `remark` says how they were taken.
     """
     ok = records[records["outcome"] == "ok"]
     per_cloud = ok.drop_duplicates(["method", "condition", "class", "object"])

@@ -1,4 +1,4 @@
-"""What all figures share: how they are made and written, cells with images, labels beside lines.
+"""Parts that all figures share: panels, files, cells with images, labels beside lines.
 
 matplotlib is imported where something is drawn, and without pyplot: nothing is global.
 """
@@ -36,7 +36,7 @@ Image = NDArray[np.uint8]
 
 @contextmanager
 def drawing() -> Iterator[None]:
-    """For functions that draw: names are drawn as they stand, whatever their characters are."""
+    """Set the style of figures; names are drawn as they stand, whatever their characters are."""
     import matplotlib as mpl
 
     with mpl.rc_context(STYLE), warnings.catch_warnings():
@@ -52,7 +52,7 @@ def panels(
     layout: str | None = "constrained",
     **shared: Any,
 ) -> tuple[Figure, NDArray[Any]]:
-    """A figure of `size_in` inches (width, height) and its axes [rows, columns]."""
+    """Return a figure of `size_in` inches (width, height) and its axes [rows, columns]."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=size_in, layout=layout)  # type: ignore[arg-type]
@@ -71,7 +71,7 @@ def save(figure: Figure, path: Path, dpi: float = DPI) -> None:
 
 
 def show(axis: Any, image: Image | None, interpolation: str | None = None) -> None:
-    """An image without a frame, or the word that there is none."""
+    """Show an image without a frame; None as the word "failed"."""
     bare(axis)
     if image is None:
         axis.text(0.5, 0.5, "failed", ha="center", va="center", transform=axis.transAxes)
@@ -93,7 +93,7 @@ def image_grid(
     size_in: tuple[float, float],
     interpolation: str | None = None,
 ) -> Figure:
-    """Images in rows, each with its label at the left, under the titles of the columns.
+    """Return a figure of images in rows, with labels at the left, under titles of columns.
 
     rows  (label, an image or None for each title)
     """
@@ -142,13 +142,13 @@ def name_lines(
 
 
 def spread(places: Sequence[float], apart: float) -> list[float]:
-    """Places moved as little as their order and the distance `apart` between neighbours allow.
+    """Return places moved as little as a distance `apart` between neighbours in order allows.
 
-    Least squares (isotonic regression): those that would touch stand evenly about their mean.
+    By least squares (isotonic regression): places that would touch stand evenly about their mean.
     """
     order = sorted(range(len(places)), key=lambda i: places[i])
-    # Less its share of the distance, a place must not be lower than the one before: pool those
-    # that are (Barlow 1972, pool adjacent violators).
+    # Less its share of the distance, a place must not be lower than the one before: places that
+    # are get pooled (Barlow 1972, pool adjacent violators).
     blocks: list[list[float]] = []
     for rank, index in enumerate(order):
         blocks.append([places[index] - rank * apart])

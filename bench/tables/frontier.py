@@ -11,24 +11,23 @@ import numpy as np
 from bench.analysis.comparison import Comparison, decimals, milliseconds
 from bench.analysis.frontier import FrontierPoint, SubsampledFrontier, places
 from bench.catalogue.methods import role
+from bench.catalogue.suite_types import TableSpec
 from bench.tables import markdown
-from bench.tables.table import (
+from bench.tables.grid import (
     NOTHING,
     Annotation,
     Block,
     Cell,
-    Column,
     ColumnHeader,
     Grid,
-    Table,
+    PivotLayout,
     TableRow,
     Tags,
-    columns,
-    constant,
     number,
     ordered,
     pivot,
 )
+from bench.tables.table import Column, Table, columns, constant
 
 MARKS = {
     "frontier": Annotation("frontier", "**{value}**{interval}"),
@@ -41,29 +40,31 @@ MARKS = {
 
 
 def _interval_columns(name: str, path: str, ends: str) -> tuple[Column, ...]:
-    """A value and the ends of its interval: `name`, and `ends` with `_low` and `_high`."""
+    """Return the columns `name` of a value, and `ends` with `_low` and `_high` of its interval."""
     return columns(
         (name, f"{path}.value"), (f"{ends}_low", f"{path}.low"), (f"{ends}_high", f"{path}.high")
     )
 
 
-def frontier_table(rows: Iterable[FrontierPoint], remark: str) -> Table[FrontierPoint]:
-    """The places of all methods, at each condition and for each number of views.
+def frontier_table(
+    spec: TableSpec, rows: Iterable[FrontierPoint], remark: str
+) -> Table[FrontierPoint]:
+    """Return the places of all methods, at each condition and for each number of views.
 
     `remark` is what people have to know to read it.
     """
-    made = (
+    csv = (
         *columns("condition", ("class", "class_name"), "views", "metric", "method"),
         *_interval_columns("cost_ms", "cost_ms", "cost_ci"),
         *_interval_columns("value", "quality", "ci"),
-        *columns("n_ok", "n", "verdict", "rival"),
+        *columns("n_ok", "n", "verdict", ("rival", "baseline")),
     )
     layout = partial(_frontier, remark)
-    return Table("frontier", "Quality against cost", made, tuple(rows), layout)
+    return Table(spec.name, spec.title, csv, tuple(rows), layout)
 
 
 def _frontier(remark: str, rows: Sequence[FrontierPoint]) -> Iterator[Block]:
-    """A grid for each condition and number of views: methods by rising cost."""
+    """Yield a grid for each condition and number of views, methods by rising cost."""
     yield remark
     yield _LEGEND
     for cell in ordered((p.condition, p.class_name, p.views) for p in rows):
@@ -76,10 +77,12 @@ def _frontier(remark: str, rows: Sequence[FrontierPoint]) -> Iterator[Block]:
             "method",
             "metric",
             _quality,
-            lines=sorted(costs, key=lambda m: (not math.isfinite(costs[m].value), costs[m])),
+            PivotLayout(
+                lines=sorted(costs, key=lambda m: (not math.isfinite(costs[m].value), costs[m])),
+                before={"ms": lambda p: number(p.cost_ms, milliseconds)},
+                after={"pictures": lambda p: Cell(f"{p.n_ok}/{p.n}")},
+            ),
             corner="method",
-            before={"ms": lambda p: number(p.cost_ms, milliseconds)},
-            after={"pictures": lambda p: Cell(f"{p.n_ok}/{p.n}")},
         )
 
 
@@ -93,9 +96,11 @@ _LEGEND = (
 )
 
 
-def points_table(rows: Iterable[SubsampledFrontier], views: int) -> Table[SubsampledFrontier]:
-    """What a method loses and saves where a cloud with so many views has fewer points."""
-    made = (
+def points_table(
+    spec: TableSpec, rows: Iterable[SubsampledFrontier], views: int
+) -> Table[SubsampledFrontier]:
+    """Return the losses and savings of methods where a cloud with these views has fewer points."""
+    csv = (
         *columns(("class", "class_name"), "metric", "method", "condition", "points"),
         constant("views", views),
         *_interval_columns("cost_ms", "cost_ms", "cost_ci"),
@@ -103,11 +108,11 @@ def points_table(rows: Iterable[SubsampledFrontier], views: int) -> Table[Subsam
         *_interval_columns("lost", "lost", "lost_ci"),
     )
     layout = partial(_points, views)
-    return Table("points", "Quality against the number of points", made, tuple(rows), layout)
+    return Table(spec.name, spec.title, csv, tuple(rows), layout)
 
 
 def _points(views: int, rows: Sequence[SubsampledFrontier]) -> Iterator[Block]:
-    """A grid for each metric: methods down, numbers of points across."""
+    """Yield a grid for each metric, methods down and numbers of points across."""
     yield (
         f"Clouds with {_of_views(views)}: value, loss against the full cloud [95 % "
         "interval, paired over objects], milliseconds. A loss under 0 is a gain."
@@ -120,8 +125,10 @@ def _points(views: int, rows: Sequence[SubsampledFrontier]) -> Iterator[Block]:
             "method",
             "points",
             _thinned,
-            columns=sorted({row.points for row in of_cell}, reverse=True),
-            title="{} points".format,
+            PivotLayout(
+                columns=sorted({row.points for row in of_cell}, reverse=True),
+                column_name="{} points".format,
+            ),
             corner="method",
         )
 
@@ -147,16 +154,16 @@ def cost_grid(comparisons: Sequence[Comparison], metric: str, views: int) -> Gri
         comparison = at.get((condition, class_name))
         if comparison is None or method not in comparison.images:
             return NOTHING
-        cost = comparison.cost_ms(method, views).value
+        cost, (n_ok, n) = comparison.cost_ms(method, views).value, comparison.images[method]
         return Cell(
             milliseconds(cost),
             cost if math.isfinite(cost) else None,
             rest=_made_of(comparison, method, views),
-            caveat=_of_images(*comparison.images[method]),
+            caveat=f"of {n_ok} of {n} images" if n_ok < n else "",
             special=special.get((condition, class_name, method)),
         )
 
-    made = Grid(
+    costs = Grid(
         corner="method",
         columns=tuple(
             ColumnHeader(condition, Tags(condition=condition)) for condition in conditions
@@ -179,12 +186,7 @@ def cost_grid(comparisons: Sequence[Comparison], metric: str, views: int) -> Gri
         ),
         higher=False,
     )
-    return made if made.valued else None
-
-
-def _of_images(n_ok: int, n: int) -> str:
-    """Say how many images there are times of; empty where none failed."""
-    return f"of {n_ok} of {n} images" if n_ok < n else ""
+    return costs if costs.valued else None
 
 
 def _made_of(comparison: Comparison, method: str, views: int) -> str:

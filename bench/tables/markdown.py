@@ -9,27 +9,25 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from bench.tables.table import Block, Cell, Grid, TableRow
+from bench.tables.grid import Block, Cell, Grid, TableRow
 
 # An underscore inside a word is no markup, and ids have many.
 _MARKUP = re.compile(r"[\\`*\[\]<>|~$#&]|(?<![^\W_])_|_(?![^\W_])")
 
 
 def visible(text: str) -> str:
-    """One line of what can be seen: all else (control, bidi, surrogates) as Python writes it."""
+    """Return the text as one line, with control, bidi and surrogate characters as escapes."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def cell(text: str) -> str:
-    """The text as Markdown that shows it: in a table's cell, a heading, a line of a list."""
-    return _MARKUP.sub(lambda found: f"\\{found[0]}", visible(text))
+    """Return Markdown that shows the text in a table's cell, a heading or a line of a list."""
+    return _MARKUP.sub(lambda match: f"\\{match[0]}", visible(text))
 
 
 def code(text: str) -> str:
-    """The text as a Markdown code span; not for a table's cell."""
+    """Return the text as a Markdown code span; not for a table's cell."""
     shown = visible(text)
     longest = max((len(run) for run in re.findall("`+", shown)), default=0)
     fence, space = "`" * (longest + 1), " " * bool(longest)
@@ -37,21 +35,21 @@ def code(text: str) -> str:
 
 
 def row(cells: Sequence[str]) -> str:
-    """A row of a Markdown table; the cells are Markdown already."""
+    """Return a row of a Markdown table; the cells are Markdown already."""
     return "| " + " | ".join(cells) + " |"
 
 
 def document(blocks: Iterable[Block]) -> str:
-    """Paragraphs, headings and lists, which are Markdown already, and grids; a blank line between.
+    """Return paragraphs, headings and lists, which are Markdown already, and grids as one text.
 
-    An empty block is none.
+    A blank line stands between blocks; empty ones are left out.
     """
     texts = (block if isinstance(block, str) else table(block) for block in blocks)
     return "\n\n".join(text for text in texts if text) + "\n"
 
 
 def table(grid: Grid) -> str:
-    """A grid as a Markdown table, and its notes as a list; nothing measured: the notes alone."""
+    """Return a grid as a Markdown table, and its notes as a list; a void grid: the notes alone."""
     if grid.void:
         return "\n".join(map(cell, grid.notes))
     heads = [grid.corner, *(head.name for head in grid.columns)]
@@ -69,14 +67,13 @@ def _line(line: TableRow) -> str:
     return row([name, *map(_value, line.cells)])
 
 
-def _value(of: Cell) -> str:
-    """The value with its interval in brackets, how many images it is of, and what follows."""
-    text = cell(of.text)
-    interval = " [{}, {}]".format(*map(cell, of.interval)) if of.interval else ""
-    shown = of.special.markdown if of.special is not None else "{value}{interval}"
-    text = shown.format(value=text, interval=interval)
-    if of.count is not None:
-        text += " {}/{}".format(*of.count)
-        if of.blank is not None and of.value is not None:
-            text += f" *b* {of.blank}"
-    return text + cell(of.rest)
+def _value(shown: Cell) -> str:
+    """Return the value with its interval in brackets, its counts of images, and what follows."""
+    interval = " [{}, {}]".format(*map(cell, shown.interval)) if shown.interval else ""
+    layout = shown.special.markdown if shown.special is not None else "{value}{interval}"
+    text = layout.format(value=cell(shown.text), interval=interval)
+    if shown.count is not None:
+        text += " {}/{}".format(*shown.count)
+        if shown.blank is not None and shown.value is not None:
+            text += f" *b* {shown.blank}"
+    return text + cell(shown.rest)

@@ -1,200 +1,76 @@
-"""Which of the paper's orderings in Table 5 a run reproduces: SR or pc2pix, class by class.
-
-The paper has PC2PIX ahead in 11 of 13 classes and on average, SR in rifle and lamp, by FID. Here
-the two are paired object by object, so that a lead has an interval, and an ordering that the
-objects cannot decide is called undecided.
-"""
+"""The table of the paper's orderings in Table 5: which a run reproduces, class by class."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
-from typing import Literal
 
-import pandas as pd
-
-from bench.analysis.comparison import (
-    NAN,
-    Comparison,
-    Estimate,
-    compare,
-    decimals,
-    lead,
-    lead_over_classes,
-)
-from bench.analysis.distances import FeatureDistances
+from bench.analysis.comparison import NAN, decimals
 from bench.analysis.intervals import FEWEST
-from bench.catalogue.methods import FLOOR
-from bench.catalogue.metrics import column, is_mean
-from bench.catalogue.suites import Suite
+from bench.analysis.orderings import VERDICTS, Ordering
+from bench.analysis.paper import AVERAGE, NETWORK, SURFACE
+from bench.catalogue.suite_types import TableSpec
 from bench.tables import markdown
-from bench.tables.classes import AVERAGE, NETWORK, SURFACE, network_of, objects_of
-from bench.tables.quality import Published
-from bench.tables.table import (
+from bench.tables.grid import (
     Annotation,
     Block,
     Cell,
     Grid,
-    Table,
+    PivotLayout,
     Tags,
-    columns,
-    constant,
     grid,
     number,
     ordered,
     pivot,
 )
+from bench.tables.table import Table, columns, constant
 
-PAPER_NETWORK = "pc2pix@all"
-PAPER_METRIC = "fid"
-Verdict = Literal["reproduced", "opposite", "undecided", "no value"]
-VERDICTS: tuple[Verdict, ...] = ("reproduced", "opposite", "undecided", "no value")
 MARKS = {
     "reproduced": Annotation("reproduced", "**{value}{interval}**"),
     "opposite": Annotation("opposite", "{value}{interval} *opposite*", against=True),
 }
 
 
-@dataclass(frozen=True)
-class Ordering:
-    """SR against the network in one class by one metric.
-
-    surface, network  their values, failed images scored as blank ones
-    method      the network: what stands for the paper's PC2PIX
-    lead        how much better the network is, paired over objects: over 0 if it is
-    paper_lead  the same by FID as the paper printed it; NaN where it has no such class
-    objects     how many the class has
-    """
-
-    condition: str
-    class_name: str
-    metric: str
-    surface: float
-    network: float
-    lead: Estimate
-    paper_lead: float
-    objects: int
-    method: str
-
-    @property
-    def verdict(self) -> Verdict:
-        """Reproduced or opposite where the interval of the lead is on one side of 0."""
-        low, high = self.lead.low, self.lead.high
-        if not (math.isfinite(self.lead.value) and math.isfinite(self.paper_lead)):
-            return "no value"
-        if low > 0 or high < 0:
-            return "reproduced" if (low > 0) == (self.paper_lead > 0) else "opposite"
-        return "undecided"
-
-
-def orderings_table(suite: str, network: str, rows: Sequence[Ordering]) -> Table[Ordering]:
-    """The orderings of a run. `network` is the method that stands for the paper's PC2PIX."""
-    made = (
+def orderings_table(spec: TableSpec, suite: str, rows: Sequence[Ordering]) -> Table[Ordering]:
+    """Return the table of a run's orderings, of which there has to be one."""
+    network = rows[0].method
+    csv = (
         constant("suite", suite),
         *columns("condition", ("class", "class_name"), "metric", "method", "surface", "network"),
-        *columns(("lead", "lead.value"), ("ci_low", "lead.low"), ("ci_high", "lead.high")),
-        *columns("paper_lead", "verdict", "objects"),
+        *columns(("lead", "difference.value"), ("ci_low", "difference.low")),
+        *columns(("ci_high", "difference.high"), ("paper_lead", "paper_difference")),
+        *columns("verdict", "objects"),
     )
-    title = "Which of the paper's orderings hold"
     remark = _REMARK.format(network=network, surface=SURFACE)
     layout = partial(_layout, network)
-    return Table("table5_orderings", title, made, tuple(rows), layout, remark)
+    return Table(spec.name, spec.title, csv, tuple(rows), layout, remark)
 
 
 def _layout(network: str, rows: Sequence[Ordering]) -> Iterator[Block]:
-    """For each condition how many orderings hold by each metric, then the leads."""
-    yield _legend(network)
+    """Yield for each condition how many orderings hold by each metric, then the differences."""
+    yield (
+        f"How much better {markdown.code(network)} is than `{SURFACE}`, over 0 if it is, [95 % "
+        "interval, paired over objects], failed pictures scored as blank ones. The paper orders "
+        f"by FID: {NETWORK} is ahead in 11 of 13 classes and on average, SR in rifle and lamp. "
+        "**Bold**: that ordering, and the interval does not hold 0; *opposite*: the other one, "
+        f"the same; neither: undecided by so many objects, or no interval below {FEWEST}."
+    )
     for condition in ordered(row.condition for row in rows):
         of_condition = [row for row in rows if row.condition == condition]
         yield f"## {markdown.cell(condition)}"
         yield _counts(of_condition)
-        yield _leads(of_condition)
-
-
-def orderings(
-    records: pd.DataFrame,
-    features: Mapping[str, FeatureDistances],
-    suite: Suite,
-    published: Published,
-) -> Table[Ordering] | None:
-    """The orderings by all metrics of Table 5 that both sides have; None where a side is lacking.
-
-    Kernel distances are left out: they say what the Fréchet distance on the same features says.
-    """
-    methods = records["method"].unique().tolist()
-    network = network_of(methods)
-    if network is None or SURFACE not in methods:
-        return None
-    there = [m for m in suite.class_metrics if m in features]
-    there += [m for m in suite.class_metrics if is_mean(m) and column(m) in records]
-    pair = records[records["method"].isin([SURFACE, network, FLOOR])]
-    counts = objects_of(records)
-    compared = compare(pair, features, there)
-    made = [
-        row
-        for condition in ordered(c.condition for c in compared)
-        for metric in there
-        for row in _of_metric(
-            [c for c in compared if c.condition == condition], metric, network, counts, published
-        )
-    ]
-    return orderings_table(suite.id, network, made)
-
-
-def _of_metric(
-    compared: Sequence[Comparison],
-    metric: str,
-    network: str,
-    counts: Mapping[str, int],
-    published: Published,
-) -> list[Ordering]:
-    """A row for each class, and the average over them."""
-    own, other = ([c.qualities[metric][m] for c in compared] for m in (network, SURFACE))
-    rows = [
-        Ordering(
-            c.condition,
-            c.class_name,
-            metric,
-            b.estimate.value,
-            a.estimate.value,
-            lead(a, b),
-            paper_lead(published, c.class_name),
-            counts[c.class_name],
-            network,
-        )
-        for c, a, b in zip(compared, own, other, strict=True)
-    ]
-    average = Ordering(
-        compared[0].condition,
-        AVERAGE,
-        metric,
-        _mean([row.surface for row in rows]),
-        _mean([row.network for row in rows]),
-        lead_over_classes(own, other)[0]._replace(value=_mean([row.lead.value for row in rows])),
-        paper_lead(published, AVERAGE),
-        sum(counts.values()),
-        network,
-    )
-    return [*rows, average]
-
-
-def paper_lead(published: Published, class_name: str) -> float:
-    """By how much the paper's PC2PIX is ahead of its SR, in FID; NaN where it has no such class."""
-    cell = (class_name, PAPER_METRIC, "2048")
-    surface, network = (published.get((*cell, m), NAN) for m in (SURFACE, PAPER_NETWORK))
-    return surface - network
+        yield _differences(of_condition)
 
 
 def _counts(rows: Sequence[Ordering]) -> Grid:
-    """In how many classes the paper's ordering holds: a line for each metric."""
+    """Return in how many classes the paper's ordering holds: a line for each metric."""
     lines = []
     for metric in ordered(row.metric for row in rows):
         of_metric = [row for row in rows if row.metric == metric]
         classes = [row for row in of_metric if row.class_name != AVERAGE]
         counts = [sum(row.verdict == verdict for row in classes) for verdict in VERDICTS]
-        same = sum(row.lead.value * row.paper_lead > 0 for row in classes)
+        same = sum(row.difference.value * row.paper_difference > 0 for row in classes)
         (average,) = (row.verdict for row in of_metric if row.class_name == AVERAGE)
         lines.append([metric, *map(str, (*counts, same, average))])
     condition = rows[0].condition
@@ -206,30 +82,34 @@ def _counts(rows: Sequence[Ordering]) -> Grid:
     )
 
 
-def _leads(rows: Sequence[Ordering]) -> Grid:
-    """Classes down, metrics across."""
+def _differences(rows: Sequence[Ordering]) -> Grid:
+    """Return the differences, classes down and metrics across."""
     condition = rows[0].condition
-    made = pivot(
+    by_class = pivot(
         rows,
         "class_name",
         "metric",
         _cell,
-        corner="class",
-        before={
-            "objects": lambda row: Cell(str(row.objects), row.objects),
-            "paper (FID)": lambda row: number((row.paper_lead, NAN, NAN), "{:+.1f}".format),
-        },
+        PivotLayout(
+            before={
+                "objects": lambda row: Cell(str(row.objects), row.objects),
+                "paper (FID)": lambda row: number(
+                    (row.paper_difference, NAN, NAN), "{:+.1f}".format
+                ),
+            }
+        ),
+        "class",
         caption=f"lead at {condition}",
         tags=Tags(condition=condition),
     )
     # The average is of all classes: no choice of one hides it.
-    lines = (replace(x, tags=Tags()) if x.name == AVERAGE else x for x in made.lines)
-    return replace(made, lines=tuple(lines))
+    lines = (replace(x, tags=Tags()) if x.name == AVERAGE else x for x in by_class.lines)
+    return replace(by_class, lines=tuple(lines))
 
 
 def _cell(row: Ordering) -> Cell:
     show = f"{{:+.{decimals(row.metric)}f}}".format
-    return number(row.lead, show, special=MARKS.get(row.verdict))
+    return number(row.difference, show, special=MARKS.get(row.verdict))
 
 
 _REMARK = (
@@ -238,18 +118,3 @@ _REMARK = (
     "on the scale of the others. “reproduced” is the paper's ordering, “opposite” the other one, "
     "both with an interval that leaves 0 out; the rest is undecided by so many objects."
 )
-
-
-def _legend(network: str) -> str:
-    return (
-        f"How much better {markdown.code(network)} is than `{SURFACE}`, over 0 if it is, [95 % "
-        "interval, paired over objects], failed pictures scored as blank ones. The paper orders "
-        f"by FID: {NETWORK} is ahead in 11 of 13 classes and on average, SR in rifle and lamp. "
-        "**Bold**: that ordering, and the interval does not hold 0; *opposite*: the other one, "
-        f"the same; neither: undecided by so many objects, or no interval below {FEWEST}."
-    )
-
-
-def _mean(values: Sequence[float]) -> float:
-    finite = [value for value in values if math.isfinite(value)]
-    return sum(finite) / len(finite) if finite else NAN

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 from rich.cells import cell_len, set_cell_size
 
+from bench.tables.grid import BEST, Cell, Grid
 from bench.tables.markdown import visible
-from bench.tables.table import BEST, Cell, Grid
 
 WIDEST_NAME = 30
 GAP = "  "
@@ -47,7 +47,7 @@ def plain(grids: Sequence[Grid], width: int, lines: int) -> list[str]:
 def _rows(
     grids: Sequence[Grid], intervals: bool, beside: bool, width: int
 ) -> tuple[bool, list[str]]:
-    """The lines, and whether no grid had to be divided."""
+    """Return the lines, and whether no grid had to be divided."""
     fits, rows = True, []
     for some in [grids] if beside else [[grid] for grid in grids]:
         names = [visible(line.name) for line in some[0].lines] if some else []
@@ -66,8 +66,10 @@ def _rows(
 
 
 def _groups(grid: Grid, intervals: bool, width: int) -> list[list[str]]:
-    """Title, heads and values of a grid, all lines of one width; in several parts where they are
-    wider than `width`."""
+    """Return title, heads and values of a grid in lines of one width.
+
+    They are in several parts where they are wider than `width`.
+    """
     columns = []
     for place, head in enumerate(grid.columns):
         cells = [line.cells[place] for line in grid.lines]

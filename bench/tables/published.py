@@ -1,7 +1,7 @@
-"""What a run is compared with: the paper's values, golden values, the spread between trainings.
+"""Values that a run is compared with: the paper's, golden values, the spread between trainings.
 
-They are never mixed: a published number is only ever quoted, a golden one only ever compared with.
-All live in `results/`, which is installed beside the packages.
+A published number is only ever quoted, a golden one only ever compared with. All are kept in
+`results/`, which is installed beside the packages.
 """
 
 from __future__ import annotations
@@ -10,14 +10,14 @@ from pathlib import Path
 
 import pandas as pd
 
-from bench.tables.quality import Published
+from bench.analysis.paper import Published
 from data_prep.failures import BadInput
 
 RESULTS = Path(__file__).resolve().parents[2] / "results"
 
 
 def published(suite: str) -> Published:
-    """The paper's values by (class, metric, condition, method); empty for a suite without any."""
+    """Return the paper's values by (class, metric, condition, method); empty without any."""
     if not _published_path(suite).is_file():
         return {}
     rows = published_rows(suite)
@@ -26,7 +26,7 @@ def published(suite: str) -> Published:
 
 
 def published_rows(suite: str) -> pd.DataFrame:
-    """The paper's values as printed, all columns text. Raises BadInput where there are none."""
+    """Return the paper's values as printed, all columns text. Raises BadInput without any."""
     path = _published_path(suite)
     if not path.is_file():
         raise BadInput(f"{path}: no published values; run from a checkout that has them")
@@ -38,12 +38,12 @@ def _published_path(suite: str) -> Path:
 
 
 def golden_path(suite: str) -> Path:
-    """Where a suite's golden values are kept."""
+    """Return the path of a suite's golden values."""
     return RESULTS / "golden" / f"{suite}.csv"
 
 
 def golden(suite: str) -> pd.DataFrame:
-    """The golden values of a suite. Raises BadInput where there are none."""
+    """Return the golden values of a suite. Raises BadInput without any."""
     path = golden_path(suite)
     if not path.is_file():
         raise BadInput(f"{path}: no golden values for '{suite}'; run from a checkout that has them")
@@ -51,10 +51,10 @@ def golden(suite: str) -> pd.DataFrame:
 
 
 def seed_spreads() -> dict[tuple[str, str, str], float]:
-    """By network, metric and condition, the highest less the lowest value of its trainings.
+    """Return the highest less the lowest value of trainings by network, metric and condition.
 
-    Of the bundled weights and of others that differ in the seed alone, on chairs
-    (`studies.seed_spread`); empty without the file.
+    The trainings are that of the bundled weights and others that differ in the seed alone, on
+    chairs (`studies.seed_spread`); empty without the file.
     """
     path = RESULTS / "seeds.csv"
     if not path.is_file():

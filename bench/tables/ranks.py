@@ -32,7 +32,7 @@ def ranks_table(compared: Sequence[Comparison], rankings: Sequence[Ranking]) -> 
 
     The column of the values has the name that it has in the tables of the run.
     """
-    at = {of.condition: of for of in compared}
+    at = {comparison.condition: comparison for comparison in compared}
     rows = (
         RankedValue(
             *(ranking.condition, at[ranking.condition].class_name, ranking.metric, rank),
@@ -41,9 +41,9 @@ def ranks_table(compared: Sequence[Comparison], rankings: Sequence[Ranking]) -> 
         for ranking in rankings
         for rank in ranking.ranks
     )
-    made = (
+    csv = (
         *columns("metric", "condition", ("class", "class_name"), ("method", "rank.method")),
         *columns(("failures_as_blank", "rank.estimate.value"), ("ci_low", "rank.estimate.low")),
         *columns(("ci_high", "rank.estimate.high"), "n_ok", "n", ("letters", "rank.letters")),
     )
-    return Table(RANKS, "Ranks", made, tuple(rows))
+    return Table(RANKS, "Ranks", csv, tuple(rows))

@@ -12,9 +12,10 @@ import pandas as pd
 from harness_objects import Tetrahedron
 
 from bench.analysis.intervals import distance_interval
+from bench.analysis.scored import ScoredRun, scored_run
 from bench.catalogue.methods import FLOORS
 from bench.catalogue.metrics import IMAGE_METRICS, column
-from bench.catalogue.suites import SUITES
+from bench.catalogue.suites import SUITES, Suite
 from bench.metrics.frechet import JackknifeMoments, frechet_distance, left_out_distances
 from bench.records.artifacts import JobName, artifact_path
 from bench.records.job import Job
@@ -30,7 +31,6 @@ from bench.records.record import GROUND_TRUTH, SCHEMA_VERSION, Record
 from bench.running.options import Options
 from bench.running.protocol import Protocol, find_methods
 from bench.tables.build import write_outputs
-from bench.tables.scored import scored_run
 from data_prep.clouds.conditions import CONDITIONS, Unchanged
 from data_prep.files.atomic_write import write_whole
 from data_prep.scene import View
@@ -131,6 +131,13 @@ def finished_options(tiny_weights, out, **changes) -> Options:
     cells = {"methods": methods, "conditions": ("2048", "noise-0.10")}
     options = Options(SUITE, **cells, limit=3, views=2, workers=1, out=out)
     return replace(options, **changes)
+
+
+def scored_records(
+    records: pd.DataFrame, suite: Suite, features=None, skipped=None, **manifest
+) -> ScoredRun:
+    """Return a scored run of these records, with distances by extractor, without a folder."""
+    return ScoredRun(Path("run"), suite, manifest, records, features or {}, skipped or {})
 
 
 def feature_index(methods, objects_of_class) -> pd.DataFrame:

@@ -38,6 +38,8 @@ import pyarrow.parquet as pq
 
 import bench.running.factory
 import bench.running.protocol
+import bench.running.run
+from bench.analysis.scored import scored_run
 from bench.catalogue.suites import Limits
 from bench.commands.publish import partial_table
 from bench.commands.terminal import Terminal
@@ -49,7 +51,6 @@ from bench.running.options import Options
 from bench.running.run import WrittenRun, run
 from bench.running.work import run_job
 from bench.tables.build import Outputs, write_outputs
-from bench.tables.scored import scored_run
 from data_prep.failures import BadInput
 
 KILLED = "SIGKILL"

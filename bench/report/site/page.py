@@ -12,7 +12,7 @@ from html import escape
 from typing import Any
 
 from bench.report.page import rendered
-from bench.tables.table import Grid
+from bench.tables.grid import Grid
 
 Link = tuple[str, str]  # text and file
 _COMMENT = re.compile(r"<!--.*?-->\n?", re.DOTALL)

@@ -11,6 +11,7 @@ from pathlib import Path
 from bench.analysis.comparison import Comparison, decimals
 from bench.analysis.paired import PairedDifference
 from bench.analysis.ranks import Ranking
+from bench.analysis.scored import ScoredRun
 from bench.catalogue.methods import known_method, role
 from bench.catalogue.metrics import higher_is_better
 from bench.catalogue.parameters import PARAMETERS
@@ -19,21 +20,20 @@ from bench.report.site.methods import SiteMethod, method_slug
 from bench.report.site.page import Link, Section, SitePage, card_html
 from bench.tables.differences import difference_cell, too_few
 from bench.tables.frontier import cost_grid
-from bench.tables.ranks import RankedValue
-from bench.tables.scored import ScoredRun
-from bench.tables.table import (
+from bench.tables.grid import (
     NOTHING,
     Annotation,
     Cell,
     ColumnHeader,
     Grid,
-    Table,
     TableRow,
     grid,
     number,
     pivot,
     scored_as_blank,
 )
+from bench.tables.ranks import RankedValue
+from bench.tables.table import Table
 from data_prep.files.checksums import file_sha256
 
 QUALITY = "ssim"  # before the metrics of a suite's headline; what costs are compared with

@@ -17,6 +17,8 @@ from threadpoolctl import threadpool_limits
 
 from bench.analysis.comparison import pooled
 from bench.analysis.ranks import ranking
+from bench.analysis.run_pairs import refuse_other_protocol
+from bench.analysis.scored import ScoredRun, read_scored
 from bench.catalogue.metrics import is_mean
 from bench.records.journal import FIXED, MANIFEST, PROTOCOL, SHARD
 from bench.records.parquet import RECORDS
@@ -27,10 +29,8 @@ from bench.report.site.pages import MENU, QUALITY, SiteRun, pages
 from bench.running.options import file_name
 from bench.running.plan import digest
 from bench.tables.build import make_outputs
-from bench.tables.differences import refuse_other_protocol
 from bench.tables.figure import FIGURES
 from bench.tables.ranks import RANKS, ranks_table
-from bench.tables.scored import ScoredRun, read_scored
 from bench.tables.table import TABLES, of_protocol
 from data_prep.failures import BadInput
 from data_prep.files.atomic_write import whole_folder

@@ -10,7 +10,8 @@ import numpy as np
 
 from bench.analysis.intervals import mean_interval
 from bench.tables import markdown
-from bench.tables.table import Block, Cell, Table, columns_of, number, ordered, pivot
+from bench.tables.grid import Block, Cell, PivotLayout, number, ordered, pivot
+from bench.tables.table import Table, columns_of
 
 ALL = "all"
 
@@ -83,9 +84,11 @@ def latent_table(
                 "metric",
                 "what",
                 cell,
-                lines=about,
-                columns=[subject for subject in subjects if subject in shown],
-                missing=Cell(""),
+                PivotLayout(
+                    lines=about,
+                    columns=[subject for subject in subjects if subject in shown],
+                    missing=Cell(""),
+                ),
             )
         yield "\n".join(f"* {metric}: {message}" for metric, message in about.items())
 

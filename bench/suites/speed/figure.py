@@ -25,7 +25,7 @@ LABELS_AT = 0.785  # of the width
 def amortised_figure(summaries: Sequence[Summary], suite: SpeedSuite) -> Figure | None:
     """Return a panel for each condition (down) and number of threads (across), log-log.
 
-    Dots are as measured, rings are break-evens with the first of the suite's rivals. None where no
+    Dots are as measured, rings are break-evens with the first baseline of the suite. None where no
     method has a cost.
     """
     drawn = [summary for summary in summaries if summary.wall]
@@ -48,7 +48,7 @@ def amortised_figure(summaries: Sequence[Summary], suite: SpeedSuite) -> Figure 
         axis.set_title(f"{condition}, {count} thread{'s' if count > 1 else ''}")
         axis.grid(alpha=0.3)
     for summary, m in zip(drawn, measurements, strict=True):
-        rival = beside(drawn, summary, suite.rivals[0])
+        rival = beside(drawn, summary, suite.baselines[0])
         colour = f"C{methods.index(m.method) % 10}"
         _line(by_cell[m.condition, m.threads], summary, rival, colour, suite.amortised[-1])
     first = axes[0, 0]  # the axes are shared
@@ -57,7 +57,7 @@ def amortised_figure(summaries: Sequence[Summary], suite: SpeedSuite) -> Figure 
     first.minorticks_off()
     first.yaxis.set_major_formatter("{x:g}")  # a power would be written as a formula
     for axis in axes[-1]:
-        axis.set_xlabel(f"images of one cloud (ring: costs as much as {suite.rivals[0]})")
+        axis.set_xlabel(f"images of one cloud (ring: costs as much as {suite.baselines[0]})")
     for axis in axes[:, 0]:
         axis.set_ylabel("milliseconds an image (lower is better)")
     for axis in axes.flat:

@@ -70,7 +70,7 @@ def speed_rows(summaries: Sequence[Summary], suite: SpeedSuite, paper: Paper) ->
     rows = []
     for summary in summaries:
         measurement = summary.measurement
-        rival = beside(summaries, summary, suite.rivals[0])
+        rival = beside(summaries, summary, suite.baselines[0])
         for metric, value in (dict(summary.values) | speedups(summary, rival)).items():
             published = metric.replace(f"picture-of-{measurement.views}-", "picture-")
             key = (PAPER_CLASS, published, measurement.condition, measurement.method)
@@ -94,10 +94,10 @@ def amortised_rows(summaries: Sequence[Summary], suite: SpeedSuite) -> list[Amor
 
 
 def break_even_rows(summaries: Sequence[Summary], suite: SpeedSuite) -> list[BreakEvenRow]:
-    """Return each method against each of the suite's rivals, by the clock, if both have a cost."""
+    """Return each method against each baseline of the suite, by the clock, if both have a cost."""
     rows = []
     for summary in summaries:
-        for name in suite.rivals:
+        for name in suite.baselines:
             rival = beside(summaries, summary, name)
             if rival is None or rival is summary or not (rival.wall and summary.wall):
                 continue

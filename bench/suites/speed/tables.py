@@ -23,20 +23,8 @@ from bench.suites.speed.rows import (
 from bench.suites.speed.samples import Measurement, TimingSample
 from bench.suites.speed.summary import MS, BreakEven, Summary, beside, speedups
 from bench.tables import markdown
-from bench.tables.table import (
-    BOLD,
-    ITALIC,
-    Block,
-    Cell,
-    Column,
-    Grid,
-    Table,
-    columns,
-    constant,
-    grid,
-    ordered,
-    pivot,
-)
+from bench.tables.grid import BOLD, ITALIC, Block, Cell, Grid, PivotLayout, grid, ordered, pivot
+from bench.tables.table import Column, Table, columns, constant
 
 WHERE = ("method", "condition", "threads")  # columns that identify a measurement
 METHOD = "summary.measurement.method"
@@ -116,7 +104,7 @@ def _setting_in_words(
         f"threads named. Medians over clouds (here {summaries[0].measurement.clouds}) and rounds "
         f"(at least {suite.least_rounds}, after {suite.warm_ups} not counted), the 95th percentile "
         "in brackets. 2x: a picture costs half of what it does with "
-        f"{markdown.cell(suite.rivals[0])}."
+        f"{markdown.cell(suite.baselines[0])}."
     )
 
 
@@ -166,7 +154,7 @@ def _image(
 ) -> str:
     if summary is None or summary.wall is None:
         return "failed" if summary else "-"
-    rival = beside(summaries, summary, suite.rivals[0])
+    rival = beside(summaries, summary, suite.baselines[0])
     faster = speedups(summary, rival).get(f"picture-of-{views}-speedup")
     is_rival = summary is rival
     return (
@@ -273,7 +261,7 @@ def _per_image(rows: Sequence[AmortisedRow], suite: SpeedSuite) -> Grid:
         first = _rival(row) and row.wall_ms == cheapest[row.views]
         return Cell(_number(row.wall_ms), special=BOLD if first else None)
 
-    return pivot(rows, METHOD, "views", cell, columns=suite.amortised, corner="method")
+    return pivot(rows, METHOD, "views", cell, PivotLayout(columns=suite.amortised), corner="method")
 
 
 def _rival(row: AmortisedRow) -> bool:
@@ -284,12 +272,12 @@ def _rival(row: AmortisedRow) -> bool:
 
 def _break_even(rows: Sequence[BreakEvenRow], suite: SpeedSuite) -> Grid:
     compared = {row.rival for row in rows}
-    rivals = [name for name in suite.rivals if name in compared]
+    baselines = [name for name in suite.baselines if name in compared]
 
     def cell(row: BreakEvenRow) -> Cell:
         return Cell(in_whole_views(row.break_even))
 
-    return pivot(rows, METHOD, "rival", cell, columns=rivals, corner="method")
+    return pivot(rows, METHOD, "rival", cell, PivotLayout(columns=baselines), corner="method")
 
 
 def in_whole_views(break_even: BreakEven) -> str:

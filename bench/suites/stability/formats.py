@@ -27,7 +27,8 @@ from typing import TYPE_CHECKING
 
 from bench.suites.stability.expectations import Kind
 from bench.suites.stability.outcomes import CaseOutcome
-from bench.tables.table import Block, Table, columns_of, grid
+from bench.tables.grid import Block, grid
+from bench.tables.table import Table, columns_of
 
 if TYPE_CHECKING:
     from data_prep.scene import Points

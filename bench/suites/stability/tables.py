@@ -12,8 +12,9 @@ from typing import Any
 
 from bench.suites.stability.expectations import KINDS
 from bench.suites.stability.outcomes import CaseOutcome, Observation
+from bench.tables.grid import BOLD, Block, Cell, Grid, grid, ordered
 from bench.tables.markdown import cell
-from bench.tables.table import BOLD, Block, Cell, Grid, Table, columns_of, grid, ordered
+from bench.tables.table import Table, columns_of
 from data_prep.failures import BadInput
 
 

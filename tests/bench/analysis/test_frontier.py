@@ -58,7 +58,7 @@ FIELD = {
 
 
 def verdicts(made):
-    return {place.method: (place.verdict, place.rival) for place in made}
+    return {place.method: (place.verdict, place.baseline) for place in made}
 
 
 def test_verdicts_with_twenty_views():

@@ -135,10 +135,9 @@ def test_the_median_interval_is_the_percentile_bootstrap_over_objects():
 
 
 @pytest.mark.parametrize("at_once", [1, 7 * 8, 2**30])
-def test_how_many_resamples_are_in_memory_moves_nothing(at_once, monkeypatch):
-    expected = mean_interval(VALUES), median_interval(ERRORS, OBJECTS)
-    monkeypatch.setattr("bench.analysis.intervals.AT_ONCE", at_once)
-    assert (mean_interval(VALUES), median_interval(ERRORS, OBJECTS)) == expected
+def test_how_many_resamples_are_in_memory_moves_nothing(at_once):
+    assert interval_of_means([VALUES], at_once) == mean_interval(VALUES)
+    assert median_interval(ERRORS, OBJECTS, at_once) == median_interval(ERRORS, OBJECTS)
 
 
 def test_the_jackknife_of_a_mean_is_students_interval():

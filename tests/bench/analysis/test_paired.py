@@ -17,7 +17,7 @@ from scipy.stats import t
 
 from bench.analysis.comparison import Estimate, Quality
 from bench.analysis.paired import (
-    Pair,
+    ComparedPair,
     Side,
     fewest_objects,
     holm,
@@ -40,7 +40,7 @@ def pair(a, b, metric="ssim", values=None):
         Quality(metric, NONE._replace(value=float(v)), per_object)
         for v, per_object in zip(at, (a, b), strict=True)
     )
-    return Pair("2048", "chair", A, B, *qualities, len(a))
+    return ComparedPair("2048", "chair", A, B, *qualities, len(a))
 
 
 def test_all_signs_of_few_objects_are_counted():
@@ -100,8 +100,10 @@ def test_distances_are_better_the_smaller_they_are():
 
 def test_ties_and_what_cannot_be_known():
     a = np.linspace(0.5, 0.7, 8)
-    lead = np.array([0.1] * 6 + [-0.1] * 2)
-    some, same, few = paired_differences([pair(a, a + lead), pair(a, a), pair(a[:7], a[:7] + 0.1)])
+    difference = np.array([0.1] * 6 + [-0.1] * 2)
+    some, same, few = paired_differences(
+        [pair(a, a + difference), pair(a, a), pair(a[:7], a[:7] + 0.1)]
+    )
     # at least six of eight signs alike, both ways: 2 (28 + 8 + 1) / 2^8
     assert (some.ahead, some.p, some.p_holm) == ("tie", 74 / 256, 148 / 256)
     assert (same.ahead, same.p) == ("tie", 1.0)
@@ -131,8 +133,10 @@ def test_the_fewest_objects_that_can_decide(cells, objects):
 
 def test_too_few_objects_are_no_tie():
     a = np.linspace(0.5, 0.7, 8)
-    lead = np.array([0.1] * 6 + [-0.1] * 2)
-    cells = paired_differences([*[pair(a, a + lead)] * 9, pair(a, a), pair(a[:7], a[:7] + 0.1)])
+    difference = np.array([0.1] * 6 + [-0.1] * 2)
+    cells = paired_differences(
+        [*[pair(a, a + difference)] * 9, pair(a, a), pair(a[:7], a[:7] + 0.1)]
+    )
     # 11 cells when all have enough objects: 2^-8 x 11 is .043
     assert [cell.ahead for cell in cells] == ["unknown"] * 9 + ["tie", "unknown"]
     assert [cell.objects_needed for cell in cells] == [9] * 9 + [None, 9]

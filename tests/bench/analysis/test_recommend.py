@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bench.analysis.intervals import mean_interval, median_interval
-from bench.analysis.recommend import Request, at_condition, recommend
+from bench.analysis.recommend import Requirements, at_condition, recommend
 from bench.analysis.recommend import advise as advise_by
 from bench.commands.results import advice_lines, make_request
 from data_prep.failures import BadInput
@@ -67,34 +67,34 @@ def in_words(request, *comparisons, in_full=False, metrics=("ssim",)):
     ],
 )
 def test_the_best_within_a_budget(views, budget_ms, best, then):
-    advice = advise(comparison(FIELD), Request(views, budget_ms))
+    advice = advise(comparison(FIELD), Requirements(views, budget_ms))
     assert name_of(advice.best) == best
     assert names(advice.next) == then
     assert advice.affordable == (best is not None) + len(then)
-    assert meets(Request(views, budget_ms)) == (best is not None)
+    assert meets(Requirements(views, budget_ms)) == (best is not None)
 
 
 def test_choices_carry_their_numbers():
-    advice = advise(comparison(FIELD), Request(20, 250))
+    advice = advise(comparison(FIELD), Requirements(20, 250))
     best, poisson = advice.best, advice.next[0]
     scores = np.array(FIELD["pc2pix"][2])
     assert best.cost_ms.value == pytest.approx(10 + 20 * 10, rel=1e-12)
     assert best.quality.value == pytest.approx(0.75, abs=1e-15)
     assert tuple(best.quality[1:]) == mean_interval(scores)
     difference = scores - np.array(FIELD["poisson"][2])
-    assert poisson.behind.value == pytest.approx(0.15, abs=1e-15)
-    assert tuple(poisson.behind[1:]) == mean_interval(difference)
+    assert poisson.gap.value == pytest.approx(0.15, abs=1e-15)
+    assert tuple(poisson.gap[1:]) == mean_interval(difference)
     assert (advice.objects, best.n_ok, best.n) == (4, 8, 8)
-    just_enough = Request(20, best.cost_ms.value)
+    just_enough = Requirements(20, best.cost_ms.value)
     assert name_of(advise(comparison(FIELD), just_enough).best) == "pc2pix"
 
 
 def test_of_methods_that_print_equal_the_cheapest_is_named():
     same = tuple(score + 1e-6 for score in FIELD["pc2pix"][2])
     twins = {"pc2pix@unfolded": (20, 10, same), "pc2pix@bf16": (5, 5, same)}
-    advice = advise(comparison(FIELD | twins), Request(20))
+    advice = advise(comparison(FIELD | twins), Requirements(20))
     assert names(advice.next) == ["pc2pix@bf16", "poisson", "splat"]
-    advice = advise(comparison(FIELD | twins), Request(20, 250))
+    advice = advise(comparison(FIELD | twins), Requirements(20, 250))
     assert name_of(advice.best) == "pc2pix@bf16"
     assert names(advice.next) == ["poisson", "splat"]
     assert advice.affordable == 5
@@ -102,18 +102,18 @@ def test_of_methods_that_print_equal_the_cheapest_is_named():
 
 def test_the_interval_of_costs_is_over_objects():
     spread = comparison(FIELD | {"splat": ((1, 2, 3, 100), 1, FIELD["splat"][2])})
-    best = advise(spread, Request(20, 30)).best
+    best = advise(spread, Requirements(20, 30)).best
     costs = np.array([21.0, 22.0, 23.0, 120.0])
     assert best.cost_ms.value == pytest.approx(22.5, rel=1e-12)
     expected = median_interval(costs, np.arange(4))
     assert tuple(best.cost_ms[1:]) == pytest.approx(expected, rel=1e-12)
-    (line,) = in_words(Request(20, 30), spread)
+    (line,) = in_words(Requirements(20, 30), spread)
     assert line.endswith("; the interval of its cost reaches beyond the budget")
 
 
 def test_regret_against_an_oracle():
     """Affordable: splat, poisson, pc2pix; the best of each object: 0.9, 0.7, 0.7, 0.8."""
-    advice = advise(comparison(FIELD), Request(20, 250))
+    advice = advise(comparison(FIELD), Requirements(20, 250))
     assert advice.regret.value == pytest.approx((0.1 + 0 + 0 + 0) / 4, abs=1e-15)
     # what is lost is never below 0
     assert tuple(advice.regret[1:]) == (0.0, mean_interval(np.array([0.9 - 0.8, 0, 0, 0]))[1])
@@ -126,26 +126,26 @@ def test_regret_of_a_choice_made_without_the_object():
     chosen, which loses 0.3; for b the first of two equals, which are equal there too; for c splat,
     which loses 0.3."""
     field = {"splat": (1, 0, (1.0, 0.6, 0.5)), "poisson": (2, 0, (0.7, 0.6, 0.8))}
-    advice = advise(comparison(field | {"blank": (0, 0, (0, 0, 0))}), Request(1, 10))
+    advice = advise(comparison(field | {"blank": (0, 0, (0, 0, 0))}), Requirements(1, 10))
     assert name_of(advice.best) == "splat"  # means 0.7 and 0.7: of equals the cheaper
     assert advice.regret.value == pytest.approx((0 + 0 + 0.3) / 3, abs=1e-15)
     assert advice.regret_blind.value == pytest.approx((0.3 + 0 + 0.3) / 3, abs=1e-15)
 
 
 def test_no_regret_with_one_method_and_none_blind_of_one_object():
-    alone = advise(comparison(FIELD), Request(20, 25))
+    alone = advise(comparison(FIELD), Requirements(20, 25))
     assert alone.regret == alone.regret_blind == (0, 0, 0)
     single = {name: (p, d, scores[:1]) for name, (p, d, scores) in FIELD.items()}
-    advice = advise(comparison(single), Request(20, 250))
+    advice = advise(comparison(single), Requirements(20, 250))
     assert name_of(advice.best) == "poisson"
     assert advice.regret.value == 0
     assert np.isnan(advice.regret_blind).all()
-    nothing = advise(comparison(FIELD), Request(20, 1))
+    nothing = advise(comparison(FIELD), Requirements(20, 1))
     assert np.isnan([*nothing.regret, *nothing.regret_blind]).all()
 
 
 @pytest.mark.parametrize(
-    ("min_ssim", "on_average", "surely"),
+    ("min_ssim", "by_mean", "significant"),
     [
         # means: splat .55, poisson .6, pc2pix .75, apss .8125; lower ends: ~.46, .26, .66, .29
         (0.0, "splat", "splat"),
@@ -156,14 +156,14 @@ def test_no_regret_with_one_method_and_none_blind_of_one_object():
         (0.9, None, None),
     ],
 )
-def test_the_cheapest_that_is_good_enough(min_ssim, on_average, surely):
-    advice = advise(comparison(FIELD), Request(20, min_ssim=min_ssim))
-    assert (name_of(advice.on_average), name_of(advice.surely)) == (on_average, surely)
-    assert meets(Request(20, min_ssim=min_ssim)) == (on_average is not None)
+def test_the_cheapest_that_is_good_enough(min_ssim, by_mean, significant):
+    advice = advise(comparison(FIELD), Requirements(20, min_ssim=min_ssim))
+    assert (name_of(advice.by_mean), name_of(advice.significant)) == (by_mean, significant)
+    assert meets(Requirements(20, min_ssim=min_ssim)) == (by_mean is not None)
 
 
 def test_both_limits_have_to_be_met_by_one_method():
-    request = Request(20, budget_ms=130, min_ssim=0.65)
+    request = Requirements(20, budget_ms=130, min_ssim=0.65)
     assert not meets(request)
     within, good = in_words(request)
     assert within.startswith("2048: best within 130 ms: poisson, ssim 0.600 [")
@@ -171,16 +171,16 @@ def test_both_limits_have_to_be_met_by_one_method():
         "2048: cheapest with an ssim of at least 0.65, surely: pc2pix, ssim 0.75"
     )
     assert good.endswith("; over the budget")
-    enough = Request(20, budget_ms=250, min_ssim=0.65)
+    enough = Requirements(20, budget_ms=250, min_ssim=0.65)
     assert meets(enough)
 
 
 def test_in_short_and_in_full():
-    assert in_words(Request(20, 250)) == [
+    assert in_words(Requirements(20, 250)) == [
         "2048: best within 250 ms: pc2pix, ssim 0.750 [0.658, 0.842], 210 ms [210, 210] a cloud, "
         "10.5 ms a picture"
     ]
-    _, _, sure, first, second, regret = in_words(Request(20, 250, 0.65), in_full=True)
+    _, _, sure, first, second, regret = in_words(Requirements(20, 250, 0.65), in_full=True)
     assert sure.startswith("  surely that good, by the lower end of the interval: ")
     assert first.startswith("  next: poisson, ssim 0.600 [")
     assert "; behind by 0.150 [" in first
@@ -193,7 +193,7 @@ def test_in_short_and_in_full():
 
 
 def test_what_cannot_be_met_names_the_nearest():
-    request = Request(20, 5, 0.9)
+    request = Requirements(20, 5, 0.9)
     within, good, sure = in_words(request, in_full=True)
     assert within.startswith("2048: no method within 5.0 ms; the cheapest: splat, ssim 0.550 [")
     assert ", 21.0 ms [" in within
@@ -208,7 +208,7 @@ def test_what_cannot_be_met_names_the_nearest():
 def test_other_numbers_of_views_are_reckoned_and_odd_names_harmless():
     plain = comparison({"splat": FIELD["splat"], "blank": FIELD["blank"]})
     odd = comparison({"splat\x1b": FIELD["splat"], "blank": FIELD["blank"]}, class_name="a\nb")
-    reckoned, first, second = in_words(Request(1, 5), odd, plain)
+    reckoned, first, second = in_words(Requirements(1, 5), odd, plain)
     assert reckoned.startswith("Costs of 1 view are reckoned from the share of one")
     assert first.startswith("2048, a\\nb: best within 5.0 ms: splat\\x1b, ssim")
     assert second.startswith("2048, chair: best")
@@ -230,22 +230,22 @@ LPIPS = {
 def test_what_is_below_a_white_image_is_no_choice():
     """A white image of ssim .58: of the four methods splat (.55) is worse."""
     white = comparison(FIELD | {"blank": (0, 0, (0.58,) * 4)})
-    advice = advise(white, Request(20, 25))
+    advice = advise(white, Requirements(20, 25))
     assert (advice.best, advice.affordable, advice.below_blank) == (None, 0, ("splat",))
-    assert not meets(Request(20, 25), white)
-    (line,) = in_words(Request(20, 25), white)
+    assert not meets(Requirements(20, 25), white)
+    (line,) = in_words(Requirements(20, 25), white)
     assert line.startswith(
         "2048: no method within 25.0 ms is better than a white image; the cheapest: poisson, ssim "
     )
-    advice = advise(white, Request(20, min_ssim=0.5))
-    assert name_of(advice.on_average) == "poisson"
+    advice = advise(white, Requirements(20, min_ssim=0.5))
+    assert name_of(advice.by_mean) == "poisson"
     assert names(advice.next) == ["pc2pix", "poisson"]
-    lines = in_words(Request(20, 250), white, in_full=True)
+    lines = in_words(Requirements(20, 250), white, in_full=True)
     assert lines[1] == "  below a white image, no choice: splat"
 
 
 def test_metrics_that_agree_have_one_line():
-    (line,) = in_words(Request(20, 250), of_two_metrics(LPIPS), metrics=("ssim", "lpips"))
+    (line,) = in_words(Requirements(20, 250), of_two_metrics(LPIPS), metrics=("ssim", "lpips"))
     assert line == (
         "2048: best within 250 ms: pc2pix, ssim 0.750 [0.658, 0.842], lpips 0.200 [0.200, 0.200], "
         "210 ms [210, 210] a cloud, 10.5 ms a picture"
@@ -255,10 +255,10 @@ def test_metrics_that_agree_have_one_line():
 def test_metrics_that_disagree_have_a_line_each():
     """By lpips, of which less is better, the best at any cost is pc2pix, by ssim surface-apss."""
     both, metrics = of_two_metrics(LPIPS), ("ssim", "lpips")
-    by_ssim, by_lpips = in_words(Request(20, 5000), both, metrics=metrics)
+    by_ssim, by_lpips = in_words(Requirements(20, 5000), both, metrics=metrics)
     assert by_ssim.startswith("2048: best within 5000 ms by ssim: surface-apss, ssim 0.812 [")
     assert by_lpips.startswith("2048: best within 5000 ms by lpips: pc2pix, lpips 0.200 [")
-    full = in_words(Request(20, 5000), both, metrics=metrics, in_full=True)
+    full = in_words(Requirements(20, 5000), both, metrics=metrics, in_full=True)
     assert full[-3].startswith("  next by lpips: surface-apss, lpips 0.400 [")
     assert "; behind by 0.200 [" in full[-3]
     assert full[-1].startswith("  regret: 0.000 [0.000, 0.000] lpips against the best of 4 such ")
@@ -266,7 +266,7 @@ def test_metrics_that_disagree_have_a_line_each():
 
 def test_a_white_image_is_better_by_one_metric_alone():
     both = of_two_metrics(LPIPS | {"splat": 0.7})
-    request, metrics = Request(20, 25), ("ssim", "lpips")
+    request, metrics = Requirements(20, 25), ("ssim", "lpips")
     by_ssim, by_lpips = in_words(request, both, metrics=metrics)
     assert by_ssim.startswith("2048: best within 25.0 ms by ssim: splat, ")
     assert by_lpips.startswith(
@@ -283,7 +283,7 @@ def test_objects_without_a_value_do_not_count_for_the_regret():
         for m, q in field.qualities["ssim-object"].items()
     }
     advice = advise_by(
-        replace(field, qualities={"ssim-object": known}), Request(1, 10), "ssim-object"
+        replace(field, qualities={"ssim-object": known}), Requirements(1, 10), "ssim-object"
     )
     assert name_of(advice.best) == "poisson"  # .567 and .5
     assert advice.regret.value == pytest.approx((0 + 0.3) / 2)

@@ -45,7 +45,7 @@ def test_the_suite_has_all_families():
     assert families_of(suite.conditions) == FAMILIES
     assert sorted(suite.conditions) == sorted({c for f in FAMILIES for c in f.conditions})
     metrics = {*suite.image_metrics, *suite.detail_metrics, *suite.set_metrics}
-    assert set(suite.crossings) <= metrics
+    assert set(suite.condition_sweep) <= metrics
 
 
 def test_what_networks_were_not_shown():

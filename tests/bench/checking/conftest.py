@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+import bench.analysis.scored
 import bench.tables.published
-import bench.tables.scored
 from bench.catalogue.suites import SUITES
 from bench.checking.golden import bless
 
@@ -24,7 +24,7 @@ def be_default(patch, **changes):
         views=manifest["views"],
         endless_limit=len(manifest["objects"]),
     )
-    patch.setattr(bench.tables.scored, "SUITES", (small, *SUITES[1:]))
+    patch.setattr(bench.analysis.scored, "SUITES", (small, *SUITES[1:]))
 
 
 @pytest.fixture

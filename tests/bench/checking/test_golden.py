@@ -5,6 +5,7 @@ from dataclasses import replace
 import pandas as pd
 import pytest
 
+from bench.analysis.scored import read_scored
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import FLOORS
 from bench.catalogue.reconstruction import BEST_RECONSTRUCTION
@@ -14,7 +15,6 @@ from bench.checking.tolerances import JUDGED, OF_CLASSES, RECONSTRUCTION, RENDER
 from bench.records.journal import read_manifest, write_manifest
 from bench.tables.build import tables, write_outputs
 from bench.tables.published import golden, published
-from bench.tables.scored import read_scored
 
 from ..builders import SUITE, write_run
 from .conftest import be_default

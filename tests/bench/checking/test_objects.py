@@ -13,6 +13,7 @@ import pytest
 from PIL import Image
 
 import bench.tables.published
+from bench.analysis.scored import read_scored
 from bench.catalogue.metrics import IMAGE_METRICS, column
 from bench.catalogue.suites import SUITES
 from bench.checking.golden import bless, check
@@ -25,7 +26,6 @@ from bench.records.parquet import JobRow, artifacts_of, read_jobs, write_jobs
 from bench.rendering.sheet import LABEL_HEIGHT, MARGIN, PROBLEM_GROUND
 from bench.tables.build import write_outputs
 from bench.tables.published import golden
-from bench.tables.scored import read_scored
 from data_prep.failures import BadInput
 
 from ..builders import SUITE, make_job, write_artifact, write_run

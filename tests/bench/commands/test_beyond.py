@@ -7,13 +7,13 @@ import pandas as pd
 import pytest
 
 import bench.checking.golden
+from bench.analysis.scored import read_scored
 from bench.catalogue.suites import SUITES
 from bench.commands.publish import run_suite
 from bench.records.journal import read_manifest
 from bench.report.build import read_page
 from bench.running.options import Options
 from bench.tables.build import make_outputs, write_outputs
-from bench.tables.scored import read_scored
 
 from ..builders import write_run
 
@@ -32,7 +32,7 @@ def written(tmp_path_factory):
 def test_leads_follow_from_the_records(written):
     rows = pd.read_csv(written / "tables" / "crossings.csv", dtype={"at": str, "condition": str})
     assert set(zip(rows["method"], rows["rival"], strict=True)) == {("pc2pix", "surface-apss")}
-    assert set(rows["metric"]) == set(SUITE.crossings)
+    assert set(rows["metric"]) == set(SUITE.condition_sweep)
     for _, of_metric in rows.groupby("metric"):
         steps = of_metric[["family", "condition", "at"]].itertuples(index=False, name=None)
         assert list(steps) == [
@@ -80,7 +80,7 @@ def test_tables_and_report_have_titles_of_their_own(written):
     assert [plot.title for plot in page.curves] == [
         f"{metric} against {family}, class chair"
         for family in ("points", "noise", "missing")
-        for metric in SUITE.crossings
+        for metric in SUITE.condition_sweep
     ]
     assert page.tables[0].title == "Beyond what the networks were trained on; protocol 1"
     assert [len(page.tables), len(page.tables[0].tables)] == [4, 1 + 3]
@@ -91,14 +91,14 @@ def test_runs_without_two_methods_families_or_features_have_less(tmp_path):
     few = write_run(tmp_path / "a", suite=SUITE.id, methods=methods, conditions=CONDITIONS)
     (few / "features" / "fd-views.parquet").unlink()
     made = write_outputs(read_scored(few))
-    assert made.crossings is None
+    assert made.condition_sweep is None
     assert not (few / "tables" / "crossings.csv").exists()
     assert {c.metric for c in made.curves} == {"ssim", "lpips", "silhouette-iou"}
     assert len(made.curves) == 3 * 2 * 3
 
     no_family = write_run(tmp_path / "b", suite=SUITE.id, conditions=["2048", "density-3"])
     outputs = make_outputs(read_scored(no_family))
-    assert (outputs.curves, outputs.crossings) == ((), None)
+    assert (outputs.curves, outputs.condition_sweep) == ((), None)
     page = read_page(outputs)
     assert page.curves_title == "Robustness"
     assert page.curves[0].title == "ssim against the conditions, class chair"

@@ -10,16 +10,16 @@ import pytest
 import torch
 import trimesh
 
+import bench.analysis.scored
 import bench.catalogue.metrics
 import bench.running.run
-import bench.tables.scored
+from bench.analysis.scored import read_scored
 from bench.commands.publish import run_suite
 from bench.judges.views import Labels, ViewsNetwork, to_file
 from bench.records.journal import read_manifest
 from bench.report.build import read_page
 from bench.running.options import Options
 from bench.tables.build import make_outputs, tables
-from bench.tables.scored import read_scored
 from data_prep.failures import BadInput
 from data_prep.randomness import generator
 from data_prep.shapes.catalogue import CLASSES
@@ -75,7 +75,7 @@ def measured(folder, classifier, tiny_weights, tmp_path_factory):
     directory = tmp_path_factory.mktemp("classes") / "run"
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(directory.parent))  # no weights for fid
-        for module in (bench.catalogue.metrics, bench.tables.scored):
+        for module in (bench.catalogue.metrics, bench.analysis.scored):
             patch.setattr(module, "VIEWS_WEIGHTS", classifier[0])
         methods = ("surface-apss", f"pc2pix@{tiny_weights}", "true-mesh", "blank")
         dataset = f"folder:{folder}"
@@ -105,7 +105,7 @@ def test_the_classes_that_the_folder_has_their_values_and_the_files(measured):
 def test_other_weights_are_not_asked(measured, monkeypatch, classifier, tmp_path):
     other = tmp_path / "other.safetensors"
     other.write_bytes(to_file(ViewsNetwork(classifier[1].labels)))
-    monkeypatch.setattr(bench.tables.scored, "VIEWS_WEIGHTS", other)
+    monkeypatch.setattr(bench.analysis.scored, "VIEWS_WEIGHTS", other)
     scored = read_scored(measured.directory)
     assert "class_confidence" not in scored.records
     assert scored.skipped["class-confidence"] == (
@@ -146,7 +146,7 @@ def test_the_orderings_in_the_report(written):
     # as published: 94.0 - 28.8, 127.2 - 39.7, 114.4 - 57.2
     assert [line.cells[1].text for line in leads.lines] == ["+65.2", "+87.5", "+57.2"]
     (made,) = (table for table in outputs.further if table.name == "table5_orderings")
-    ssim = [row.lead.value for row in made.rows if row.metric == "ssim"]
+    ssim = [row.difference.value for row in made.rows if row.metric == "ssim"]
     column = [name for name, _ in leads.columns].index("ssim")
     assert [line.cells[column].value for line in leads.lines] == ssim
     explained = [metric for metric, _ in dict(page.meanings)["Metrics"]]

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
 
 import bench.commands.score
+from bench.analysis.scored import read_scored
+from bench.analysis.scores import image_rows
 from bench.catalogue.plugins import ImageMetric, SetMetric
 from bench.commands.score import (
     SeenFeatures,
@@ -22,8 +25,6 @@ from bench.metrics.kernel_distance import kernel_distance
 from bench.records.artifacts import JobName
 from bench.records.record import GROUND_TRUTH
 from bench.report.stored import open_sources
-from bench.tables.quality import image_rows
-from bench.tables.scored import read_scored
 from data_prep.failures import BadInput
 
 TWO = np.zeros((2, 128, 128, 3), np.uint8)
@@ -114,7 +115,7 @@ def test_failed_images_are_scored_as_blank_ones(finished):
     blank = made(lambda truth, drawn: (drawn == 255).all(axis=(1, 2, 3)) * 1.0, "is-blank")
     values = scored(broken, open_sources(finished[0], run.manifest, ()), blank)
     assert (values["is_blank"].isna() == failed).all()
-    rows = image_rows(["is-blank"], values, {}, run.suite, {})
+    rows = image_rows(replace(run, records=values), ["is-blank"])
     (row,) = (r.row for r in rows if (r.row.method, r.row.condition) == ("true-mesh", "2048"))
     assert (row.value, row.failures_as_blank, row.n_ok, row.n) == (0, 0.5, 3, 6)
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 import pandas as pd
 import pytest
 
+from bench.analysis.scored import read_scored
 from bench.catalogue.methods import find_method
 from bench.catalogue.parameters import find_setting
 from bench.catalogue.suites import SUITES
@@ -15,7 +16,6 @@ from bench.commands.publish import run_suite
 from bench.records.journal import read_manifest
 from bench.running.options import Options
 from bench.tables.build import make_outputs, write_outputs
-from bench.tables.scored import read_scored
 from data_prep.failures import BadInput
 
 from ..builders import read_all, write_all, write_run

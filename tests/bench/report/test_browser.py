@@ -13,10 +13,10 @@ from axe_playwright_python.base import AXE_SCRIPT
 from builders import make_failed, read_all, write_all, write_run
 from playwright.sync_api import sync_playwright
 
+from bench.analysis.scored import read_scored
 from bench.report.build import write_report
 from bench.report.site.write import write_site
 from bench.tables.build import make_outputs
-from bench.tables.scored import read_scored
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 pytestmark = [

@@ -6,13 +6,15 @@ from itertools import product
 import numpy as np
 from harness_objects import Tetrahedron
 
+from bench.analysis.paper import AVERAGE
+from bench.analysis.scores import QualityRow
+from bench.catalogue.suites import TableSpec
 from bench.metrics.structural_similarity import ssim_per_image
 from bench.records.artifacts import read_array
 from bench.records.record import GROUND_TRUTH
 from bench.report.classes import write_class_figures
-from bench.tables.classes import AVERAGE, table_of_classes
+from bench.tables.classes import table_of_classes
 from bench.tables.published import published
-from bench.tables.quality import Row
 
 from ..builders import make_job, make_truth
 
@@ -22,11 +24,13 @@ METHODS = ("surface-apss", "pc2pix@all", "splat")
 
 
 def row(metric, method, class_name, value, low=NAN, high=NAN):
-    return Row("s", method, "2048", class_name, metric, value, low, high, 2, 2, NAN, value, "")
+    return QualityRow(
+        "s", method, "2048", class_name, metric, value, low, high, 2, 2, NAN, value, ""
+    )
 
 
 def figures(drawn, rows, jobs, headline=()):
-    tables = (table_of_classes(of, "") for of in (rows, headline))
+    tables = (table_of_classes(TableSpec("classes", "t", "T"), of, "") for of in (rows, headline))
     return drawn(write_class_figures, *tables, PAPER, jobs=jobs)
 
 

@@ -10,7 +10,7 @@ from PIL import Image
 from report_parser import parse
 
 from bench.analysis.comparison import Estimate
-from bench.analysis.crossings import ConditionCurve
+from bench.analysis.condition_sweep import ConditionCurve
 from bench.catalogue.families import FAMILIES
 from bench.report.families import beyond_figure, family_curves, write_beyond_figures
 from bench.report.styles import looks

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from report_parser import parse
 
-from bench.analysis.comparison import Comparison, Estimate, Quality
+from bench.analysis.comparison import NAN, Comparison, Estimate, Quality
+from bench.analysis.scores import QualityRow
 from bench.catalogue.metrics import higher_is_better
+from bench.catalogue.suites import TableSpec
 from bench.report.inline import COLOURS
 from bench.report.pareto import cost_plots
 from bench.report.robustness import curve_panels, curves, robustness_figure
@@ -19,19 +21,18 @@ from bench.report.styles import PAPER, looks
 from bench.tables.figure import NAMES_APART
 from bench.tables.frontier import cost_grid
 from bench.tables.markdown import visible
-from bench.tables.quality import Row, quality_table
-from bench.tables.table import NAN
+from bench.tables.quality import quality_table
 
 METHODS = ("surface-apss", "splat", "true-mesh", "blank")
 
 
 def row(method, condition, value, metric="ssim", class_name="chair", low=0.0, high=1.0):
     at = (method, condition, class_name, metric)
-    return Row("s", *at, value, low, high, 2, 2, NAN, value, "")
+    return QualityRow("s", *at, value, low, high, 2, 2, NAN, value, "")
 
 
 def table(*rows):
-    return quality_table("t", "T", rows)
+    return quality_table(TableSpec("images", "t", "T"), rows)
 
 
 def drawn_svg(plot):

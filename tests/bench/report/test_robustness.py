@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from harness_objects import Tetrahedron
 
+from bench.analysis.scores import QualityRow
+from bench.catalogue.suites import TableSpec
 from bench.records.artifacts import read_array
 from bench.report.robustness import THIN_TINT, write_figures
-from bench.tables.quality import Row, quality_table
+from bench.tables.quality import quality_table
 
 from ..builders import make_job, make_truth, write_artifact
 
@@ -14,7 +16,9 @@ NAN = float("nan")
 
 
 def make_row(metric, method, condition, value, low=NAN, high=NAN):
-    return Row("s", method, condition, "chair", metric, value, low, high, 2, 2, NAN, value, "")
+    return QualityRow(
+        "s", method, condition, "chair", metric, value, low, high, 2, 2, NAN, value, ""
+    )
 
 
 IMAGES = (
@@ -24,7 +28,10 @@ IMAGES = (
     make_row("luminance", "splat", "2048", 0.9),
 )
 SETS = (make_row("fid", "splat", "2048", NAN), make_row("fd-views", "splat", "2048", 12.5))
-CURVES = [quality_table("t", "", IMAGES), quality_table("t", "", SETS)]
+CURVES = [
+    quality_table(TableSpec("images", "t", ""), IMAGES),
+    quality_table(TableSpec("images", "t", ""), SETS),
+]
 
 
 @pytest.fixture

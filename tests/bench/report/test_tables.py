@@ -3,10 +3,12 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+from bench.analysis.comparison import NAN
+from bench.analysis.scores import QualityRow
+from bench.catalogue.suites import TableSpec
 from bench.report.build import table_group
 from bench.tables.classes import table_of_classes
-from bench.tables.quality import Row, quality_table
-from bench.tables.table import NAN
+from bench.tables.quality import quality_table
 
 
 def row(method, value, condition="2048", class_name="chair", metric="ssim", **changes):
@@ -14,11 +16,11 @@ def row(method, value, condition="2048", class_name="chair", metric="ssim", **ch
         "ci_low": value - 0.1, "ci_high": value + 0.1, "n_ok": 4, "n": 4, "paper": NAN,
         "failures_as_blank": value, "note": "",
     }  # fmt: skip
-    return Row("s", method, condition, class_name, metric, value, **(values | changes))
+    return QualityRow("s", method, condition, class_name, metric, value, **(values | changes))
 
 
 def tables_of(*rows):
-    return table_group(quality_table("t", "T", rows)).tables
+    return table_group(quality_table(TableSpec("images", "t", "T"), rows)).tables
 
 
 def marks(table):
@@ -89,7 +91,7 @@ def test_several_classes_are_lines_and_methods_columns():
     assert first.notes == ("splat at chair: 2 x crash",)
     assert (first.unfolded, second.unfolded) == (True, False)
     assert second.tags.condition == "512"
-    made = quality_table("t", "T", [r for r in rows if r.condition == "2048"])
+    made = quality_table(TableSpec("images", "t", "T"), [r for r in rows if r.condition == "2048"])
     lines = made.to_markdown().splitlines()
     start = lines.index("## ssim")  # not in the paper's layout, and no class in the heading
     assert lines[start + 2] == "| class | splat | poisson |"
@@ -98,19 +100,23 @@ def test_several_classes_are_lines_and_methods_columns():
 
 def test_metrics_of_table_5_have_their_own_digits():
     rows = [row("splat", 12.34567, metric="fd-views"), row("splat", 0.123456, metric="kid")]
-    made = table_group(table_of_classes(rows, "")).tables
+    made = table_group(table_of_classes(TableSpec("classes", "t", "T"), rows, "")).tables
     assert [table.lines[0].cells[0].text for table in made] == ["12.3", "0.123"]
 
 
 def test_what_was_skipped_is_folded_and_remarks_are_plain():
     skipped = row("splat", math.nan, metric="fid", note="skipped: weights", paper=94.0)
     there = row("splat", 3.0, metric="fd-views")
-    group = table_group(quality_table("t", "T", (skipped, there), r"`fid` of **a\_b**"))
+    group = table_group(
+        quality_table(TableSpec("images", "t", "T"), (skipped, there), r"`fid` of **a\_b**")
+    )
     assert [table.unfolded for table in group.tables] == [False, True]
     cell = group.tables[0].lines[0].cells[0]
     assert (cell.text, cell.value, cell.paper) == ("skipped", None, "94")
     assert group.tables[0].notes == ("skipped: weights",)
     assert [table.void for table in group.tables] == [True, False]
     assert group.remark == "fid of a_b"
-    whole = table_group(quality_table("t", "T", (skipped, there)), folded=False)
+    whole = table_group(
+        quality_table(TableSpec("images", "t", "T"), (skipped, there)), folded=False
+    )
     assert [table.unfolded for table in whole.tables] == [True, True]

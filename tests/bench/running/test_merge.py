@@ -8,12 +8,12 @@ from dataclasses import replace
 import pandas as pd
 import pytest
 
+from bench.analysis.scored import read_scored
 from bench.commands.publish import merge_shards, run_suite
 from bench.records.journal import open_journal, read_index, read_manifest, write_manifest
 from bench.records.parquet import read_jobs, write_jobs
 from bench.running.shards import Shard
 from bench.tables.build import tables
-from bench.tables.scored import read_scored
 from data_prep.failures import BadInput
 
 from ..builders import assert_equal_runs, file_bytes, finished_options

@@ -18,8 +18,9 @@ import pandas as pd
 import pytest
 from PIL import Image
 
+import bench.analysis.scored
 import bench.running.run
-import bench.tables.scored
+from bench.analysis.scored import read_scored
 from bench.catalogue.suites import SUITES
 from bench.commands.publish import partial_table, publish, run_suite
 from bench.commands.terminal import Terminal
@@ -31,7 +32,6 @@ from bench.running.run import run
 from bench.running.schedule import Budget
 from bench.running.shards import Shard
 from bench.tables.build import tables
-from bench.tables.scored import read_scored
 from data_prep.failures import BadInput, MissingDependency
 
 from ..builders import EXTRACTORS, assert_equal_runs, file_bytes, finished_options
@@ -261,7 +261,7 @@ def no_networks(monkeypatch):
     """Without set metrics, workers need no torch and start in a second."""
     suites = [replace(SUITES[0], set_metrics=(), control_metrics=())]
     monkeypatch.setattr(bench.running.run, "SUITES", suites)
-    monkeypatch.setattr(bench.tables.scored, "SUITES", suites)
+    monkeypatch.setattr(bench.analysis.scored, "SUITES", suites)
 
 
 class OneMore(Budget):

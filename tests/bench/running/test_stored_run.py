@@ -10,13 +10,13 @@ from pathlib import Path
 
 import pytest
 
+from bench.analysis.scored import read_scored
 from bench.catalogue.suites import SUITES
 from bench.records.journal import read_manifest
 from bench.running.options import Options
 from bench.running.protocol import protocol_of
 from bench.running.status import run_status
 from bench.tables.build import make_outputs
-from bench.tables.scored import read_scored
 from bench.tables.table import TABLES, table_files
 
 STORED = Path(__file__).parents[1] / "data" / "run-of-schema-4"

@@ -7,14 +7,15 @@ import io
 
 import pytest
 
+from bench.analysis.run_pairs import methods_of_run
+from bench.analysis.scored import read_scored
 from bench.catalogue.methods import METHODS as CATALOGUE
 from bench.catalogue.methods import role
 from bench.catalogue.reconstruction import BEST_RECONSTRUCTION, RANKING, best_reconstruction
 from bench.catalogue.suites import SUITES
 from bench.tables.build import tables
-from bench.tables.differences import methods_of_run
+from bench.tables.differences import differences_table
 from bench.tables.headline import headline
-from bench.tables.scored import read_scored
 from data_prep.failures import BadInput
 
 from ..builders import write_run
@@ -88,11 +89,14 @@ def test_it_is_compared_by_its_name(directory):
         condition: methods_of_run(directory, [chosen, "splat"], ["ssim"])
         for condition, (chosen, _) in CHOICE.items()
     }
-    rows = {row["condition"]: row for row in csv.DictReader(io.StringIO(found.table.to_csv()))}
+    rows = {
+        row["condition"]: row
+        for row in csv.DictReader(io.StringIO(differences_table(found).to_csv()))
+    }
     for condition, one in direct.items():
         (expected,) = [
             row
-            for row in csv.DictReader(io.StringIO(one.table.to_csv()))
+            for row in csv.DictReader(io.StringIO(differences_table(one).to_csv()))
             if row["condition"] == condition
         ]
         for name in ("value_a", "value_b", "difference", "ci_low", "ci_high", "p"):

@@ -8,19 +8,20 @@ import pytest
 
 from bench.analysis.distances import FeatureDistances
 from bench.analysis.intervals import interval_of_means, jackknife_interval
-from bench.analysis.recognition import ClassHead
+from bench.analysis.recognition import ClassHead, with_confidence
 from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
 from bench.metrics.frechet import JackknifeMoments, left_out_distances
 from bench.metrics.kernel_distance import kernel_distance, left_out_kernel_distances
 from bench.records.record import GROUND_TRUTH, to_frame
-from bench.tables.classes import class_table, network_of, remark, with_confidence
+from bench.tables.classes import class_table, remark
 
-from ..builders import FeaturesAtHand, feature_index, make_failed, make_record
+from ..builders import FeaturesAtHand, feature_index, make_failed, make_record, scored_records
 
 pytestmark = pytest.mark.usefixtures("few_objects")
 
 SUITE = find("thirteen-classes", SUITES, "suite")
+SPEC = SUITE.table("classes")
 METHODS = ("surface-apss", "pc2pix@all", "blank")
 OBJECTS = {"lamp": ("a", "b", "c"), "car": ("a", "b", "c", "d")}
 SKIPPED = {"fid": "skipped: weights; not here"}
@@ -76,7 +77,8 @@ def table_without(method, class_name, *lost):
 def table(of=None, skipped=SKIPPED, features=None):
     features = features or FeaturesAtHand(*random_features())
     frame = with_confidence(to_frame(of or records()), features, HEAD)
-    return class_table(frame, {"fd-views": FeatureDistances(features)}, skipped, SUITE, PUBLISHED)
+    run = scored_records(frame, SUITE, {"fd-views": FeatureDistances(features)}, skipped)
+    return class_table(run, SPEC, PUBLISHED)
 
 
 def cell(made, **at):
@@ -237,24 +239,18 @@ def test_the_papers_layout():
 def test_seven_classes_side_by_side():
     skipped = SKIPPED | dict.fromkeys(("fd-views", "class-confidence"), "skipped: x")
     of = [make_record(m, class_name=k) for m in METHODS for k in SUITE.classes]
-    made = class_table(to_frame(of), {}, skipped, SUITE, {})
+    made = class_table(scored_records(to_frame(of), SUITE, {}, skipped), SPEC, {})
     headers = [line for line in made.to_markdown().splitlines() if line.startswith("|  | ")]
     assert [line.count(" SR |") for line in headers] == [7, 7]
     assert headers[1].endswith("| average SR | average PC2PIX |")
 
 
 def test_the_remark_names_what_is_lacking_and_what_is_few():
-    message = remark(to_frame(records()), SUITE)
+    message = remark(scored_records(to_frame(records()), SUITE))
     assert "Objects of each class: car 4, lamp 3." in message
     assert "Left out, because the dataset has none: airplane, bench, cabinet, chair," in message
     assert "**Fewer than 10 objects: car, lamp.**" in message
     many = [make_record(obj=str(i), class_name=k) for k in SUITE.classes for i in range(10)]
-    message = remark(to_frame(many), SUITE)
+    message = remark(scored_records(to_frame(many), SUITE))
     assert "Left out" not in message
     assert "Fewer" not in message
-
-
-def test_which_network_stands_for_the_papers():
-    assert network_of(["surface-apss", "pc2pix@all", "pc2pix"]) == "pc2pix@all"
-    assert network_of(["pc2pix", "pc2pix@all"]) == "pc2pix"
-    assert network_of(["splat", "pc2pixel"]) is None

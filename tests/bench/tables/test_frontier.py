@@ -5,12 +5,14 @@ import io
 
 from bench.analysis.comparison import NAN, Estimate
 from bench.analysis.frontier import FrontierPoint, SubsampledFrontier
+from bench.catalogue.suites import TableSpec
 from bench.tables.frontier import frontier_table, points_table
 
 NOTHING = Estimate(NAN, NAN, NAN)
+SPEC = TableSpec("frontier", "t", "Quality against cost")
 
 
-def place(method="splat", metric="ssim", verdict="frontier", rival="", **changes):
+def place(method="splat", metric="ssim", verdict="frontier", baseline="", **changes):
     values = {
         "condition": "2048",
         "class_name": "chair",
@@ -21,7 +23,7 @@ def place(method="splat", metric="ssim", verdict="frontier", rival="", **changes
         "n": 40,
     }
     return FrontierPoint(
-        method=method, metric=metric, verdict=verdict, rival=rival, **(values | changes)
+        method=method, metric=metric, verdict=verdict, baseline=baseline, **(values | changes)
     )
 
 
@@ -31,7 +33,7 @@ def rows(text):
 
 def test_csv_is_tidy():
     failed = place("poisson", verdict="no value", cost_ms=NOTHING, quality=NOTHING, n_ok=0)
-    first, second = rows(frontier_table((place(rival="a,b"), failed), "").to_csv())
+    first, second = rows(frontier_table(SPEC, (place(baseline="a,b"), failed), "").to_csv())
     assert ",".join(first) == (
         "condition,class,views,metric,method,cost_ms,cost_ci_low,cost_ci_high,value,ci_low,ci_high,"
         "n_ok,n,verdict,rival"
@@ -52,14 +54,14 @@ def test_markdown_has_methods_by_cost_and_marks():
         place("pc2pix", verdict="tied", cost_ms=costly),
         place("splat"),
         place("true_mesh", verdict="reference", cost_ms=free),
-        place("surface-fit", verdict="below a white image", rival="blank", cost_ms=costly),
+        place("surface-fit", verdict="below a white image", baseline="blank", cost_ms=costly),
         place("poisson", "fd-views", "no value", **nothing),
         place("pc2pix", verdict="dominated", cost_ms=costly, **distance),
         place("splat", **distance),
         place("true_mesh", verdict="reference", cost_ms=free, **distance),
         place("splat", condition="512", views=1),
     )
-    table = frontier_table(places, "Taken in a hurry.")
+    table = frontier_table(SPEC, places, "Taken in a hurry.")
     lines = table.to_markdown().splitlines()
     assert lines[:3] == ["# Quality against cost", "", "Taken in a hurry."]
     start = lines.index("## 2048, chair, 20 views")
@@ -85,7 +87,7 @@ def test_points():
         "chair", "ssim", "splat", "512", 512, Estimate(10.5, 10.0, 11.0),
         Estimate(0.45, 0.4, 0.5), Estimate(0.15, -0.01, 0.31),
     )  # fmt: skip
-    table = points_table((few, full), 20)
+    table = points_table(SPEC, (few, full), 20)
     first, _ = rows(table.to_csv())
     assert first["points"] == "512"
     assert (first["lost"], first["lost_ci_low"]) == ("0.150000", "-0.010000")

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pandas as pd
 import pytest
 
+from bench.analysis.scored import read_scored
 from bench.commands.terminal import shown
 from bench.tables.headline import headline
-from bench.tables.scored import read_scored
 
 from ..builders import write_run
 

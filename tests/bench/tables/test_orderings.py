@@ -16,21 +16,23 @@ from bench.analysis.intervals import (
     jackknife_interval,
     mean_interval,
 )
+from bench.analysis.orderings import Ordering, orderings
 from bench.catalogue.lookup import find
-from bench.catalogue.suites import SUITES
+from bench.catalogue.suites import SUITES, TableSpec
 from bench.metrics.frechet import (
     JackknifeMoments,
     left_out_distances,
 )
 from bench.records.record import GROUND_TRUTH, to_frame
-from bench.tables.orderings import Ordering, orderings, orderings_table, paper_lead
+from bench.tables.orderings import orderings_table
 from bench.tables.published import published
 
-from ..builders import FeaturesAtHand, feature_index, make_record
+from ..builders import FeaturesAtHand, feature_index, make_record, scored_records
 
 pytestmark = pytest.mark.usefixtures("few_objects")
 
 SUITE = find("thirteen-classes", SUITES, "suite")
+SPEC = TableSpec("orderings", "t", "T")
 PAPER = published("thirteen-classes")
 OBJECTS = ("a", "b", "c", "d")
 # SSIM of the network is ahead of SR's by so much in each object
@@ -51,24 +53,23 @@ def records():
     return to_frame(made)
 
 
-def table(features=None):
-    made = orderings(records(), features or {}, SUITE, PAPER)
-    assert made is not None
-    return made
+def of_run(frame=None, features=None):
+    run = scored_records(records() if frame is None else frame, SUITE, features)
+    return orderings(run, PAPER)
 
 
 def row(made, class_name, metric="ssim"):
-    (found,) = [r for r in made.rows if (r.class_name, r.metric) == (class_name, metric)]
+    (found,) = [r for r in made if (r.class_name, r.metric) == (class_name, metric)]
     return found
 
 
 def test_a_lead_is_paired_over_objects():
-    made = table()
+    made = of_run()
     found = row(made, "car")
-    assert found.lead.value == pytest.approx(0.105, abs=1e-12)
+    assert found.difference.value == pytest.approx(0.105, abs=1e-12)
     # differences of numbers near 0.6
     expected = mean_interval(np.array(LEADS["car"]))
-    assert found.lead[1:] == pytest.approx(expected, abs=1e-12)
+    assert found.difference[1:] == pytest.approx(expected, abs=1e-12)
     assert found.surface == pytest.approx(0.5 + 0.15 + 0.005, abs=1e-12)
     assert found.network == pytest.approx(found.surface + 0.105, abs=1e-12)
     assert found.objects == 4
@@ -78,7 +79,7 @@ def test_a_lead_is_paired_over_objects():
 
 
 @pytest.mark.parametrize(
-    ("lead", "paper", "verdict"),
+    ("difference", "paper", "verdict"),
     [
         ((1, 0.5, 1.5), 3.0, "reproduced"),
         ((1, 0.5, 1.5), -3.0, "opposite"),
@@ -91,17 +92,17 @@ def test_a_lead_is_paired_over_objects():
         ((1, 0.5, 1.5), math.nan, "no value"),
     ],
 )
-def test_rules_of_a_verdict(lead, paper, verdict):
-    assert ordering("car", "fid", lead, paper).verdict == verdict
+def test_rules_of_a_verdict(difference, paper, verdict):
+    assert ordering("car", "fid", difference, paper).verdict == verdict
 
 
 def test_the_average():
-    made = table()
+    made = of_run()
     found = row(made, "average")
-    assert found.lead.value == pytest.approx((0.105 + 0.035 + 0) / 3, abs=1e-12)
+    assert found.difference.value == pytest.approx((0.105 + 0.035 + 0) / 3, abs=1e-12)
     differences = [np.array(LEADS[k], float) for k in ("car", "lamp", "vessel")]
-    assert found.lead[1:] == pytest.approx(interval_of_means(differences), abs=1e-12)
-    assert found.paper_lead == pytest.approx(57.2, abs=1e-9)
+    assert found.difference[1:] == pytest.approx(interval_of_means(differences), abs=1e-12)
+    assert found.paper_difference == pytest.approx(57.2, abs=1e-9)
     assert found.objects == 12
 
 
@@ -109,18 +110,17 @@ def test_the_average_of_the_classes_that_have_a_value():
     """Without an interval, which would be of other classes."""
     without = records()
     without.loc[without["class"] == "lamp", "ssim"] = math.nan
-    made = orderings(without, {}, SUITE, PAPER)
-    assert made is not None
+    made = of_run(without)
     found = row(made, "average")
-    assert found.lead.value == pytest.approx((0.105 + 0) / 2, abs=1e-12)
-    assert all(map(math.isnan, found.lead[1:]))
+    assert found.difference.value == pytest.approx((0.105 + 0) / 2, abs=1e-12)
+    assert all(map(math.isnan, found.difference[1:]))
 
 
 def test_distances_are_ahead_where_they_are_smaller():
     frame = feature_index(("surface-apss", "pc2pix@all", "blank"), dict.fromkeys(LEADS, OBJECTS))
     values = np.random.default_rng(0).random((len(frame), 3), np.float32)
     values[frame["method"] == "surface-apss"] += 2.0
-    made = table({"fd-views": FeatureDistances(FeaturesAtHand(frame, values))})
+    made = of_run(features={"fd-views": FeatureDistances(FeaturesAtHand(frame, values))})
     every = []
     for k in LEADS:
         truth, surface, network = (
@@ -131,29 +131,18 @@ def test_distances_are_ahead_where_they_are_smaller():
         )
         every.append(left_out_distances(network, truth) - left_out_distances(surface, truth))
         found = row(made, k, "fd-views")
-        assert found.lead.value == pytest.approx(found.surface - found.network, rel=1e-12)
-        assert found.lead.value > 5  # 3 features off by 2 each: 12, less what chance gives
-        interval = distance_interval(found.lead.value, -every[-1])
-        assert found.lead[1:] == pytest.approx(interval, rel=1e-9)
+        assert found.difference.value == pytest.approx(found.surface - found.network, rel=1e-12)
+        assert found.difference.value > 5  # 3 features off by 2 each: 12, less what chance gives
+        interval = distance_interval(found.difference.value, -every[-1])
+        assert found.difference[1:] == pytest.approx(interval, rel=1e-9)
     average = row(made, "average", "fd-views")
-    value = np.mean([row(made, k, "fd-views").lead.value for k in LEADS])
-    assert average.lead.value == pytest.approx(value, rel=1e-12)
-    assert average.lead[1:] == pytest.approx(jackknife_interval(value, every), rel=1e-9)
-
-
-def test_the_paper():
-    """11 classes and the average for pc2pix, rifle and lamp for SR."""
-    leads = {name: paper_lead(PAPER, name) for name in (*SUITE.classes, "average")}
-    assert [name for name, lead in leads.items() if lead < 0] == ["lamp", "rifle"]
-    # the paper's AVERAGE is the mean of its classes, printed with one decimal
-    classes = [leads[name] for name in SUITE.classes]
-    assert np.mean(classes) == pytest.approx(leads["average"], abs=0.1)
-    assert math.isnan(paper_lead(PAPER, "spoon"))
+    value = np.mean([row(made, k, "fd-views").difference.value for k in LEADS])
+    assert average.difference.value == pytest.approx(value, rel=1e-12)
+    assert average.difference[1:] == pytest.approx(jackknife_interval(value, every), rel=1e-9)
 
 
 def test_csv():
-    made = table()
-    assert made.name == "table5_orderings"
+    made = orderings_table(SPEC, SUITE.id, of_run())
     rows = list(csv.DictReader(io.StringIO(made.to_csv())))
     # silhouette-iou and lpips are the same for all methods of these records: no lead
     assert {(r["class"], r["metric"]) for r in rows} == {
@@ -165,8 +154,10 @@ def test_csv():
     }.items() <= car.items()  # fmt: skip
 
 
-def ordering(class_name, metric, lead, paper):
-    return Ordering("2048", class_name, metric, 0.5, 0.6, Estimate(*lead), paper, 4, "pc2pix@all")
+def ordering(class_name, metric, difference, paper):
+    return Ordering(
+        "2048", class_name, metric, 0.5, 0.6, Estimate(*difference), paper, 4, "pc2pix@all"
+    )
 
 
 NAN = math.nan
@@ -183,7 +174,7 @@ ROWS = (
 
 
 def test_verdicts_stand_beside_the_leads():
-    made = orderings_table("s", "pc2pix@all", ROWS)
+    made = orderings_table(SPEC, "s", ROWS)
     counts, leads = made.grids()
     assert [name for name, _ in leads.columns] == ["objects", "paper (FID)", "ssim", "fd-views"]
     cells = {line.name: line.cells for line in leads.lines}
@@ -210,7 +201,7 @@ def test_verdicts_stand_beside_the_leads():
 
 def test_filters_by_class_and_condition():
     noisy = tuple(replace(row, condition="noise-0.10") for row in ROWS)
-    grids = orderings_table("s", "pc2pix@all", ROWS + noisy).grids()
+    grids = orderings_table(SPEC, "s", ROWS + noisy).grids()
     assert [grid.tags.condition for grid in grids] == ["2048"] * 2 + ["noise-0.10"] * 2
     tags = {line.name: line.tags.class_name for line in grids[1].lines}
     # the average is of all classes: no choice of one hides it
@@ -220,4 +211,4 @@ def test_filters_by_class_and_condition():
 @pytest.mark.parametrize("gone", ["surface-apss", "pc2pix@all"])
 def test_both_sides_are_needed(gone):
     frame = records()
-    assert orderings(frame[frame["method"] != gone], {}, SUITE, PAPER) is None
+    assert of_run(frame[frame["method"] != gone]) == []

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
+from bench.tables.grid import BEST, Cell, ColumnHeader, Grid, TableRow
 from bench.tables.plain import BRACKETS, STAR, plain
-from bench.tables.table import BEST, Cell, ColumnHeader, Grid, TableRow
 
 CONDITIONS = ("2048", "1024", "512", "noise-0.05", "noise-0.10")
 

@@ -8,24 +8,22 @@ import pandas as pd
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-import bench.tables.build
 from bench.analysis.distances import FeatureDistances
 from bench.analysis.intervals import clipped, mean_interval, median_interval
-from bench.catalogue.suites import SUITES
+from bench.analysis.scored import read_scored
+from bench.catalogue.metrics import JUDGE
+from bench.catalogue.suites import SUITES, TableSpec
 from bench.metrics import frechet_distance
 from bench.records.journal import write_manifest
 from bench.records.record import GROUND_TRUTH, to_frame
 from bench.tables.build import cost_table, tables, write_outputs
 from bench.tables.quality import (
-    as_published,
     detail_table,
     image_table,
     quality_table,
     recognition_table,
     set_table,
-    with_objectives,
 )
-from bench.tables.scored import read_scored
 from data_prep.failures import BadInput
 
 from ..builders import (
@@ -37,6 +35,7 @@ from ..builders import (
     make_manifest,
     make_record,
     read_all,
+    scored_records,
     write_all,
     write_run,
 )
@@ -44,6 +43,8 @@ from ..builders import (
 pytestmark = pytest.mark.usefixtures("few_objects")
 
 SUITE = SUITES[0]
+SPEC = TableSpec("images", "t", "T")
+PAPER_LAYOUT = replace(SPEC, paper_layout=True)
 EXACT = 1e-12  # a handful of float64 additions
 
 
@@ -73,7 +74,8 @@ WORKED = [
 
 
 def worked_table(records=WORKED, published=None):
-    return image_table("table3_ssim", "Table 3", to_frame(records), {}, SUITE, published or {})
+    run = scored_records(to_frame(records), SUITE)
+    return image_table(run, PAPER_LAYOUT, published or {})
 
 
 def test_a_table_worked_by_hand():
@@ -149,7 +151,7 @@ THIN = [  # of b's pictures one has no thin part, and c has none at all
 
 
 def test_means_are_over_the_images_that_have_a_value():
-    made = detail_table("table_detail", "Detail", to_frame(THIN), {}, SUITE)
+    made = detail_table(scored_records(to_frame(THIN), SUITE), SPEC, {})
     row = cell(made, method="splat", metric="thin-recall")
     assert row.value == pytest.approx(0.5, abs=EXACT)  # 0.2, 0.4, 0.9
     interval = clipped(mean_interval(np.array([0.3, 0.9])), (0.0, 1.0))  # a and b; c has no value
@@ -187,7 +189,9 @@ def judged(images, seen):
 
 
 def controls(records, answers, skipped=""):
-    return recognition_table(to_frame(records), answers, skipped, SUITE)
+    features = {} if answers is None else {JUDGE: FeatureDistances(answers)}
+    run = scored_records(to_frame(records), SUITE, features, {JUDGE: skipped})
+    return recognition_table(run, SPEC, {})
 
 
 CODES = {"a": (1.0, 0.0), "b": (0.0, 1.0), "c": (-1.0, 0.0)}
@@ -294,7 +298,7 @@ def distances(without=()):
     taken = {"fd-views": FeatureDistances(features(without))}
     taken["fd-views-grey"] = taken["fd-views"]
     skipped = {"fid": "skipped: weights"}
-    return set_table("table4_fid", "Table 4", to_frame(records), taken, skipped, SUITE, {})
+    return set_table(scored_records(to_frame(records), SUITE, taken, skipped), SPEC, {})
 
 
 @pytest.mark.parametrize("without", [(), (("b", 0), ("b", 1), ("d", 1))])
@@ -344,7 +348,7 @@ def test_skipped_metrics_say_why():
 )
 def test_a_metric_has_its_own_number_of_decimals(metric, text):
     row = replace(worked_table().rows[0], metric=metric, value=21.23456)
-    assert f"| {text} [" in quality_table("t", "T", [row]).to_markdown()
+    assert f"| {text} [" in quality_table(SPEC, [row]).to_markdown()
 
 
 def test_csv_to_the_letter():
@@ -352,7 +356,7 @@ def test_csv_to_the_letter():
     row = next(r for r in rows if r.method == "splat" and r.metric == "ssim")
     low, high = clipped(mean_interval(np.array([0.3, 0.7, 0.1])), (-1.0, 1.0))
     rows = (row, replace(row, value=np.inf, note='a, "b"'))
-    assert quality_table("t", "T", rows).to_csv() == (
+    assert quality_table(SPEC, rows).to_csv() == (
         "suite,method,condition,class,metric,value,ci_low,ci_high,n_ok,n,paper,failures_as_blank,"
         "note,debiased,objective\n"
         f"chair-robustness,splat,2048,chair,ssim,0.420000,{low:.6f},{high:.6f},5,8,0.700000,"
@@ -374,10 +378,10 @@ def markdown_records():
     return made
 
 
-def markdown_table(records, published=None):
+def markdown_table(records, published=None, **manifest):
     frame = to_frame(records).iloc[::-1]  # surface-apss first, 512 before 2048
-    suite = replace(SUITE, image_metrics=("ssim",))
-    return image_table("t", "Table 3", frame, {}, suite, published or {})
+    run = scored_records(frame, replace(SUITE, image_metrics=("ssim",)), **manifest)
+    return image_table(run, PAPER_LAYOUT, published or {})
 
 
 def markdown_lines(records):
@@ -419,7 +423,8 @@ def test_markdown_of_names_from_a_file_system():
     """A class, a method and a reason that would each break out of their place."""
     odd = {"class_name": "x\n# y|z", "method": "pc2pix@`<b>`\x1b[2J.safetensors"}
     failed = make_failed(**odd, reason="no *faces*\n* other: [a](b)\u202e")
-    table = with_objectives(worked_table([failed]), {odd["method"]: "a`b"})
+    run = scored_records(to_frame([failed]), SUITE, objectives={odd["method"]: "a`b"})
+    table = image_table(run, SPEC, {})
     lines = table.to_markdown().split("\n")
     assert all(line.isprintable() for line in lines)
     assert "## ssim, x\\\\n\\# y\\|z" in lines
@@ -479,18 +484,20 @@ def test_tables_are_reproduced_to_the_byte(tmp_path):
     assert row.note == "skipped: no features in this run"
 
 
-def test_tables_are_made_with_one_thread(tmp_path, monkeypatch):
-    run = write_run(tmp_path)
-    seen = []
+def test_tables_are_made_with_one_thread(tmp_path):
+    """The features are read while tables are made, by as many threads as these have."""
+    run = read_scored(write_run(tmp_path))
+    threads = []
 
-    def table(*arguments):
-        seen.extend(library["num_threads"] for library in threadpool_info())
-        return image_table(*arguments)
+    class Watched(FeatureDistances):
+        def images(self, *cell):
+            threads.extend(library["num_threads"] for library in threadpool_info())
+            return super().images(*cell)
 
-    monkeypatch.setattr(bench.tables.build, "image_table", table)
+    watched = Watched(run.features["fd-views"])
     with threadpool_limits(2):
-        tables(read_scored(run))
-    assert set(seen) == {1}
+        tables(replace(run, features=run.features | {"fd-views": watched}))
+    assert set(threads) == {1}
 
 
 def test_a_run_of_an_unknown_suite(tmp_path):
@@ -514,20 +521,12 @@ def test_cost_is_the_median_over_clouds():
 
 
 def test_tables_say_what_weights_were_trained_with():
-    table = with_objectives(markdown_table(markdown_records()), {"pc2pix": "paired"})
+    table = markdown_table(markdown_records(), objectives={"pc2pix": "paired"})
     objectives = {row.method: row.objective for row in table.rows}
     assert objectives == {"surface-apss": "", "pc2pix": "paired", "blank": ""}
     assert "`pc2pix`: weights trained with `paired`.  \n" in table.to_markdown()
     _, *lines = table.to_csv().splitlines()
     assert all(line.endswith(",paired") == (",pc2pix," in line) for line in lines)
-
-
-def test_a_variant_has_its_own_published_value_or_its_architectures():
-    fid = ("chair", "fid", "2048")
-    published = {(*fid, "pc2pix"): 31.5, (*fid, "pc2pix@all"): 28.8}
-    for method, value in (("pc2pix@all", 28.8), ("pc2pix@acgan", 31.5), ("pc2pix", 31.5)):
-        assert as_published(published, *fid, method) == value
-    assert np.isnan(as_published(published, *fid, "splat"))
 
 
 def test_without_the_package_lpips_and_its_distances_are_skipped(tmp_path):

@@ -5,25 +5,21 @@ from dataclasses import dataclass
 
 import pytest
 
-from bench.tables.markdown import document
-from bench.tables.table import (
+from bench.analysis.comparison import NAN
+from bench.tables.grid import (
     BOLD,
-    NAN,
     NOTHING,
     Annotation,
     Cell,
-    Table,
+    PivotLayout,
     Tags,
-    columns,
-    columns_of,
-    constant,
     grid,
     number,
-    of_protocol,
     pivot,
     shown,
-    table_files,
 )
+from bench.tables.markdown import document
+from bench.tables.table import Table, columns, columns_of, constant, of_protocol, table_files
 
 
 @dataclass(frozen=True)
@@ -52,10 +48,12 @@ def made():
         "method",
         "condition",
         lambda row: number((row.value, 0.25, NAN), show, count=(row.n, 2)),
+        PivotLayout(
+            columns=("2048", "512"),
+            before={"class": lambda row: Cell(row.class_name)},
+            about=lambda rows: f"{len(rows)} rows",
+        ),
         corner="method",
-        columns=("2048", "512"),
-        before={"class": lambda row: Cell(row.class_name)},
-        about=lambda rows: f"{len(rows)} rows",
         notes=("why *not*",),
         remark="Of two_.",
     )

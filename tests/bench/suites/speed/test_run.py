@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 import pytest
 
 import bench.suites.speed.run
+from bench.analysis.scored import read_scored
 from bench.catalogue.suites import SPEED, Limits
 from bench.records.journal import read_manifest
 from bench.running.isolation import WORKER_ENVIRONMENT, run_tasks, thread_counts
@@ -18,7 +19,6 @@ from bench.suites.speed.measure import Unit, lost
 from bench.suites.speed.run import Laboratory, measure_alone, run
 from bench.suites.speed.samples import TimingSample
 from bench.tables.build import tables
-from bench.tables.scored import read_scored
 from data_prep.clouds.conditions import Unchanged
 from data_prep.failures import BadInput
 
@@ -27,7 +27,7 @@ from ...harness_objects import Dying, Tetrahedron
 SMALL = replace(
     SPEED,
     methods=("splat", "blank"),
-    rivals=("splat",),
+    baselines=("splat",),
     clouds=2,
     views=3,
     singles=1,

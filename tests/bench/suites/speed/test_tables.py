@@ -28,7 +28,7 @@ from bench.tables.figure import spread
 from bench.tables.published import published
 
 MACHINE = {"cpu": "some cpu", "cores": 2}
-SUITE = replace(SPEED, rivals=("slow",), amortised=(1, 4, 8))
+SUITE = replace(SPEED, baselines=("slow",), amortised=(1, 4, 8))
 
 
 def measurement(
@@ -189,7 +189,7 @@ def test_break_even():
     """1 + 0.1 V against 0.1 + 0.25 V: equal at 6 views."""
     table = break_even_table(ALL, SUITE).to_csv().splitlines()
     assert table[1:] == ["speed,quick,slow,2048,1,up to,6,"]
-    both = replace(SUITE, rivals=("slow", "quick", "lost"))
+    both = replace(SUITE, baselines=("slow", "quick", "lost"))
     pairs = [(method_of(r), r.rival, r.break_even.cheaper) for r in break_even_rows(ALL, both)]
     assert pairs == [("slow", "quick", "from"), ("quick", "slow", "up to")]
 
@@ -257,7 +257,7 @@ def test_markdown_of_the_amortised():
         measurement("true-mesh", prepare=(0.0,), single=(0.001,), batch=0.004),
         replace(LOST.measurement, method="splat"),
     ]
-    suite = replace(SUITE, rivals=("surface-apss",))
+    suite = replace(SUITE, baselines=("surface-apss",))
     text = amortised_table([summarise(m) for m in named], suite).to_markdown()
     for line in (
         "| method | 1 | 4 | 8 |",

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from matplotlib import image
 
+from bench.analysis.scored import read_scored
 from bench.checking.golden import check
 from bench.records.journal import read_manifest
 from bench.running.options import Options
@@ -19,7 +20,6 @@ from bench.suites.stability.tables import matrix as matrix_of
 from bench.suites.stability.tables import read_outcomes, subjects, unexpected
 from bench.tables.build import tables
 from bench.tables.figure import save
-from bench.tables.scored import read_scored
 from data_prep.failures import BadInput
 
 from .test_formats import ROW

@@ -1,4 +1,4 @@
-"""Methods along families of conditions: which is ahead, and where that changes. Pure.
+"""Methods along families of conditions: which is ahead, and where that changes.
 
 Methods are compared on the same objects, failed images scored as blank ones
 (`bench.analysis.comparison`). Between the conditions that were measured a curve is a straight line
@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from bench.analysis.comparison import NAN, Comparison, Estimate, Quality, lead
+from bench.analysis.comparison import NAN, Comparison, Estimate, Quality, better_by
 from bench.catalogue.families import Family, families_of
 
 # Who is set against whom; settings and weights of a method (`pc2pix@FILE`) stand for it too.
@@ -23,7 +23,7 @@ NO_VALUE = "no value"
 
 @dataclass(frozen=True)
 class ConditionCurve:
-    """One method along a family: `estimates` are of its conditions, in their order."""
+    """The values of one method along a family, in the order of its conditions."""
 
     class_name: str
     family: Family
@@ -34,12 +34,12 @@ class ConditionCurve:
 
 @dataclass(frozen=True)
 class Crossover:
-    """Where two curves cross.
+    """A place where two curves cross.
 
-    after      the number of the step after which they do, from 0: before the next one, or at it
-    at         on the axis
-    low, high  around it, as far as the interval of the lead holds 0: an end of the family where it
-               still does there; NaN where a lead has no interval
+    after      number of the step, from 0, after which they cross: before the next one, or at it
+    at         the place on the axis
+    low, high  the places around it as far as the interval of the difference holds 0: an end of the
+               family where it still does there; NaN where a difference has no interval
     """
 
     after: int
@@ -52,49 +52,49 @@ class Crossover:
 class PairedComparison:
     """Two methods along a family by one metric.
 
-    values, rival_values  of both, at each step
-    leads                 how much better the method is than its rival, paired over objects
+    values, baseline_values  of both, at each step
+    differences              how much better the method is than its baseline, paired over objects
     """
 
     class_name: str
     family: Family
     metric: str
     method: str
-    rival: str
+    baseline: str
     values: tuple[float, ...]
-    rival_values: tuple[float, ...]
-    leads: tuple[Estimate, ...]
+    baseline_values: tuple[float, ...]
+    differences: tuple[Estimate, ...]
 
     @property
     def sides(self) -> tuple[Family, str, str]:
-        """Family, method and rival."""
-        return self.family, self.method, self.rival
+        """Return family, method and baseline."""
+        return self.family, self.method, self.baseline
 
     @property
     def ahead(self) -> tuple[str, ...]:
-        """At each step whose lead has an interval on its side of 0; else UNDECIDED or NO_VALUE."""
-        return tuple(_ahead(of, self.method, self.rival) for of in self.leads)
+        """Return the better method at each step, by an interval without 0, or why none is."""
+        return tuple(_ahead(value, self.method, self.baseline) for value in self.differences)
 
     @property
-    def crossings(self) -> tuple[Crossover, ...]:
-        """All within the family, in its order. A lead that touches 0 and comes back is none."""
+    def crossovers(self) -> tuple[Crossover, ...]:
+        """Return the crossovers within the family; a curve that only touches 0 has none there."""
         places = [place_of(value, self.family) for value in self.family.values]
-        leads, lows, highs = zip(*self.leads, strict=True)
+        differences, lows, highs = zip(*self.differences, strict=True)
         # 0 leaves the interval where one of its ends passes through 0.
         left = [at for _, at in (*sign_changes(places, lows), *sign_changes(places, highs))]
         sure = all(map(math.isfinite, (*lows, *highs)))
-        made = []
-        for after, at in sign_changes(places, leads):
+        crossovers = []
+        for after, at in sign_changes(places, differences):
             low = max(p for p in (*left, min(places)) if p <= at) if sure else NAN
             high = min(p for p in (*left, max(places)) if p >= at) if sure else NAN
-            made.append(Crossover(after, *(_value(p, self.family) for p in (at, low, high))))
-        return tuple(made)
+            crossovers.append(Crossover(after, *(_value(p, self.family) for p in (at, low, high))))
+        return tuple(crossovers)
 
 
 def condition_curves(
     comparisons: Sequence[Comparison], metrics: Sequence[str]
 ) -> tuple[ConditionCurve, ...]:
-    """Every method along every family that the conditions make up: by class, family and metric."""
+    """Return every method along every family of the conditions, by class, family and metric."""
     return tuple(
         ConditionCurve(
             class_name, family, metric, method, tuple(step[method].estimate for step in steps)
@@ -107,27 +107,27 @@ def condition_curves(
 def paired_comparisons(
     comparisons: Sequence[Comparison], metrics: Sequence[str]
 ) -> tuple[PairedComparison, ...]:
-    """The pairs that there are, along every family: by class, family, metric and pair."""
+    """Return the pairs of the methods along every family, by class, family, metric and pair."""
     return tuple(
         PairedComparison(
             class_name,
             family,
             metric,
             method,
-            rival,
+            baseline,
             tuple(step[method].estimate.value for step in steps),
-            tuple(step[rival].estimate.value for step in steps),
-            tuple(lead(step[method], step[rival]) for step in steps),
+            tuple(step[baseline].estimate.value for step in steps),
+            tuple(better_by(step[method], step[baseline]) for step in steps),
         )
         for class_name, family, metric, steps in _steps(comparisons, metrics)
-        for method, rival in pairs_among(list(steps[0]))
+        for method, baseline in pairs_among(list(steps[0]))
     )
 
 
 def _steps(
     comparisons: Sequence[Comparison], metrics: Sequence[str]
 ) -> Iterator[tuple[str, Family, str, list[Mapping[str, Quality]]]]:
-    """Class, family and metric, with the qualities by method at each condition of the family."""
+    """Yield class, family and metric, with the qualities by method at each of its conditions."""
     by_class: dict[str, dict[str, Comparison]] = {}
     for comparison in comparisons:
         by_class.setdefault(comparison.class_name, {})[comparison.condition] = comparison
@@ -139,39 +139,39 @@ def _steps(
 
 
 def pairs_among(methods: Sequence[str]) -> list[tuple[str, str]]:
-    """The pairs of PAIRS that these methods make up."""
+    """Return the pairs of PAIRS that these methods make up."""
     return [
-        (method, rival)
-        for one, other in PAIRS
+        (method, baseline)
+        for first, second in PAIRS
         for method in methods
-        for rival in methods
-        if (method.partition("@")[0], rival.partition("@")[0]) == (one, other)
+        for baseline in methods
+        if (method.partition("@")[0], baseline.partition("@")[0]) == (first, second)
     ]
 
 
 def sign_changes(places: Sequence[float], values: Sequence[float]) -> list[tuple[int, float]]:
-    """Where straight lines through (place, value) pass from one side of 0 to the other.
+    """Return where straight lines through (place, value) pass from one side of 0 to the other.
 
-    Each as (number of the step after which, place). Steps without a value (NaN) join nothing. Of
-    a stretch at 0 between two sides it is the first step.
+    Each is (number of the step before, place). Steps without a value (NaN) join nothing. A stretch
+    at 0 between two sides counts as its first step.
     """
     sided = [i for i, value in enumerate(values) if value != 0]
-    found = []
+    changes = []
     for i, j in pairwise(sided):
         if values[i] * values[j] < 0:
             share = values[i] / (values[i] - values[i + 1])
-            found.append((i, places[i] + share * (places[i + 1] - places[i])))
-    return found
+            changes.append((i, places[i] + share * (places[i + 1] - places[i])))
+    return changes
 
 
-def _ahead(of: Estimate, method: str, rival: str) -> str:
-    if not math.isfinite(of.value):
+def _ahead(difference: Estimate, method: str, baseline: str) -> str:
+    if not math.isfinite(difference.value):
         return NO_VALUE
-    return method if of.low > 0 else rival if of.high < 0 else UNDECIDED
+    return method if difference.low > 0 else baseline if difference.high < 0 else UNDECIDED
 
 
 def place_of(value: float, family: Family) -> float:
-    """Where a value stands on an axis whose equal steps are equally far apart."""
+    """Return the place of a value on an axis whose equal steps are equally far apart."""
     return math.log2(value) if family.logarithmic else value
 
 

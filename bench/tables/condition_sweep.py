@@ -1,4 +1,4 @@
-"""Where one method falls behind another, as a table: families down, metrics across."""
+"""The table of methods along families of conditions: which is ahead, and where that changes."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from bench.analysis.comparison import Estimate, decimals
-from bench.analysis.crossings import Crossover, PairedComparison
+from bench.analysis.condition_sweep import Crossover, PairedComparison
 from bench.catalogue.families import Family
+from bench.catalogue.suite_types import TableSpec
 from bench.tables import markdown
-from bench.tables.table import (
+from bench.tables.grid import (
     Annotation,
     Block,
     Cell,
     Grid,
-    Table,
+    PivotLayout,
     Tags,
-    columns,
-    constant,
     number,
     ordered,
     pivot,
 )
+from bench.tables.table import Table, columns, constant
 
 AHEAD = Annotation("ahead", "**{value}{interval}**")
 BEHIND = Annotation("behind", "*{value}{interval}*", against=True)
@@ -30,12 +30,12 @@ NOWHERE = Crossover(-1, math.nan, math.nan, math.nan)
 
 
 @dataclass(frozen=True)
-class Step:
+class ConditionStep:
     """One step of a paired comparison.
 
     at         the condition's place on the axis of the family
     unseen_by  the networks that were not shown such clouds in training
-    crossing   where the curves cross after this step, before the next or at it
+    crossover  where the curves cross after this step, before the next or at it
     """
 
     paired: PairedComparison
@@ -43,46 +43,53 @@ class Step:
     at: str
     unseen_by: str
     value: float
-    rival_value: float
-    lead: Estimate
+    baseline_value: float
+    difference: Estimate
     ahead: str
     crossover: Crossover
 
 
-def crossings_table(suite: str, paired_comparisons: Sequence[PairedComparison]) -> Table[Step]:
-    """All paired comparisons of a run."""
-    made = (
+def condition_sweep_table(
+    spec: TableSpec, suite: str, paired_comparisons: Sequence[PairedComparison]
+) -> Table[ConditionStep]:
+    """Return the table of all paired comparisons of a run."""
+    csv = (
         constant("suite", suite),
         *columns(("class", "paired.class_name"), ("family", "paired.family.id")),
-        *columns(*((name, f"paired.{name}") for name in ("metric", "method", "rival"))),
-        *columns("condition", "at", "unseen_by", "value", "rival_value"),
-        *columns(("lead", "lead.value"), ("ci_low", "lead.low"), ("ci_high", "lead.high"), "ahead"),
+        *columns(*((name, f"paired.{name}") for name in ("metric", "method"))),
+        *columns(("rival", "paired.baseline")),
+        *columns("condition", "at", "unseen_by", "value", ("rival_value", "baseline_value")),
+        *columns(
+            ("lead", "difference.value"),
+            ("ci_low", "difference.low"),
+            ("ci_high", "difference.high"),
+            "ahead",
+        ),
         *columns(("crossing", "crossover.at")),
         *columns(("crossing_low", "crossover.low"), ("crossing_high", "crossover.high")),
     )
     rows = tuple(step for paired in paired_comparisons for step in _steps(paired))
-    title = "Beyond what the networks were trained on"
-    return Table("crossings", title, made, rows, _layout, _REMARK)
+    return Table(spec.name, spec.title, csv, rows, _layout, _REMARK)
 
 
-def _steps(c: PairedComparison) -> Iterator[Step]:
-    crossings = {crossover.after: crossover for crossover in c.crossings}
+def _steps(c: PairedComparison) -> Iterator[ConditionStep]:
+    crossovers = {crossover.after: crossover for crossover in c.crossovers}
     for i, (at, condition) in enumerate(c.family.steps):
-        yield Step(
+        yield ConditionStep(
             paired=c,
             condition=condition,
             at=f"{at:g}",
             unseen_by=" ".join(c.family.unseen_by(at)),
             value=c.values[i],
-            rival_value=c.rival_values[i],
-            lead=c.leads[i],
+            baseline_value=c.baseline_values[i],
+            difference=c.differences[i],
             ahead=c.ahead[i],
-            crossover=crossings.get(i, NOWHERE),
+            crossover=crossovers.get(i, NOWHERE),
         )
 
 
-def _layout(rows: Sequence[Step]) -> Iterator[Block]:
-    """Who is ahead at both ends and where that changes; then the lead at every step."""
+def _layout(rows: Sequence[ConditionStep]) -> Iterator[Block]:
+    """Yield who is ahead at both ends and where that changes; then the difference at each step."""
     yield _LEGEND
     classes = ordered(row.paired.class_name for row in rows)
     for class_name in classes:
@@ -113,7 +120,7 @@ _REMARK = (
 
 
 def shown_in_training(family: Family) -> str:
-    """What networks were shown: "splat-net 512 to 2048, pc2pix 256 to 2048"."""
+    """Return the range that networks were trained on: "splat-net 512 to 2048"."""
     return ", ".join(
         f"{name} {least:g}" + (f" to {most:g}" if most > least else " only")
         for name, least, most in family.trained
@@ -121,15 +128,15 @@ def shown_in_training(family: Family) -> str:
 
 
 def end_to_end_text(paired: PairedComparison) -> str:
-    """Who is ahead at the first and at the last step, and where the curves cross."""
+    """Return who is ahead at the first and at the last step, and where the curves cross."""
     first, last = paired.ahead[0], paired.ahead[-1]
     ends = first if first == last else f"{first}, then {last}"
-    crossings = " and ".join(map(crossover_text, paired.crossings))
-    return f"{ends}; {f'crosses at {crossings}' if crossings else 'none within'}"
+    crossovers = " and ".join(map(crossover_text, paired.crossovers))
+    return f"{ends}; {f'crosses at {crossovers}' if crossovers else 'none within'}"
 
 
 def crossover_text(crossover: Crossover) -> str:
-    """Its place with three digits: "0.137 [0.12, 0.15]"."""
+    """Return the place of a crossover with three digits: "0.137 [0.12, 0.15]"."""
     if not math.isfinite(crossover.low):
         return _place(crossover.at)
     return f"{_place(crossover.at)} [{_place(crossover.low)}, {_place(crossover.high)}]"
@@ -140,28 +147,30 @@ def _place(value: float) -> str:
 
 
 def _summary(paired_comparisons: Sequence[PairedComparison]) -> Grid:
-    """Pairs of methods along families down, metrics across."""
+    """Return the pairs of methods along families down, metrics across."""
     class_name = paired_comparisons[0].class_name
     return pivot(
         paired_comparisons,
         "sides",
         "metric",
         lambda row: Cell(end_to_end_text(row)),
-        named=lambda row: row.family.id,
+        PivotLayout(
+            line_name=lambda row: row.family.id,
+            before={
+                "from": lambda row: Cell(row.family.conditions[0]),
+                "to": lambda row: Cell(row.family.conditions[-1]),
+                "first": lambda row: Cell(row.method),
+                "second": lambda row: Cell(row.baseline),
+            },
+        ),
         corner="family",
-        before={
-            "from": lambda row: Cell(row.family.conditions[0]),
-            "to": lambda row: Cell(row.family.conditions[-1]),
-            "first": lambda row: Cell(row.method),
-            "second": lambda row: Cell(row.rival),
-        },
         caption=f"from end to end, {class_name}",
         tags=Tags(class_name=class_name),
     )
 
 
-def _leads(rows: Sequence[Step]) -> Grid:
-    """Of one family: metrics down, steps across."""
+def _leads(rows: Sequence[ConditionStep]) -> Grid:
+    """Return the differences along one family, metrics down and steps across."""
     class_name, family = rows[0].paired.class_name, rows[0].paired.family
     at = {row.condition: row.at for row in rows}
     return pivot(
@@ -169,20 +178,22 @@ def _leads(rows: Sequence[Step]) -> Grid:
         "paired",
         "condition",
         _lead,
-        named=lambda row: row.paired.metric,
-        title=lambda condition: at[condition],
+        PivotLayout(
+            line_name=lambda row: row.paired.metric,
+            column_name=lambda condition: at[condition],
+            before={
+                "first": lambda row: Cell(row.paired.method),
+                "second": lambda row: Cell(row.paired.baseline),
+            },
+        ),
         corner="metric",
-        before={
-            "first": lambda row: Cell(row.paired.method),
-            "second": lambda row: Cell(row.paired.rival),
-        },
         caption=f"lead along {family.axis}, {class_name}",
         remark=f"In training: {shown_in_training(family)}." if family.trained else "",
         tags=Tags(class_name=class_name),
     )
 
 
-def _lead(row: Step) -> Cell:
+def _lead(row: ConditionStep) -> Cell:
     show = f"{{:+.{decimals(row.paired.metric)}f}}".format
-    marks = {row.paired.method: AHEAD, row.paired.rival: BEHIND}
-    return number(row.lead, show, special=marks.get(row.ahead))
+    marks = {row.paired.method: AHEAD, row.paired.baseline: BEHIND}
+    return number(row.difference, show, special=marks.get(row.ahead))

@@ -7,24 +7,28 @@ from dataclasses import replace
 
 import pytest
 
-from bench.analysis.crossings import Crossover
+from bench.analysis.condition_sweep import Crossover
 from bench.catalogue.families import FAMILIES
-from bench.tables.crossings import (
-    crossings_table,
+from bench.catalogue.suites import TableSpec
+from bench.tables.condition_sweep import (
+    condition_sweep_table,
     crossover_text,
     end_to_end_text,
     shown_in_training,
 )
 
-from ..analysis.test_crossings import NAN, paired
+from ..analysis.test_condition_sweep import NAN, paired
 
+SPEC = TableSpec("condition sweep", "t", "T")
 # splat-net against pc2pix at 0, 0.05 and 0.10 of noise: ahead, undecided, behind
 LEADS = [(0.1, 0.05, 0.15), (0.025, -0.025, 0.075), (-0.1, -0.15, -0.05)]
 SURE = paired([(0.1, 0.05, 0.15), (0.2, 0.15, 0.25), (0.3, 0.25, 0.35)])
 
 
 def rows(*paired_comparisons):
-    return list(csv.DictReader(io.StringIO(crossings_table("s", paired_comparisons).to_csv())))
+    return list(
+        csv.DictReader(io.StringIO(condition_sweep_table(SPEC, "s", paired_comparisons).to_csv()))
+    )
 
 
 def test_csv_is_tidy():
@@ -90,8 +94,8 @@ def test_what_training_has_shown():
 
 def test_grids():
     never = paired([(NAN, NAN, NAN), 0.1, (0.3, 0.2, 0.4)])
-    ends, noise, missing = crossings_table(
-        "s", (paired(LEADS), never, paired(LEADS, "missing"))
+    ends, noise, missing = condition_sweep_table(
+        SPEC, "s", (paired(LEADS), never, paired(LEADS, "missing"))
     ).grids()
     assert (ends.caption, noise.caption, missing.caption) == (
         "from end to end, chair",
@@ -124,7 +128,7 @@ def test_grids():
 
 def test_markdown_of_several_classes_tells_them_apart():
     made = (paired(LEADS), replace(SURE, class_name="a|b", metric="fd-views"))
-    lines = crossings_table("s", made).to_markdown().splitlines()
+    lines = condition_sweep_table(SPEC, "s", made).to_markdown().splitlines()
     axis = "## noise: standard deviation, in radii of the unit sphere"
     assert [line for line in lines if line.startswith("## ")] == [
         *("## From end to end, chair", f"{axis}, chair"),

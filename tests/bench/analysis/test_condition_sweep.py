@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.analysis.comparison import Estimate
-from bench.analysis.crossings import (
+from bench.analysis.condition_sweep import (
     NO_VALUE,
     UNDECIDED,
     PairedComparison,
@@ -29,9 +29,9 @@ BY_ID = {family.id: family for family in FAMILIES}
 OFFSETS = np.array([-0.03, 0.0, 0.01, 0.02])  # of four objects, with mean 0
 
 
-def paired(leads, family="noise"):
+def paired(differences, family="noise"):
     """Leads as values, or as (value, low, high), at the first steps of a family."""
-    message = [Estimate(*v) if isinstance(v, tuple) else Estimate(v, NAN, NAN) for v in leads]
+    message = [Estimate(*v) if isinstance(v, tuple) else Estimate(v, NAN, NAN) for v in differences]
     conditions = BY_ID[family].conditions[: len(message)]
     (reduced,) = (f for f in families_of(conditions) if f.id == family)
     values, others = (0.5,) * len(message), (0.25,) * len(message)
@@ -105,12 +105,12 @@ def test_straight_curves_cross_where_they_do():
     assert low < 0 < high
     for spread, below, above in ((0.0, 0.0, 0.0), (0.5, low, high)):
         (made,) = paired_comparisons(along("noise", curves, spread), ["ssim"])
-        assert (made.method, made.rival, made.family.id) == ("splat-net", "pc2pix", "noise")
+        assert (made.method, made.baseline, made.family.id) == ("splat-net", "pc2pix", "noise")
         assert made.values == pytest.approx([0.8, 0.75, 0.7, 0.65, 0.6])
-        assert made.rival_values == pytest.approx([0.6, 0.625, 0.65, 0.675, 0.7])
-        for of, value in zip(made.leads, [0.2, 0.125, 0.05, -0.025, -0.1], strict=True):
+        assert made.baseline_values == pytest.approx([0.6, 0.625, 0.65, 0.675, 0.7])
+        for of, value in zip(made.differences, [0.2, 0.125, 0.05, -0.025, -0.1], strict=True):
             assert tuple(of) == pytest.approx((value, value + below, value + above), abs=1e-12)
-        (crossover,) = made.crossings
+        (crossover,) = made.crossovers
         assert crossover.after == 2
         ends = (0.2 + below) / 1.5, (0.2 + above) / 1.5
         assert (crossover.at, crossover.low, crossover.high) == pytest.approx(
@@ -121,7 +121,7 @@ def test_straight_curves_cross_where_they_do():
 
 
 @pytest.mark.parametrize(
-    ("family", "leads", "ahead", "crossings"),
+    ("family", "differences", "ahead", "crossovers"),
     [
         # 2048, 1024, 512, 256, on a logarithmic axis: the lower end passes through 0 halfway
         # between the first two, the lead between the next, the upper end between the last two
@@ -157,12 +157,12 @@ def test_straight_curves_cross_where_they_do():
         ),
     ],
 )
-def test_who_is_ahead_and_where_that_changes(family, leads, ahead, crossings):
-    made = paired(leads, family)
+def test_who_is_ahead_and_where_that_changes(family, differences, ahead, crossovers):
+    made = paired(differences, family)
     assert made.ahead == ahead
-    found = [(c.after, c.at, c.low, c.high) for c in made.crossings]
-    assert len(found) == len(crossings)
-    for one, expected in zip(found, crossings, strict=True):
+    found = [(c.after, c.at, c.low, c.high) for c in made.crossovers]
+    assert len(found) == len(crossovers)
+    for one, expected in zip(found, crossovers, strict=True):
         assert one == pytest.approx(expected, rel=1e-12, abs=1e-15, nan_ok=True)
 
 

@@ -1,0 +1,238 @@
+"""Pairs of `bench compare`: the methods of two runs, or two methods of one run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple
+
+from threadpoolctl import threadpool_limits
+
+from bench.analysis.comparison import Comparison, compare, paired, pooled
+from bench.analysis.paired import ComparedPair, PairedDifference, Side, paired_differences
+from bench.analysis.scored import ScoredRun, read_scored
+from bench.catalogue.methods import FLOOR
+from bench.catalogue.metrics import IMAGE_METRICS, is_mean
+from bench.catalogue.reconstruction import BEST_RECONSTRUCTION, best_by_condition
+from bench.records.journal import PROTOCOL
+from data_prep.failures import BadInput
+
+SAME_TRUTH = 0.005  # of that ssim: graphics drivers differ by less, objects by more
+NAMED = 3  # objects in a message
+
+
+@dataclass(frozen=True)
+class Differences:
+    """The differences of two sides in all cells.
+
+    a, b     names of the two sides: methods of one run, or folders of two
+    remarks  what was left out, a sentence each
+    """
+
+    a: str
+    b: str
+    cells: tuple[PairedDifference, ...]
+    remarks: tuple[str, ...]
+
+
+def methods_of_run(
+    directory: Path, methods: Sequence[str], metrics: Sequence[str] | None
+) -> Differences:
+    """Return method b against method a of one finished run, in every condition and class.
+
+    With several classes also all objects together, by image metrics. A method may be
+    `best-reconstruction`: at each condition the reconstruction that was best on validation chairs
+    (`bench.catalogue.reconstruction`).
+
+    Raises BadInput where there are not two methods, for methods and metrics that the run does not
+    have, and for a run without scores.
+    """
+    run = read_scored(directory)
+    if len(set(methods)) != 2:
+        raise BadInput("one run is compared by two methods; give --methods a,b or a second folder")
+    best = _best_reconstructions(run)
+    available = [*run.manifest["methods"], *([BEST_RECONSTRUCTION] if best else [])]
+    _refuse_unknown("--methods", methods, available)
+    remarks: list[str] = []
+    chosen = _metrics([run], metrics, remarks)
+    a, b = methods
+    compared = _compare(run, methods, chosen)
+    pairs = [
+        _pair(metric, comparison, comparison, Side(str(directory), a), Side(str(directory), b))
+        for comparison in [*compared, *pooled(compared)]
+        for metric in comparison.qualities
+    ]
+    if BEST_RECONSTRUCTION in methods:
+        parts = (f"`{method}` at {condition}" for condition, method in best.items())
+        remarks.append(f"`{BEST_RECONSTRUCTION}` is {', '.join(parts)}.")
+    return Differences(a, b, _differences(pairs, chosen), tuple(remarks))
+
+
+def runs(
+    first: Path, second: Path, methods: Sequence[str] | None, metrics: Sequence[str] | None
+) -> Differences:
+    """Return each method of run b against that of run a, in every condition and class.
+
+    Methods and conditions that only one run has are left out, with a remark. Raises BadInput where
+    the runs did not see the same objects from the same views, naming what differs; where they have
+    no method or condition in common; and as `methods_of_run`.
+    """
+    a, b = read_scored(first), read_scored(second)
+    refuse_other_protocol(a, b)
+    _refuse_other_objects(a, b)
+    remarks: list[str] = []
+    common = {
+        name: _common(name, a.manifest[name], b.manifest[name], remarks)
+        for name in ("methods", "conditions")
+    }
+    if methods is not None:
+        _refuse_unknown("--methods", methods, common["methods"])
+    names = methods or common["methods"]
+    chosen = _metrics([a, b], metrics, remarks)
+    in_a, in_b = (
+        {(c.condition, c.class_name): c for c in _compare(run, names, chosen)} for run in (a, b)
+    )
+    pairs = [
+        _pair(metric, comparison, in_b[cell], Side(str(first), name), Side(str(second), name))
+        for cell, comparison in in_a.items()
+        if cell in in_b
+        for metric in chosen
+        for name in names
+    ]
+    return Differences(str(first), str(second), _differences(pairs, chosen), tuple(remarks))
+
+
+def _compare(run: ScoredRun, methods: Sequence[str], metrics: Sequence[str]) -> list[Comparison]:
+    best = _best_reconstructions(run) if BEST_RECONSTRUCTION in methods else {}
+    wanted = run.records[run.records["method"].isin([*methods, *best.values(), FLOOR])]
+    with threadpool_limits(1):  # the same digits on any number of cores
+        compared = compare(wanted, run.features, metrics)
+    if not best:
+        return compared
+    return [
+        replace(
+            comparison,
+            qualities={
+                metric: {**by_method, BEST_RECONSTRUCTION: by_method[best[comparison.condition]]}
+                for metric, by_method in comparison.qualities.items()
+            },
+        )
+        for comparison in compared
+    ]
+
+
+def _best_reconstructions(run: ScoredRun) -> dict[str, str]:
+    """Return the best reconstruction at each condition; none where a condition has none."""
+    conditions, methods = run.manifest["conditions"], run.manifest["methods"]
+    best = best_by_condition(conditions, methods)
+    return best if len(best) == len(conditions) else {}
+
+
+def _pair(metric: str, in_a: Comparison, in_b: Comparison, a: Side, b: Side) -> ComparedPair:
+    quality_a, quality_b = in_a.qualities[metric][a.method], in_b.qualities[metric][b.method]
+    objects = len(paired(quality_b, quality_a)) if is_mean(metric) else len(in_a.objects)
+    return ComparedPair(in_a.condition, in_a.class_name, a, b, quality_a, quality_b, objects)
+
+
+def _differences(
+    pairs: Sequence[ComparedPair], metrics: Sequence[str]
+) -> tuple[PairedDifference, ...]:
+    by_metric = sorted(pairs, key=lambda pair: metrics.index(pair.metric))
+    return tuple(paired_differences(by_metric))
+
+
+def _metrics(
+    scored: Sequence[ScoredRun], wanted: Sequence[str] | None, remarks: list[str]
+) -> list[str]:
+    """Return the metrics wanted, all of which the runs have to have.
+
+    By default ssim, the metrics of the headline table, and the set metrics with features.
+    """
+    suite = scored[0].suite
+    every = [*suite.image_metrics, *suite.detail_metrics, *suite.set_metrics]
+    metrics = [metric for metric in every if all(run.measured([metric]) for run in scored)]
+    extractors = {repr(sorted(r.manifest.get("feature_identity", {}).items())) for r in scored}
+    if len(extractors) > 1:
+        remarks.append("Features were taken by different extractors; set metrics are left out.")
+        metrics = [metric for metric in metrics if metric in IMAGE_METRICS]
+    if wanted is not None:
+        _refuse_unknown("--metric", wanted, metrics)
+        return list(wanted)
+    usual = ("ssim", *suite.headline)
+    return [metric for metric in metrics if metric in usual or metric not in IMAGE_METRICS]
+
+
+def _common(name: str, a: Sequence[str], b: Sequence[str], remarks: list[str]) -> list[str]:
+    common = [value for value in a if value in b]
+    if not common:
+        raise BadInput(f"the runs have no {name} in common: {', '.join(a)}; {', '.join(b)}")
+    if alone := [value for value in (*a, *b) if value not in common]:
+        remarks.append(f"Only one of the runs has the {name} {', '.join(dict.fromkeys(alone))}.")
+    return common
+
+
+def _refuse_unknown(option: str, wanted: Sequence[str], known: Sequence[str]) -> None:
+    for name in wanted:
+        if name not in known:
+            raise BadInput(
+                f"{option} {name}: cannot be compared here; there are {', '.join(known)}"
+            )
+
+
+def refuse_other_protocol(a: ScoredRun, b: ScoredRun) -> None:
+    """Raise BadInput, naming both, for runs of two versions of the protocol."""
+    of_a, of_b = a.manifest[PROTOCOL], b.manifest[PROTOCOL]
+    if of_a != of_b:
+        raise BadInput(
+            f"different protocols: {a.directory} has {of_a}, {b.directory} has {of_b}; run both "
+            "with one version ('bench --protocol')"
+        )
+
+
+class _SeenView(NamedTuple):
+    """The direction of a true image, and the ssim of a blank image with it."""
+
+    azimuth_deg: float
+    elevation_deg: float
+    blank_ssim: float
+
+
+def _refuse_other_objects(a: ScoredRun, b: ScoredRun) -> None:
+    """Raise BadInput where two runs did not see the same objects from the same views."""
+    in_a, in_b = _seen_views(a), _seen_views(b)
+    objects_a, objects_b = ({name for name, _ in views} for views in (in_a, in_b))
+    for alone, folder in (
+        (sorted(objects_a - objects_b), a.directory),
+        (sorted(objects_b - objects_a), b.directory),
+    ):
+        if alone:
+            more = f" and {len(alone) - NAMED} more" if len(alone) > NAMED else ""
+            raise BadInput(
+                f"different objects: only {folder} has {', '.join(alone[:NAMED])}{more}; run both "
+                "alike"
+            )
+    if in_a.keys() != in_b.keys():
+        of_each = f"{len(in_a) // len(objects_a)} and {len(in_b) // len(objects_b)}"
+        raise BadInput(f"different views: {of_each} of an object; give both the same --views")
+    for (name, view), of_a in in_a.items():
+        of_b = in_b[name, view]
+        if of_a[:2] != of_b[:2]:
+            raise BadInput(
+                f"different views: view {view} of {name} is at azimuth {of_a.azimuth_deg:.2f} and "
+                f"{of_b.azimuth_deg:.2f} degrees; give both the same --seed"
+            )
+        if abs(of_a.blank_ssim - of_b.blank_ssim) > SAME_TRUTH:  # not for NaN: a blank that failed
+            raise BadInput(
+                f"different true images: {name} is not the same object in both runs (a blank image "
+                f"has ssim {of_a.blank_ssim:.3f} and {of_b.blank_ssim:.3f}); give both the same "
+                "--dataset"
+            )
+
+
+def _seen_views(run: ScoredRun) -> dict[tuple[str, int], _SeenView]:
+    """Return the views of a run by "class/object" and number."""
+    blank = run.records[run.records["method"] == FLOOR]
+    names = blank["class"].astype(str) + "/" + blank["object"].astype(str)
+    views = map(_SeenView, blank["azimuth_deg"], blank["elevation_deg"], blank["ssim"])
+    return dict(zip(zip(names, blank["view"], strict=True), views, strict=True))

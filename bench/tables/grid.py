@@ -1,0 +1,261 @@
+"""Grids of cells, as people read a table: in Markdown, on a page, on a terminal.
+
+Texts of grids are plain: each renderer escapes them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from operator import attrgetter
+from typing import Any, NamedTuple, TypeVar
+
+R = TypeVar("R")
+K = TypeVar("K")
+
+
+@dataclass(frozen=True)
+class Tags:
+    """The values that the filters of the report compare; an empty field matches any choice."""
+
+    method: str = ""
+    condition: str = ""
+    class_name: str = ""
+    outcomes: tuple[str, ...] = ()
+
+
+ANY = Tags()
+
+
+class Annotation(NamedTuple):
+    """A remark on a value.
+
+    word      in the report
+    markdown  how Markdown shows the value
+    against   whether it speaks against the value
+    """
+
+    word: str
+    markdown: str = "{value}{interval}"
+    against: bool = False
+
+
+BEST = Annotation("best")
+BOLD = Annotation("", "**{value}**{interval}")
+ITALIC = Annotation("", "*{value}*{interval}")
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A value of a grid.
+
+    text      the value, or why it is missing
+    value     number that a column is sorted by; None comes last
+    interval  its ends
+    rest      text that follows
+    count     images that exist, and that should
+    blank     the value with a blank image in place of each that failed, "-" without one; None
+              where none failed
+    caveat    what speaks against a value that scores failed images as blank ones already
+    paper     the published value; empty without one
+    special   a remark on the value
+    link      address that the value leads to, on a page
+    """
+
+    text: str
+    value: float | None = None
+    interval: tuple[str, str] | None = None
+    rest: str = ""
+    count: tuple[int, int] | None = None
+    blank: str | None = None
+    caveat: str = ""
+    paper: str = ""
+    special: Annotation | None = None
+    link: str = ""
+
+    @property
+    def beside(self) -> str:
+        """Return what the report shows beside the value: its interval, or what it is made of."""
+        return " to ".join(self.interval) if self.interval else self.rest
+
+    @property
+    def mark(self) -> str:
+        """Return the report's remark on the value."""
+        return self.special.word if self.special and not self.special.against else ""
+
+    @property
+    def gap(self) -> str:
+        """Return what speaks against the value, or is missing from it, in the report."""
+        if self.special and self.special.against:
+            return "; ".join(filter(None, (self.special.word, self.caveat)))
+        if self.blank is None or self.count is None:
+            return self.caveat
+        text = f"{self.count[0]} of {self.count[1]} pictures"
+        return text if self.blank == "-" else f"{text}; {self.blank} with blank ones for the others"
+
+
+NOTHING = Cell("-")
+
+
+def scored_as_blank(n_ok: int, n: int) -> str:
+    """Say how many images a value scores as blank ones because they failed; empty for none."""
+    return f"{n_ok} of {n} images, the others scored as blank" if n_ok < n else ""
+
+
+def number(
+    estimate: tuple[float, float, float], show: Callable[[float], str], **beside: Any
+) -> Cell:
+    """Return the cell of a number (value, low, high) with its interval; `beside` are more fields.
+
+    A number that is not finite is a dash; an interval that is not finite is left out.
+    """
+    value, low, high = estimate
+    if not math.isfinite(value):
+        return Cell("-", **beside)
+    interval = (show(low), show(high)) if math.isfinite(low) else None
+    return Cell(show(value), value, interval, **beside)
+
+
+def shown(value: float, decimals: int) -> str:
+    """Return a number for people, 0 without a sign; a dash for one that is not finite."""
+    if not math.isfinite(value):
+        return "-"
+    text = f"{value:.{decimals}f}"
+    return text if float(text) else text.removeprefix("-")
+
+
+class ColumnHeader(NamedTuple):
+    """The head of a column."""
+
+    name: str
+    tags: Tags = ANY
+
+
+@dataclass(frozen=True)
+class TableRow:
+    """A row of a grid: its name, `about` it in small letters, and a cell for each column.
+
+    On a page the name may `link` to an address.
+    """
+
+    name: str
+    cells: tuple[Cell, ...]
+    about: str = ""
+    tags: Tags = ANY
+    special: Annotation | None = None
+    link: str = ""
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Cells in lines and columns.
+
+    corner    what the names of the lines are
+    caption   in the report; a grid without one is not shown there
+    remark    what one has to know to read it
+    notes     what is missing, and why
+    void      whether nothing was measured: in place of the cells Markdown has the notes alone
+    higher    whether a higher value is better: the order that a first sorting gives
+    unfolded  whether the report shows it at once
+    """
+
+    corner: str
+    columns: tuple[ColumnHeader, ...]
+    lines: tuple[TableRow, ...]
+    caption: str = ""
+    remark: str = ""
+    notes: tuple[str, ...] = ()
+    void: bool = False
+    higher: bool = True
+    unfolded: bool = True
+    tags: Tags = ANY
+
+    @property
+    def valued(self) -> bool:
+        """Return whether any cell has a number."""
+        return any(cell.value is not None for line in self.lines for cell in line.cells)
+
+
+Block = str | Grid  # a paragraph, a heading or a list in Markdown; or a grid
+
+
+def grid(heads: Sequence[str], lines: Iterable[Sequence[str | Cell]], **more: Any) -> Grid:
+    """Return a grid from its texts, the first of each line its name; `more` are fields of `Grid`.
+
+    The first head is the corner.
+    """
+    rows = []
+    for line in lines:
+        name, *cells = (Cell(text) if isinstance(text, str) else text for text in line)
+        rows.append(TableRow(name.text, tuple(cells), special=name.special))
+    return Grid(heads[0], tuple(map(ColumnHeader, heads[1:])), tuple(rows), **more)
+
+
+@dataclass(frozen=True)
+class PivotLayout:
+    """The lines and columns of a pivot, and what stands beside its cells.
+
+    lines, columns  values of the two attributes, in order; None: all, in the order of the rows
+    line_name       returns the name of a line from its first row; None: the attribute's value
+    column_name     returns the name of a column from the attribute's value
+    before, after   further columns at both sides, from the first row of a line
+    about, outcomes return these of a line from its rows; see `TableRow` and `Tags`
+    missing         stands where there is no row
+    """
+
+    lines: Iterable[Any] | None = None
+    columns: Iterable[Any] | None = None
+    line_name: Callable[[Any], str] | None = None
+    column_name: Callable[[Any], str] = str
+    before: Mapping[str, Callable[[Any], Cell]] | None = None
+    after: Mapping[str, Callable[[Any], Cell]] | None = None
+    about: Callable[[Sequence[Any]], str] = lambda rows: ""
+    outcomes: Callable[[Sequence[Any]], tuple[str, ...]] = lambda rows: ()
+    missing: Cell = NOTHING
+
+
+def pivot(
+    rows: Sequence[R],
+    line: str,
+    column: str,
+    cell: Callable[[R], Cell],
+    layout: PivotLayout | None = None,
+    corner: str = "",
+    **more: Any,
+) -> Grid:
+    """Return tidy rows as a grid by two of their attributes; `more` are fields of `Grid`."""
+    by = layout or PivotLayout()
+    line_of, column_of = attrgetter(line), attrgetter(column)
+    columns = ordered(map(column_of, rows)) if by.columns is None else list(by.columns)
+    before, after = by.before or {}, by.after or {}
+    lines = []
+    for key in ordered(map(line_of, rows)) if by.lines is None else by.lines:
+        of_line = [row for row in rows if line_of(row) == key]
+        at_column = {column_of(row): row for row in of_line}
+        first = of_line[:1]
+        cells = (
+            *(further(row) for further in before.values() for row in first),
+            *(cell(at_column[name]) if name in at_column else by.missing for name in columns),
+            *(further(row) for further in after.values() for row in first),
+        )
+        name = by.line_name(first[0]) if by.line_name else str(key)
+        tags = _tags(line, key, by.outcomes(of_line))
+        lines.append(TableRow(name, cells, by.about(of_line), tags))
+    heads = (
+        *map(ColumnHeader, before),
+        *(ColumnHeader(by.column_name(name), _tags(column, name)) for name in columns),
+        *map(ColumnHeader, after),
+    )
+    return Grid(corner, heads, tuple(lines), **more)
+
+
+def _tags(attribute: str, value: Any, outcomes: tuple[str, ...] = ()) -> Tags:
+    if attribute not in ("method", "condition", "class_name"):
+        return Tags(outcomes=outcomes)
+    return Tags(**{attribute: value}, outcomes=outcomes)
+
+
+def ordered(values: Iterable[K]) -> list[K]:
+    """Return each value once, in the order of first appearance."""
+    return list(dict.fromkeys(values))
