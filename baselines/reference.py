@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from data_prep.datasets.grey import unpainted
+from data_prep.datasets.grey import grey
 from data_prep.failures import StageFailure
 from data_prep.rendering.images import blank, to_float
 from data_prep.rendering.opengl import render
@@ -18,10 +18,10 @@ from data_prep.scene import Images, Mesh, PointCloud, View
 class TrueMesh:
     """A method that renders the mesh of the cloud: the ground truth, bit for bit.
 
-    painted  whether in its colours, else in neutral grey: what drawing without colour can reach
+    coloured  whether in its colours, else in neutral grey: what drawing without colour can reach
     """
 
-    painted: bool = True
+    coloured: bool = True
 
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> Mesh:
         """Return the cloud's source mesh, in its colours or in grey.
@@ -31,7 +31,7 @@ class TrueMesh:
         del rng
         if cloud.source is None:
             raise StageFailure("input", "the cloud's mesh is not known")
-        return cloud.source if self.painted else unpainted(cloud.source)
+        return cloud.source if self.coloured else grey(cloud.source)
 
     def draw(
         self, state: Mesh, views: Sequence[View], rng: np.random.Generator | None = None

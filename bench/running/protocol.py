@@ -30,7 +30,7 @@ from bench.records.record import GROUND_TRUTH, SCHEMA_VERSION
 from bench.running.environment import cores, environment, machine_info
 from data_prep.clouds.conditions import CONDITIONS, Perturbation, Unchanged
 from data_prep.datasets.exported import ExportedObject
-from data_prep.datasets.grey import Unpainted
+from data_prep.datasets.grey import GreyObject
 from data_prep.datasets.objects import MeshObject, SceneObject
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from data_prep.datasets.registry import PROCEDURAL_VERSION, Dataset, open_dataset
@@ -261,7 +261,7 @@ def _in_grey(protocol: Protocol) -> Iterator[SceneObject]:
                 f"{protocol.dataset}: {obj.class_name}/{obj.object_id} has pictures but no mesh, "
                 f"and {protocol.suite.id} draws meshes in grey; take a dataset of meshes"
             )
-        yield Unpainted(obj)
+        yield GreyObject(obj)
 
 
 def with_floor(methods: Sequence[str]) -> tuple[str, ...]:

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from data_prep.clouds.conditions import RandomSubset
 from data_prep.clouds.orientations import OURS
 from data_prep.datasets.dataset import Dataset, DatasetListing
-from data_prep.datasets.grey import is_unpainted
+from data_prep.datasets.grey import is_grey
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from data_prep.failures import BadInput
 from data_prep.files.checksums import file_sha256
@@ -98,7 +98,7 @@ class ExportedObject:
     @property
     def in_grey(self) -> bool:
         """Whether the mesh, and with it the images, are of a suite in neutral grey."""
-        return self.mesh is not None and is_unpainted(self.load())
+        return self.mesh is not None and is_grey(self.load())
 
     def perturbed(self, condition: str) -> PointCloud | None:
         """The cloud that was exported for a condition; None where there is none."""

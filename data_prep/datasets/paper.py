@@ -87,7 +87,7 @@ class PaperObject:
     def fingerprint(self) -> str:
         """Checksum of the cloud, the cameras and the images."""
         version = f"paper {PAPER.columns} {PAPER.signs}"
-        return fingerprint_of(version, self.cloud_file, self._companions, MOST_BYTES)
+        return fingerprint_of(version, self.cloud_file, self._resources, MOST_BYTES)
 
     def load(self) -> Mesh:
         """Raises BadInput: there is none."""
@@ -157,7 +157,7 @@ class PaperObject:
         """Its own, from files of their own."""
         return self.cloud(rng), self.truth(views)
 
-    def _companions(self) -> Iterator[Path]:
+    def _resources(self) -> Iterator[Path]:
         for path in (self.renders / VIEWS, *self.image_files()):
             if is_regular_file(path):
                 yield path

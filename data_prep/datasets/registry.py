@@ -22,7 +22,7 @@ from data_prep.datasets.shapenet import is_shapenet, shapenet_dataset
 from data_prep.datasets.stored_meshes import MeshFile, PlacedMesh
 from data_prep.failures import BadInput, unknown
 from data_prep.files.safe_read import shown
-from data_prep.plugins import DATASETS, OUR_KINDS, entry_point_names, load_announced
+from data_prep.plugins import DATASETS, OUR_KINDS, entry_point_names, load_entry_point
 
 __all__ = [
     "PROCEDURAL_VERSION",
@@ -106,7 +106,7 @@ def find_reader(kind: str) -> DatasetReader:
     Raises BadInput, naming the package, where it cannot be loaded.
     """
     named = "data_prep.datasets.dataset.DatasetReader"
-    return load_announced((DATASETS,), kind, "dataset", DatasetReader, named, OUR_KINDS)
+    return load_entry_point((DATASETS,), kind, "dataset", DatasetReader, named, OUR_KINDS)
 
 
 def read_dataset(reader: DatasetReader, spec: str, folder: Path) -> Dataset:

@@ -23,7 +23,7 @@ def file_sha256(path: Path, most_bytes: int = MOST_BYTES) -> str:
 def fingerprint_of(
     version: str,
     file: Path,
-    companions: Callable[[], Iterable[Path]],
+    resources: Callable[[], Iterable[Path]],
     most_bytes: int,
 ) -> str:
     """sha256 of a version, a file and its companions, these with their names: it changes whenever
@@ -35,7 +35,7 @@ def fingerprint_of(
     path = file
     try:
         _update(digest, path, most_bytes)
-        for path in companions():
+        for path in resources():
             digest.update(os.fsencode(path.name))
             _update(digest, path, most_bytes)
     except (BadInput, OSError) as error:

@@ -15,7 +15,7 @@ from trimesh.resolvers import Resolver
 from data_prep.files.safe_read import is_regular_file, read_file
 
 
-class Companions(Resolver):
+class MeshResources(Resolver):
     """Regular files in `folder` and below, of `most_bytes` together; links may not lead out.
 
     Names are taken as trimesh 5 takes them: a path that leads out of the folder stands for the file
@@ -47,7 +47,7 @@ class Companions(Resolver):
         """No names: nobody needs to look around."""
         return ()
 
-    def namespaced(self, namespace: str) -> Companions:
+    def namespaced(self, namespace: str) -> MeshResources:
         """The same folder."""
         return self
 

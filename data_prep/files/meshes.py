@@ -88,15 +88,15 @@ def _parts(file: BinaryIO, path: Path, within: Path | None) -> list[Any]:
     import trimesh
     from PIL import EpsImagePlugin
 
-    from data_prep.files.mesh_resources import Companions
+    from data_prep.files.mesh_resources import MeshResources
 
     EpsImagePlugin.gs_binary = False  # else a texture in PostScript is run, by Ghostscript
     logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # no tracebacks about textures
     kind = path.suffix.lower()
     if kind in (".glb", ".gltf"):
         _check_gltf(file, kind)
-    companions = Companions(path.parent, MOST_BYTES, within)
-    scene = trimesh.load_scene(file, file_type=kind, resolver=companions, process=False)
+    resources = MeshResources(path.parent, MOST_BYTES, within)
+    scene = trimesh.load_scene(file, file_type=kind, resolver=resources, process=False)
     for geometry in scene.geometry.values():
         material = getattr(getattr(geometry, "visual", None), "material", None)
         for image in (getattr(material, name, None) for name in _TEXTURES):
