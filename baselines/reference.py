@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from data_prep.datasets.grey import unpainted
+from data_prep.datasets.grey import grey
 from data_prep.failures import StageFailure
 from data_prep.rendering.images import blank, to_float
 from data_prep.rendering.opengl import render
@@ -32,7 +32,7 @@ class TrueMesh:
         del rng
         if cloud.source is None:
             raise StageFailure("input", "the cloud's mesh is not known")
-        return cloud.source if self.coloured else unpainted(cloud.source)
+        return cloud.source if self.coloured else grey(cloud.source)
 
     def draw(
         self, state: Mesh, views: Sequence[View], rng: np.random.Generator | None = None

@@ -61,7 +61,7 @@ def refusal(groups: tuple[str, ...], wanted: str, kind: str, ours: Collection[st
     return ""
 
 
-def load_announced(
+def load_entry_point(
     groups: tuple[str, ...],
     wanted: str,
     kind: str,

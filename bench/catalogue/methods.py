@@ -18,10 +18,10 @@ from bench.catalogue import loaders
 from bench.catalogue.lookup import find
 from bench.catalogue.parameters import find_setting
 from bench.catalogue.reconstruction import BEST_RECONSTRUCTION
-from data_prep import plugins as announced
+from data_prep import plugins
 from data_prep.failures import BadInput, unknown
 from data_prep.files.safe_read import is_regular_file
-from data_prep.plugins import entry_point_names, load_announced
+from data_prep.plugins import entry_point_names, load_entry_point
 
 if TYPE_CHECKING:
     from data_prep.scene import Renderer
@@ -387,13 +387,13 @@ def find_method(method_id: str) -> Method:
 @cache
 def plugin_ids() -> tuple[str, ...]:
     """Ids of the methods that other installed packages announce, sorted; none is loaded."""
-    return entry_point_names(announced.METHODS)
+    return entry_point_names(plugins.METHODS)
 
 
 @cache
 def _plugin(method_id: str) -> Method:
     named = "bench.methods.Method"
-    return load_announced((announced.METHODS,), method_id, "method", Method, named, OUR_FAMILIES)
+    return load_entry_point((plugins.METHODS,), method_id, "method", Method, named, OUR_FAMILIES)
 
 
 def objectives(method_ids: Iterable[str]) -> dict[str, str]:

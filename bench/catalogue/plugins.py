@@ -20,9 +20,9 @@ from bench.catalogue.metrics import (
     RECOGNITION_METRICS,
     SET_METRICS,
 )
-from data_prep import plugins as announced
+from data_prep import plugins
 from data_prep.failures import BadInput, unknown
-from data_prep.plugins import OUR_KINDS, entry_point_names, load_announced, refusal
+from data_prep.plugins import OUR_KINDS, entry_point_names, load_entry_point, refusal
 
 if TYPE_CHECKING:
     import numpy as np
@@ -68,9 +68,9 @@ OUR_METRICS = {
 }
 # By kind: groups of entry points, and the ids of this project.
 _KINDS = {
-    "method": ((announced.METHODS,), OUR_FAMILIES),
-    "metric": ((announced.METRICS, announced.EXTRACTORS), OUR_METRICS),
-    "dataset": ((announced.DATASETS,), OUR_KINDS),
+    "method": ((plugins.METHODS,), OUR_FAMILIES),
+    "metric": ((plugins.METRICS, plugins.EXTRACTORS), OUR_METRICS),
+    "dataset": ((plugins.DATASETS,), OUR_KINDS),
 }
 
 
@@ -93,12 +93,12 @@ def find_metric(metric_id: str) -> ImageMetric | SetMetric:
         )
     if metric_id not in metric_ids():
         raise unknown(metric_id, metric_ids(), "metric")
-    if metric_id in entry_point_names(announced.EXTRACTORS):
+    if metric_id in entry_point_names(plugins.EXTRACTORS):
         type_, named = SetMetric, "bench.catalogue.plugins.SetMetric"
     else:
         type_, named = ImageMetric, "bench.image_metric.ImageMetric"
     groups, ours = _KINDS["metric"]
-    return load_announced(groups, metric_id, "metric", type_, named, ours)
+    return load_entry_point(groups, metric_id, "metric", type_, named, ours)
 
 
 def plugin_problem(kind: str, id_: str) -> str:

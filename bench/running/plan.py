@@ -17,7 +17,7 @@ from bench.records.record import GROUND_TRUTH, SCHEMA_VERSION
 from bench.running.protocol import Protocol, method_identity, name_of
 from data_prep.clouds.conditions import CONDITIONS, Unchanged
 from data_prep.datasets.exported import ExportedObject
-from data_prep.datasets.grey import Unpainted
+from data_prep.datasets.grey import GreyObject
 from data_prep.datasets.objects import MeshObject, SceneObject
 from data_prep.datasets.registry import PROCEDURAL_VERSION
 from data_prep.failures import BadInput
@@ -174,7 +174,7 @@ def _in_grey(protocol: Protocol) -> Iterator[SceneObject]:
                 f"{protocol.dataset}: {name_of(obj)} has images but no mesh, and "
                 f"{protocol.suite.id} draws meshes in grey; take a dataset of meshes"
             )
-        yield Unpainted(obj)
+        yield GreyObject(obj)
 
 
 def _object_identity(protocol: Protocol, obj: SceneObject, views: Sequence[View]) -> list[Any]:

@@ -24,7 +24,7 @@ from bench.judges import JUDGE_WEIGHTS
 from bench.judges.answers import azimuth_error_deg, elevation_error_deg, found, gallery
 from bench.judges.judge import FEATURES, JudgeNetwork, darkness, greyscale, judge
 from bench.training.classifier import CosineTrainer, JudgeConfig, view_answers
-from data_prep.datasets.grey import Unpainted
+from data_prep.datasets.grey import GreyObject
 from data_prep.datasets.registry import ProceduralObject, Split
 from data_prep.datasets.training_set import training_set
 from data_prep.failures import BadInput
@@ -324,7 +324,7 @@ def judge_data(split: Split, count: int, views: int) -> JudgeData:
         clouds.append(rendered.clouds)
         neutral.append(
             greyscale(
-                training_set(tuple(map(Unpainted, chunk)), views, quiet=not is_first()).images
+                training_set(tuple(map(GreyObject, chunk)), views, quiet=not is_first()).images
             )
         )
     azimuth, elevation = (np.concatenate(each) for each in zip(*angles, strict=True))

@@ -1,9 +1,4 @@
-"""A dataset: objects by class and split, and what was found in its folder.
-
-Where a source has a split list, the list decides what is measured: what it names and is not there
-becomes an object that fails with "no such file", so that nothing is dropped in silence. What is
-there and not named is left out.
-"""
+"""Datasets: objects by class and split, and the problems of their folders."""
 
 from __future__ import annotations
 
@@ -20,15 +15,30 @@ MOST_NAMED = 3  # in a line of a report
 
 @dataclass(frozen=True)
 class Dataset:
-    """Objects by class. `classes` is empty where the source does not tell classes apart.
+    """The objects of a source by class and split.
 
-    finite       all objects; None: as many as one asks `infinite` for
-    splits       the objects of each split; empty where the source has none: all are taken
-    measured     the split that is taken where none is asked for
-    layout       what the source looks like, in words
-    orientation  how its objects stood, and what was done about it
-    irregular    what is missing or odd, a line each; nothing of it keeps the dataset from its use
-    seed         of the run that clouds and views were exported from; None where a run decides
+    Attributes
+    ----------
+    id : str
+        Name on the command line, such as "folder:PATH".
+    classes : tuple of str
+        Names of the classes; empty where the source does not tell classes apart.
+    finite : tuple of SceneObject or None
+        All objects; None where `infinite` makes as many as are asked for.
+    splits : mapping of str to tuple of SceneObject
+        Objects of each split; empty where the source has no splits: then all objects are taken.
+    measured : str
+        Split that is taken where the caller names none.
+    layout : str
+        Layout of the source in words.
+    orientation : str
+        Axes of its objects and how they were turned, in words.
+    irregular : tuple of str
+        Missing and odd parts of the source, a line each. None of them prevents its use.
+    infinite : callable or None
+        Function from class, split and index to an object.
+    seed : int or None
+        Seed of the run that clouds and views were exported from; None where a run decides.
     """
 
     id: str
@@ -49,12 +59,23 @@ class Dataset:
         endless_limit: int,
         split: Split | None = None,
     ) -> tuple[SceneObject, ...]:
-        """The first `limit` objects of a class, in a fixed order.
+        """Return the first objects of a class, in a fixed order.
 
-        Without a limit: all there are, or `endless_limit` where the source has no end. A source
-        without splits gives the same objects for each; one without classes gives all its objects
-        for any class. Raises BadInput for a class that the source does not have, and for a split
-        that has none of it.
+        Parameters
+        ----------
+        class_name : str
+            One of `classes`. A source without classes returns all its objects for any class.
+        limit : int or None
+            Number of objects; None for all, or `endless_limit` of an infinite source.
+        endless_limit : int
+            Number of objects of an infinite source where `limit` is None.
+        split : str or None
+            Split of the objects; None for `measured`. A source without splits ignores it.
+
+        Raises
+        ------
+        BadInput
+            If the source does not have the class, or no object of it in the split.
         """
         split = split or self.measured
         if self.classes and class_name not in self.classes:
@@ -66,22 +87,28 @@ class Dataset:
             count = endless_limit if limit is None else limit
             return tuple(self.infinite(class_name, split, i) for i in range(count))
         pool = self.splits.get(split, ()) if self.splits else self.finite or ()
-        found = tuple(o for o in pool if not self.classes or o.class_name == class_name)
-        if not found:
-            there = ", ".join(name for name, objects in self.splits.items() if objects)
+        matching = tuple(o for o in pool if not self.classes or o.class_name == class_name)
+        if not matching:
+            filled = ", ".join(name for name, objects in self.splits.items() if objects)
             raise BadInput(
-                f"{self.id}: no {class_name} in the split '{split}'; there are objects in {there}"
+                f"{self.id}: no {class_name} in the split '{split}'; there are objects in {filled}"
             )
-        return found[:limit]
+        return matching[:limit]
 
 
 @dataclass(frozen=True)
 class DatasetReader:
     """A kind of dataset that another package adds: `ID:PATH` on the command line.
 
-    read   the dataset's name as it was given, and its folder: all that is in it. Raises BadInput
-           for what it cannot use
-    about  one line for people
+    Attributes
+    ----------
+    id : str
+        Kind of the dataset in kebab-case.
+    read : callable
+        Function from the name on the command line and its folder to a `Dataset`. It raises
+        BadInput for a folder that it cannot use.
+    about : str
+        Description in one line.
     """
 
     id: str
@@ -91,7 +118,19 @@ class DatasetReader:
 
 @dataclass
 class DatasetListing:
-    """What a reader has found of a source, class by class, before it is a Dataset."""
+    """The objects that a reader collects, class by class, before they become a Dataset.
+
+    Attributes
+    ----------
+    objects : list of SceneObject
+        Objects on the disk.
+    splits : dict of str to list of SceneObject
+        Objects of each split. Where a source has a split list, the list decides: an object that it
+        names and the disk does not have fails, so that nothing is dropped in silence, and an object
+        that it does not name is left out.
+    irregular : list of str
+        Missing and odd parts of the source, a line each.
+    """
 
     objects: list[SceneObject] = field(default_factory=list)
     splits: dict[Split, list[SceneObject]] = field(default_factory=dict)
@@ -100,26 +139,35 @@ class DatasetListing:
     def add_listed(
         self,
         class_name: str,
-        there: Mapping[str, SceneObject],
+        on_disk: Mapping[str, SceneObject],
         named: Mapping[Split, Sequence[str]],
         absent: Callable[[str], SceneObject],
     ) -> None:
-        """The objects of a class by their ids, and the ids that a list names for each split.
+        """Add the objects of a class, divided by a split list.
 
-        An id that is named and not there becomes `absent` of it: an object that fails.
+        Parameters
+        ----------
+        class_name : str
+            Name of the class, for `irregular`.
+        on_disk : mapping of str to SceneObject
+            Objects by their ids.
+        named : mapping of str to sequence of str
+            Ids of each split.
+        absent : callable
+            Function from an id that is not on the disk to an object that fails.
         """
-        self.objects += there.values()
-        self.irregular += [f"{class_name}: {line}" for line in differences(named, list(there))]
+        self.objects += on_disk.values()
+        self.irregular += [f"{class_name}: {line}" for line in differences(named, list(on_disk))]
         for split, ids in named.items():
-            self.splits.setdefault(split, []).extend(there.get(i) or absent(i) for i in ids)
+            self.splits.setdefault(split, []).extend(on_disk.get(i) or absent(i) for i in ids)
 
     def dataset(self, spec: str, layout: str, orientation: str) -> Dataset:
-        """All of it; the classes are those of the objects."""
+        """Return the dataset of all collected objects and of their classes."""
         return Dataset(
             spec,
             tuple(sorted({obj.class_name for obj in self.objects})),
             tuple(self.objects),
-            splits={split: tuple(found) for split, found in self.splits.items()},
+            splits={split: tuple(objects) for split, objects in self.splits.items()},
             layout=layout,
             orientation=orientation,
             irregular=tuple(self.irregular),
@@ -127,20 +175,19 @@ class DatasetListing:
 
 
 def listed(names: Sequence[str]) -> str:
-    """Some names, for a line of a report."""
+    """Return the first names and the number of the others, for a line of a report."""
     more = len(names) - MOST_NAMED
     return ", ".join(names[:MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
-def differences(named: Mapping[Split, Sequence[str]], there: Sequence[str]) -> list[str]:
-    """What list and disk do not agree on, a line each: `named` are the ids of each split."""
-    on_disk, lines = set(there), []
+def differences(named: Mapping[Split, Sequence[str]], on_disk: Sequence[str]) -> list[str]:
+    """Return the differences between a split list and the ids on the disk, a line each."""
+    existing, lines = set(on_disk), []
     for split, ids in named.items():
-        missing = [name for name in ids if name not in on_disk]
+        missing = [name for name in ids if name not in existing]
         if missing:
             lines.append(f"{len(missing)} of the split '{split}' are not there: {listed(missing)}")
-    every = {name for ids in named.values() for name in ids}
-    extra = sorted(on_disk - every)
+    extra = sorted(existing - {name for ids in named.values() for name in ids})
     if extra:
         lines.append(f"{len(extra)} are in no split and left out: {listed(extra)}")
     return lines

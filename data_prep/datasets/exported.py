@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from data_prep.clouds.conditions import RandomSubset
 from data_prep.clouds.orientations import OURS
 from data_prep.datasets.dataset import Dataset, DatasetListing
-from data_prep.datasets.grey import is_unpainted
+from data_prep.datasets.grey import is_grey
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from data_prep.failures import BadInput
 from data_prep.files.checksums import file_sha256
@@ -54,7 +54,7 @@ class StoredFile:
     sha256: str
 
     def checked(self) -> Path:
-        """Its path. Raises BadInput where it is missing or another."""
+        """Return the path. Raises BadInput for a missing file and another checksum."""
         if file_sha256(self.path) != self.sha256:
             raise BadInput(f"{self.path}: not the file of the list; fetch the dataset again")
         return self.path
@@ -62,7 +62,12 @@ class StoredFile:
 
 @dataclass(frozen=True)
 class ExportedObject:
-    """A mesh (None: there was none), clouds by condition, and true images with their views."""
+    """An object of an export.
+
+    mesh    None where the object was exported without one
+    clouds  conditions and files
+    images  views and files of the true images
+    """
 
     class_name: str
     object_id: str
@@ -72,11 +77,11 @@ class ExportedObject:
 
     @property
     def has_truth(self) -> bool:
-        """Yes: its images."""
+        """Return True: the images are exported."""
         return True
 
     def fingerprint(self) -> str:
-        """Of the checksums and the angles; the files are verified where they are read."""
+        """Return a checksum of the listed checksums and angles, without reading the files."""
         return hashlib.sha256(
             repr(
                 (
@@ -88,7 +93,7 @@ class ExportedObject:
         ).hexdigest()
 
     def load(self) -> Mesh:
-        """The mesh as it was rendered. Raises BadInput where there is none."""
+        """Return the mesh as it was rendered. Raises BadInput where none was exported."""
         if self.mesh is None:
             raise BadInput(
                 f"{self.class_name}/{self.object_id}: exported without a mesh; take another dataset"
@@ -97,11 +102,11 @@ class ExportedObject:
 
     @property
     def in_grey(self) -> bool:
-        """Whether the mesh, and with it the images, are of a suite in neutral grey."""
-        return self.mesh is not None and is_unpainted(self.load())
+        """Return whether the mesh, and with it the images, are of a suite in neutral grey."""
+        return self.mesh is not None and is_grey(self.load())
 
     def perturbed(self, condition: str) -> PointCloud | None:
-        """The cloud that was exported for a condition; None where there is none."""
+        """Return the cloud that was exported for a condition, or None."""
         file = dict(self.clouds).get(condition)
         if file is None:
             return None
@@ -109,7 +114,7 @@ class ExportedObject:
         return PointCloud(points, self.load() if self.mesh else None)
 
     def cloud(self, rng: np.random.Generator, count: int = CLOUD_SIZE) -> PointCloud:
-        """The unperturbed cloud; a random subset where it has more than `count` points.
+        """Return the unperturbed cloud, or a random subset of `count` of its points.
 
         Raises BadInput where it was not exported.
         """
@@ -122,7 +127,7 @@ class ExportedObject:
         return RandomSubset(count).apply(cloud, rng)
 
     def views(self, count: int, rng: np.random.Generator) -> tuple[View, ...]:
-        """The first `count` exported views. Raises BadInput where there are fewer."""
+        """Return the first `count` exported views. Raises BadInput where fewer were exported."""
         del rng
         if count > len(self.images):
             raise BadInput(
@@ -132,14 +137,14 @@ class ExportedObject:
         return tuple(view for view, _ in self.images[:count])
 
     def truth(self, views: Sequence[View]) -> NDArray[np.uint8]:
-        """The images of these views. Raises BadInput where one cannot be read."""
+        """Return the images of these views. Raises BadInput where one cannot be read."""
         files = dict(self.images)
         return np.stack([read_image(files[view].checked())[0] for view in views])
 
     def cloud_and_truth(
         self, rng: np.random.Generator, views: Sequence[View]
     ) -> tuple[PointCloud, NDArray[np.uint8]]:
-        """Its own, from files of their own."""
+        """Return the exported cloud and images."""
         return self.cloud(rng), self.truth(views)
 
 
@@ -153,22 +158,23 @@ def exported_dataset(spec: str, root: Path) -> Dataset:
     clouds: dict[tuple[str, str], list[tuple[str, StoredFile]]] = {}
     images: dict[tuple[str, str], list[tuple[View, StoredFile]]] = {}
     for where, name, row in _rows(root, CLOUDS):
-        of = clouds.setdefault(name, [])
-        if row["condition"] in (condition for condition, _ in of):
+        object_clouds = clouds.setdefault(name, [])
+        if row["condition"] in (condition for condition, _ in object_clouds):
             raise BadInput(f"{where}: {shown(row['condition'])} is there twice; export it again")
-        of.append((row["condition"], _file(root, row, where)))
+        object_clouds.append((row["condition"], _file(root, row, where)))
     for where, name, row in _rows(root, VIEWS):
         try:
             view = View(float(row["azimuth_deg"]), float(row["elevation_deg"]))
         except ValueError as error:
             raise BadInput(f"{where}: {error}; export it again") from None
-        seen = images.setdefault(name, [])
-        if row["view"] != str(len(seen)):
+        object_images = images.setdefault(name, [])
+        if row["view"] != str(len(object_images)):
             raise BadInput(
-                f"{where}: view {shown(row['view'])} where {len(seen)} comes next; export it again"
+                f"{where}: view {shown(row['view'])} where {len(object_images)} comes next; "
+                "export it again"
             )
-        seen.append((view, _file(root, row, where)))
-    found = DatasetListing()
+        object_images.append((view, _file(root, row, where)))
+    listing = DatasetListing()
     seed = None
     for where, name, row in _rows(root, OBJECTS):
         if row["protocol"] != str(PROTOCOL_VERSION):
@@ -182,27 +188,31 @@ def exported_dataset(spec: str, root: Path) -> Dataset:
                 f"{where}: seed {shown(row['seed'])} in an export with --seed {shown(seed)}; "
                 "export it again"
             )
-        lacking = [file for file, of in ((CLOUDS, clouds), (VIEWS, images)) if name not in of]
+        lacking = [file for file, rows in ((CLOUDS, clouds), (VIEWS, images)) if name not in rows]
         if lacking:
             text = shown("/".join(name))
             raise BadInput(f"{where}: {text} is not in {lacking[0]}; fetch it again")
         mesh = _file(root, row, where) if row["file"] else None
-        found.objects.append(ExportedObject(*name, mesh, tuple(clouds[name]), tuple(images[name])))
-    if not found.objects:
+        listing.objects.append(
+            ExportedObject(*name, mesh, tuple(clouds[name]), tuple(images[name]))
+        )
+    if not listing.objects:
         raise BadInput(f"{root / OBJECTS}: no object in this list; export it again")
-    dataset = found.dataset(spec, "clouds, views and true images of an export", OURS.message)
+    dataset = listing.dataset(spec, "clouds, views and true images of an export", OURS.message)
     return replace(dataset, seed=int(seed or 0))
 
 
 def listed_files(root: Path) -> dict[str, str]:
-    """The files of an export and their checksums, its lists included.
+    """Return the files of an export with their checksums, its lists included.
 
     Raises BadInput as `exported_dataset`, and for metadata without the checksums of the lists.
     """
     path = root / METADATA
     try:
         described = json.loads(read_text(path, MOST_BYTES))["distribution"]
-        rows = [{"file": str(one["contentUrl"]), "sha256": str(one["sha256"])} for one in described]
+        rows = [
+            {"file": str(file["contentUrl"]), "sha256": str(file["sha256"])} for file in described
+        ]
     except (ValueError, KeyError, TypeError) as error:
         if isinstance(error, BadInput):
             raise
@@ -216,7 +226,7 @@ def listed_files(root: Path) -> dict[str, str]:
 
 
 def _rows(root: Path, name: str) -> Iterator[tuple[str, tuple[str, str], dict[str, str]]]:
-    """Place, class and object, and fields of each row of a list."""
+    """Yield file and line, class and object, and fields of each row of a list."""
     path, columns = root / name, COLUMNS[name]
     try:
         for number, fields in enumerate(csv.reader(read_text(path, MOST_BYTES).splitlines()), 1):

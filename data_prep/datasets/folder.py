@@ -1,4 +1,4 @@
-"""A folder of meshes or of clouds; sub-folders are classes."""
+"""Folders of meshes or of clouds; sub-folders are classes."""
 
 from __future__ import annotations
 
@@ -37,20 +37,22 @@ class BareCloud:
 
     @property
     def has_truth(self) -> bool:
-        """No."""
+        """Return False: a bare cloud has no true images."""
         return False
 
     def fingerprint(self) -> str:
-        """Checksum of the file."""
+        """Return the checksum of the file."""
         return fingerprint_of("cloud", self.path, tuple, MOST_BYTES)
 
     def load(self) -> Mesh:
-        """Raises BadInput: there is none."""
+        """Raise BadInput: a bare cloud has no mesh."""
         raise BadInput(f"{self.path}: a bare cloud has no mesh; give a mesh")
 
     def cloud(self, rng: np.random.Generator, count: int = CLOUD_SIZE) -> PointCloud:
-        """The cloud, brought to the unit sphere; a random subset in the file's order where it has
-        more than `count` points."""
+        """Return the whole cloud in the unit sphere, or a random subset of `count` points.
+
+        The points keep the order of the file.
+        """
         points = load_points(self.path)
         try:
             cloud = normalise_points(points)
@@ -59,25 +61,25 @@ class BareCloud:
         return RandomSubset(count).apply(cloud, rng)
 
     def views(self, count: int, rng: np.random.Generator) -> tuple[View, ...]:
-        """Views drawn at random."""
+        """Return views drawn at random."""
         return random_views(count, rng)
 
     def truth(self, views: Sequence[View]) -> NDArray[np.uint8]:
-        """Raises BadInput: there is none."""
+        """Raise BadInput: a bare cloud has no true images."""
         raise BadInput(f"{self.path}: a bare cloud has no true pictures; draw it with bench render")
 
     def cloud_and_truth(
         self, rng: np.random.Generator, views: Sequence[View]
     ) -> tuple[PointCloud, NDArray[np.uint8]]:
-        """Raises BadInput: there is no truth."""
+        """Raise BadInput: a bare cloud has no true images."""
         return self.cloud(rng), self.truth(views)
 
 
 def folder_dataset(spec: str, root: Path) -> Dataset:
-    """All meshes below a folder; where there is none, all clouds.
+    """Return all meshes below a folder; of a folder without meshes, all clouds.
 
     Sub-folders that hold such files are classes (and files beside them are left alone); a folder
-    without such has no classes. Raises BadInput where there is neither a mesh nor a cloud.
+    without such sub-folders has no classes. Raises BadInput where no mesh and no cloud exists.
     """
     files, kind = files_below(root, SUFFIXES), "meshes"
     make: Callable[[str, str, Path], SceneObject] = MeshFile
@@ -94,10 +96,10 @@ def folder_dataset(spec: str, root: Path) -> Dataset:
         name = root.resolve().name
         flat = tuple(make(name, file.name, file) for file in files)
         return Dataset(spec, (), flat, layout=layout, orientation=OURS.message)
-    found = DatasetListing()
+    listing = DatasetListing()
     for file in nested:
         class_name, *rest = file.relative_to(root).parts
-        found.objects.append(make(class_name, "/".join(rest), file))
+        listing.objects.append(make(class_name, "/".join(rest), file))
     if beside := len(files) - len(nested):
-        found.irregular.append(f"{beside} files beside the sub-folders are left alone")
-    return found.dataset(spec, layout, OURS.message)
+        listing.irregular.append(f"{beside} files beside the sub-folders are left alone")
+    return listing.dataset(spec, layout, OURS.message)

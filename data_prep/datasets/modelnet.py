@@ -3,15 +3,14 @@
     <class>/train/<class>_0001.off, <class>/test/...    as published, and as aligned by hand
     <class>/<class>_0001.off, with modelnet40_train.txt, modelnet40_test.txt: an id a line
 
-The front is not stated anywhere and taken to be -Y, after a chair and a toilet (see
-`orientations.MODELNET`). ModelNet10 and the ModelNet40 of lmb-freiburg/orion are aligned; in the
-original ModelNet40 the azimuth is as it came.
+The front is taken to be -Y (`orientations.MODELNET` says why). ModelNet10 and the ModelNet40 of
+lmb-freiburg/orion are aligned; in the original ModelNet40 the azimuth is as it came.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -36,7 +35,7 @@ _LIST = re.compile(r"(modelnet[0-9]+)_(train|test)\.txt")
 
 
 def is_modelnet(root: Path) -> bool:
-    """Whether a folder looks like ModelNet: split lists, or classes with train and test."""
+    """Return whether a folder has split lists, or classes with folders train and test."""
     if _list_files(root):
         return True
     return any(
@@ -47,53 +46,57 @@ def is_modelnet(root: Path) -> bool:
 
 
 def modelnet_dataset(spec: str, root: Path) -> Dataset:
-    """The objects of all classes in a folder; their ids are the names of their files.
+    """Return the objects of all classes in a folder; their ids are the names of their files.
 
     Splits are the folders train and test, else the lists; without either all objects are in one.
-    An object that a list names and the disk has not is one that fails.
+    An object that a list names and the disk does not have fails.
 
     Raises BadInput where there is no OFF file in a class, and for lists that cannot be read.
     """
     classes = {folder.name: folder for folder in folders_in(root)}
-    found = DatasetListing()
+    listing = DatasetListing()
     if any((folder / split).is_dir() for folder in classes.values() for split in SPLITS):
         for class_name, folder in classes.items():
-            _add_folders(found, class_name, folder)
+            _add_folders(listing, class_name, folder)
         layout = "ModelNet, with folders train and test"
     else:
-        lists = _read_lists(root, found.irregular)
+        lists = _read_lists(root, listing.irregular)
         for class_name, folder in classes.items():
-            there = {path.stem: _object(class_name, path) for path in files_in(folder, OFF)}
+            on_disk = {path.stem: _object(class_name, path) for path in files_in(folder, OFF)}
             if lists:
-                named = _of_class(class_name, lists)
-                found.add_listed(class_name, there, named, partial(_absent, class_name, folder))
+                named: dict[Split, list[str]] = {  # "night_stand_0001" is a night_stand
+                    split: [i for i in ids if i.rpartition("_")[0] == class_name]
+                    for split, ids in lists.items()
+                }
+                absent = partial(_absent, class_name, folder)
+                listing.add_listed(class_name, on_disk, named, absent)
             else:
-                found.objects += there.values()
+                listing.objects += on_disk.values()
         layout = "ModelNet, with split lists" if lists else "ModelNet, without splits"
-    if not found.objects:
+    if not listing.objects:
         raise BadInput(
             f"{root}: no ModelNet here; expected <class>/train/<class>_0001.off or "
             "<class>/<class>_0001.off"
         )
-    return found.dataset(spec, layout, MODELNET.message)
+    return listing.dataset(spec, layout, MODELNET.message)
 
 
-def _add_folders(found: DatasetListing, class_name: str, folder: Path) -> None:
-    """The objects in the folders train and test of a class."""
+def _add_folders(listing: DatasetListing, class_name: str, folder: Path) -> None:
+    """Add the objects in the folders train and test of a class."""
     ids = []
     for split in SPLITS:
-        there = [_object(class_name, path) for path in _off_files(folder / split)]
-        found.objects += there
-        found.splits.setdefault(split, []).extend(there)
-        ids.append({obj.object_id for obj in there})
+        objects = [_object(class_name, path) for path in _off_files(folder / split)]
+        listing.objects += objects
+        listing.splits.setdefault(split, []).extend(objects)
+        ids.append({obj.object_id for obj in objects})
     if both := ids[0] & ids[1]:
-        found.irregular.append(f"{class_name}: {len(both)} ids are in train and in test")
+        listing.irregular.append(f"{class_name}: {len(both)} ids are in train and in test")
     if beside := len(files_in(folder, OFF)):
-        found.irregular.append(f"{class_name}: {beside} files beside train and test are left out")
+        listing.irregular.append(f"{class_name}: {beside} files beside train and test are left out")
 
 
 def _off_files(folder: Path) -> tuple[Path, ...]:
-    """None where there is no such folder."""
+    """Return the OFF files of a folder, which may not exist."""
     return files_in(folder, OFF) if folder.is_dir() else ()
 
 
@@ -105,26 +108,18 @@ def _absent(class_name: str, folder: Path, object_id: str) -> PlacedMesh:
     return _object(class_name, folder / f"{object_id}.off")
 
 
-def _of_class(class_name: str, lists: Mapping[Split, Sequence[str]]) -> dict[Split, list[str]]:
-    """The ids of a class: "night_stand_0001" is a night_stand."""
-    return {
-        split: [i for i in ids if i.rpartition("_")[0] == class_name]
-        for split, ids in lists.items()
-    }
-
-
 def _list_files(root: Path) -> dict[str, dict[Split, Path]]:
-    """Split lists by the name of the set."""
-    found: dict[str, dict[Split, Path]] = {}
+    """Return the split lists by the name of the set and the split."""
+    lists: dict[str, dict[Split, Path]] = {}
     for path in sorted(root.glob("modelnet*.txt")):
         if (match := _LIST.fullmatch(path.name)) and is_regular_file(path):
             split: Split = "train" if match[2] == "train" else "test"
-            found.setdefault(match[1], {})[split] = path
-    return found
+            lists.setdefault(match[1], {})[split] = path
+    return lists
 
 
 def _read_lists(root: Path, irregular: list[str]) -> dict[Split, list[str]]:
-    """Ids by split; empty where there are no lists. Appends ids that are there twice."""
+    """Return ids by split, {} without lists; append ids that occur twice to `irregular`."""
     files = _list_files(root)
     if not files:
         return {}

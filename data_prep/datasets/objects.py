@@ -1,7 +1,5 @@
-"""What an object of a dataset gives: a cloud, the views it is seen from, and its true images.
+"""Objects of datasets: clouds, the views they are seen from, and their true images.
 
-Most objects are meshes, from which all three are made. One that comes with clouds and images
-(`paper:PATH`) gives its own; a bare cloud has no true images, so it can be drawn but not scored.
 An object is a small value that crosses process boundaries; files are read where they are needed.
 """
 
@@ -21,59 +19,64 @@ Split = Literal["train", "validation", "test", "sealed", "novel-families"]
 
 
 class SceneObject(Protocol):
-    """One object of a dataset."""
+    """One object of a dataset.
+
+    Most objects are meshes (`MeshObject`), from which cloud, views and images are made. An object
+    with clouds and images of its own (`paper:PATH`) returns these. A bare cloud has no true images:
+    it can be drawn but not scored.
+    """
 
     @property
     def class_name(self) -> str:
-        """The class it belongs to."""
+        """Return the class of the object."""
         ...
 
     @property
     def object_id(self) -> str:
-        """Unique within its class."""
+        """Return an id that is unique within the class."""
         ...
 
     @property
     def has_truth(self) -> bool:
-        """Whether there is anything that images of it can be scored against."""
+        """Return whether the object has true images that methods can be scored against."""
         ...
 
     def fingerprint(self) -> str:
-        """Changes whenever what it gives does."""
+        """Return a text that changes whenever the cloud, the views or the images do."""
         ...
 
     def load(self) -> Mesh:
-        """The normalised mesh. Raises BadInput where there is none to be had."""
+        """Return the normalised mesh. Raises BadInput where the object has none."""
         ...
 
     def cloud(self, rng: np.random.Generator, count: int = CLOUD_SIZE) -> PointCloud:
-        """`count` points; an object that comes with a cloud gives no more than there are.
+        """Return `count` points, or all points of an object whose own cloud has fewer.
 
-        Raises BadInput where there is no cloud to be had.
+        Raises BadInput where no cloud can be had.
         """
         ...
 
     def views(self, count: int, rng: np.random.Generator) -> tuple[View, ...]:
-        """`count` cameras: drawn at random, or the object's own, which need no random numbers.
+        """Return `count` views: drawn at random, or the object's own, which ignore `rng`.
 
-        Raises BadInput where more are asked for than the kind of object can have. An object whose
-        own views cannot be read gives stand-ins here, and the reason in `truth`.
+        Raises BadInput for more views than an object of this kind can have. An object whose own
+        views cannot be read returns stand-ins here and raises the reason in `truth`.
         """
         ...
 
     def truth(self, views: Sequence[View]) -> NDArray[np.uint8]:
-        """True images [V, IMAGE_SIZE, IMAGE_SIZE, 3] from views that `views` gave.
+        """Return true images [V, IMAGE_SIZE, IMAGE_SIZE, 3] from views that `views` returned.
 
-        Raises BadInput where there are none to be had.
+        Raises BadInput where they cannot be had.
         """
         ...
 
     def cloud_and_truth(
         self, rng: np.random.Generator, views: Sequence[View]
     ) -> tuple[PointCloud, NDArray[np.uint8]]:
-        """What `cloud` and `truth` give, bit for bit, for who needs both: files are read once.
+        """Return the results of `cloud` and `truth`, bit for bit, reading files once.
 
-        Raises BadInput where one of them is not to be had.
+        Raises BadInput where one of them cannot be had.
         """
         ...
 
@@ -83,23 +86,23 @@ class MeshObject(ABC):
 
     @property
     def has_truth(self) -> bool:
-        """Yes: its mesh, rendered."""
+        """Return True: the mesh can be rendered."""
         return True
 
     @abstractmethod
     def load(self) -> Mesh:
-        """The normalised mesh. Raises BadInput where there is none to be had."""
+        """Return the normalised mesh. Raises BadInput where it cannot be had."""
 
     def cloud(self, rng: np.random.Generator, count: int = CLOUD_SIZE) -> PointCloud:
-        """Points drawn uniformly by area."""
+        """Return points drawn uniformly by area."""
         return sample_surface(self.load(), rng, count)
 
     def views(self, count: int, rng: np.random.Generator) -> tuple[View, ...]:
-        """Views drawn at random."""
+        """Return views drawn at random."""
         return random_views(count, rng)
 
     def truth(self, views: Sequence[View]) -> NDArray[np.uint8]:
-        """The mesh, rendered."""
+        """Render the mesh."""
         from data_prep.rendering.opengl import render
 
         return render(self.load(), views)
@@ -107,7 +110,7 @@ class MeshObject(ABC):
     def cloud_and_truth(
         self, rng: np.random.Generator, views: Sequence[View]
     ) -> tuple[PointCloud, NDArray[np.uint8]]:
-        """The mesh, loaded once, sampled and rendered."""
+        """Load the mesh once, sample and render it."""
         from data_prep.rendering.opengl import render
 
         mesh = self.load()

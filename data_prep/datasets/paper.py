@@ -5,20 +5,11 @@
     shapenet_release/renders/<synset>/<id>/render_<k>_128.png        images, k = 0..19, RGBA
     shapenet_release/renders/<synset>/<id>/view.txt                  cameras, line k of image k
 
-Placement. Clouds are ShapeNetCore.v1 with +Z up, as Blender imports it: the original's rotations
-say so (`orientations.PAPER`), because the surfaces that it reconstructs, turned twice, are drawn by
-a camera whose position is turned back. Their coordinates are twice as large here: the images show
-the sphere of radius 0.5 from distance 2, ours that of radius 1 from distance 4. Clouds are not
-normalised again, or they would no longer fit their images.
-
-Angles. An azimuth of 0 stands on the clouds' +X, the front, and grows anticlockwise as seen from
-above: x = cos a cos e, y = sin a cos e, z = sin e, as in the rendering scripts of the time (Su et
-al. 2015), whose view files have the same columns. Ours grows clockwise, so the sign is changed. The
-data was not at hand to confirm this; `bench data inspect` counts the points of the clouds that fall
-on the objects in the images, for this reading of the angles and for the others.
-
-Ids from these files become parts of paths, so nothing that could lead out of the folder of the
-dataset is taken for an id.
+Clouds are ShapeNetCore.v1 with +Z up, as Blender imports it (`orientations.PAPER`). An azimuth of 0
+stands on the clouds' +X, the front, and grows anticlockwise as seen from above: x = cos a cos e,
+y = sin a cos e, z = sin e, as in the rendering scripts of the time (Su et al. 2015), whose view
+files have the same columns. This reading is not confirmed: `bench data inspect` counts the points
+that fall on the objects in the images, for this reading of the angles and for the others.
 """
 
 from __future__ import annotations
@@ -68,10 +59,10 @@ _SPLITS: Sequence[Split] = ("train", "test")
 
 @dataclass(frozen=True)
 class PaperObject:
-    """A cloud with 20 images and their cameras; there is no mesh.
+    """A cloud with 20 images and their cameras, without a mesh.
 
-    An object is used as a whole: where the cloud, the cameras or one of the images that are asked
-    for is missing or damaged, it fails with that reason in all its views.
+    An object is used as a whole: where the cloud, the cameras or a requested image is missing or
+    damaged, it fails with that reason in all its views.
     """
 
     class_name: str
@@ -81,22 +72,22 @@ class PaperObject:
 
     @property
     def has_truth(self) -> bool:
-        """Yes: its images."""
+        """Return True: the object has images."""
         return True
 
     def fingerprint(self) -> str:
-        """Checksum of the cloud, the cameras and the images."""
+        """Return a checksum of the cloud, the cameras and the images."""
         version = f"paper {PAPER.columns} {PAPER.signs}"
-        return fingerprint_of(version, self.cloud_file, self._companions, MOST_BYTES)
+        return fingerprint_of(version, self.cloud_file, self._resources, MOST_BYTES)
 
     def load(self) -> Mesh:
-        """Raises BadInput: there is none."""
+        """Raise BadInput: the object has no mesh."""
         raise BadInput(
             f"{self.cloud_file}: a cloud with pictures has no mesh; take shapenet:PATH for meshes"
         )
 
     def cloud(self, rng: np.random.Generator, count: int = CLOUD_SIZE) -> PointCloud:
-        """The file's 2,048 points in its order; fewer where fewer are asked for, drawn at random.
+        """Return the 2,048 points in the order of the file, or a random subset of `count`.
 
         Raises BadInput, naming the file, for any other number of points and for values that are not
         finite.
@@ -109,11 +100,13 @@ class PaperObject:
         if not np.isfinite(points).all():
             raise BadInput(f"{self.cloud_file}: points that are not finite; fetch it again")
         with np.errstate(over="ignore"):
+            # Not normalised: the images show the sphere of radius 0.5 from distance 2, ours the
+            # sphere of radius 1 from distance 4.
             ours = (PAPER.to_ours(points) / RADIUS).astype(np.float32)
         return RandomSubset(count).apply(PointCloud(ours), rng)
 
     def views(self, count: int, rng: np.random.Generator) -> tuple[View, ...]:
-        """The cameras of the first `count` images; views of the front where they cannot be read.
+        """Return the cameras of the first images, or views of the front if they cannot be read.
 
         Raises BadInput for more than there are images.
         """
@@ -129,24 +122,24 @@ class PaperObject:
             return (View(0.0, 0.0),) * count
 
     def cameras(self, count: int) -> tuple[View, ...]:
-        """The first cameras of view.txt in our angles. Raises BadInput where there are fewer."""
+        """Return the first cameras of view.txt in our angles. Raises BadInput for too few lines."""
         path = self.renders / VIEWS
-        found = read_views(path)
-        if len(found) < count:
+        views = read_views(path)
+        if len(views) < count:
             raise BadInput(
-                f"{path}: {len(found)} lines, and {count} images are wanted; fetch it again"
+                f"{path}: {len(views)} lines, and {count} images are wanted; fetch it again"
             )
-        return tuple(
+        return tuple(  # our azimuth grows clockwise
             View(math.remainder(-view.azimuth_deg, 360.0), view.elevation_deg)
-            for view in found[:count]
+            for view in views[:count]
         )
 
     def image_files(self) -> tuple[Path, ...]:
-        """Where its images have their place."""
+        """Return the paths of the images, which may not exist."""
         return tuple(self.renders / image_name(k) for k in range(IMAGES))
 
     def truth(self, views: Sequence[View]) -> NDArray[np.uint8]:
-        """The first images. Raises BadInput where one, or a camera, cannot be had."""
+        """Return the first images. Raises BadInput where an image or a camera cannot be read."""
         if self.cameras(len(views)) != tuple(views):
             raise BadInput(f"{self.renders / VIEWS}: has changed since the run began; start again")
         return np.stack([read_image(path)[0] for path in self.image_files()[: len(views)]])
@@ -154,35 +147,36 @@ class PaperObject:
     def cloud_and_truth(
         self, rng: np.random.Generator, views: Sequence[View]
     ) -> tuple[PointCloud, NDArray[np.uint8]]:
-        """Its own, from files of their own."""
+        """Return the cloud and the first images."""
         return self.cloud(rng), self.truth(views)
 
-    def _companions(self) -> Iterator[Path]:
+    def _resources(self) -> Iterator[Path]:
         for path in (self.renders / VIEWS, *self.image_files()):
             if is_regular_file(path):
                 yield path
 
 
 def image_name(number: int) -> str:
-    """The file of an image."""
+    """Return the name of the file of an image."""
     return f"render_{number}_128.png"
 
 
 def is_paper(root: Path) -> bool:
-    """Whether a folder looks like the paper's data."""
+    """Return whether a folder looks like the paper's data."""
     return (root / CLOUDS).is_dir() or (root / RENDERS).is_dir()
 
 
 def paper_dataset(spec: str, root: Path) -> Dataset:
-    """The objects that the split files of a folder name.
+    """Return the objects that the split files of a folder name.
 
     A class that has a split file of its own takes that, the others all_exp.json. Classes have the
-    names of the 13 of the paper, else the first name in the split file. What a split names and the
-    disk has not is an object that fails.
+    names of the 13 of the paper, else the first name in the split file. An object that a split
+    names and the disk does not have fails.
 
     Raises BadInput where there is no split file, or one cannot be read.
     """
-    files = _split_files(root)
+    files = [path for path in sorted(root.glob(f"*{SPLIT_SUFFIX}")) if is_regular_file(path)]
+    files.sort(key=lambda path: path.name == ALL_CLASSES)  # the files of single classes first
     if not files:
         raise BadInput(
             f"{root}: no split file here; expected chair{SPLIT_SUFFIX} or {ALL_CLASSES} beside "
@@ -199,7 +193,7 @@ def paper_dataset(spec: str, root: Path) -> Dataset:
                 paper_class.test,
             ):
                 irregular.append(f"{path.name}: another split of {synset}; not used")
-    names = class_names({synset: found.name for synset, found in classes.items()})
+    names = class_names({synset: paper_class.name for synset, paper_class in classes.items()})
     splits: dict[Split, list[SceneObject]] = {split: [] for split in _SPLITS}
     for synset, paper_class in sorted(classes.items(), key=lambda item: names[item[0]]):
         named: Mapping[Split, Sequence[str]] = {
@@ -207,8 +201,16 @@ def paper_dataset(spec: str, root: Path) -> Dataset:
             "test": paper_class.test,
         }
         for split, ids in named.items():
-            splits[split] += [_object(root, names[synset], synset, i) for i in ids]
-        irregular += _not_there(root, names[synset], synset, named)
+            splits[split] += [
+                PaperObject(
+                    names[synset],
+                    object_id,
+                    root / CLOUDS / synset / f"{object_id}.ply",
+                    root / RENDERS / synset / object_id,
+                )
+                for object_id in ids
+            ]
+        irregular += _differences(root, names[synset], synset, named)
     return Dataset(
         spec,
         tuple(sorted(names.values())),
@@ -220,27 +222,16 @@ def paper_dataset(spec: str, root: Path) -> Dataset:
     )
 
 
-def _object(root: Path, class_name: str, synset: str, object_id: str) -> PaperObject:
-    cloud = root / CLOUDS / synset / f"{object_id}.ply"
-    return PaperObject(class_name, object_id, cloud, root / RENDERS / synset / object_id)
-
-
-def _split_files(root: Path) -> tuple[Path, ...]:
-    """Those of single classes first."""
-    found = (path for path in sorted(root.glob(f"*{SPLIT_SUFFIX}")) if is_regular_file(path))
-    return tuple(sorted(found, key=lambda path: path.name == ALL_CLASSES))
-
-
-def _not_there(
+def _differences(
     root: Path, class_name: str, synset: str, named: Mapping[Split, Sequence[str]]
 ) -> list[str]:
-    """What the split and the folders of a class do not agree on."""
+    """Return the differences between the split and the folders of a class, a line each."""
     clouds, renders = root / CLOUDS / synset, root / RENDERS / synset
-    there = [p.stem for p in sorted(clouds.glob("*.ply"))] if clouds.is_dir() else []
-    pictured = [p.name for p in folders_in(renders)] if renders.is_dir() else []
+    cloud_ids = [p.stem for p in sorted(clouds.glob("*.ply"))] if clouds.is_dir() else []
+    image_ids = [p.name for p in folders_in(renders)] if renders.is_dir() else []
     return [
-        *(f"{class_name}, clouds: {line}" for line in differences(named, there)),
-        *(f"{class_name}, pictures: {line}" for line in differences(named, pictured)),
+        *(f"{class_name}, clouds: {line}" for line in differences(named, cloud_ids)),
+        *(f"{class_name}, pictures: {line}" for line in differences(named, image_ids)),
     ]
 
 
@@ -249,7 +240,7 @@ def _not_there(
 
 @dataclass(frozen=True)
 class PaperClass:
-    """The objects of one class: its name, and the ids of its training and test split."""
+    """A class of a split file: its name, and the ids of its training and test split."""
 
     name: str
     train: tuple[str, ...]
@@ -257,11 +248,11 @@ class PaperClass:
 
 
 def read_views(path: Path) -> tuple[View, ...]:
-    """The cameras of `view.txt`: line k holds azimuth and elevation of image k in degrees.
+    """Return the cameras of `view.txt`: line k holds azimuth and elevation of image k in degrees.
 
-    Further numbers of a line are passed over, as in the original. The angles are those of the file:
-    whether zero and sense are ours is up to who reads a dataset. Raises BadInput, naming file, line
-    and value, for whatever is no angle, for gaps, and for an empty file.
+    Further numbers of a line are ignored, as in the original. The angles are returned as they stand
+    in the file. Raises BadInput, naming file, line
+    and value, for anything but angles, for gaps, and for an empty file.
     """
     text = read_text(path, MOST_VIEW_BYTES)
     views = []
@@ -282,15 +273,15 @@ def read_views(path: Path) -> tuple[View, ...]:
     return tuple(views)
 
 
-def read_split(path: Path) -> dict[str, PaperClass]:
-    """The classes of a split file such as `chair_exp.json`, by their synset ("03001627").
+def read_split(path: Path, most_bytes: int = MOST_SPLIT_BYTES) -> dict[str, PaperClass]:
+    """Return the classes of a split file such as `chair_exp.json`, by synset ("03001627").
 
-    {synset: {"name": ..., "train": [id, ...], "test": [id, ...]}}. An id is the name of a file or
-    folder, and nothing else: no path, no ".", no control characters. Raises BadInput, naming file,
-    value and remedy, for any other form, for an object that is listed twice, and for a file without
-    classes.
+    The file holds {synset: {"name": ..., "train": [id, ...], "test": [id, ...]}}. Ids become parts
+    of paths, so only plain names are accepted: no path, no ".", no control characters. Raises
+    BadInput, naming file, value and remedy, for any other form, for an object that is listed twice,
+    and for a file without classes.
     """
-    text = read_text(path, MOST_SPLIT_BYTES)
+    text = read_text(path, most_bytes)
     try:
         tree = json.loads(text, object_pairs_hook=_without_doubles)
     except (ValueError, RecursionError) as error:

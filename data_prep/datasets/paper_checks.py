@@ -1,4 +1,4 @@
-"""What is odd about an object of the paper's data, and whether its cloud fits its images."""
+"""Checks of the paper's data: unusable files, and clouds that do not fit their images."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from data_prep.scene import IMAGE_SIZE, PointCloud, View
 
 WHITE = 250  # of 255: a channel below it belongs to the object
 # How the angles of view.txt might be meant: turned by quarters, and in either sense. The first is
-# the reading that `dataset_paper` takes.
+# the reading that `datasets.paper` takes.
 READINGS = tuple((sense, turn) for sense in (1, -1) for turn in (0, 90, 180, 270))
 
 
 def find_problems(obj: PaperObject) -> Iterator[tuple[str, str]]:
-    """What is wrong or unusual, and where: ("an image of mode RGB", "render_3_128.png")."""
+    """Yield each problem and its place: ("a picture of mode RGB, not RGBA", "render_3_128.png")."""
     try:
         obj.cloud(generator("examine"))
     except BadInput as error:
@@ -35,7 +35,13 @@ def find_problems(obj: PaperObject) -> Iterator[tuple[str, str]]:
     else:
         if len(views) != IMAGES:
             yield f"{VIEWS} has not {IMAGES} lines", f"{len(views)} lines"
-        beyond = [view for view in views if not _in_range(view)]
+        low, high = AZIMUTH_RANGE_DEG
+        least, most = ELEVATION_RANGE_DEG
+        beyond = [
+            view
+            for view in views
+            if not (low <= view.azimuth_deg <= high and least <= view.elevation_deg <= most)
+        ]
         if beyond:
             yield "angles beyond 180 and 40 degrees", f"{len(beyond)} views"
     for path in obj.image_files():
@@ -49,8 +55,9 @@ def find_problems(obj: PaperObject) -> Iterator[tuple[str, str]]:
 
 
 def agreement(obj: PaperObject) -> NDArray[np.float64]:
-    """[len(READINGS)]: for each reading of the angles, the share of all points of the cloud, over
-    all views, that fall on the object in the image.
+    """Return the share of points that fall on the object in its images, for each reading.
+
+    The result has a value for each of READINGS, the mean over all views.
 
     Raises BadInput where the object cannot be used.
     """
@@ -72,12 +79,6 @@ def _share(
         hit[inside] = mask[row[inside], column[inside]]
         hits.append(hit.mean())
     return float(np.mean(hits))
-
-
-def _in_range(view: View) -> bool:
-    low, high = AZIMUTH_RANGE_DEG
-    least, most = ELEVATION_RANGE_DEG
-    return low <= view.azimuth_deg <= high and least <= view.elevation_deg <= most
 
 
 def _without_path(error: BadInput, path: str) -> str:

@@ -1,4 +1,4 @@
-"""The embedded default: parametric shapes, seeded, unlimited in number; nothing to download."""
+"""The embedded default dataset: parametric shapes, seeded and unlimited in number."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _SALT = "41ec20ecc29a5c5a3390005bfa849f81"  # of the sealed split
 
 @dataclass(frozen=True)
 class ProceduralObject(MeshObject):
-    """Number `index` of a split. The splits share no random numbers, hence no object.
+    """Object `index` of a split. The splits share no random numbers, hence no object.
 
     The sealed split is another in each version of the protocol. The objects of `novel-families`
     are of structural families that no other split draws.
@@ -32,16 +32,16 @@ class ProceduralObject(MeshObject):
 
     @property
     def object_id(self) -> str:
-        """For example "test-0007"; of the sealed split with the protocol: "sealed-1-0007"."""
+        """Return an id such as "test-0007", or "sealed-1-0007" with the version of the protocol."""
         version = f"{PROTOCOL_VERSION}-" if self.split == "sealed" else ""
         return f"{self.split}-{version}{self.index:04d}"
 
     def fingerprint(self) -> str:
-        """Class, number and version of the procedure."""
+        """Return class, number and version of the procedure."""
         return f"procedural-{PROCEDURAL_VERSION}/{self.class_name}/{self.object_id}"
 
     def random_numbers(self) -> np.random.Generator:
-        """The random numbers that decide the object, from the first on."""
+        """Return a new stream of the random numbers that decide the object."""
         seal = (PROTOCOL_VERSION, _SALT) if self.split == "sealed" else ()
         return generator("procedural", self.class_name, self.split, self.index, *seal)
 
@@ -53,22 +53,22 @@ class ProceduralObject(MeshObject):
 
 @dataclass(frozen=True)
 class WidenedObject(MeshObject):
-    """Number `index` of the shapes for training that vary more than a class (`augmentation`)."""
+    """Object `index` of the shapes for training that vary more than a class (`augmentation`)."""
 
     class_name: str
     index: int
 
     @property
     def object_id(self) -> str:
-        """For example "widened-00007"."""
+        """Return an id such as "widened-00007"."""
         return f"widened-{self.index:05d}"
 
     def fingerprint(self) -> str:
-        """Class, number and version of the procedure."""
+        """Return class, number and version of the procedure."""
         return f"procedural-{PROCEDURAL_VERSION}/{self.class_name}/{self.object_id}"
 
     def random_numbers(self) -> np.random.Generator:
-        """The random numbers that decide the object, from the first on."""
+        """Return a new stream of the random numbers that decide the object."""
         return generator("procedural", self.class_name, "widened", self.index)
 
     def load(self) -> Mesh:
@@ -79,19 +79,19 @@ class WidenedObject(MeshObject):
 
 
 def _widened(class_name: str, split: Split, index: int) -> MeshObject:
-    """The train split is widened; the others are those of `procedural`."""
+    """Return a widened object of the train split, or an object of `procedural` of another split."""
     if split == "train":
         return WidenedObject(class_name, index)
     return ProceduralObject(class_name, split, index)
 
 
 def widened_dataset(spec: str) -> Dataset:
-    """All classes of the catalogue, for trainings; what is measured are its train objects."""
+    """Return all classes of the catalogue with a widened train split, which is measured."""
     return replace(procedural_dataset(spec, "train"), infinite=_widened)
 
 
 def procedural_dataset(spec: str, measured: Split) -> Dataset:
-    """All classes of the catalogue; with novel families, those that have some."""
+    """Return all classes of the catalogue, or the classes with novel families for that split."""
     return Dataset(
         spec,
         tuple(NOVEL_CLASSES if measured == "novel-families" else CLASSES),

@@ -1,4 +1,4 @@
-"""The version of the protocol: which objects, views, perturbations and scores tables are of."""
+"""The version of the protocol: of the objects, views, perturbations and scores of tables."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ from data_prep.datasets.shapenet import is_shapenet, shapenet_dataset
 from data_prep.datasets.stored_meshes import MeshFile, PlacedMesh
 from data_prep.failures import BadInput, unknown
 from data_prep.files.safe_read import shown
-from data_prep.plugins import DATASETS, OUR_KINDS, entry_point_names, load_announced
+from data_prep.plugins import DATASETS, OUR_KINDS, entry_point_names, load_entry_point
 
 __all__ = [
     "PROCEDURAL_VERSION",
@@ -60,7 +60,7 @@ def open_dataset(spec: str) -> Dataset:
     """Return the dataset of a name: `procedural`, or a kind and a folder (`folder:PATH`).
 
     Choices are made on `procedural:validation`. `procedural:sealed` is for final numbers alone,
-    measured once per version of the protocol: no training, study or default takes it.
+    measured once per version of the protocol: no training, study or default uses it.
     `procedural:novel-families` has chairs of structures that no other split draws,
     `procedural:widened` a train split that varies more than the classes do. Raises BadInput
     for an unknown kind, a missing folder, and what the kind cannot use.
@@ -78,7 +78,7 @@ def open_dataset(spec: str) -> Dataset:
 
 
 def _as_folder(location: str) -> str:
-    """Return the dataset that somebody means who gives a folder alone; "" for other words."""
+    """Return the likely dataset of a user who gives a folder alone; "" for other words."""
     if ":" in location:
         return ""
     try:
@@ -88,7 +88,7 @@ def _as_folder(location: str) -> str:
 
 
 def is_dataset(text: str) -> bool:
-    """Return whether this is the name of a dataset, and not that of a folder."""
+    """Return whether a text is the name of a dataset, and not of a folder."""
     kind, colon, _ = text.partition(":")
     kinds = (*OUR_KINDS, *reader_ids())
     return text == "procedural" or bool(colon and kind in kinds)
@@ -96,26 +96,26 @@ def is_dataset(text: str) -> bool:
 
 @cache
 def reader_ids() -> tuple[str, ...]:
-    """Kinds of datasets that other installed packages announce, sorted; none is loaded."""
+    """Return the kinds of datasets that installed packages register, sorted; load none."""
     return entry_point_names(DATASETS)
 
 
 def find_reader(kind: str) -> DatasetReader:
-    """Return the reader of a kind that another package announces.
+    """Return the reader of a kind that another package registers.
 
     Raises BadInput, naming the package, where it cannot be loaded.
     """
     named = "data_prep.datasets.dataset.DatasetReader"
-    return load_announced((DATASETS,), kind, "dataset", DatasetReader, named, OUR_KINDS)
+    return load_entry_point((DATASETS,), kind, "dataset", DatasetReader, named, OUR_KINDS)
 
 
 def read_dataset(reader: DatasetReader, spec: str, folder: Path) -> Dataset:
-    """Return the dataset that another package's reader finds in a folder.
+    """Return the dataset that another package's reader makes of a folder.
 
     Raises BadInput, naming the reader, for whatever it raises.
     """
     try:
-        found = reader.read(spec, folder)
+        dataset = reader.read(spec, folder)
     except BadInput:
         raise
     except (Exception, SystemExit) as error:  # whatever a stranger's function raises
@@ -123,13 +123,13 @@ def read_dataset(reader: DatasetReader, spec: str, folder: Path) -> Dataset:
             f"dataset '{spec}': {type(error).__name__}: {error}; fix or remove the package that "
             f"adds '{reader.id}'"
         ) from error
-    if not isinstance(found, Dataset):
+    if not isinstance(dataset, Dataset):
         raise BadInput(f"dataset '{spec}': its package gives no Dataset; fix or remove it")
-    return found
+    return dataset
 
 
 def layout_of(location: str) -> str:
-    """The kind that a folder looks like ("shapenet"): the first word of its name as a dataset.
+    """Return the kind of dataset that a folder looks like, such as "shapenet".
 
     Raises BadInput where there is no such folder.
     """
@@ -142,15 +142,15 @@ def layout_of(location: str) -> str:
 
 
 def folder_of(location: str) -> Path:
-    """Return the folder that a name holds. Raises BadInput where there is none."""
+    """Return the folder that a name holds. Raises BadInput where it does not exist."""
     try:
         location.encode()
         root = Path(location).expanduser()
-        there = root.is_dir()
+        exists = root.is_dir()
     except (OSError, RuntimeError, UnicodeEncodeError) as error:  # RuntimeError: no such user
         raise BadInput(
             f"{shown(location)}: not the name of a folder ({error}); give its path"
         ) from None
-    if not there:
+    if not exists:
         raise BadInput(f"{root}: no such folder; give the folder that holds your meshes")
     return root

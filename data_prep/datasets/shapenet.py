@@ -3,9 +3,9 @@
     v1    <synset>/<id>/model.obj                       up +Y, front +X
     v2    <synset>/<id>/models/model_normalized.obj     up +Y, front -Z
 
-Which of the two an object is says its own path, and that decides how it is turned. Some models of
-v1 are mirrored (README.txt of v2; shapenet.org/annotations): that cannot be seen in the files,
-and is not undone. Both are normalised again, so that their different scales do not matter.
+The path of an object tells its version, which decides how it is turned. Both are normalised again,
+so that their different scales do not matter. Some models of v1 are mirrored (README.txt of v2;
+shapenet.org/annotations): the files do not show it, and it is not undone.
 """
 
 from __future__ import annotations
@@ -60,14 +60,14 @@ V2 = _Version("v2", ("models", "model_normalized.obj"), SHAPENET_V2)
 
 @dataclass
 class _Synset:
-    """What there is of a synset: objects by id, and folders without a model."""
+    """The contents of a synset: versions by id of the object, and folders without a model."""
 
     versions: dict[str, _Version] = field(default_factory=dict)
     empty: list[str] = field(default_factory=list)
 
 
 def is_shapenet(root: Path) -> bool:
-    """Whether a folder looks like ShapeNetCore: a synset with a model in it."""
+    """Return whether a folder looks like ShapeNetCore: a synset with a model in it."""
     for synset in folders_in(root):
         if SYNSET.fullmatch(synset.name):
             return any(_version_of(folder) for folder in folders_in(synset)[:100])
@@ -75,48 +75,48 @@ def is_shapenet(root: Path) -> bool:
 
 
 def shapenet_dataset(spec: str, root: Path) -> Dataset:
-    """The objects of all synsets in a folder.
+    """Return the objects of all synsets in a folder.
 
     Classes have the names of the 13 of the paper, others the first name in taxonomy.json, else
     their synset. Splits are those of all.csv, in the folder or beside it; without that file all
-    objects are in one. Of a synset that is there, an object that all.csv names and the disk has not
-    is one that fails; synsets that are not there do not count.
+    objects are in one. An object that all.csv names and the disk does not have fails, unless its
+    whole synset is missing.
 
     Raises BadInput where no synset holds a model, and for lists that cannot be read.
     """
-    synsets = {s.name: _find(s) for s in folders_in(root) if SYNSET.fullmatch(s.name)}
-    synsets = {synset: there for synset, there in synsets.items() if there.versions}
+    synsets = {s.name: _contents(s) for s in folders_in(root) if SYNSET.fullmatch(s.name)}
+    synsets = {synset: contents for synset, contents in synsets.items() if contents.versions}
     if not synsets:
         raise BadInput(
             f"{root}: no ShapeNetCore here; expected <synset>/<id>/{'/'.join(V1.path)} (v1) or "
             f"<synset>/<id>/{'/'.join(V2.path)} (v2)"
         )
-    found = DatasetListing()
-    versions = sorted({v.name for there in synsets.values() for v in there.versions.values()})
+    listing = DatasetListing()
+    versions = sorted({v.name for s in synsets.values() for v in s.versions.values()})
     if len(versions) > 1:
-        found.irregular.append(
+        listing.irregular.append(
             "objects of v1 and v2 side by side; each is turned as its own path says"
         )
     usual = V1 if versions == ["v1"] else V2
     names = class_names(_taxonomy(root, tuple(synsets)))
-    lists = _split_lists(root, found.irregular)
-    for synset, there in sorted(synsets.items(), key=lambda item: names[item[0]]):
+    lists = _split_lists(root, listing.irregular)
+    for synset, contents in sorted(synsets.items(), key=lambda item: names[item[0]]):
         name, folder = names[synset], root / synset
-        if there.empty:
-            found.irregular.append(
-                f"{name}: {len(there.empty)} folders without a model: {listed(there.empty)}"
+        if contents.empty:
+            listing.irregular.append(
+                f"{name}: {len(contents.empty)} folders without a model: {listed(contents.empty)}"
             )
-        objects = {i: v.place(name, folder / i) for i, v in sorted(there.versions.items())}
+        objects = {i: v.place(name, folder / i) for i, v in sorted(contents.versions.items())}
         if lists is None:
-            found.objects += objects.values()
+            listing.objects += objects.values()
         else:
             absent = partial(_absent, usual, name, folder)
-            found.add_listed(name, objects, lists.get(synset, {}), absent)
-    found.irregular += _shared_ids(synsets, names)
-    found.splits = {s: found.splits[s] for s in _SPLITS.values() if s in found.splits}
+            listing.add_listed(name, objects, lists.get(synset, {}), absent)
+    listing.irregular += _shared_ids(synsets, names)
+    listing.splits = {s: listing.splits[s] for s in _SPLITS.values() if s in listing.splits}
     layout = f"ShapeNetCore {' and '.join(versions)}"
     orientations = (f"{v.name}: {v.orientation.message}" for v in (V1, V2) if v.name in versions)
-    return found.dataset(
+    return listing.dataset(
         spec,
         layout if lists is not None else f"{layout}, without {SPLIT_FILE}: one split",
         "; ".join(orientations),
@@ -127,33 +127,33 @@ def _absent(version: _Version, class_name: str, folder: Path, object_id: str) ->
     return version.place(class_name, folder / object_id)
 
 
-def _find(synset: Path) -> _Synset:
-    found = _Synset()
+def _contents(synset: Path) -> _Synset:
+    contents = _Synset()
     for folder in folders_in(synset):
         version = _version_of(folder)
         if version is None:
-            found.empty.append(folder.name)
+            contents.empty.append(folder.name)
         else:
-            found.versions[folder.name] = version
-    return found
+            contents.versions[folder.name] = version
+    return contents
 
 
 def _version_of(folder: Path) -> _Version | None:
     return next((v for v in (V2, V1) if is_regular_file(folder.joinpath(*v.path))), None)
 
 
-def _shared_ids(found: Mapping[str, _Synset], names: Mapping[str, str]) -> list[str]:
-    """One model under two synsets, as ShapeNet has some: two objects, of different class."""
+def _shared_ids(synsets: Mapping[str, _Synset], names: Mapping[str, str]) -> list[str]:
+    """Return a line about ids in several classes: ShapeNet has some models under two synsets."""
     classes: dict[str, list[str]] = {}
-    for synset, there in found.items():
-        for object_id in there.versions:
+    for synset, contents in synsets.items():
+        for object_id in contents.versions:
             classes.setdefault(object_id, []).append(names[synset])
     twice = [f"{i} ({', '.join(sorted(c))})" for i, c in sorted(classes.items()) if len(c) > 1]
     return [f"{len(twice)} ids are in several classes: {listed(twice)}"] if twice else []
 
 
 def _taxonomy(root: Path, synsets: Sequence[str]) -> dict[str, str]:
-    """ShapeNet's names of these synsets; empty where there are none to be had."""
+    """Return ShapeNet's names of synsets; "" where taxonomy.json or an entry is missing."""
     names = dict.fromkeys(synsets, "")
     path = root / TAXONOMY
     if not is_regular_file(path):
@@ -172,9 +172,9 @@ def _taxonomy(root: Path, synsets: Sequence[str]) -> dict[str, str]:
 
 
 def _split_lists(root: Path, irregular: list[str]) -> dict[str, dict[Split, list[str]]] | None:
-    """By synset and split, the ids in the order of all.csv; None where there is no such file.
+    """Return the ids by synset and split, in the order of all.csv; None without that file.
 
-    Of a model that is listed twice, the first line counts. Appends to `irregular`.
+    The first line of a model counts; later ones are appended to `irregular`.
     """
     path = next(
         (p for p in (root / SPLIT_FILE, root.parent / SPLIT_FILE) if is_regular_file(p)), None

@@ -19,23 +19,26 @@ MATERIAL_SUFFIXES = (".mtl", ".png", ".jpg", ".jpeg", ".bmp", ".tga", ".tif", ".
 
 @dataclass(frozen=True)
 class MeshFile(MeshObject):
-    """A mesh in a folder of one's own; its id is the path below the folder of its class."""
+    """A mesh of a `folder:PATH`; its id is the path below the folder of its class."""
 
     class_name: str
     object_id: str
     path: Path
 
     def fingerprint(self) -> str:
-        """Checksum of the file, of its companions (same name, other suffix: .mtl, .bin, textures)
-        and of the version of the loader; an unreadable file has a fingerprint that says so."""
+        """Return a checksum of the file, its resources and the version of the loader.
+
+        Resources have the name of the file and another suffix: materials, buffers, textures. The
+        fingerprint of an unreadable file says so.
+        """
         version = f"loader {LOADER_VERSION}"
-        return fingerprint_of(version, self.path, self._companions, MOST_BYTES)
+        return fingerprint_of(version, self.path, self._resources, MOST_BYTES)
 
     def load(self) -> Mesh:
         """Read and normalise the file."""
         return load_mesh(self.path)
 
-    def _companions(self) -> Iterator[Path]:
+    def _resources(self) -> Iterator[Path]:
         for path in sorted(self.path.parent.glob(f"{glob.escape(self.path.stem)}.*")):
             if path.suffix.lower() not in SUFFIXES and is_regular_file(path):
                 yield path
@@ -43,9 +46,20 @@ class MeshFile(MeshObject):
 
 @dataclass(frozen=True)
 class PlacedMesh(MeshObject):
-    """A mesh of a dataset with an orientation of its own.
+    """A mesh of a dataset whose axes have to be turned.
 
-    `folder` is that of the object: materials and textures are read from nowhere else.
+    Attributes
+    ----------
+    class_name : str
+        Class of the object.
+    object_id : str
+        Id, unique within the class.
+    path : Path
+        File of the mesh.
+    folder : Path
+        Folder of the object: materials and textures are read from nowhere else.
+    orientation : Orientation
+        Axes of the file that point up and to the front.
     """
 
     class_name: str
@@ -55,17 +69,19 @@ class PlacedMesh(MeshObject):
     orientation: Orientation
 
     def fingerprint(self) -> str:
-        """Checksum of the file, of the materials and images beside it and in `images`, of its
-        orientation and of the version of the loader."""
+        """Return a checksum of the file, its resources, its orientation and the loader's version.
+
+        Resources are the materials and images beside the file and in the folder `images`.
+        """
         turn = self.orientation.columns, self.orientation.signs
         version = f"loader {LOADER_VERSION} {turn}"
-        return fingerprint_of(version, self.path, self._companions, MOST_BYTES)
+        return fingerprint_of(version, self.path, self._resources, MOST_BYTES)
 
     def load(self) -> Mesh:
         """Read, turn and normalise the file."""
         return load_mesh(self.path, self.orientation, self.folder)
 
-    def _companions(self) -> Iterator[Path]:
+    def _resources(self) -> Iterator[Path]:
         for folder in dict.fromkeys((self.path.parent, self.folder / "images")):
             for path in sorted(folder.glob("*")):
                 if path.suffix.lower() in MATERIAL_SUFFIXES and is_regular_file(path):

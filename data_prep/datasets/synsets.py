@@ -23,10 +23,10 @@ CLASS_OF: Mapping[str, str] = {synset: name for name, synset in SYNSETS.items()}
 
 
 def class_names(synsets: Mapping[str, str]) -> dict[str, str]:
-    """By synset, the class: ours where it is one of the 13, else the first of the given names.
+    """Return the class of each synset: one of the 13, else the first of its names in `synsets`.
 
-    `synsets` has ShapeNet's names ("display,video display"). A synset without a name, or whose name
-    another class has, keeps its number.
+    The names are those of ShapeNet ("display,video display"). A synset without a name, or whose
+    name another class has, keeps its number.
     """
     names: dict[str, str] = {s: CLASS_OF[s] for s in synsets if s in CLASS_OF}
     taken = set(SYNSETS)

@@ -20,7 +20,7 @@ DATA_SEED = 0  # of all trainings
 
 @dataclass(frozen=True, eq=False)
 class TrainingSet:
-    """N objects from V views each: random ones, or the objects' own.
+    """N objects, each with a cloud and V images.
 
     images         uint8 [N, V, IMAGE_SIZE, IMAGE_SIZE, 3], white background
     azimuth_deg    float64 [N, V], -180..180
@@ -36,8 +36,9 @@ class TrainingSet:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceSet:
-    """A TrainingSet of meshes, and two more images of each of its views.
+    """A TrainingSet of meshes with two more images of each view.
 
+    seen      the set itself
     coverage  uint8 [N, V, IMAGE_SIZE, IMAGE_SIZE]: how much of a pixel the object covers, 255 all
     grey      uint8 [N, V, IMAGE_SIZE, IMAGE_SIZE]: the object in NEUTRAL_GREY, on white
     """
@@ -52,7 +53,7 @@ def add_surfaces(
     objects: Sequence[SceneObject],
     on_progress: Callable[[], object] = lambda: None,
 ) -> SurfaceSet:
-    """The SurfaceSet of a set and the objects that it was made from; `on_progress` after each.
+    """Render coverage and grey images of the objects of a set; call `on_progress` after each.
 
     Raises BadInput for an object without a mesh.
     """
@@ -78,8 +79,7 @@ def make_training_set(
     seed: int,
     on_progress: Callable[[], object] = lambda: None,
 ) -> TrainingSet:
-    """Clouds and images of `objects`, sampled and rendered where they do not come with their own;
-    `on_progress` is called after each.
+    """Return clouds and images of objects; call `on_progress` after each.
 
     The same arguments give the same arrays on the same driver, so nothing needs to be kept between
     runs: 1,500 chairs of 8 views take about half a minute and 0.6 GB. Raises BadInput for an object
@@ -100,15 +100,16 @@ def make_training_set(
 
 
 def training_set(objects: Sequence[SceneObject], views: int, *, quiet: bool = False) -> TrainingSet:
-    """`make_training_set` with progress on standard error and the seed of all trainings."""
+    """Return `make_training_set` with the seed of all trainings; show progress on stderr."""
     with progress("rendering", len(objects), quiet=quiet) as advance:
         return make_training_set(objects, views, DATA_SEED, lambda: advance(0))
 
 
 def training_clouds(objects: Sequence[SceneObject], *, quiet: bool = False) -> NDArray[np.float32]:
-    """Clouds float32 [N, M, 3], with progress. The same objects give the same clouds.
+    """Return clouds float32 [N, M, 3]; show progress on stderr.
 
-    M is CLOUD_POINTS, or what the objects have where they are clouds themselves.
+    M is CLOUD_POINTS, or less for objects that are smaller clouds themselves. The same objects give
+    the same clouds.
     """
     clouds = []
     with progress("sampling", len(objects), quiet=quiet) as advance:

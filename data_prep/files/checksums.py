@@ -15,7 +15,7 @@ MOST_BYTES = 2**32  # of weights or a checkpoint; pc2pix at the paper's width ha
 
 
 def file_sha256(path: Path, most_bytes: int = MOST_BYTES) -> str:
-    """The checksum of a file, read piece by piece. Raises BadInput as `untrusted.open_file`."""
+    """Return the sha256 of a file, read piece by piece. Raises BadInput as `open_file`."""
     with open_file(path, most_bytes) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -23,19 +23,18 @@ def file_sha256(path: Path, most_bytes: int = MOST_BYTES) -> str:
 def fingerprint_of(
     version: str,
     file: Path,
-    companions: Callable[[], Iterable[Path]],
+    resources: Callable[[], Iterable[Path]],
     most_bytes: int,
 ) -> str:
-    """sha256 of a version, a file and its companions, these with their names: it changes whenever
-    one of these does.
+    """Return the sha256 of a version, a file, and the names and contents of its resources.
 
-    Where one cannot be read, a text that says so ("unreadable: no such file").
+    Where one of them cannot be read, the result says so ("unreadable: no such file").
     """
     digest = hashlib.sha256(version.encode())
     path = file
     try:
         _update(digest, path, most_bytes)
-        for path in companions():
+        for path in resources():
             digest.update(os.fsencode(path.name))
             _update(digest, path, most_bytes)
     except (BadInput, OSError) as error:

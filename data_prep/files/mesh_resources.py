@@ -1,8 +1,4 @@
-"""The files that a mesh may refer to: its own materials, textures and buffers, nothing else.
-
-trimesh before 5.0 read whatever path a mesh gave, and no version asks what kind of file stands
-there.
-"""
+"""The files that a mesh may refer to: its own materials, textures and buffers, nothing else."""
 
 from __future__ import annotations
 
@@ -15,13 +11,14 @@ from trimesh.resolvers import Resolver
 from data_prep.files.safe_read import is_regular_file, read_file
 
 
-class Companions(Resolver):
-    """Regular files in `folder` and below, of `most_bytes` together; links may not lead out.
+# trimesh before 5.0 reads any path that a mesh gives, and no version checks the kind of the file.
+class MeshResources(Resolver):
+    """The regular files in `folder` and below, of `most_bytes` together; links may not lead out.
 
-    Names are taken as trimesh 5 takes them: a path that leads out of the folder stands for the file
-    of that name in it. URLs are such paths, so that the net is never asked. Where the files of one
-    mesh lie in several folders (ShapeNetCore.v2: models/ and images/), `within` is what they have
-    in common, and paths may lead anywhere in it.
+    Names are understood as in trimesh 5: a path that leads out of the folder stands for the file
+    of that name in it. URLs are such paths, so that nothing is downloaded. Where the files of one
+    mesh lie in several folders (ShapeNetCore.v2: models/ and images/), `within` is their common
+    folder, and paths may lead anywhere in it.
     """
 
     def __init__(self, folder: Path, most_bytes: int, within: Path | None = None) -> None:
@@ -30,7 +27,7 @@ class Companions(Resolver):
         self._left = most_bytes
 
     def get(self, key: str) -> bytes:
-        """The bytes of a file. Raises FileNotFoundError, and BadInput where it is too large."""
+        """Return the bytes of a file. Raises FileNotFoundError, and BadInput for a large file."""
         name = key.strip()
         for candidate in (name, name.lstrip("/"), os.path.split(key)[-1]):
             try:
@@ -44,13 +41,13 @@ class Companions(Resolver):
         raise FileNotFoundError(key)
 
     def keys(self) -> Iterable[str]:
-        """No names: nobody needs to look around."""
+        """Return no names: trimesh looks up only the names in the mesh."""
         return ()
 
-    def namespaced(self, namespace: str) -> Companions:
-        """The same folder."""
+    def namespaced(self, namespace: str) -> MeshResources:
+        """Return the same folder."""
         return self
 
     def write(self, name: str, data: str | bytes) -> None:
-        """Raises PermissionError: reading a mesh writes nothing."""
+        """Raise PermissionError: reading a mesh writes nothing."""
         raise PermissionError(name)

@@ -1,4 +1,4 @@
-"""Meshes from files: whatever trimesh reads, reduced to what a scene requires.
+"""Meshes from files, read by trimesh and reduced to the needs of a scene.
 
 Formats: PLY, OBJ, OFF, STL, GLB and GLTF. Textures become one colour per face, transparency is
 dropped, and several parts in one file become one mesh.
@@ -27,23 +27,24 @@ from data_prep.scene import NEUTRAL_GREY, Mesh
 LOADER_VERSION = 1  # raise when a change here changes a mesh: finished work is then done again
 SUFFIXES = (".ply", ".obj", ".off", ".stl", ".glb", ".gltf")
 
-MOST_BYTES = 2**30  # of a file, of its companions together, and of what a glTF spreads them out to
+MOST_BYTES = 2**30  # of a file, of its resources together, and of the buffer views of a glTF
 MOST_FACES = 50_000_000  # all instances counted
 MOST_PIXELS = 2**26  # of a texture, 8,192 x 8,192; its few bytes become 1.4 GiB on the way
-MOST_ZEROS = 2**24  # numbers that a glTF leaves out, which stands for zeros
+MOST_ZEROS = 2**24  # numbers that a glTF leaves out, which means zeros
 
 
-@np.errstate(all="ignore")  # what float32 cannot hold is refused as not finite
+@np.errstate(all="ignore")  # a value beyond float32 is refused as not finite
 def load_mesh(path: Path, orientation: Orientation = OURS, within: Path | None = None) -> Mesh:
-    """The file's mesh, normalised to the unit sphere.
+    """Return the mesh of a file, normalised to the unit sphere.
 
     Unless another `orientation` is given, the file's axes are kept: +Y has to be up and the front
     has to look towards -Z already. Raises BadInput as `read_mesh`, and for non-finite vertices, no
     extent and no area.
     """
-    found = read_mesh(path, within)
+    stored = read_mesh(path, within)
+    turned = Mesh(orientation.to_ours(stored.vertices), stored.faces, stored.face_colors)
     try:
-        mesh = normalise(_turned(found, orientation))
+        mesh = normalise(turned)
     except ValueError as error:
         raise BadInput(f"{path}: {error}") from error
     if not face_areas(mesh).any():
@@ -51,26 +52,26 @@ def load_mesh(path: Path, orientation: Orientation = OURS, within: Path | None =
     return mesh
 
 
-@np.errstate(all="ignore")  # what float32 cannot hold is refused as not finite
+@np.errstate(all="ignore")  # a value beyond float32 is refused as not finite
 def read_mesh(path: Path, within: Path | None = None) -> Mesh:
-    """Return the file's mesh as it stands.
+    """Return the mesh of a file with its own axes and size.
 
     Vertices are not merged (trimesh would, and change the surface). Materials, textures and buffers
     are read from the mesh's own folder only, or from anywhere in `within`, a folder above it.
 
     Raises BadInput, naming the file: missing, no regular file, too large, not a mesh; and NoFaces.
-    Time and memory grow with what the file holds, not with what it claims; but parsers are
-    libraries, so a mesh that nobody vouches for belongs into a worker with limits.
+    Time and memory grow with the size of the file, not with the sizes it claims; but parsers are
+    libraries, so an untrusted mesh belongs into a worker with limits.
     """
     if path.suffix.lower() not in SUFFIXES:
         raise BadInput(f"{path}: no mesh by its name; use one of {', '.join(SUFFIXES)}")
     with open_file(path, MOST_BYTES) as file, warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of libraries, about files; what matters is raised below
+        warnings.simplefilter("ignore")  # of libraries, about files; errors are raised below
         try:
             parts = _parts(file, path, within)
         except BadInput:
             raise
-        except Exception as error:  # trimesh raises whatever its parsers raise
+        except Exception as error:  # trimesh lets through any error of its parsers
             raise BadInput(
                 f"{path}: not a readable mesh ({reason_of(error)}); use one of "
                 + ", ".join(SUFFIXES)
@@ -84,19 +85,19 @@ def read_mesh(path: Path, within: Path | None = None) -> Mesh:
 
 
 def _parts(file: BinaryIO, path: Path, within: Path | None) -> list[Any]:
-    """The trimesh.Trimesh parts with faces, each where its node puts it."""
+    """Return the trimesh.Trimesh parts with faces, each at the place of its node."""
     import trimesh
     from PIL import EpsImagePlugin
 
-    from data_prep.files.mesh_resources import Companions
+    from data_prep.files.mesh_resources import MeshResources
 
     EpsImagePlugin.gs_binary = False  # else a texture in PostScript is run, by Ghostscript
     logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # no tracebacks about textures
     kind = path.suffix.lower()
     if kind in (".glb", ".gltf"):
         _check_gltf(file, kind)
-    companions = Companions(path.parent, MOST_BYTES, within)
-    scene = trimesh.load_scene(file, file_type=kind, resolver=companions, process=False)
+    resources = MeshResources(path.parent, MOST_BYTES, within)
+    scene = trimesh.load_scene(file, file_type=kind, resolver=resources, process=False)
     for geometry in scene.geometry.values():
         material = getattr(getattr(geometry, "visual", None), "material", None)
         for image in (getattr(material, name, None) for name in _TEXTURES):
@@ -119,10 +120,10 @@ _GLTF_COLUMNS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3"
 
 
 def _check_gltf(file: BinaryIO, kind: str) -> None:
-    """Raises ValueError (or what comes of JSON of another form) where trimesh must not read on.
+    """Raise ValueError, KeyError or TypeError for a glTF that trimesh must not read.
 
-    It takes memory for what views, and accessors without one, claim; and for a .gltf that is no
-    JSON it reads another file, model.gltf.
+    trimesh takes memory for the claimed sizes of buffer views, and of accessors without one; and
+    for a .gltf that is no JSON it reads another file, model.gltf.
     """
     tree = json.loads(_first_chunk(file) if kind == ".glb" else file.read())
     file.seek(0)
@@ -134,7 +135,7 @@ def _check_gltf(file: BinaryIO, kind: str) -> None:
 
 
 def _first_chunk(file: BinaryIO) -> bytes:
-    """The JSON of a GLB, all of whose chunks lie within the file."""
+    """Return the JSON of a GLB. Raises ValueError where a chunk ends beyond the file."""
     size = os.fstat(file.fileno()).st_size
     text, at = b"", 12
     while at + 8 <= size:
@@ -158,12 +159,11 @@ def _joined(parts: Sequence[Any]) -> Mesh:
     )
 
 
-def _turned(mesh: Mesh, orientation: Orientation) -> Mesh:
-    return Mesh(orientation.to_ours(mesh.vertices), mesh.faces, mesh.face_colors)
-
-
 def _face_colors(part: Any) -> NDArray[np.uint8]:
-    """uint8 [F, 3] of a trimesh part (it has no types); neutral grey where the file gives none."""
+    """Return the colours uint8 [F, 3] of a trimesh part, neutral grey where the file has none."""
+    from trimesh.visual.color import DEFAULT_COLOR
+    from trimesh.visual.material import empty_material
+
     count = len(part.faces)
     grey = np.broadcast_to(np.array(NEUTRAL_GREY, np.uint8), (count, 3))
     visual = part.visual
@@ -172,7 +172,9 @@ def _face_colors(part: Any) -> NDArray[np.uint8]:
     try:
         if visual.kind == "texture":
             colors = _texture_colors(visual, part.faces)
-            if any((colors == stand_in).all() for stand_in in _stand_ins()):
+            # trimesh's colours of a material without a colour, and of a missing material.
+            stand_ins = DEFAULT_COLOR, empty_material().to_color(np.zeros((1, 2)))[0]
+            if any((colors == stand_in).all() for stand_in in stand_ins):
                 return grey
         else:
             colors = np.asarray(visual.face_colors)
@@ -182,18 +184,10 @@ def _face_colors(part: Any) -> NDArray[np.uint8]:
 
 
 def _texture_colors(visual: Any, faces: NDArray[np.int64]) -> NDArray[np.uint8]:
-    """RGBA [F, 4]: the texture in the middle of each face, else the material's one colour."""
+    """Return RGBA [F, 4]: the texture in the middle of each face, else the material's colour."""
     colors = None
     if visual.uv is not None:
         colors = visual.material.to_color(visual.uv[faces].mean(axis=1))
     if colors is None:
         colors = visual.material.main_color
     return np.broadcast_to(colors, (len(faces), 4))
-
-
-def _stand_ins() -> tuple[NDArray[np.uint8], ...]:
-    """RGBA [4] that trimesh makes up for a material without a colour, and for one it lacks."""
-    from trimesh.visual.color import DEFAULT_COLOR
-    from trimesh.visual.material import empty_material
-
-    return DEFAULT_COLOR, empty_material().to_color(np.zeros((1, 2)))[0]

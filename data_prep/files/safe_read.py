@@ -1,8 +1,4 @@
-"""Untrusted files and folders: opened without waiting, read up to a stated size.
-
-What stands under a path may be a FIFO (whose reader waits for ever), a device (which never ends), a
-folder, or a file of any size; its name may hold whatever the file system allows.
-"""
+"""Untrusted files and folders: opened without waiting, read up to a given size."""
 
 from __future__ import annotations
 
@@ -23,26 +19,24 @@ MOST_REASON_LENGTH = 120  # of a parser's complaint
 
 
 def is_regular_file(path: Path) -> bool:
-    """Whether there is a file at the end of `path`, links followed.
-
-    As `Path.is_file`, which raises where a folder may not be searched or a name is too long; here
-    that is no file.
-    """
+    """Return whether `path` is a regular file or a link to one."""
     try:
         return path.is_file()
-    except (OSError, ValueError):
+    except (OSError, ValueError):  # the folder may not be searched, or the name is too long
         return False
 
 
 @contextmanager
 def open_file(path: Path, most_bytes: int) -> Iterator[BufferedReader]:
-    """The file, open for reading.
+    """Yield a file that is open for reading.
 
     Raises BadInput, naming the file: missing, not to be read, no regular file, or of more than
     `most_bytes`. The size is that of the open file, so nobody can exchange it in between.
     """
     try:
-        file = open(os.fspath(path), "rb", opener=_open_without_waiting)  # noqa: SIM115
+        # A FIFO without a writer would make its reader wait for ever.
+        opener = lambda name, flags: os.open(name, flags | os.O_NONBLOCK)  # noqa: E731
+        file = open(os.fspath(path), "rb", opener=opener)  # noqa: SIM115
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         raise BadInput(f"{path}: {_why(error)}") from error
     with file:
@@ -57,16 +51,12 @@ def open_file(path: Path, most_bytes: int) -> Iterator[BufferedReader]:
         yield file
 
 
-def _open_without_waiting(path: str, flags: int) -> int:
-    return os.open(path, flags | os.O_NONBLOCK)
-
-
 def read_file(path: Path, most_bytes: int) -> bytes:
-    """All bytes of a file. Raises BadInput as `open_file`, and where reading fails."""
+    """Return all bytes of a file. Raises BadInput as `open_file`, and where reading fails."""
     with open_file(path, most_bytes) as file:
         size = os.fstat(file.fileno()).st_size
         try:
-            data = file.read(size + 1)  # memory is taken for as many, whatever there is
+            data = file.read(size + 1)  # takes memory for so many bytes
         except OSError as error:
             raise BadInput(f"{path}: {_why(error)}") from error
     if len(data) > size:
@@ -75,8 +65,20 @@ def read_file(path: Path, most_bytes: int) -> bytes:
 
 
 def read_text(path: Path, most_bytes: int) -> str:
-    """The UTF-8 text of a file, with or without a byte order mark. Raises BadInput as `read_file`,
-    and for other encodings."""
+    """Return the UTF-8 text of a file, without its byte order mark.
+
+    Parameters
+    ----------
+    path : Path
+        File to read.
+    most_bytes : int
+        Largest accepted size.
+
+    Raises
+    ------
+    BadInput
+        If the file cannot be read, is no regular file, is larger, or has another encoding.
+    """
     try:
         return read_file(path, most_bytes).decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -84,22 +86,22 @@ def read_text(path: Path, most_bytes: int) -> str:
 
 
 def reason_of(error: Exception) -> str:
-    """What a parser complains of, in one line that is not too long."""
+    """Return the message of a parser, cut to one short line."""
     lines = str(error).splitlines()
     return lines[0][:MOST_REASON_LENGTH] if lines else type(error).__name__
 
 
 def shown(value: str | bytes, most: int = 40) -> str:
-    """A value from a file as it is quoted in a message: in quotes, escaped, not too long."""
+    """Return a value from a file for a message: in quotes, escaped, not too long."""
     cut = value if len(value) <= most else value[:most]
     text = repr(cut).removeprefix("b")
     return text if cut is value else f"{text}..."
 
 
 def plain_name(value: Any) -> str:
-    """The value, where it can be nothing but the name of a file or folder.
+    """Return the value if it is the name of a file or folder.
 
-    Raises ValueError: no text as in `plain_text`, "." or "..", or a path.
+    Raises ValueError as `plain_text`, and for ".", ".." and paths.
     """
     name = plain_text(value)
     if name in (".", "..") or "/" in name or "\\" in name:
@@ -108,10 +110,10 @@ def plain_name(value: Any) -> str:
 
 
 def plain_text(value: Any) -> str:
-    """The value, where it is a text of sane length without control characters.
+    """Return the value if it is a text of sane length without control characters.
 
-    Category C of Unicode: control and format characters, surrogates, what is not assigned. Raises
-    ValueError.
+    Raises ValueError for others. Control characters are the category C of Unicode: control and
+    format characters, surrogates, unassigned codes.
     """
     if not isinstance(value, str):
         raise ValueError(f"{shown(repr(value))} is not a text")
@@ -123,50 +125,50 @@ def plain_text(value: Any) -> str:
 
 
 def files_below(root: Path, suffixes: Sequence[str]) -> tuple[Path, ...]:
-    """All regular files with one of these suffixes, sorted.
+    """Return all regular files with one of these suffixes, sorted.
 
-    Links to folders are not followed, so that no circle matters. Raises BadInput for a folder that
-    cannot be read, and for a name that is no text: records are.
+    Links to folders are not followed: they may form circles. Raises BadInput for a folder that
+    cannot be read, and for a name that is not UTF-8, as records are.
     """
-    found, waiting = [], [root]
+    files, waiting = [], [root]
     while waiting:
         for path, is_folder in _entries(waiting.pop()):
             if is_folder:
                 waiting.append(path)
             elif path.suffix.lower() in suffixes and is_regular_file(path):
                 check_name(path, root)
-                found.append(path)
-    return tuple(sorted(found))
+                files.append(path)
+    return tuple(sorted(files))
 
 
 def files_in(folder: Path, suffixes: Sequence[str]) -> tuple[Path, ...]:
-    """The regular files directly in a folder with one of these suffixes, sorted.
+    """Return the regular files directly in a folder with one of these suffixes, sorted.
 
     Raises BadInput as `files_below`.
     """
-    found = []
+    files = []
     for path, is_folder in _entries(folder):
         if not is_folder and path.suffix.lower() in suffixes and is_regular_file(path):
             check_name(path, folder)
-            found.append(path)
-    return tuple(sorted(found))
+            files.append(path)
+    return tuple(sorted(files))
 
 
 def folders_in(folder: Path) -> tuple[Path, ...]:
-    """The folders directly in a folder, sorted; links to folders count.
+    """Return the folders directly in a folder, sorted, with links to folders.
 
     Raises BadInput as `files_below`.
     """
-    found = []
+    folders = []
     for path, is_folder in _entries(folder):
         if is_folder or path.is_dir():
             check_name(path, folder)
-            found.append(path)
-    return tuple(sorted(found))
+            folders.append(path)
+    return tuple(sorted(folders))
 
 
 def check_name(path: Path, root: Path) -> None:
-    """Raises BadInput where the name of `path` below `root` is no text."""
+    """Raise BadInput where the name of `path` below `root` is not UTF-8."""
     try:
         str(path.relative_to(root)).encode()
     except UnicodeEncodeError:
@@ -185,7 +187,7 @@ def _why(error: OSError | ValueError) -> str:
 
 
 def _entries(folder: Path) -> Iterator[tuple[Path, bool]]:
-    """Paths, and whether each is a folder and no link to one."""
+    """Yield the paths in a folder, and whether each is a folder and no link to one."""
     try:
         with os.scandir(folder) as entries:
             for entry in entries:

@@ -1,12 +1,12 @@
-"""Clouds in the formats of scanners, by libraries of their own: the extra `clouds`.
+"""Clouds in the formats of scanners, read by the libraries of the extra `clouds`.
 
     LAS, LAZ  laspy with lazrs, piece by piece
-    E57       pye57; all scans, each where its pose puts it, without points marked as invalid
-    PCD       pypcd4; points of three NaN are an organised cloud's places without a return
+    E57       pye57; all scans, each placed by its pose, without points marked as invalid
+    PCD       pypcd4; without points of three NaN, which an organised cloud has for no return
 
-A scan has many millions of points, more than any method here can use: of more than MOST_POINTS
-every k-th is kept, with the smallest k that does. The libraries are not written for files that
-nobody vouches for; such files belong into a worker with limits, as `bench render` has it.
+Scans of more than MOST_POINTS points are thinned to every k-th, with the smallest k that suffices.
+The libraries are not written for untrusted files: they belong into a worker with limits, as in
+`bench render`.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def read_scan(path: Path) -> tuple[ScanPoints, bool]:
         ) from error
     except BadInput:
         raise
-    except Exception as error:  # libraries raise whatever their parsers raise
+    except Exception as error:  # the libraries let through any error of their parsers
         kind = path.suffix[1:].upper()
         raise BadInput(
             f"{path}: not a readable {kind} file ({reason_of(error)}); fetch it again"
@@ -81,10 +81,8 @@ def _read_las(path: Path) -> tuple[ScanPoints, bool]:
 
 
 def _check_records(file: BinaryIO) -> None:
-    """Raises ValueError where a LAS claims more variable-length records than its bytes hold.
-
-    laspy takes memory for as many as the header says, whatever the size of the file.
-    """
+    """Raise ValueError where a LAS claims more variable-length records than its bytes hold."""
+    # laspy takes memory for as many as the header says, whatever the size of the file.
     head = file.read(104)
     count, size = int.from_bytes(head[100:], "little"), os.fstat(file.fileno()).st_size
     if count * RECORD_HEADER_BYTES > size:
@@ -122,16 +120,16 @@ def _read_pcd(path: Path) -> tuple[ScanPoints, bool]:
                 break
         file.seek(0)
         cloud = PointCloud.from_fileobj(file)
-    if len(cloud.pc_data) != claimed:  # of a binary file, whatever is there is read
+    if len(cloud.pc_data) != claimed:  # a binary file is read as far as it goes
         raise _cut_short(path, claimed, len(cloud.pc_data))
     points = cloud.numpy(("x", "y", "z")).astype(np.float64)
     points = points[~np.isnan(points).all(axis=1)]
     return points[:: _stride(len(points))], bool({"rgb", "rgba"} & set(cloud.fields))
 
 
-def _cut_short(path: Path, claimed: int, found: int) -> BadInput:
+def _cut_short(path: Path, claimed: int, count: int) -> BadInput:
     return BadInput(
-        f"{path}: {claimed} points in the header, {found} in the file; it is cut short, fetch it "
+        f"{path}: {claimed} points in the header, {count} in the file; it is cut short, fetch it "
         "again"
     )
 

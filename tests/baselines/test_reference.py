@@ -5,7 +5,7 @@ import pytest
 
 from baselines.reference import Blank, TrueMesh
 from data_prep.clouds.conditions import CONDITIONS
-from data_prep.datasets.grey import unpainted
+from data_prep.datasets.grey import grey
 from data_prep.failures import StageFailure
 from data_prep.rendering.images import blank, to_uint8
 from data_prep.rendering.opengl import render
@@ -28,7 +28,7 @@ def test_the_ceiling_is_the_ground_truth_bit_for_bit() -> None:
 def test_the_ceiling_without_colour_is_the_unpainted_mesh() -> None:
     method = TrueMesh(coloured=False)
     actual = to_uint8(method.draw(method.prepare(CLOUD), VIEWS))
-    np.testing.assert_array_equal(actual, render(unpainted(CLOUD.source), VIEWS))
+    np.testing.assert_array_equal(actual, render(grey(CLOUD.source), VIEWS))
     assert (actual == actual[..., :1]).all()
 
 

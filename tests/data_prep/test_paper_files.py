@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from data_prep.datasets import paper as dataset_paper
 from data_prep.datasets.paper import PaperClass, read_split, read_views
 from data_prep.failures import BadInput
 from data_prep.scene import View
@@ -122,7 +121,8 @@ def test_many_ids_take_no_long(tmp_path: Path) -> None:
     assert time.monotonic() - start < 10
 
 
-def test_size_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(dataset_paper, "MOST_SPLIT_BYTES", 10)
+def test_size_is_bounded(tmp_path: Path) -> None:
+    path = tmp_path / "chair_exp.json"
+    path.write_text(json.dumps({"1": CHAIR}))
     with pytest.raises(BadInput, match="at most 10 are read"):
-        split(tmp_path, {"1": CHAIR})
+        read_split(path, most_bytes=10)

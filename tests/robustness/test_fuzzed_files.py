@@ -22,7 +22,7 @@ from bench.catalogue.suites import Limits
 from bench.suites.speed.measure import peak_mib
 from data_prep.failures import BadInput
 from data_prep.files import meshes as mesh_files
-from data_prep.files.mesh_resources import Companions
+from data_prep.files.mesh_resources import MeshResources
 from tests.data_prep.dataset_trees import gltf_binary
 from tests.robustness import fuzz_files, fuzzing
 from tests.robustness.fuzzing import (
@@ -172,21 +172,21 @@ def test_an_obj_reads_nothing_outside_its_folder(root: Path, outside: str) -> No
 
 def test_a_name_that_leads_out_stands_for_the_file_of_that_name(root: Path) -> None:
     path = write_case(root / "cases" / "0", {"a.obj": b"", "a.mtl": b"x", SECRET: b"own"})
-    companions = Companions(path.parent, 100)
-    assert companions.get(f"../../{SECRET}") == companions.get(f"{root}/{SECRET}") == b"own"
-    assert companions.get("a.mtl ") == companions.get("/a.mtl") == b"x"
+    resources = MeshResources(path.parent, 100)
+    assert resources.get(f"../../{SECRET}") == resources.get(f"{root}/{SECRET}") == b"own"
+    assert resources.get("a.mtl ") == resources.get("/a.mtl") == b"x"
     for name in ("link", "pipe", "folder", "..", "gone", "/dev/zero", "a\0b"):
         with pytest.raises(FileNotFoundError):
-            companions.get(name)
+            resources.get(name)
     (path.parent / "large").write_bytes(bytes(101))
     with pytest.raises(BadInput, match="101 bytes, and at most"):
-        companions.get("large")
+        resources.get("large")
     (path.parent / "rest").write_bytes(bytes(92))
-    companions.get("rest")  # 8 bytes had been read before: that makes 100
+    resources.get("rest")  # 8 bytes had been read before: that makes 100
     with pytest.raises(BadInput, match="1 bytes, and at most 0"):
-        companions.get("a.mtl")
+        resources.get("a.mtl")
     with pytest.raises(PermissionError):
-        companions.write("a.mtl", b"")
+        resources.write("a.mtl", b"")
 
 
 def test_postscript_is_not_run(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,7 +21,7 @@ from bench.training.judge import (
     shape_descriptors,
     train_judge,
 )
-from data_prep.datasets.grey import Unpainted
+from data_prep.datasets.grey import GreyObject
 from data_prep.datasets.registry import ProceduralObject
 from data_prep.failures import BadInput
 from data_prep.rendering.opengl import render
@@ -100,7 +100,7 @@ def test_images(data):
     chair = ProceduralObject("chair", "train", 3)
     view = View(float(data.azimuth_deg[3, 1]), float(data.elevation_deg[3, 1]))
     assert np.array_equal(data.painted[3, 1], greyscale(render(chair.load(), [view]))[0])
-    plain = render(Unpainted(chair).load(), [view])
+    plain = render(GreyObject(chair).load(), [view])
     assert np.array_equal(data.neutral[3, 1], plain[0, :, :, 0])
     assert plain.max(-1).tolist() == plain.min(-1).tolist(), "no colour"
     # one object behind both: where one shows background, so does the other

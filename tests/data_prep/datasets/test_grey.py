@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from data_prep.datasets.grey import Unpainted
+from data_prep.datasets.grey import GreyObject
 from data_prep.datasets.procedural import ProceduralObject
 from data_prep.scene import NEUTRAL_GREY
 
@@ -11,7 +11,7 @@ VIEW_SEED, CLOUD_SEED = 1, 2
 
 
 def test_all_but_the_colours_is_the_original() -> None:
-    grey = Unpainted(CHAIR)
+    grey = GreyObject(CHAIR)
     assert (grey.class_name, grey.object_id, grey.has_truth) == ("chair", "test-0003", True)
     assert grey.fingerprint() == f"unpainted {CHAIR.fingerprint()}"
     one, other = CHAIR.load(), grey.load()
@@ -29,7 +29,7 @@ def test_all_but_the_colours_is_the_original() -> None:
 
 def test_true_images_differ_in_colour_only() -> None:
     views = CHAIR.views(2, np.random.default_rng(VIEW_SEED))
-    colour, grey = CHAIR.truth(views), Unpainted(CHAIR).truth(views)
+    colour, grey = CHAIR.truth(views), GreyObject(CHAIR).truth(views)
     assert (grey == grey[..., :1]).all()
     assert (colour != colour[..., :1]).any()
     np.testing.assert_array_equal((grey < 255).any(axis=-1), (colour < 255).any(axis=-1))

@@ -319,7 +319,7 @@ def _reads(result):
 def test_a_reader_of_another_package_that_fails_is_named(monkeypatch, tmp_path, result, message):
     reader = DatasetReader("made", _reads(result), "made up")
     monkeypatch.setattr(datasets, "reader_ids", lambda: ("made",))
-    monkeypatch.setattr(datasets, "load_announced", lambda *_: reader)
+    monkeypatch.setattr(datasets, "load_entry_point", lambda *_: reader)
     with pytest.raises(BadInput, match=message):
         open_dataset(f"made:{tmp_path}")
     with pytest.raises(BadInput, match="no such folder"):
