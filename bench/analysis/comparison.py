@@ -26,7 +26,7 @@ from bench.analysis.intervals import (
     mean_interval,
     median_interval,
 )
-from bench.catalogue.methods import FLOOR, FLOORS, known_method
+from bench.catalogue.methods import FLOOR, role
 from bench.catalogue.metrics import (
     CONTROL_METRICS,
     SET_METRICS,
@@ -179,7 +179,7 @@ def _pooled(of: Sequence[Comparison]) -> Comparison:
 
 def candidates(methods: Iterable[str]) -> list[str]:
     """The methods that one could choose: neither do they see the mesh, nor draw without a cloud."""
-    return [method for method in methods if method not in FLOORS and not _sees_mesh(method)]
+    return [method for method in methods if role(method) not in ("ceiling", "floor")]
 
 
 def worse_than_blank(qualities: Mapping[str, Quality]) -> set[str]:
@@ -243,11 +243,6 @@ def milliseconds(value: float) -> str:
         return "-"
     digits = 2 if value < 1 else 1 if value < 100 else 0
     return f"{value:.{digits}f}"
-
-
-def _sees_mesh(method: str) -> bool:
-    known = known_method(method)
-    return known is not None and known.sees_mesh
 
 
 def _by_image(records: pd.DataFrame) -> pd.DataFrame:

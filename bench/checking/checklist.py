@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from bench.analysis.comparison import compare
 from bench.analysis.recognition import true_gallery
+from bench.catalogue.lookup import family_of
 from bench.catalogue.methods import FLOORS, known_method
 from bench.catalogue.metrics import JUDGE, column, is_mean
 from bench.checking.claim_rules import (
@@ -220,7 +221,7 @@ def _scored(directory: Path, manifest: dict[str, Any], subjects: Sequence[str]) 
         for metric in asked
         if metric in scored.features or (is_mean(metric) and column(metric) in scored.records)
     ]
-    known = [m for m in manifest["methods"] if m.partition("@")[0] == NETWORK or m in subjects]
+    known = [m for m in manifest["methods"] if family_of(m) == NETWORK or m in subjects]
     chosen = scored.records["method"].isin([SURFACE, "true-mesh", *FLOORS, *known])
     compared = compare(scored.records[chosen], scored.features, list(dict.fromkeys(there)))
     if not compared:

@@ -25,6 +25,7 @@ from bench.analysis.intervals import (
     sum_error,
 )
 from bench.analysis.paired import SIGNIFICANCE, holm
+from bench.catalogue.lookup import family_of
 from bench.catalogue.methods import FLOORS
 from bench.catalogue.metrics import higher_is_better, is_mean
 from bench.tables.classes import AVERAGE, NETWORK, SURFACE
@@ -186,7 +187,7 @@ class QualityEvidence:
     def networks(self) -> list[str]:
         """The methods that claims are about: the variants of pc2pix in the run, or `subjects`."""
         of_all = next(iter(self.comparisons.values())).images
-        found = [m for m in of_all if m in self.subjects or m.partition("@")[0] == NETWORK]
+        found = [m for m in of_all if m in self.subjects or family_of(m) == NETWORK]
         found = [m for m in found if m in self.subjects] if self.subjects else found
         if not found:
             raise MissingEvidence(f"the run has no {' or '.join(self.subjects or (NETWORK,))}")
@@ -395,7 +396,7 @@ def faster(run: TimingEvidence, times: float) -> list[Finding]:
     network: one of another width says nothing about it.
     """
     costs = _costs(run.samples)
-    networks = [m for m in costs if m.partition("@")[0] == NETWORK]
+    networks = [m for m in costs if family_of(m) == NETWORK]
     if SURFACE not in costs or not networks:
         raise MissingEvidence(
             f"the run has no times of {SURFACE if SURFACE not in costs else NETWORK}"

@@ -12,6 +12,7 @@ import numpy as np
 
 from bench.analysis.comparison import Comparison, decimals, milliseconds
 from bench.analysis.frontier import FrontierPoint, places
+from bench.catalogue.lookup import family_of, variant_of
 from bench.catalogue.methods import role
 from bench.catalogue.metrics import IMAGE_METRICS
 from bench.catalogue.parameters import find_setting
@@ -219,11 +220,11 @@ def _short(place: FrontierPoint) -> str:
     setting = find_setting(place.method)
     if setting is not None:
         return f"{setting.value:g}"
-    return shortened(visible(place.method.partition("@")[2]), LONGEST)
+    return shortened(visible(variant_of(place.method)), LONGEST)
 
 
 def _family(place: FrontierPoint) -> str:
-    return place.method.partition("@")[0]
+    return family_of(place.method)
 
 
 def _of_families(places: Sequence[FrontierPoint], styles: Mapping[str, Look]) -> dict[str, Look]:

@@ -14,6 +14,7 @@ import pandas as pd
 from bench.analysis.distances import FeatureDistances
 from bench.analysis.intervals import clipped, interval_of_means, jackknife_interval
 from bench.analysis.recognition import ClassHead
+from bench.catalogue.lookup import family_of
 from bench.catalogue.metrics import RECOGNITION_METRICS, column, is_mean, value_range
 from bench.catalogue.suites import Suite
 from bench.records.features import Features
@@ -92,7 +93,7 @@ def with_confidence(records: pd.DataFrame, features: Features, head: ClassHead) 
 
 def network_of(methods: Sequence[str]) -> str | None:
     """What stands for the paper's PC2PIX in a run; None where no variant of it was measured."""
-    return next((m for m in methods if m.partition("@")[0] == NETWORK), None)
+    return next((m for m in methods if family_of(m) == NETWORK), None)
 
 
 def remark(records: pd.DataFrame, suite: Suite) -> str:

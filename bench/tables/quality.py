@@ -28,6 +28,7 @@ from bench.analysis.intervals import (
     median_interval,
 )
 from bench.analysis.recognition import true_gallery
+from bench.catalogue.lookup import family_of
 from bench.catalogue.methods import FLOOR, role
 from bench.catalogue.metrics import (
     KERNEL_METRICS,
@@ -694,7 +695,7 @@ def as_published(
 
     For a network of ours that the paper has not, that of its architecture.
     """
-    names = (method, method.partition("@")[0])
+    names = (method, family_of(method))
     values = (published.get((class_name, metric, condition, name)) for name in names)
     return next((value for value in values if value is not None), NAN)
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
-from bench.catalogue.methods import FLOORS, find_method
+from bench.catalogue.methods import find_method
 from bench.catalogue.suites import SpeedSuite
 from bench.suites.speed.samples import Measurement, Sample
 from bench.suites.speed.summary import (
@@ -360,8 +360,7 @@ def _per_image(rows: Sequence[AmortisedRow], suite: SpeedSuite) -> Grid:
 
 def _rival(row: AmortisedRow) -> bool:
     """Return whether its method looks at the cloud alone."""
-    method = row.summary.measurement.method
-    return method not in FLOORS and not find_method(method).sees_mesh
+    return not find_method(row.summary.measurement.method).role
 
 
 def _break_even(rows: Sequence[BreakEvenRow], suite: SpeedSuite) -> Grid:
