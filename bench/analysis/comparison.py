@@ -26,7 +26,7 @@ from bench.analysis.intervals import (
     mean_interval,
     median_interval,
 )
-from bench.catalogue.methods import FLOOR, FLOORS, known_method
+from bench.catalogue.methods import FLOOR, role
 from bench.catalogue.metrics import (
     CONTROL_METRICS,
     SET_METRICS,
@@ -231,12 +231,7 @@ def _pooled(classes: Sequence[Comparison]) -> Comparison:
 
 def candidates(methods: Iterable[str]) -> list[str]:
     """Return the methods to choose from: they see no mesh, and do not draw without a cloud."""
-    known = {method: known_method(method) for method in methods}
-    return [
-        method
-        for method, entry in known.items()
-        if method not in FLOORS and not (entry is not None and entry.sees_mesh)
-    ]
+    return [method for method in methods if role(method) not in ("ceiling", "floor")]
 
 
 def worse_than_blank(qualities: Mapping[str, Quality]) -> set[str]:

@@ -14,6 +14,7 @@ from itertools import pairwise
 
 from bench.analysis.comparison import NAN, Comparison, Estimate, Quality, better_by
 from bench.catalogue.families import Family, families_of
+from bench.catalogue.lookup import family_of
 
 # Who is set against whom; settings and weights of a method (`pc2pix@FILE`) stand for it too.
 PAIRS = (("splat-net", "surface-apss"), ("pc2pix", "surface-apss"), ("splat-net", "pc2pix"))
@@ -145,7 +146,7 @@ def pairs_among(methods: Sequence[str]) -> list[tuple[str, str]]:
         for first, second in PAIRS
         for method in methods
         for baseline in methods
-        if (method.partition("@")[0], baseline.partition("@")[0]) == (first, second)
+        if (family_of(method), family_of(baseline)) == (first, second)
     ]
 
 

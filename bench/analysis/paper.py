@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from bench.analysis.comparison import NAN
+from bench.catalogue.lookup import family_of
 
 # Published values by (class, metric, condition, method).
 Published = Mapping[tuple[str, str, str, str], float]
@@ -20,7 +21,7 @@ AVERAGE = "average"  # the mean over classes, each counting alike
 
 def network_of(methods: Iterable[str]) -> str | None:
     """Return the method that stands for the paper's PC2PIX; None where no variant was measured."""
-    return next((method for method in methods if method.partition("@")[0] == NETWORK), None)
+    return next((method for method in methods if family_of(method) == NETWORK), None)
 
 
 def published_value(
@@ -30,7 +31,7 @@ def published_value(
 
     A network of ours that the paper does not have takes the value of its architecture.
     """
-    names = (method, method.partition("@")[0])
+    names = (method, family_of(method))
     values = (published.get((class_name, metric, condition, name)) for name in names)
     return next((value for value in values if value is not None), NAN)
 

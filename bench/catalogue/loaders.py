@@ -1,4 +1,4 @@
-"""How the methods of the benchmark are loaded, and what their images depend on.
+"""Loaders of the methods of the benchmark, and the versions that their images depend on.
 
 Heavy packages are imported when a function is called, in the worker that needs them.
 """
@@ -25,13 +25,19 @@ TO_PAPER_WIDTH = 4  # the bundled networks have a quarter of it
 
 
 @dataclass(frozen=True)
-class Network:
-    """A network of this project with files of weights.
+class NetworkPackage:
+    """A package of this project that has a network with files of weights.
 
-    package    has `load`, and a module `weights`
-    libraries  what its images depend on
-    version    raised by hand when a change alters its images
-    command    trains it
+    Attributes
+    ----------
+    package : str
+        Name of the package; it has `load`, and a module `weights`.
+    libraries : tuple of str
+        Libraries that its images depend on.
+    version : int
+        Raised by hand when a change alters its images.
+    command : str
+        The command that trains it.
     """
 
     package: str
@@ -40,22 +46,23 @@ class Network:
     command: str
 
     def load(self, weights: str, device: str, precision: Precision = "float32") -> Renderer:
-        """Its renderer, with a bundled name or file of weights."""
+        """Return the renderer with a bundled name or file of weights."""
         package = importlib.import_module(self.package)
         return package.load(weights, device=_chosen(device), precision=precision)
 
     def file(self, weights: str) -> Path:
-        """The file of a bundled name, its checksum verified."""
+        """Return the file of a bundled name, its checksum verified."""
         return self._weights().find_weights(weights)
 
     def identity(self, weights: str) -> str:
-        """The versions of its libraries, and the checksum of bundled weights."""
+        """Return the versions of the libraries, and the checksum of bundled weights."""
         from learning.weights import file_sha256
 
         return self._identity(file_sha256(self.file(weights)))
 
     def file_identity(self, path: str) -> str:
-        """As above, for a file nobody has vouched for: loaded, to be refused before the run."""
+        """Return the same for a file of weights. Raises BadInput for a file that is none."""
+        # Loaded in full: a bad file is to be refused before the run, not in each of its jobs.
         return self._identity(self._weights().load_weights(path).sha256)
 
     def _identity(self, sha256: str) -> str:
@@ -65,12 +72,12 @@ class Network:
         return importlib.import_module(f"{self.package}.weights")
 
 
-PC2PIX = Network("pc2pix", ("torch",), 4, "bench train gan")
-SPLAT_NET = Network("baselines.splat_net", ("torch", "scipy"), 2, "bench train splat-net")
+PC2PIX = NetworkPackage("pc2pix", ("torch",), 4, "bench train gan")
+SPLAT_NET = NetworkPackage("baselines.splat_net", ("torch", "scipy"), 2, "bench train splat-net")
 
 
 def unfolded(device: str) -> Renderer:
-    """The bundled pc2pix without the inference engine."""
+    """Return the bundled pc2pix without the inference engine."""
     from pc2pix.renderer import Pc2pixRenderer
     from pc2pix.weights import load_weights
 
@@ -78,12 +85,12 @@ def unfolded(device: str) -> Renderer:
 
 
 def one_by_one(device: str) -> Renderer:
-    """The bundled pc2pix, a call for each view."""
+    """Return the bundled pc2pix with a call for each view."""
     return OneByOne(PC2PIX.load(BUNDLED, device))
 
 
 def widened(device: str, precision: Precision = "float32") -> Renderer:
-    """The bundled pc2pix at the paper's width: the same images, the paper's cost."""
+    """Return the bundled pc2pix at the paper's width: the same images, the paper's cost."""
     from pc2pix.renderer import Pc2pixRenderer
     from pc2pix.weights import load_weights
     from pc2pix.widen import widen
@@ -101,15 +108,18 @@ def _chosen(device: str) -> str:
     return device
 
 
-def renderer(where: str, device: str, **fields: float) -> Renderer:
-    """What is not learned: a class, as MODULE:NAME; on the processor whatever the device."""
+def renderer(class_path: str, device: str, **fields: float) -> Renderer:
+    """Return an instance of a class, given as MODULE:NAME, that learns nothing.
+
+    It draws on the processor, whatever the device.
+    """
     del device
-    module, _, name = where.partition(":")
+    module, _, name = class_path.partition(":")
     return getattr(importlib.import_module(module), name)(**fields)
 
 
 def constant(device: str) -> Renderer:
-    """The bundled image."""
+    """Return the renderer of the bundled image."""
     del device
     from baselines.constant import Constant, read_image
 
@@ -117,16 +127,17 @@ def constant(device: str) -> Renderer:
 
 
 def constant_identity() -> str:
-    """The pixels, not the file: another PNG writer may pack them differently."""
+    """Return the checksum of the bundled image."""
     from hashlib import sha256
 
     from baselines.constant import read_image
 
+    # Of its pixels, not of its file, which another PNG writer may pack differently.
     return f"picture {sha256(read_image().tobytes()).hexdigest()}"
 
 
 def open3d_identity() -> str:
-    """Open3D and what else the images depend on.
+    """Return the versions of Open3D and of what else the images depend on.
 
     Raises MissingDependency, before any work is begun, where Open3D is not installed.
     """
@@ -141,7 +152,7 @@ def open3d_identity() -> str:
 
 
 def versions(*packages: str) -> str:
-    """Installed packages with their versions; empty for none."""
+    """Return installed packages with their versions as text; empty for none."""
     from importlib.metadata import version
 
     return ", ".join(f"{package} {version(package)}" for package in packages)
@@ -149,16 +160,16 @@ def versions(*packages: str) -> str:
 
 @dataclass(frozen=True)
 class OneByOne:
-    """A renderer that is asked for each view in a call of its own."""
+    """A renderer that draws each view in a call of its own."""
 
     renderer: Renderer
 
     def prepare(self, cloud: PointCloud, rng: np.random.Generator) -> Any:
-        """As the renderer."""
+        """Return the state of the renderer."""
         return self.renderer.prepare(cloud, rng)
 
     def draw(self, state: Any, views: Sequence[View], rng: np.random.Generator) -> Images:
-        """As the renderer, view by view."""
+        """Return the images of the renderer, view by view."""
         import numpy as np
 
         return np.concatenate([self.renderer.draw(state, [view], rng) for view in views])

@@ -1,19 +1,11 @@
-"""Finding an entry of a literal table by its id."""
+"""Ids: entries of literal tables by their id, and the parts of a method's id."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol, TypeVar
 
 from data_prep.failures import unknown
-
-
-class _HasId(Protocol):
-    @property
-    def id(self) -> str: ...
-
-
-Entry = TypeVar("Entry", bound=_HasId)
+from data_prep.plugins import Entry
 
 
 def find(wanted: str, table: Sequence[Entry], kind: str) -> Entry:
@@ -22,3 +14,13 @@ def find(wanted: str, table: Sequence[Entry], kind: str) -> Entry:
         if entry.id == wanted:
             return entry
     raise unknown(wanted, [entry.id for entry in table], kind)
+
+
+def family_of(method_id: str) -> str:
+    """Return the id of a method without its variant: "splat-net" of "splat-net@all"."""
+    return method_id.partition("@")[0]
+
+
+def variant_of(method_id: str) -> str:
+    """Return the variant in an id: a name, PARAMETER=VALUE or a file of weights; "" for none."""
+    return method_id.partition("@")[2]

@@ -1,7 +1,5 @@
 """The methods of the benchmark, as a literal table.
 
-Importing this module needs no package at all, so that `bench list` answers at once.
-
 Other packages add methods by entry points of the group `pc2pix_bench.methods`: the name is the
 method's id, the object a `Method`.
 """
@@ -9,13 +7,14 @@ method's id, the object a `Method`.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from bench.catalogue import loaders
-from bench.catalogue.lookup import find
+from bench.catalogue import loaders  # no package that is slow to import: `bench list` needs this
+from bench.catalogue.lookup import family_of, find, variant_of
+from bench.catalogue.method import Color, Method, TrainedOn
 from bench.catalogue.parameters import find_setting
 from bench.catalogue.reconstruction import BEST_RECONSTRUCTION
 from data_prep import plugins
@@ -25,60 +24,53 @@ from data_prep.plugins import entry_point_names, load_entry_point
 
 if TYPE_CHECKING:
     from data_prep.scene import Renderer
-    from pc2pix.engine import Precision
-
-
-TrainedOn = Literal["chairs", "13 classes", "nothing"]
-
-
-@dataclass(frozen=True)
-class Method:
-    """A renderer with a name.
-
-    `load` gets the device ("auto", "cpu" or "cuda") and returns the renderer; `version` is raised
-    by hand when a change alters its images (finished work is then done again); `identity` gives
-    whatever else its images depend on: the versions of its libraries, the checksum of its
-    weights. Only ceilings have `sees_mesh`; what has not `sees_cloud` draws the same under every
-    condition, and is drawn once. `trained_on` names the objects that a network has seen; it is
-    None where nobody knows, as of weights in a file. `reconstruction` says whether it makes a
-    surface of the points: "paper" by the chain of the paper or a part of it, "other" in another
-    way.
-    """
-
-    id: str
-    load: Callable[[str], Renderer]
-    identity: Callable[[], str]
-    version: int
-    source: str
-    sees_mesh: bool = False
-    sees_cloud: bool = True
-    weights_file: Callable[[], Path] | None = None  # of a network
-    trained_on: TrainedOn | None = None
-    reconstruction: Literal["", "paper", "other"] = ""
 
 
 def _network(
     method_id: str,
     source: str,
     weights: str = loaders.BUNDLED,
-    network: loaders.Network = loaders.PC2PIX,
-    precision: Precision = "float32",
+    package: loaders.NetworkPackage = loaders.PC2PIX,
     load: Callable[[str], Renderer] | None = None,
     trained_on: TrainedOn = "chairs",
+    color: Color = "invented",
 ) -> Method:
     """Return a network with bundled weights; `load` where it is not loaded as usual."""
     return Method(
         method_id,
-        load=load or partial(network.load, weights, precision=precision),
-        identity=partial(network.identity, weights),
-        version=network.version,
+        load=load or partial(package.load, weights),
+        identity=partial(package.identity, weights),
+        version=package.version,
         source=source,
-        weights_file=partial(network.file, weights),
+        weights_file=partial(package.file, weights),
         trained_on=trained_on,
+        kind="network",
+        color=color,
     )
 
 
-_splat_net = partial(_network, network=loaders.SPLAT_NET)
+def _reconstruction(
+    method_id: str,
+    renderer: str,
+    version: int,
+    source: str,
+    identity: Callable[[], str],
+    chain: Literal["paper", "other"] = "other",
+) -> Method:
+    """Return a method that reconstructs a surface, in grey, by a class of our own."""
+    return Method(
+        method_id,
+        load=partial(loaders.renderer, f"baselines.reconstruction.{renderer}"),
+        identity=identity,
+        version=version,
+        source=source,
+        trained_on="nothing",
+        reconstruction=chain,
+        color="none",
+    )
+
+
+_splat_net = partial(_network, package=loaders.SPLAT_NET)
 
 METHODS = (
     _network(
@@ -104,7 +96,7 @@ METHODS = (
     _network(
         "pc2pix@bf16",
         source="pc2pix in bfloat16: twice as fast where the processor has it",
-        precision="bfloat16",
+        load=partial(loaders.PC2PIX.load, loaders.BUNDLED, precision="bfloat16"),
     ),
     _splat_net(
         "splat-net",
@@ -115,6 +107,7 @@ METHODS = (
     _splat_net(
         "splat-net@grey",
         weights="chair-grey",
+        color="none",
         source="splat-net in neutral grey: no colour is made up",
     ),
     _splat_net(
@@ -127,6 +120,7 @@ METHODS = (
     _splat_net(
         "splat-net@all-grey",
         weights="all-grey",
+        color="none",
         trained_on="13 classes",
         source="splat-net@all in neutral grey",
     ),
@@ -134,7 +128,7 @@ METHODS = (
         "splat-net@bf16",
         weights="chair",
         source="splat-net in bfloat16",
-        precision="bfloat16",
+        load=partial(loaders.SPLAT_NET.load, "chair", precision="bfloat16"),
     ),
     _splat_net(
         "splat-net@tiny",
@@ -162,95 +156,78 @@ METHODS = (
         source="splat-net fed with the nearest depth alone, as Z2P is; a short training "
         "(baselines/splat_net/weights/depth.md)",
     ),
-    Method(
+    _reconstruction(
         "surface-apss",
-        load=partial(loaders.renderer, "baselines.reconstruction.surface:SurfaceApss"),
-        identity=partial(loaders.versions, "embreex", "pymeshlab"),
+        "surface:SurfaceApss",
         version=2,
         source="paper's SR; filter script of roatienza/pc2pix@23b7b46d",
-        trained_on="nothing",
-        reconstruction="paper",
-    ),
-    Method(
-        "surface-fit",
-        load=partial(loaders.renderer, "baselines.reconstruction.surface_fit:SurfaceFit"),
         identity=partial(loaders.versions, "embreex", "pymeshlab"),
+        chain="paper",
+    ),
+    _reconstruction(
+        "surface-fit",
+        "surface_fit:SurfaceFit",
         version=2,
         source="the paper's SR on a grid no finer than the picture can show",
-        trained_on="nothing",
-        reconstruction="paper",
-    ),
-    Method(
-        "surface-bpa",
-        load=partial(loaders.renderer, "baselines.reconstruction.surface:SurfaceBpa"),
         identity=partial(loaders.versions, "embreex", "pymeshlab"),
+        chain="paper",
+    ),
+    _reconstruction(
+        "surface-bpa",
+        "surface:SurfaceBpa",
         version=2,
         source="the paper's SR without its last step: ball pivoting and holes closed",
-        trained_on="nothing",
-        reconstruction="paper",
+        identity=partial(loaders.versions, "embreex", "pymeshlab"),
+        chain="paper",
     ),
-    Method(
+    _reconstruction(
         "poisson",
-        load=partial(loaders.renderer, "baselines.reconstruction.poisson:Poisson"),
-        identity=partial(loaders.versions, "embreex", "pymeshlab", "scipy"),
+        "poisson:Poisson",
         version=2,
         source="screened Poisson reconstruction (Kazhdan and Hoppe 2013)",
-        trained_on="nothing",
-        reconstruction="other",
+        identity=partial(loaders.versions, "embreex", "pymeshlab", "scipy"),
     ),
-    Method(
+    _reconstruction(
         "alpha-shape",
-        load=partial(loaders.renderer, "baselines.reconstruction.alpha_shape:AlphaShape"),
-        identity=partial(loaders.versions, "embreex", "scipy"),
+        "alpha_shape:AlphaShape",
         version=2,
         source="alpha shape (Edelsbrunner and Muecke 1994)",
-        trained_on="nothing",
-        reconstruction="other",
+        identity=partial(loaders.versions, "embreex", "scipy"),
     ),
-    Method(
+    _reconstruction(
         "denoised-bpa",
-        load=partial(loaders.renderer, "baselines.reconstruction.denoised:DenoisedBpa"),
-        identity=partial(loaders.versions, "embreex", "pymeshlab", "scipy"),
+        "denoised:DenoisedBpa",
         version=1,
         source="ball pivoting on points smoothed as their noise asks for",
-        trained_on="nothing",
-        reconstruction="other",
+        identity=partial(loaders.versions, "embreex", "pymeshlab", "scipy"),
     ),
-    Method(
+    _reconstruction(
         "denoised-alpha",
-        load=partial(loaders.renderer, "baselines.reconstruction.denoised:DenoisedAlpha"),
-        identity=partial(loaders.versions, "embreex", "scipy"),
+        "denoised:DenoisedAlpha",
         version=1,
         source="the alpha shape of points smoothed as their noise asks for",
-        trained_on="nothing",
-        reconstruction="other",
+        identity=partial(loaders.versions, "embreex", "scipy"),
     ),
-    Method(
+    _reconstruction(
         "denoised-poisson",
-        load=partial(loaders.renderer, "baselines.reconstruction.denoised:DenoisedPoisson"),
-        identity=partial(loaders.versions, "embreex", "pymeshlab", "scipy"),
+        "denoised:DenoisedPoisson",
         version=1,
         source="screened Poisson on points smoothed as their noise asks for",
-        trained_on="nothing",
-        reconstruction="other",
+        identity=partial(loaders.versions, "embreex", "pymeshlab", "scipy"),
     ),
-    Method(
+    _reconstruction(
         "pgr",
-        load=partial(loaders.renderer, "baselines.reconstruction.gauss:ParametricGauss"),
-        identity=partial(loaders.versions, "embreex", "scikit-image", "scipy"),
+        "gauss:ParametricGauss",
         version=1,
         source="parametric Gauss reconstruction (Lin et al. 2022)",
-        trained_on="nothing",
-        reconstruction="other",
+        identity=partial(loaders.versions, "embreex", "scikit-image", "scipy"),
     ),
-    Method(
+    _reconstruction(
         "open3d-poisson",
-        load=partial(loaders.renderer, "baselines.reconstruction.open3d_poisson:Open3dPoisson"),
-        identity=loaders.open3d_identity,
+        "open3d_poisson:Open3dPoisson",
         version=1,
         source="screened Poisson as a first script with Open3D does it; extra [open3d]",
-        trained_on="nothing",
-        reconstruction="other",
+        identity=loaders.open3d_identity,
     ),
     Method(
         "splat",
@@ -259,6 +236,8 @@ METHODS = (
         version=1,
         source="depth-buffered discs: what a viewer shows",
         trained_on="nothing",
+        kind="splat",
+        color="none",
     ),
     Method(
         "true-mesh",
@@ -269,6 +248,8 @@ METHODS = (
         sees_mesh=True,
         sees_cloud=False,
         trained_on="nothing",
+        kind="reference",
+        color="true",
     ),
     Method(
         "true-mesh@grey",
@@ -279,6 +260,8 @@ METHODS = (
         sees_mesh=True,
         sees_cloud=False,
         trained_on="nothing",
+        kind="reference",
+        color="none",
     ),
     Method(
         "constant",
@@ -288,6 +271,8 @@ METHODS = (
         source="a second floor: the one picture that SSIM likes best on the training set",
         sees_cloud=False,
         trained_on="chairs",
+        kind="reference",
+        color="invented",
     ),
     Method(
         "blank",
@@ -297,10 +282,12 @@ METHODS = (
         source="the floor: white pictures; failures are scored as these",
         sees_cloud=False,
         trained_on="nothing",
+        kind="reference",
+        color="none",
     ),
 )
 RECOMMENDED = "splat-net@all-grey"  # for a cloud of an unknown object: docs/trade.md
-# What nobody would draw with, but a measurement of cost needs beside the others.
+# Methods that nobody would draw with, but whose cost is measured beside the others.
 COST_VARIANTS = (
     _network(
         "pc2pix@unfolded",
@@ -335,17 +322,16 @@ COST_VARIANTS = (
         "(baselines/splat_net/weights/chair-large.md)",
     ),
 )
-OWN_WEIGHTS = {"pc2pix": loaders.PC2PIX, "splat-net": loaders.SPLAT_NET}  # that take files of yours
-# A method's variants follow its id and "@". The first two stand where a method's id stands.
-OUR_FAMILIES = {"ground-truth", BEST_RECONSTRUCTION} | {
-    method.id.partition("@")[0] for method in (*METHODS, *COST_VARIANTS)
-}
+BUNDLED = (*METHODS, *COST_VARIANTS)
+WITH_WEIGHTS_FILE = {"pc2pix": loaders.PC2PIX, "splat-net": loaders.SPLAT_NET}
+# The first two stand where the id of a method stands: they are no ids for methods of others.
+OUR_FAMILIES = {"ground-truth", BEST_RECONSTRUCTION} | {method.family for method in BUNDLED}
 FLOOR = "blank"
-FLOORS = ("constant", FLOOR)  # what looks at no cloud
+FLOORS = tuple(method.id for method in METHODS if method.role == "floor")
 
 
 def find_method(method_id: str) -> Method:
-    """The method with this id, or a variant of one.
+    """Return the method with this id, or a variant of one.
 
     `pc2pix@FILE.safetensors` and `splat-net@FILE.safetensors` have weights of your own,
     `METHOD@PARAMETER=VALUE` is a method with one parameter set
@@ -360,33 +346,33 @@ def find_method(method_id: str) -> Method:
         source = f"{method.id} with {setting.parameter.name} {setting.value:g}"
         load = partial(loaders.renderer, setting.parameter.renderer, **setting.fields)
         return replace(method, id=method_id, load=load, source=source)
-    name, _, weights = method_id.partition("@")
-    network, suffix = OWN_WEIGHTS.get(name), Path(weights).suffix
-    if network and suffix == ".safetensors":
+    family, weights = family_of(method_id), variant_of(method_id)
+    package, suffix = WITH_WEIGHTS_FILE.get(family), Path(weights).suffix
+    if package and suffix == ".safetensors":
         if not is_regular_file(Path(weights)):
-            raise BadInput(f"{weights}: no such weights file; train one with '{network.command}'")
+            raise BadInput(f"{weights}: no such weights file; train one with '{package.command}'")
         return Method(
             method_id,
-            load=partial(network.load, weights),
-            identity=partial(network.file_identity, weights),
-            version=network.version,
-            source=f"{name} with the weights in {weights}",
+            load=partial(package.load, weights),
+            identity=partial(package.file_identity, weights),
+            version=package.version,
+            source=f"{family} with the weights in {weights}",
             weights_file=partial(Path, weights),
+            kind="network",
         )
-    own = (*METHODS, *COST_VARIANTS)
-    for method in own:
+    for method in BUNDLED:
         if method.id == method_id:
             return method
     if method_id in plugin_ids():
         return _plugin(method_id)
-    if network and suffix:
-        raise BadInput(f"{weights}: weights are .safetensors files; '{network.command}' writes one")
-    raise unknown(method_id, [*(method.id for method in own), *plugin_ids()], "method")
+    if package and suffix:
+        raise BadInput(f"{weights}: weights are .safetensors files; '{package.command}' writes one")
+    raise unknown(method_id, [*(method.id for method in BUNDLED), *plugin_ids()], "method")
 
 
 @cache
 def plugin_ids() -> tuple[str, ...]:
-    """Ids of the methods that other installed packages announce, sorted; none is loaded."""
+    """Return the ids of methods that other installed packages announce, sorted; load none."""
     return entry_point_names(plugins.METHODS)
 
 
@@ -397,26 +383,27 @@ def _plugin(method_id: str) -> Method:
 
 
 def objectives(method_ids: Iterable[str]) -> dict[str, str]:
-    """By method, what the weights of networks were trained with; other methods are left out."""
+    """Return what the weights of networks were trained with, by id; other methods are left out."""
     from learning.weights import objective_of
 
     networks = ((id_, find_method(id_).weights_file) for id_ in method_ids)
-    return {id_: objective_of(find()) for id_, find in networks if find}
+    return {id_: objective_of(find_file()) for id_, find_file in networks if find_file}
 
 
-def role(method: str) -> str:
-    """ "ceiling" for what sees the mesh, "floor" for what sees no cloud, "chosen" for the row that
-    is one of the other methods at each condition; empty for methods that compete."""
-    if method in FLOORS:
-        return "floor"
-    if method == BEST_RECONSTRUCTION:
+def role(method_id: str) -> str:
+    """Return the role of a row of tables: that of its method, or "chosen".
+
+    "chosen" is the row `best-reconstruction`, which is another method at each condition; methods
+    that compete, and methods that are gone, have the role "".
+    """
+    if method_id == BEST_RECONSTRUCTION:
         return "chosen"
-    known = known_method(method)
-    return "ceiling" if known and known.sees_mesh else ""
+    method = known_method(method_id)
+    return method.role if method else ""
 
 
 def known_method(method_id: str) -> Method | None:
-    """As `find_method`; None for a weights file or another package's method that is gone."""
+    """Return the method with this id; None if its weights file or its package is gone."""
     try:
         return find_method(method_id)
     except BadInput:

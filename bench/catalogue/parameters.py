@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from bench.catalogue.lookup import family_of, variant_of
 from data_prep.failures import BadInput
 
 
@@ -166,9 +167,9 @@ def find_setting(method_id: str) -> Setting | None:
 
     Raises BadInput for a parameter that the method does not have, and for a value out of its range.
     """
-    method, at, setting = method_id.partition("@")
+    method, setting = family_of(method_id), variant_of(method_id)
     name, equals, text = setting.partition("=")
-    if not (at and equals) or method_id.endswith(".safetensors"):
+    if not equals or method_id.endswith(".safetensors"):
         return None
     parameter = next((k for k in PARAMETERS if (k.method, k.name) == (method, name)), None)
     if parameter is None:

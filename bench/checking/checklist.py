@@ -16,6 +16,7 @@ from bench.analysis.comparison import compare
 from bench.analysis.paper import NETWORK, SURFACE
 from bench.analysis.recognition import true_gallery
 from bench.analysis.scored import read_scored
+from bench.catalogue.lookup import family_of
 from bench.catalogue.methods import FLOORS, known_method
 from bench.catalogue.metrics import JUDGE, column, is_mean
 from bench.checking.claim_findings import VERDICTS, ClaimFinding, Verdict, corrected
@@ -233,7 +234,7 @@ def _quality_evidence(
         for metric in dict.fromkeys(wanted)
         if metric in scored.features or (is_mean(metric) and column(metric) in scored.records)
     ]
-    known = [m for m in manifest["methods"] if m.partition("@")[0] == NETWORK or m in subjects]
+    known = [m for m in manifest["methods"] if family_of(m) == NETWORK or m in subjects]
     chosen = scored.records["method"].isin([SURFACE, "true-mesh", *FLOORS, *known])
     compared = compare(scored.records[chosen], scored.features, metrics)
     if not compared:

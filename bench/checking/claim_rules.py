@@ -18,6 +18,7 @@ from bench.analysis.intervals import (
     sum_error,
 )
 from bench.analysis.paper import AVERAGE, NETWORK, SURFACE
+from bench.catalogue.lookup import family_of
 from bench.catalogue.methods import FLOORS
 from bench.catalogue.metrics import higher_is_better, is_mean
 from bench.checking.claim_findings import ClaimFinding, Requirement
@@ -214,7 +215,7 @@ def faster(run: TimingEvidence, times: float) -> list[ClaimFinding]:
     On one thread, cloud by cloud: the interval is over clouds.
     """
     costs = _costs(run.samples)
-    networks = [m for m in costs if m.partition("@")[0] == NETWORK]
+    networks = [m for m in costs if family_of(m) == NETWORK]
     if SURFACE not in costs or not networks:
         raise MissingEvidence(
             f"the run has no times of {SURFACE if SURFACE not in costs else NETWORK}"

@@ -10,6 +10,7 @@ import pandas as pd
 
 from bench.analysis.comparison import Comparison, Quality
 from bench.analysis.paper import NETWORK
+from bench.catalogue.lookup import family_of
 from data_prep.arrays import Floats
 
 FULL = "2048"
@@ -58,7 +59,7 @@ class QualityEvidence:
         networks = [
             method
             for method in methods
-            if (method in self.subjects if self.subjects else method.partition("@")[0] == NETWORK)
+            if (method in self.subjects if self.subjects else family_of(method) == NETWORK)
         ]
         if not networks:
             raise MissingEvidence(f"the run has no {' or '.join(self.subjects or (NETWORK,))}")

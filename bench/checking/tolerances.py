@@ -90,6 +90,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+from bench.catalogue.lookup import family_of
 from bench.catalogue.methods import known_method
 
 
@@ -193,7 +194,7 @@ def tolerance(method: str, metric: str) -> Tolerance | None:
     if not _has_papers_chain(method):
         return RENDERING.get(metric)
     rule = RECONSTRUCTION.get(metric)
-    if rule is None or rule.reason == _DRIVER or method.partition("@")[0] == "surface-apss":
+    if rule is None or rule.reason == _DRIVER or family_of(method) == "surface-apss":
         return rule
     return replace(rule, reason=_OF_APSS)
 

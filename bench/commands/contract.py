@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from bench.catalogue.lookup import family_of
 from bench.checking.contract.findings import Finding, is_blocked, summary
 from bench.tables.markdown import visible
 
@@ -32,7 +33,7 @@ def test(
     from bench.checking.contract.plugin import plugin_findings
     from data_prep.datasets.registry import is_dataset
 
-    if ":" in name.partition("@")[0] and not is_dataset(name):  # MODULE:NAME
+    if ":" in family_of(name) and not is_dataset(name):  # MODULE:NAME
         sys.path.append(str(Path.cwd()))  # last: no file of this folder hides an installed module
     findings = printed(plugin_findings(name))
     print(summary(findings))

@@ -12,7 +12,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from bench.catalogue.lookup import find
+from bench.catalogue.lookup import family_of, find
 from bench.catalogue.methods import FLOOR, METHODS, find_method, known_method
 from bench.catalogue.suites import ALL_SUITES, Suite
 from bench.commands.options import RUN_OPTIONS, names, options_from_dataclass
@@ -275,9 +275,9 @@ def _kind(method: str) -> str:
 
     Variants are of their method's kind.
     """
-    base = method.partition("@")[0]
-    known = known_method(base)
-    return "reconstruction" if known and known.reconstruction else base
+    family = family_of(method)
+    known = known_method(family)
+    return "reconstruction" if known and known.kind == "reconstruction" else family
 
 
 @options_from_dataclass(Options, RUN_OPTIONS, leave_out=("fresh", "ray", "budget"))

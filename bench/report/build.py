@@ -30,7 +30,7 @@ from bench.report.page import Choice, Failure, FailureGroup, Page, TableGroup, h
 from bench.report.pareto import cost_plots
 from bench.report.robustness import curves
 from bench.report.stored import Sources, open_sources
-from bench.report.styles import looks
+from bench.report.styles import method_styles
 from bench.tables.build import Outputs, how_timed
 from bench.tables.frontier import cost_grid
 from bench.tables.grid import Tags
@@ -71,7 +71,7 @@ def read_page(made: Outputs) -> Page:
     views = int(manifest["views"])
     chosen = extremes(records)
     sources = open_sources(run.directory, manifest, _shown(records, chosen))
-    styles = looks(manifest["methods"])
+    styles = method_styles(manifest["methods"])
     metrics = run.measured(suite.frontier or (QUALITY,))
     with threadpool_limits(1):
         comparisons = run.compared(metrics)

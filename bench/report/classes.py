@@ -23,6 +23,7 @@ from bench.catalogue.metrics import higher_is_better
 from bench.metrics.structural_similarity import ssim_per_image
 from bench.records.artifacts import JobName, read_array
 from bench.records.record import GROUND_TRUTH
+from bench.report.styles import method_styles
 from bench.tables.figure import FIGURES, drawing, panels, save, show
 from bench.tables.grid import ordered
 from bench.tables.markdown import visible
@@ -34,8 +35,6 @@ if TYPE_CHECKING:
 BLOCKS = 2  # of classes, side by side
 DISTANCES = (PAPER_METRIC, "fd-views")  # the first that has a value is shown
 NAMES = {SURFACE: "SR"}
-COLORS = {SURFACE: "tab:orange", PAPER_NETWORK: "tab:blue"}
-MARKERS = {SURFACE: "s", PAPER_NETWORK: "o"}
 
 
 def write_class_figures(
@@ -89,10 +88,10 @@ def images_figure(
     best: Mapping[str, str],
     artifacts: Mapping[JobName, Path],
 ) -> Figure:
-    """Draw the first view of the first object of each class, which nobody has chosen: the truth,
-    then what the methods drew at a condition; below each image its SSIM with the truth.
+    """Draw the first view of the first object of each class, which nobody has chosen.
 
-    `best` are methods by the metrics that they are best by.
+    The truth is followed by the images of the methods at a condition, each above its SSIM with the
+    truth. `best` has the best method by metric.
     """
     first: dict[str, JobName] = {}
     for name in artifacts:
@@ -132,10 +131,13 @@ def images_figure(
 
 @drawing()
 def dots_figure(rows: Sequence[QualityRow], network: str, published: Published) -> Figure | None:
-    """Distances of SR and the network by class: ours with intervals, and as the paper has them;
-    None where there is no distance."""
+    """Draw the distances of SR and the network by class: ours with intervals, and the paper's.
+
+    Return None where no distance was measured.
+    """
     condition = rows[0].condition
-    metric = next((m for m in DISTANCES if any(_has(row, m) for row in rows)), None)
+    finite = {row.metric for row in rows if math.isfinite(row.value)}
+    metric = next((m for m in DISTANCES if m in finite), None)
     if metric is None:
         return None
     ours = {
@@ -166,19 +168,20 @@ def _panel(
     values: Mapping[tuple[str, str], Sequence[float]],
     network: str,
 ) -> None:
-    """Two dots a class and a line between them; classes without both have what there is."""
+    """Draw two dots for a class and a line between them; a missing value has no dot."""
+    styles = method_styles((SURFACE, network))
     for place, name in enumerate(classes):
         ends = [values[name, m][0] for m in (SURFACE, network) if (name, m) in values]
         axis.plot(ends, [place] * len(ends), color="0.75", linewidth=3, zorder=1)
-    for method, style, shift in ((SURFACE, SURFACE, -0.12), (network, PAPER_NETWORK, 0.12)):
+    for method, shift in ((SURFACE, -0.12), (network, 0.12)):
         places = [i for i, name in enumerate(classes) if (name, method) in values]
         at = np.array([values[classes[i], method] for i in places]).reshape(-1, 3)
         axis.errorbar(
             at[:, 0],
             np.array(places) + shift,
             xerr=np.nan_to_num(np.abs(at[:, 1:] - at[:, :1])).T,
-            fmt=MARKERS[style],
-            color=COLORS[style],
+            fmt=styles[method].marker,
+            color=styles[method].colour,
             capsize=2,
             label=NAMES.get(method, method),
         )
@@ -187,7 +190,3 @@ def _panel(
     axis.set_xlim(left=0)
     axis.set_title(title, fontsize=10)
     axis.grid(axis="x", alpha=0.3)
-
-
-def _has(row: QualityRow, metric: str) -> bool:
-    return row.metric == metric and math.isfinite(row.value)

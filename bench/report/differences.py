@@ -31,9 +31,10 @@ def write_differences(path: Path, cells: Sequence[PairedDifference], a: str, b: 
 
 @drawing()
 def differences_figure(cells: Sequence[PairedDifference], a: str, b: str) -> Figure | None:
-    """A panel for each metric, a line for each method, condition and class: b - a, its interval.
+    """Draw b - a with its interval: a panel for each metric, a line for each cell.
 
-    Cells without a difference are left out; None where there are no others.
+    A cell is a method, condition and class. Cells without a difference are left out; return None
+    where no cell is left.
     """
     known = [cell for cell in cells if math.isfinite(cell.difference.value)]
     metrics = list(dict.fromkeys(cell.pair.metric for cell in known))
@@ -43,7 +44,7 @@ def differences_figure(cells: Sequence[PairedDifference], a: str, b: str) -> Fig
     size_in = 2.5 + 3.5 * len(metrics), 1.6 + 0.28 * len(labels)
     figure, (axes,) = panels(1, len(metrics), size_in, sharey=True)
     for axis, metric in zip(axes, metrics, strict=True):
-        for cell in (one for one in known if one.pair.metric == metric):
+        for cell in (cell for cell in known if cell.pair.metric == metric):
             low, value, high = cell.difference.low, cell.difference.value, cell.difference.high
             axis.errorbar(
                 [value],

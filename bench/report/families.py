@@ -11,7 +11,7 @@ from bench.catalogue.families import Family
 from bench.catalogue.methods import role
 from bench.catalogue.metrics import is_mean
 from bench.records.artifacts import JobName
-from bench.report.inline import Drawing, inline
+from bench.report.inline import MarkedFigure, inline
 from bench.report.page import Plot
 from bench.report.robustness import (
     Point,
@@ -21,7 +21,7 @@ from bench.report.robustness import (
     scale_distances,
     write_images,
 )
-from bench.report.styles import RULE, Look, looks
+from bench.report.styles import RULE, MethodStyle, method_styles
 from bench.tables.figure import FIGURES, drawing, panels, save
 from bench.tables.grid import Tags, ordered
 from bench.tables.markdown import visible
@@ -37,13 +37,14 @@ OBJECTS_SHOWN = 2
 def write_beyond_figures(
     directory: Path, curves: Sequence[ConditionCurve], artifacts: Mapping[JobName, Path]
 ) -> None:
-    """`beyond` (PNG and SVG) and `beyond-pictures.png`: the first view of the first objects, nobody
-    has chosen, a column for each condition, family after family.
+    """Write `beyond` (PNG and SVG) and `beyond-pictures.png`.
 
-    `artifacts` are all that there are, ground truths included. Ceiling and floors have no image.
+    The latter has the first view of the first objects, whatever they are, and a column for each
+    condition, family after family. `artifacts` are all of the run, ground truths included. Ceiling
+    and floors have no image.
     """
     folder = directory / FIGURES
-    figure = beyond_figure(curves, looks(ordered(c.method for c in curves))).figure
+    figure = beyond_figure(curves, method_styles(ordered(c.method for c in curves))).figure
     for kind in ("png", "svg"):
         save(figure, folder / f"beyond.{kind}")
     conditions = ordered(c for curve in curves for c in curve.family.conditions)
@@ -54,22 +55,22 @@ def write_beyond_figures(
 @drawing()
 def beyond_figure(
     curves: Sequence[ConditionCurve],
-    styles: Mapping[str, Look],
+    styles: Mapping[str, MethodStyle],
     *,
     panel_in: tuple[float, float] = PANEL_IN,
     legend_columns: int = 6,
-) -> Drawing:
-    """A column for each family, a row for each metric (and class), a line for each method.
+) -> MarkedFigure:
+    """Draw a column for each family, a row for each metric (and class), a line for each method.
 
-    The bands are what the networks of the run were shown in training. Floors are level lines but
+    Bands show the range of the training of each network of the run. Floors are level lines but
     for the chance of their views; the ceiling is left out.
     """
-    curves = _shown(curves)
+    curves = [c for c in curves if role(c.method) != "ceiling"]
     families = list(dict.fromkeys(c.family for c in curves))
     lines = list(dict.fromkeys((c.class_name, c.metric) for c in curves))
     size_in = (panel_in[0] * len(families), panel_in[1] * len(lines) + LEGEND_IN)
     figure, axes = panels(len(lines), len(families), size_in, sharex="col", sharey="row")
-    drawn = Drawing(figure)
+    drawn = MarkedFigure(figure)
     several = len({class_name for class_name, _ in lines}) > 1
     for axis_row, (class_name, metric) in zip(axes, lines, strict=True):
         if not is_mean(metric):
@@ -89,13 +90,11 @@ def beyond_figure(
     return drawn
 
 
-def _shown(curves: Sequence[ConditionCurve]) -> list[ConditionCurve]:
-    """All but those of the ceiling."""
-    return [c for c in curves if role(c.method) != "ceiling"]
-
-
 def _draw_panel(
-    drawn: Drawing, axis: Any, curves: Sequence[ConditionCurve], styles: Mapping[str, Look]
+    drawn: MarkedFigure,
+    axis: Any,
+    curves: Sequence[ConditionCurve],
+    styles: Mapping[str, MethodStyle],
 ) -> None:
     family = curves[0].family
     places = [place_of(value, family) for value in family.values]
@@ -116,10 +115,13 @@ def _draw_panel(
 
 
 def _draw_bands(
-    drawn: Drawing, axis: Any, family: Family, places: Sequence[float], hues: Mapping[str, str]
+    drawn: MarkedFigure, axis: Any, family: Family, places: Sequence[float], hues: Mapping[str, str]
 ) -> None:
-    """What each network was shown; what is a single value, or reaches the first step or the last,
-    goes on to half of the room beyond it."""
+    """Draw a band where each network was trained.
+
+    A band of a single value, or one that reaches the first step or the last, goes on to half of
+    the room beyond it.
+    """
     pad = PAD / 2 * abs(places[-1] - places[0])
     least, most = min(places), max(places)
     for name, *ends in family.trained:
@@ -138,10 +140,12 @@ def _draw_bands(
         drawn.mark(band, Tags(method=name))
 
 
-def family_curves(curves: Sequence[ConditionCurve], styles: Mapping[str, Look]) -> tuple[Plot, ...]:
-    """A plot of the page for each class, family and metric."""
+def family_curves(
+    curves: Sequence[ConditionCurve], styles: Mapping[str, MethodStyle]
+) -> tuple[Plot, ...]:
+    """Return a plot of the page for each class, family and metric."""
     plots = []
-    curves = _shown(curves)
+    curves = [c for c in curves if role(c.method) != "ceiling"]
     for cell in dict.fromkeys((c.class_name, c.family, c.metric) for c in curves):
         class_name, family, metric = cell
         of_cell = [c for c in curves if (c.class_name, c.family, c.metric) == cell]

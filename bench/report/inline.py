@@ -1,15 +1,13 @@
-"""Figures inside the page: the SVG of matplotlib, which loads nothing and follows the filters.
+"""Figures inside the page: matplotlib's SVG, reduced to shapes, text and marked parts.
 
-A part of a figure that the page hides or names is marked when it is drawn. Of the SVG stay shapes,
-text and those marks: attributes in place of inline styles, which the page forbids, the variables of
-its style sheet in place of colours, and only ids that the figure itself refers to.
+A part of a figure that the page hides or names is marked when it is drawn.
 """
 
 from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
@@ -30,19 +28,24 @@ COLOURS = {
     RULE: "var(--rule)",
     **{hue: f"var(--hue-{number})" for number, hue in enumerate(HUES)},
 }
-# matplotlib's own, said once for all in the style sheet.
+# Declarations of matplotlib that the style sheet makes once for all figures.
 DROPPED = {"font-family", "text-anchor: start", "stroke-dashoffset: 0", "stroke-linejoin: round"}
 _NUMBER = re.compile(r"-?\d+\.\d+")
 _REFERENCE = re.compile(r"#([\w.-]+)")
 
 
 @dataclass(frozen=True)
-class Part:
-    """What the page does with a part of a figure.
+class MarkedPart:
+    """A part of a figure that the page can hide or name.
 
-    tags         what the filters go by
-    description  shown where the mouse rests on it
-    series       whether the figure is hidden where all such parts are
+    Attributes
+    ----------
+    tags : Tags
+        Values by which the filters hide it.
+    description : str
+        Text shown where the mouse rests on it.
+    series : bool
+        Whether it counts for its figure, which is hidden once all such parts are hidden.
     """
 
     tags: Tags
@@ -51,21 +54,23 @@ class Part:
 
 
 @dataclass(frozen=True, eq=False)
-class Drawing:
+class MarkedFigure:
     """A figure, and its marked parts by the id that they have in its SVG."""
 
     figure: Figure
-    parts: dict[str, Part] = field(default_factory=dict)
+    parts: dict[str, MarkedPart] = field(default_factory=dict)
 
     def mark(self, artist: Any, tags: Tags, description: str = "", *, series: bool = False) -> None:
         """Mark an artist that has been drawn."""
         name = f"part-{len(self.parts)}"
         artist.set_gid(name)
-        self.parts[name] = Part(tags, description, series)
+        self.parts[name] = MarkedPart(tags, description, series)
 
     def legend(self, columns: int, fontsize: float) -> None:
-        """One legend below all axes; an entry is hidden along with the artist that it explains."""
-        handles = {h.get_label(): h for axis in self.figure.axes for h in _handles(axis)}
+        """Draw one legend below all axes; an entry is hidden with the artist that it explains."""
+        handles: dict[Any, Any] = {}
+        for axis in self.figure.axes:
+            handles |= {h.get_label(): h for h in axis.get_legend_handles_labels()[0]}
         legend = self.figure.legend(
             handles=list(handles.values()),
             loc="outside lower center",
@@ -81,12 +86,8 @@ class Drawing:
                 self.mark(text, tags)
 
 
-def _handles(axis: Any) -> Sequence[Any]:
-    return axis.get_legend_handles_labels()[0]
-
-
-def inline(drawn: Drawing, name: str) -> Svg:
-    """The SVG of a figure for the page; `name` begins its ids, and no other figure has it."""
+def inline(drawn: MarkedFigure, name: str) -> Svg:
+    """Return the SVG of a figure for the page; `name`, unlike any other, begins its ids."""
     drawn.figure.patch.set_visible(False)
     for axis in drawn.figure.axes:
         axis.patch.set_visible(False)
@@ -96,11 +97,11 @@ def inline(drawn: Drawing, name: str) -> Svg:
         drawn.figure.savefig(buffer, format="svg", metadata={"Date": None})
     root = ElementTree.fromstring(buffer.getvalue())
     referred = {
-        found
+        id_
         for element in root.iter()
         for attribute, value in element.attrib.items()
         if attribute.endswith("href") or value.startswith("url(")
-        for found in _REFERENCE.findall(value)
+        for id_ in _REFERENCE.findall(value)
     }
     inside = [kept for child in root for kept in _kept(child, drawn.parts, referred, name)]
     width, height = (float(root.attrib["viewBox"].split()[i]) for i in (2, 3))
@@ -108,30 +109,31 @@ def inline(drawn: Drawing, name: str) -> Svg:
 
 
 def _kept(
-    element: Element, parts: dict[str, Part], referred: set[str], name: str
+    element: Element, parts: dict[str, MarkedPart], referred: set[str], name: str
 ) -> Iterator[Element]:
-    """What stays of an element: itself as the page has it, its children alone, or nothing."""
+    """Yield the element as the page has it, its children alone, or nothing."""
     tag = element.tag.rpartition("}")[2]
     if tag in ("metadata", "style"):
         return
-    inside = [kept for child in element for kept in _kept(child, parts, referred, name)]
-    made = Element(tag, dict(_attributes(element, referred, name)))
-    made.text = element.text if tag in ("text", "tspan") else None
+    inside = [part for child in element for part in _kept(child, parts, referred, name)]
+    kept = Element(tag, dict(_attributes(element, referred, name)))
+    kept.text = element.text if tag in ("text", "tspan") else None
     part = parts.get(element.get("id", ""))
     if part is not None:
-        made.attrib.update(_marks(part))
+        kept.attrib.update(_marks(part))
         if part.description:
             title = Element("title")
             title.text = visible(part.description)
             inside.insert(0, title)
-    if tag == "g" and not made.attrib:
+    if tag == "g" and not kept.attrib:
         yield from inside
     elif inside or tag not in ("g", "defs"):
-        made.extend(inside)
-        yield made
+        kept.extend(inside)
+        yield kept
 
 
 def _attributes(element: Element, referred: set[str], name: str) -> Iterator[tuple[str, str]]:
+    # The page forbids inline styles, and its style sheet has the colours.
     attributes = dict(element.attrib)
     for declaration in filter(None, attributes.pop("style", "").split("; ")):
         key, _, value = declaration.partition(": ")
@@ -146,15 +148,15 @@ def _attributes(element: Element, referred: set[str], name: str) -> Iterator[tup
         elif key in ("fill", "stroke"):
             yield key, COLOURS.get(value, value)
         elif not value.startswith("rotate(-0 "):
-            yield key, _NUMBER.sub(_short, value.replace("\n", " ").strip())
+            yield key, _NUMBER.sub(_two_decimals, value.replace("\n", " ").strip())
 
 
-def _short(number: re.Match[str]) -> str:
+def _two_decimals(number: re.Match[str]) -> str:
     return f"{float(number[0]):.2f}".rstrip("0").rstrip(".")
 
 
-def _marks(part: Part) -> Iterator[tuple[str, str]]:
-    """The attributes that the page's script and style sheet know."""
+def _marks(part: MarkedPart) -> Iterator[tuple[str, str]]:
+    """Yield the attributes that the page's script and style sheet know."""
     tags = part.tags
     for key, value in (
         ("method", tags.method),

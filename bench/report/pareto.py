@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -12,13 +13,14 @@ import numpy as np
 
 from bench.analysis.comparison import Comparison, decimals, milliseconds
 from bench.analysis.frontier import FrontierPoint, places
+from bench.catalogue.lookup import family_of, variant_of
 from bench.catalogue.methods import role
 from bench.catalogue.metrics import IMAGE_METRICS
 from bench.catalogue.parameters import find_setting
-from bench.report.inline import Drawing, inline
+from bench.report.inline import MarkedFigure, inline
 from bench.report.page import Plot
-from bench.report.robustness import axis_title, point_style, shortened
-from bench.report.styles import INK, PAPER, RULE, SOFT, Look, looks
+from bench.report.robustness import axis_title, make_hollow, point_style, shortened
+from bench.report.styles import INK, RULE, SOFT, MethodStyle, method_styles
 from bench.tables.figure import drawing, panels, save
 from bench.tables.grid import Tags, scored_as_blank
 from bench.tables.markdown import visible
@@ -29,11 +31,11 @@ DIRECTIONS_DEG = (90, 270, 45, 135, 315, 225, 0, 180, 67, 113, 247, 293)  # abov
 
 
 def place_labels(anchors: Floats, sizes: Floats, obstacles: Floats, area: Floats) -> Floats:
-    """Centres [n, 2] of labels of these sizes [n, 2], each near its anchor [n, 2].
+    """Return centres [n, 2] of labels of these sizes [n, 2], each near its anchor [n, 2].
 
-    obstacles [m, 4] and area [4] are boxes (left, bottom, right, top). One label after the other
-    takes the nearest of the places around its anchor where it covers neither an obstacle nor a
-    label before it and stays inside the area; where there is none, the one that covers least.
+    `obstacles` [m, 4] and `area` [4] are boxes (left, bottom, right, top). One label after the
+    other takes the nearest place around its anchor where it covers neither an obstacle nor an
+    earlier label and stays inside the area; where there is none, the place that covers least.
     """
     angles = np.radians(DIRECTIONS_DEG)
     around = np.stack([np.cos(angles), np.sin(angles)], axis=1)
@@ -52,7 +54,10 @@ def place_labels(anchors: Floats, sizes: Floats, obstacles: Floats, area: Floats
 
 
 def covered(boxes: Floats, others: Floats) -> Floats:
-    """Area of each box [n, 4] that the others [m, 4] cover, [n]; twice what is covered twice."""
+    """Return the area of each box [n, 4] that the others [m, 4] cover, [n].
+
+    An area that two of them cover counts twice.
+    """
     low = np.maximum(boxes[:, None, :2], others[None, :, :2])
     high = np.minimum(boxes[:, None, 2:], others[None, :, 2:])
     return np.clip(high - low, 0, None).prod(axis=2).sum(axis=1)
@@ -75,13 +80,13 @@ Limits = tuple[tuple[float, float], tuple[float, float]]
 
 
 def write_frontier(folder: Path, places: Sequence[FrontierPoint]) -> None:
-    """A figure for each metric, as PNG and SVG, of the largest number of views.
+    """Write a figure for each metric, as PNG and SVG, of the largest number of views.
 
-    The first metric's is `frontier`, the others' are `frontier-METRIC`. A metric that no candidate
-    has a value of gets none.
+    The files of the first metric are named `frontier`, others `frontier-METRIC`. A metric without
+    a value of any candidate gets no figure.
     """
     views = max(place.views for place in places)
-    styles = looks(dict.fromkeys(place.method for place in places))
+    styles = method_styles(dict.fromkeys(place.method for place in places))
     for number, metric in enumerate(dict.fromkeys(place.metric for place in places)):
         shown = [p for p in places if (p.metric, p.views) == (metric, views) and _drawn(p)]
         if not any(_competes(place) for place in shown):
@@ -97,21 +102,20 @@ def frontier_figure(
     places: Sequence[FrontierPoint],
     metric: str,
     views: int,
-    styles: Mapping[str, Look],
+    styles: Mapping[str, MethodStyle],
     *,
     panel_in: tuple[float, float] = PANEL_IN,
     limits: Limits | None = None,
     legend_columns: int = 6,
-) -> Drawing:
-    """Panels side by side with the same axes; places of one metric and one number of views.
+) -> MarkedFigure:
+    """Draw panels side by side with the same axes, of one metric and one number of views.
 
-    limits  of the axes, x and y; None: what is drawn has room
+    `limits` are those of the axes, x and y; without them the axes hold all that is drawn.
     """
     cells = list(dict.fromkeys((p.condition, p.class_name) for p in places))
     size_in = (panel_in[0] * len(cells), panel_in[1])
     figure, axes = panels(1, len(cells), size_in, sharex=True, sharey=True)
-    drawn = Drawing(figure)
-    styles = _of_families(places, styles)
+    drawn = MarkedFigure(figure)
     several = len({class_name for _, class_name in cells}) > 1
     labels = []
     for axis, cell in zip(axes[0], cells, strict=True):
@@ -144,62 +148,70 @@ def _scale(axis: Any, metric: str) -> None:
         axis.set_yscale("log")
         scales.append(axis.yaxis)
     for scale in scales:
-        scale.set_major_formatter(_plain)
-        # Of a decade or less; matplotlib's own is TeX, which figures show as it is.
+        scale.set_major_formatter("{x:g}")
+        # matplotlib's own labels within a decade are TeX, which figures show as it is.
         scale.set_minor_formatter(LogFormatter())
 
 
 def _draw_panel(
-    drawn: Drawing, axis: Any, places: Sequence[FrontierPoint], styles: Mapping[str, Look]
+    drawn: MarkedFigure,
+    axis: Any,
+    places: Sequence[FrontierPoint],
+    styles: Mapping[str, MethodStyle],
 ) -> list[tuple[FrontierPoint, str]]:
-    """Draw one condition; the points that get a label, with it."""
+    """Draw one condition, and return the points that get a label, with their labels."""
     rivals = [p for p in places if _competes(p)]
     labels = []
-    for name in dict.fromkeys(map(_family, rivals)):
-        members = [p for p in rivals if _family(p) == name]
+    for name in dict.fromkeys(family_of(p.method) for p in rivals):
+        members = [p for p in rivals if family_of(p.method) == name]
         settings = [find_setting(p.method) for p in members]
         parameter = next((setting.parameter.name for setting in settings if setting), None)
-        look = styles[members[0].method]
         (line,) = axis.plot(
             [p.cost_ms.value for p in members],
             [p.quality.value for p in members],
-            **point_style(look, 5.5)
+            **point_style(replace(styles[members[0].method], fill="full"), 5.5)
             | {"linestyle": "-" if parameter else "none", "linewidth": 0.9, "markevery": []},
             label=visible(name) + (f" ({parameter})" if parameter else ""),
         )
         drawn.mark(line, Tags(method=members[0].method) if len(members) == 1 else Tags())
         for p in members:
-            _draw_point(drawn, axis, p, look, 7 if p.method == name else 4)
-        turned = [(p, _short(p)) for p in members if p.method != name]
+            _draw_point(drawn, axis, p, styles[p.method], 7 if p.method == name else 4)
+        variants = [(p, _variant_label(p.method)) for p in members if p.method != name]
         labels += [(p, visible(name)) for p in members if p.method == name]
-        labels += turned if parameter is None else turned[:: max(len(turned) - 1, 1)]
+        # Of the values of a parameter, which a line joins, only the ends are labelled.
+        labels += variants if parameter is None else variants[:: max(len(variants) - 1, 1)]
     for p in (p for p in places if role(p.method) == "floor"):
-        look = styles[p.method]
+        floor = styles[p.method]
         line = axis.axhline(
-            p.quality.value, color=look.colour, linewidth=0.9, linestyle=look.dashes, label=p.method
+            p.quality.value,
+            color=floor.colour,
+            linewidth=0.9,
+            linestyle=floor.dashes,
+            label=p.method,
         )
         drawn.mark(line, Tags(method=p.method), _text(p), series=True)
     return labels
 
 
-def _draw_point(drawn: Drawing, axis: Any, place: FrontierPoint, look: Look, size: float) -> None:
+def _draw_point(
+    drawn: MarkedFigure, axis: Any, place: FrontierPoint, style: MethodStyle, size: float
+) -> None:
     cost, quality, tags = place.cost_ms, place.quality, Tags(method=place.method)
-    thin: dict[str, Any] = {"color": look.colour, "linewidth": 0.6, "alpha": 0.6}
+    thin: dict[str, Any] = {"color": style.colour, "linewidth": 0.6, "alpha": 0.6}
     if math.isfinite(quality.low):
         (line,) = axis.plot([cost.value] * 2, [quality.low, quality.high], **thin)
         drawn.mark(line, tags)
     if math.isfinite(cost.low):
         (line,) = axis.plot([cost.low, cost.high], [quality.value] * 2, **thin)
         drawn.mark(line, tags)
-    style = point_style(look, size)
+    (point,) = axis.plot(cost.value, quality.value, **point_style(style, size))
     if place.verdict == "below a white image":
-        style |= {"markerfacecolor": PAPER, "markeredgecolor": look.colour, "markeredgewidth": 1.0}
-    (point,) = axis.plot(cost.value, quality.value, **style)
+        make_hollow(point, style, 1.0)
     drawn.mark(point, tags, _text(place), series=True)
 
 
 def _draw_frontier(axis: Any, places: Sequence[FrontierPoint], right: float) -> None:
-    """What the best costs, in steps up to `right`: at each cost the best quality that it buys."""
+    """Draw the best quality that each cost buys, in steps up to `right`."""
     steps = sorted((p.cost_ms.value, p.quality.value) for p in places if p.verdict == "frontier")
     if not steps:
         return
@@ -210,29 +222,12 @@ def _draw_frontier(axis: Any, places: Sequence[FrontierPoint], right: float) -> 
     )  # fmt: skip
 
 
-def _plain(value: float, _: int) -> str:
-    return f"{value:g}"
-
-
-def _short(place: FrontierPoint) -> str:
-    """What tells a method from others of its family: a parameter's value, a variant's name."""
-    setting = find_setting(place.method)
+def _variant_label(method: str) -> str:
+    """Return the part of an id that tells it from its family: the value of a parameter, a name."""
+    setting = find_setting(method)
     if setting is not None:
         return f"{setting.value:g}"
-    return shortened(visible(place.method.partition("@")[2]), LONGEST)
-
-
-def _family(place: FrontierPoint) -> str:
-    return place.method.partition("@")[0]
-
-
-def _of_families(places: Sequence[FrontierPoint], styles: Mapping[str, Look]) -> dict[str, Look]:
-    """Variants look like their method, or where it is not there like the first of them."""
-    first: dict[str, Look] = {}
-    return {
-        p.method: styles.get(_family(p), first.setdefault(_family(p), styles[p.method]))
-        for p in places
-    }
+    return shortened(visible(variant_of(method)), LONGEST)
 
 
 def _competes(place: FrontierPoint) -> bool:
@@ -240,8 +235,10 @@ def _competes(place: FrontierPoint) -> bool:
 
 
 def _drawn(place: FrontierPoint) -> bool:
-    """Whether it has a place on the axes, which may be logarithmic; of the ceiling there is none,
-    and a floor has no cost."""
+    """Return whether a point has a place on the axes, which may be logarithmic.
+
+    The ceiling has none; a floor has no cost and needs none.
+    """
     positive = place.metric in IMAGE_METRICS or place.quality.value > 0
     if not math.isfinite(place.quality.value) or not positive or role(place.method) == "ceiling":
         return False
@@ -251,14 +248,14 @@ def _drawn(place: FrontierPoint) -> bool:
 
 
 def _write_labels(
-    drawn: Drawing,
+    drawn: MarkedFigure,
     axes: Sequence[Any],
     labels: Sequence[Sequence[tuple[FrontierPoint, str]]],
-    styles: Mapping[str, Look],
+    styles: Mapping[str, MethodStyle],
 ) -> None:
-    """Labels where they cover nothing, each with a hair line to its point where it is far off."""
+    """Write labels where they cover nothing, with a hair line to points that are far off."""
     figure = drawn.figure
-    figure.draw_without_rendering()  # only now is it known where everything lies
+    figure.draw_without_rendering()  # before it nothing has a place
     scale = POINTS_PER_INCH / figure.dpi
     for axis, of_axis in zip(axes, labels, strict=True):
         if not of_axis:
@@ -292,7 +289,7 @@ def _write_labels(
 
 
 def _obstacles(axis: Any) -> Floats:
-    """Small boxes along all lines of an axis, as far as they are in sight, [m, 4] in pixels."""
+    """Return small boxes along the visible part of all lines of an axis, [m, 4] in pixels."""
     from matplotlib.cbook import pts_to_poststep
 
     boxes = []
@@ -316,9 +313,9 @@ def cost_plots(
     comparisons: Sequence[Comparison],
     metrics: Sequence[str],
     views: int,
-    styles: Mapping[str, Look],
+    styles: Mapping[str, MethodStyle],
 ) -> tuple[Plot, ...]:
-    """A plot for each metric, condition and class; the ceiling is left out, floors are lines.
+    """Return a plot for each metric, condition and class, without ceiling, with floors as lines.
 
     All plots of a metric have the same axes, so that they can be compared. Methods without a time
     or a value have no point.
@@ -358,11 +355,13 @@ def cost_plots(
     return tuple(plots)
 
 
-def _limits(places: Sequence[FrontierPoint], metric: str, styles: Mapping[str, Look]) -> Limits:
-    """Of axes on which all of these have room."""
+def _limits(
+    places: Sequence[FrontierPoint], metric: str, styles: Mapping[str, MethodStyle]
+) -> Limits:
+    """Return the limits of axes on which all of these points have room."""
     figure, ((axis,),) = panels(1, 1, PANEL_IN)
     _scale(axis, metric)
-    _draw_panel(Drawing(figure), axis, places, styles)
+    _draw_panel(MarkedFigure(figure), axis, places, styles)
     return axis.get_xlim(), axis.get_ylim()
 
 

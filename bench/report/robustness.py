@@ -12,21 +12,20 @@ import numpy as np
 
 from bench.analysis.comparison import Estimate, decimals
 from bench.analysis.scores import QualityRow
-from bench.catalogue.methods import role
+from bench.catalogue.methods import COST_VARIANTS, role
 from bench.catalogue.metrics import higher_is_better, is_mean
+from bench.catalogue.parameters import find_setting
 from bench.metrics.silhouette import object_boxes
 from bench.metrics.thin_parts import evaluated
 from bench.records.artifacts import JobName, read_array
 from bench.records.record import GROUND_TRUTH
-from bench.report.inline import Drawing, inline
+from bench.report.inline import MarkedFigure, inline
 from bench.report.page import Plot
 from bench.report.styles import (
     PAPER,
     RULE,
-    Look,
-    family,
-    is_cost_variant,
-    looks,
+    MethodStyle,
+    method_styles,
     rivals,
 )
 from bench.tables.figure import (
@@ -62,16 +61,15 @@ SUBDIVIDED = (1, 2, 5)
 def write_figures(
     directory: Path, tables: Sequence[Table[QualityRow]], artifacts: Mapping[JobName, Path]
 ) -> None:
-    """Robustness curves (after Tables 3 and 4), image grids (the paper's Figures 1 and 3) and a
-    sheet of thin parts.
+    """Write robustness curves (after Tables 3 and 4), image grids and a sheet of thin parts.
 
-    `artifacts` are all that there are, ground truths included. Where all methods have failed, there
-    is nothing to draw.
+    The grids are the paper's Figures 1 and 3. `artifacts` are all of the run, ground truths
+    included. Nothing is written where all methods have failed.
     """
     if all(name.method == GROUND_TRUTH for name in artifacts):
         return
     folder = directory / FIGURES
-    styles = looks(ordered(row.method for table in tables for row in table.rows))
+    styles = method_styles(ordered(row.method for table in tables for row in table.rows))
     curved = curve_panels(tables)
     if curved:
         save(robustness_figure(curved, styles).figure, folder / "robustness.png")
@@ -89,9 +87,12 @@ def write_images(
     titles_in: float = 0.0,
     dpi: float = DPI,
 ) -> None:
-    """The first view of the first objects, which nobody has chosen: a row for each object and
-    method that competes, the truth and then a column for each condition."""
-    methods = rivals(ordered(item.method for item in artifacts if item.condition))
+    """Write a sheet of the first view of the first objects, which nobody has chosen.
+
+    It has a row for each object and method that competes, and the truth and then each condition as
+    columns.
+    """
+    methods = rivals(ordered(name.method for name in artifacts if name.condition))
     cells = [(GROUND_TRUTH, ""), *(("", condition) for condition in conditions)]
 
     def first(cell: tuple[str, str], method: str, obj: tuple[str, str]) -> Image | None:
@@ -109,7 +110,7 @@ def write_images(
 
 
 def _write_thin_parts(path: Path, artifacts: Mapping[JobName, Path]) -> None:
-    """Objects with the most thin parts, each in the view that shows most of them, cut out.
+    """Write a sheet of the objects with the most thin parts, cut out of the view with most.
 
     Columns: the truth, the truth with the evaluated pixels tinted, then method by method the
     images at a clean and at a noisy condition.
@@ -119,12 +120,12 @@ def _write_thin_parts(path: Path, artifacts: Mapping[JobName, Path]) -> None:
     counts = {obj: part.sum(axis=(1, 2)) for obj, part in parts.items()}
     by_count = sorted(truths, key=lambda truth: -int(counts[truth.object].sum()))
     chosen = [truth for truth in by_count if counts[truth.object].any()][:OBJECTS_SHOWN]
-    there = {item.condition for item in artifacts}
+    conditions = {name.condition for name in artifacts}
     columns = [
         (method, condition)
-        for method in rivals(ordered(item.method for item in artifacts if item.condition))
+        for method in rivals(ordered(name.method for name in artifacts if name.condition))
         for condition in THIN_CONDITIONS
-        if condition in there
+        if condition in conditions
     ]
     if not chosen or not columns:
         return
@@ -148,10 +149,18 @@ def _write_thin_parts(path: Path, artifacts: Mapping[JobName, Path]) -> None:
 
 @dataclass(frozen=True)
 class CurvePanel:
-    """The values of a metric: of one class against the conditions, or, where there are several
-    classes, at one condition class by class.
+    """The values of a metric of one class by condition, or at one condition by class.
 
-    place  the class, or the condition
+    Attributes
+    ----------
+    metric : str
+        Id of the metric.
+    place : str
+        The class, or with `by_class` the condition.
+    by_class : bool
+        Whether the classes stand side by side, because there are several.
+    rows : tuple of Row
+        The values, in the order of the table.
     """
 
     metric: str
@@ -161,56 +170,59 @@ class CurvePanel:
 
     @property
     def steps(self) -> list[str]:
-        """What stands side by side."""
+        """Return the conditions, or the classes, that stand side by side."""
         return ordered(map(self.step, self.rows))
 
     def step(self, row: QualityRow) -> str:
-        """Where a row stands."""
+        """Return the condition, or the class, of a row."""
         return row.class_name if self.by_class else row.condition
 
 
 def axis_title(metric: str) -> str:
-    """The metric, and its better direction."""
+    """Return the metric and its better direction."""
     return f"{metric} ({'higher' if higher_is_better(metric) else 'lower'} is better)"
 
 
 def curve_panels(tables: Sequence[Table[QualityRow]]) -> list[CurvePanel]:
-    """A panel for each of the metrics that has values, and for each class or condition.
+    """Return a panel for each of the metrics that has values, and for each class or condition.
 
-    Left out are the ceiling, settings of a parameter, and what is measured for its cost alone.
+    The ceiling, settings of a parameter, and methods measured for their cost alone are left out.
     """
-    made = []
+    panels_ = []
     for metric in METRICS:
         rows = _rows(tables, metric)
         by_class = len({row.class_name for row in rows}) > 1
         places: dict[str, list[QualityRow]] = {}
         for row in rows:
             places.setdefault(row.condition if by_class else row.class_name, []).append(row)
-        made += [CurvePanel(metric, place, by_class, tuple(of)) for place, of in places.items()]
-    return made
+        panels_ += [CurvePanel(metric, at, by_class, tuple(rows)) for at, rows in places.items()]
+    return panels_
 
 
 def _rows(tables: Sequence[Table[QualityRow]], metric: str) -> list[QualityRow]:
-    """The rows of a metric that are drawn; of several tables with it, of the one with most."""
-    found = [[row for row in table.rows if row.metric == metric] for table in tables]
+    """Return the rows of a metric that are drawn, of the table that has most of them."""
+    by_table = [[row for row in table.rows if row.metric == metric] for table in tables]
+    cost_variants = [method.id for method in COST_VARIANTS]
     return [
         row
-        for row in max(found, key=len, default=[])
+        for row in max(by_table, key=len, default=[])
         if math.isfinite(row.value)
         and role(row.method) not in ("ceiling", "chosen")
-        and family(row.method) == row.method
-        and not is_cost_variant(row.method)
+        and find_setting(row.method) is None
+        and row.method not in cost_variants
     ]
 
 
-def curves(tables: Sequence[Table[QualityRow]], styles: Mapping[str, Look]) -> tuple[Plot, ...]:
-    """Each of the `curve_panels` as a plot of the page."""
+def curves(
+    tables: Sequence[Table[QualityRow]], styles: Mapping[str, MethodStyle]
+) -> tuple[Plot, ...]:
+    """Return each of the `curve_panels` as a plot of the page."""
     return tuple(
         _plot(panel, styles, f"curve-{number}") for number, panel in enumerate(curve_panels(tables))
     )
 
 
-def _plot(panel: CurvePanel, styles: Mapping[str, Look], name: str) -> Plot:
+def _plot(panel: CurvePanel, styles: Mapping[str, MethodStyle], name: str) -> Plot:
     place, axis = panel.place, axis_title(panel.metric)
     steps = (f"{panel.step(row)}{f' ({row.n_ok} of {row.n})' * row.failed}" for row in panel.rows)
     values = ((row.method, step, row.value) for row, step in zip(panel.rows, steps, strict=True))
@@ -227,17 +239,19 @@ def _plot(panel: CurvePanel, styles: Mapping[str, Look], name: str) -> Plot:
 
 
 @drawing()
-def robustness_figure(shown: Sequence[CurvePanel], styles: Mapping[str, Look]) -> Drawing:
-    """Panels side by side; each names its methods at the right.
+def robustness_figure(
+    shown: Sequence[CurvePanel], styles: Mapping[str, MethodStyle]
+) -> MarkedFigure:
+    """Draw panels side by side, each with the names of its methods at the right.
 
     The methods of a step stand side by side, so that intervals do not cover each other. Floors are
-    level lines without intervals, which are in the tables.
+    level lines without their intervals.
     """
     columns = min(COLUMNS, len(shown))
     lines = math.ceil(len(shown) / columns)
     width_in = BESIDE_IN + STEP_IN * max(max(len(panel.steps) for panel in shown), 4)
     figure, axes = panels(lines, columns, (width_in * columns, HEIGHT_IN * lines))
-    drawn = Drawing(figure)
+    drawn = MarkedFigure(figure)
     for axis, panel in zip(axes.flat, shown, strict=False):
         _draw_panel(drawn, axis, panel, styles)
     for axis in axes.flat[len(shown) :]:
@@ -245,7 +259,9 @@ def robustness_figure(shown: Sequence[CurvePanel], styles: Mapping[str, Look]) -
     return drawn
 
 
-def _draw_panel(drawn: Drawing, axis: Any, panel: CurvePanel, styles: Mapping[str, Look]) -> None:
+def _draw_panel(
+    drawn: MarkedFigure, axis: Any, panel: CurvePanel, styles: Mapping[str, MethodStyle]
+) -> None:
     steps, methods = panel.steps, ordered(row.method for row in panel.rows)
     if not is_mean(panel.metric):
         scale_distances(axis)
@@ -291,7 +307,7 @@ def _draw_panel(drawn: Drawing, axis: Any, panel: CurvePanel, styles: Mapping[st
 
 
 def _caveat(row: QualityRow) -> str:
-    """Say how many images a value is of, and what it is with blank ones; empty without failures."""
+    """Return how many images a value is of, and the value with blank ones; "" without failures."""
     if not row.failed:
         return ""
     with_blank = shown(row.failures_as_blank, decimals(row.metric))
@@ -299,7 +315,7 @@ def _caveat(row: QualityRow) -> str:
 
 
 class Point(NamedTuple):
-    """A value of a method, and where it stands; it is hollow where there is a caveat."""
+    """A value of a method and its place; it is drawn hollow if it has a caveat."""
 
     x: float
     condition: str
@@ -309,28 +325,28 @@ class Point(NamedTuple):
 
 
 def draw_curve(
-    drawn: Drawing,
+    drawn: MarkedFigure,
     axis: Any,
     metric: str,
     method: str,
     points: Sequence[Point],
-    look: Look,
+    style: MethodStyle,
     joined: bool = True,
 ) -> Any:
-    """Draw the points of a method with their intervals, and a line through them if `joined`; of a
-    floor the line alone, or where it is not joined a level at each point.
+    """Draw the points of a method with their intervals, and a line through them if `joined`.
 
-    Returns the line, which is labelled with the method and not marked yet.
+    A floor is the line alone, or if it is not joined a level at each point. Return the line, which
+    is labelled with the method and not marked yet.
     """
     at, values = [p.x for p in points], [p.estimate.value for p in points]
-    style: Any = {"linestyle": look.dashes if joined else "none", "linewidth": 1.2}
-    style |= {"markevery": [], "label": shortened(visible(method), LONGEST)}
-    (line,) = axis.plot(at, values, **point_style(look, 5.5) | style)
-    if not look.marker and not joined:
+    of_line: Any = {"linestyle": style.dashes if joined else "none", "linewidth": 1.2}
+    of_line |= {"markevery": [], "label": shortened(visible(method), LONGEST)}
+    (line,) = axis.plot(at, values, **point_style(style, 5.5) | of_line)
+    if not style.marker and not joined:
         left, right = np.array(at) - 0.5, np.array(at) + 0.5
-        levels = axis.hlines(values, left, right, look.colour, look.dashes, linewidth=1)
+        levels = axis.hlines(values, left, right, style.colour, style.dashes, linewidth=1)
         drawn.mark(levels, Tags(method=method))
-    for x, condition, class_name, (value, low, high), caveat in points if look.marker else ():
+    for x, condition, class_name, (value, low, high), caveat in points if style.marker else ():
         if not math.isfinite(value):
             continue
         tags = Tags(method, condition, class_name)
@@ -338,38 +354,49 @@ def draw_curve(
         description = f"{method}, {condition}, {class_name}: {value:.{digits}f}"
         if math.isfinite(low):
             description += f" [{low:.{digits}f}, {high:.{digits}f}]"
-            (interval,) = axis.plot([x, x], [low, high], color=look.colour, linewidth=0.9)
+            (interval,) = axis.plot([x, x], [low, high], color=style.colour, linewidth=0.9)
             drawn.mark(interval, tags)
-        (point,) = axis.plot(x, value, **point_style(look, 5.5))
+        (point,) = axis.plot(x, value, **point_style(style, 5.5))
         if caveat:
-            point.set(markerfacecolor=PAPER, markeredgecolor=look.colour, markeredgewidth=1.2)
+            make_hollow(point, style, 1.2)
             description += f"; {caveat}"
         drawn.mark(point, tags, description)
     return line
 
 
 def in_words(metric: str, values: Iterable[tuple[str, str, float]]) -> str:
-    """(method, step, value) for those who do not see them."""
+    """Return (method, step, value) in words, for readers who do not see the plot."""
     by_method: dict[str, list[str]] = {}
     for method, step, value in values:
         by_method.setdefault(method, []).append(f"{step} {value:.{decimals(metric)}f}")
     return " ".join(f"{method}: {', '.join(steps)}." for method, steps in by_method.items())
 
 
-def point_style(look: Look, size: float) -> dict[str, Any]:
-    """For matplotlib: a point of `size` / 72 inch with a thin light edge."""
+def point_style(style: MethodStyle, size: float) -> dict[str, Any]:
+    """Return matplotlib's settings for a point of `size` / 72 inch.
+
+    Full markers have a thin light edge, partly filled ones an edge in their colour.
+    """
+    full = style.fill == "full"
     return {
-        "color": look.colour,
-        "marker": look.marker,
+        "color": style.colour,
+        "marker": style.marker,
         "markersize": size,
-        "markeredgecolor": PAPER,
-        "markeredgewidth": 0.4,
+        "fillstyle": style.fill,
+        "markerfacecoloralt": PAPER,
+        "markeredgecolor": PAPER if full else style.colour,
+        "markeredgewidth": 0.4 if full else 0.8,
         "linestyle": "none",
     }
 
 
+def make_hollow(point: Any, style: MethodStyle, edge: float) -> None:
+    """Turn a point into an outline with an edge of `edge` / 72 inch."""
+    point.set(markerfacecolor=PAPER, markeredgecolor=style.colour, markeredgewidth=edge)
+
+
 def scale_distances(axis: Any) -> None:
-    """Distances far apart have room: linear up to LINEAR, then logarithmic."""
+    """Make an axis linear up to LINEAR and logarithmic above, for distances far apart."""
     from matplotlib.ticker import SymmetricalLogLocator
 
     axis.set_yscale("symlog", linthresh=LINEAR)
@@ -378,5 +405,6 @@ def scale_distances(axis: Any) -> None:
 
 
 def shortened(name: str, longest: int) -> str:
-    """At most so many letters: a name may hold the path of a weights file, whose end tells most."""
+    """Return a name in at most `longest` letters."""
+    # Its end tells most: it may be the path of a weights file.
     return name if len(name) <= longest else f"…{name[1 - longest :]}"

@@ -1,14 +1,17 @@
-"""How the report distinguishes methods: who competes, and the look of each in figures."""
+"""The styles of methods in figures: one hue and marker for a family in every plot."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Literal
 
-from bench.catalogue.methods import COST_VARIANTS, role
+from bench.catalogue.lookup import family_of
+from bench.catalogue.methods import BUNDLED, role
 from bench.catalogue.parameters import find_setting
 
 Dashes = str | tuple[int, tuple[float, ...]]
+Fill = Literal["full", "left", "right", "top", "bottom"]
 
 # Colours of the page's style sheet in light; in dark it replaces them one by one.
 INK, PAPER, SOFT, RULE = "#000000", "#ffffff", "#535b64", "#d9d6d0"
@@ -19,53 +22,59 @@ DASHES: tuple[Dashes, ...] = (
     *("-", (0, (5.5, 2.5)), (0, (2, 2)), (0, (6, 2, 1.2, 2)), (0, (9, 2.5))),
     *((0, (4, 1.2, 1.2, 1.2, 1.2, 1.2)), (0, (0.8, 2.5)), (0, (3, 3.5))),
 )
+FILLS: tuple[Fill, ...] = ("full", "left", "right", "top", "bottom")
 FLOOR_DASHES: tuple[Dashes, ...] = ((0, (6, 3)), (0, (2, 2)))
+# The families of most plots: these eight differ in hue, marker and dashes at once.
+COMMON_FAMILIES = (
+    *("surface-apss", "splat-net", "pc2pix", "splat"),
+    *("alpha-shape", "denoised-alpha", "surface-fit", "denoised-bpa"),
+)
 
 
 @dataclass(frozen=True)
-class Look:
-    """How a method is drawn; `marker` is empty for a floor, which is only a line."""
+class MethodStyle:
+    """The style of a method; `marker` is empty for a floor, which is only a line."""
 
     colour: str
     marker: str
     dashes: Dashes
+    fill: Fill = "full"
 
 
 def rivals(methods: Iterable[str]) -> list[str]:
-    """The methods that one could choose."""
+    """Return the methods that one could choose."""
     return [method for method in methods if not role(method)]
 
 
-def is_cost_variant(method: str) -> bool:
-    """Whether nobody would draw with it: it is there for its cost."""
-    return any(variant.id == method for variant in COST_VARIANTS)
+def method_styles(methods: Iterable[str]) -> dict[str, MethodStyle]:
+    """Return the style of each method, which does not depend on what else is drawn.
 
-
-def family(method: str) -> str:
-    """The method whose parameter this one sets; without a parameter the method itself."""
-    setting = find_setting(method)
-    return method if setting is None else setting.parameter.method
-
-
-def looks(methods: Iterable[str]) -> dict[str, Look]:
-    """How each method is drawn: those of a family look alike, floors are dashed lines.
-
-    The first eight families differ in hue, marker and dashes at once; further ones in hue. Variants
-    of a method (`@`) come after the methods.
+    A family has one hue and marker; its variants differ in dashes and in the filled part of the
+    marker, values of a parameter in nothing. Families of other packages follow ours in the order
+    of `methods`. Floors are dashed lines.
     """
-    ids = sorted(methods, key=lambda method: (is_cost_variant(method), "@" in family(method)))
-    families: list[str] = []
+    variants: dict[str, list[str]] = {family: [] for family in COMMON_FAMILIES}
+    for bundled in BUNDLED:
+        variants.setdefault(bundled.family, []).append(bundled.id)
     floors = 0
-    made = {}
-    for method in ids:
+    styles = {}
+    for method in methods:
         if role(method) == "floor":
-            made[method] = Look(SOFT, "", FLOOR_DASHES[floors % len(FLOOR_DASHES)])
+            styles[method] = MethodStyle(SOFT, "", FLOOR_DASHES[floors % len(FLOOR_DASHES)])
             floors += 1
             continue
-        if family(method) not in families:
-            families.append(family(method))
-        number = families.index(family(method))
-        form = number % len(MARKERS)
-        hue = (number + number // len(MARKERS)) % len(HUES)
-        made[method] = Look(HUES[hue], MARKERS[form], DASHES[form])
-    return made
+        setting = find_setting(method)
+        base = setting.parameter.method if setting else method
+        of_family = variants.setdefault(family_of(base), [])
+        if base not in of_family:
+            of_family.append(base)
+        number, variant = list(variants).index(family_of(base)), of_family.index(base)
+        # A family beyond the eighth shares its marker with one of another hue and other dashes.
+        shifted = number + number // len(MARKERS)
+        styles[method] = MethodStyle(
+            HUES[shifted % len(HUES)],
+            MARKERS[number % len(MARKERS)],
+            DASHES[(shifted + variant) % len(DASHES)],
+            FILLS[variant % len(FILLS)],
+        )
+    return styles

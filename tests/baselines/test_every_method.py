@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.catalogue.methods import find_method
+from bench.catalogue.methods import BUNDLED, FLOORS, find_method
 from bench.running.isolation import WORKER_ENVIRONMENT
 from data_prep.failures import StageFailure
 from data_prep.rendering.images import to_float
@@ -20,15 +20,13 @@ from data_prep.scene import PointCloud, View
 
 from .clouds import chair_cloud, lattice_sphere
 
-SURFACES = (
-    *("alpha-shape", "poisson", "surface-apss", "surface-bpa", "surface-fit"),
-    *("denoised-alpha", "denoised-bpa", "denoised-poisson", "pgr"),
+SURFACES = tuple(  # Open3D is an extra
+    m.id for m in BUNDLED if m.kind == "reconstruction" and m.id != "open3d-poisson"
 )
 NETWORKS = (
     *("pc2pix", "pc2pix@acgan", "splat-net", "splat-net@tiny"),
     *("splat-net@all", "points2pix", "depth-net"),
 )
-FLOORS = ("constant", "blank")
 METHODS = (*SURFACES, *NETWORKS, "splat", "true-mesh", *FLOORS)
 ORDERLESS = (
     *("denoised-alpha", "denoised-bpa", "denoised-poisson", "pgr", "surface-fit"),
@@ -52,6 +50,7 @@ def test_images_of_any_views(cloud: PointCloud, name: str) -> None:
     assert images.dtype == np.float32
     assert images.min() >= 0  # and none is NaN
     assert images.max() <= 1
+    assert (find_method(name).color == "none") == bool((images == images[..., :1]).all())
     # a turn of 360 degrees is none; the angle that networks are given is rounded to float32
     np.testing.assert_allclose(images[1], images[0], rtol=0, atol=1e-5)
     assert (name in FLOORS) == np.array_equal(images[0], images[2])
@@ -148,7 +147,7 @@ def test_degenerate_clouds_fail_by_name(name: str, points, stage: str, problem: 
 DIGESTS = """
 import hashlib, json, sys
 import numpy as np
-from bench.catalogue.methods import find_method
+from bench.catalogue.methods import BUNDLED, FLOORS, find_method
 from data_prep.scene import View
 from tests.baselines.clouds import chair_cloud
 cloud = chair_cloud(1024)

@@ -11,6 +11,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import Any, TypeAlias, get_args
 
+from bench.catalogue.lookup import family_of
 from bench.catalogue.methods import Method, find_method, plugin_ids
 from bench.catalogue.plugins import (
     ImageMetric,
@@ -86,7 +87,7 @@ def find_target(name: str) -> Target:
         return DatasetSource(name, partial(open_dataset, name))
     if name in metric_ids():
         return find_metric(name)
-    if name not in plugin_ids() and ":" in name.partition("@")[0]:
+    if name not in plugin_ids() and ":" in family_of(name):
         return _of_module(name)
     return find_method(name)
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
+from bench.catalogue.lookup import variant_of
 from bench.catalogue.methods import find_method
 from bench.suites.latent.chairs import SpecifiedChair
 from data_prep.clouds.sampling import sample_surface
@@ -75,13 +76,13 @@ class SampledChair:
 
 def weights_of(method: str) -> str:
     """Return the name or the path of a method's weights. Raises BadInput for one without codes."""
-    name, _, file = find_method(method).id.partition("@")
-    if name != "pc2pix":
+    chosen = find_method(method)
+    if chosen.family != "pc2pix":
         raise BadInput(
             f"--methods {method}: has no code to do arithmetic with; use pc2pix or "
             "pc2pix@FILE.safetensors"
         )
-    return file or BUNDLED
+    return variant_of(chosen.id) or BUNDLED
 
 
 def load_network(method: str, device: str, view: View) -> LatentNetwork:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from typing import Any
 
-from bench.catalogue.methods import FLOORS, find_method
+from bench.catalogue.methods import find_method
 from bench.catalogue.suites import SpeedSuite
 from bench.suites.speed.rows import (
     PAPER_CLASS,
@@ -266,8 +266,7 @@ def _per_image(rows: Sequence[AmortisedRow], suite: SpeedSuite) -> Grid:
 
 def _rival(row: AmortisedRow) -> bool:
     """Return whether the row's method looks at the cloud alone."""
-    method = row.summary.measurement.method
-    return method not in FLOORS and not find_method(method).sees_mesh
+    return not find_method(row.summary.measurement.method).role
 
 
 def _break_even(rows: Sequence[BreakEvenRow], suite: SpeedSuite) -> Grid:

@@ -2,21 +2,51 @@
 
 from __future__ import annotations
 
-from bench.catalogue.methods import COST_VARIANTS, METHODS, RECOMMENDED, find_method
+from dataclasses import replace
+
+import pytest
+
+from bench.catalogue.methods import BUNDLED, FLOORS, METHODS, RECOMMENDED, Method, find_method, role
+from data_prep.failures import BadInput
 
 
 def test_every_method_says_what_it_was_trained_on():
-    trained = {method.id: method.trained_on for method in (*METHODS, *COST_VARIANTS)}
+    trained = {method.id: method.trained_on for method in BUNDLED}
     assert {name for name, on in trained.items() if on == "13 classes"} == {
         *("pc2pix@all", "splat-net@all", "splat-net@all-grey"),
         *("points2pix", "points2pix@l1-patch", "depth-net"),
     }
-    networks = {method.id for method in (*METHODS, *COST_VARIANTS) if method.weights_file}
     learned = {name for name, on in trained.items() if on != "nothing"}
-    assert learned == networks | {"constant"}
+    assert learned == {m.id for m in BUNDLED if m.kind == "network"} | {"constant"}
     assert None not in trained.values()
     assert find_method("splat@spread=1.5").trained_on == "nothing"
 
 
+def test_every_method_says_its_kind_and_its_colours():
+    for method in BUNDLED:
+        assert (method.kind == "network") == (method.weights_file is not None)
+        assert (method.kind == "reconstruction") == (method.reconstruction != "")
+        assert (method.kind == "reference") == (role(method.id) != "")
+        assert method.color
+    assert [m.id for m in BUNDLED if m.kind == "splat"] == ["splat"]
+    assert [m.id for m in BUNDLED if m.color == "true"] == ["true-mesh"]
+    assert FLOORS == ("constant", "blank")
+    variant = find_method("surface-apss@resolution=64")
+    assert (variant.family, variant.kind) == ("surface-apss", "reconstruction")
+
+
+def test_a_plug_in_need_not_say_its_kind():
+    plug_in = Method("hull", lambda device: None, str, 1, "", sees_cloud=False)
+    assert (plug_in.kind, plug_in.color, plug_in.role) == ("", "", "")
+    assert replace(plug_in, id="hull@fine", reconstruction="other").kind == "reconstruction"
+    assert replace(plug_in, id="hull@fine").family == "hull"
+    assert replace(plug_in, kind="reference").role == "floor"
+    assert replace(plug_in, sees_mesh=True).role == "ceiling"
+    with pytest.raises(BadInput, match="method 'hull': kind 'splat' with reconstruction 'other'"):
+        replace(plug_in, reconstruction="other", kind="splat")
+
+
 def test_what_draws_an_unknown_object_knows_more_than_chairs():
-    assert find_method(RECOMMENDED).trained_on == "13 classes"
+    method = find_method(RECOMMENDED)
+    assert method in METHODS
+    assert (method.trained_on, method.color) == ("13 classes", "none")

@@ -13,7 +13,7 @@ from bench.analysis.comparison import Estimate
 from bench.analysis.condition_sweep import ConditionCurve
 from bench.catalogue.families import FAMILIES
 from bench.report.families import beyond_figure, family_curves, write_beyond_figures
-from bench.report.styles import looks
+from bench.report.styles import method_styles
 
 from ..builders import make_job, make_truth, write_artifact
 
@@ -36,7 +36,7 @@ def every_curve(families=FAMILIES, methods=METHODS, metrics=METRICS, class_name=
 
 
 def figure(curves):
-    return beyond_figure(curves, looks(c.method for c in curves)).figure
+    return beyond_figure(curves, method_styles(c.method for c in curves)).figure
 
 
 def bands(axis):
@@ -131,7 +131,7 @@ def test_several_classes_have_rows_of_their_own():
 
 def test_a_plot_of_the_page_for_each_family_and_metric():
     families, methods = (FAMILIES[1], FAMILIES[3]), ("pc2pix", "surface-apss", "blank")
-    plots = family_curves(every_curve(families, methods), looks(methods))
+    plots = family_curves(every_curve(families, methods), method_styles(methods))
     assert [plot.title for plot in plots] == [
         f"{metric} against {family}, class chair"
         for family in ("noise", "missing")

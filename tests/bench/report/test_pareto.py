@@ -7,7 +7,7 @@ from matplotlib.text import Annotation
 
 from bench.analysis.comparison import NAN, Estimate
 from bench.report.pareto import _obstacles, covered, frontier_figure, write_frontier
-from bench.report.styles import looks
+from bench.report.styles import method_styles
 
 from ..tables.test_frontier import place
 
@@ -40,7 +40,7 @@ def places(metric="ssim", condition="2048", views=20):
 
 
 def figure(shown, metric, views):
-    return frontier_figure(shown, metric, views, looks(p.method for p in shown)).figure
+    return frontier_figure(shown, metric, views, method_styles(p.method for p in shown)).figure
 
 
 def lines(axis, label):

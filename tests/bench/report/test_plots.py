@@ -12,12 +12,13 @@ from report_parser import parse
 
 from bench.analysis.comparison import NAN, Comparison, Estimate, Quality
 from bench.analysis.scores import QualityRow
+from bench.catalogue.lookup import family_of
 from bench.catalogue.metrics import higher_is_better
 from bench.catalogue.suites import TableSpec
 from bench.report.inline import COLOURS
 from bench.report.pareto import cost_plots
 from bench.report.robustness import curve_panels, curves, robustness_figure
-from bench.report.styles import PAPER, looks
+from bench.report.styles import COMMON_FAMILIES, PAPER, method_styles
 from bench.tables.figure import NAMES_APART
 from bench.tables.frontier import cost_grid
 from bench.tables.markdown import visible
@@ -55,7 +56,7 @@ def test_curves_show_values_and_intervals():
         ("blank", "2048"): (0.6, 0.55, 0.65), ("blank", "512"): (0.6, 0.55, 0.65),
     }  # fmt: skip
     rows = [row(*at, v, low=low, high=high) for at, (v, low, high) in values.items()]
-    tables, looked = [table(*rows)], looks(METHODS)
+    tables, looked = [table(*rows)], method_styles(METHODS)
     (axis,) = robustness_figure(curve_panels(tables), looked).figure.axes
     lines = {line.get_label(): line for line in axis.lines if line.get_label()[0] != "_"}
     assert list(lines) == ["splat", "surface-apss", "blank"]  # the ceiling is left out
@@ -77,7 +78,7 @@ def test_curves_show_values_and_intervals():
 
 def test_the_page_can_hide_the_parts_of_a_plot():
     rows = [row(m, c, 0.5) for m in ("splat", "blank") for c in ("2048", "512")]
-    (plot,) = curves([table(*rows)], looks(METHODS))
+    (plot,) = curves([table(*rows)], method_styles(METHODS))
     svg = drawn_svg(plot)
     series = svg.all("g", data_item="series")
     assert [g.attributes["data-method"] for g in series] == ["splat", "blank"]
@@ -90,7 +91,7 @@ def test_the_page_can_hide_the_parts_of_a_plot():
 def test_plots_take_their_colours_from_the_page_and_share_no_id():
     rows = [row(m, "2048", v, metric) for m, v in (("splat", 0.5), ("blank", 0.4))
             for metric in ("ssim", "fd-views")]  # fmt: skip
-    first, second = curves([table(*rows)], looks(METHODS))
+    first, second = curves([table(*rows)], method_styles(METHODS))
     for plot in (first, second):
         assert "style=" not in plot.svg.inside
         colours = {
@@ -125,11 +126,11 @@ def test_distances_far_apart_have_room():
     values = {"splat": 100.0, "surface-apss": 10.0, "blank": 1.0}
     rows = [row(m, "2048", v, "fd-views", low=0.0, high=v) for m, v in values.items()]
     tables = [table(*rows)]
-    (axis,) = robustness_figure(curve_panels(tables), looks(METHODS)).figure.axes
+    (axis,) = robustness_figure(curve_panels(tables), method_styles(METHODS)).figure.axes
     assert axis.get_yscale() == "symlog"
     assert {0, 1, 2, 5, 10, 20, 50, 100} <= set(axis.get_yticks())
     assert axis.get_ylim()[0] <= 0
-    (plot,) = curves(tables, looks(METHODS))
+    (plot,) = curves(tables, method_styles(METHODS))
     assert plot.axis == "fd-views (lower is better)"
 
 
@@ -141,9 +142,9 @@ def test_several_classes_stand_side_by_side():
         for k in ("chair", "lamp", "rifle")
     ]
     tables = [table(*rows), table(row("splat", "2048", 0.9))]
-    plots = curves(tables, looks(METHODS))
+    plots = curves(tables, method_styles(METHODS))
     assert [plot.title for plot in plots] == ["ssim at 2048, by class", "ssim at 512, by class"]
-    axis, _ = robustness_figure(curve_panels(tables), looks(METHODS)).figure.axes
+    axis, _ = robustness_figure(curve_panels(tables), method_styles(METHODS)).figure.axes
     assert ticks(axis) == ["chair", "lamp", "rifle"]
     splat, blank = (line for line in axis.lines if line.get_label()[0] != "_")
     assert splat.get_linestyle() == blank.get_linestyle() == "None"
@@ -157,7 +158,7 @@ def test_several_classes_stand_side_by_side():
 def test_names_of_methods_and_classes_are_only_text():
     hostile = "<script>alert(1)</script>\"'&{{ 7 }}$x$\u202e\x07"
     rows = [row(m, "2048", 0.5, class_name=k) for m in ("splat", hostile) for k in ("a", hostile)]
-    (plot,) = curves([table(*rows)], looks(["splat", hostile]))
+    (plot,) = curves([table(*rows)], method_styles(["splat", hostile]))
     assert "<script" not in plot.svg.inside
     assert not re.search("[\u202e\x07]", plot.svg.inside)
     shown = [text.text for text in drawn_svg(plot).all("text")]
@@ -167,16 +168,16 @@ def test_names_of_methods_and_classes_are_only_text():
 def test_a_point_without_failed_images_is_hollow_and_says_what_it_is_with_them():
     failed = replace(row("splat", "512", 0.5), n_ok=1, n=4, failures_as_blank=0.45)
     tables = [table(row("splat", "2048", 0.8), failed, row("blank", "2048", 0.4))]
-    (axis,) = robustness_figure(curve_panels(tables), looks(METHODS)).figure.axes
+    (axis,) = robustness_figure(curve_panels(tables), method_styles(METHODS)).figure.axes
     faces = {
         line.get_ydata()[0]: line.get_markerfacecolor()
         for line in axis.lines
         if len(line.get_xdata()) == 1 and line.get_marker() not in ("", "None")
     }
-    hue = looks(METHODS)["splat"].colour
+    hue = method_styles(METHODS)["splat"].colour
     assert faces == {0.8: hue, 0.5: PAPER}
     assert axis.get_xlabel() == "condition; hollow: failed images are left out"
-    (plot,) = curves(tables, looks(METHODS))
+    (plot,) = curves(tables, method_styles(METHODS))
     text = "splat, 512, chair: 0.500 [0.000, 1.000]; 1 of 4 images, 0.450 with blank ones for the "
     assert text + "others" in titles(plot)
     assert "splat: 2048 0.800, 512 (1 of 4) 0.500." in plot.description
@@ -201,7 +202,7 @@ QUALITIES = {"splat": 0.6, "surface-apss": 0.8, "true-mesh": 1.0, "blank": 0.5}
 
 def test_costs_are_logarithmic_and_the_frontier_steps_up():
     made = [comparison(COSTS, QUALITIES), comparison(COSTS, QUALITIES, "512")]
-    first, second = cost_plots(made, ["ssim"], 2, looks(METHODS))
+    first, second = cost_plots(made, ["ssim"], 2, method_styles(METHODS))
     svg = drawn_svg(first)
     series = [g.attributes["data-method"] for g in svg.all("g", class_="series")]
     assert sorted(series) == ["blank", "splat", "surface-apss"]
@@ -222,7 +223,7 @@ def test_costs_are_logarithmic_and_the_frontier_steps_up():
 def test_a_cost_says_of_how_many_images_it_is():
     made = replace(comparison(COSTS, QUALITIES), images=dict.fromkeys(COSTS, (6, 6)))
     made = replace(made, images=made.images | {"splat": (2, 6)})
-    (plot,) = cost_plots([made], ["ssim"], 2, looks(METHODS))
+    (plot,) = cost_plots([made], ["ssim"], 2, method_styles(METHODS))
     scored = "splat: 10.0 ms, 0.600, on the frontier (2 of 6 images, the others scored as blank)"
     assert titles(plot)[0] == scored
     table = cost_grid([made], "ssim", 2)
@@ -235,7 +236,7 @@ def test_costs_within_a_decade_have_plain_labels():
     """Those between powers of ten would be TeX."""
     costs = {"splat": (0.0, 0.012), "surface-apss": (0.0, 0.04), "blank": (0.0, 0.0)}
     values = {method: QUALITIES[method] for method in costs}
-    (plot,) = cost_plots([comparison(costs, values)], ["ssim"], 1, looks(METHODS))
+    (plot,) = cost_plots([comparison(costs, values)], ["ssim"], 1, method_styles(METHODS))
     shown = [text.text for text in drawn_svg(plot).all("text")]
     assert {"20", "30"} <= set(shown)
     assert not [text for text in shown if "$" in text]
@@ -243,7 +244,7 @@ def test_costs_within_a_decade_have_plain_labels():
 
 def test_a_cheaper_and_better_method_is_marked():
     worse = QUALITIES | {"surface-apss": 0.55}
-    (plot,) = cost_plots([comparison(COSTS, worse)], ["ssim"], 2, looks(METHODS))
+    (plot,) = cost_plots([comparison(COSTS, worse)], ["ssim"], 2, method_styles(METHODS))
     assert titles(plot)[1] == "surface-apss: 1000 ms, 0.550"
     table = cost_grid([comparison(COSTS, worse)], "ssim", 2)
     assert table is not None
@@ -256,7 +257,7 @@ def test_a_cheaper_and_better_method_is_marked():
 def test_what_is_below_a_white_image_is_marked_and_hollow():
     """`blank` has .5: the cheapest is no method at the frontier where it is worse."""
     worse = QUALITIES | {"splat": 0.45}
-    (plot,) = cost_plots([comparison(COSTS, worse)], ["ssim"], 2, looks(METHODS))
+    (plot,) = cost_plots([comparison(COSTS, worse)], ["ssim"], 2, method_styles(METHODS))
     assert titles(plot)[0] == "splat: 10.0 ms, 0.450, below a white image"
     table = cost_grid([comparison(COSTS, worse)], "ssim", 2)
     assert table is not None
@@ -272,23 +273,32 @@ def test_a_plot_is_wide_where_labels_want_room():
         methods = (*parameters[:many], "true-mesh", "constant", "blank")
         costs = {method: (0.0, 0.01 + i / 1000) for i, method in enumerate(methods)}
         values = {method: 0.5 + i / 100 for i, method in enumerate(methods)}
-        (plot,) = cost_plots([comparison(costs, values)], ["ssim"], 1, looks(methods))
+        (plot,) = cost_plots([comparison(costs, values)], ["ssim"], 1, method_styles(methods))
         assert plot.wide == wide
 
 
 def test_without_times_there_is_no_cost():
     nothing = dict.fromkeys(METHODS, (np.nan, np.nan))
     made = [comparison(nothing, QUALITIES)]
-    assert cost_plots(made, ["ssim"], 2, looks(METHODS)) == ()
+    assert cost_plots(made, ["ssim"], 2, method_styles(METHODS)) == ()
     assert cost_grid(made, "ssim", 2) is None
 
 
-def test_methods_differ_in_form_and_values_of_a_parameter_do_not():
-    single = ["splat", "pc2pix", "pc2pix@acgan", "surface-apss", "poisson"]
-    look = looks([*single, "splat@spread=2", "blank"])
-    assert len({look[method].marker for method in single}) == 5
-    assert look["splat"] == look["splat@spread=2"]
-    assert look["blank"].marker == ""
+def test_a_family_has_one_colour_and_marker_in_every_plot():
+    """Its variants differ in fill and dashes, values of a parameter in nothing."""
+    families = (*COMMON_FAMILIES, "poisson", "hull")
+    styles = method_styles([*families, "pc2pix@acgan", "splat@spread=2", "hull@fine", "blank"])
+    for form in ("colour", "marker", "dashes"):
+        assert len({getattr(styles[family], form) for family in COMMON_FAMILIES}) == 8
+    assert len({(s.colour, s.marker) for s in map(styles.get, families) if s}) == len(families)
+    for method in ("pc2pix@acgan", "hull@fine"):
+        style, of_family = styles[method], styles[family_of(method)]
+        assert (style.colour, style.marker) == (of_family.colour, of_family.marker)
+        assert style.fill != of_family.fill
+        assert style.dashes != of_family.dashes
+    assert styles["splat"] == styles["splat@spread=2"]
+    assert styles["blank"].marker == ""
+    assert method_styles(["pc2pix@acgan"]) == {"pc2pix@acgan": styles["pc2pix@acgan"]}
 
 
 def test_directions_of_metrics():
