@@ -179,10 +179,6 @@ class Plan:
         """The objects in the order of their start: the first of each class, then the second."""
         return tuple(obj for _, obj in sorted(self._numbered(), key=lambda pair: pair[0]))
 
-    def first(self, objects: int) -> Plan:
-        """The part of so many objects of each class, as the dataset orders them."""
-        return Plan(tuple(obj for number, obj in self._numbered() if number <= objects))
-
     def of(self, objects: Container[str]) -> Plan:
         """The part of some objects, by name."""
         return Plan(tuple(obj for obj in self.objects if obj.name in objects))

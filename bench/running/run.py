@@ -67,17 +67,11 @@ class RunStatus:
 
     @property
     def left(self) -> dict[Cell, int]:
-        """How many items are to be done, by method and condition; zeros included."""
-        return count((*self.todo.references, *self.todo.items), self.there)
+        """Return how many jobs are to be done, by method and condition; zeros included.
 
-    @property
-    def jobs_left(self) -> dict[Cell, int]:
-        """The same in jobs: one that does an item under every condition counts at the first."""
+        A job that is the same under every condition counts at the first.
+        """
         return count(self.todo.jobs, self.there)
-
-    def left_of_first(self, objects: int) -> dict[Cell, int]:
-        """The same with `--limit`: of each class only so many, as the dataset orders them."""
-        return count(self.todo.first(objects).jobs, self.there)
 
 
 def count(jobs: Iterable[Job], there: frozenset[str]) -> dict[Cell, int]:
