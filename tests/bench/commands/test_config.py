@@ -181,7 +181,7 @@ def test_the_home_folder_is_expanded(asked, tmp_path, monkeypatch):
     assert asked("--config", file).out == tmp_path / "x"
     assert asked("--suite", "chair-robustness", "--out=~/y").out == tmp_path / "y"
     status, _, err = asked("--suite", "chair-robustness", "--out=~nobody-of-this-name/y")
-    assert (status, "no such user; give the folder's path" in err) == (2, True)
+    assert (status, "~nobody-of-this-name/y: no such user; give the path" in err) == (2, True)
 
 
 def test_lists_are_what_commas_separate(tmp_path):
