@@ -1,4 +1,4 @@
-"""`bench doctor`: is everything here that a run needs? One line per finding, with the remedy."""
+"""`bench doctor`: a check of the installation, a line for each finding, with the remedy."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ OPTIONAL = ("libusb-1.0-0",)  # Open3D only
 
 
 def examine() -> Iterator[Finding]:
-    """All findings about this machine and installation, cheap ones first."""
+    """Yield all findings about this machine and installation, cheap ones first."""
     for package in PACKAGES:
         try:
             yield Finding(True, package, version(package))

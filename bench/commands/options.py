@@ -43,7 +43,7 @@ class Group(TyperGroup):
     """A group of commands. Without arguments it shows its help and ends with status 2."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # click's Context
-        """Return what stands before the command, and the command."""
+        """Return the arguments from the command on; without any, print the help."""
         if not args:
             print(ctx.get_help(), file=sys.stderr)
             raise typer.Exit(2)
@@ -105,7 +105,6 @@ DEVICE = "Where networks run; auto: on a GPU if there is one."
 WorkersOption = Annotated[
     int | None, typer.Option(help="Worker processes. Default: one for each core.")
 ]
-DeviceOption = Annotated[Device, typer.Option(help=DEVICE)]
 
 
 @dataclass(frozen=True)

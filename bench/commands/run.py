@@ -127,17 +127,17 @@ def run(
     ] = False,
     format_: FormatOption = None,
 ) -> None:
-    """Run a suite, or go on with one that was stopped; print its headline table."""
+    """Run a suite, or go on with a stopped run; print its headline table."""
     refuse_other_objects(options, config)
     suite = find(options.suite, ALL_SUITES, "suite")
     if dry_run:
         print(describe_run(options))
         return
     if not isinstance(suite, Suite):
-        done = import_module(f"bench.suites.{suite.id}.run").run(options)
-        texts = done.printed if format_ is None else [in_format(done.tables, format_)]
+        result = import_module(f"bench.suites.{suite.id}.run").run(options)
+        texts = result.printed if format_ is None else [in_format(result.tables, format_)]
         print("\n".join(texts))
-        print(f"{done.summary}\nresults in {done.directory}", file=sys.stderr)
+        print(f"{result.summary}\nresults in {result.directory}", file=sys.stderr)
         return
     finished = run_suite(options)
     if finished.outputs is not None:

@@ -278,8 +278,9 @@ def test_nobody_reads_the_output(buffered):
     assert (done.returncode, done.stderr) == (141, b"")
 
 
-def test_an_impatient_user_interrupts_once(clock):
-    handle = _interrupt_handler()
+def test_an_impatient_user_interrupts_once():
+    clock = [100.0]
+    handle = _interrupt_handler(lambda: clock[0])
     with pytest.raises(KeyboardInterrupt):
         handle(signal.SIGINT, None)
     clock[0] += 0.5

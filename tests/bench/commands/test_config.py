@@ -137,7 +137,7 @@ def test_the_request_of_a_run_states_its_defaults(finished, tmp_path, asked):
         ("a.toml", "suite: x", "a.toml: cannot be read .*; give a TOML file"),
         ("a.json", "{", "a.json: cannot be read"),
         ("a.json", "[]", "a.json: cannot be read"),
-        ("a.json", "{}", "a.json: says not what was asked for; give the manifest.json of a run"),
+        ("a.json", "{}", "a.json: has no options of a run; give the manifest.json of a run"),
         ("gone.toml", None, "gone.toml"),
     ],
 )

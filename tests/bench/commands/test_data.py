@@ -73,7 +73,7 @@ def test_an_irregular_tree(copied):
     found = inspect(f"paper:{copied}", 10, 1)
     assert found.irregular == (
         "chair, clouds: 1 are in no split and left out: extra",
-        "1 objects lack pictures: chair/test-0000 (2)",
+        "1 objects lack images: chair/test-0000 (2)",
         "1 objects lack view.txt: chair/test-0001",
         "1 of 2 read: a picture cannot be used (first chair/test-0000: render_3_128.png: no such "
         "file)",
