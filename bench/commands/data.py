@@ -24,7 +24,8 @@ from bench.commands.options import (
     OptionSpec,
     WorkersOption,
     options_from_dataclass,
-    read_path,
+    path_argument,
+    path_option,
     worker_count,
 )
 from bench.running.environment import cores
@@ -309,12 +310,7 @@ def inspect_data(
 @app.command("verify")
 def verify_data(
     folder: Annotated[
-        Path,
-        typer.Argument(
-            metavar="FOLDER",
-            help="An export, or the real meshes in sub-folders by class.",
-            parser=read_path,
-        ),
+        Path, path_argument("FOLDER", "An export, or the real meshes in sub-folders by class.")
     ],
 ) -> None:
     """Check that a folder is a whole export, or has the real meshes of the docs. Exit 1 if not."""
@@ -337,9 +333,7 @@ EXPORT_OPTIONS: dict[str, str | OptionSpec] = {
 
 @app.command("export")
 @options_from_dataclass(Options, EXPORT_OPTIONS)
-def export_data(
-    options: Options, out: Annotated[Path, typer.Option(help="The new folder.", parser=read_path)]
-) -> None:
+def export_data(options: Options, out: Annotated[Path, path_option("The new folder.")]) -> None:
     """Write the clouds, views and true images of a run as files with checksums."""
     print(f"{export(options, out)} objects written to {out}", file=sys.stderr)
     print(f"use          --dataset {shlex.quote(f'exported:{out}')}")

@@ -34,9 +34,17 @@ def read_path(text: str | Path) -> Path:
         raise typer.BadParameter(f"{text}: no such user; give the path") from error
 
 
-RunDirectory = Annotated[
-    Path, typer.Argument(metavar="DIR", help="The folder of a finished run.", parser=read_path)
-]
+def path_argument(metavar: str, help: str) -> Any:
+    """Return the settings of an argument that is a path, or several."""
+    return typer.Argument(metavar=metavar, help=help, parser=read_path)
+
+
+def path_option(help: str, *flags: str) -> Any:
+    """Return the settings of an option that is a path."""
+    return typer.Option(*flags, help=help, parser=read_path)
+
+
+RunDirectory = Annotated[Path, path_argument("DIR", "The folder of a finished run.")]
 
 
 class Group(TyperGroup):

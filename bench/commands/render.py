@@ -19,7 +19,8 @@ from bench.commands.options import (
     OptionSpec,
     WorkersOption,
     options_from_dataclass,
-    read_path,
+    path_argument,
+    path_option,
     worker_count,
 )
 from bench.rendering.cloud import (
@@ -111,7 +112,9 @@ def render(cloud: Path, options: RenderOptions) -> RenderResult:
     check_cloud_name(cloud)
     if not cloud.exists():
         raise BadInput(f"{cloud}: no such file; check its name")
-    out = options.out or _beside(cloud)
+    out = options.out or cloud.with_suffix(".png")
+    if options.out is None and out.exists():
+        raise BadInput(f"{out}: exists already; -o {out} replaces it, -o NAME keeps both")
     check(options, out)
     views = views_of(options, out)
     methods = tuple(dict.fromkeys(options.method))
@@ -206,14 +209,6 @@ def _frames(drawn: Mapping[Wanted, UInt8Images | Failed]) -> UInt8Images:
     return draw_sheet(tiles, columns_of(len(tiles)), SHEET_SCALE)
 
 
-def _beside(cloud: Path) -> Path:
-    """Return the image's name where none is given. Raises BadInput rather than replace a file."""
-    image = cloud.with_suffix(".png")
-    if image.exists():
-        raise BadInput(f"{image}: exists already; -o {image} replaces it, -o NAME keeps both")
-    return image
-
-
 RENDER_OPTIONS: dict[str, str | OptionSpec] = {
     "method": OptionSpec(
         "Method, see 'bench list'; several, comma-separated, make a sheet.", default=RECOMMENDED
@@ -240,12 +235,7 @@ RENDER_OPTIONS: dict[str, str | OptionSpec] = {
 def render_cloud(
     options: RenderOptions,
     cloud: Annotated[
-        Path,
-        typer.Argument(
-            metavar="CLOUD",
-            help="File: PLY, NPY, XYZ, TXT, CSV, PTS, LAS, LAZ, E57 or PCD.",
-            parser=read_path,
-        ),
+        Path, path_argument("CLOUD", "File: PLY, NPY, XYZ, TXT, CSV, PTS, LAS, LAZ, E57 or PCD.")
     ],
 ) -> None:
     """Draw the point cloud of a file. Exit 1 if the method fails; of several, if all fail.
@@ -281,8 +271,7 @@ def shrink_record(
     ] = 600.0,
     workers: WorkersOption = None,
     out: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", help="Folder. Default: DIR/shrunk/RECORD.", parser=read_path),
+        Path | None, path_option("Folder. Default: DIR/shrunk/RECORD.", "--out", "-o")
     ] = None,
 ) -> None:
     """Find the smallest cloud that still makes a method fail. Exit 1 if it does not fail here."""

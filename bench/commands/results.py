@@ -20,7 +20,7 @@ from bench.analysis.recommend import (
     at_condition,
 )
 from bench.analysis.recommend import recommend as best_methods
-from bench.commands.options import FormatOption, RunDirectory, names, read_path
+from bench.commands.options import FormatOption, RunDirectory, names, path_argument, path_option
 from bench.running.protocol import file_name
 from bench.tables.build import how_timed
 from bench.tables.markdown import visible
@@ -33,12 +33,9 @@ COMPARISONS = "comparisons"
 
 def merge(
     directories: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="DIR...", help="The folders of all shards of a run.", parser=read_path
-        ),
+        list[Path], path_argument("DIR...", "The folders of all shards of a run.")
     ],
-    out: Annotated[Path, typer.Option(help="The folder of the whole run.", parser=read_path)],
+    out: Annotated[Path, path_option("The folder of the whole run.")],
     format_: FormatOption = None,
 ) -> None:
     """Join shards ('bench run --shard k/N') to the whole run."""
@@ -64,10 +61,7 @@ def table(directory: RunDirectory, format_: FormatOption = None) -> None:
 def report(
     directory: RunDirectory,
     out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", "-o", help="The HTML file. Default: DIR/report.html.", parser=read_path
-        ),
+        Path | None, path_option("The HTML file. Default: DIR/report.html.", "--out", "-o")
     ] = None,
 ) -> None:
     """Make an HTML page of a run: tables, curves, images, worst cases, failures; offline."""
@@ -78,11 +72,8 @@ def report(
 
 
 def site(
-    directories: Annotated[
-        list[Path],
-        typer.Argument(metavar="DIR...", help="The folders of finished runs.", parser=read_path),
-    ],
-    out: Annotated[Path, typer.Option("--out", "-o", help="The new folder.", parser=read_path)],
+    directories: Annotated[list[Path], path_argument("DIR...", "The folders of finished runs.")],
+    out: Annotated[Path, path_option("The new folder.", "--out", "-o")],
 ) -> None:
     """Make a static site over many runs: ranks, methods, comparisons, downloads; offline."""
     from bench.report.site.write import write_site
@@ -93,12 +84,7 @@ def site(
 
 def check(
     directories: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="DIR",
-            help="The folder of a finished run; several with --claims.",
-            parser=read_path,
-        ),
+        list[Path], path_argument("DIR", "The folder of a finished run; several with --claims.")
     ],
     bless: Annotated[
         bool,
@@ -161,12 +147,7 @@ def _check_claims(directories: list[Path], methods: Sequence[str]) -> None:
 
 def compare(
     directories: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="DIR [DIR]",
-            help="The folder of one finished run, or of two.",
-            parser=read_path,
-        ),
+        list[Path], path_argument("DIR [DIR]", "The folder of one finished run, or of two.")
     ],
     methods: Annotated[
         str | None,
@@ -184,10 +165,7 @@ def compare(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            help="Folder for tables and figure. Default: comparisons/A-B in the last run.",
-            parser=read_path,
-        ),
+        path_option("Folder for tables and figure. Default: comparisons/A-B in the last run."),
     ] = None,
 ) -> None:
     """Compare two runs, or two methods of one, object by object: differences and ties."""

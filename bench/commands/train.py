@@ -16,7 +16,7 @@ from bench.commands.options import (
     expand_file,
     names,
     options_from_dataclass,
-    read_path,
+    path_option,
 )
 from bench.training.options import (
     AutoencoderOptions,
@@ -27,8 +27,8 @@ from bench.training.options import (
 
 app = typer.Typer(cls=Group, help="Train the networks.", **SETTINGS)
 Seed = Annotated[int, typer.Option(help="Seed of initial weights and batches.")]
-OUT = "Folder of the training; a training in it goes on."
-Folder = Annotated[Path, typer.Option(help=OUT, parser=read_path)]
+OUT = "Folder of the training; an earlier training in it is continued."
+Folder = Annotated[Path, path_option(OUT)]
 
 TRAIN_OPTIONS: dict[str, str | OptionSpec] = {
     "out": OUT,

@@ -101,12 +101,13 @@ def test_datasets_that_are_refused_by_name(command, no_machine, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        (("--foo",), "bench: No such option: --foo; see 'bench --help'\n"),
         (("run", "--suite", SUITE, "--views", "many"), "Invalid value for '--views': "),
         (
             ("run", "--suite", SUITE, "--device", "gpu"),
             "bench: Invalid value for '--device': 'gpu' is not one of 'auto', 'cpu', 'cuda'; see ",
         ),
-        (("run",), "Missing option '--suite'; see 'bench run --help'"),
+        (("run",), "bench: Missing option '--suite'; see 'bench run --help'\n"),
         (("table",), "Missing argument 'DIR'; see 'bench table --help'"),
         (("run", "--suit", SUITE), "No such option: --suit (Possible options: "),
         (

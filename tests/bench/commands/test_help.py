@@ -71,25 +71,3 @@ def test_a_group_alone_shows_its_help(words):
     assert ended.exit_code == 2
     assert ended.stderr.startswith(f"Usage: {' '.join(['bench', *words])} [OPTIONS] COMMAND")
     assert "--install-completion" not in ended.stderr
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["--foo"], "bench: No such option: --foo; see 'bench --help'\n"),
-        (
-            ["runn"],
-            "bench: unknown command 'runn': did you mean 'run'? there are run, plan, merge, list, "
-            "table and 12 more; see 'bench --help'\n",
-        ),
-        (["run"], "bench: Missing option '--suite'; see 'bench run --help'\n"),
-        (
-            ["train", "gan", "--zzz"],
-            "bench: No such option: --zzz; see 'bench train gan --help'\n",
-        ),
-    ],
-    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
-)
-def test_a_usage_error_is_one_line(words, said):
-    ended = CliRunner().invoke(app, words, prog_name="bench")
-    assert (ended.exit_code, ended.stderr) == (2, said)
