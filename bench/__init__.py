@@ -1,8 +1,8 @@
 """The harness: suites, methods, metrics, runs, tables, checks and the command line.
 
-`draw_cloud` and `turntable` make images of points. A folder is a room; `pyproject.toml` has their
-order. Packages of other people import some modules by the names that they had before there were
-rooms; these names go on working.
+`draw_cloud` and `turntable` make images of points. `pyproject.toml` has the order of the
+sub-packages. Other packages may import `bench.methods`, `bench.image_metric` and
+`bench.render_cloud`, the former names of three modules.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _PUBLIC = {
 
 
 class _Renamed(ModuleType):
-    """A module under its former name. It is imported when something of it is asked for."""
+    """A module under its former name, imported when a name in it is used."""
 
     def __getattr__(self, name: str) -> object:
         return getattr(import_module(_PUBLIC[self.__name__.removeprefix("bench.")]), name)
@@ -36,7 +36,7 @@ for _name in _PUBLIC:
 
 
 def __getattr__(name: str) -> Any:
-    """Return a public function; what it needs is imported when it is asked for."""
+    """Return a public function, whose module is imported now."""
     if name not in __all__:
         raise AttributeError(f"module 'bench' has no attribute '{name}'")
     return getattr(import_module("bench.rendering.points"), name)

@@ -1,9 +1,8 @@
 """The list of commands, each loaded when it is called. Results go to stdout, the rest to stderr.
 
-Exit status: 0 done, 1 a regression, a machine that cannot run, a training that diverged, a method
-that failed on a cloud or in a run on all objects, a failure that no longer occurs or a request that
-no method meets, 2 something the user has to fix, 130 interrupted, 141 nobody reads the output any
-more.
+Exit status: 0 done; 1 a regression, a machine that cannot run, a training that diverged, a failed
+method (on a cloud, or on all objects of a run), a failure that no longer occurs, or a request that
+no method meets; 2 an error for the user to fix; 130 interrupted; 141 output closed by its reader.
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib import import_module
 from typing import Annotated, Any
 
@@ -21,16 +20,16 @@ import typer
 from bench.commands.options import SETTINGS, USAGE_ERROR, Group
 
 COMMANDS = {  # name: module and name in it, first line of its help
-    "run": ("run:run", "Run a suite, or go on with one that was stopped; print its tables."),
-    "plan": ("plan:plan", "Estimate time, disk and memory of a run, and what saves."),
+    "run": ("run:run", "Run a suite, or go on with a stopped run; print its tables."),
+    "plan": ("plan:plan", "Measure a few jobs; estimate time, disk and memory of a run."),
     "merge": ("results:merge", "Join shards ('bench run --shard k/N') to the whole run."),
     "list": (
         "listing:list_all",
-        "Suites, methods and variants, conditions, metrics, datasets.",
+        "List suites, methods and variants, conditions, metrics, datasets.",
     ),
     "table": ("results:table", "Make the tables of a run again, from its records."),
     "check": ("results:check", "Compare a run with the golden values; exit 1 if one differs."),
-    "report": ("results:report", "Make one HTML file of a run: tables, curves, images; offline."),
+    "report": ("results:report", "Make an HTML page of a run: tables, curves, images; offline."),
     "site": ("results:site", "Make a static site over many runs: ranks, methods, comparisons."),
     "compare": ("results:compare", "Compare two runs, or two methods of one, object by object."),
     "recommend": ("results:recommend", "Recommend a method for a budget, or for a quality."),
@@ -38,7 +37,7 @@ COMMANDS = {  # name: module and name in it, first line of its help
     "render": ("render:render_cloud", "Draw the point cloud of a file."),
     "shrink": (
         "render:shrink_record",
-        "Reduce the cloud of a failed record; it still has to fail.",
+        "Find the smallest cloud that still makes a method fail.",
     ),
     "train": ("train:app", "Train the networks."),
     "data": ("data:app", "Inspect, verify and export datasets."),
@@ -49,36 +48,33 @@ INTERRUPT_EVERY_S = 1.0
 
 
 class Commands(Group):
-    """All commands; whatever ends one early becomes one line and an exit status.
-
-    Here and not around `app()`, because Typer itself catches interrupts and broken pipes there.
-    """
+    """The group of all commands. An error in one becomes a line on stderr and an exit status."""
 
     def list_commands(self, ctx: Any) -> list[str]:  # click's Context, which some Typers contain
-        """The names, in the order of their table."""
+        """Return the names of the commands in the order of the help."""
         return list(COMMANDS)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """The command, from its module; None where there is none of that name."""
+        """Return a command from its module; None for an unknown name."""
         if cmd_name not in COMMANDS:
             return None
         module, _, name = COMMANDS[cmd_name][0].partition(":")
-        found = getattr(import_module(f"bench.commands.{module}"), name)
-        if not isinstance(found, typer.Typer):
-            alone = typer.Typer(**SETTINGS)
-            alone.command(cmd_name)(found)
-            return typer.main.get_command(alone)
-        command = typer.main.get_command(found)
-        command.name = cmd_name
-        return command
+        function = getattr(import_module(f"bench.commands.{module}"), name)
+        if isinstance(function, typer.Typer):  # a group of commands
+            group = typer.main.get_command(function)
+            group.name = cmd_name
+            return group
+        single = typer.Typer(**SETTINGS)
+        single.command(cmd_name)(function)
+        return typer.main.get_command(single)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """The list in the help, without loading any command."""
+        """Write the commands into the help without loading any."""
         with formatter.section("Commands"):
             formatter.write_dl([(name, about) for name, (_, about) in COMMANDS.items()])
 
     def make_context(self, *args: Any, **kwargs: Any) -> Any:
-        """Read what stands before the command."""
+        """Read the options before the command."""
         try:
             return super().make_context(*args, **kwargs)
         except USAGE_ERROR as error:
@@ -86,6 +82,7 @@ class Commands(Group):
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command."""
+        # Typer catches interrupts and broken pipes around `app()`: they are handled within it.
         from bench.tables.markdown import visible
         from data_prep.failures import BadInput
         from learning.divergence import TrainingDiverged
@@ -100,7 +97,7 @@ class Commands(Group):
         except TrainingDiverged as error:
             print(f"bench: {visible(str(error))}; a lower learning rate may help", file=sys.stderr)
             raise typer.Exit(1) from error
-        except USAGE_ERROR as error:  # no such command or option, a value that it does not take
+        except USAGE_ERROR as error:  # an unknown command or option, or a wrong value
             raise _refused(error) from error
         except SystemExit as error:  # no command ends so, but the code of a package may
             print(
@@ -110,8 +107,8 @@ class Commands(Group):
             )
             raise typer.Exit(1) from error
         except KeyboardInterrupt as error:
-            goes_on = ctx.invoked_subcommand in ("run", "train")
-            hint = "; the same command goes on from here" if goes_on else ""
+            resumes = ctx.invoked_subcommand in ("run", "train")
+            hint = "; the same command goes on from here" if resumes else ""
             print(f"bench: interrupted{hint}", file=sys.stderr)
             # Python hands Ctrl-C back to the kernel when it ends: another one would kill it.
             signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -119,7 +116,7 @@ class Commands(Group):
         except BrokenPipeError as error:
             for stream in (sys.stdout, sys.stderr):  # Python flushes them when it ends
                 os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
-            raise typer.Exit(141) from error  # what other programs end with, killed by SIGPIPE
+            raise typer.Exit(141) from error  # as other programs end that SIGPIPE kills
         except OSError as error:  # a full disk, a folder that may not be written
             message = visible(str(error))
             print(f"bench: {message}; fix this, and the same command goes on", file=sys.stderr)
@@ -127,7 +124,7 @@ class Commands(Group):
 
 
 def _refused(error: Any) -> typer.Exit:
-    """Print a usage error as one line."""
+    """Print a usage error as one line, and return the exit with status 2."""
     from bench.tables.markdown import visible
 
     command = error.ctx.command_path if error.ctx else "bench"
@@ -166,19 +163,19 @@ def _all(
         ),
     ] = False,
 ) -> None:
-    """Makes this a group, though no command is registered here."""
+    """Make the app a group; its commands are not registered but loaded by name."""
 
 
-def _interrupt_handler() -> Callable[[int, object], None]:
-    """Return a handler of Ctrl-C that raises KeyboardInterrupt, but not twice within a second.
-
-    A second one would break off what the first has begun: stopping workers, closing files.
-    """
+def _interrupt_handler(
+    clock: Callable[[], float] = time.monotonic,
+) -> Callable[[int, object], None]:
+    """Return a handler of Ctrl-C that raises KeyboardInterrupt, but not twice within a second."""
+    # A second one would break off what the first has begun: stopping workers, closing files.
     last = float("-inf")
 
     def handle(signum: int, frame: object) -> None:
         nonlocal last
-        now = time.monotonic()
+        now = clock()
         if now > last + INTERRUPT_EVERY_S:
             last = now
             raise KeyboardInterrupt
@@ -186,14 +183,14 @@ def _interrupt_handler() -> Callable[[int, object], None]:
     return handle
 
 
-def main() -> None:
-    """Run the console script `bench`."""
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the console script `bench`; with `arguments`, else with those of the process."""
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # else it is ignored
         signal.signal(signal.SIGINT, _interrupt_handler())
-    for name in ("stdout", "stderr"):  # closed by the caller: there is nobody to tell
+    for name in ("stdout", "stderr"):  # None where the caller has closed it
         if getattr(sys, name) is None:
             setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_WRONLY), "w"))
-    app(prog_name="bench")
+    app(arguments, prog_name="bench")
 
 
 if __name__ == "__main__":

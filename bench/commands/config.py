@@ -1,4 +1,4 @@
-"""Options of a command in a file: TOML, or the manifest of a run, which repeats it."""
+"""The options of a command in a file: TOML, or the manifest of a run to repeat."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from bench.catalogue.suites import SUITES
-from bench.commands.options import USAGE_ERROR
+from bench.commands.options import USAGE_ERROR, read_path
 from bench.records.journal import PROTOCOL
 from bench.records.record import SCHEMA_VERSION
 from bench.running.options import Options
@@ -22,36 +22,39 @@ from data_prep.datasets.registry import open_dataset
 from data_prep.failures import BadInput, unknown
 from data_prep.files.safe_read import MIB, read_text
 
-REQUEST = "request"  # of a manifest: what the command said
-ITEM_SUITES = {suite.id: suite for suite in SUITES}
+REQUEST = "request"  # key in a manifest: the options of the command
+JOB_SUITES = {suite.id: suite for suite in SUITES}
 
 
 def read_config(path: Path) -> dict[str, Any]:
     """Return the options in a file, by their names with underscores.
 
-    A list is what the command line separates by commas. Raises BadInput for a file that cannot be
-    read, is not TOML, or is a JSON file that is no manifest of a run which this version can repeat.
+    A list becomes text separated by commas, as on the command line. Raises BadInput for a file that
+    cannot be read, is not TOML, or is a JSON file but no manifest that this version can repeat.
     """
     values = _repeated(path, _manifest(path)) if path.suffix == ".json" else _toml(path)
-    return {name.replace("-", "_"): _as_given(value) for name, value in values.items()}
+    return {
+        name.replace("-", "_"): ",".join(map(str, value)) if isinstance(value, list) else value
+        for name, value in values.items()
+    }
 
 
 def refuse_other_objects(options: Options, path: Path | None) -> None:
     """Raise BadInput where a run is to be repeated and would have other objects.
 
-    Options choose the first of each class (or a shard): what was complete of a run that was stopped
-    may be others, and the dataset may have changed. Not asked where the command line says
-    otherwise.
+    Options choose the first objects of each class, or a shard. The complete objects of a stopped
+    run may be others, and the dataset may have changed. Other options of the command line are not
+    refused.
     """
-    if path is None or path.suffix != ".json" or options.suite not in ITEM_SUITES:
+    if path is None or path.suffix != ".json" or options.suite not in JOB_SUITES:
         return
-    manifest, said = _manifest(path), read_config(path)
+    manifest, repeated = _manifest(path), read_config(path)
     shard = str(options.shard) if options.shard else None
     if (options.suite, options.dataset, options.limit, shard) != (
-        *(said.get(name) for name in ("suite", "dataset", "limit", "shard")),
+        *(repeated.get(name) for name in ("suite", "dataset", "limit", "shard")),
     ):
         return
-    suite = ITEM_SUITES[options.suite]
+    suite = JOB_SUITES[options.suite]
     names = [name_of(obj) for obj in objects_of(suite, open_dataset(options.dataset), options)]
     if names != manifest.get("objects"):
         raise BadInput(
@@ -80,27 +83,27 @@ def _manifest(path: Path) -> Mapping[str, Any]:
         raise BadInput(f"{path}: cannot be read ({error}); give a TOML file") from error
     if not isinstance(request, Mapping):
         raise BadInput(
-            f"{path}: says not what was asked for; give the manifest.json of a run of this version"
+            f"{path}: has no options of a run; give the manifest.json of a run of this version"
         )
     return manifest
 
 
 def _repeated(path: Path, manifest: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return the request of a run, with what it has measured in place of what it left to defaults.
+    """Return the request of a run, with the methods, conditions and views that it has measured.
 
     Raises BadInput for a run of another version of the protocol or of the schema.
     """
-    for what, version, ours in (
+    for name, version, ours in (
         (PROTOCOL, manifest.get(PROTOCOL, 1), PROTOCOL_VERSION),
         ("schema", manifest.get("schema_version"), SCHEMA_VERSION),
     ):
         if version != ours:
             raise BadInput(
-                f"{path}: of {what} {version}, this version has {ours} and would measure something "
+                f"{path}: of {name} {version}, this version has {ours} and would measure something "
                 "else; use the version that made it, or state the options in a TOML file"
             )
     request = manifest[REQUEST]
-    if request.get("suite") not in ITEM_SUITES:
+    if request.get("suite") not in JOB_SUITES:
         return request
     names = ("methods", "conditions", "views")
     repeated = request | {name: manifest[name] for name in names if name in manifest}
@@ -110,13 +113,8 @@ def _repeated(path: Path, manifest: Mapping[str, Any]) -> Mapping[str, Any]:
     return repeated | ({"limit": max(classes.values())} if classes else {})
 
 
-def _as_given(value: Any) -> Any:
-    """Return a value as the command line would have it."""
-    return ",".join(map(str, value)) if isinstance(value, list) else value
-
-
 def _take(context: typer.Context, path: Path | None) -> Path | None:
-    """Make the options of the file the defaults of the command.
+    """Make the options of the file the defaults of the command; return its path.
 
     Raises BadInput for an unknown option, and for a value that it does not take.
     """
@@ -141,10 +139,8 @@ def _take(context: typer.Context, path: Path | None) -> Path | None:
 
 
 def _check(path: Path, context: typer.Context, name: str, option: Any, value: Any) -> None:
-    """Raise BadInput for a value that an option does not take.
-
-    The command line makes text of any kind of value: it would take true and 1.5 for 1.
-    """
+    """Raise BadInput for a value that an option does not take."""
+    # The command line converts any kind of value from text: it would take true and 1.5 for 1.
     where = f"{path}: {name} = {value!r}"
     if isinstance(value, bool) != option.is_flag or not isinstance(value, bool | int | str):
         kinds = "true or false" if option.is_flag else "text, a whole number or a list of names"
@@ -162,7 +158,8 @@ ConfigOption = Annotated[
         metavar="FILE",
         is_eager=True,  # the others have their defaults from it
         callback=_take,
+        parser=read_path,
         help="Options in a TOML file, or the manifest.json of a run, to repeat it. Options of the "
-        "command line come first. Default: none.",
+        "command line replace those of the file. Default: none.",
     ),
 ]

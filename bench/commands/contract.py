@@ -1,4 +1,4 @@
-"""`bench test`: whether a method, a metric or a dataset keeps to what the benchmark expects."""
+"""`bench test`: the check of a plug-in against the contract of the benchmark."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ def test(
         typer.Argument(
             metavar="NAME",
             help="A method ('convex-hull', 'splat-net@FILE.safetensors'), a metric of another "
-            "package, a dataset ('list:PATH'), or MODULE:NAME of a module that no package "
-            "announces yet, of a reader MODULE:NAME:PATH. Such a module is found in the current "
-            "folder, too: this form alone executes what is there.",
+            "package, a dataset ('list:PATH'), or MODULE:NAME of a module without a package, of a "
+            "reader MODULE:NAME:PATH. The module may be in the current folder: this form alone "
+            "executes files of it.",
         ),
     ],
 ) -> None:
@@ -42,7 +42,7 @@ def test(
 
 
 def printed(findings: Iterable[Finding]) -> list[Finding]:
-    """Print a line for each finding, as it comes; return all."""
+    """Print a line for each finding as it comes, and return all."""
     shown = []
     for finding in findings:
         print(f"{finding.verdict:<4} {finding.subject}: {visible(finding.text)}", flush=True)
@@ -51,6 +51,6 @@ def printed(findings: Iterable[Finding]) -> list[Finding]:
 
 
 def conclude(findings: Iterable[Finding]) -> None:
-    """Print a line for each; end with status 1 where one is not ok."""
+    """Print a line for each finding; exit with status 1 where one is not ok."""
     if is_blocked(printed(findings)):
         raise typer.Exit(1)

@@ -1,9 +1,6 @@
-"""What was understood of a dataset, and what is missing or odd in it: `bench data inspect`; whether
-a folder is an export, or the set of real meshes of the documentation: `bench data verify`; and a
-run's inputs as files: `bench data export`.
+"""`bench data`: inspection of a dataset, check of its files, and export of a run's inputs.
 
-Folders are listed in full; files are read of some objects of each class, in workers, because nobody
-vouches for them.
+`inspect` lists folders in full, and reads the files of some objects of each class.
 """
 
 from __future__ import annotations
@@ -27,12 +24,15 @@ from bench.commands.options import (
     OptionSpec,
     WorkersOption,
     options_from_dataclass,
+    path_argument,
+    path_option,
     worker_count,
 )
 from bench.running.environment import cores
 from bench.running.export import export
 from bench.running.isolation import WorkerFailure, run_tasks
 from bench.running.options import Options
+from bench.running.protocol import name_of
 from bench.tables.markdown import visible
 from bench.tables.published import RESULTS
 from data_prep.datasets.dataset import Dataset, listed
@@ -53,17 +53,23 @@ REAL_MESHES = RESULTS / "real-meshes.csv"
 EXPORTED_SUFFIXES = (".csv", ".ply", ".png")
 LIMITS = Limits(time_s=120.0, memory_gib=4.0)  # for one object
 ENDLESS_SAMPLE = 3  # objects of a class where the dataset has no end
-# Readings of the angles closer than this are not distinguished: an object that looks nearly the
-# same from both sides, with the outermost points of its outlines beside its pixels.
+# Readings of the angles closer than this are not distinguished: an object may look nearly the same
+# from both sides, and the outermost points of its outline fall beside its pixels.
 INDIFFERENCE = 0.01
 
 
 @dataclass(frozen=True)
 class Inspection:
-    """The lines of a report, and what is irregular, a line each.
+    """A report on a dataset.
 
-    spec    the dataset as `bench run` takes it
-    clouds  whether all that was read are clouds without a mesh, which cannot be scored
+    Attributes
+    ----------
+    spec : str
+        The dataset as `bench run` takes it.
+    lines, irregular : tuple of str
+        Lines of the report, and of it the irregularities.
+    clouds : bool
+        Whether all objects that were read are clouds without a mesh, which cannot be scored.
     """
 
     spec: str
@@ -73,39 +79,47 @@ class Inspection:
 
 
 @dataclass(frozen=True)
-class _Examined:
-    """What an object showed: what is odd, and where; how well its cloud fits its images.
+class _ObjectReport:
+    """The findings on an object.
 
-    bare  whether it is a cloud without a mesh
+    Attributes
+    ----------
+    problems : tuple
+        Kind and place of each problem.
+    agreement : tuple of float or None
+        The share of its points on its silhouettes, for each reading of the angles.
+    bare : bool
+        Whether it is a cloud without a mesh.
     """
 
-    odd: tuple[tuple[str, str], ...]
+    problems: tuple[tuple[str, str], ...]
     agreement: tuple[float, ...] | None = None
     bare: bool = False
 
 
 def inspect(location: str, sample: int, workers: int) -> Inspection:
-    """Look at a dataset ("shapenet:PATH"), or at a folder, whose layout is found out.
+    """Inspect a dataset ("shapenet:PATH"), or a folder, whose layout is recognised.
 
-    `sample` objects of each class are read, spread over those that are measured. Raises BadInput
-    where there is nothing to be used at all.
+    `sample` objects of each class are read, spread over those that a run would measure. Raises
+    BadInput where nothing can be used at all.
     """
     if sample < 0:
         raise BadInput(f"--sample {sample}: must be at least 0")
     spec = location if is_dataset(location) else f"{layout_of(location)}:{location}"
     dataset = open_dataset(spec)
     chosen = _sample(dataset, sample)
-    examined: dict[str, _Examined] = {}
+    reports: dict[str, _ObjectReport] = {}
     with progress("reading", len(chosen)) as advance:
-        for obj, found in run_tasks(chosen, _examine, max(1, min(workers, len(chosen))), LIMITS):
-            if isinstance(found, WorkerFailure):
-                found = _Examined((("it cannot be read", found.reason),))
-            examined[f"{obj.class_name}/{obj.object_id}"] = found
-            advance(sum(bool(one.odd) for one in examined.values()))
-    fit, misfit = _fit(examined)
-    clouds = bool(examined) and all(one.bare for one in examined.values())
-    odd = [] if clouds else _grouped(examined)
-    irregular = (*dataset.irregular, *_without_images(dataset), *odd, *misfit)
+        # In workers: the files come from strangers.
+        for obj, outcome in run_tasks(chosen, _examine, max(1, min(workers, len(chosen))), LIMITS):
+            if isinstance(outcome, WorkerFailure):
+                outcome = _ObjectReport((("it cannot be read", outcome.reason),))
+            reports[name_of(obj)] = outcome
+            advance(sum(bool(report.problems) for report in reports.values()))
+    fit, misfit = _fit(reports)
+    clouds = bool(reports) and all(report.bare for report in reports.values())
+    problems = [] if clouds else _grouped(reports)
+    irregular = (*dataset.irregular, *_without_images(dataset), *problems, *misfit)
     lines = (
         f"layout       {dataset.layout}",
         f"orientation  {dataset.orientation}",
@@ -118,7 +132,7 @@ def inspect(location: str, sample: int, workers: int) -> Inspection:
 
 
 def _counts(dataset: Dataset) -> list[str]:
-    """Objects by class and split."""
+    """Return a line with the number of objects for each class, by split."""
     if dataset.finite is None:
         return [f"classes      {', '.join(dataset.classes)}: as many objects as one asks for"]
     if not dataset.classes:
@@ -138,75 +152,76 @@ def _counts(dataset: Dataset) -> list[str]:
 
 
 def _sample(dataset: Dataset, sample: int) -> list[SceneObject]:
+    """Return the objects to read."""
     chosen: list[SceneObject] = []
     for name in dataset.classes or ("",):
         if dataset.finite is None:
             chosen += dataset.objects(name, min(sample, ENDLESS_SAMPLE), 0)
             continue
         pool = dataset.splits.get(dataset.measured, ()) or dataset.finite
-        own = [obj for obj in pool if not name or obj.class_name == name]
-        rows = np.linspace(0, len(own) - 1, min(sample, len(own))).round().astype(int)
-        chosen += [own[row] for row in rows]
+        of_class = [obj for obj in pool if not name or obj.class_name == name]
+        count = min(sample, len(of_class))
+        rows = np.linspace(0, len(of_class) - 1, count).round().astype(int)
+        chosen += [of_class[row] for row in rows]
     return chosen
 
 
-def _examine(obj: SceneObject) -> _Examined:
+def _examine(obj: SceneObject) -> _ObjectReport:
     if isinstance(obj, PaperObject):
-        odd = tuple(find_problems(obj))
+        problems = tuple(find_problems(obj))
         try:
-            return _Examined(odd, tuple(agreement(obj)))
-        except BadInput:  # printed above
-            return _Examined(odd)
+            return _ObjectReport(problems, tuple(agreement(obj)))
+        except BadInput:  # a problem already
+            return _ObjectReport(problems)
     try:
         obj.cloud(generator("inspect"))
     except MissingDependency:
         raise
     except BadInput as error:
         bare = isinstance(error, NoFaces) and Path(obj.object_id).suffix.lower() in CLOUD_SUFFIXES
-        return _Examined((("it cannot be used", str(error)),), bare=bare)
-    return _Examined((), bare=isinstance(obj, BareCloud))
+        return _ObjectReport((("it cannot be used", str(error)),), bare=bare)
+    return _ObjectReport((), bare=isinstance(obj, BareCloud))
 
 
-def _grouped(examined: Mapping[str, _Examined]) -> list[str]:
-    """What is odd about the objects that were read, a line for each kind."""
+def _grouped(reports: Mapping[str, _ObjectReport]) -> list[str]:
+    """Return a line for each kind of problem."""
     groups: dict[str, dict[str, str]] = {}
-    for name, found in sorted(examined.items()):
-        for kind, where in found.odd:
-            groups.setdefault(kind, {}).setdefault(name, where)
+    for name, report in sorted(reports.items()):
+        for kind, place in report.problems:
+            groups.setdefault(kind, {}).setdefault(name, place)
     lines = []
-    for kind, where in groups.items():
-        name, detail = next(iter(where.items()))
-        lines.append(f"{len(where)} of {len(examined)} read: {kind} (first {name}: {detail})")
+    for kind, places in groups.items():
+        name, place = next(iter(places.items()))
+        lines.append(f"{len(places)} of {len(reports)} read: {kind} (first {name}: {place})")
     return lines
 
 
 def _without_images(dataset: Dataset) -> list[str]:
-    """Objects that have a folder of images with gaps."""
+    """Return lines on the objects with an incomplete folder of images."""
     gaps, blind = [], []
     for obj in dataset.finite or ():
         if isinstance(obj, PaperObject) and obj.renders.is_dir():
             missing = sum(not is_regular_file(path) for path in obj.image_files())
-            name = f"{obj.class_name}/{obj.object_id}"
             if missing:
-                gaps.append(f"{name} ({missing})")
+                gaps.append(f"{name_of(obj)} ({missing})")
             if not is_regular_file(obj.renders / VIEWS):
-                blind.append(name)
+                blind.append(name_of(obj))
     return [
-        *([f"{len(gaps)} objects lack pictures: {listed(gaps)}"] if gaps else []),
+        *([f"{len(gaps)} objects lack images: {listed(gaps)}"] if gaps else []),
         *([f"{len(blind)} objects lack {VIEWS}: {listed(blind)}"] if blind else []),
     ]
 
 
-def _fit(examined: Mapping[str, _Examined]) -> tuple[list[str], list[str]]:
-    """How well clouds and images agree, and whether another reading of the angles is better."""
-    shares = [found.agreement for found in examined.values() if found.agreement is not None]
+def _fit(reports: Mapping[str, _ObjectReport]) -> tuple[list[str], list[str]]:
+    """Return a line on how well clouds and images agree: a regular one, or an irregular one."""
+    shares = [report.agreement for report in reports.values() if report.agreement is not None]
     if not shares:
         return [], []
     means = np.mean(shares, axis=0)
     best = 1 + int(np.argmax(means[1:]))
     sense, turn = READINGS[best]
     other = f"{'the same' if sense > 0 else 'the other'} sense, turned by {turn} degrees"
-    message = f"{means[0]:.1%} of the points fall on the object in their pictures"
+    message = f"{means[0]:.1%} of the points fall on the object in their images"
     against = f"{means[best]:.1%} for the next best reading of the azimuth ({other})"
     if means[best] > means[0] + INDIFFERENCE:
         return [], [f"angles do not fit: {message}, {against}"]
@@ -215,19 +230,25 @@ def _fit(examined: Mapping[str, _Examined]) -> tuple[list[str], list[str]]:
 
 @dataclass(frozen=True)
 class Verification:
-    """How a folder differs from a list of its files, by name."""
+    """The files of a folder that differ from its list, and the number of the others."""
 
     missing: tuple[str, ...]
     changed: tuple[str, ...]
     further: tuple[str, ...]
     same: int
 
+    @property
+    def differing(self) -> list[tuple[str, str]]:
+        """Return kind and name of each file that differs."""
+        kinds = ("MISSING", self.missing), ("CHANGED", self.changed), ("FURTHER", self.further)
+        return [(kind, name) for kind, names in kinds for name in names]
+
 
 def verify(folder: Path, listing: Path = REAL_MESHES) -> Verification:
-    """Compare the files of a folder with a list of files and checksums: its own where it is an
-    export, else that of the real meshes.
+    """Compare the files of a folder with a list of files and checksums.
 
-    Raises BadInput where the folder or the list is not there.
+    The list of an export is its own; others are compared with the real meshes. Raises BadInput for
+    a missing folder or list.
     """
     if not folder.is_dir():
         raise BadInput(f"{folder}: no such folder; give that of the meshes, or an export")
@@ -239,24 +260,24 @@ def verify(folder: Path, listing: Path = REAL_MESHES) -> Verification:
             "fetch that file, or export it again"
         )
     elif not listing.is_file():
-        raise BadInput(f"{listing}: not there; run from a checkout that has it")
+        raise BadInput(f"{listing}: no such file; run from a checkout that has it")
     else:
         with listing.open(encoding="utf-8", newline="") as file:
             wanted = {row["file"]: row["sha256"] for row in csv.DictReader(file)}
         suffixes = SUFFIXES
     classes = {PurePosixPath(name).parts[0] for name in wanted}
-    there = {
+    files = {
         path.relative_to(folder).as_posix(): path
         for name in sorted(classes)
         for path in sorted([folder / name, *(folder / name).rglob("*")])
         if path.suffix.lower() in suffixes and is_regular_file(path)
     }
-    common = wanted.keys() & there.keys()
-    changed = sorted(name for name in common if file_sha256(there[name]) != wanted[name])
+    common = wanted.keys() & files.keys()
+    changed = sorted(name for name in common if file_sha256(files[name]) != wanted[name])
     return Verification(
-        missing=tuple(sorted(wanted.keys() - there.keys())),
+        missing=tuple(sorted(wanted.keys() - files.keys())),
         changed=tuple(changed),
-        further=tuple(sorted(there.keys() - wanted.keys())),
+        further=tuple(sorted(files.keys() - wanted.keys())),
         same=len(common) - len(changed),
     )
 
@@ -269,40 +290,37 @@ def inspect_data(
     location: Annotated[
         str,
         typer.Argument(
-            metavar="PATH", help="A folder, or a dataset as of 'bench run', shapenet:PATH say."
+            metavar="PATH", help="A folder, or a dataset as 'bench run' takes it, as shapenet:PATH."
         ),
     ],
     sample: Annotated[int, typer.Option(help="Objects read of each class.")] = 10,
     workers: WorkersOption = None,
 ) -> None:
-    """Show what a dataset holds. Exit 1 if something is missing or odd."""
-    found = inspect(location, sample, worker_count(workers) or cores())
-    for line in found.lines:
+    """Print the classes, splits and problems of a dataset. Exit 1 if there is a problem."""
+    inspection = inspect(location, sample, worker_count(workers) or cores())
+    for line in inspection.lines:
         print(visible(line))
-    for line in found.irregular:
+    for line in inspection.irregular:
         print(f"IRREGULAR    {visible(line)}")
-    use = "bench render FILE" if found.clouds else f"--dataset {shlex.quote(found.spec)}"
-    print(f"use          {use}")
-    if found.irregular:
+    dataset = f"--dataset {shlex.quote(inspection.spec)}"
+    print(f"use          {'bench render FILE' if inspection.clouds else dataset}")
+    if inspection.irregular:
         raise typer.Exit(1)
 
 
 @app.command("verify")
 def verify_data(
     folder: Annotated[
-        Path,
-        typer.Argument(
-            metavar="FOLDER", help="An export, or the real meshes in sub-folders by class."
-        ),
+        Path, path_argument("FOLDER", "An export, or the real meshes in sub-folders by class.")
     ],
 ) -> None:
-    """Say whether a folder holds a whole export, or the real meshes of the docs. Exit 1 if not."""
-    found = verify(folder)
-    print(f"{found.same} files are those of the list")
-    for what in ("missing", "changed", "further"):
-        for name in getattr(found, what):
-            print(f"{what.upper():<8} {visible(name)}")
-    if found.missing or found.changed or found.further:
+    """Check that a folder is a whole export, or has the real meshes of the docs. Exit 1 if not."""
+    verification = verify(folder)
+    print(f"{verification.same} files are those of the list")
+    differing = verification.differing
+    for kind, name in differing:
+        print(f"{kind:<8} {visible(name)}")
+    if differing:
         raise typer.Exit(1)
 
 
@@ -316,9 +334,7 @@ EXPORT_OPTIONS: dict[str, str | OptionSpec] = {
 
 @app.command("export")
 @options_from_dataclass(Options, EXPORT_OPTIONS)
-def export_data(
-    options: Options, out: Annotated[Path, typer.Option(help="The new folder.")]
-) -> None:
+def export_data(options: Options, out: Annotated[Path, path_option("The new folder.")]) -> None:
     """Write the clouds, views and true images of a run as files with checksums."""
     print(f"{export(options, out)} objects written to {out}", file=sys.stderr)
     print(f"use          --dataset {shlex.quote(f'exported:{out}')}")

@@ -1,4 +1,4 @@
-"""`bench doctor`: is everything here that a run needs? One line per finding, with the remedy."""
+"""`bench doctor`: a check of the installation, a line for each finding, with the remedy."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import importlib
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from subprocess import CompletedProcess
@@ -15,8 +15,8 @@ from typing import Annotated
 
 import typer
 
-from bench.catalogue.methods import METHODS
-from bench.catalogue.metrics import SET_METRICS, WeightsUnavailable
+from bench.catalogue.methods import METHODS, Method
+from bench.catalogue.metrics import SET_METRICS, FeatureSource, WeightsUnavailable
 from bench.catalogue.plugins import plugin_problems
 from bench.checking.contract.findings import Finding
 from bench.commands.contract import conclude
@@ -29,8 +29,14 @@ WITHOUT_DEPENDENCIES = Path(__file__).with_name("without-dependencies.txt")
 OPTIONAL = ("libusb-1.0-0",)  # Open3D only
 
 
-def examine() -> Iterator[Finding]:
-    """All findings about this machine and installation, cheap ones first."""
+def examine(
+    version: Callable[[str], str] = version,
+    load_library: Callable[[str], object] = ctypes.CDLL,
+    environment: Callable[[], dict[str, str]] = environment,
+    methods: Sequence[Method] = METHODS,
+    metrics: Sequence[FeatureSource] = SET_METRICS,
+) -> Iterator[Finding]:
+    """Yield all findings about this machine and installation, cheap ones first."""
     for package in PACKAGES:
         try:
             yield Finding(True, package, version(package))
@@ -39,7 +45,7 @@ def examine() -> Iterator[Finding]:
             yield Finding(False, package, f"not installed: run '{remedy}'")
     for debian, library in DEBIAN_PACKAGES.items():
         try:
-            ctypes.CDLL(library)
+            load_library(library)
             yield Finding(True, library, "found")
         except OSError:
             need = "optional, for Open3D" if debian in OPTIONAL else "needed"
@@ -50,14 +56,14 @@ def examine() -> Iterator[Finding]:
         yield Finding(True, "rendering", environment()["gl"])
     except MissingDependency as error:
         yield Finding(False, "rendering", str(error))
-    for method in METHODS:
+    for method in methods:
         try:
             yield Finding(True, f"method {method.id}", method.identity() or "ready")
         except MissingDependency as error:  # of an extra
             yield Finding(True, f"method {method.id}", f"not available: {error}")
         except (BadInput, PackageNotFoundError) as error:
             yield Finding(False, f"method {method.id}", str(error))
-    for metric in SET_METRICS:
+    for metric in metrics:
         try:
             yield Finding(True, f"metric {metric.id}", str(metric.weights(None)))
         except WeightsUnavailable as error:
@@ -75,8 +81,8 @@ def install(run: Callable[..., CompletedProcess[bytes]] = subprocess.run) -> Non
 
     `run` is `subprocess.run`. Raises BadInput where pip fails or is missing.
     """
-    options = ("--disable-pip-version-check", "--no-deps", "-r", str(WITHOUT_DEPENDENCIES))
-    done = run(own_python("-m", "pip", "install", *options), stdout=sys.stderr, check=False)
+    arguments = ("--disable-pip-version-check", "--no-deps", "-r", str(WITHOUT_DEPENDENCIES))
+    done = run(own_python("-m", "pip", "install", *arguments), stdout=sys.stderr, check=False)
     importlib.invalidate_caches()
     if done.returncode:
         packages = " ".join(pinned())

@@ -1,12 +1,9 @@
-"""The objects that moved most against the golden values, side by side with how they were."""
+"""The sheet of the objects that moved most, each beside its golden thumbnail."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-
-import numpy as np
-from numpy.typing import NDArray
 
 from bench.checking.objects import GoldenDeviation, StoredImages, golden_thumbnails, number
 from bench.checking.thumbnails import SIDE
@@ -26,14 +23,13 @@ SCALE = 2
 def write_deviations(directory: Path, moved: Sequence[GoldenDeviation]) -> Path | None:
     """Draw the objects that moved most beside their golden thumbnails into a run's folder.
 
-    The image is of the first view. Of an object with a method at a condition, the metric counts
-    that moved most. Where nothing moved there is no file, and an old one is removed. Raises
-    CannotWrite.
+    The image is of the first view. Among the metrics of an object with a method at a condition, the
+    one that moved most counts. Without any object an old file is removed. Raises CannotWrite.
     """
     path = directory / FIGURES / MOVED
     worst: dict[object, GoldenDeviation] = {}
-    for one in sorted(moved, key=lambda one: -one.excess):
-        worst.setdefault(one.item, one)
+    for deviation in sorted(moved, key=lambda deviation: -deviation.excess):
+        worst.setdefault(deviation.item, deviation)
     shown = list(worst.values())[:MOST]
     if not shown:
         try:
@@ -44,18 +40,15 @@ def write_deviations(directory: Path, moved: Sequence[GoldenDeviation]) -> Path 
     stored = StoredImages(directory)
     thumbnails = golden_thumbnails(str(read_manifest(directory)["suite"]))
     tiles = []
-    for one in shown:
-        images = stored.images(one.item)
-        method, condition, *obj = one.item
+    times = IMAGE_SIZE // SIDE
+    for deviation in shown:
+        images = stored.images(deviation.item)
+        method, condition, *obj = deviation.item
         drawn = "no image" if images is None else images[:1]
-        tiles.append(Tile(f"{'/'.join(obj)}: {one.metric} {number(one.actual)}", drawn))
-        before = f"golden {number(one.golden)}, {method}, {condition}"
-        tiles.append(Tile(before, _enlarged(thumbnails[one.line])))
+        value = f"{deviation.metric} {number(deviation.actual)}"
+        tiles.append(Tile(f"{'/'.join(obj)}: {value}", drawn))
+        before = f"golden {number(deviation.golden)}, {method}, {condition}"
+        thumbnail = thumbnails[deviation.line].repeat(times, axis=0).repeat(times, axis=1)
+        tiles.append(Tile(before, thumbnail[None]))
     write_images(draw_sheet(tiles, min(ACROSS, len(tiles)), SCALE), path)
     return path
-
-
-def _enlarged(thumbnail: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """[1, IMAGE_SIZE, IMAGE_SIZE, 3]: each pixel a square."""
-    times = IMAGE_SIZE // SIDE
-    return thumbnail.repeat(times, axis=0).repeat(times, axis=1)[None]

@@ -1,10 +1,10 @@
-"""`bench list`: what can be run, drawn, perturbed, measured and read."""
+"""`bench list`: suites, methods, conditions, metrics and datasets by their ids."""
 
 from __future__ import annotations
 
 
 def list_all() -> None:
-    """Suites, methods and their variants, conditions, metrics and datasets."""
+    """List suites, methods and their variants, conditions, metrics and datasets."""
     from bench.catalogue.methods import COST_VARIANTS, METHODS, plugin_ids
     from bench.catalogue.metrics import (
         CONTROL_METRICS,
@@ -39,16 +39,22 @@ def list_all() -> None:
             *((id_, _of_package("metric", id_, "; see 'bench score'")) for id_ in metric_ids()),
         ],
         "datasets": [
-            ("procedural", "parametric shapes, nothing to download (the default); test split"),
-            ("procedural:validation", "the same, on the split for making choices"),
-            ("procedural:sealed", "the same, on the split for final numbers: choose nothing by it"),
+            ("procedural", "parametric shapes, without a download (the default); test split"),
+            ("procedural:validation", "parametric shapes, the split for making choices"),
+            (
+                "procedural:sealed",
+                "parametric shapes, the split for final numbers: choose nothing by it",
+            ),
             ("procedural:novel-families", "chairs of structures that no other split has"),
             ("procedural:widened", "for training: shapes that vary more than their classes do"),
             ("folder:PATH", "your meshes; sub-folders are classes"),
-            ("shapenet:PATH", "ShapeNetCore v1 or v2, split by all.csv where that is there"),
+            ("shapenet:PATH", "ShapeNetCore v1 or v2, split by all.csv if it has that file"),
             ("modelnet:PATH", "ModelNet10 or 40, split by folders or by lists"),
-            ("exported:PATH", "what 'bench data export' wrote: clouds, views and true images"),
-            ("paper:PATH", "clouds, 20 pictures each and their cameras, as the paper's code has"),
+            ("exported:PATH", "a folder of 'bench data export': clouds, views and true images"),
+            (
+                "paper:PATH",
+                "clouds, 20 images of each and their cameras, as the paper's code has them",
+            ),
             *((f"{id_}:PATH", _of_package("dataset", id_)) for id_ in entry_point_names(DATASETS)),
         ],
     }

@@ -1,4 +1,4 @@
-"""The options of commands, each stated once; a dataclass's fields become options of a command."""
+"""The options that commands share, and options made from the fields of a dataclass."""
 
 from __future__ import annotations
 
@@ -20,14 +20,38 @@ from data_prep.failures import BadInput, unknown
 # Click's, which some Typers contain.
 USAGE_ERROR: Any = typer.BadParameter.__mro__[1]
 SETTINGS: dict[str, Any] = {"add_completion": False, "rich_markup_mode": None}
-RunDirectory = Annotated[Path, typer.Argument(metavar="DIR", help="The folder of a finished run.")]
+
+
+def read_path(text: str | Path) -> Path:
+    """Return a path of the command line with the home folder in place of ~.
+
+    A shell leaves the ~ in `--out=~/x`, and a file of options has it as well. The parser of every
+    option and argument that is a path. Raises typer.BadParameter for an unknown user's home.
+    """
+    try:
+        return Path(text).expanduser()
+    except RuntimeError as error:
+        raise typer.BadParameter(f"{text}: no such user; give the path") from error
+
+
+def path_argument(metavar: str, help: str) -> Any:
+    """Return the settings of an argument that is a path, or several."""
+    return typer.Argument(metavar=metavar, help=help, parser=read_path)
+
+
+def path_option(help: str, *flags: str) -> Any:
+    """Return the settings of an option that is a path."""
+    return typer.Option(*flags, help=help, parser=read_path)
+
+
+RunDirectory = Annotated[Path, path_argument("DIR", "The folder of a finished run.")]
 
 
 class Group(TyperGroup):
     """A group of commands. Without arguments it shows its help and ends with status 2."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # click's Context
-        """Return what stands before the command, and the command."""
+        """Return the arguments from the command on; without any, print the help."""
         if not args:
             print(ctx.get_help(), file=sys.stderr)
             raise typer.Exit(2)
@@ -42,7 +66,7 @@ class Group(TyperGroup):
 
 
 class Device(StrEnum):
-    """Where networks run."""
+    """The device on which networks run."""
 
     auto = "auto"
     cpu = "cpu"
@@ -50,35 +74,27 @@ class Device(StrEnum):
 
 
 def names(text: str | None) -> tuple[str, ...] | None:
-    """The names in a comma-separated list; None for None. Raises BadInput for an empty list."""
+    """Return the names in a comma-separated list; None for None.
+
+    Raises BadInput for an empty list.
+    """
     if text is None:
         return None
-    found = tuple(name.strip() for name in text.split(",") if name.strip())
-    if not found:
+    parts = tuple(name.strip() for name in text.split(",") if name.strip())
+    if not parts:
         raise BadInput(f"'{text}': expected names separated by commas")
-    return found
+    return parts
 
 
 def worker_count(workers: int | None) -> int | None:
-    """The option --workers. Raises BadInput below 1."""
+    """Return the value of --workers. Raises BadInput below 1."""
     if workers is not None and workers < 1:
         raise BadInput(f"--workers {workers}: must be at least 1")
     return workers
 
 
-def expanded(path: Path) -> Path:
-    """Return a path with the home folder in place of ~, which a shell leaves in `--out=~/x`.
-
-    Raises BadInput for the home of an unknown user.
-    """
-    try:
-        return path.expanduser()
-    except RuntimeError as error:
-        raise BadInput(f"{path}: no such user; give the folder's path") from error
-
-
 class Format(StrEnum):
-    """How full tables are printed."""
+    """The formats in which all tables of a run are printed."""
 
     md = "md"
     csv = "csv"
@@ -97,17 +113,22 @@ DEVICE = "Where networks run; auto: on a GPU if there is one."
 WorkersOption = Annotated[
     int | None, typer.Option(help="Worker processes. Default: one for each core.")
 ]
-DeviceOption = Annotated[Device, typer.Option(help=DEVICE)]
 
 
 @dataclass(frozen=True)
 class OptionSpec:
-    """What an option has that the field of the dataclass does not say.
+    """The parts of an option that the field of its dataclass does not have.
 
-    flag     where the option has another name than the field
-    kind     the type of what is given, where it is not that of the field
-    convert  makes the value of the field from what is given
-    default  of what is given, where it is not that of the field
+    Attributes
+    ----------
+    flag : str or None
+        Name of the option where it differs from the field's.
+    kind : type or None
+        Type of the value on the command line where it differs from the field's.
+    convert : callable or None
+        Returns the value of the field for one of the command line.
+    default
+        Default on the command line where it differs from the field's.
     """
 
     help: str | None = None
@@ -119,73 +140,79 @@ class OptionSpec:
 
 
 def options_from_dataclass(
-    kind: type[Any], stated: Mapping[str, str | OptionSpec], leave_out: tuple[str, ...] = ()
+    kind: type[Any], specs: Mapping[str, str | OptionSpec], leave_out: tuple[str, ...] = ()
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Give a command an option for each field of the dataclass `kind`, in the order of `stated`.
+    """Return a decorator that gives a command an option for each field of `kind` in `specs`.
 
-    stated  the help of each, or more than that
+    The command takes the dataclass as its first argument; its other parameters become options
+    after those of the dataclass. Types and defaults are those of the dataclass. A tuple of names is
+    given as comma-separated text.
 
-    The command gets the dataclass as its first argument; options of its own come after it. Types
-    and defaults are those of the dataclass; a tuple of names is given as comma-separated text.
+    Parameters
+    ----------
+    kind : dataclass
+    specs : mapping
+        By field, in the order of the help: the help text of the option, or an `OptionSpec`.
+    leave_out : tuple of str
+        Fields in `specs` without an option.
     """
-    hints, of_kind = get_type_hints(kind), {field.name: field for field in fields(kind)}
-    taken = {
-        name: _option(name, hints[name], of_kind[name].default, option)
-        for name, option in stated.items()
+    hints, defaults = get_type_hints(kind), {field.name: field.default for field in fields(kind)}
+    options = {
+        name: _option(name, hints[name], defaults[name], spec)
+        for name, spec in specs.items()
         if name not in leave_out
     }
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
-        own = list(inspect.signature(command, eval_str=True).parameters.values())[1:]
-
         @functools.wraps(command)
         def parsed(**values: Any) -> None:
-            converted = {name: convert(values.pop(name)) for name, (_, convert) in taken.items()}
+            converted = {name: convert(values.pop(name)) for name, (_, convert) in options.items()}
             command(kind(**converted), **values)
 
+        further = list(inspect.signature(command, eval_str=True).parameters.values())[1:]
         parameters = [
-            *(parameter for parameter, _ in taken.values()),
-            *(one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in own),
+            *(parameter for parameter, _ in options.values()),
+            *(parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in further),
         ]
         parsed.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-        parsed.__annotations__ = {one.name: one.annotation for one in parameters}
+        parsed.__annotations__ = {part.name: part.annotation for part in parameters}
         return parsed
 
     return decorate
 
 
 def _option(
-    name: str, hint: Any, default: Any, option: str | OptionSpec
+    name: str, hint: Any, default: Any, spec: str | OptionSpec
 ) -> tuple[inspect.Parameter, Callable[[Any], Any]]:
-    """The parameter of a command, and what makes a field's value from what it is given."""
-    option = option if isinstance(option, OptionSpec) else OptionSpec(option)
-    kind = option.kind or hint
-    convert = option.convert or (lambda value: value)
-    if option.default is not inspect.Parameter.empty:
-        default = option.default
+    """Return the parameter of a command, and the function from its value to the field's."""
+    spec = spec if isinstance(spec, OptionSpec) else OptionSpec(spec)
+    kind = spec.kind or hint
+    convert = spec.convert or (lambda value: value)
+    if spec.default is not inspect.Parameter.empty:
+        default = spec.default
     elif default is MISSING:
         default = inspect.Parameter.empty
     parts = get_args(kind) if isinstance(kind, UnionType) else (kind,)
     if any(get_origin(part) is tuple for part in parts):
-        kind, convert = str | None, option.convert or names
+        kind, convert = str | None, spec.convert or names
     elif get_origin(kind) is Literal:
         kind = StrEnum(name.capitalize(), {value: value for value in get_args(kind)})
     if isinstance(kind, type) and issubclass(kind, Enum):
         default, convert = kind(default), str
-    flags = [option.flag] if option.flag else []
+    flags = spec.flag.split() if spec.flag else []
     if kind is bool and not default and not flags:
-        flags = [f"--{name.replace('_', '-')}"]  # there is nothing to switch off
-    return (
-        inspect.Parameter(
-            name,
-            inspect.Parameter.KEYWORD_ONLY,
-            default=default,
-            annotation=Annotated[
-                kind, typer.Option(*flags, help=option.help, metavar=option.metavar)
-            ],
-        ),
-        convert,
+        flags = [f"--{name.replace('_', '-')}"]  # nothing to switch off
+    annotation = typer.Option(
+        *flags,
+        help=spec.help,
+        metavar=spec.metavar,
+        parser=read_path if Path in parts else None,
     )
+    keyword = inspect.Parameter.KEYWORD_ONLY
+    parameter = inspect.Parameter(
+        name, keyword, default=default, annotation=Annotated[kind, annotation]
+    )
+    return parameter, convert
 
 
 def _shard(text: str | None) -> Any:
@@ -198,6 +225,11 @@ def _budget(text: str | None) -> float | None:
     from bench.running.schedule import seconds_of
 
     return None if text is None else seconds_of(text)
+
+
+def expand_file(text: str | None) -> str | None:
+    """Return the name of a file with the home folder in place of ~, and any other text as it is."""
+    return str(read_path(text)) if text and text.startswith("~") else text
 
 
 RUN_OPTIONS: dict[str, str | OptionSpec] = {  # of `bench.running.protocol.Options`
@@ -223,10 +255,7 @@ RUN_OPTIONS: dict[str, str | OptionSpec] = {  # of `bench.running.protocol.Optio
     ),
     "device": OptionSpec(DEVICE, kind=Device),
     "seed": "Seed of clouds, views and noise. Default: 0, or that of an export.",
-    "out": OptionSpec(
-        "The run's folder. Default: results/runs/SUITE-DATASET.",
-        convert=lambda path: path and expanded(path),
-    ),
+    "out": "The run's folder. Default: results/runs/SUITE-DATASET.",
     "shard": OptionSpec(
         "Only the kth of N parts of the objects; 'bench merge' joins them. Default: all objects.",
         metavar="k/N",
@@ -246,5 +275,6 @@ RUN_OPTIONS: dict[str, str | OptionSpec] = {  # of `bench.running.protocol.Optio
         "Weights for fid: a file, or 'download' (95 MB, once). Default: as downloaded before, else "
         "fid is skipped.",
         metavar="PATH|download",
+        convert=expand_file,
     ),
 }

@@ -1,4 +1,4 @@
-"""What a run or a merge writes at its end: tables, figures and the report."""
+"""The outputs of a run or a merge: tables, figures and the report."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ from bench.tables.table import TABLES, Table, write_tables
 
 
 def run_suite(options: Options) -> RunResult[Outputs]:
-    """Run a suite of items, or go on with one; its tables, figures and report are in its folder.
+    """Run a suite, or go on with one, and write its tables, figures and report.
 
-    Raises BadInput for anything the user has to fix; what was done until then is kept.
+    Raises BadInput for an error that the user has to fix; finished jobs are kept.
     """
     finished = run(options, publish, partial(Terminal, partial_table))
     if finished.outputs is not None:
@@ -47,31 +47,31 @@ def run_suite(options: Options) -> RunResult[Outputs]:
 
 
 def partial_table(snapshot: PartialRun) -> Table[QualityRow]:
-    """The headline table of the objects that are complete; written into the folder of tables."""
-    manifest, items = snapshot.manifest, snapshot.jobs
+    """Write the headline table of the complete objects into the folder of tables; return it."""
+    manifest = snapshot.manifest
     suite = find(str(manifest["suite"]), SUITES, "suite")
     # Of the metrics by class only those that are shown: the others would take time.
     shown_by_class = tuple(m for m in suite.class_metrics if m in suite.headline)
     suite = replace(suite, class_metrics=shown_by_class)
     records = [
         record
-        for job in items
+        for job in snapshot.jobs
         if job.name.method != GROUND_TRUTH
         for record in named_records(job.name, snapshot.records(job))
     ]
-    artifacts = artifacts_of(snapshot.directory, items)
+    artifacts = artifacts_of(snapshot.directory, snapshot.jobs)
     features = {
         metric: ArtifactFeatures(metric, artifacts, int(manifest["views"]))
         for metric in suite.headline
         if metric in manifest["feature_identity"]
     }
-    made = headline(score(snapshot.directory, suite, manifest, to_frame(records), features))
-    write_tables(snapshot.directory, [made])
-    return made
+    table = headline(score(snapshot.directory, suite, manifest, to_frame(records), features))
+    write_tables(snapshot.directory, [table])
+    return table
 
 
 def merge_shards(directories: Sequence[Path], out: Path) -> Merged[Outputs]:
-    """Put the shards of a run together in `out`. Raises BadInput as `bench.running.merge.merge`."""
+    """Join the shards of a run in `out`. Raises BadInput as `bench.running.merge.merge`."""
     merged = merge(directories, out, publish)
     _report(merged.outputs)
     return merged
@@ -87,28 +87,31 @@ def publish(measured: WrittenRun) -> Outputs:
 
 
 def print_outputs(outputs: Outputs, format_: Format | None) -> None:
-    """Print all tables of a run; without a format the headline table, and where the others are."""
+    """Print all tables of a run; without a format, the headline table and two paths."""
     directory = outputs.run.directory
     if format_ is None:
         print("\n".join(shown(outputs.headline)))
         print(f"report: {directory / REPORT}\ntables: {directory / TABLES}")
     elif format_ is Format.md:
-        of_all = (table.to_markdown() for table in outputs.tables)
-        print("\n".join([*of_all, outputs.cost, *(t.to_markdown() for t in outputs.further)]))
+        tables = (table.to_markdown() for table in outputs.tables)
+        print("\n".join([*tables, outputs.cost, *(t.to_markdown() for t in outputs.further)]))
     else:
         print(in_format([*outputs.tables, *outputs.further], format_), end="")
 
 
 def in_format(tables: Sequence[Table[Any]], format_: Format) -> str:
-    """Tables as one text. In CSV those with the same columns have one header, and an empty line
-    stands before others; JSON is a list of tables with their rows, null where there is no value."""
+    """Return tables as one text.
+
+    In CSV, tables with the same columns share a header, and an empty line stands before others.
+    JSON is a list of tables with their rows, null for a missing value.
+    """
     if format_ is Format.md:
         return "\n".join(table.to_markdown() for table in tables)
     if format_ is Format.json:
-        made = [
+        listed = [
             {"name": table.name, "title": table.title, "rows": table.to_rows()} for table in tables
         ]
-        return json.dumps(made, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+        return json.dumps(listed, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     rows: dict[str, list[str]] = {}
     for table in tables:
         header, _, values = table.to_csv().partition("\n")
@@ -117,7 +120,7 @@ def in_format(tables: Sequence[Table[Any]], format_: Format) -> str:
 
 
 def _report(outputs: Outputs) -> None:
-    """The manifest has been finished since the tables were made."""
+    # The manifest has been finished since the tables were made.
     run = replace(outputs.run, manifest=read_finished(outputs.run.directory))
     write_report(replace(outputs, run=run))
 

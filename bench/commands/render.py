@@ -13,7 +13,16 @@ import numpy as np
 import typer
 
 from bench.catalogue.methods import RECOMMENDED, find_method
-from bench.commands.options import Device, DeviceOption, WorkersOption, names, worker_count
+from bench.commands.options import (
+    DEVICE,
+    Device,
+    OptionSpec,
+    WorkersOption,
+    options_from_dataclass,
+    path_argument,
+    path_option,
+    worker_count,
+)
 from bench.rendering.cloud import (
     CloudFile,
     Dots,
@@ -41,193 +50,193 @@ CLOUD = "cloud"  # the label of the dots
 
 
 @dataclass(frozen=True)
-class Request:
-    """What is to be drawn by which methods, seen from where.
+class RenderOptions:
+    """The options of `bench render`.
 
-    out     an image, or a turntable by its name
-    frames  of a turntable, which begins at the azimuth and goes all around; None: FRAMES
+    Attributes
+    ----------
+    method : tuple of str
+        Methods; several make a sheet.
+    out : Path or None
+        An image, or a turntable by its name; None: beside the cloud, with its name and .png.
+    azimuth, elevation : float
+        Degrees.
+    frames : int or None
+        Images of a turntable, which begins at the azimuth and goes all around; None: FRAMES.
+    up, front, points, drop_invalid, as_is
+        See `bench.rendering.cloud.CloudFile`.
     """
 
-    file: CloudFile
-    methods: tuple[str, ...]
-    azimuth_deg: float
-    elevation_deg: float
-    out: Path
+    method: tuple[str, ...] = (RECOMMENDED,)
+    out: Path | None = None
+    azimuth: float = 30.0
+    elevation: float = 20.0
     frames: int | None = None
+    up: str = "y"
+    front: str | None = None
+    points: int | None = None
+    drop_invalid: bool = False
     device: str = "auto"
+    as_is: bool = False
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """The reasons of the methods that failed, and what the user should know of the others.
+class RenderResult:
+    """The result of `bench render`.
 
-    failed  the reason of each method that failed
-    notes   a line each: what of the file is not used, which methods know chairs only
+    Attributes
+    ----------
+    path : Path
+        The image; it was not written where all methods failed.
+    failed : mapping
+        The reason of each method that failed.
+    notes : tuple of str
+        A line for each part of the file that is not used, and for methods that know chairs only.
     """
 
+    path: Path
     failed: Mapping[str, str]
     notes: Notes
 
 
-def render(request: Request) -> Outcome:
-    """Draw what is requested and write it, unless all methods fail.
+def render(cloud: Path, options: RenderOptions) -> RenderResult:
+    """Draw a cloud and write the image, unless all methods fail.
 
     One method gives its images as they are. Several give a sheet: the points as dots, then a
-    tile for each method, with the reason in it where there is no image. Raises BadInput for what
-    cannot be had; where the request alone shows it, before a worker is started.
+    tile for each method, with the reason in it where there is no image. Raises BadInput for options
+    and files that cannot be used; before a worker is started where the options alone show it.
     """
-    check(request)
-    views = views_of(request)
-    drawings = [Drawing(method, views, request.device) for method in dict.fromkeys(request.methods)]
+    # The cloud's name is checked before it becomes that of the image.
+    if cloud.is_dir():
+        raise BadInput(f"{cloud}: a folder; give a file")
+    check_cloud_name(cloud)
+    if not cloud.exists():
+        raise BadInput(f"{cloud}: no such file; check its name")
+    out = options.out or cloud.with_suffix(".png")
+    if options.out is None and out.exists():
+        raise BadInput(f"{out}: exists already; -o {out} replaces it, -o NAME keeps both")
+    check(options, out)
+    views = views_of(options, out)
+    methods = tuple(dict.fromkeys(options.method))
+    drawings = [Drawing(method, views, options.device) for method in methods]
     dots = [Dots(views)] if len(drawings) > 1 else []
-    drawn, notes = _drawn(request.file, [*dots, *drawings])
+    file = CloudFile(
+        cloud, options.as_is, options.up, options.front, options.points, options.drop_invalid
+    )
+    drawn, notes = _draw(file, [*dots, *drawings])
     failed = {
-        one.method: remedied(images, request.file)
-        for one, images in drawn.items()
-        if isinstance(one, Drawing) and isinstance(images, Failed)
+        drawing.method: with_remedy(images, file)
+        for drawing, images in drawn.items()
+        if isinstance(drawing, Drawing) and isinstance(images, Failed)
     }
     if len(failed) < len(drawings):
-        write_images(_frames(drawn), request.out)
-    return Outcome(failed, (*notes, *_of_chairs_only(request.methods)))
+        write_images(_frames(drawn), out)
+    chairs = [name for name in methods if find_method(name).trained_on == "chairs"]
+    if chairs:
+        notes += (
+            f"{', '.join(chairs)}: trained on chairs, other objects may look like them; "
+            f"{RECOMMENDED} knows {find_method(RECOMMENDED).trained_on}",
+        )
+    return RenderResult(out, failed, notes)
 
 
-def _of_chairs_only(methods: Sequence[str]) -> Notes:
-    """Return a line that names the methods that were trained on chairs; nothing without such."""
-    chairs = [name for name in dict.fromkeys(methods) if find_method(name).trained_on == "chairs"]
-    if not chairs:
-        return ()
-    return (
-        f"{', '.join(chairs)}: trained on chairs, other objects may look like them; {RECOMMENDED} "
-        f"knows {find_method(RECOMMENDED).trained_on}",
-    )
-
-
-def remedied(failed: Failed, file: CloudFile) -> str:
+def with_remedy(failed: Failed, file: CloudFile) -> str:
     """Return the reason, and the remedy where points may be too many."""
-    timing = failed.reason.startswith(("timeout: ", "memory: "))
-    return (
-        f"{failed.reason}{'; --points 20000 would take less' if timing and not file.most else ''}"
-    )
+    over_limit = failed.reason.startswith(("timeout: ", "memory: "))
+    remedy = "; --points 20000 would take less" if over_limit and not file.most else ""
+    return failed.reason + remedy
 
 
-def check(request: Request) -> None:
-    """Raise BadInput for what is wrong whatever the file holds and the methods do."""
-    turns = moves(request.out)
-    if request.frames is not None and not turns:
+def check(options: RenderOptions, out: Path) -> None:
+    """Raise BadInput for options that are wrong whatever the file holds and the methods do."""
+    is_turntable = moves(out)  # raises BadInput for the name of another kind of file
+    if options.frames is not None and not is_turntable:
         raise BadInput(
-            f"--frames {request.frames}: {request.out} is one picture; give a turntable's name, "
+            f"--frames {options.frames}: {out} is one image; give a turntable's name, "
             f"{' or '.join(MOVING)}"
         )
-    if request.frames is not None and not 2 <= request.frames <= MOST_FRAMES:
-        raise BadInput(f"--frames {request.frames}: must be 2 to {MOST_FRAMES}")
-    if request.file.most is not None and request.file.most < 1:
-        raise BadInput(f"--points {request.file.most}: must be at least 1")
-    upright(np.empty((0, 3)), request.file.up, request.file.front)
-    if request.out.is_dir():
-        raise BadInput(f"{request.out}: a folder; give another -o")
-    if not request.out.parent.is_dir():
-        raise BadInput(
-            f"{request.out}: no such folder, {request.out.parent}; make it, or give another -o"
-        )
+    if options.frames is not None and not 2 <= options.frames <= MOST_FRAMES:
+        raise BadInput(f"--frames {options.frames}: must be 2 to {MOST_FRAMES}")
+    if options.points is not None and options.points < 1:
+        raise BadInput(f"--points {options.points}: must be at least 1")
+    upright(np.empty((0, 3)), options.up, options.front)
+    if out.is_dir():
+        raise BadInput(f"{out}: a folder; give another -o")
+    if not out.parent.is_dir():
+        raise BadInput(f"{out}: no such folder, {out.parent}; make it, or give another -o")
 
 
-def views_of(request: Request) -> tuple[View, ...]:
+def views_of(options: RenderOptions, out: Path) -> tuple[View, ...]:
     """Return the view, or all of a turntable. Raises BadInput for an angle out of its range."""
-    first = make_view(request.azimuth_deg, request.elevation_deg)
-    if not moves(request.out):
+    first = make_view(options.azimuth, options.elevation)
+    if not moves(out):
         return (first,)
-    frames = request.frames or FRAMES
+    frames = options.frames or FRAMES
     return tuple(
         View(first.azimuth_deg + 360 * i / frames, first.elevation_deg) for i in range(frames)
     )
 
 
-def _drawn(
+def _draw(
     file: CloudFile, wanted: Sequence[Wanted]
 ) -> tuple[dict[Wanted, UInt8Images | Failed], Notes]:
-    """Return all images in the order in which they were wanted, and the notes on the file.
-
-    Progress is shown where there is time for some.
-    """
-    quick = len(wanted) == 1 and len(wanted[0].views) == 1
+    """Return all images in the order of `wanted`, and the notes on the file."""
+    quick = len(wanted) == 1 and len(wanted[0].views) == 1  # over before a progress is read
     done: dict[Wanted, UInt8Images | Failed] = {}
     notes: dict[str, None] = {}  # each worker reads the file, and has the same notes
     with nullcontext() if quick else progress("drawing", len(wanted)) as advance:
-        for one, images, of_file in draw_each(file, wanted, min(len(wanted), cores())):
-            done[one] = images
+        for drawing, images, of_file in draw_each(file, wanted, min(len(wanted), cores())):
+            done[drawing] = images
             notes |= dict.fromkeys(of_file)
             if advance is not None:
                 advance(sum(isinstance(images, Failed) for images in done.values()))
-    return {one: done[one] for one in wanted}, tuple(notes)
+    return {drawing: done[drawing] for drawing in wanted}, tuple(notes)
 
 
 def _frames(drawn: Mapping[Wanted, UInt8Images | Failed]) -> UInt8Images:
-    """Return what is written: the images of the only method, or a sheet."""
+    """Return the images to write: those of the only method, or a sheet."""
     if len(drawn) == 1:
         (images,) = drawn.values()
         assert not isinstance(images, Failed)
         return images
     tiles = [
         Tile(
-            visible(one.method) if isinstance(one, Drawing) else CLOUD,
-            visible(shown.reason) if isinstance(shown, Failed) else shown,
+            visible(drawing.method) if isinstance(drawing, Drawing) else CLOUD,
+            visible(images.reason) if isinstance(images, Failed) else images,
         )
-        for one, shown in drawn.items()
+        for drawing, images in drawn.items()
     ]
     return draw_sheet(tiles, columns_of(len(tiles)), SHEET_SCALE)
 
 
+RENDER_OPTIONS: dict[str, str | OptionSpec] = {
+    "method": OptionSpec(
+        "Method, see 'bench list'; several, comma-separated, make a sheet.", default=RECOMMENDED
+    ),
+    "out": OptionSpec(
+        "Image file, .png; or a turntable, .gif, .webp, .apng. Default: beside the cloud, with its "
+        "name and .png.",
+        flag="--out -o",
+    ),
+    "azimuth": "Azimuth in degrees; 0 is the front.",
+    "elevation": "Elevation in degrees, -90 to 90; 0 is level.",
+    "frames": "Images of a turntable, from the azimuth all around. Default: 36.",
+    "up": "Axis of the file that points up, -x to z; z for most scans.",
+    "front": "Axis of the file to the front. Default: -z, or -y where z is up.",
+    "points": "Points at most, chosen at random. Default: all.",
+    "drop_invalid": "Leave out points that are not finite, and print how many. Default: refuse "
+    "them.",
+    "device": OptionSpec(DEVICE, kind=Device),
+    "as_is": "Keep scale and place. Default: move the cloud into the unit sphere.",
+}
+
+
+@options_from_dataclass(RenderOptions, RENDER_OPTIONS)
 def render_cloud(
+    options: RenderOptions,
     cloud: Annotated[
-        Path,
-        typer.Argument(
-            metavar="CLOUD", help="File: PLY, NPY, XYZ, TXT, CSV, PTS, LAS, LAZ, E57 or PCD."
-        ),
+        Path, path_argument("CLOUD", "File: PLY, NPY, XYZ, TXT, CSV, PTS, LAS, LAZ, E57 or PCD.")
     ],
-    method: Annotated[
-        str, typer.Option(help="Method, see 'bench list'; several, comma-separated, make a sheet.")
-    ] = RECOMMENDED,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out",
-            "-o",
-            help="Image file, .png; or a turntable, .gif, .webp, .apng. Default: beside the cloud, "
-            "with its name and .png.",
-        ),
-    ] = None,
-    azimuth: Annotated[float, typer.Option(help="Azimuth in degrees; 0 is the front.")] = 30.0,
-    elevation: Annotated[
-        float, typer.Option(help="Elevation in degrees, -90 to 90; 0 is level.")
-    ] = 20.0,
-    frames: Annotated[
-        int | None,
-        typer.Option(help="Images of a turntable, from the azimuth all around. Default: 36."),
-    ] = None,
-    up: Annotated[
-        str, typer.Option(help="Axis of the file that points up, -x to z; z for most scans.")
-    ] = "y",
-    front: Annotated[
-        str | None,
-        typer.Option(help="Axis of the file to the front. Default: -z, or -y where z is up."),
-    ] = None,
-    points: Annotated[
-        int | None, typer.Option(help="Points at most, chosen at random. Default: all.")
-    ] = None,
-    drop_invalid: Annotated[
-        bool,
-        typer.Option(
-            "--drop-invalid",
-            help="Leave out points that are not finite, and print how many. Default: refuse them.",
-        ),
-    ] = False,
-    device: DeviceOption = Device.auto,
-    as_is: Annotated[
-        bool,
-        typer.Option(
-            "--as-is", help="Keep scale and place. Default: move the cloud into the unit sphere."
-        ),
-    ] = False,
 ) -> None:
     """Draw the point cloud of a file. Exit 1 if the method fails; of several, if all fail.
 
@@ -235,37 +244,17 @@ def render_cloud(
     points. Surface reconstruction of 100,000 points takes about half a minute, surface-fit less;
     --points takes fewer.
     """
-    methods = names(method) or ()
-    _check_cloud(cloud)  # before its name becomes that of the image
-    file = CloudFile(cloud, as_is, up, front, points, drop_invalid)
-    target = out or _beside(cloud)
-    outcome = render(Request(file, methods, azimuth, elevation, target, frames, device.value))
-    for note in outcome.notes:
+    result = render(cloud, options)
+    for note in result.notes:
         print(f"note: {visible(note)}", file=sys.stderr)
-    for name, reason in outcome.failed.items():
+    for name, reason in result.failed.items():
         print(f"bench: {visible(f'{name}: {reason}')}", file=sys.stderr)
-    if len(outcome.failed) == len(set(methods)):
+    if len(result.failed) == len(set(options.method)):
         raise typer.Exit(1)
-    if out is None or method == RECOMMENDED:
-        print(f"drawn by {visible(', '.join(methods))}; 'bench list' has others", file=sys.stderr)
-    print(target)
-
-
-def _check_cloud(path: Path) -> None:
-    """Raise BadInput for a folder, a name of another format, and where nothing is."""
-    if path.is_dir():
-        raise BadInput(f"{path}: a folder; give a file")
-    check_cloud_name(path)
-    if not path.exists():
-        raise BadInput(f"{path}: no such file; check its name")
-
-
-def _beside(cloud: Path) -> Path:
-    """Return the image's name where none is given. Raises BadInput rather than replace a file."""
-    image = cloud.with_suffix(".png")
-    if image.exists():
-        raise BadInput(f"{image}: exists already; -o {image} replaces it, -o NAME keeps both")
-    return image
+    if options.out is None or options.method == (RECOMMENDED,):
+        methods = visible(", ".join(options.method))
+        print(f"drawn by {methods}; 'bench list' has others", file=sys.stderr)
+    print(result.path)
 
 
 def shrink_record(
@@ -282,16 +271,14 @@ def shrink_record(
     ] = 600.0,
     workers: WorkersOption = None,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Folder. Default: DIR/shrunk/RECORD.")
+        Path | None, path_option("Folder. Default: DIR/shrunk/RECORD.", "--out", "-o")
     ] = None,
 ) -> None:
-    """Reduce the cloud of a failed record to the points that make it fail. Exit 1 if it does not
-    fail here."""
+    """Find the smallest cloud that still makes a method fail. Exit 1 if it does not fail here."""
     from bench.rendering import shrink as shrinking
-    from bench.running.environment import cores
 
-    found = shrinking.shrink(record, budget_s, worker_count(workers) or cores(), out)
-    if isinstance(found, shrinking.NotReproduced):
-        print(f"bench: {found.message}", file=sys.stderr)
+    result = shrinking.shrink(record, budget_s, worker_count(workers) or cores(), out)
+    if isinstance(result, shrinking.NotReproduced):
+        print(f"bench: {result.message}", file=sys.stderr)
         raise typer.Exit(1)
-    print(found.message)
+    print(result.message)

@@ -1,4 +1,4 @@
-"""The commands that read finished runs: merge, table, report, site, check, compare, recommend."""
+"""The commands on finished runs: merge, table, report, site, check, compare, recommend."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from bench.analysis.recommend import (
 )
 from bench.analysis.recommend import recommend as best_methods
 from bench.analysis.scored import ScoredRun, read_scored
-from bench.commands.options import FormatOption, RunDirectory, names
+from bench.commands.options import FormatOption, RunDirectory, names, path_argument, path_option
 from bench.running.options import file_name
 from bench.tables.build import how_timed
 from bench.tables.markdown import visible
@@ -33,9 +33,9 @@ COMPARISONS = "comparisons"
 
 def merge(
     directories: Annotated[
-        list[Path], typer.Argument(metavar="DIR...", help="The folders of all shards of a run.")
+        list[Path], path_argument("DIR...", "The folders of all shards of a run.")
     ],
-    out: Annotated[Path, typer.Option(help="The folder of the whole run.")],
+    out: Annotated[Path, path_option("The folder of the whole run.")],
     format_: FormatOption = None,
 ) -> None:
     """Join shards ('bench run --shard k/N') to the whole run."""
@@ -62,10 +62,10 @@ def table(directory: RunDirectory, format_: FormatOption = None) -> None:
 def report(
     directory: RunDirectory,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="The HTML file. Default: DIR/report.html.")
+        Path | None, path_option("The HTML file. Default: DIR/report.html.", "--out", "-o")
     ] = None,
 ) -> None:
-    """Make one HTML file of a run: tables, curves, images, worst cases, failures; offline."""
+    """Make an HTML page of a run: tables, curves, images, worst cases, failures; offline."""
     from bench.analysis.scored import read_scored
     from bench.report.build import write_report
     from bench.tables.build import make_outputs
@@ -74,10 +74,8 @@ def report(
 
 
 def site(
-    directories: Annotated[
-        list[Path], typer.Argument(metavar="DIR...", help="The folders of finished runs.")
-    ],
-    out: Annotated[Path, typer.Option("--out", "-o", help="The new folder.")],
+    directories: Annotated[list[Path], path_argument("DIR...", "The folders of finished runs.")],
+    out: Annotated[Path, path_option("The new folder.", "--out", "-o")],
 ) -> None:
     """Make a static site over many runs: ranks, methods, comparisons, downloads; offline."""
     from bench.report.site.write import write_site
@@ -88,8 +86,7 @@ def site(
 
 def check(
     directories: Annotated[
-        list[Path],
-        typer.Argument(metavar="DIR", help="The folder of a finished run; several with --claims."),
+        list[Path], path_argument("DIR", "The folder of a finished run; several with --claims.")
     ],
     bless: Annotated[
         bool,
@@ -103,9 +100,7 @@ def check(
     ] = False,
     methods: Annotated[
         str | None,
-        typer.Option(
-            help="Methods, comma-separated, that --claims are about. Default: all pc2pix."
-        ),
+        typer.Option(help="Methods, comma-separated, for --claims. Default: all pc2pix."),
     ] = None,
 ) -> None:
     """Compare a run with the golden values. Exit 0 if all agree, 1 if one does not."""
@@ -147,35 +142,32 @@ def _check_claims(directories: list[Path], methods: Sequence[str]) -> None:
     """Print the checklist, and write it into the first folder."""
     from bench.checking.checklist import check_claims, to_markdown, write_checklist
 
-    made = check_claims(directories, methods)
-    print(to_markdown(made))
-    print(f"written to {write_checklist(made, directories[0])}", file=sys.stderr)
+    checklist = check_claims(directories, methods)
+    print(to_markdown(checklist))
+    print(f"written to {write_checklist(checklist, directories[0])}", file=sys.stderr)
 
 
 def compare(
     directories: Annotated[
-        list[Path],
-        typer.Argument(metavar="DIR [DIR]", help="The folder of one finished run, or of two."),
+        list[Path], path_argument("DIR [DIR]", "The folder of one finished run, or of two.")
     ],
     methods: Annotated[
         str | None,
         typer.Option(
-            help="Methods, comma-separated: of one run the two to compare, of two runs which. "
+            help="Methods, comma-separated: the two of one run, or those of two runs to compare. "
             "Default: all."
         ),
     ] = None,
     metric: Annotated[
         str | None,
         typer.Option(
-            help="Metrics, comma-separated. Default: ssim, ssim-object, lpips, and those of sets "
-            "of images."
+            help="Metrics, comma-separated. Default: ssim, ssim-object, lpips, and the metrics of "
+            "sets of images."
         ),
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            help="Folder for tables and figure. Default: comparisons/A-B in the last run."
-        ),
+        path_option("Folder for tables and figure. Default: comparisons/A-B in the last run."),
     ] = None,
 ) -> None:
     """Compare two runs, or two methods of one, object by object: differences and ties."""
@@ -187,21 +179,21 @@ def compare(
     if len(directories) > 2:
         raise BadInput(f"{len(directories)} folders: two runs are compared; give one or two")
     if len(directories) == 1:
-        found = methods_of_run(directories[0], names(methods) or (), names(metric))
+        differences = methods_of_run(directories[0], names(methods) or (), names(metric))
     else:
         first, second = directories
-        found = runs(first, second, names(methods), names(metric))
+        differences = runs(first, second, names(methods), names(metric))
     folder = out or directories[-1] / COMPARISONS / file_name(
-        Path(found.a).name, Path(found.b).name
+        Path(differences.a).name, Path(differences.b).name
     )
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise CannotWrite(f"{folder}: cannot be made ({error.strerror}); give --out") from error
-    table = differences_table(found)
+    table = differences_table(differences)
     for name, text in table_files([table]).items():
         write_whole(folder / name, text.encode())
-    write_differences(folder / "differences", found.cells, found.a, found.b)
+    write_differences(folder / "differences", differences.cells, differences.a, differences.b)
     print(table.to_markdown())
     print(f"written to {folder}", file=sys.stderr)
 
@@ -245,9 +237,9 @@ def recommend(
 
 
 def _judging_metrics(run: ScoredRun, wanted: Sequence[str] | None) -> list[str]:
-    """Return the metrics wanted, else those of the headline that the run has.
+    """Return the wanted metrics, else those of the headline that the run has.
 
-    Raises BadInput for one that is no metric of images, or that the run does not have.
+    Raises BadInput for a metric that is none of images, or that the run does not have.
     """
     measured = run.measured([*run.suite.image_metrics, *run.suite.detail_metrics])
     for name in wanted or ():
@@ -259,10 +251,10 @@ def _judging_metrics(run: ScoredRun, wanted: Sequence[str] | None) -> list[str]:
 def advice_lines(
     given: Sequence[Recommendation], request: Requirements, views_drawn: int, in_full: bool
 ) -> list[str]:
-    """Return lines of text: for each recommendation those for the budget and the minimum quality.
+    """Return the lines for the budget and the minimum quality of each recommendation.
 
-    views_drawn  in a call, when the costs were taken
-    in_full      the alternatives and the regret too
+    `views_drawn` were drawn in a call when the costs were measured; `in_full` adds the alternatives
+    and the regret.
     """
     lines = []
     if request.views != views_drawn:
@@ -332,7 +324,7 @@ def _alternatives(recommendation: Recommendation, request: Requirements) -> list
 def _within_budget(
     advices: Sequence[Advice], request: Requirements, budget_ms: float, by: str
 ) -> str:
-    """Return the line for the budget, of metrics that name the same method."""
+    """Return the line for the budget, for metrics that choose the same method."""
     budget, first = f"{milliseconds(budget_ms)} ms", advices[0]
     if first.best is None:
         nearest = ""
@@ -373,9 +365,9 @@ def _text(chosen: Sequence[tuple[Advice, MethodOption]], request: Requirements) 
         f"{advice.metric} {_estimated(by_it.quality, advice.metric)}" for advice, by_it in chosen
     )
     cost = f"{milliseconds(choice.cost_ms.value)} ms{_interval(choice.cost_ms, milliseconds)}"
-    failed = f", {choice.n - choice.n_ok} of {choice.n} pictures failed" * (choice.n_ok < choice.n)
+    failed = f", {choice.n - choice.n_ok} of {choice.n} images failed" * (choice.n_ok < choice.n)
     image = milliseconds(choice.cost_ms.value / request.views)
-    return f"{visible(choice.method)}, {qualities}, {cost} a cloud, {image} ms a picture{failed}"
+    return f"{visible(choice.method)}, {qualities}, {cost} a cloud, {image} ms an image{failed}"
 
 
 def _interval(estimate: Estimate, shown: Callable[[float], str]) -> str:
@@ -392,7 +384,7 @@ def _estimated(estimate: Estimate, metric: str) -> str:
 
 
 def make_request(views: int, budget_ms: float | None, min_ssim: float | None) -> Requirements:
-    """A request of the command line. Raises BadInput for one that is empty or makes no sense."""
+    """Return a request. Raises BadInput for one without a limit, and for values out of range."""
     if budget_ms is None and min_ssim is None:
         raise BadInput("nothing to go by; give --budget-ms, --min-ssim, or both")
     if views < 1:

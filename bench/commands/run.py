@@ -1,4 +1,4 @@
-"""`bench run`, and with `--dry-run` what it would do."""
+"""`bench run`, and the description of a run for `--dry-run`."""
 
 from __future__ import annotations
 
@@ -16,53 +16,58 @@ from bench.catalogue.metrics import find_extractor
 from bench.catalogue.suites import ALL_SUITES, Suite
 from bench.commands.config import ConfigOption, refuse_other_objects
 from bench.commands.options import RUN_OPTIONS, FormatOption, options_from_dataclass
+from bench.commands.plan import expected_cost
 from bench.commands.publish import Outputs, in_format, print_outputs, run_suite
 from bench.metrics.inception_weights import DOWNLOAD, WEIGHTS_SHA256
-from bench.records.record import GROUND_TRUTH
 from bench.report.build import REPORT
 from bench.running.options import Options
-from bench.running.pilot import Cell
 from bench.running.protocol import Protocol, method_identity, protocol_of
 from bench.running.run import RunResult
 from bench.running.status import RunStatus, refuse_small, run_status
-from bench.tables.grid import grid
-from bench.tables.markdown import table, visible
+from bench.tables.markdown import visible
 
 FID = "fid"
 
 
 def describe_run(options: Options) -> str:
-    """Protocol, jobs to be done and done before, folder and weights files, as text.
+    """Return the protocol, folder, weights files and cost of a run, as text.
 
-    Raises BadInput as the run would, and for the suites that are not made of items.
+    Raises BadInput as the run would, and for the suites that take minutes.
     """
     suite = find(options.suite, ALL_SUITES, "suite")
     if not isinstance(suite, Suite):
         raise refuse_small(suite.id, "--dry-run")
-    asked, skipped = _protocol(suite, options)
-    prospect = run_status(options, asked)
-    protocol = prospect.protocol
+    protocol, skipped = _protocol(suite, options)
+    status = run_status(options, protocol)
+    methods = {}
+    for name, method in status.protocol.methods.items():
+        version, libraries, _ = method_identity(method, options.device)
+        methods[name] = f"version {version}" + (f", {libraries}" if libraries else "")
+    files = {name: method.weights_file for name, method in status.protocol.methods.items()}
+    weights = {method: str(file()) for method, file in files.items() if file}
     return "\n".join(
         [
-            *(f"{name:<13}{visible(text)}" for name, text in _settings(prospect, options)),
-            *_section("methods", _methods(protocol)),
-            *_section("weights", _weights(protocol)),
+            *(f"{name:<13}{visible(text)}" for name, text in _settings(status, options)),
+            *_section("methods", methods),
+            *_section("weights", weights | dict(status.protocol.features)),
             *_section("skipped", skipped),
             "",
-            *_jobs(prospect),
+            expected_cost(status),
         ]
     )
 
 
 def _protocol(suite: Suite, options: Options) -> tuple[Protocol, dict[str, str]]:
-    """As `protocol_of`; what would be downloaded is taken to be there, and is not fetched."""
+    """Return a run's protocol and skipped metrics without a download of weights.
+
+    Weights that the run would download count as present.
+    """
     if options.inception_weights != DOWNLOAD:
         return protocol_of(suite, options)
     protocol, skipped = protocol_of(suite, replace(options, inception_weights=None))
     if FID not in skipped:
         return protocol, skipped
-    features = dict(protocol.features)
-    features[FID] = "to be downloaded first"
+    features = dict(protocol.features) | {FID: "to be downloaded first"}
     identity = f"{find_extractor(FID).version} {WEIGHTS_SHA256}"
     protocol = replace(
         protocol,
@@ -72,12 +77,15 @@ def _protocol(suite: Suite, options: Options) -> tuple[Protocol, dict[str, str]]
     return protocol, {name: why for name, why in skipped.items() if name != FID}
 
 
-def _settings(prospect: RunStatus, options: Options) -> list[tuple[str, str]]:
-    protocol = prospect.protocol
+def _settings(status: RunStatus, options: Options) -> list[tuple[str, str]]:
+    protocol = status.protocol
     suite, classes = protocol.suite, Counter(obj.class_name for obj in protocol.objects)
-    taken = dict(protocol.features)
-    by_features = [metric for metric in suite.set_metrics if metric in taken]
-    cores = f"{prospect.workers} processes of this machine"
+    features = dict(protocol.features)
+    set_metrics = [metric for metric in suite.set_metrics if metric in features]
+    if not status.directory.exists():
+        state = "new"
+    else:
+        state = "the run there would be renamed" if options.fresh else "there already"
     return [
         ("suite", f"{suite.id}: {suite.about}"),
         ("dataset", protocol.dataset),
@@ -87,32 +95,18 @@ def _settings(prospect: RunStatus, options: Options) -> list[tuple[str, str]]:
         ("views", str(protocol.views)),
         ("seed", str(protocol.seed)),
         ("device", protocol.device),
-        ("workers", f"those of the Ray cluster {options.ray}" if options.ray else cores),
-        ("limits", f"{suite.limits.time_s:g} s and {suite.limits.memory_gib:g} GiB an item"),
-        ("metrics", ", ".join([*suite.image_metrics, *suite.detail_metrics, *by_features])),
+        (
+            "workers",
+            f"those of the Ray cluster {options.ray}"
+            if options.ray
+            else f"{status.workers} processes of this machine",
+        ),
+        ("limits", f"{suite.limits.time_s:g} s and {suite.limits.memory_gib:g} GiB a job"),
+        ("metrics", ", ".join([*suite.image_metrics, *suite.detail_metrics, *set_metrics])),
         ("of a judge", ", ".join(suite.control_metrics) or "nothing"),
         ("environment", ", ".join(f"{k} {v}" for k, v in protocol.environment.items())),
-        ("folder", f"{prospect.directory} ({_folder(prospect, options)})"),
+        ("folder", f"{status.directory} ({state})"),
     ]
-
-
-def _folder(prospect: RunStatus, options: Options) -> str:
-    if not prospect.directory.exists():
-        return "new"
-    return "the run there would be renamed" if options.fresh else "there already"
-
-
-def _methods(protocol: Protocol) -> dict[str, str]:
-    found = {}
-    for method_id, method in protocol.methods.items():
-        version, libraries, _ = method_identity(method, protocol.device)
-        found[method_id] = f"version {version}" + (f", {libraries}" if libraries else "")
-    return found
-
-
-def _weights(protocol: Protocol) -> dict[str, str]:
-    files = {method_id: method.weights_file for method_id, method in protocol.methods.items()}
-    return {method: str(file()) for method, file in files.items() if file} | dict(protocol.features)
 
 
 def _section(title: str, lines: Mapping[str, str]) -> list[str]:
@@ -120,51 +114,30 @@ def _section(title: str, lines: Mapping[str, str]) -> list[str]:
     return ["", f"{title}:", *shown] if lines else []
 
 
-def _jobs(prospect: RunStatus) -> list[str]:
-    """How many are to be done, and how many are there, by method and condition."""
-    left, protocol = prospect.left, prospect.protocol
-    objects = len(protocol.objects)
-    truths = left[GROUND_TRUTH, ""]
-    items = sum(left.values()) - truths
-    every = len(prospect.plan.method_jobs)
-
-    def to_do(place: Cell) -> str:
-        there = objects - left[place]
-        return f"{left[place]} + {there} there" if there else str(left[place])
-
-    return [
-        f"ground truths: {truths} to be done, {objects - truths} there",
-        f"items: {items} to be done, {every - items} there",
-        "",
-        table(
-            grid(
-                ["method", *protocol.conditions],
-                ([m, *(to_do((m, c)) for c in protocol.conditions)] for m in protocol.methods),
-            )
-        ),
-    ]
-
-
 @options_from_dataclass(Options, RUN_OPTIONS)
 def run(
     options: Options,
     config: ConfigOption = None,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run/--no-dry-run", help="Say what would run; do not run it.")
+        bool,
+        typer.Option(
+            "--dry-run/--no-dry-run",
+            help="Print what would run with its jobs, time and disk; run nothing.",
+        ),
     ] = False,
     format_: FormatOption = None,
 ) -> None:
-    """Run a suite, or go on with one that was stopped; print its headline table."""
+    """Run a suite, or go on with a stopped run; print its headline table."""
     refuse_other_objects(options, config)
     suite = find(options.suite, ALL_SUITES, "suite")
     if dry_run:
         print(describe_run(options))
         return
     if not isinstance(suite, Suite):
-        done = import_module(f"bench.suites.{suite.id}.run").run(options)
-        texts = done.printed if format_ is None else [in_format(done.tables, format_)]
+        result = import_module(f"bench.suites.{suite.id}.run").run(options)
+        texts = result.printed if format_ is None else [in_format(result.tables, format_)]
         print("\n".join(texts))
-        print(f"{done.summary}\nresults in {done.directory}", file=sys.stderr)
+        print(f"{result.summary}\nresults in {result.directory}", file=sys.stderr)
         return
     finished = run_suite(options)
     if finished.outputs is not None:

@@ -1,7 +1,6 @@
-"""`bench score`: metrics of other packages, taken of the images that a finished run has kept.
+"""`bench score`: metrics of other packages on the images that a finished run has kept.
 
-The run itself stays as it is: its records, its tables and what they are compared with. A score is a
-pure function of images, so there is nothing to keep but the tables.
+The run itself stays as it is: its records, its tables and its golden values.
 """
 
 from __future__ import annotations
@@ -16,7 +15,6 @@ from typing import Annotated
 import numpy as np
 import pandas as pd
 import typer
-from numpy.typing import NDArray
 
 from bench.analysis.cells import image_keys
 from bench.analysis.distances import FRECHET, KERNEL, FeatureDistances
@@ -33,17 +31,17 @@ from bench.report.stored import Sources, open_sources
 from bench.running.work import reason_of
 from bench.tables.quality import quality_table
 from bench.tables.table import Table, write_tables
+from data_prep.arrays import Floats
 from data_prep.failures import BadInput
 from data_prep.scene import UInt8Images
 
 
-def score(directory: Path, metric_ids: Sequence[str]) -> list[Table[QualityRow]]:
-    """A table for each metric, written into `directory`/tables as metric_ID.csv and .md.
+def score(directory: Path, metrics: Sequence[ImageMetric | SetMetric]) -> list[Table[QualityRow]]:
+    """Write a table for each metric into `directory`/tables as metric_ID.csv and .md; return all.
 
-    Raises BadInput for what is no finished run, an unknown metric, images that are not there any
-    more, and where a metric fails or gives no scores.
+    Raises BadInput for a folder without a finished run, missing images, and where a metric fails or
+    gives no scores.
     """
-    metrics = [find_metric(metric_id) for metric_id in metric_ids]
     run = read_scored(directory)
     for metric in metrics:
         if column(metric.id) in run.records.columns:
@@ -51,40 +49,36 @@ def score(directory: Path, metric_ids: Sequence[str]) -> list[Table[QualityRow]]
                 f"metric '{metric.id}': the records have a column of that name; rename it"
             )
     sources = open_sources(directory, run.manifest, ())
-    made = []
+    tables = []
     for metric in metrics:
         if isinstance(metric, SetMetric):
-            found, better = _set_rows(run, sources, metric), "lower"
+            samples, better = _set_rows(run, sources, metric), "lower"
         else:
-            found = _image_rows(run, sources, metric)
+            records = scored(run.records, sources, metric)
+            samples = image_rows(replace(run, records=records, skipped={}), [metric.id])
             better = "higher" if metric.higher_is_better else "lower"
         title = f"{metric.id}, version {metric.version}: {metric.about} ({better} is better)"
-        rows = (one.row for one in found)
+        rows = (sample.row for sample in samples)
         spec = TableSpec("images", f"metric_{metric.id}", title)
-        made.append(quality_table(spec, rows))
-    write_tables(directory, made)
-    return made
-
-
-def _image_rows(run: ScoredRun, sources: Sources, metric: ImageMetric) -> list[RowWithSamples]:
-    records = scored(run.records, sources, metric)
-    return image_rows(replace(run, records=records, skipped={}), [metric.id])
+        tables.append(quality_table(spec, rows))
+    write_tables(directory, tables)
+    return tables
 
 
 def _set_rows(run: ScoredRun, sources: Sources, metric: SetMetric) -> list[RowWithSamples]:
-    """Fréchet and kernel distances."""
-    seen = FeatureDistances(SeenFeatures(run.records, sources, metric))
+    """Return the rows of Fréchet and kernel distances."""
+    distances = FeatureDistances(KeptFeatures(run.records, sources, metric))
     return [
         row
         for name, distance in ((metric.id, FRECHET), (f"{metric.id}-kernel", KERNEL))
-        for row in distance_rows(run, name, distance, seen)
+        for row in distance_rows(run, name, distance, distances)
     ]
 
 
-class SeenFeatures:
+class KeptFeatures:
     """The features of the images that a run has kept, as `bench.records.features.Features`.
 
-    They are taken when they are asked for, cell by cell; those of the truth are kept.
+    They are computed on demand, cell by cell; those of the true images are kept.
     """
 
     def __init__(self, records: pd.DataFrame, sources: Sources, metric: SetMetric) -> None:
@@ -92,33 +86,33 @@ class SeenFeatures:
         cells = ok.groupby(["method", "condition", "class"], sort=False)
         self._images = {cell: sorted(image_keys(group)) for cell, group in cells}
         self._sources, self._metric = sources, metric
-        self._true: dict[JobName, NDArray[np.float64]] = {}
+        self._true: dict[JobName, Floats] = {}
         for name in records["class"].unique():
             of_class = (images for cell, images in self._images.items() if cell[2] == name)
             self._images[GROUND_TRUTH, "", name] = sorted(set().union(*of_class))
 
     def images(self, method: str, condition: str, class_name: str) -> list[ImageKey]:
-        """The images there are, sorted; none in a cell that is not there."""
+        """Return the images of a cell, sorted; none for an unknown cell."""
         return self._images.get((method, condition, class_name), [])
 
     def of(
         self, method: str, condition: str, class_name: str, images: Sequence[ImageKey]
-    ) -> NDArray[np.float64]:
-        """Theirs [n, d], in the order of `images`. Raises BadInput as `score`."""
+    ) -> Floats:
+        """Return the features of `images`, [n, d]. Raises BadInput as `score`."""
         of_objects = {}
         for obj in dict.fromkeys(obj for obj, _ in images):
-            item = JobName(method, condition, class_name, obj)
-            found = self._true.get(item)
-            if found is None:
-                found = checked_features(self._metric, kept_images(self._sources, item))
+            name = JobName(method, condition, class_name, obj)
+            features = self._true.get(name)
+            if features is None:
+                features = checked_features(self._metric, kept_images(self._sources, name))
             if method == GROUND_TRUTH:
-                self._true[item] = found
-            of_objects[obj] = found
+                self._true[name] = features
+            of_objects[obj] = features
         return np.stack([of_objects[obj][view] for obj, view in images])
 
 
 def scored(records: pd.DataFrame, sources: Sources, metric: ImageMetric) -> pd.DataFrame:
-    """The records with a column for the metric, NaN where there is no image.
+    """Return the records with a column for the metric, NaN for a failed image.
 
     Raises BadInput as `score`.
     """
@@ -132,55 +126,50 @@ def scored(records: pd.DataFrame, sources: Sources, metric: ImageMetric) -> pd.D
     return records.assign(**{column(metric.id): values})
 
 
-def kept_images(sources: Sources, item: JobName) -> UInt8Images:
-    """The images [V, H, W, 3] of an item. Raises BadInput where they are gone."""
-    images = sources.images(item)
+def kept_images(sources: Sources, name: JobName) -> UInt8Images:
+    """Return the images [V, H, W, 3] of a job. Raises BadInput where they are gone."""
+    images = sources.images(name)
     if images is None:
         raise BadInput(
-            f"{' '.join(item)}: its images are not there any more; start the run again with its "
-            "command"
+            f"{' '.join(name)}: its images are gone; start the run again with its command"
         )
     return images
 
 
-def _given(
+def _call(
     metric: ImageMetric | SetMetric, function: Callable[..., object], *images: UInt8Images
-) -> NDArray[np.float64]:
-    """Return what a function of the metric gives. Raises BadInput for whatever it raises.
-
-    What it prints goes to stderr: stdout is for the tables.
-    """
+) -> Floats:
+    """Return the values of a function of the metric. Raises BadInput for whatever it raises."""
     try:
-        with redirect_stdout(sys.stderr):
+        with redirect_stdout(sys.stderr):  # stdout is for the tables
             return np.asarray(function(*images), np.float64)
     except (Exception, SystemExit) as error:  # whatever a stranger's function raises
         raise BadInput(f"metric '{metric.id}': {reason_of(error)}; fix that package") from error
 
 
-def checked_features(metric: SetMetric, images: UInt8Images) -> NDArray[np.float64]:
-    """Return features [V, d] of images [V, H, W, 3]. Raises BadInput where there are none."""
-    found = _given(metric, metric.features, images)
-    is_expected = found.ndim == 2 and len(found) == len(images) and found.shape[1] > 0
-    if not is_expected or not np.isfinite(found).all():
+def checked_features(metric: SetMetric, images: UInt8Images) -> Floats:
+    """Return features [V, d] of images [V, H, W, 3]. Raises BadInput where the metric has none."""
+    values = _call(metric, metric.features, images)
+    shaped = values.ndim == 2 and len(values) == len(images) and values.shape[1] > 0
+    if not shaped or not np.isfinite(values).all():
         raise BadInput(
-            f"metric '{metric.id}': gives features {list(found.shape)}, {np.isfinite(found).sum()} "
-            f"finite, for {len(images)} images; fix that package"
+            f"metric '{metric.id}': gives features {list(values.shape)}, "
+            f"{np.isfinite(values).sum()} finite, for {len(images)} images; fix that package"
         )
-    return found
+    return values
 
 
-def checked_scores(
-    metric: ImageMetric, truth: UInt8Images, drawn: UInt8Images
-) -> NDArray[np.float64]:
+def checked_scores(metric: ImageMetric, truth: UInt8Images, drawn: UInt8Images) -> Floats:
     """Return scores [V] of images [V, H, W, 3]. Raises BadInput where the metric has none."""
-    found = _given(metric, metric.score, truth, drawn)
-    if found.shape != (len(drawn),) or not np.isfinite(found).all():
+    values = _call(metric, metric.score, truth, drawn)
+    if values.shape != (len(drawn),) or not np.isfinite(values).all():
         like_truth = "; they are identical to the true ones" * np.array_equal(truth, drawn)
         raise BadInput(
-            f"metric '{metric.id}': gives {found.shape} values, {np.isfinite(found).sum()} finite, "
-            f"for {len(drawn)} pictures{like_truth}; fix that package ('bench test {metric.id}')"
+            f"metric '{metric.id}': gives {values.shape} values, "
+            f"{np.isfinite(values).sum()} finite, for {len(drawn)} images{like_truth}; fix that "
+            f"package ('bench test {metric.id}')"
         )
-    return found
+    return values
 
 
 def score_run(
@@ -194,5 +183,5 @@ def score_run(
     chosen = names(metrics) or metric_ids()
     if not chosen:
         raise BadInput("no installed package adds a metric; see docs/adding-a-metric.md")
-    for made in score(directory, chosen):
-        print(made.to_markdown())
+    for table in score(directory, [find_metric(metric_id) for metric_id in chosen]):
+        print(table.to_markdown())

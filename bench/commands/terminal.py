@@ -1,4 +1,4 @@
-"""How a run goes on, for whoever looks on: a live table on a terminal, plain lines elsewhere."""
+"""The progress of a run on stderr: a live table on a terminal, plain lines elsewhere."""
 
 from __future__ import annotations
 
@@ -20,23 +20,30 @@ SHARE = 0.02  # of the time of a run that goes into tables in between, at most
 
 
 def shown(table: Table[QualityRow], lines: int = MOST_LINES) -> list[str]:
-    """The headline table as text, as wide as the terminal and at most 100 columns."""
+    """Return the headline table as text, as wide as the terminal and at most 100 columns."""
     width = min(WIDEST, shutil.get_terminal_size((WIDEST, MOST_LINES)).columns)
     return [table.title, *plain(table.grids(), width, lines - 1)]
 
 
 class Terminal(AbstractContextManager["Terminal"]):
-    """An observer of a run (`bench.running.run.ProgressReporter`).
+    """A progress reporter of a run (`bench.running.run.ProgressReporter`).
 
-    make  the headline table of what is complete. It is made anew as objects are completed, unless
-          that would take more than a fiftieth of the time
+    The headline table is made again as objects are completed, unless that would take more than a
+    fiftieth of the time.
+
+    Parameters
+    ----------
+    make : callable
+        Returns the headline table of the complete objects.
+    title, total
+        Text before the bar, and number of jobs.
     """
 
     def __init__(
         self, make: Callable[[PartialRun], Table[QualityRow]], title: str, total: int
     ) -> None:
         self._make, self._title, self._total = make, title, total
-        self._again = 0.0  # when the table may be made again
+        self._next_s = 0.0  # by `time.monotonic`; before it the table is not made again
         self._live: Any = None
         self._around = ExitStack()
 
@@ -61,7 +68,7 @@ class Terminal(AbstractContextManager["Terminal"]):
         self._around.close()
 
     def on_jobs_done(self, ended: int, failed: int) -> None:
-        """So many more jobs have ended."""
+        """Count jobs that have ended, and show how many have failed so far."""
         if self._live is not None:
             self._bars.update(self._task, advance=ended, failed=failed)
             return
@@ -69,20 +76,20 @@ class Terminal(AbstractContextManager["Terminal"]):
             self._advance(failed)
 
     def on_object_done(self, snapshot: Callable[[], PartialRun]) -> None:
-        """One more object is complete."""
+        """Show the headline table of the complete objects, if it is time for one."""
         start = time.monotonic()
-        if start < self._again:
+        if start < self._next_s:
             return
-        complete = snapshot()
-        table = self._make(complete)
+        partial_run = snapshot()
+        table = self._make(partial_run)
         if self._live is not None:
             from rich.console import Group
             from rich.text import Text
 
-            room = self._live.console.height - 4
-            text = Text("\n".join(shown(table, min(room, MOST_LINES))), no_wrap=True)
+            lines = min(self._live.console.height - 4, MOST_LINES)
+            text = Text("\n".join(shown(table, lines)), no_wrap=True)
             self._live.update(Group(text, Text(), self._bars))
-        elif not self._again:
-            log(f"headline table so far: {complete.directory / TABLES / table.name}.md")
+        elif not self._next_s:
+            log(f"headline table so far: {partial_run.directory / TABLES / table.name}.md")
         now = time.monotonic()
-        self._again = now + (now - start) / SHARE
+        self._next_s = now + (now - start) / SHARE

@@ -78,10 +78,6 @@ class Plan:
         """Return the objects in the order of their start: the first of each class, the second..."""
         return tuple(obj for _, obj in sorted(self._numbered(), key=lambda pair: pair[0]))
 
-    def first(self, objects: int) -> Plan:
-        """Return the part of the first objects of each class, as the dataset orders them."""
-        return Plan(tuple(obj for number, obj in self._numbered() if number <= objects))
-
     def select(self, objects: Container[str]) -> Plan:
         """Return the part of the objects with these names."""
         return Plan(tuple(obj for obj in self.objects if obj.name in objects))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Set
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -40,24 +40,20 @@ class RunStatus:
 
     @property
     def left(self) -> dict[MethodCondition, int]:
-        """Return how many jobs are left, with one for each condition; zeros included."""
-        return self._count((*self.plan.ground_truths, *self.plan.method_jobs))
+        """Return how many jobs are left, by method and condition; zeros included.
 
-    @property
-    def jobs_left(self) -> dict[MethodCondition, int]:
-        """Return how many jobs are left; one that does every condition counts at the first."""
-        return self._count(self.plan.jobs)
+        A job that is the same under every condition counts at the first.
+        """
+        return count(self.plan.jobs, self.completed_keys)
 
-    def left_of_first(self, objects: int) -> dict[MethodCondition, int]:
-        """Return how many jobs are left of the first objects of each class, as with `--limit`."""
-        return self._count(self.plan.first(objects).jobs)
 
-    def _count(self, jobs: Iterable[Job]) -> dict[MethodCondition, int]:
-        left: dict[MethodCondition, int] = {}
-        for job in jobs:
-            cell = (job.method, job.condition)
-            left[cell] = left.get(cell, 0) + (job.key not in self.completed_keys)
-        return left
+def count(jobs: Iterable[Job], completed_keys: Set[str]) -> dict[MethodCondition, int]:
+    """Return how many jobs are not completed, by method and condition, in their order."""
+    left: dict[MethodCondition, int] = {}
+    for job in jobs:
+        cell = (job.method, job.condition)
+        left[cell] = left.get(cell, 0) + (job.key not in completed_keys)
+    return left
 
 
 def run_status(options: Options, protocol: Protocol) -> RunStatus:

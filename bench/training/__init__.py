@@ -1,1 +1,1 @@
-"""Trainings of the networks that measure, and of the best constant image."""
+"""Trainings of all networks, and of the best constant image."""

@@ -29,16 +29,15 @@ def start_run(arguments, directory, code=BENCH[-1], **environment):
 
 
 @pytest.fixture
-def command(monkeypatch, capsys):
-    """Runs the command line in this process; gives exit status, stdout and stderr."""
+def command(capsys):
+    """Run the command line in this process; return exit status, stdout and stderr."""
     from bench.cli import main
 
     def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["bench", *map(str, arguments)])
         capsys.readouterr()
         before = signal.getsignal(signal.SIGINT)
         with pytest.raises(SystemExit) as ended:
-            main()
+            main([*map(str, arguments)])
         signal.signal(signal.SIGINT, before)  # an interrupted command ignores further ones
         out, err = capsys.readouterr()
         return ended.value.code or 0, out, err

@@ -101,12 +101,13 @@ def test_datasets_that_are_refused_by_name(command, no_machine, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        (("--foo",), "bench: No such option: --foo; see 'bench --help'\n"),
         (("run", "--suite", SUITE, "--views", "many"), "Invalid value for '--views': "),
         (
             ("run", "--suite", SUITE, "--device", "gpu"),
             "bench: Invalid value for '--device': 'gpu' is not one of 'auto', 'cpu', 'cuda'; see ",
         ),
-        (("run",), "Missing option '--suite'; see 'bench run --help'"),
+        (("run",), "bench: Missing option '--suite'; see 'bench run --help'\n"),
         (("table",), "Missing argument 'DIR'; see 'bench table --help'"),
         (("run", "--suit", SUITE), "No such option: --suit (Possible options: "),
         (
@@ -278,8 +279,9 @@ def test_nobody_reads_the_output(buffered):
     assert (done.returncode, done.stderr) == (141, b"")
 
 
-def test_an_impatient_user_interrupts_once(clock):
-    handle = _interrupt_handler()
+def test_an_impatient_user_interrupts_once():
+    clock = [100.0]
+    handle = _interrupt_handler(lambda: clock[0])
     with pytest.raises(KeyboardInterrupt):
         handle(signal.SIGINT, None)
     clock[0] += 0.5

@@ -10,7 +10,8 @@ from pathlib import Path
 import torch
 from safetensors.torch import save_file
 
-from bench.commands.train import DecoderOptions, train_decoder
+from bench.training.networks import train_decoder
+from bench.training.options import DecoderOptions
 from learning import processes, training_loop
 from learning.training_loop import seeded
 from pc2pix.weights import export

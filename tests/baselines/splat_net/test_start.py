@@ -11,7 +11,7 @@ from baselines.splat_net.start import read_start
 from baselines.splat_net.surfels import find_surfels, stack
 from baselines.splat_net.train import KIND, SplatNetConfig, _SplatNetTrainer, train_splat_net
 from baselines.splat_net.weights import BUNDLED, export
-from bench.commands.train import do_without
+from bench.training.networks import do_without
 from data_prep.failures import BadInput
 from data_prep.scene import View
 from learning import checkpoint

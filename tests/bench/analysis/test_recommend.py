@@ -178,7 +178,7 @@ def test_both_limits_have_to_be_met_by_one_method():
 def test_in_short_and_in_full():
     assert in_words(Requirements(20, 250)) == [
         "2048: best within 250 ms: pc2pix, ssim 0.750 [0.658, 0.842], 210 ms [210, 210] a cloud, "
-        "10.5 ms a picture"
+        "10.5 ms an image"
     ]
     _, _, sure, first, second, regret = in_words(Requirements(20, 250, 0.65), in_full=True)
     assert sure.startswith("  surely that good, by the lower end of the interval: ")
@@ -248,7 +248,7 @@ def test_metrics_that_agree_have_one_line():
     (line,) = in_words(Requirements(20, 250), of_two_metrics(LPIPS), metrics=("ssim", "lpips"))
     assert line == (
         "2048: best within 250 ms: pc2pix, ssim 0.750 [0.658, 0.842], lpips 0.200 [0.200, 0.200], "
-        "210 ms [210, 210] a cloud, 10.5 ms a picture"
+        "210 ms [210, 210] a cloud, 10.5 ms an image"
     )
 
 

@@ -9,12 +9,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-import bench.commands.score
 from bench.analysis.scored import read_scored
 from bench.analysis.scores import image_rows
 from bench.catalogue.plugins import ImageMetric, SetMetric
 from bench.commands.score import (
-    SeenFeatures,
+    KeptFeatures,
     checked_features,
     checked_scores,
     score,
@@ -40,9 +39,9 @@ def made(function, id_="made", higher=True):
         (lambda truth, drawn: 1 / 0, "ZeroDivisionError: division by zero"),
         (lambda truth, drawn: sys.exit(0), "SystemExit: 0"),
         (lambda truth, drawn: "x", "ValueError: could not convert string to float"),
-        (lambda truth, drawn: 1.0, r"gives \(\) values, 1 finite, for 2 pictures"),
-        (lambda truth, drawn: [1.0, np.nan], r"gives \(2,\) values, 1 finite, for 2 pictures"),
-        (lambda truth, drawn: np.ones((2, 1)), r"gives \(2, 1\) values, 2 finite, for 2 pict"),
+        (lambda truth, drawn: 1.0, r"gives \(\) values, 1 finite, for 2 images"),
+        (lambda truth, drawn: [1.0, np.nan], r"gives \(2,\) values, 1 finite, for 2 images"),
+        (lambda truth, drawn: np.ones((2, 1)), r"gives \(2, 1\) values, 2 finite, for 2 imag"),
     ],
 )
 def test_a_metric_that_gives_no_scores_is_named(function, message):
@@ -57,9 +56,9 @@ def test_no_finite_value_of_identical_images(capsys):
         print("measuring")
         return np.full(len(drawn), np.inf)
 
-    with pytest.raises(BadInput, match=r"for 2 pictures; they are identical to the true ones; fix"):
+    with pytest.raises(BadInput, match=r"for 2 images; they are identical to the true ones; fix"):
         checked_scores(made(decibels), TWO, TWO)
-    with pytest.raises(BadInput, match=r"for 2 pictures; fix that package \('bench test made'\)"):
+    with pytest.raises(BadInput, match=r"for 2 images; fix that package \('bench test made'\)"):
         checked_scores(made(decibels), TWO, TWO + 1)
     assert capsys.readouterr() == ("", "measuring\nmeasuring\n")
 
@@ -70,20 +69,11 @@ def test_true_and_drawn_images_in_their_order():
     assert (found.dtype, found.tolist()) == (np.float64, [5, 5])
 
 
-@pytest.fixture
-def metrics(monkeypatch):
-    """Metrics by their ids, as if they were installed."""
-    found = {}
-    monkeypatch.setattr(bench.commands.score, "find_metric", found.__getitem__)
-    return found
-
-
 @pytest.mark.usefixtures("few_objects")
-def test_every_image_counts_where_it_belongs(copied, metrics):
+def test_every_image_counts_where_it_belongs(copied):
     """The ceiling draws the same under noise, splats grow with it, and the floor is blank."""
     dark = made(lambda truth, drawn: (drawn < 255).any(axis=3).mean(axis=(1, 2)), "dark-share")
-    metrics["dark-share"] = dark
-    (table,) = score(copied, ["dark-share"])
+    (table,) = score(copied, [dark])
     value = {(row.method, row.condition): row.value for row in table.rows}
     assert value["blank", "2048"] == 0
     assert value["true-mesh", "2048"] == value["true-mesh", "noise-0.10"] > 0
@@ -120,15 +110,14 @@ def test_failed_images_are_scored_as_blank_ones(finished):
     assert (row.value, row.failures_as_blank, row.n_ok, row.n) == (0, 0.5, 3, 6)
 
 
-def test_a_taken_name_and_images_that_are_gone_are_refused(copied, metrics):
-    metrics["silhouette-iou"] = made(lambda truth, drawn: None, "silhouette-iou")
+def test_a_taken_name_and_images_that_are_gone_are_refused(copied):
+    taken = made(lambda truth, drawn: None, "silhouette-iou")
     with pytest.raises(BadInput, match="metric 'silhouette-iou': the records have a column of"):
-        score(copied, ["silhouette-iou"])
-    metrics["made"] = made(lambda truth, drawn: np.ones(len(drawn)))
+        score(copied, [taken])
     for path in (copied / "artifacts").rglob("*.npz"):
         path.unlink()
-    with pytest.raises(BadInput, match="its images are not there any more; start the run again"):
-        score(copied, ["made"])
+    with pytest.raises(BadInput, match="its images are gone; start the run again"):
+        score(copied, [made(lambda truth, drawn: np.ones(len(drawn)))])
 
 
 def of_set(function, id_="fd-made"):
@@ -151,14 +140,13 @@ def test_an_extractor_that_gives_no_features_is_named(function, message):
 
 
 @pytest.mark.usefixtures("few_objects")
-def test_distances_of_an_extractor_are_those_of_its_features(copied, metrics):
+def test_distances_of_an_extractor_are_those_of_its_features(copied):
     """Two features, by the definitions: the truth is that of the same objects and views."""
 
     def features(images):
         return np.stack([images.mean(axis=(1, 2, 3)), images.std(axis=(1, 2, 3))], axis=1)
 
-    metrics["fd-made"] = of_set(features)
-    (table,) = score(copied, ["fd-made"])
+    (table,) = score(copied, [of_set(features)])
     value = {(row.metric, row.method, row.condition): row.value for row in table.rows}
     run = read_scored(copied)
     sources = open_sources(copied, run.manifest, ())
@@ -185,7 +173,7 @@ def test_features_of_the_truth_are_taken_once(copied):
         return np.ones((len(images), 1))
 
     run = read_scored(copied)
-    seen = SeenFeatures(run.records, open_sources(copied, run.manifest, ()), of_set(features))
+    seen = KeptFeatures(run.records, open_sources(copied, run.manifest, ()), of_set(features))
     for condition in ("2048", "noise-0.10"):
         images = seen.images("splat", condition, "chair")
         assert images == seen.images(GROUND_TRUTH, "", "chair")

@@ -139,7 +139,7 @@ def test_recommend(tmp_path, command):
     for condition, line in zip(("2048", "512"), lines, strict=True):
         best, value = means[condition].idxmax(), f"{means[condition].max():.3f}"
         assert line.startswith(f"{condition}: best within 500 ms: {best}, ssim {value} [")
-        assert line.endswith("], 500 ms [500, 500] a cloud, 250 ms a picture")
+        assert line.endswith("], 500 ms [500, 500] a cloud, 250 ms an image")
 
 
 def test_surely_is_said_of_the_method_that_is(tmp_path, command):
@@ -168,7 +168,7 @@ def test_surely_is_said_of_the_method_that_is(tmp_path, command):
 @pytest.mark.parametrize(
     ("arguments", "status", "message"),
     [
-        (("--budget-ms", "10", "--views", "1"), 1, ", 375 ms [375, 375] a cloud, 375 ms a picture"),
+        (("--budget-ms", "10", "--views", "1"), 1, ", 375 ms [375, 375] a cloud, 375 ms an image"),
         (("--min-ssim", "1"), 1, "512: no method with an ssim of at least 1; the nearest: splat"),
         ((), 2, "bench: nothing to go by; give --budget-ms, --min-ssim, or both\n"),
         (("--budget-ms", "9", "--metric", "fd-views"), 2, "--metric fd-views: cannot judge here; "),

@@ -1,41 +1,47 @@
-"""`bench train`: how it ends, and who speaks."""
+"""The command `bench train`: its options, and how a training ends."""
 
 from __future__ import annotations
+
+from dataclasses import MISSING, fields
+from pathlib import Path
 
 import pytest
 import torch
 
-import bench.commands.train
+from baselines.splat_net.train import SplatNetConfig
 from baselines.splat_net.weights import load_weights
 from bench.catalogue.methods import find_method
-from learning.divergence import TrainingDiverged
+from bench.commands.train import TRAIN_OPTIONS, print_once
+from bench.training import options as training_options
+from bench.training.networks import training_objects
 from learning.weights import file_sha256
+from pc2pix.train_autoencoder import AutoencoderConfig
+from pc2pix.train_decoder import DecoderConfig
+from pc2pix.train_gan import GanConfig
 
 
-def test_a_training_that_diverged_is_one_line(command, monkeypatch):
-    def train(*options):
-        raise TrainingDiverged("step 7: g_total is nan; last good checkpoint: step 5, x")
-
-    monkeypatch.setattr(bench.commands.train, "train_gan", train)
-    status, out, err = command("train", "gan")
-    assert (status, out) == (1, "")
-    assert err == (
-        "bench: step 7: g_total is nan; last good checkpoint: step 5, x; "
-        "a lower learning rate may help\n"
-    )
+def test_a_training_that_diverged_is_one_line(command, tmp_path):
+    out = tmp_path / "x"
+    options = ("--objects", "2", "--batch", "2", "--steps", "20", "--learning-rate", "1e30")
+    status, printed, err = command("train", "autoencoder", *options, "--out", out)
+    assert (status, printed) == (1, "")
+    last = err.splitlines()[-1]
+    assert last.startswith("bench: step ")
+    assert last.endswith("; a lower learning rate may help")
 
 
-@pytest.mark.parametrize("trained", ["autoencoder", "gan", "decoder"])
-def test_only_the_first_process_says_what_was_made(command, monkeypatch, trained):
-    monkeypatch.setattr(bench.commands.train, f"train_{trained}", lambda options: options.out)
-    assert command("train", trained, "--out", "here") == (0, "here\n", "")
+def test_only_the_first_process_prints_the_file_of_a_training(capsys, monkeypatch):
+    print_once(Path("here"))
+    assert capsys.readouterr().out == "here\n"
     monkeypatch.setenv("TORCHELASTIC_RUN_ID", "x")
     monkeypatch.setenv("RANK", "1")
-    assert command("train", trained, "--out", "here") == (0, "", "")
+    print_once(Path("here"))
+    assert capsys.readouterr().out == ""
 
 
-def test_cuda_where_there_is_none(command, monkeypatch, tmp_path):
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+def test_cuda_where_there_is_none(command, tmp_path):
+    if torch.cuda.is_available():
+        pytest.skip("needs a machine without a GPU")
     options = ("--device", "cuda", "--objects", "1", "--out", str(tmp_path / "x"))
     status, out, err = command("train", "autoencoder", *options)
     assert (status, out) == (2, "")
@@ -44,15 +50,30 @@ def test_cuda_where_there_is_none(command, monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("asked", "classes"),
+    ("kind", "config"),
+    [
+        (training_options.AutoencoderOptions, AutoencoderConfig),
+        (training_options.GanOptions, GanConfig),
+        (training_options.SplatNetOptions, SplatNetConfig),
+        (training_options.DecoderOptions, DecoderConfig),
+    ],
+)
+def test_defaults_are_those_of_the_configuration(kind, config):
+    """A training by its command is the training by its function."""
+    defaults = {field.name: field.default for field in fields(kind)}
+    shared = [f for f in fields(config) if f.name in defaults and f.default is not MISSING]
+    assert len(shared) >= 4
+    for field in shared:
+        if field.name not in ("network", "objects"):
+            assert defaults[field.name] == field.default, field.name
+
+
+@pytest.mark.parametrize(
+    ("text", "classes"),
     [("chair", ("chair",)), ("chair,sofa", ("chair", "sofa")), ("all", ())],
 )
-def test_classes_to_train_on(command, monkeypatch, asked, classes):
-    trained = []
-    train = bench.commands.train
-    monkeypatch.setattr(train, "train_autoencoder", lambda o, *_: trained.append(o) or o.out)
-    status, _, _ = command("train", "autoencoder", "--class", asked, "--objects", "2")
-    assert (status, [options.classes for options in trained]) == (0, [classes])
+def test_classes_to_train_on(text, classes):
+    assert TRAIN_OPTIONS["classes"].convert(text) == classes
 
 
 @pytest.mark.parametrize(
@@ -63,10 +84,10 @@ def test_objects_of_each_class_are_taken(tmp_path, classes, found):
     for place in ("a/0.ply", "a/1.ply", "a/2.ply", "b/0.ply", "b/1.ply"):
         (tmp_path / place).parent.mkdir(exist_ok=True)
         (tmp_path / place).touch()
-    options = bench.commands.train.TrainingOptions(
+    options = training_options.TrainingOptions(
         dataset=f"folder:{tmp_path}", classes=classes, objects=2, steps=1, out=tmp_path
     )
-    objects = bench.commands.train.training_objects(options)
+    objects = training_objects(options)
     assert [o.class_name + o.object_id.removesuffix(".ply") for o in objects] == found.split()
 
 

@@ -1,0 +1,182 @@
+"""The trainings of the networks that draw: data of a dataset, the loops of their packages.
+
+Each goes on with the training that is in its folder.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+import torch
+
+from baselines.splat_net import train as splat_net
+from baselines.splat_net import weights as splat_net_weights
+from baselines.splat_net.network import NETWORKS, NetworkConfig
+from baselines.splat_net.start import grey_beside, read_start
+from bench.training.options import (
+    DEFAULT_OBJECTS,
+    AutoencoderOptions,
+    DecoderOptions,
+    GanOptions,
+    SplatNetOptions,
+    TrainingOptions,
+)
+from data_prep.datasets.registry import ProceduralObject, SceneObject, open_dataset
+from data_prep.datasets.training_set import add_surfaces, training_clouds, training_set
+from data_prep.failures import BadInput
+from data_prep.progress import progress
+from learning.processes import is_first
+from learning.progress import training_progress
+from learning.training_loop import OnProgress
+from pc2pix import train_autoencoder as autoencoder
+from pc2pix import train_decoder as decoder
+from pc2pix import train_gan as gan
+from pc2pix.model import LITE, PAPER
+from pc2pix.weights import decoder_path, export, export_decoder, load_weights
+
+Config = TypeVar("Config")
+
+
+def train_autoencoder(options: AutoencoderOptions) -> Path:
+    """Train the point-cloud autoencoder; return its checkpoint."""
+    _set_threads(options)
+    clouds = training_clouds(training_objects(options), quiet=not is_first())
+    model = replace(
+        {"lite": LITE, "paper": PAPER}[options.width],
+        encoder=options.encoder,
+        latent_dim=options.latent_dim,
+    )
+    config = _config(autoencoder.AutoencoderConfig, options, model=model)
+    data = autoencoder.AutoencoderData(clouds)
+    with _progress("autoencoder") as show:
+        return autoencoder.train_autoencoder(
+            data, config, options.out, device=options.device, on_progress=show
+        )
+
+
+def train_gan(options: GanOptions) -> Path:
+    """Train the rendering GAN on a trained autoencoder; return the exported weights file."""
+    _set_threads(options)
+    encoder = autoencoder.load_encoder(options.autoencoder)
+    views = training_set(training_objects(options), options.views, quiet=not is_first())
+    model = replace(encoder.config, azimuth=options.azimuth)
+    config = _config(gan.GanConfig, options, model=model)
+    data = gan.GanData(views.images, views.azimuth_deg, views.elevation_deg, views.clouds)
+    with _progress("gan") as show:
+        checkpoint = gan.train_gan(
+            data, encoder, config, options.out, device=options.device, on_progress=show
+        )
+    weights = options.out / "weights.safetensors"
+    if is_first():
+        export(checkpoint, weights)
+    return weights
+
+
+def train_splat_net(options: SplatNetOptions) -> Path:
+    """Train splat-net; return the exported weights file, beside which `weights-grey` stands."""
+    _set_threads(options)
+    if options.network not in NETWORKS:
+        raise BadInput(
+            f"--network: unknown '{options.network}'; choose one of {', '.join(NETWORKS)}"
+        )
+    network = do_without(NETWORKS[options.network], options.without)
+    start = None
+    if options.start is not None:
+        start = read_start(options.start, network, options.seed)
+    config = _config(
+        splat_net.SplatNetConfig, options, network=network, start=start.sha256 if start else None
+    )
+    objects = training_objects(options)
+    views = training_set(objects, options.views, quiet=not is_first())
+    with progress("silhouettes", len(objects), quiet=not is_first()) as advance:
+        data = add_surfaces(views, objects, lambda: advance(0))
+    with _progress("splat-net") as show:
+        checkpoint = splat_net.train_splat_net(
+            data,
+            config,
+            options.out,
+            start=start.network if start else None,
+            device=options.device,
+            on_progress=show,
+        )
+    weights = options.out / "weights.safetensors"
+    if is_first():
+        splat_net_weights.export(checkpoint, weights, "colour")
+        splat_net_weights.export(checkpoint, grey_beside(weights), "grey")
+    return weights
+
+
+def train_decoder(options: DecoderOptions) -> Path:
+    """Train a decoder for the encoder of `weights`; return its file, which stands beside them.
+
+    The data are the procedural train chairs. Raises BadInput where the weights cannot be used or a
+    number is not positive.
+    """
+    count = DEFAULT_OBJECTS if options.objects is None else options.objects
+    for name, value in (("objects", count), ("steps", options.steps), ("batch", options.batch)):
+        if value < 1:
+            raise BadInput(f"--{name} {value}: must be at least 1")
+    _set_threads(options)
+    weights = load_weights(options.weights)
+    objects = tuple(ProceduralObject("chair", "train", i) for i in range(count))
+    data = autoencoder.AutoencoderData(training_clouds(objects, quiet=not is_first()))
+    config = _config(
+        decoder.DecoderConfig, options, weights=weights.sha256, model=weights.encoder.config
+    )
+    with _progress("decoder") as show:
+        checkpoint = decoder.train_decoder(
+            data, weights, config, options.out, device=options.device, on_progress=show
+        )
+    path = decoder_path(options.weights)
+    if is_first():
+        export_decoder(checkpoint, path)
+    return path
+
+
+def do_without(network: NetworkConfig, parts: Sequence[str]) -> NetworkConfig:
+    """Return the network without some of its inputs. Raises BadInput for an unknown one."""
+    inputs = network.inputs
+    for part in parts:
+        if part == "discs":
+            inputs = replace(inputs, windows=inputs.windows[:1])
+        elif part in ("normals", "density", "flattened", "far", "noise"):
+            inputs = replace(inputs, **{part: False})
+        else:
+            raise BadInput(
+                f"--without {part}: there are normals, density, flattened, far, noise and discs "
+                "(all but the narrowest)"
+            )
+    return replace(network, inputs=inputs)
+
+
+def training_objects(options: TrainingOptions) -> tuple[SceneObject, ...]:
+    """Return the objects to train on, class by class. Raises BadInput where there are none."""
+    dataset = open_dataset(options.dataset)
+    objects = tuple(
+        obj
+        for name in options.classes or dataset.classes or ("",)  # a folder may have no classes
+        for obj in dataset.objects(name, options.objects, DEFAULT_OBJECTS, "train")
+    )
+    if not objects:
+        raise BadInput(f"--objects {options.objects}: must be at least 1")
+    return objects
+
+
+def _config(kind: Callable[..., Config], options: TrainingOptions, **further: Any) -> Config:
+    """Return a configuration of `further` fields and of those that it shares with the options."""
+    names = {field.name for field in fields(kind)}  # type: ignore[arg-type]
+    shared = {name: value for name, value in vars(options).items() if name in names}
+    return kind(**shared | further)
+
+
+def _progress(title: str) -> AbstractContextManager[OnProgress]:
+    return training_progress(title, quiet=not is_first())
+
+
+def _set_threads(options: TrainingOptions) -> None:
+    if options.threads is not None:
+        torch.set_num_threads(options.threads)

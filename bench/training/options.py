@@ -1,0 +1,104 @@
+"""The options of the trainings, without what a training loads.
+
+Their defaults are those of the trainings' configurations, whose modules load torch: help does not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+DEFAULT_OBJECTS = 1500
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainingOptions:
+    """The options of all trainings.
+
+    Attributes
+    ----------
+    classes : tuple of str
+        Classes to train on; empty: all of the dataset.
+    objects : int or None
+        Objects of each class; None: DEFAULT_OBJECTS, or all of a dataset with an end.
+    steps : int
+        Steps since the beginning, not since a resume.
+    threads : int or None
+        CPU threads of torch; None: its choice.
+    """
+
+    dataset: str = "procedural"
+    classes: tuple[str, ...] = ("chair",)
+    objects: int | None = None
+    steps: int
+    batch: int = 32
+    augment: bool = False
+    precision: Literal["float32", "bfloat16"] = "float32"
+    device: str = "cpu"
+    seed: int = 0
+    threads: int | None = None
+    out: Path
+
+
+@dataclass(frozen=True, kw_only=True)
+class AutoencoderOptions(TrainingOptions):
+    """The options of the autoencoder; see `pc2pix.train_autoencoder.AutoencoderConfig`."""
+
+    width: Literal["lite", "paper"] = "lite"
+    encoder: Literal["paper", "pointnet"] = "paper"
+    latent_dim: int = 32
+    steps: int = 10_000
+    learning_rate: float = 1e-4
+    out: Path = Path("training/autoencoder")
+
+
+@dataclass(frozen=True, kw_only=True)
+class GanOptions(TrainingOptions):
+    """The options of the GAN; see `pc2pix.train_gan.GanConfig`. The autoencoder sets its sizes."""
+
+    autoencoder: Path = Path("training/autoencoder/checkpoint.safetensors")
+    views: int = 8
+    objective: str = "acgan-code"
+    azimuth: Literal["scalar", "sine-cosine"] = "scalar"
+    steps: int = 20_000
+    warm_up: int = 0
+    generator_lr: float = 1e-4
+    out: Path = Path("training/gan")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SplatNetOptions(TrainingOptions):
+    """The options of splat-net; see `baselines.splat_net.train.SplatNetConfig`.
+
+    Attributes
+    ----------
+    network : str
+        A key of `baselines.splat_net.network.NETWORKS`.
+    without : tuple of str
+        Inputs to leave out, see `bench.training.networks.do_without`.
+    start : str or None
+        Weights to start from, see `baselines.splat_net.start.read_start`; None: random ones.
+    """
+
+    network: str = "default"
+    views: int = 8
+    start: str | None = None
+    objective: str = "l1"
+    without: tuple[str, ...] = ()
+    augment: bool = True
+    steps: int = 8000
+    warm_up: int = 0
+    cool_down: int = 2000
+    batch: int = 24
+    learning_rate: float = 2e-3
+    out: Path = Path("training/splat-net")
+
+
+@dataclass(frozen=True, kw_only=True)
+class DecoderOptions(TrainingOptions):
+    """The options of the decoder of trained weights, which learns from procedural train chairs."""
+
+    weights: str = "chair"
+    steps: int = 3000
+    out: Path = Path("training/decoder")
