@@ -39,4 +39,4 @@ def test_they_are_imported_as_any_name_is():
         "print(Method.__module__, metrics.ImageMetric.__name__)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout == "bench.catalogue.methods ImageMetric\n"
+    assert done.stdout == "bench.catalogue.method ImageMetric\n"

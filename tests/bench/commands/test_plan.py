@@ -186,7 +186,7 @@ def plan_text(run, seconds, reason="") -> str:
     """Return the plan from a pilot of two objects whose jobs take these seconds by method."""
     samples = [
         Sample(job, Cost(seconds[job.method], 125_000.0), 512.0, reason)
-        for obj in run.todo.objects[:2]
+        for obj in run.plan.objects[:2]
         for job in obj.jobs
     ]
     return document(plan_of(run, samples))
