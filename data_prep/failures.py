@@ -1,7 +1,7 @@
-"""The kinds of failure, distinguished because they end differently.
+"""The kinds of failure.
 
-`BadInput` is for the user to fix: a command that meets it prints one line and exits with 2.
-`StageFailure` is a result: a method could not render a cloud, the record says why, the run goes on.
+The user has to fix a `BadInput`: a command prints its one line and exits with 2. A `StageFailure`
+is a result: a method could not render a cloud, the record says why, and the run goes on.
 """
 
 from __future__ import annotations
@@ -9,29 +9,34 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 SIMILAR = 0.5  # of difflib's ratio: "chairs" is like "chair-robustness", "nosuch" like no method
-MOST_NAMED = 5  # names in a message
+MOST_NAMED = 5  # of the names in a message
 
 
 class BadInput(ValueError):
-    """An input cannot be used. The message names what, the value found, and the remedy."""
+    """An input that cannot be used; the message names it, its value and the remedy."""
 
 
 class MissingDependency(BadInput):
-    """A library or package that the work needs is not on this machine; the message says which."""
+    """A library or package that is not installed; the message names it."""
 
 
 class CannotWrite(BadInput):
-    """A file cannot be written: the disk is full, say, or the folder read-only."""
+    """A file that cannot be written, because of a full disk or a read-only folder."""
 
 
 class NoFaces(BadInput):
-    """The file of a mesh holds no faces: it may be a point cloud, which can only be drawn."""
+    """A mesh file without faces: perhaps a point cloud, which can only be drawn."""
 
 
 class StageFailure(RuntimeError):
-    """A stage of a method handed on nothing usable.
+    """A stage of a method without a usable result.
 
-    `stage` is a kebab-case name ("ball-pivoting"), `problem` says what was wrong ("no faces").
+    Attributes
+    ----------
+    stage : str
+        Name of the stage in kebab-case, such as "ball-pivoting".
+    problem : str
+        Reason, such as "no faces".
     """
 
     def __init__(self, stage: str, problem: str) -> None:
@@ -46,10 +51,25 @@ class StageFailure(RuntimeError):
 def unknown(
     wanted: str, names: Sequence[str], kind: str, near: str = "", see: str = "bench list"
 ) -> BadInput:
-    """Return an error that there is no `kind` of the name `wanted`.
+    """Return an error about an unknown name.
 
-    Its message suggests `near`, else the nearest of `names` where one is similar, and has the first
-    of them; the command `see` prints all.
+    Parameters
+    ----------
+    wanted : str
+        The unknown name.
+    names : sequence of str
+        Known names; the message has the first of them.
+    kind : str
+        Kind of the name, such as "method".
+    near : str
+        Suggestion; "" for the most similar of `names`, if any.
+    see : str
+        Command that prints all names.
+
+    Returns
+    -------
+    BadInput
+        Error to be raised by the caller.
     """
     import difflib
 

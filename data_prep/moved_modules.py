@@ -1,7 +1,4 @@
-"""Modules of before version 1.0 under their old names, for packages that import them.
-
-They go with the next version. `data_prep.datasets` is a package now: see there.
-"""
+"""Modules under their old names until the next version, for packages that import them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Methods, metrics, extractors and datasets of other installed packages, by entry points."""
+"""Plug-ins: methods, metrics, extractors and datasets of other installed packages."""
 
 from __future__ import annotations
 
@@ -18,33 +18,33 @@ METRICS = "pc2pix_bench.metrics"
 EXTRACTORS = "pc2pix_bench.extractors"
 DATASETS = "pc2pix_bench.datasets"
 
-# Kinds of datasets of this project. Here, because `data_prep.datasets.registry` loads NumPy.
+# Kinds of datasets of this project. Not in `data_prep.datasets.registry`, which loads NumPy.
 OUR_KINDS = ("procedural", "folder", "shapenet", "modelnet", "exported", "paper")
 
-# Ids name files and stand in lists and in commands. Of a method what follows "@" is a variant.
+# Ids name files and stand in lists and in commands. The part after "@" is a variant of a method.
 _ID = re.compile("[a-z0-9]+(-[a-z0-9]+)*")
 _METHOD_ID = re.compile(f"{_ID.pattern}(@[a-z0-9]+([-.][a-z0-9]+)*)?")
 
 
-class _HasId(Protocol):
+class _Plugin(Protocol):
     @property
     def id(self) -> str: ...
 
 
-Entry = TypeVar("Entry", bound=_HasId)
+Entry = TypeVar("Entry", bound=_Plugin)
 
 
 def entry_point_names(*groups: str) -> tuple[str, ...]:
-    """Return the ids that installed packages announce by entry points, sorted; load none."""
+    """Return the ids that installed packages register as entry points, sorted; load none."""
     from importlib.metadata import entry_points
 
     return tuple(sorted({name for group in groups for name in entry_points(group=group).names}))
 
 
 def refusal(groups: tuple[str, ...], wanted: str, kind: str, ours: Collection[str]) -> str:
-    """Return why an announced id cannot be used, with the package and the remedy; "" if it can.
+    """Return why the id of a plug-in cannot be used, with package and remedy, or "".
 
-    `ours` are the ids of this project; those of methods stand for their variants, too.
+    `ours` are the ids of this project; the id of a method stands for its variants, too.
     """
     entries = _entries(groups, wanted)
     packages = sorted({_package(entry) for entry in entries})
@@ -69,10 +69,10 @@ def load_entry_point(
     named: str,
     ours: Collection[str],
 ) -> Entry:
-    """Return what a package announces under an id that is among `entry_point_names`.
+    """Return the plug-in with an id that is among `entry_point_names`.
 
     `named` is the type as packages import it, `ours` as in `refusal`. Raises BadInput, naming the
-    package, where the id is refused, and where the entry cannot be loaded or is something else.
+    package, where the id is refused, and where the entry cannot be loaded or has another type.
     """
     if problem := refusal(groups, wanted, kind, ours):
         raise BadInput(problem)
@@ -80,7 +80,7 @@ def load_entry_point(
     where = f"{kind} '{wanted}' of {_package(entry)}"
     try:
         loaded = entry.load()
-    except (Exception, SystemExit) as error:  # whatever a stranger's module raises
+    except (Exception, SystemExit) as error:  # another package's module may raise anything
         raise BadInput(
             f"{where}: {entry.value} cannot be loaded ({type(error).__name__}: {error}); fix or "
             "remove that package"

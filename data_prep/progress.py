@@ -15,27 +15,28 @@ PLAIN_EVERY_S = 15.0
 
 
 def log(line: str) -> None:
-    """A line of its own, between those of the progress."""
+    """Print a line on stderr, between the lines of the progress."""
     print(line, file=sys.stderr, flush=True)
 
 
 @contextmanager
 def progress(title: str, total: int, *, quiet: bool = False) -> Iterator[Callable[[int], None]]:
-    """Yields a function that takes the number of failed pieces so far, after each piece.
+    """Yield a function to be called after each piece with the number of failed pieces so far.
 
-    `quiet` shows nothing: of several processes that work together one reports.
+    `quiet` shows nothing: only one of several processes that work together reports.
     """
     if quiet:
         yield lambda failed: None
     elif is_live():
-        with _live(title, total) as advance:
-            yield advance
+        with bars() as shown:
+            task = shown.add_task(title, total=total, failed=0)
+            yield lambda failed: shown.update(task, advance=1, failed=failed)
     else:
         yield _plain(title, total)
 
 
 def is_live() -> bool:
-    """Whether stderr is a terminal on which lines can be drawn again."""
+    """Return whether stderr is a terminal on which lines can be redrawn."""
     if not sys.stderr.isatty():
         return False
     from rich.console import Console
@@ -45,7 +46,7 @@ def is_live() -> bool:
 
 
 def bars() -> Progress:
-    """Bars on stderr, with a column for what has failed: the field `failed` of a task."""
+    """Return bars on stderr with a column for the field `failed` of a task."""
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -68,13 +69,6 @@ def bars() -> Progress:
     )
 
 
-@contextmanager
-def _live(title: str, total: int) -> Iterator[Callable[[int], None]]:
-    with bars() as shown:
-        task = shown.add_task(title, total=total, failed=0)
-        yield lambda failed: shown.update(task, advance=1, failed=failed)
-
-
 def _plain(title: str, total: int) -> Callable[[int], None]:
     start = last = time.monotonic()
     done = 0
@@ -85,7 +79,7 @@ def _plain(title: str, total: int) -> Callable[[int], None]:
         now = time.monotonic()
         if done < total and now - last < PLAIN_EVERY_S:
             return
-        if failed == done == total:  # no progress; why not, the caller will say in one line
+        if failed == done == total:  # no progress: the caller reports the reason in one line
             return
         last = now
         left = (now - start) / done * (total - done)

@@ -9,7 +9,7 @@ import numpy as np
 
 
 def generator(*key: str | int) -> np.random.Generator:
-    """A generator that depends on `key` alone: same key, same stream, on every machine.
+    """Return a generator that depends on `key` alone: same key, same stream, on every machine.
 
     Different keys give independent streams (the seed is the key's sha256). Types count: 1 and "1"
     are different keys.

@@ -1,4 +1,4 @@
-"""The shared types of the project and the conventions that all parts obey.
+"""The shared types of the project and the conventions of all its parts.
 
 Conventions
 -----------
@@ -54,12 +54,21 @@ def _read_only(values: ArrayLike, dtype: type, columns: int, name: str) -> NDArr
 class Mesh:
     """A shape without texture: flat face colours, nothing else.
 
-    vertices     float32 [V, 3], unit-sphere coordinates (`data_prep.clouds.normalise.normalise`)
-    faces        int32 [F, 3], indices into `vertices`, anticlockwise seen from outside
-    face_colors  uint8 [F, 3], sRGB
+    A mesh without faces is a legal value; functions that cannot use it say so.
 
-    Raises ValueError where a shape is wrong or an index points outside `vertices`. An empty mesh
-    (no faces) is a legal value; what cannot use one says so.
+    Attributes
+    ----------
+    vertices : float32 array [V, 3]
+        Unit-sphere coordinates (`data_prep.clouds.normalise.normalise`).
+    faces : int32 array [F, 3]
+        Indices into `vertices`, anticlockwise seen from outside.
+    face_colors : uint8 array [F, 3]
+        sRGB colours, 0..255.
+
+    Raises
+    ------
+    ValueError
+        If an array has another shape or an index points outside `vertices`.
     """
 
     vertices: Points
@@ -80,7 +89,20 @@ class Mesh:
 
 
 def in_one_colour(mesh: Mesh, color: tuple[int, int, int]) -> Mesh:
-    """Return a mesh with all faces in one colour: red, green and blue in 0..255."""
+    """Return a mesh with all faces in one colour.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Mesh of any colours.
+    color : tuple of int
+        Red, green and blue, 0..255.
+
+    Returns
+    -------
+    Mesh
+        The same vertices and faces.
+    """
     colors = np.broadcast_to(np.array(color, np.uint8), mesh.face_colors.shape)
     return Mesh(mesh.vertices, mesh.faces, colors)
 
@@ -89,12 +111,18 @@ def in_one_colour(mesh: Mesh, color: tuple[int, int, int]) -> Mesh:
 class PointCloud:
     """Points on (or near) a surface, in unit-sphere coordinates.
 
-    points  float32 [N, 3]. N may be 0 and values may be non-finite: judging a cloud is up to the
-            method that is asked to render it.
-    source  the mesh it was sampled from, where known. Only the ceiling method `true-mesh` may look
-            at it; the harness hides it from every other method.
+    Attributes
+    ----------
+    points : float32 array [N, 3]
+        Coordinates. N may be 0 and values may be non-finite: each method judges its clouds.
+    source : Mesh or None
+        Mesh that the points were sampled from, where known. Only the reference method `true-mesh`
+        may use it; the harness hides it from every other method.
 
-    Raises ValueError where `points` is not [N, 3].
+    Raises
+    ------
+    ValueError
+        If `points` has another shape.
     """
 
     points: Points
@@ -109,10 +137,19 @@ class PointCloud:
 
 @dataclass(frozen=True)
 class View:
-    """A camera position: angles in degrees, see the conventions above.
+    """A camera position by the conventions of this module.
 
-    Datasets stay within azimuth -180..180 and elevation -40..40. Any finite azimuth is accepted
-    (it is periodic); an elevation outside -90..90 or a non-finite angle raises ValueError.
+    Attributes
+    ----------
+    azimuth_deg : float
+        Any finite angle in degrees (it is periodic); -180..180 in datasets.
+    elevation_deg : float
+        Angle in degrees, -90..90; -40..40 in datasets.
+
+    Raises
+    ------
+    ValueError
+        If an angle is not finite or the elevation lies outside -90..90.
     """
 
     azimuth_deg: float
@@ -126,17 +163,55 @@ class View:
 
 
 class Renderer(Protocol):
-    """What every method of the benchmark is: two functions, timed apart.
+    """The interface of every method of the benchmark: two functions, timed apart.
 
     `prepare` runs once per cloud, `draw` once per set of views. Both get their randomness as an
-    argument; a method that uses none ignores it. A method that cannot go on raises
+    argument; a deterministic method ignores it. A method that cannot go on raises
     `data_prep.failures.StageFailure`, which names the stage.
     """
 
     def prepare(self, cloud: PointCloud, rng: np.random.Generator) -> Any:
-        """Whatever `draw` needs to know about the cloud."""
+        """Prepare a cloud.
+
+        Parameters
+        ----------
+        cloud : PointCloud
+            Cloud to render.
+        rng : numpy.random.Generator
+            Source of randomness.
+
+        Returns
+        -------
+        object
+            State of any type, for `draw`.
+
+        Raises
+        ------
+        StageFailure
+            If the method cannot use the cloud.
+        """
         ...
 
     def draw(self, state: Any, views: Sequence[View], rng: np.random.Generator) -> Images:
-        """Images [V, IMAGE_SIZE, IMAGE_SIZE, 3] float32 in [0, 1]."""
+        """Render a prepared cloud.
+
+        Parameters
+        ----------
+        state : object
+            Result of `prepare`.
+        views : sequence of View
+            V camera positions.
+        rng : numpy.random.Generator
+            Source of randomness.
+
+        Returns
+        -------
+        float32 array [V, IMAGE_SIZE, IMAGE_SIZE, 3]
+            Images in [0, 1] on a white background.
+
+        Raises
+        ------
+        StageFailure
+            If the method cannot render the cloud.
+        """
         ...

@@ -1,4 +1,4 @@
-"""The conditions of the benchmark: named, seeded perturbations of a cloud.
+"""The conditions of the benchmark: named, seeded perturbations of clouds.
 
 The paper's five are `2048`, `1024`, `512`, `noise-0.05` and `noise-0.10`. Paper and original code
 differ in two places, and both readings have a name:
@@ -12,9 +12,8 @@ Noise          The paper adds N(0, sigma) to a cloud in a sphere of radius 1. Th
                sigma to coordinates in [-0.5, 0.5], which doubles it in our units. `noise-0.05` and
                `noise-0.10` are the paper's; `noise-0.05-code` and `noise-0.10-code` the code's.
 
-The last eleven are ours. They go where no network here has been in training: fewer points and more
-noise than it was shown, and what it was never shown at all: outliers, half an object, uneven
-density. The true image is that of the whole object throughout.
+The last eleven are ours. No network of this project has seen them in training: fewer points, more
+noise, outliers, half an object, uneven density. The true image always shows the whole object.
 """
 
 from __future__ import annotations
@@ -30,13 +29,13 @@ if TYPE_CHECKING:  # `bench list` answers at once
 
 
 class Perturbation(Protocol):
-    """What is done to a cloud; a small value that crosses process boundaries.
+    """A change of a cloud: a small value that crosses process boundaries.
 
-    Its `repr` is part of the key under which a result is kept.
+    Its `repr` is part of the key of a result.
     """
 
     def apply(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
-        """The perturbed cloud. It keeps its `source`, unless that is moved along."""
+        """Return the perturbed cloud, with the same `source` unless that is moved along."""
         ...
 
 
@@ -45,31 +44,31 @@ class Unchanged:
     """The cloud as it was sampled."""
 
     def apply(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
-        """The cloud itself."""
+        """Return the cloud itself."""
         del rng
         return cloud
 
 
 @dataclass(frozen=True)
 class Stride:
-    """Rows 0, step, 2 step, ...: n points become ceil(n / step)."""
+    """The rows 0, step, 2 step, ...: n points become ceil(n / step)."""
 
     step: int
 
     def apply(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
-        """Each `step`-th row. No randomness."""
+        """Return each `step`-th row, without randomness."""
         del rng
         return replace(cloud, points=cloud.points[:: self.step])
 
 
 @dataclass(frozen=True)
 class RandomSubset:
-    """`count` rows drawn without replacement, kept in their order; smaller clouds stay whole."""
+    """A draw of `count` rows without replacement, in their order; smaller clouds stay whole."""
 
     count: int
 
     def apply(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
-        """A subset of the rows."""
+        """Return a subset of the rows."""
         if len(cloud) <= self.count:
             return cloud
         rows = rng.choice(len(cloud), size=self.count, replace=False)
@@ -79,19 +78,19 @@ class RandomSubset:
 
 @dataclass(frozen=True)
 class GaussianNoise:
-    """N(0, sigma) on each coordinate, sigma in unit-sphere units; nothing is clipped."""
+    """Noise N(0, sigma) on each coordinate, in unit-sphere units; nothing is clipped."""
 
     sigma: float
 
     def apply(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
-        """All points, moved."""
+        """Return the moved points."""
         noise = rng.normal(scale=self.sigma, size=cloud.points.shape)
         return replace(cloud, points=cloud.points + noise.astype(cloud.points.dtype))
 
 
 @dataclass(frozen=True)
 class Outliers:
-    """A share of the points, in 0..1, is lost and points that mean nothing stand in their place.
+    """Random points in place of a share of the points, in 0..1.
 
     round(share n) of n rows, drawn without replacement, become independent draws, uniform in the
     ball of radius 1 about the origin, in which every object lies. The number of points stays.
@@ -100,7 +99,7 @@ class Outliers:
     share: float
 
     def apply(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
-        """The same rows, some of them strayed."""
+        """Return the cloud with some rows replaced."""
         count = round(self.share * len(cloud))
         rows = rng.choice(len(cloud), size=count, replace=False)
         directions = rng.normal(size=(count, 3))
@@ -113,18 +112,17 @@ class Outliers:
 
 @dataclass(frozen=True)
 class Missing:
-    """A share of the points, in 0..1, is cut off by a plane: an object seen in part.
+    """A cut by a plane that removes a share of the points, in 0..1: an object seen in part.
 
-    The plane's normal is uniform over all directions, the round(share n) points that lie farthest
-    along it are missing. Of points that are equally far (coincident ones, say) the last rows go
-    first; what is no number counts as the farthest. The others keep their order and their place:
-    the cloud is not centred or scaled anew.
+    The normal of the plane is uniform over all directions, and the round(share n) points that lie
+    farthest along it are removed. Of equally far points the last rows go first; NaN counts as the
+    farthest. The others keep their order and place: the cloud is not centred or scaled again.
     """
 
     share: float
 
     def apply(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
-        """The rows on one side of the plane."""
+        """Return the rows on one side of the plane."""
         order = _along_random_axis(cloud, rng).argsort(kind="stable")
         kept = order[: len(cloud) - round(self.share * len(cloud))]
         kept.sort()
@@ -133,24 +131,24 @@ class Missing:
 
 @dataclass(frozen=True)
 class UnevenDensity:
-    """Half of the points, `ratio` times as dense at one end of the object as at the other.
+    """A thinning to half of the points, `ratio` times as dense at one end as at the other.
 
     Along an axis of uniformly random direction, from the first of the points (t = 0) to the last
     (t = 1), the chance of a point to stay is proportional to 1 + (ratio - 1) t, ratio >= 1; n
-    points become floor(n / 2). Of the axis' two ends the dense one is that with more of the points
-    (mean t >= 1/2): only so are there enough of them in any cloud, for no chance then exceeds 1.
-    A cloud without extent, or with a value that is not finite, is thinned evenly.
+    points become floor(n / 2). The dense end is the end with more of the points (mean t >= 1/2), so
+    that no chance exceeds 1. A cloud without extent, or with a value that is not finite, is thinned
+    evenly.
 
     The rows are drawn systematically (W. G. Madow, On the theory of systematic sampling, II, Ann.
     Math. Stat. 20, 1949): equal steps through the sums of chances, from a random start. The number
-    of rows is fixed and every row has exactly its chance, which drawing one after the other without
-    replacement does not give. They keep their order.
+    of rows is fixed and every row has exactly its chance, unlike in successive draws without
+    replacement. Rows keep their order.
     """
 
     ratio: float
 
     def apply(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
-        """Half of the rows."""
+        """Return half of the rows."""
         import numpy as np
 
         along = _along_random_axis(cloud, rng)
@@ -170,7 +168,7 @@ class UnevenDensity:
 
 
 def _along_random_axis(cloud: PointCloud, rng: np.random.Generator) -> NDArray[Any]:
-    """Where the points lie along an axis of uniformly random direction: float64 [N]."""
+    """Return the coordinates float64 [N] along an axis of uniformly random direction."""
     import numpy as np
 
     axis = rng.normal(size=3)
@@ -181,7 +179,17 @@ def _along_random_axis(cloud: PointCloud, rng: np.random.Generator) -> NDArray[A
 
 @dataclass(frozen=True)
 class Condition:
-    """A perturbation with a name and the place it comes from."""
+    """A perturbation with a name.
+
+    Attributes
+    ----------
+    id : str
+        Name in kebab-case.
+    perturbation : Perturbation
+        Change of the cloud.
+    source : str
+        Origin of the condition, for people.
+    """
 
     id: str
     perturbation: Perturbation

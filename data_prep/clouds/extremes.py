@@ -1,8 +1,7 @@
-"""Clouds at the edges of the domain, and beyond: perturbations for the suite `stability`.
+"""Perturbations for the suite `stability`: clouds at the edges of the domain, and beyond.
 
-They are `data_prep.clouds.conditions.Perturbation`s: small values, whose `repr` is part of a key.
-Whatever they do to the points, `source` stays the mesh of the cloud they were given, unless it is
-said.
+Each is a `data_prep.clouds.conditions.Perturbation`. The `source` of the cloud stays, unless the
+perturbation says otherwise.
 """
 
 from __future__ import annotations
@@ -23,23 +22,23 @@ class _ChangesPoints(ABC):
     """A perturbation of the points alone, without randomness."""
 
     def apply(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
-        """The cloud with other points. No randomness."""
+        """Return the cloud with other points, without randomness."""
         del rng
         return replace(cloud, points=self._changed(cloud.points))
 
     @abstractmethod
     def _changed(self, points: Points) -> NDArray[Any]:
-        """What becomes of points [N, 3]: real numbers [M, 3]."""
+        """Return changed points: real numbers [M, 3]."""
 
 
 @dataclass(frozen=True)
 class Count:
-    """`count` points: the first rows, or a new sample of the source where there are not as many."""
+    """The first `count` rows, or a new sample of the source if the cloud has fewer."""
 
     count: int
 
     def apply(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
-        """Raises ValueError for a larger count than the cloud's where its source is not known."""
+        """Return `count` points. Raises ValueError for too many without a known source."""
         if self.count <= len(cloud):
             return replace(cloud, points=cloud.points[: self.count])
         if cloud.source is None:
@@ -49,7 +48,7 @@ class Count:
 
 @dataclass(frozen=True)
 class Equal(_ChangesPoints):
-    """As many points as before, all equal to the first."""
+    """The same number of points, all equal to the first."""
 
     def _changed(self, points: Points) -> NDArray[Any]:
         return np.repeat(points[:1], len(points), axis=0)
@@ -136,7 +135,7 @@ class Strided(_ChangesPoints):
 class Repeated(_ChangesPoints):
     """Every `times`-th row, repeated `times` times in succession.
 
-    How the original fills a network that takes 2,048 points (roatienza/pc2pix@23b7b46d,
+    The original fills a network of 2,048 points in this way (roatienza/pc2pix@23b7b46d,
     render_by_pc2pix.py).
     """
 
@@ -151,7 +150,7 @@ class Shuffled:
     """The same points in another order."""
 
     def apply(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
-        """A permutation of the rows."""
+        """Return a permutation of the rows."""
         return replace(cloud, points=rng.permutation(cloud.points))
 
 
@@ -162,7 +161,7 @@ class Kept:
     share: float
 
     def apply(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
-        """A subset of the rows."""
+        """Return a subset of the rows."""
         count = max(round(self.share * len(cloud)), 1)
         rows = np.sort(rng.choice(len(cloud), size=count, replace=False))
         return replace(cloud, points=cloud.points[rows])
@@ -181,7 +180,7 @@ class UnitBox:
     """A clean sample of a cube in the unit sphere, which becomes the source."""
 
     def apply(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
-        """2,048 points, whatever the cloud."""
+        """Return 2,048 points of the cube, whatever the cloud."""
         del cloud
         return sample_surface(normalise(_unit_cube()), rng, CLOUD_SIZE)
 
@@ -205,7 +204,7 @@ class Turned:
     degrees: float
 
     def apply(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
-        """No randomness."""
+        """Return the turned cloud and source, without randomness."""
         del rng
         angle = np.radians(self.degrees)
         sine, cosine = np.sin(angle), np.cos(angle)
@@ -219,7 +218,7 @@ class Turned:
 
 @dataclass(frozen=True)
 class Normalised(_ChangesPoints):
-    """In float64: the cloud times `factor`, then moved by `distance`, then to the unit sphere.
+    """The cloud times `factor`, moved by `distance` and normalised again, in float64.
 
     With `whole`, it is rounded to integers before it is normalised.
     """

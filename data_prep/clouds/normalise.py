@@ -1,7 +1,4 @@
-"""Any mesh or cloud to the unit sphere, where all shapes of the project live.
-
-See `data_prep.scene` for what that is.
-"""
+"""Meshes and clouds of any size brought to the unit sphere (see `data_prep.scene`)."""
 
 from __future__ import annotations
 
@@ -16,14 +13,26 @@ from data_prep.scene import Mesh, PointCloud
 
 
 def normalise(mesh: Mesh) -> Mesh:
-    """The same faces and colours, centred and scaled to the unit sphere.
+    """Centre a mesh and scale it to the unit sphere.
 
     Afterwards the bounding box of the vertices that faces use is centred at the origin, and the
-    farthest of those vertices lies at radius 1 (float64 arithmetic, rounded to float32 once).
+    farthest of these vertices lies at radius 1 (float64 arithmetic, rounded to float32 once).
     Vertices that no face uses move along but do not count.
 
-    Raises BadInput where there are no faces, where a vertex is not finite, and where all used
-    vertices coincide.
+    Parameters
+    ----------
+    mesh : Mesh
+        Mesh in any units.
+
+    Returns
+    -------
+    Mesh
+        The same faces and colours.
+
+    Raises
+    ------
+    BadInput
+        If the mesh has no faces, a vertex is not finite, or all used vertices coincide.
     """
     if len(mesh.faces) == 0:
         raise BadInput("the mesh has no faces (0); give a surface, not a bare cloud of points")
@@ -47,10 +56,28 @@ def normalise(mesh: Mesh) -> Mesh:
 
 
 def cloud_of_points(points: ArrayLike, up: str = "y", front: str | None = None) -> PointCloud:
-    """Return real numbers [N, 3] in any units and axes as a cloud in the unit sphere.
+    """Turn points upright and scale them to the unit sphere.
 
-    Raises ValueError for what is no array of such a shape, and BadInput as `upright` and
-    `normalise_points`.
+    Parameters
+    ----------
+    points : array [N, 3]
+        Real numbers in any units and axes.
+    up : str
+        Axis of the points that points up: "x", "-x", "y", "-y", "z" or "-z".
+    front : str or None
+        Axis that points to the front; see `data_prep.clouds.orientations.upright`.
+
+    Returns
+    -------
+    PointCloud
+        Cloud in the unit sphere, without source.
+
+    Raises
+    ------
+    ValueError
+        If the points are no real numbers of shape [N, 3].
+    BadInput
+        If an axis is unknown, or as `normalise_points`.
     """
     given = np.asarray(points)
     if given.ndim != 2 or given.shape[1] != 3 or given.dtype.kind not in "fiu":
@@ -59,13 +86,28 @@ def cloud_of_points(points: ArrayLike, up: str = "y", front: str | None = None) 
 
 
 def normalise_points(points: NDArray[Any]) -> PointCloud:
-    """Return real numbers [N, 3] in any units, centred and scaled to the unit sphere.
+    """Centre points and scale them to the unit sphere.
 
     Afterwards the bounding box is centred at the origin and the farthest point lies at radius 1
     (float64 arithmetic, rounded to float32 once). Works at any scale and far from the origin, as
     long as float64 distinguishes the points.
 
-    Raises BadInput where there is no point, where one is not finite, and where all are equal.
+    Parameters
+    ----------
+    points : array [N, 3]
+        Real numbers in any units.
+
+    Returns
+    -------
+    PointCloud
+        Cloud in the unit sphere, without source.
+
+    Raises
+    ------
+    ValueError
+        If the points are no real numbers of shape [N, 3].
+    BadInput
+        If the cloud is empty, a point is not finite, or all points are equal.
     """
     if points.dtype.kind not in "fiu" or points.shape[1:] != (3,):
         raise ValueError(f"expected real numbers [N, 3], got {points.dtype} {list(points.shape)}")
@@ -95,10 +137,11 @@ def normalise_points(points: NDArray[Any]) -> PointCloud:
 
 
 def _centre(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """[3], of the bounding box; halved first, so that nothing overflows."""
+    """Return the centre [3] of the bounding box."""
+    # Halved first, so that nothing overflows.
     return values.min(axis=0) / 2 + values.max(axis=0) / 2
 
 
 def _exponent(values: NDArray[np.float64]) -> int:
-    """e where the largest magnitude is in 2**(e - 1) ... 2**e; 0 where all values are 0."""
+    """Return e such that the largest magnitude is in 2**(e - 1) ... 2**e; 0 for zeros."""
     return int(np.frexp(np.abs(values).max())[1])

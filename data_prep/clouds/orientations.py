@@ -1,7 +1,7 @@
-"""How clouds and meshes of other conventions are placed, and the way to +Y up, front towards -Z.
+"""Orientations of clouds and meshes, and their rotations to +Y up, front towards -Z.
 
 All are rotations by quarter turns: a permutation of the axes with signs. They round nothing, so an
-object that is stored in two layouts comes out bit for bit the same.
+object in two layouts becomes the same, bit for bit.
 """
 
 from __future__ import annotations
@@ -17,10 +17,14 @@ from data_prep.failures import BadInput
 
 @dataclass(frozen=True)
 class Orientation:
-    """Which axes of a file point up and to the front; they become +Y and -Z.
+    """The axes of a file that point up and to the front; they become +Y and -Z.
 
-    up, front  two of "+X", "-X", "+Y", "-Y", "+Z", "-Z", not along the same axis
-    source     where that is stated, or how it was found
+    Attributes
+    ----------
+    up, front : str
+        Two of "+X", "-X", "+Y", "-Y", "+Z", "-Z", not along the same axis.
+    source : str
+        Origin of this knowledge.
     """
 
     up: str
@@ -29,32 +33,29 @@ class Orientation:
 
     @property
     def columns(self) -> tuple[int, int, int]:
-        """Our x, y and z are these axes (0..2) of the file, times `signs`."""
+        """Return the axes (0..2) of the file that become our x, y and z, times `signs`."""
         x, y, z = np.abs(self._rotation()).argmax(axis=1).tolist()
         return x, y, z
 
     @property
     def signs(self) -> tuple[int, int, int]:
-        """1 or -1 for our x, y and z."""
+        """Return 1 or -1 for our x, y and z."""
         x, y, z = self._rotation().sum(axis=1).tolist()
         return x, y, z
 
     def _rotation(self) -> NDArray[np.int64]:
-        """[3, 3]; its rows are our axes in those of the file."""
+        """Return a matrix [3, 3] whose rows are our axes in the axes of the file."""
         top, ahead = _unit(self.up), _unit(self.front)
         return np.stack([np.cross(ahead, top), top, -ahead])
 
     def to_ours(self, points: NDArray[Any]) -> NDArray[Any]:
-        """Coordinates [..., 3] of the file in our axes. Exact.
-
-        Values that are not finite stay what and where they are, but for their signs.
-        """
+        """Return coordinates [..., 3] of the file in our axes, without rounding."""
         # Not a matrix product, where an infinite x would make NaN of y and z.
         return points[..., list(self.columns)] * np.array(self.signs, points.dtype)
 
     @property
     def message(self) -> str:
-        """In words."""
+        """Return the orientation in words."""
         if self.columns == OURS.columns:
             return f"{self.up} up, front {self.front}: taken as it is"
         axes = ", ".join(
@@ -65,7 +66,7 @@ class Orientation:
 
 
 def _unit(axis: str) -> NDArray[np.int64]:
-    """The unit vector [3] of "+X" ... "-Z"."""
+    """Return the unit vector [3] of "+X" ... "-Z"."""
     vector = np.zeros(3, np.int64)
     vector["XYZ".index(axis[1])] = {"+": 1, "-": -1}[axis[0]]
     return vector
@@ -94,18 +95,17 @@ PAPER = Orientation(
     "ShapeNetCore.v1 as Blender imports it; the rotations of roatienza/pc2pix@23b7b46d "
     "(ball-pivoting-close-holes-mc-rotate.mlx, render_reconstruction.py) undo each other in it",
 )
-AXES = {"x": "+X", "-x": "-X", "y": "+Y", "-y": "-Y", "z": "+Z", "-z": "-Z"}  # as options say them
+AXES = {"x": "+X", "-x": "-X", "y": "+Y", "-y": "-Y", "z": "+Z", "-z": "-Z"}  # names in options
 
 
 def upright(
     points: NDArray[np.float64], up: str = "y", front: str | None = None
 ) -> NDArray[np.float64]:
-    """Points [N, 3] turned so that their axis `up` becomes +Y and their axis `front` -Z.
+    """Turn points [N, 3] so that their axis `up` becomes +Y and their axis `front` -Z.
 
-    For clouds whose user says which way they stand: scanners and maps mostly have +Z up. Both are
-    one of AXES. The front is -z where it is not given, or -y where z is up or down (the
-    convention of Blender: its front view looks along +Y). Exact, and values that are not finite
-    stay what and where they are. Raises BadInput for what is no axis, and for a front along up.
+    Both are one of AXES. The default front is -z, or -y where z is up or down (the convention of
+    Blender: its front view looks along +Y). Nothing is rounded. Raises BadInput for an unknown
+    axis, and for a front along up.
     """
     front = front or ("-y" if up.endswith("z") else "-z")
     for name, axis in (("up", up), ("front", front)):

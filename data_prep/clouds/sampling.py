@@ -1,4 +1,4 @@
-"""Points on surfaces, uniformly by area, and camera positions at random."""
+"""Random points on surfaces, uniform by area, and random camera positions."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ ELEVATION_RANGE_DEG = (-40.0, 40.0)
 
 
 def face_areas(mesh: Mesh) -> NDArray[np.float64]:
-    """Area of each face [F], in squared unit-sphere units."""
+    """Return the area of each face [F] in squared unit-sphere units."""
     corners = mesh.vertices.astype(np.float64)[mesh.faces]
     edges = corners[:, 1:] - corners[:, :1]
     return 0.5 * np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
 
 
 def sample_surface(mesh: Mesh, rng: np.random.Generator, count: int = CLOUD_SIZE) -> PointCloud:
-    """`count` points drawn independently and uniformly by area, in random order (paper, section 4).
+    """Draw points independently and uniformly by area, in random order (paper, section 4).
 
-    Because the draws are independent, any fixed subset of rows (each second one, say) is itself a
-    uniform sample. The cloud remembers its mesh as `source`.
+    Because the draws are independent, any fixed subset of rows (every second row, for example) is
+    itself a uniform sample. The `source` of the cloud is the mesh.
 
     Raises BadInput where the mesh has no face of positive area.
     """
@@ -49,7 +49,7 @@ def sample_surface(mesh: Mesh, rng: np.random.Generator, count: int = CLOUD_SIZE
 
 
 def random_views(count: int, rng: np.random.Generator) -> tuple[View, ...]:
-    """Camera positions with uniform azimuth in +-180 and elevation in +-40 degrees (section 4)."""
+    """Draw views with uniform azimuth in +-180 and elevation in +-40 degrees (section 4)."""
     azimuth = rng.uniform(*AZIMUTH_RANGE_DEG, size=count)
     elevation = rng.uniform(*ELEVATION_RANGE_DEG, size=count)
     return tuple(View(float(a), float(e)) for a, e in zip(azimuth, elevation, strict=True))

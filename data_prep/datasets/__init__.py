@@ -8,7 +8,7 @@ from warnings import warn
 
 
 def __getattr__(name: str) -> Any:
-    """Return a name that stood here before `data_prep.datasets` was a package."""
+    """Return a name of the former module `data_prep.datasets`, with a DeprecationWarning."""
     registry = import_module("data_prep.datasets.registry")
     if name.startswith("__") or not hasattr(registry, name):
         raise AttributeError(f"module 'data_prep.datasets' has no attribute '{name}'")

@@ -112,13 +112,13 @@ def find_reader(kind: str) -> DatasetReader:
 def read_dataset(reader: DatasetReader, spec: str, folder: Path) -> Dataset:
     """Return the dataset that another package's reader makes of a folder.
 
-    Raises BadInput, naming the reader, for whatever it raises.
+    Raises BadInput, naming the reader, for any exception of it.
     """
     try:
         dataset = reader.read(spec, folder)
     except BadInput:
         raise
-    except (Exception, SystemExit) as error:  # whatever a stranger's function raises
+    except (Exception, SystemExit) as error:  # another package's function may raise anything
         raise BadInput(
             f"dataset '{spec}': {type(error).__name__}: {error}; fix or remove the package that "
             f"adds '{reader.id}'"

@@ -1,8 +1,8 @@
 """Point clouds from and to files.
 
-Formats: PLY (the vertices' x, y, z), NPY, text in columns (XYZ, TXT, CSV, PTS), and those of
-scanners (`scan_files`). But for the latter, nothing that a file says about its size is believed:
-memory is only ever taken for values that are there.
+Formats: PLY (x, y and z of the vertices), NPY, text in columns (XYZ, TXT, CSV, PTS), and the
+formats of scanners (`files.scans`). Except for scanners, memory is taken for the values in the file, never
+for the sizes that it claims.
 """
 
 from __future__ import annotations
@@ -37,11 +37,16 @@ CloudPoints = NDArray[np.float64]  # [N, 3]
 
 @dataclass(frozen=True, eq=False)
 class CloudContents:
-    """The points of a file, and what else it holds.
+    """The points of a file and a description of its other contents.
 
-    points  the coordinates as they are, in the file's order and units
-    unused  what else the file has, for people: "its colours"
-    lines   the line of each point in a text file, else None
+    Attributes
+    ----------
+    points : float64 array [N, 3]
+        Coordinates in the order and units of the file.
+    unused : tuple of str
+        Other contents of the file, for people: "its colours".
+    lines : sequence of int or None
+        Line of each point in a text file, from 1.
     """
 
     points: CloudPoints
@@ -50,24 +55,37 @@ class CloudContents:
 
 
 def load_points(path: Path) -> CloudPoints:
-    """Return the coordinates in a file, float64 [N, 3], as they are, in its order and units.
+    """Read the coordinates of the points in a file.
 
-    PLY    ascii or binary, either byte order; whatever stands beside x, y, z is passed over
+    PLY    ascii or binary, either byte order; other properties and elements are ignored
     NPY    an array of real numbers of shape [N, 3]
     text   the first three columns, or x, y and z of a first line that names all columns; separated
            by white space or commas; # begins a comment
-    PTS    as text; lines of a single whole number, the counts of its parts, are passed over
+    PTS    as text; lines of a single whole number, the counts of its parts, are ignored
     LAS, LAZ, E57, PCD  see `data_prep.files.scans`; large ones are thinned out
 
-    N may be 0 and values may be NaN or infinite: judging a cloud is up to who uses it. Raises
-    BadInput, naming file, value and remedy, for anything else.
+    Parameters
+    ----------
+    path : Path
+        File whose suffix names its format.
+
+    Returns
+    -------
+    float64 array [N, 3]
+        Coordinates in the order and units of the file. N may be 0 and values may be NaN or
+        infinite: the caller judges the cloud.
+
+    Raises
+    ------
+    BadInput
+        If the file cannot be read; names file, value and remedy.
     """
     return read_cloud(path).points
 
 
-@np.errstate(over="ignore", invalid="ignore")  # odd NaNs, and what only longdouble can hold
+@np.errstate(over="ignore", invalid="ignore")  # odd NaNs, and values beyond float64
 def read_cloud(path: Path) -> CloudContents:
-    """Return the points of a file as `load_points` does, and what is passed over."""
+    """Return the points of a file as `load_points` does, and a description of the rest."""
     check_cloud_name(path)
     if path.suffix.lower() in SCAN_SUFFIXES:
         points, has_colours = read_scan(path)
@@ -90,9 +108,21 @@ def check_cloud_name(path: Path) -> None:
 
 
 def save_ply(points: Points, path: Path) -> None:
-    """Write float32 [N, 3] as binary PLY, bit for bit, whole or not at all.
+    """Write points as binary PLY, bit for bit, whole or not at all.
 
-    Raises ValueError for another dtype or shape, and CannotWrite where the disk refuses.
+    Parameters
+    ----------
+    points : float32 array [N, 3]
+        Coordinates.
+    path : Path
+        File to write; missing folders are made.
+
+    Raises
+    ------
+    ValueError
+        If the points have another dtype or shape.
+    CannotWrite
+        If the disk refuses.
     """
     if points.dtype.kind + str(points.itemsize) != "f4" or points.shape[1:] != (3,):
         raise ValueError(f"expected float32 [N, 3], got {points.dtype} {list(points.shape)}")
@@ -109,7 +139,7 @@ def save_ply(points: Points, path: Path) -> None:
 
 
 class _NotACloud(Exception):
-    """What is wrong with a file, and the remedy; `load_points` puts its name in front."""
+    """A problem of a file with its remedy; `load_points` adds the name of the file."""
 
 
 # --- PLY ------------------------------------------------------------------------------------------
@@ -127,7 +157,7 @@ _PLY_TYPES = {
 
 @dataclass
 class _Element:
-    """`properties` are names and types ("f4"); the type of a list is empty."""
+    """An element of a PLY. Properties are names and types ("f4"); the type of a list is ""."""
 
     name: str
     count: int
@@ -139,45 +169,43 @@ class _Element:
 
 
 def _read_ply(data: bytes) -> CloudContents:
-    """Return the vertices, read by hand: faces are only counted.
-
-    trimesh reads a text that is cut short as if it were whole and refuses binary files with faces
-    of different sizes; plyfile takes memory for as many rows as the header claims, and is under the
-    GPL (`tests/upstream` shows all but the last).
-    """
-    found = _PLY_HEADER.match(data, 0, MOST_HEADER_BYTES)
-    if found is None:
+    """Return the vertices; faces are only counted."""
+    # Without a library: trimesh reads a truncated text as if it were whole and refuses binary files
+    # with faces of different sizes; plyfile takes memory for as many rows as the header claims
+    # (`tests/upstream` shows both), and is under the GPL.
+    header = _PLY_HEADER.match(data, 0, MOST_HEADER_BYTES)
+    if header is None:
         raise _NotACloud("no PLY header (ply ... end_header); use a PLY file")
-    byte_order, elements = _ply_header(found[1])
+    byte_order, elements = _ply_header(header[1])
     names = [element.name for element in elements]
     if "vertex" not in names:
         raise _NotACloud(f"no element vertex, but {shown(', '.join(names))}; use a PLY of points")
     *before, vertex = elements[: names.index("vertex") + 1]
-    own = [name for name, _ in vertex.properties]
+    properties = [name for name, _ in vertex.properties]
     for axis in "xyz":
-        if own.count(axis) != 1:
+        if properties.count(axis) != 1:
             raise _NotACloud(
-                f"{own.count(axis)} properties {axis} of the vertices, expected 1; use a PLY with "
-                "x, y and z"
+                f"{properties.count(axis)} properties {axis} of the vertices, expected 1; use a "
+                "PLY with x, y and z"
             )
     if vertex.has_lists:
         raise _NotACloud("a list among the properties of the vertices; write it without")
-    columns = [own.index(axis) for axis in "xyz"]
+    columns = [properties.index(axis) for axis in "xyz"]
     faces = sum(element.count for element in elements if element.name == "face")
     unused = (
-        *((COLOURS,) if _PLY_COLOURS & set(own) else ()),
+        *((COLOURS,) if _PLY_COLOURS & set(properties) else ()),
         *((f"its {faces} faces",) if faces else ()),
     )
     if not byte_order:
-        header_lines = data.count(b"\n", 0, found.end())
-        points, lines = _ascii_vertices(data[found.end() :], before, vertex, columns)
+        header_lines = data.count(b"\n", 0, header.end())
+        points, lines = _ascii_vertices(data[header.end() :], before, vertex, columns)
         return CloudContents(points, unused, [header_lines + line for line in lines])
-    points = _binary_vertices(data, found.end(), byte_order, before, vertex, columns)
+    points = _binary_vertices(data, header.end(), byte_order, before, vertex, columns)
     return CloudContents(points, unused)
 
 
 def _ply_header(text: bytes) -> tuple[str, list[_Element]]:
-    """The byte order ("" for text) and the elements in their order."""
+    """Return the byte order ("" for text) and the elements in their order."""
     byte_order: str | None = None
     elements: list[_Element] = []
     for line in text.split(b"\n"):
@@ -225,7 +253,8 @@ def _binary_vertices(
 
 
 def _row(element: _Element, byte_order: str) -> np.dtype:
-    """One row of an element without lists. Fields have numbers: names may be there twice."""
+    """Return the type of a row of an element without lists, with numbered fields."""
+    # Numbers, because a name may occur twice.
     return np.dtype([(str(i), byte_order + c) for i, (_, c) in enumerate(element.properties)])
 
 
@@ -251,11 +280,9 @@ def _ascii_vertices(
 
 
 def _read_npy(data: bytes) -> CloudContents:
-    """Return the rows of an array; nothing is unpickled, an array of objects is refused.
-
-    Not by numpy.load, which takes memory for as many rows as the header claims; workers fill what
-    they take (`isolation.WORKER_ENVIRONMENT`), so that a claim would cost it all.
-    """
+    """Return the rows of an array; nothing is unpickled, an array of objects is refused."""
+    # Not by numpy.load, which takes memory for as many rows as the header claims; workers fill the
+    # memory they take (`isolation.WORKER_ENVIRONMENT`), so that a claim would cost it all.
     file = io.BytesIO(data)
     try:
         with warnings.catch_warnings():
@@ -266,7 +293,7 @@ def _read_npy(data: bytes) -> CloudContents:
                 (2, 0): np.lib.format.read_array_header_2_0,
             }[version]  # 3.0 is for tables with fancy names
             shape, by_columns, dtype = read_header(file)
-    except Exception as error:  # numpy raises whatever its parsers raise
+    except Exception as error:  # numpy lets through any error of its parsers
         raise _NotACloud("not a readable NPY file; write it with numpy.save") from error
     if dtype.kind not in "fiu" or len(shape) != 2 or shape[1] != 3 or shape[0] < 0:
         raise _NotACloud(
@@ -288,6 +315,7 @@ def _read_npy(data: bytes) -> CloudContents:
 
 
 def _read_text(data: bytes) -> CloudContents:
+    """Return the points of the lines, and how many columns are unused."""
     values, lines = array("d"), array("q")
     columns, width, begun = (0, 1, 2), 3, False
     for number, line in _lines(data.removeprefix(b"\xef\xbb\xbf")):
@@ -297,8 +325,9 @@ def _read_text(data: bytes) -> CloudContents:
         if not begun:
             begun, first = True, _fields(text)
             width = len(first)
-            if named := _named_columns(first):
-                columns = named
+            names = [field.strip(b" \"'/").lower() for field in first]
+            if {b"x", b"y", b"z"} <= set(names):  # as `x,y,z` or `//X Y Z R G B`
+                columns = names.index(b"x"), names.index(b"y"), names.index(b"z")
                 continue
         values.extend(_numbers(_fields(text, max(columns) + 1), columns, f"line {number}"))
         lines.append(number)
@@ -311,16 +340,8 @@ def _fields(text: bytes, most: int = -1) -> list[bytes]:
     return text.split(b",", most) if b"," in text else text.split(None, most)
 
 
-def _named_columns(fields: Sequence[bytes]) -> tuple[int, int, int] | None:
-    """Return the columns of x, y and z where a header names them, as `x,y,z` or `//X Y Z R G B`."""
-    names = [field.strip(b" \"'/").lower() for field in fields]
-    if not {b"x", b"y", b"z"} <= set(names):
-        return None
-    return names.index(b"x"), names.index(b"y"), names.index(b"z")
-
-
 def _read_pts(data: bytes) -> CloudContents:
-    """Return the points of all parts; Leica's counts are believed as little as others."""
+    """Return the points of all parts; the counts in the file are ignored."""
     lines = (b"#" if _COUNT.fullmatch(line.strip()) else line for line in data.split(b"\n"))
     return _read_text(b"\n".join(lines))
 

@@ -19,15 +19,24 @@ FOCAL_PX = IMAGE_SIZE / 2 / math.tan(FIELD_OF_VIEW_RAD / 2)
 
 
 def camera_to_world(view: View) -> NDArray[np.float64]:
-    """Pose [4, 4] in OpenGL's convention: the camera looks along its -Z, its +Y is up.
+    """Return the pose of a camera.
 
-    The axes are written out instead of taken from a cross product with "up", so that the poles
-    (elevation +-90) are ordinary values: there the image's up is the direction of azimuth.
+    Parameters
+    ----------
+    view : View
+        Camera position.
+
+    Returns
+    -------
+    float64 array [4, 4]
+        Pose in OpenGL's convention: the camera looks along its -Z, and its +Y is up.
     """
     azimuth = math.radians(math.remainder(view.azimuth_deg, 360.0))
     elevation = math.radians(view.elevation_deg)
     sin_a, cos_a = math.sin(azimuth), math.cos(azimuth)
     sin_e, cos_e = math.sin(elevation), math.cos(elevation)
+    # Written out instead of cross products with "up", so that the poles (elevation +-90) are
+    # ordinary values: there the image's up is the direction of azimuth.
     backward = (cos_e * sin_a, sin_e, -cos_e * cos_a)  # from the origin to the camera
     right = (-cos_a, 0.0, -sin_a)
     up = (-sin_e * sin_a, cos_e, sin_e * cos_a)
@@ -42,10 +51,22 @@ def camera_to_world(view: View) -> NDArray[np.float64]:
 def project(
     points: NDArray[np.floating], view: View
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Pixel coordinates [N, 2] (column, row; pixel centres at .5) and depth [N] of points [N, 3].
+    """Project points onto the image.
 
-    Depth is the distance along the viewing axis in unit-sphere units; a point behind the camera has
-    a negative depth and meaningless pixel coordinates.
+    Parameters
+    ----------
+    points : array [N, 3]
+        Unit-sphere coordinates.
+    view : View
+        Camera position.
+
+    Returns
+    -------
+    pixels : float64 array [N, 2]
+        Column and row; pixel centres are at .5.
+    depth : float64 array [N]
+        Distance along the viewing axis in unit-sphere units. A point behind the camera has a
+        negative depth and meaningless pixel coordinates.
     """
     pose = camera_to_world(view)
     local = (np.asarray(points, dtype=np.float64) - pose[:3, 3]) @ pose[:3, :3]

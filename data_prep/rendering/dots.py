@@ -1,4 +1,4 @@
-"""The points of a cloud as dots, seen by the project's camera: what a method was given."""
+"""Images of the points of a cloud as dots: the input of a method."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ NEAR_GREY, FAR_GREY = 20.0, 190.0  # at the nearest and farthest point of the un
 
 
 def draw_dots(points: Points, views: Sequence[View]) -> NDArray[np.uint8]:
-    """Images [V, IMAGE_SIZE, IMAGE_SIZE, 3] of points [N, 3]: a pixel each, nearer is darker.
+    """Draw points [N, 3] as a pixel each, nearer ones darker: [V, IMAGE_SIZE, IMAGE_SIZE, 3].
 
-    Of more than MOST_DOTS points so many are chosen at random, the same each time. Points that are
-    not finite, out of the image or not before the camera are left out.
+    Of a larger cloud MOST_DOTS points are chosen at random, the same each time. Points that are not
+    finite, out of the image or not before the camera are left out.
     """
     finite = points[np.isfinite(points).all(axis=1)]
     if len(finite) > MOST_DOTS:

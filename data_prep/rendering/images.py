@@ -1,5 +1,4 @@
-"""Images between their two forms: float32 in [0, 1] in memory, uint8 on disk and in metrics;
-and ground truth from untrusted PNG files."""
+"""Images as float32 in [0, 1] and as uint8, and true images from untrusted PNG files."""
 
 from __future__ import annotations
 
@@ -18,9 +17,17 @@ _MODES = ("RGBA", "RGB", "LA", "L", "P")  # 8 bits a channel
 
 
 def to_uint8(images: Images) -> NDArray[np.uint8]:
-    """[0, 1] to 0..255, rounded half up (as the original's PNG writer); values outside are clipped.
+    """Convert images to 8 bits, rounded half up as in the original's PNG writer.
 
-    NaN has no place on this scale: the caller checks for it first.
+    Parameters
+    ----------
+    images : float32 array
+        Values in [0, 1]; others are clipped. The caller has to check for NaN.
+
+    Returns
+    -------
+    uint8 array
+        Values in 0..255, in the same shape.
     """
     return np.floor(np.clip(images, 0.0, 1.0) * np.float32(255.0) + np.float32(0.5)).astype(
         np.uint8
@@ -28,26 +35,53 @@ def to_uint8(images: Images) -> NDArray[np.uint8]:
 
 
 def to_float(images: NDArray[np.uint8]) -> Images:
-    """0..255 to float32 in [0, 1]; `to_uint8` takes it back exactly."""
+    """Convert images to floating-point numbers; `to_uint8` restores them exactly.
+
+    Parameters
+    ----------
+    images : uint8 array
+        Values in 0..255.
+
+    Returns
+    -------
+    float32 array
+        Values in [0, 1], in the same shape.
+    """
     return images.astype(np.float32) / np.float32(255.0)
 
 
 def blank(count: int) -> NDArray[np.uint8]:
-    """`count` images of the white background, uint8 [count, IMAGE_SIZE, IMAGE_SIZE, 3]."""
+    """Return white images, uint8 [count, IMAGE_SIZE, IMAGE_SIZE, 3]."""
     return np.full((count, IMAGE_SIZE, IMAGE_SIZE, 3), 255, dtype=np.uint8)
 
 
 def read_image(path: Path) -> tuple[NDArray[np.uint8], str]:
-    """uint8 [IMAGE_SIZE, IMAGE_SIZE, 3] on white, and the mode of the file ("RGBA").
+    """Read a PNG of the size of the benchmark and put it on white.
 
-    Composited as the original does (roatienza/pc2pix@46795a46, loader.py), colour times alpha plus
-    white times one minus alpha, and rounded half up to uint8. Raises BadInput, naming the file, for
-    what is no PNG, has another size, more than 8 bits a channel, or is cut short.
+    Alpha is composited as in the original (roatienza/pc2pix@46795a46, loader.py): colour times
+    alpha plus white times one minus alpha, rounded half up.
+
+    Parameters
+    ----------
+    path : Path
+        PNG of IMAGE_SIZE x IMAGE_SIZE pixels with 8 bits a channel.
+
+    Returns
+    -------
+    image : uint8 array [IMAGE_SIZE, IMAGE_SIZE, 3]
+        Colours on white.
+    mode : str
+        Mode of the file, such as "RGBA".
+
+    Raises
+    ------
+    BadInput
+        If the file is no PNG, is cut short, or has another size or more bits; names the file.
     """
     from PIL import Image
 
     with open_file(path, MOST_BYTES) as file, warnings.catch_warnings():
-        warnings.simplefilter("error")  # of images that grow out of all bounds
+        warnings.simplefilter("error")  # of images that decompress to a huge size
         try:
             with Image.open(file, formats=("PNG",)) as image:
                 size, mode = image.size, image.mode
@@ -55,7 +89,7 @@ def read_image(path: Path) -> tuple[NDArray[np.uint8], str]:
                     rgba = np.asarray(image.convert("RGBA"), np.float64)
                 else:
                     rgba = None
-        except Exception as error:  # Pillow raises whatever its parsers raise
+        except Exception as error:  # Pillow lets through any error of its parsers
             raise BadInput(f"{path}: not a readable PNG ({error}); fetch it again") from error
     if rgba is None:
         raise BadInput(

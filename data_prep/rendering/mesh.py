@@ -1,9 +1,8 @@
 """Images of a mesh by the faster of two renderers: OpenGL for few faces, rays for many.
 
-The number of faces alone decides, so that an image never depends on the machine's speed. True
-images, and those of `true-mesh`, are always OpenGL's (`data_prep.rendering.opengl.render`). A
+True images, and images of `true-mesh`, are always rendered by `data_prep.rendering.opengl`. A
 change here or in `data_prep.rendering.raycast` that changes a pixel raises the versions of the
-methods that reconstruct.
+reconstruction methods.
 """
 
 from __future__ import annotations
@@ -23,12 +22,29 @@ RAYS_FROM_FACES = 10_000
 
 
 def draw_mesh(mesh: Mesh, views: Sequence[View], size: int = IMAGE_SIZE) -> NDArray[np.uint8]:
-    """Images of `mesh` from `views`: uint8 [V, size, size, 3], white background.
+    """Render a mesh by rays or by OpenGL, with the same camera, samples and shading.
 
-    By rays from RAYS_FROM_FACES faces on, else by OpenGL, with the same camera, samples and
-    shading. An empty mesh gives white images.
+    Parameters
+    ----------
+    mesh : Mesh
+        Mesh in unit-sphere coordinates; one without faces gives white images.
+    views : sequence of View
+        V camera positions.
+    size : int
+        Width and height of the images in pixels.
 
-    Raises ValueError for non-finite vertices, MissingDependency where the renderer is missing.
+    Returns
+    -------
+    uint8 array [V, size, size, 3]
+        Images on a white background.
+
+    Raises
+    ------
+    ValueError
+        If a vertex is not finite.
+    MissingDependency
+        If the renderer is not installed.
     """
+    # Never by time: an image must not depend on the speed of the machine.
     draw = cast if len(mesh.faces) >= RAYS_FROM_FACES else render
     return draw(mesh, views, size=size)

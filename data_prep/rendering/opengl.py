@@ -1,15 +1,10 @@
-"""Images of meshes by OpenGL (EGL), with one shader that does what the scene requires.
+"""Images of meshes by OpenGL (EGL) with one shader.
 
-pyrender 0.1.45, the last release, makes the context; drawing goes past it. Its renderer reads back
-a depth buffer that nobody wants, looks programs and uniforms up anew for every view, multiplies
-every vertex by two identity matrices, and does not shade the back of a face;
-`studies/render_speed.py` has both side by side. Here a mesh is uploaded once, its views are
-drawn one after another into one small multisampled buffer, which stays in the processor's cache,
-and resolved into one sheet, which is read back once.
-
-Importing pyrender imports an interactive viewer that nobody here uses but which needs pyglet and
-libGLU; it is left out. One GL context is made per process and reused, with buffers for each size of
-images. OpenGL keeps global state: one thread only.
+A mesh is uploaded once. Its views are drawn one after another into one small multisampled buffer,
+which stays in the processor's cache, and resolved into one sheet, which is read back once. Of
+pyrender only the context is used: its renderer is slower and does not shade the back of a face
+(`studies/render_speed.py` compares both). One GL context is made per process and reused, with
+buffers for each size of images. OpenGL keeps global state: use it in one thread only.
 """
 
 from __future__ import annotations
@@ -36,7 +31,7 @@ from data_prep.scene import IMAGE_SIZE, Mesh, View
 VERSION = 1  # raise when a change here changes a pixel: finished work is then done again
 SHADERS = Path(__file__).parent  # mesh.vert and mesh.frag
 SAMPLES = 4  # a pixel
-# Reconstructions may leave the unit sphere; what lies outside this range is cut off.
+# Reconstructions may leave the unit sphere; parts outside this range are cut off.
 NEAR, FAR = 0.05 * CAMERA_DISTANCE, 2.5 * CAMERA_DISTANCE
 SHEET_VIEWS = 32  # one above the other: 4,096 pixels, of the 16,384 that any OpenGL 4.1 can do
 POSITION, COLOUR = 0, 1  # attributes of a vertex, three float32 each
@@ -51,14 +46,32 @@ REMEDY = "install the Debian packages " + " ".join(DEBIAN_PACKAGES) + " (bench d
 
 
 def render(mesh: Mesh, views: Sequence[View], size: int = IMAGE_SIZE) -> NDArray[np.uint8]:
-    """Images of `mesh` from `views`: uint8 [V, size, size, 3], white background.
+    """Render a mesh by OpenGL.
 
     A facet seen head-on has exactly its own colour; tilted by an angle t its colour is multiplied
     by cos(t)^(1/2.2). Both sides of a facet are visible. An edge is smoothed with 4 samples a
-    pixel. An empty mesh gives white images. The same mesh and views give the same bytes on the
-    same driver, in any process.
+    pixel. The same mesh and views give the same bytes on the same driver, in any process.
 
-    Raises ValueError for non-finite vertices, MissingDependency where no GL context can be made.
+    Parameters
+    ----------
+    mesh : Mesh
+        Mesh in unit-sphere coordinates; one without faces gives white images.
+    views : sequence of View
+        V camera positions.
+    size : int
+        Width and height of the images in pixels.
+
+    Returns
+    -------
+    uint8 array [V, size, size, 3]
+        Images on a white background.
+
+    Raises
+    ------
+    ValueError
+        If a vertex is not finite.
+    MissingDependency
+        If no GL context can be made.
     """
     if not np.isfinite(mesh.vertices).all():
         raise ValueError("render: the mesh has non-finite vertices")
@@ -69,7 +82,8 @@ def render(mesh: Mesh, views: Sequence[View], size: int = IMAGE_SIZE) -> NDArray
     context.make_current()
     buffers = context.buffers(size)
     context.upload(*_vertices_of_one_colour(mesh))
-    matrices = _world_to_camera(views)
+    poses = np.stack([camera_to_world(view) for view in views])
+    matrices = np.linalg.inv(poses).astype(np.float32)
     for start in range(0, len(views), SHEET_VIEWS):
         stop = start + SHEET_VIEWS
         context.draw(matrices[start:stop], mesh.faces.size, buffers)
@@ -78,7 +92,7 @@ def render(mesh: Mesh, views: Sequence[View], size: int = IMAGE_SIZE) -> NDArray
 
 
 def gl_renderer() -> str:
-    """Name and version of the GL driver in use: part of a run's manifest, images depend on it.
+    """Return the name and version of the GL driver, on which images depend.
 
     Raises MissingDependency where no GL context can be made.
     """
@@ -90,10 +104,9 @@ def gl_renderer() -> str:
 
 
 def _vertices_of_one_colour(mesh: Mesh) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
-    """Vertices [V, 6] with the colour of their faces (x, y, z, r, g, b), and faces [F, 3] of them.
+    """Return vertices [V, 6] with the colour of their faces (x, y, z, r, g, b), and faces [F, 3].
 
-    A vertex that faces of different colours share is one that no colour fits: then every face gets
-    vertices of its own.
+    Where faces of different colours share a vertex, every face gets vertices of its own.
     """
     positions, faces = mesh.vertices, mesh.faces
     face_colors = mesh.face_colors.astype(np.float32) / np.float32(255.0)
@@ -105,14 +118,8 @@ def _vertices_of_one_colour(mesh: Mesh) -> tuple[NDArray[np.float32], NDArray[np
     return np.concatenate([positions, colors], axis=1), faces.astype(np.uint32)
 
 
-def _world_to_camera(views: Sequence[View]) -> NDArray[np.float32]:
-    """Matrices [V, 4, 4]."""
-    poses = np.stack([camera_to_world(view) for view in views])
-    return np.linalg.inv(poses).astype(np.float32)
-
-
 def _projection() -> NDArray[np.float64]:
-    """OpenGL's matrix [4, 4] of the project's camera: what it sees to -1..1, near to far."""
+    """Return OpenGL's matrix [4, 4] from the visible space of the camera to -1..1."""
     scale = 1.0 / math.tan(FIELD_OF_VIEW_RAD / 2)
     matrix = np.diag([scale, scale, (FAR + NEAR) / (NEAR - FAR), 0.0])
     matrix[2, 3] = 2 * FAR * NEAR / (NEAR - FAR)
@@ -122,7 +129,7 @@ def _projection() -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class _Buffers:
-    """Frame buffers for images of a size."""
+    """The frame buffers for images of a size."""
 
     size: int
     multisampled: int
@@ -131,31 +138,32 @@ class _Buffers:
 
 @dataclass(frozen=True, eq=False)
 class _Context:
-    """The one GL context: its state is set when it is made; buffers are added for other sizes."""
+    """The GL context of a process, with buffers for each size of images used so far."""
 
     gl: Any  # PyOpenGL has no types
     platform: Any
     view_matrix: int  # uniform
-    made: dict[int, _Buffers]
+    buffers_by_size: dict[int, _Buffers]
 
     def buffers(self, size: int) -> _Buffers:
-        """Those for images of this size, and the viewport set to it."""
-        if size not in self.made:
-            self.made[size] = _make_buffers(self.gl, size)
+        """Return the buffers for images of a size, and set the viewport to it."""
+        if size not in self.buffers_by_size:
+            self.buffers_by_size[size] = _make_buffers(self.gl, size)
         self.gl.glViewport(0, 0, size, size)
-        return self.made[size]
+        return self.buffers_by_size[size]
 
     def make_current(self) -> None:
+        """Make this the context of the following GL calls."""
         self.platform.make_current()
 
     def upload(self, vertices: NDArray[np.float32], faces: NDArray[np.uint32]) -> None:
-        """In place of the mesh before it."""
+        """Replace the uploaded mesh."""
         gl = self.gl
         gl.glBufferData(gl.GL_ARRAY_BUFFER, vertices.nbytes, vertices, gl.GL_STATIC_DRAW)
         gl.glBufferData(gl.GL_ELEMENT_ARRAY_BUFFER, faces.nbytes, faces, gl.GL_STATIC_DRAW)
 
     def draw(self, world_to_camera: NDArray[np.float32], indices: int, buffers: _Buffers) -> None:
-        """Views [V, 4, 4], at most SHEET_VIEWS, of the uploaded mesh."""
+        """Draw at most SHEET_VIEWS views [V, 4, 4] of the uploaded mesh onto the sheet."""
         gl, size = self.gl, buffers.size
         for place, matrix in enumerate(world_to_camera):
             gl.glBindFramebuffer(gl.GL_FRAMEBUFFER, buffers.multisampled)
@@ -169,7 +177,7 @@ class _Context:
             )
 
     def read(self, count: int, buffers: _Buffers) -> NDArray[np.uint8]:
-        """The first images of the sheet, uint8 [count, IMAGE_SIZE, IMAGE_SIZE, 3]."""
+        """Return the first images of the sheet, uint8 [count, size, size, 3]."""
         gl, size = self.gl, buffers.size
         gl.glBindFramebuffer(gl.GL_READ_FRAMEBUFFER, buffers.sheet)
         pixels = gl.glReadPixels(0, 0, size, size * count, gl.GL_RGB, gl.GL_UNSIGNED_BYTE)
@@ -181,6 +189,7 @@ class _Context:
 def _context() -> _Context:
     # Not a default that the environment may change: OSMesa draws other images.
     os.environ["PYOPENGL_PLATFORM"] = "egl"
+    # pyrender imports an interactive viewer, unused here, that needs pyglet and libGLU.
     viewer = types.ModuleType("pyrender.viewer")
     viewer.Viewer = None  # type: ignore[attr-defined]
     sys.modules.setdefault(viewer.__name__, viewer)
@@ -200,13 +209,13 @@ def _context() -> _Context:
         ) from error
     except Exception as error:  # PyOpenGL reports a missing library in many ways
         raise MissingDependency(f"no OpenGL context ({error}): {REMEDY}") from error
-    # While Python can still import: what PyOpenGL does after that ends in complaints on stderr.
+    # Before Python stops importing: PyOpenGL prints errors on stderr after that.
     atexit.register(platform.delete_context)
     return context
 
 
 def _set_up(gl: Any, shaders: Any, platform: Any) -> _Context:
-    """All state of the context that is the same for any mesh, view and size."""
+    """Set the state of the context that is the same for any mesh, view and size."""
     gl.glEnable(gl.GL_DEPTH_TEST)
     gl.glClearColor(1.0, 1.0, 1.0, 1.0)
 
@@ -247,7 +256,7 @@ def _make_buffers(gl: Any, size: int) -> _Buffers:
 
 
 def _attach(gl: Any, attachment: int) -> None:
-    """A new render buffer to the bound frame buffer; it stays bound, for its storage."""
+    """Attach a new render buffer to the bound frame buffer and leave it bound, for its storage."""
     buffer = gl.glGenRenderbuffers(1)
     gl.glBindRenderbuffer(gl.GL_RENDERBUFFER, buffer)
     gl.glFramebufferRenderbuffer(gl.GL_FRAMEBUFFER, attachment, gl.GL_RENDERBUFFER, buffer)

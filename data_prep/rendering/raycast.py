@@ -1,9 +1,9 @@
-"""Images of meshes by ray casting (Embree): those of `data_prep.rendering.opengl`, for many faces.
+"""Images of meshes by ray casting (Embree), like those of `data_prep.rendering.opengl`.
 
 The camera, the samples and the shading are those of `data_prep.rendering.opengl`; no drawing code
 is shared. OpenGL's time grows with the number of faces of each view; here a tree over the faces is
-built once a mesh, and a view takes the time of its pixels. Measured and compared by
-`studies.ray_speed` at commit 6e4975d.
+built once a mesh, and the time of a view depends on its pixels (`studies.ray_speed` at commit
+6e4975d).
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ OPENGL = ((0.375, 0.875), (0.875, 0.625), (0.125, 0.375), (0.625, 0.125))
 def cast(
     mesh: Mesh, views: Sequence[View], samples: ArrayLike = OPENGL, size: int = IMAGE_SIZE
 ) -> NDArray[np.uint8]:
-    """Images of `mesh` from `views`: uint8 [V, size, size, 3], white background.
+    """Return images of a mesh, uint8 [V, size, size, 3], on a white background.
 
     samples  [S, (column, row)] within a pixel, 0..1 from its upper left corner
 
@@ -40,8 +40,8 @@ def cast(
     the facet's own colour times cos(t)^(1/2.2), t between the facet's normal and the axis of view,
     from either side. Samples have 8 bits and the mean is rounded half up, as in llvmpipe: of four
     ways to round this one gives the fewest pixels that differ. The mean is taken of sRGB values, as
-    OpenGL does where the frame buffer is not declared to be sRGB. What is nearer than NEAR or
-    farther than FAR is not seen, nor is a facet without area; an empty mesh gives white images.
+    OpenGL does where the frame buffer is not declared to be sRGB. Parts nearer than NEAR or farther
+    than FAR are not seen, nor facets without area; an empty mesh gives white images.
     The same mesh and views give the same bytes in any process, for any number of threads.
 
     Raises ValueError for non-finite vertices, MissingDependency where embreex is not installed.
@@ -66,9 +66,9 @@ def cast(
 
 @lru_cache(maxsize=1)
 def _scene(mesh: Mesh) -> Any:
-    """Embree's scene: the faces, for which the first call of its `run` builds a tree.
+    """Return Embree's scene of a mesh; the first call of its `run` builds a tree of the faces.
 
-    The last one is kept: views of a mesh may come in several calls.
+    The last scene is kept, since views of a mesh may come in several calls.
     """
     try:
         from embreex.mesh_construction import TriangleMesh
@@ -83,7 +83,7 @@ def _scene(mesh: Mesh) -> Any:
 
 
 def _rays(samples: NDArray[np.float64], size: int) -> NDArray[np.float32]:
-    """Directions [row, column, S, 3] in the camera's coordinates (+X right, +Y up), of depth 1."""
+    """Return directions [row, column, S, 3] of depth 1 in camera coordinates (+X right, +Y up)."""
     corner = np.arange(size)[:, None] - size / 2
     column, row = np.broadcast_arrays(corner + samples[:, 0], (corner + samples[:, 1])[:, None])
     focal = FOCAL_PX * size / IMAGE_SIZE
@@ -91,9 +91,9 @@ def _rays(samples: NDArray[np.float64], size: int) -> NDArray[np.float32]:
 
 
 def _corners(vertices: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Corners [N, 3] of boxes that hold all vertices [V, 3]: one box for each run of BOX_VERTICES.
+    """Return the corners [N, 3] of boxes around each run of BOX_VERTICES vertices [V, 3].
 
-    Vertices that follow each other mostly lie close together. Where they do not the boxes are
+    Vertices that follow each other mostly lie close together. Where they do not, the boxes are
     large, and some rays are cast in vain.
     """
     runs = np.arange(0, len(vertices), BOX_VERTICES)
@@ -104,9 +104,9 @@ def _corners(vertices: NDArray[np.float32]) -> NDArray[np.float64]:
 
 
 def _window(corners: NDArray[np.float64], view: View, size: int) -> tuple[slice, slice] | None:
-    """Rows and columns of the box of pixels around corners [N, 3], within the image.
+    """Return the rows and columns of the box of pixels around corners [N, 3], within the image.
 
-    None where a corner is nearer than NEAR: what is behind the camera has no image.
+    None means that a corner is nearer than NEAR: points behind the camera have no pixels.
     """
     pixels, depth = project(corners, view)
     if depth.min() < NEAR:
@@ -116,7 +116,7 @@ def _window(corners: NDArray[np.float64], view: View, size: int) -> tuple[slice,
 
 
 def _span(places: NDArray[np.float64], size: int) -> slice:
-    """The whole pixels that `places` lie in, within the image."""
+    """Return the range of whole pixels that coordinates lie in, within the image."""
     # Directions of rays have 32 bits: rounding moves one by less than 1e-4 px.
     first, last = np.floor(places.min() - 0.01), np.ceil(places.max() + 0.01)
     low, high = np.clip([first, last], 0, size)
@@ -130,7 +130,7 @@ def _pixels(
     pose: NDArray[np.float64],
     start: float,
 ) -> NDArray[np.float64]:
-    """The pixels [R, C, 3] of rays [R, C, S, 3] that begin at the depth `start`: whole numbers."""
+    """Return the pixels [R, C, 3] of rays [R, C, S, 3] that begin at a depth, in whole numbers."""
     turn, eye = pose[:3, :3].astype(np.float32), pose[:3, 3].astype(np.float32)
     directions = local.reshape(-1, 3) @ turn.T
     starts = np.broadcast_to(eye, directions.shape)
@@ -142,12 +142,12 @@ def _pixels(
     shades = _shades(met["Ng"].take(hits, axis=0), pose[:3, 2])
     darkness = WHITE - np.floor(colors * shades[:, None] + np.float32(0.5))
     height, width, samples, _ = local.shape
-    total = [np.bincount(hits // samples, one, height * width) for one in darkness.T]
+    total = [np.bincount(hits // samples, channel, height * width) for channel in darkness.T]
     return np.floor(WHITE + 0.5 - np.stack(total, -1) / samples).reshape(height, width, 3)
 
 
 def _shades(normals: NDArray[np.float32], axis: NDArray[np.float64]) -> NDArray[np.float32]:
-    """What the colours of facets are multiplied by, from normals [N, 3] of any length but 0."""
-    exact = normals.astype(np.float64)  # the square of a length may be too much for 32 bits
+    """Return the factors of the colours of facets, from normals [N, 3] of any length but 0."""
+    exact = normals.astype(np.float64)  # 32 bits may not hold the square of a length
     cosines = np.abs(exact @ axis) / np.sqrt(np.einsum("ij,ij->i", exact, exact))
     return cosines.astype(np.float32) ** np.float32(1 / GAMMA)
