@@ -17,7 +17,7 @@ BENCH = (sys.executable, "-c", "from bench.cli import main; main()")
 
 
 def start_run(arguments, directory, code=BENCH[-1], **environment):
-    """A process of the command line in a session of its own, without weights for fid."""
+    """Start the command line in a session of its own, without weights for fid."""
     return subprocess.Popen(
         [*BENCH[:-1], code, *arguments, "--out", str(directory)],
         stdout=subprocess.PIPE,
@@ -47,19 +47,19 @@ def command(capsys):
 
 @pytest.fixture
 def few_objects(monkeypatch):
-    """Intervals of two objects and more, so that tests can be worked out by hand."""
+    """Have intervals from two objects on, so that tests can be worked out by hand."""
     monkeypatch.setattr("bench.analysis.intervals.FEWEST", 2)
 
 
 @pytest.fixture
 def no_machine(monkeypatch):
-    """Nobody asks about the machine, which takes seconds."""
+    """Leave the machine out of protocols: to describe it takes seconds."""
     monkeypatch.setattr("bench.running.protocol.environment", dict)
 
 
 @pytest.fixture(scope="session")
 def tiny_weights(tmp_path_factory):
-    """Weights of pc2pix as they are before any training, in a file."""
+    """Return a file with small weights of pc2pix, untrained."""
     import torch
 
     from learning import checkpoint
@@ -81,7 +81,7 @@ def tiny_weights(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def arguments(tiny_weights):
-    """A run of 24 items that takes seconds: 3 objects x 4 methods x 2 conditions, 2 views."""
+    """Return the command of a short run: 3 objects x 4 methods x 2 conditions, 2 views."""
     methods = f"splat,pc2pix@{tiny_weights},true-mesh,blank"
     return (
         *("run", "--suite", "chair-robustness", "--methods", methods),
@@ -91,7 +91,7 @@ def arguments(tiny_weights):
 
 @pytest.fixture(scope="session")
 def finished(arguments, tmp_path_factory):
-    """That run, by the command line with two workers: its folder and what it printed."""
+    """Return the folder of that run, made with two workers, and its output."""
     directory = tmp_path_factory.mktemp("finished") / "run"
     with start_run((*arguments, "--workers", "2"), directory) as process:
         out, err = process.communicate()
@@ -102,7 +102,7 @@ def finished(arguments, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def same_machine(finished):
-    """Runs of this process find the machine as that run found it, and no weights for fid."""
+    """Give runs of this process the environment of that run, and no weights for fid."""
     from bench.records.journal import read_manifest
 
     environment = read_manifest(finished[0])["environment"]
@@ -114,5 +114,5 @@ def same_machine(finished):
 
 @pytest.fixture
 def copied(finished, tmp_path):
-    """A copy of that run, to be altered."""
+    """Return a copy of that run, to be altered."""
     return Path(shutil.copytree(finished[0], tmp_path / "run"))

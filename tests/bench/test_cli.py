@@ -1,4 +1,4 @@
-"""The command line: what is printed where, and how it ends."""
+"""The command line: its output and its exit status."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ from .conftest import BENCH
 
 @pytest.fixture
 def no_machine(no_machine, monkeypatch, tmp_path):
-    """The default folder of runs is in `tmp_path`, too."""
+    """Have the default folder of runs in `tmp_path`, too."""
     monkeypatch.chdir(tmp_path)
 
 
 def run_refused(command, *arguments):
-    """The one line that a run ends with; nothing else is printed and nothing left behind."""
+    """Return the only line that a refused run prints."""
     status, out, err = command("run", "--suite", SUITE, *arguments)
     assert (status, out) == (2, "")
     assert err.startswith("bench: ")
@@ -251,7 +251,7 @@ def test_table_makes_the_same_bytes_again_from_records_and_features(finished, co
 
 
 def test_tables_for_scripts(finished, copied, command):
-    """All values of the tables, in CSV under one header, in JSON unrounded."""
+    """CSV has all values under one header, JSON has them unrounded."""
     status, text, err = command("table", copied, "--format", "csv")
     assert (status, err) == (0, "")
     found = pd.read_csv(io.StringIO(text))
@@ -268,7 +268,7 @@ def test_tables_for_scripts(finished, copied, command):
 
 @pytest.mark.parametrize("buffered", [True, False])
 def test_nobody_reads_the_output(buffered):
-    """As in `bench list | true`: no traceback, and no claim to have been heard."""
+    """`bench list | true` prints no traceback, and ends as if killed by SIGPIPE."""
     read, write = os.pipe()
     os.close(read)
     environment = os.environ | {"PYTHONUNBUFFERED": "" if buffered else "1"}

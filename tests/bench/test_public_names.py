@@ -1,4 +1,4 @@
-"""Names that other people's packages and scripts import; where they lie inside may change."""
+"""The names that other packages and scripts import."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The suite beyond-training: what a finished run of it leaves behind."""
+"""The suite beyond-training: the tables, figures and report of a finished run."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ CONDITIONS = ["512", "2048", "noise-0.05", "noise-0.20", "missing-0.50"]
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
-    """Random scores, 3 objects x 2 views."""
+    """Return a run with random scores, of 3 objects x 2 views."""
     directory = tmp_path_factory.mktemp("beyond")
     return write_run(directory, suite=SUITE.id, methods=METHODS, conditions=CONDITIONS)
 
@@ -50,7 +50,7 @@ def test_leads_follow_from_the_records(written):
 
 
 def test_table_and_check_know_the_leads(written, command, monkeypatch):
-    """Against golden values of a method that the run does not have."""
+    """The golden values are of a method that the run does not have."""
     manifest = read_manifest(written)
     protocol = {name: manifest[name] for name in ("dataset", "views", "seed")} | {"objects": 3}
     none = {"method": "none", "condition": "none", "class": "chair", "metric": "ssim", "value": 0.5}

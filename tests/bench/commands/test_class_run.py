@@ -32,7 +32,7 @@ OBJECTS = {"chair": 3, "table": 2}
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Three chairs, two more that are called tables, and something that is in no table."""
+    """Return a folder of three chairs, two chairs called tables, and a class of no table."""
     root = tmp_path_factory.mktemp("meshes")
     chair, number = CLASSES["chair"], 0
     for name, count in {**OBJECTS, "spoon": 1}.items():
@@ -46,7 +46,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def classifier(tmp_path_factory):
-    """Untrained weights of fd-views that tell the two classes apart, somehow."""
+    """Return untrained weights of fd-views for the two classes, and their network."""
     torch.manual_seed(0)
     network = ViewsNetwork(Labels(("chair", "table"), ("chair/stool",), ("none",)))
     path = tmp_path_factory.mktemp("views") / "views.safetensors"
@@ -61,7 +61,7 @@ def rows_of_table_5(directory):
 
 @pytest.fixture
 def planned_only(no_machine, monkeypatch, tmp_path):
-    """A run that ends before its jobs."""
+    """Have runs end before their jobs."""
 
     def stop(*arguments):
         raise BadInput("far enough")
@@ -119,7 +119,7 @@ def test_other_weights_are_not_asked(measured, monkeypatch, classifier, tmp_path
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
-    """Random scores and features of six chairs and two tables."""
+    """Return a run with random scores and features of six chairs and two tables."""
     objects = [*(f"chair/{name}" for name in "abcdef"), "table/g", "table/h"]
     methods = ["surface-apss", "pc2pix", "true-mesh", "blank"]
     place = tmp_path_factory.mktemp("written")

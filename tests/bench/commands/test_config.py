@@ -1,4 +1,4 @@
-"""Options from a file: which come first, which are refused, and a manifest that repeats its run."""
+"""Options from a file: their order, their refusals, and a manifest that repeats its run."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def objects(*numbers):
 
 @pytest.fixture
 def repeated(asked, tmp_path):
-    """What would run as a repetition of a run whose manifest has some values."""
+    """Return the options of the repetition of a run whose manifest has some values."""
 
     def repeat(*arguments, **changes):
         options = Options("chair-robustness", seed=7, device="cpu", limit=5)
@@ -73,7 +73,7 @@ def repeated(asked, tmp_path):
 
 
 def test_a_manifest_repeats_its_run_with_what_was_left_to_defaults(repeated):
-    """Of five objects two were complete."""
+    """Two of the five objects were complete."""
     assert repeated() == Options(
         "chair-robustness",
         methods=("splat", "true-mesh", "blank"),

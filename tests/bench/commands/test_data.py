@@ -37,7 +37,7 @@ def copied(tree, tmp_path) -> Path:
 
 @pytest.mark.slow
 def test_a_run_on_the_tree_is_the_run_on_its_source(tree, tmp_path, no_machine, monkeypatch):
-    """All 20 views: fewer are others where drawn at random, and the first of 20 on a tree."""
+    """Fewer than 20 views would be random ones here, and the first of 20 on a tree."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))  # no weights for fid
     cells = {"methods": ("splat", "pc2pix", "blank"), "conditions": ("2048", "noise-0.10")}
     tables = []
@@ -160,7 +160,7 @@ def test_the_embedded_set(command):
 
 @pytest.fixture
 def meshes(tmp_path) -> Path:
-    """Three files, and a list of two of them and one more."""
+    """Return a folder of three files, and a list of two of them and one more."""
     for name, text in (("car/a.ply", "a"), ("car/b.ply", "other"), ("lamp/c.obj", "c")):
         (tmp_path / "set" / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / "set" / name).write_text(text)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -130,10 +131,10 @@ def test_set_up_installs_what_the_doctor_looks_for():
     assert {debian: library for library, debian in listed.items()} == DEBIAN_PACKAGES
 
 
-def test_weights_of_lpips_that_are_not_the_published_ones(monkeypatch, capsys):
+def test_weights_of_a_metric_that_are_not_the_published_ones(capsys):
     message = "alexnet.ckpt: sha256 0, expected 443c5bc3"
-    monkeypatch.setattr("bench.catalogue.metrics.find_lpips_weights", raises(BadInput(message)))
-    assert f"FAIL metric fd-alexnet: {message}\n" in outcome(capsys, metrics=SET_METRICS)[1]
+    broken = [replace(metric, weights=raises(BadInput(message))) for metric in SET_METRICS]
+    assert f"FAIL metric fd-alexnet: {message}\n" in outcome(capsys, metrics=broken)[1]
 
 
 def test_what_the_wheel_cannot_require_is_installed_by_pip():

@@ -18,7 +18,7 @@ NESTED = ("train", "data")
 
 
 def commands():
-    """(words of the command, command), all of them."""
+    """Yield the words of each command, and the command."""
     group = typer.main.get_command(app)
     assert isinstance(group, Commands)
     for name in COMMANDS:

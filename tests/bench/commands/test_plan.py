@@ -35,8 +35,10 @@ def tree(directory):
 
 @pytest.fixture
 def no_cache(monkeypatch, tmp_path_factory):
-    """No weights of Inception have been downloaded before."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+    """Return the cache folder, without weights of Inception."""
+    folder = tmp_path_factory.mktemp("cache")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
+    return folder
 
 
 def test_dry_run_of_a_new_run_prints_all_and_writes_nothing(
@@ -95,13 +97,13 @@ def test_dry_run_counts_what_is_left_and_takes_the_times_in_the_folder(copied, c
 
 
 def test_dry_run_of_a_download_fetches_nothing(command, no_cache, no_machine):
-    """The network is not reachable from the tests: a download would fail."""
     arguments = ("--methods", "blank", "--limit", "1", "--inception-weights", "download")
     status, out, _ = command("run", "--suite", SUITE, *arguments, "--dry-run")
     assert status == 0
     assert re.search(r"^  fid +to be downloaded first$", out, re.M)
     assert "skipped:" not in out
     assert "fid, fd-views" in out
+    assert list(no_cache.iterdir()) == []
 
 
 @pytest.mark.parametrize(

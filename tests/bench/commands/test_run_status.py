@@ -36,7 +36,7 @@ def test_a_gpu_that_is_not_there_is_refused_before_the_first_job(
 
 
 def test_a_method_without_an_image_is_no_success(copied, same_machine, arguments, command):
-    """Its jobs are in the journal as failed; one of another method, too."""
+    """The journal has its jobs as failed, and one of another method."""
     jobs = [job for job in read_jobs(copied) if job.name.method == "splat"]
     jobs.append(next(job for job in read_jobs(copied) if job.name.method == "true-mesh"))
     with open_journal(copied) as journal:

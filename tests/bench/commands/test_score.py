@@ -1,4 +1,4 @@
-"""Metrics of other packages, taken of the pictures of a run."""
+"""Metrics of other packages on the images of a run."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_a_metric_that_gives_no_scores_is_named(function, message):
 
 
 def test_no_finite_value_of_identical_images(capsys):
-    """As of `true-mesh`; what the metric prints is no part of the tables."""
+    """Images of `true-mesh` are identical; the output of the metric is no part of the tables."""
 
     def decibels(truth, drawn):
         print("measuring")
@@ -71,7 +71,7 @@ def test_true_and_drawn_images_in_their_order():
 
 @pytest.mark.usefixtures("few_objects")
 def test_every_image_counts_where_it_belongs(copied):
-    """The ceiling draws the same under noise, splats grow with it, and the floor is blank."""
+    """true-mesh draws the same under noise, splats grow with it, and blank has no pixel."""
     dark = made(lambda truth, drawn: (drawn < 255).any(axis=3).mean(axis=(1, 2)), "dark-share")
     (table,) = score(copied, [dark])
     value = {(row.method, row.condition): row.value for row in table.rows}
@@ -97,7 +97,7 @@ def test_scores_stand_with_their_own_views(finished):
 
 
 def test_failed_images_are_scored_as_blank_ones(finished):
-    """Every second picture of the ceiling fails: it scores 0 where blank scores 1."""
+    """Every second image of true-mesh fails: it scores 0 where blank scores 1."""
     run = read_scored(finished[0])
     failed = (run.records["method"] == "true-mesh") & (run.records["view"] == 1)
     outcomes = run.records["outcome"].mask(failed, "failed")
@@ -141,7 +141,7 @@ def test_an_extractor_that_gives_no_features_is_named(function, message):
 
 @pytest.mark.usefixtures("few_objects")
 def test_distances_of_an_extractor_are_those_of_its_features(copied):
-    """Two features, by the definitions: the truth is that of the same objects and views."""
+    """The true images are those of the same objects and views."""
 
     def features(images):
         return np.stack([images.mean(axis=(1, 2, 3)), images.std(axis=(1, 2, 3))], axis=1)

@@ -1,4 +1,4 @@
-"""What a run shows while it goes on, with a table of our own."""
+"""The progress of a run on a terminal and elsewhere, with a small table."""
 
 from __future__ import annotations
 

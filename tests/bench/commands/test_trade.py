@@ -26,7 +26,7 @@ SUITE = next(suite for suite in SUITES if suite.id == "speed-accuracy")
 
 
 def test_every_method_of_the_suite_is_known_and_values_of_a_parameter_rise():
-    """The figure joins them so."""
+    """The figure joins the values of a parameter in this order."""
     assert len(set(SUITE.methods)) == len(SUITE.methods)
     assert [find_method(method).id for method in SUITE.methods] == list(SUITE.methods)
     assert set(SUITE.frontier) <= {*SUITE.image_metrics, *SUITE.detail_metrics, *SUITE.set_metrics}
@@ -66,7 +66,7 @@ def test_one_worker_does_all_and_leaves_tables_and_figures(tmp_path, tiny_weight
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
-    """Random scores of this suite; every method takes 250 ms a cloud and 125 ms a view."""
+    """Return a run with random scores; every method takes 250 ms a cloud and 125 ms a view."""
     return write_run(tmp_path_factory.mktemp("trade"), suite=SUITE.id)
 
 
