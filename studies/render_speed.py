@@ -37,6 +37,7 @@ from data_prep.clouds.sampling import random_views
 from data_prep.datasets.registry import ProceduralObject
 from data_prep.randomness import generator
 from data_prep.rendering import opengl as renderer
+from data_prep.rendering.camera import camera_to_world
 from data_prep.rendering.opengl import gl_renderer, render
 from data_prep.rendering.raycast import cast
 from data_prep.scene import IMAGE_SIZE, Mesh, View
@@ -180,7 +181,8 @@ def parts_of(mesh: Mesh, views: Sequence[View]) -> Parts:
     context.upload(*renderer._vertices_of_one_colour(mesh))
     gl.glFinish()
     clock.append(time.process_time())
-    context.draw(renderer._world_to_camera(views), mesh.faces.size, buffers)
+    poses = np.stack([camera_to_world(view) for view in views])
+    context.draw(np.linalg.inv(poses).astype(np.float32), mesh.faces.size, buffers)
     gl.glFinish()
     clock.append(time.process_time())
     np.array(context.read(len(views), buffers))

@@ -1,8 +1,8 @@
 """Point clouds from and to files.
 
 Formats: PLY (x, y and z of the vertices), NPY, text in columns (XYZ, TXT, CSV, PTS), and the
-formats of scanners (`files.scans`). Except for scanners, memory is taken for the values in the file, never
-for the sizes that it claims.
+formats of scanners (`files.scans`). Except for scanners, memory is taken for the values in the
+file, never for the sizes that it claims.
 """
 
 from __future__ import annotations
