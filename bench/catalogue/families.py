@@ -28,16 +28,16 @@ class Family:
 
     @property
     def values(self) -> tuple[float, ...]:
-        """On the axis."""
+        """Return the values on the axis."""
         return tuple(value for value, _ in self.steps)
 
     @property
     def conditions(self) -> tuple[str, ...]:
-        """In the order of the axis."""
+        """Return the conditions in the order of the axis."""
         return tuple(condition for _, condition in self.steps)
 
     def unseen_by(self, value: float) -> tuple[str, ...]:
-        """The networks that were not shown what has this value on the axis."""
+        """Return the networks whose training had no cloud with this value on the axis."""
         return tuple(name for name, least, most in self.trained if not least <= value <= most)
 
 
@@ -87,10 +87,10 @@ FAMILIES = (
 
 
 def families_of(conditions: Iterable[str]) -> tuple[Family, ...]:
-    """The families with at least two of these conditions, reduced to them."""
-    there = set(conditions)
+    """Return the families with at least two of these conditions, reduced to them."""
+    wanted = set(conditions)
     reduced = (
-        replace(family, steps=tuple(step for step in family.steps if step[1] in there))
+        replace(family, steps=tuple(step for step in family.steps if step[1] in wanted))
         for family in FAMILIES
     )
     return tuple(family for family in reduced if len(family.steps) > 1)

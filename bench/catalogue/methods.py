@@ -52,9 +52,9 @@ def _network(
 def _reconstruction(
     method_id: str,
     renderer: str,
-    version: int,
     source: str,
     identity: Callable[[], str],
+    version: int = 1,
     chain: Literal["paper", "other"] = "other",
 ) -> Method:
     """Return a method that reconstructs a surface, in grey, by a class of our own."""
@@ -71,6 +71,7 @@ def _reconstruction(
 
 
 _splat_net = partial(_network, package=loaders.SPLAT_NET)
+_reference = partial(Method, kind="reference", version=1)
 
 METHODS = (
     _network(
@@ -197,35 +198,30 @@ METHODS = (
     _reconstruction(
         "denoised-bpa",
         "denoised:DenoisedBpa",
-        version=1,
         source="ball pivoting on points smoothed as their noise asks for",
         identity=partial(loaders.versions, "embreex", "pymeshlab", "scipy"),
     ),
     _reconstruction(
         "denoised-alpha",
         "denoised:DenoisedAlpha",
-        version=1,
         source="the alpha shape of points smoothed as their noise asks for",
         identity=partial(loaders.versions, "embreex", "scipy"),
     ),
     _reconstruction(
         "denoised-poisson",
         "denoised:DenoisedPoisson",
-        version=1,
         source="screened Poisson on points smoothed as their noise asks for",
         identity=partial(loaders.versions, "embreex", "pymeshlab", "scipy"),
     ),
     _reconstruction(
         "pgr",
         "gauss:ParametricGauss",
-        version=1,
         source="parametric Gauss reconstruction (Lin et al. 2022)",
         identity=partial(loaders.versions, "embreex", "scikit-image", "scipy"),
     ),
     _reconstruction(
         "open3d-poisson",
         "open3d_poisson:Open3dPoisson",
-        version=1,
         source="screened Poisson as a first script with Open3D does it; extra [open3d]",
         identity=loaders.open3d_identity,
     ),
@@ -239,50 +235,42 @@ METHODS = (
         kind="splat",
         color="none",
     ),
-    Method(
+    _reference(
         "true-mesh",
         load=partial(loaders.renderer, "baselines.reference:TrueMesh"),
         identity=loaders.versions,
-        version=1,
         source="the ceiling: the mesh behind the cloud",
         sees_mesh=True,
         sees_cloud=False,
         trained_on="nothing",
-        kind="reference",
         color="true",
     ),
-    Method(
+    _reference(
         "true-mesh@grey",
         load=partial(loaders.renderer, "baselines.reference:TrueMesh", coloured=False),
         identity=loaders.versions,
-        version=1,
         source="the mesh behind the cloud in neutral grey: a ceiling for what has no colour",
         sees_mesh=True,
         sees_cloud=False,
         trained_on="nothing",
-        kind="reference",
         color="none",
     ),
-    Method(
+    _reference(
         "constant",
         load=loaders.constant,
         identity=loaders.constant_identity,
-        version=1,
         source="a second floor: the one picture that SSIM likes best on the training set",
         sees_cloud=False,
         trained_on="chairs",
-        kind="reference",
         color="invented",
     ),
-    Method(
+    _reference(
         "blank",
         load=partial(loaders.renderer, "baselines.reference:Blank"),
         identity=loaders.versions,
-        version=1,
         source="the floor: white pictures; failures are scored as these",
         sees_cloud=False,
         trained_on="nothing",
-        kind="reference",
         color="none",
     ),
 )

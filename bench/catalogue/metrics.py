@@ -85,7 +85,7 @@ Extractor = Callable[["NDArray[np.uint8]"], "NDArray[np.float32]"]
 
 @dataclass(frozen=True)
 class FeatureSource:
-    """What takes features of images; a set metric is named after the one that it is taken of.
+    """An extractor of features of images, which gives its name to a metric of sets.
 
     `weights` finds the file to load, given the option of the command line; it raises
     WeightsUnavailable where there is none, and then its metrics are skipped. `load` takes that

@@ -158,12 +158,12 @@ class Setting:
 
     @property
     def fields(self) -> dict[str, float]:
-        """What the renderer's class is given."""
+        """Return the arguments of the renderer's class."""
         return {self.parameter.field: self.value}
 
 
 def find_setting(method_id: str) -> Setting | None:
-    """What an id of the form METHOD@PARAMETER=VALUE says; None for an id of another form.
+    """Return the setting of an id METHOD@PARAMETER=VALUE; None for an id of another form.
 
     Raises BadInput for a parameter that the method does not have, and for a value out of its range.
     """
@@ -173,8 +173,8 @@ def find_setting(method_id: str) -> Setting | None:
         return None
     parameter = next((k for k in PARAMETERS if (k.method, k.name) == (method, name)), None)
     if parameter is None:
-        there = ", ".join(f"{k.method}@{k.name}=..." for k in PARAMETERS)
-        raise BadInput(f"unknown variant '{method_id}': there are {there}")
+        variants = ", ".join(f"{k.method}@{k.name}=..." for k in PARAMETERS)
+        raise BadInput(f"unknown variant '{method_id}': there are {variants}")
     try:
         value = int(text) if parameter.whole else float(text)
     except ValueError:

@@ -97,18 +97,17 @@ RANKING: dict[str, tuple[str, ...]] = {
 
 
 def best_reconstruction(condition: str, methods: Iterable[str]) -> str | None:
-    """Which of the methods is the best reconstruction at a condition.
+    """Return the best reconstruction among the methods at a condition.
 
-    None where there are not two reconstructions to choose from, and for conditions that no choice
-    was made for.
+    Return None without two reconstructions to choose from, and for a condition without a ranking.
     """
-    there = set(methods)
-    ranked = [method for method in RANKING.get(condition, ()) if method in there]
+    available = set(methods)
+    ranked = [method for method in RANKING.get(condition, ()) if method in available]
     return ranked[0] if len(ranked) > 1 else None
 
 
 def best_by_condition(conditions: Iterable[str], methods: Iterable[str]) -> dict[str, str]:
-    """The same for each of the conditions that has one."""
-    there = set(methods)
-    best = {condition: best_reconstruction(condition, there) for condition in conditions}
+    """Return the best reconstruction of each condition that has one."""
+    available = set(methods)
+    best = {condition: best_reconstruction(condition, available) for condition in conditions}
     return {condition: method for condition, method in best.items() if method}

@@ -142,10 +142,10 @@ def _item(directory: Path, name: str, record: dict[str, Any]) -> FailedJob:
     method, condition, device = record["method"], record["condition"], manifest["device"]
     if manifest["suite"] == STABILITY.id:
         jobs = stability_jobs(STABILITY, [method], manifest["seed"], device, {}, directory)
-        found = [job for job in jobs if job.condition == condition]
-        if not found:
+        same_case = [job for job in jobs if job.condition == condition]
+        if not same_case:
             raise BadInput(f"{name}: there is no such case any more; run the suite again")
-        return FailedJob(directory, name, record["reason"], found[0], STABILITY.limits)
+        return FailedJob(directory, name, record["reason"], same_case[0], STABILITY.limits)
     wanted = [(record["class"], record["object"])]
     protocol = stored_protocol(manifest, wanted, (method,), (condition,))
     if not protocol.objects:

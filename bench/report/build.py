@@ -193,7 +193,7 @@ def _unseen(sources: Sources) -> tuple[str, ...]:
 
 
 def _command(manifest: Mapping[str, Any]) -> str:
-    """What the run was started with, as one would type it."""
+    """Return the command line that started the run."""
     arguments = [str(argument) for argument in manifest.get("command", [])[1:]]
     return shlex.join(["bench", *arguments]) if arguments else f"bench run {manifest['suite']}"
 

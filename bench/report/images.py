@@ -1,4 +1,4 @@
-"""Images of the report: which are shown, what stands beside them, and how they are encoded."""
+"""Images of the report: their choice, their captions and their encoding."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ CLOUD = "cloud"
 
 
 def shown_objects(records: pd.DataFrame) -> list[tuple[str, str]]:
-    """The first objects of which there are images, as (class, object): not chosen by looks."""
+    """Return the first objects with images as (class, object), not chosen by their looks."""
     ok = records[records["outcome"] == "ok"]
     pairs = ok[["class", "object"]].drop_duplicates().sort_values(["class", "object"])
     classes = pairs["class"].nunique()
@@ -38,10 +38,10 @@ def shown_objects(records: pd.DataFrame) -> list[tuple[str, str]]:
 
 
 def extremes(records: pd.DataFrame) -> pd.DataFrame:
-    """The records of worst and best SSIM of each method that competes, at each condition.
+    """Return the records of worst and best SSIM of each competing method at each condition.
 
-    Rows in the order of the records' methods and conditions, with the column `kind`. Of an object
-    only its worst (best) view; what is among the worst is not among the best.
+    Rows are in the order of the records' methods and conditions, with the column `kind`. An object
+    has only its worst (best) view; a record among the worst is not among the best.
     """
     competing = rivals(dict.fromkeys(records["method"]))
     ok = records[(records["outcome"] == "ok") & records["method"].isin(competing)]
@@ -50,26 +50,26 @@ def extremes(records: pd.DataFrame) -> pd.DataFrame:
     cells = len(ok[[*keys, "class"]].drop_duplicates())
     by_class = 2 * cells <= MOST_CASES
     each = max(1, min(EACH, MOST_CASES // (2 * cells))) if by_class and cells else 1
-    made = []
+    extremes = []
     for _, group in ok.groupby([*keys, "class"] if by_class else keys, sort=False):
         rising = group.sort_values(["ssim", "class", "object", "view"], kind="stable")
         worst = rising.drop_duplicates(["class", "object"]).head(each)
         rest = rising.drop(worst.index)
         best = rest.iloc[::-1].drop_duplicates(["class", "object"]).head(each)
-        made += [worst.assign(kind="worst"), best.assign(kind="best")]
-    if not made:
+        extremes += [worst.assign(kind="worst"), best.assign(kind="best")]
+    if not extremes:
         return ok.assign(kind="")
     order = {method: i for i, method in enumerate(competing)}
-    together = pd.concat(made)
+    together = pd.concat(extremes)
     return together.iloc[together["method"].map(order).argsort(kind="stable")]
 
 
 def grids(records: pd.DataFrame, sources: Sources) -> tuple[Grid, ...]:
-    """The first view of the first objects, after the paper's Figures 1 and 3."""
+    """Return the first view of the first objects, after the paper's Figures 1 and 3."""
     methods = rivals(dict.fromkeys(records["method"]))
     conditions = list(dict.fromkeys(map(str, records["condition"])))
     first = records[records["view"] == 0]
-    made = []
+    sheets = []
     for class_name, obj in shown_objects(records):
         of_object = first[(first["class"] == class_name) & (first["object"] == obj)]
         by_cell = {(row["method"], row["condition"]): row for row in _rows(of_object)}
@@ -88,8 +88,8 @@ def grids(records: pd.DataFrame, sources: Sources) -> tuple[Grid, ...]:
                 _grid_cell(sources, item._replace(method=method), by_cell.get((method, condition)))
                 for method in methods
             ]
-            found = {row["outcome"] for (_, c), row in by_cell.items() if c == condition}
-            tags = Tags(condition=condition, outcomes=tuple(sorted(found)))
+            outcomes = {row["outcome"] for (_, c), row in by_cell.items() if c == condition}
+            tags = Tags(condition=condition, outcomes=tuple(sorted(outcomes)))
             rows.append((condition, tags, tuple(cells)))
         heads = ((CLOUD, Tags()), ("truth", Tags()), *((m, Tags(method=m)) for m in methods))
         grid = Grid(
@@ -100,12 +100,12 @@ def grids(records: pd.DataFrame, sources: Sources) -> tuple[Grid, ...]:
             tuple(rows),
             Tags(class_name=class_name),
         )
-        made.append(grid if len(methods) <= MOST_ACROSS else _turned(grid))
-    return tuple(made)
+        sheets.append(grid if len(methods) <= MOST_ACROSS else _turned(grid))
+    return tuple(sheets)
 
 
 def _turned(grid: Grid) -> Grid:
-    """Methods below each other. Outcomes stay with the conditions, which are columns now."""
+    """Return a grid with methods below each other; outcomes stay with the conditions."""
     columns = tuple((name, tags) for name, tags, _ in grid.rows)
     across = list(zip(*(cells for _, _, cells in grid.rows), strict=True))
     rows = tuple((*head, cells) for head, cells in zip(grid.columns, across, strict=True))
@@ -127,7 +127,7 @@ def _grid_cell(sources: Sources, item: JobName, record: Mapping[str, Any] | None
 
 
 def cases(chosen: pd.DataFrame, sources: Sources) -> tuple[CaseGroup, ...]:
-    """The records that `extremes` has chosen, each with what it was drawn from and should be."""
+    """Return the records that `extremes` has chosen, each with its cloud and its true image."""
     several = chosen["class"].nunique() > 1
     groups = []
     for method, of_method in chosen.groupby("method", sort=False):
@@ -136,8 +136,8 @@ def cases(chosen: pd.DataFrame, sources: Sources) -> tuple[CaseGroup, ...]:
         for names, of_row in of_method.groupby(keys, sort=False):
             parts = list(map(str, names if isinstance(names, tuple) else (names,)))
             tags = Tags(str(method), parts[0], parts[1] if len(parts) > 1 else "")
-            made = tuple(_case(record, sources) for record in _rows(of_row))
-            rows.append((", ".join(parts), tags, made))
+            shown = tuple(_case(record, sources) for record in _rows(of_row))
+            rows.append((", ".join(parts), tags, shown))
         low, high = of_method["ssim"].min(), of_method["ssim"].max()
         summary = f"SSIM {low:.3f} at worst, {high:.3f} at best"
         groups.append(CaseGroup(str(method), summary, tuple(rows)))
@@ -145,7 +145,7 @@ def cases(chosen: pd.DataFrame, sources: Sources) -> tuple[CaseGroup, ...]:
 
 
 def _tells_classes(of_method: pd.DataFrame) -> bool:
-    """Whether cases were chosen class by class."""
+    """Return whether cases were chosen class by class."""
     counts = of_method.groupby(["condition", "kind"])["class"].nunique()
     return bool((counts > 1).any())
 
@@ -197,7 +197,7 @@ def _cloud(sources: Sources, item: JobName, view: View, description: str) -> Pag
 
 
 def data_uri(image: NDArray[np.uint8]) -> str:
-    """An image [H, W, 3] as a lossless WebP that stands where an address would."""
+    """Return an image [H, W, 3] as the data URI of a lossless WebP."""
     from PIL import Image
 
     buffer = io.BytesIO()

@@ -28,7 +28,7 @@ class TableGroup:
 
 @dataclass(frozen=True)
 class Svg:
-    """What is inside an SVG of `width` x `height` units; trusted, all text in it is escaped."""
+    """The inner part of an SVG of `width` x `height` units; trusted, all text in it is escaped."""
 
     width: float
     height: float
@@ -199,10 +199,10 @@ def rendered(template: str, **values: Any) -> str:
 
 
 def bundled(name: str) -> str:
-    """The text of an asset."""
+    """Return the text of an asset."""
     return resources.files("bench.report").joinpath("assets", name).read_text(encoding="utf-8")
 
 
 def _hash(text: str) -> str:
-    """As a Content-Security-Policy names inline text."""
+    """Return the hash by which a Content-Security-Policy names inline text."""
     return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()

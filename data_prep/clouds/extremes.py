@@ -48,7 +48,7 @@ class Count:
 
 @dataclass(frozen=True)
 class Equal(_ChangesPoints):
-    """The same number of points, all equal to the first."""
+    """A cloud of the same number of points, all equal to the first."""
 
     def _changed(self, points: Points) -> NDArray[Any]:
         return np.repeat(points[:1], len(points), axis=0)
@@ -147,7 +147,7 @@ class Repeated(_ChangesPoints):
 
 @dataclass(frozen=True)
 class Shuffled:
-    """The same points in another order."""
+    """A cloud with its points in another order."""
 
     def apply(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
         """Return a permutation of the rows."""

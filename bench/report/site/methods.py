@@ -70,7 +70,7 @@ def _name(method: str, identity: tuple[str, ...], all_of_id: set[tuple[str, ...]
     """Return a name that no other identity of the same id has."""
     if len(all_of_id) == 1:
         return method
-    suffixes = {own: _suffix(own, all_of_id) for own in all_of_id}
+    suffixes = {each: _suffix(each, all_of_id) for each in all_of_id}
     suffix = suffixes[identity]
     if list(suffixes.values()).count(suffix) > 1:
         suffix = _checksum(repr(identity))
@@ -91,8 +91,8 @@ def under_site_names(ranking: Ranking, methods: Mapping[str, SiteMethod]) -> Ran
         return replace(side, method=methods[side.method].name)
 
     pairs = (
-        replace(of, pair=replace(of.pair, a=named(of.pair.a), b=named(of.pair.b)))
-        for of in ranking.pairs
+        replace(cell, pair=replace(cell.pair, a=named(cell.pair.a), b=named(cell.pair.b)))
+        for cell in ranking.pairs
     )
     ranks = (replace(rank, method=methods[rank.method].name) for rank in ranking.ranks)
     return replace(ranking, ranks=tuple(ranks), pairs=tuple(pairs))

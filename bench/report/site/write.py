@@ -25,7 +25,8 @@ from bench.records.parquet import RECORDS
 from bench.report.build import REPORT, write_report
 from bench.report.site.methods import shortened_name, site_methods, under_site_names
 from bench.report.site.page import Link, site_html
-from bench.report.site.pages import MENU, QUALITY, SiteRun, pages
+from bench.report.site.pages import MENU, pages
+from bench.report.site.site_run import QUALITY, SiteRun
 from bench.running.options import file_name
 from bench.running.plan import digest
 from bench.tables.build import make_outputs
@@ -63,10 +64,10 @@ def write_site(directories: Sequence[Path], out: Path) -> int:
     runs = _ranked(with_copies)
     with whole_folder(out) as new:
         downloads = {run.name: _copy(run, new) for run in runs}
-        made = pages(runs, downloads)
-        for page in made:
+        site = pages(runs, downloads)
+        for page in site:
             (new / page.file).write_text(site_html(page, MENU), "utf-8")
-    return len(made)
+    return len(site)
 
 
 def _with_copies(scored: Sequence[ScoredRun]) -> list[tuple[ScoredRun, tuple[Path, ...]]]:
@@ -97,31 +98,31 @@ def _ranked(with_copies: Sequence[tuple[ScoredRun, tuple[Path, ...]]]) -> list[S
     names = _numbered([run.directory.resolve().name for run in scored])
     slugs = _numbered([shortened_name(file_name(name)).strip("-.") or "run" for name in names])
     methods = site_methods([run.manifest for run in scored])
-    todo = []
+    plan = []
     with threadpool_limits(1):
         for run in scored:
             metrics = run.measured([*dict.fromkeys((QUALITY, *run.suite.headline))])
             metrics = [metric for metric in metrics if is_mean(metric)]
             compared = run.compared(metrics)
             compared = pooled(compared) or compared  # of several classes all objects together
-            todo.append((compared, [(of, metric) for metric in metrics for of in compared]))
-        made = []
-        with progress("rankings", sum(len(cells) for _, cells in todo)) as advance:
-            for i, (run, (compared, cells)) in enumerate(zip(scored, todo, strict=True)):
+            plan.append((compared, [(each, metric) for metric in metrics for each in compared]))
+        runs = []
+        with progress("rankings", sum(len(cells) for _, cells in plan)) as advance:
+            for i, (run, (compared, cells)) in enumerate(zip(scored, plan, strict=True)):
                 rankings = []
-                for of, metric in cells:
-                    rankings.append(ranking(of, metric))
+                for comparison, metric in cells:
+                    rankings.append(ranking(comparison, metric))
                     advance(0)
                 site_run = SiteRun(
                     *(names[i], slugs[i], run),
                     methods={method.name: method for method in methods[i].values()},
                     compared=tuple(compared),
-                    rankings=tuple(under_site_names(of, methods[i]) for of in rankings),
+                    rankings=tuple(under_site_names(each, methods[i]) for each in rankings),
                     ranks=of_protocol(ranks_table(compared, rankings), run.manifest[PROTOCOL]),
                     copies=with_copies[i][1],
                 )
-                made.append(site_run)
-    return made
+                runs.append(site_run)
+    return runs
 
 
 def _copy(run: SiteRun, folder: Path) -> list[Link]:

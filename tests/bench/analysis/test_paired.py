@@ -266,7 +266,7 @@ def test_help_names_the_metrics_that_are_compared(command, two_runs):
     images = sorted(compared & IMAGE_METRICS.keys())
     assert images == ["lpips", "ssim", "ssim-object"]
     _, out, _ = command("compare", "--help")
-    assert "Default: ssim, ssim-object, lpips, and those of sets of images." in " ".join(
+    assert "Default: ssim, ssim-object, lpips, and the metrics of sets of images." in " ".join(
         out.split()
     )
 

@@ -3,6 +3,7 @@ from __future__ import annotations
 import pytest
 
 import bench.report.classes
+import bench.report.image_sheets
 import bench.report.robustness
 from bench.tables.figure import save
 
@@ -18,7 +19,7 @@ def drawn(monkeypatch, tmp_path):
         figures.append(figure)
         save(figure, path, **options)
 
-    for module in (bench.report.classes, bench.report.robustness):
+    for module in (bench.report.classes, bench.report.image_sheets, bench.report.robustness):
         monkeypatch.setattr(module, "save", keep)
 
     def draw(write, *arguments, jobs):

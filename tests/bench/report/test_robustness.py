@@ -7,7 +7,8 @@ from harness_objects import Tetrahedron
 from bench.analysis.scores import QualityRow
 from bench.catalogue.suites import TableSpec
 from bench.records.artifacts import read_array
-from bench.report.robustness import THIN_TINT, write_figures
+from bench.report.image_sheets import THIN_TINT
+from bench.report.robustness import write_figures
 from bench.tables.quality import quality_table
 
 from ..builders import make_job, make_truth, write_artifact

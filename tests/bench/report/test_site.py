@@ -11,8 +11,8 @@ from builders import make_manifest, write_run
 
 from bench.catalogue.methods import METHODS
 from bench.records.journal import write_manifest
+from bench.report.site.method_page import _card
 from bench.report.site.page import card_html
-from bench.report.site.pages import _card
 
 OBJECTS = [f"chair/{i:02d}" for i in range(9)]  # enough for intervals
 METHODS_OF_FIRST = ["splat", "pc2pix", "true-mesh", "blank"]

@@ -1,0 +1,193 @@
+"""A run on a site, and the parts of a page that several pages show."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+from bench.analysis.comparison import Comparison, decimals
+from bench.analysis.paired import PairedDifference
+from bench.analysis.ranks import Ranking
+from bench.analysis.scored import ScoredRun
+from bench.catalogue.metrics import higher_is_better
+from bench.report.site.methods import SiteMethod, method_slug
+from bench.tables.differences import too_few
+from bench.tables.frontier import cost_grid
+from bench.tables.grid import (
+    NOTHING,
+    Annotation,
+    Cell,
+    ColumnHeader,
+    Grid,
+    number,
+    scored_as_blank,
+)
+from bench.tables.ranks import RankedValue
+from bench.tables.table import Table
+
+QUALITY = "ssim"  # before the metrics of a suite's headline; what costs are compared with
+LETTERS = (
+    "Methods that share a letter are not shown to differ (paired object by object, p below 0.05 "
+    "after Holm's correction for all pairs of a column). Reference methods (ceiling, floor) are "
+    "shown for comparison and have no letters."
+)
+FAILURES = (
+    "Values are means over objects. A failed image counts as a blank one, as in the column "
+    "“failures_as_blank” of the CSV files; their column “value” leaves it out."
+)
+FIRST = Annotation("first")  # nothing is shown to be better
+COST_REMARK = "One thread. Times of different machines are not compared, accuracy is."
+
+
+@dataclass(frozen=True, eq=False)
+class SiteRun:
+    """A run of the site.
+
+    Attributes
+    ----------
+    name : str
+        Name that no other run of the site has.
+    slug : str
+        Beginning of the names of its files.
+    methods : mapping
+        Methods by their names on the site.
+    rankings : tuple of Ranking
+        Rankings by metric and condition, with methods by their names on the site.
+    ranks : Table
+        The same rankings for scripts, with methods by their ids.
+    copies : tuple of Path
+        Folders with the same records, which are not counted.
+    """
+
+    name: str
+    slug: str
+    run: ScoredRun
+    methods: Mapping[str, SiteMethod]
+    compared: tuple[Comparison, ...]
+    rankings: tuple[Ranking, ...]
+    ranks: Table[RankedValue]
+    copies: tuple[Path, ...] = ()
+
+    @cached_property
+    def metrics(self) -> list[str]:
+        """Return the metrics of the rankings, in order."""
+        return list(dict.fromkeys(ranking.metric for ranking in self.rankings))
+
+    @cached_property
+    def differences(self) -> dict[tuple[str, str], list[PairedDifference]]:
+        """Return the differences of two methods, in either order, by metric and condition."""
+        differences: dict[tuple[str, str], list[PairedDifference]] = {}
+        for ranking in self.rankings:
+            for difference in ranking.pairs:
+                a, b = difference.pair.a.method, difference.pair.b.method
+                differences.setdefault((a, b), []).append(difference)
+                differences.setdefault((b, a), []).append(difference.turned())
+        return differences
+
+    @cached_property
+    def images(self) -> dict[tuple[str, str], tuple[int, int]]:
+        """Return the number of images drawn and requested, by condition and method."""
+        return {
+            (comparison.condition, name): comparison.images[method.id]
+            for comparison in self.compared
+            for name, method in self.methods.items()
+            if method.id in comparison.images
+        }
+
+    @property
+    def failed(self) -> tuple[int, int]:
+        """Return the number of failed images and of all images."""
+        outcomes = self.run.records["outcome"]
+        return int((outcomes != "ok").sum()), len(outcomes)
+
+    @cached_property
+    def costs(self) -> Grid | None:
+        """Return the costs of all methods; None without costs."""
+        costs = cost_grid(self.compared, QUALITY, int(self.run.manifest["views"]))
+        names = {method.id: name for name, method in self.methods.items()}
+        return costs and replace(
+            costs, lines=tuple(replace(line, name=names[line.name]) for line in costs.lines)
+        )
+
+    @property
+    def page(self) -> str:
+        """Return the file name of the run's page."""
+        return f"run-{self.slug}.html"
+
+    @property
+    def machine(self) -> str:
+        """Return the name of the processor that the run was measured on."""
+        return str(self.run.manifest.get("machine", {}).get("cpu", "an unknown processor"))
+
+
+def rank_cell(run: SiteRun, ranking: Ranking, method: str) -> Cell:
+    """Return a method's value with the letters of its rank."""
+    rank = ranking.of(method)
+    caveat = scored_as_blank(*run.images.get((ranking.condition, method), (0, 0)))
+    if rank is None:
+        return replace(NOTHING, caveat=caveat)
+    digits = decimals(ranking.metric)
+    cell = number(rank.estimate, f"{{:.{digits}f}}".format, special=FIRST if rank.first else None)
+    return replace(cell, text=f"{cell.text} {rank.letters}".rstrip(), caveat=caveat)
+
+
+def letters_remark(rankings: Iterable[Ranking]) -> str:
+    """Return what letters mean, and how many objects there have to be where they are missing."""
+    needed = [ranking.objects_needed for ranking in rankings if ranking.objects_needed]
+    return LETTERS + (f" Without letters: {too_few(max(needed))}." if needed else "")
+
+
+def caption_of(metric: str) -> str:
+    """Return the caption of a metric's grid."""
+    return f"{metric}, {'higher' if higher_is_better(metric) else 'lower'} is better"
+
+
+def lead_record(runs: Iterable[SiteRun], a: str, b: str) -> tuple[int, int, int]:
+    """Count how often a is ahead of b, neither, and b, over runs, metrics and conditions."""
+    outcomes = [cell.ahead for run in runs for cell in run.differences.get((a, b), ())]
+    return outcomes.count("a"), outcomes.count("tie"), outcomes.count("b")
+
+
+def objects_needed(runs: Iterable[SiteRun], a: str, b: str) -> int:
+    """Return how many objects decide all that is undecided between a and b; 0 where nothing is."""
+    cells = [cell for run in runs for cell in run.differences.get((a, b), ())]
+    return max((cell.objects_needed or 0 for cell in cells), default=0)
+
+
+def share_ranking(runs: Sequence[SiteRun], a: str, b: str) -> bool:
+    """Return whether two methods are in the same ranking of some run."""
+    return any(ranks.of(a) and ranks.of(b) for run in runs for ranks in run.rankings)
+
+
+def headers(names: Iterable[str]) -> tuple[ColumnHeader, ...]:
+    """Return column headers without tags."""
+    return tuple(map(ColumnHeader, names))
+
+
+def method_file(method: str) -> str:
+    """Return the file name of a method's page."""
+    return f"method-{method_slug(method)}.html"
+
+
+def pair_file(a: str, b: str) -> str:
+    """Return the file name of the page that compares two methods."""
+    return f"compare-{method_slug(a)}--{method_slug(b)}.html"
+
+
+def method_id_of(runs: Iterable[SiteRun], name: str) -> str:
+    """Return the id of a method of the site."""
+    return next(run.methods[name].id for run in runs if name in run.methods)
+
+
+def cost_grid_of(run: SiteRun, ranked: Sequence[str], only: str | None = None) -> Grid | None:
+    """Return the costs of a run, of all methods or of one, with links to pages of methods."""
+    if (costs := run.costs) is None:
+        return None
+    lines = (
+        replace(line, link=method_file(line.name) if line.name in ranked else "")
+        for line in costs.lines
+        if only in (None, line.name)
+    )
+    return replace(costs, lines=tuple(lines), caption=f"{run.name}, {run.machine}: {costs.caption}")
