@@ -136,7 +136,7 @@ def _views_grey(weights: str) -> Extractor:
 
 
 def lpips_network(weights: str) -> Lpips:
-    """The network of `lpips` and `fd-alexnet`."""
+    """Return the network of `lpips` and `fd-alexnet`."""
     from bench.metrics.lpips_network import load_lpips
 
     return load_lpips(Path(weights))
@@ -220,19 +220,19 @@ EXTRACTORS = (
 
 
 def find_extractor(extractor_id: str) -> FeatureSource:
-    """The extractor with this id. Raises BadInput for an unknown one."""
+    """Return the extractor with this id. Raises BadInput for an unknown one."""
     return find(extractor_id, EXTRACTORS, "metric")
 
 
 def extractor_of(metric: str) -> str:
-    """The id of the extractor that a set metric or a learned image metric is made by."""
+    """Return the id of the extractor behind a set metric or a learned image metric."""
     if metric in KERNEL_METRICS:
         return KERNEL_METRICS[metric][0]
     return LEARNED_METRICS.get(metric, metric)
 
 
 def is_mean(metric: str) -> bool:
-    """Whether it is a mean over images; else a distance of sets, or a median."""
+    """Return whether a metric is a mean over images, not a distance of sets or a median."""
     return metric in IMAGE_METRICS or metric in RECOGNITION_METRICS
 
 
@@ -244,10 +244,10 @@ def value_range(metric: str) -> tuple[float, float]:
 
 
 def higher_is_better(metric: str) -> bool:
-    """The direction of any metric of the tables."""
+    """Return whether more of a metric of the tables is better."""
     return metric == "retrieval" or (is_mean(metric) and metric not in DISTANCES_OF_IMAGES)
 
 
 def column(metric: str) -> str:
-    """The name of an image metric in the records."""
+    """Return the name of an image metric in the records."""
     return metric.replace("-", "_")

@@ -64,7 +64,7 @@ def write_report(made: Outputs, out: Path | None = None) -> Path:
 
 
 def read_page(made: Outputs) -> Page:
-    """All that the report of a finished run shows. Raises BadInput as `write_report`."""
+    """Return the content of the report of a finished run. Raises BadInput as `write_report`."""
     run, manifest, suite = made.run, made.run.manifest, made.run.suite
     by = ("method", "condition", "class", "object", "view")
     records = in_order(run.records, manifest, by)
@@ -119,7 +119,7 @@ def read_page(made: Outputs) -> Page:
 
 
 def _shown(records: pd.DataFrame, chosen: pd.DataFrame) -> list[JobName]:
-    """The items whose clouds are to be seen."""
+    """Return the jobs whose clouds are shown."""
     conditions = list(dict.fromkeys(map(str, records["condition"])))
     of_grids = [JobName("", c, *obj) for obj in shown_objects(records) for c in conditions]
     names = (chosen[name].tolist() for name in ("condition", "class", "object"))
@@ -155,7 +155,7 @@ def _duration(seconds: float) -> str:
 
 
 def _choices(records: pd.DataFrame, skipped: bool) -> tuple[Choice, ...]:
-    """The filters that have something to choose between."""
+    """Return the filters with at least two choices."""
     outcomes = list(dict.fromkeys(map(str, records["outcome"]))) + ["skipped"] * skipped
     offered = (
         Choice("method", "Method", tuple(dict.fromkeys(map(str, records["method"])))),
@@ -227,7 +227,7 @@ def _source(method: str) -> str:
 
 
 def table_group(table: Table[Any], folded: bool = True) -> TableGroup:
-    """The grids of a table; `folded`: all but the first that has values."""
+    """Return the grids of a table; `folded` folds all but the first that has values."""
     grids = table.grids()
     first = next((i for i, grid in enumerate(grids) if grid.valued), 0)
     return TableGroup(

@@ -167,12 +167,12 @@ class Page:
 
 
 def html(page: Page) -> str:
-    """The page as one HTML document that loads nothing; the same values give the same text."""
+    """Return the page as one HTML document that loads nothing; equal values give equal text."""
     return rendered("report.html.jinja", page=page, script=bundled("report.js"))
 
 
 def rendered(template: str, **values: Any) -> str:
-    """A template of the assets with these values, the style sheet and its checksum.
+    """Return a template of the assets with these values, the style sheet and its checksum.
 
     Everything is escaped. `script`, where it is among the values, is trusted, and gets a checksum.
     """

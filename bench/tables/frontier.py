@@ -134,8 +134,9 @@ def _points(views: int, rows: Sequence[SubsampledFrontier]) -> Iterator[Block]:
 
 
 def cost_grid(comparisons: Sequence[Comparison], metric: str, views: int) -> Grid | None:
-    """Return the milliseconds for a cloud with its views, by method and condition; None without
-    any times.
+    """Return the milliseconds for a cloud with its views, by method and condition.
+
+    Return None without any times.
 
     With several classes each line is of one class. Beside a cost stands what it is made of; its
     mark says whether the method is on the frontier by `metric`, or worse than a white image.

@@ -116,7 +116,7 @@ class Car:
 
     @property
     def arch_top(self) -> float:
-        """The height to which the wheel arches are cut."""
+        """Return the height to which the wheel arches are cut."""
         return self.wheel + ARCH[2][1] * self.arch
 
     def z(self, share: float) -> float:

@@ -38,7 +38,7 @@ class Layout:
 
     @property
     def middle(self) -> float:
-        """The height half-way up the seat's thickness, where posts and legs end inside it."""
+        """Return the height half-way up the seat's thickness, where posts and legs end."""
         return (self.top + self.bottom) / 2
 
     def from_back(self, points: ArrayLike) -> Floats:

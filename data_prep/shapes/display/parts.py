@@ -70,7 +70,7 @@ class Head:
 
     @property
     def step(self) -> float:
-        """The step in which parts stand out above each other: a hundredth of the head's radius."""
+        """Return the step in which parts stand out, a hundredth of the head's radius."""
         return 0.005 * math.hypot(self.width, self.height)
 
 

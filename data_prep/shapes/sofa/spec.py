@@ -60,17 +60,17 @@ class SofaSpec:
 
     @property
     def inside(self) -> float:
-        """The width between the arms."""
+        """Return the width between the arms."""
         return self.seats * self.seat
 
     @property
     def half(self) -> float:
-        """Half of the width over all."""
+        """Return half of the width over all."""
         return self.inside / 2 + self.arm
 
     @property
     def sitting(self) -> float:
-        """The height of the seat."""
+        """Return the height of the seat."""
         return self.deck + self.thick - SUNK
 
     def back_front(self, y: float) -> float:

@@ -43,13 +43,13 @@ class Lines:
 
     @property
     def deck(self) -> Floats:
-        """The height of the deck's edge at STATIONS."""
+        """Return the height of the deck's edge at STATIONS."""
         fore, aft = np.clip(1 - STATIONS / 0.5, 0, 1), np.clip(STATIONS / 0.5 - 1, 0, 1)
         return self.freeboard + self.sheer[0] * fore**2 + self.sheer[1] * aft**2
 
     @property
     def keel(self) -> Floats:
-        """The height of the keel at STATIONS."""
+        """Return the height of the keel at STATIONS."""
         return -self.draft * (1 - self.rocker * (2 * STATIONS - 1) ** 2)
 
     def deck_at(self, z: float) -> float:
