@@ -34,7 +34,9 @@ def origins(text: str) -> tuple[Counter[Origin], list[int]]:
     counts: Counter[Origin] = Counter()
     unknown = []
     line = 1
-    for section in HEADING.split(_without_code(text)):
+    # as many lines as before, so that places stay
+    without_code = CODE.sub(lambda match: "\n" * match[0].count("\n"), text)
+    for section in HEADING.split(without_code):
         generated = sum(len(NUMBER.findall(table)) for table in GENERATED.findall(section))
         others = len(NUMBER.findall(GENERATED.sub("", section)))
         origin: Origin = "unknown"
@@ -48,8 +50,3 @@ def origins(text: str) -> tuple[Counter[Origin], list[int]]:
         counts[origin] += others
         line += section.count("\n")
     return counts, unknown
-
-
-def _without_code(text: str) -> str:
-    """Return the text without code, with as many lines, so that places stay."""
-    return CODE.sub(lambda match: "\n" * match[0].count("\n"), text)

@@ -26,11 +26,12 @@ TABLE = "<!-- numbers: x.csv rows=a:b columns=c:d -->\n| .5 | 1.25 |\n<!-- end -
     ],
 )
 def test_origins(text, counts, unknown):
-    found, lines = origins(text)
-    assert ({origin: count for origin, count in found.items() if count}, lines) == (counts, unknown)
+    by_origin, lines = origins(text)
+    assert {origin: count for origin, count in by_origin.items() if count} == counts
+    assert lines == unknown
 
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.stem)
 def test_every_number_of_a_page_has_an_origin(path):
-    """Where this fails: say when and at which commit it was measured, or that it is a setting."""
+    """If this fails, say when and at which commit it was measured, or that it is a setting."""
     assert origins(path.read_text(encoding="utf-8"))[1] == []
