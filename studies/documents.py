@@ -11,9 +11,20 @@ A file is what `bench table DIR --format csv` prints, or one of the files of a r
 several, joined by commas, the lines stand together. `rows` and `columns` name a field and its
 values in their order, or several fields, `metric:ssim,lpips*condition:2048,512`, and then all their
 combinations; further `field=value` choose among the lines; `intervals=no` leaves intervals out, and
-`show=paper` shows another field as it is. A difference is bold where p is below 0.05 after Holm's
-correction, a method where it is on the frontier; italic is what is worse than a white image. Prints
-how many numbers are generated, measured with date and commit, and settings, and fails where
+`show=paper` shows another field as it is. A difference is called better, worse or not decided,
+after Holm's correction; a method on the frontier is bold, one worse than a white image italic.
+
+Columns with sources of their own are named one by one, in place of files and `columns`:
+
+    <!-- numbers: rows=method:pc2pix,best-reconstruction
+    column=real_objects;real.csv;metric:lpips;condition:2048
+    column=one_view;cost.csv;show:cost_ms;best-reconstruction:alpha-shape
+    column=trained_on;catalogue -->
+
+`best-reconstruction:alpha-shape` shows the value of another method in that row; `catalogue` stands
+for what `bench list` knows. A row that such a column has no line for gets a dash.
+
+Prints how many numbers are generated, measured with date and commit, and settings, and fails where
 `studies.provenance` knows no origin. `--check` changes nothing: it also fails where a page differs
 from what would be written.
 """
@@ -26,12 +37,12 @@ import re
 import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
 
 from bench.analysis.comparison import decimals, milliseconds
-from bench.analysis.paired import SIGNIFICANCE
+from bench.catalogue.methods import find_method
 from data_prep.files.atomic_write import write_whole
 from studies.provenance import origins
 from studies.tables import markdown
@@ -45,6 +56,14 @@ PAGES = (
     *sorted((REPOSITORY / "baselines" / "splat_net" / "weights").glob("*.md")),
 )
 BEGIN, END = "<!-- numbers:", "<!-- end -->"
+CATALOGUE, GAP = "catalogue", "–"
+# of method b, which stands in the row, against method a
+VERDICTS: Mapping[str, str] = {
+    "a": "worse",
+    "b": "better",
+    "tie": "not decided",
+    "unknown": "not decided",
+}
 PLACE = re.compile(
     re.escape(BEGIN) + r"(?P<asked>[^>]*?)-->\n(?P<table>.*?)" + re.escape(END), re.S
 )
@@ -58,36 +77,79 @@ class Unfilled(ValueError):
 
 
 @dataclass(frozen=True)
+class DocumentColumn:
+    """A column of a table, with its sources.
+
+    files    names of CSV files, or CATALOGUE alone
+    wanted   the fields and values that choose among their lines
+    shown    the field that cells show, as it is; empty: the value or the difference
+    renamed  by value of a row, the value that is looked up in its place
+    gaps     whether a row may have no line
+    """
+
+    head: str
+    files: Sequence[str]
+    wanted: Mapping[str, str]
+    shown: str = ""
+    renamed: Mapping[str, str] = field(default_factory=dict)
+    gaps: bool = False
+
+
+@dataclass(frozen=True)
 class TableRequest:
     """The request of a mark in a page.
 
-    rows, columns  a field and its values; of several fields all combinations
-    chosen         values of further fields
-    shown          the field that cells show, as it is; empty: the value or the difference
+    corner  the head of the first column
+    rows    a field and its values; of several fields all combinations
     """
 
-    files: Sequence[str]
+    corner: str
     rows: Axis
-    columns: Axis
-    chosen: Mapping[str, str]
+    columns: Sequence[DocumentColumn]
     intervals: bool
-    shown: str
 
 
 def parsed(asked: str) -> TableRequest:
     """Return the request of a mark.
 
-    Raises ValueError for a mark without a file, rows or columns.
+    Raises ValueError or KeyError for a mark without a file, rows or columns.
     """
-    files, *words = asked.split()
-    options = dict(word.split("=", 1) for word in words)
-    intervals, shown = options.pop("intervals", "yes") == "yes", options.pop("show", "")
-    fields = [
-        [part.split(":", 1) for part in options.pop(name).split("*")]
-        for name in ("rows", "columns")
-    ]
-    rows, columns = ([(field, values.split(",")) for field, values in axis] for axis in fields)
-    return TableRequest(files.split(","), rows, columns, options, intervals, shown)
+    words = asked.split()
+    files = [] if "=" in words[0] else words.pop(0).split(",")
+    options = [word.split("=", 1) for word in words]
+    single = [text.split(";") for name, text in options if name == "column"]
+    chosen = {name: text for name, text in options if name != "column"}
+    intervals, shown = chosen.pop("intervals", "yes") == "yes", chosen.pop("show", "")
+    rows = _axis(chosen.pop("rows"))
+    if single:
+        values = {value for _, of_field in rows for value in of_field}
+        columns = [_single_column(head, parts, values) for head, *parts in single]
+    else:
+        columns = [
+            DocumentColumn(" ".join(column.values()), files, {**chosen, **column}, shown)
+            for column in _combinations(_axis(chosen.pop("columns")))
+        ]
+    return TableRequest(
+        chosen.get("metric", rows[0][0].removesuffix("_b")), rows, columns, intervals
+    )
+
+
+def _single_column(head: str, parts: Sequence[str], row_values: set[str]) -> DocumentColumn:
+    pairs = [part.split(":", 1) for part in parts if ":" in part]
+    wanted = {name: value for name, value in pairs if name not in row_values}
+    return DocumentColumn(
+        head.replace("_", " "),
+        [part for part in parts if ":" not in part],
+        wanted,
+        shown=wanted.pop("show", ""),
+        renamed={name: value for name, value in pairs if name in row_values},
+        gaps=True,
+    )
+
+
+def _axis(text: str) -> Axis:
+    fields = [part.split(":", 1) for part in text.split("*")]
+    return [(name, values.split(",")) for name, values in fields]
 
 
 def filled(text: str, page: str, numbers: Path = NUMBERS) -> str:
@@ -115,19 +177,30 @@ def _line(text: str, place: int) -> int:
     return text.count("\n", 0, place) + 1
 
 
-def _table(place: TableRequest, numbers: Path) -> str:
-    lines = []
-    for name in place.files:
-        with (numbers / name).open(encoding="utf-8", newline="") as file:
-            lines += [line for line in csv.DictReader(file) if _has(line, place.chosen)]
-    columns = _combinations(place.columns)
-    rows = [
-        [*row.values(), *(_cell(_only(lines, {**row, **column}), place) for column in columns)]
-        for row in _combinations(place.rows)
+def _table(request: TableRequest, numbers: Path) -> str:
+    rows = _combinations(request.rows)
+    cells = [_cells(column, rows, request.intervals, numbers) for column in request.columns]
+    left = len(request.rows)
+    head = [request.corner, *[""] * (left - 1), *(column.head for column in request.columns)]
+    body = [[*row.values(), *of_row] for row, *of_row in zip(rows, *cells, strict=True)]
+    return markdown(head, body, left)
+
+
+def _cells(
+    column: DocumentColumn, rows: Sequence[Mapping[str, str]], intervals: bool, numbers: Path
+) -> list[str]:
+    renamed = [
+        {name: column.renamed.get(value, value) for name, value in row.items()} for row in rows
     ]
-    heads = [" ".join(column.values()) for column in columns]
-    corner = place.chosen.get("metric", place.rows[0][0].removesuffix("_b"))
-    return markdown([corner, *[""] * (len(place.rows) - 1), *heads], rows, left=len(place.rows))
+    if column.files == [CATALOGUE]:
+        return [find_method(row["method"]).trained_on or GAP for row in renamed]
+    lines = []
+    for name in column.files:
+        with (numbers / name).open(encoding="utf-8", newline="") as file:
+            lines += [line for line in csv.DictReader(file) if _has(line, column.wanted)]
+    if column.gaps and not lines:
+        raise ValueError(f"no line for the column '{column.head}'")
+    return [_only_cell(lines, row, column, intervals) for row in renamed]
 
 
 def _combinations(axis: Axis) -> list[dict[str, str]]:
@@ -138,35 +211,42 @@ def _combinations(axis: Axis) -> list[dict[str, str]]:
     ]
 
 
-def _only(lines: Sequence[Line], wanted: Mapping[str, str]) -> Line:
-    matching = [line for line in lines if _has(line, wanted)]
-    if len(matching) != 1:
-        asked = ", ".join(f"{field} {value}" for field, value in wanted.items())
+def _only_cell(
+    lines: Sequence[Line], row: Mapping[str, str], column: DocumentColumn, intervals: bool
+) -> str:
+    """Return the cell of a row; lines of several files may repeat it."""
+    matching = [line for line in lines if _has(line, row)]
+    cells = {_cell(line, column.shown, intervals) for line in matching}
+    if column.gaps and not cells:
+        return GAP
+    if len(cells) != 1:
+        asked = ", ".join(f"{name} {value}" for name, value in {**row, **column.wanted}.items())
         raise ValueError(f"{len(matching)} lines with {asked}; there has to be one")
-    return matching[0]
+    return cells.pop()
 
 
 def _has(line: Line, wanted: Mapping[str, str]) -> bool:
-    return all(line[field] == value for field, value in wanted.items())
+    return all(line[name] == value for name, value in wanted.items())
 
 
-def _cell(line: Line, place: TableRequest) -> str:
-    if place.shown.endswith("_ms"):
-        return milliseconds(float(line[place.shown]))
-    if place.shown:
-        return re.sub(r"(\.\d*?)0+$", r"\1", line[place.shown]).removesuffix(".") or "-"
+def _cell(line: Line, shown: str, intervals: bool) -> str:
+    if shown.endswith("_ms"):
+        return milliseconds(float(line[shown]))
+    if shown:
+        return re.sub(r"(\.\d*?)0+$", r"\1", line[shown]).removesuffix(".") or "-"
     digits = decimals(line["metric"])
     differs = "difference" in line
     value = line["difference" if differs else "value"]
     if not value:
         return "-"
     text = _short(value, digits, sign=differs)
-    p_value = line.get("p_holm")
-    if line.get("verdict") == "frontier" or (p_value and float(p_value) < SIGNIFICANCE):
+    if differs:
+        text = f"{VERDICTS[line['ahead']]} {text}"
+    if line.get("verdict") == "frontier":
         text = f"**{text}**"
     if line.get("verdict") == "below a white image":
         text = f"*{text}*"
-    if place.intervals and line["ci_low"]:
+    if intervals and line["ci_low"]:
         low, high = (_short(line[end], digits, sign=differs) for end in ("ci_low", "ci_high"))
         text += f" [{low}, {high}]"
     return text

@@ -19,6 +19,7 @@ from bench.catalogue.suites import SUITES
 from bench.cli import app
 from data_prep.clouds.conditions import CONDITIONS
 from data_prep.datasets.dataset import Dataset
+from data_prep.files.clouds import load_points
 from data_prep.randomness import generator
 from data_prep.scene import PointCloud
 from tests.test_shown_commands import BLOCK, shown, typed
@@ -102,9 +103,13 @@ def test_a_wrong_command_is_noticed(command, problem):
         parse(command)
 
 
-def test_the_tutorial_draws_the_cloud_of_another_page():
-    """Which tests run: those of test_shown_commands and of test_rendering_page."""
-    assert blocks(TUTORIAL, "python") == blocks(DOCS / "rendering.md", "python")
+def test_the_sample_cloud_is_made_as_its_page_says(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (script,) = blocks(DOCS / "rendering.md", "python")
+    exec(compile(script, "rendering.md", "exec"), {})
+    sample = load_points(REPOSITORY / "examples" / "chair.ply")
+    assert sample.shape == (2048, 3)
+    np.testing.assert_allclose(load_points(Path("chair.ply")), sample, atol=1e-6)
 
 
 def example(page: str) -> dict[str, object]:

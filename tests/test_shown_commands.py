@@ -21,6 +21,7 @@ pytestmark = pytest.mark.slow
 REPOSITORY = Path(__file__).parents[1]
 PAGES = (REPOSITORY / "docs" / "quickstart.md", REPOSITORY / "README.md")
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+NUMBER = re.compile(r"\d+\.\d+")
 SMALL = "--limit 2 --views 2 --methods splat --conditions 2048 --workers 1"
 GIVEN = {
     "CLOUD": "stool.ply",
@@ -79,17 +80,35 @@ def typed(command: str) -> list[str]:
     return shlex.split(f"{text} {FURTHER.get(command, '')}")
 
 
-def run(words: list[str]) -> tuple[int, str]:
+def shown_outputs(page: Path) -> dict[str, str]:
+    """Return the `text` blocks of a page, by the command that they stand below."""
+    outputs, command = {}, ""
+    for kind, block in BLOCK.findall(page.read_text(encoding="utf-8")):
+        if kind == "text":
+            outputs[command] = block
+        elif not kind and (commands := re.findall("^bench (.*)$", block, re.MULTILINE)):
+            command = commands[-1]
+    return outputs
+
+
+def assert_same_output(actual: str, expected: str) -> None:
+    """Compare words exactly, and numbers as far as another driver rounds alike."""
+    assert NUMBER.sub("#", actual) == NUMBER.sub("#", expected)
+    values, shown_values = (list(map(float, NUMBER.findall(text))) for text in (actual, expected))
+    assert values == pytest.approx(shown_values, abs=0.005)
+
+
+def run(words: list[str]) -> tuple[int, str, str]:
+    """Return the exit status of a command, all that it prints, and its standard output."""
     ended = CliRunner().invoke(app, words, prog_name="bench")
-    return ended.exit_code, ended.output
+    return ended.exit_code, ended.output, ended.stdout
 
 
 def test_they_run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    for kind, code in BLOCK.findall(PAGES[0].read_text(encoding="utf-8")):
-        if kind == "python":
-            exec(compile(code, "tutorial", "exec"), {})
-    Path("stool.ply").write_bytes(Path("chair.ply").read_bytes())
+    Path("examples").mkdir()
+    for copy in ("examples/chair.ply", "stool.ply"):
+        Path(copy).write_bytes((REPOSITORY / "examples" / "chair.ply").read_bytes())
     Path("meshes").mkdir()
     for index, shape in enumerate(open_dataset("procedural").objects("chair", 2, 2)):
         mesh = shape.load()
@@ -104,12 +123,16 @@ def test_they_run(tmp_path, monkeypatch):
     commands = [command for page in PAGES for command in shown(page)]
     assert len(commands) > 20
     assert {*FURTHER, *ENDS_WITH} <= set(commands), "what a page no longer shows"
+    expected = {command: text for page in PAGES for command, text in shown_outputs(page).items()}
+    assert set(expected) <= set(commands)
+    assert expected, "no page shows what a command prints"
     for command in commands:
         status, message = ENDS_WITH.get(command, (0, ""))
-        ended, output = run(typed(command))
+        ended, output, printed = run(typed(command))
         assert ended == status, f"{command}: {output}"
         assert message in output, command
-        Path("chair.png").unlink(missing_ok=True)
+        if command in expected:
+            assert_same_output(printed, expected[command])
     for made in (
         "first/report.html",
         "first/comparisons",

@@ -19,15 +19,24 @@ splat,ssim,0.6,0.5,0.7,below a white image
 pc2pix,ssim,0.8,0.7,0.9,frontier
 """
 DIFFERENCES = """\
-metric,condition,class,method_b,difference,ci_low,ci_high,p_holm
-ssim,2048,chair,splat,-0.0514,-0.0741,-0.0252,0.001
-ssim,512,chair,splat,0.0099,-0.0112,0.033,0.4
-ssim,1024,chair,splat,0.02,,,
+metric,condition,class,method_b,difference,ci_low,ci_high,ahead
+ssim,2048,chair,splat,-0.0514,-0.0741,-0.0252,a
+ssim,512,chair,splat,0.0099,-0.0112,0.033,tie
+ssim,1024,chair,splat,0.02,,,unknown
+lpips,2048,chair,splat,-0.0514,-0.0741,-0.0252,b
+"""
+COSTS = """\
+method,condition,cost_ms
+splat,2048,7.506
+pc2pix,2048,21.333
+alpha-shape,2048,63.011
 """
 
 
 @pytest.fixture
 def numbers(tmp_path):
+    (tmp_path / "costs.csv").write_text(COSTS)
+    (tmp_path / "more-costs.csv").write_text(COSTS.replace("7.506", "8"))
     (tmp_path / "values.csv").write_text(VALUES)
     (tmp_path / "frontier.csv").write_text(FRONTIER)
     (tmp_path / "differences.csv").write_text(DIFFERENCES)
@@ -72,8 +81,31 @@ def page(asked, old="what stood here\n"):
             [
                 "| method |  | 2048 | 512 | 1024 |",
                 "|---|---|---:|---:|---:|",
-                "| splat | ssim | **−.051** [−.074, −.025] | +.010 [−.011, +.033] | +.020 |",
+                "| splat | ssim | worse −.051 [−.074, −.025] | not decided +.010 [−.011, +.033] "
+                "| not decided +.020 |",
             ],
+        ),
+        (
+            "differences.csv rows=method_b:splat columns=metric:lpips condition=2048 intervals=no",
+            ["| method | lpips |", "|---|---:|", "| splat | better −.051 |"],
+        ),
+        (
+            "rows=method:splat,pc2pix,best-reconstruction "
+            "column=known_chairs;values.csv;metric:ssim;condition:512 "
+            "column=one_view;costs.csv;show:cost_ms;best-reconstruction:alpha-shape "
+            "column=trained_on;catalogue;best-reconstruction:alpha-shape",
+            [
+                "| method | known chairs | one view | trained on |",
+                "|---|---:|---:|---:|",
+                "| splat | .700 | 7.5 | nothing |",
+                "| pc2pix | – | 21.3 | chairs |",
+                "| best-reconstruction | – | 63.0 | nothing |",
+            ],
+        ),
+        (
+            # lines of two files that say the same are one
+            "costs.csv,more-costs.csv rows=method:pc2pix columns=condition:2048 show=cost_ms",
+            ["| method | 2048 |", "|---|---:|", "| pc2pix | 21.3 |"],
         ),
     ],
 )
@@ -90,11 +122,19 @@ def test_tables_are_filled(numbers, asked, lines):
         (page("values.csv rows=method:splat"), "x.md:3: 'columns'"),
         (
             page("values.csv rows=method:splat columns=condition:1024 metric=ssim"),
-            "x.md:3: 0 lines with method splat, condition 1024; there has to be one",
+            "x.md:3: 0 lines with method splat, metric ssim, condition 1024; there has to be one",
         ),
         (
             page("values.csv rows=method:splat columns=condition:512"),
             "x.md:3: 2 lines with method splat, condition 512",
+        ),
+        (
+            page("costs.csv,more-costs.csv rows=method:splat columns=condition:2048 show=cost_ms"),
+            "x.md:3: 2 lines with method splat, condition 2048",
+        ),
+        (
+            page("rows=method:splat column=noise;values.csv;condition:1024"),
+            "x.md:3: no line for the column 'noise'",
         ),
         ("\n<!-- numbers: values.csv -->\nno end", "x.md:2: a mark without '<!-- end -->'"),
     ],
