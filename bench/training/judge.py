@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -50,7 +50,7 @@ CHUNK = 250  # objects rendered at a time: colours are let go before they fill t
 
 
 @dataclass(frozen=True)
-class Scores:
+class JudgeScores:
     """The scores on objects not trained on: median errors in degrees, and the share recognised.
 
     An object is recognised where, of all validation objects, its mean code over the other true
@@ -80,6 +80,14 @@ class JudgeData:
     clouds: NDArray[np.float32]
 
 
+@dataclass(frozen=True)
+class JudgeSizes:
+    """The objects of a batch, and the objects and views of the validation."""
+
+    batch: int = OBJECTS
+    validation: tuple[int, int] = VALIDATION
+
+
 @denormals_flushed()
 def train_judge(
     objects: int,
@@ -88,7 +96,8 @@ def train_judge(
     seed: int,
     out: Path = JUDGE_WEIGHTS,
     folder: Path = Path("training/judge"),
-) -> dict[str, Scores]:
+    sizes: JudgeSizes = JudgeSizes(),
+) -> dict[str, JudgeScores]:
     """Train on `objects` of the train split; return the scores of the weights in `out`.
 
     The split is procedural.
@@ -99,14 +108,15 @@ def train_judge(
     degrees of azimuth weigh as much as a tenth of the objects found. Raises BadInput for fewer
     objects or views than a batch holds, and as `learning.training_loop.run`.
     """
-    if objects < OBJECTS or views < 2 or steps < 1:
+    if objects < sizes.batch or views < 2 or steps < 1:
         raise BadInput(
             f"--objects {objects} --views {views} --steps {steps}: "
-            f"give at least {OBJECTS} objects, 2 views and 1 step"
+            f"give at least {sizes.batch} objects, 2 views and 1 step"
         )
     team = connect(torch.device("cpu"))
-    data, validation = judge_data("train", objects, views), judge_data("validation", *VALIDATION)
-    trainer = _Trainer(data, validation, JudgeConfig(steps, seed), team)
+    data = judge_data("train", objects, views)
+    validation = judge_data("validation", *sizes.validation)
+    trainer = _JudgeTrainer(data, validation, JudgeConfig(steps, seed), team, sizes.batch)
     trainer.train(hash_arrays(*vars(data).values()), folder)
     if is_first():
         write_whole(out, save(trainer.best))
@@ -114,7 +124,7 @@ def train_judge(
     network.load_state_dict(trainer.best)
     network.eval()
     return {
-        name: score(network, validation, queries)
+        name: score_judge(network, validation, queries)
         for name, queries in {
             "true": validation.painted,
             "blurred": blurred(validation.painted, 1.5),
@@ -123,7 +133,7 @@ def train_judge(
     }
 
 
-class _Trainer(CosineTrainer):
+class _JudgeTrainer(CosineTrainer):
     """The state that a step changes, and the weights whose validation was best so far."""
 
     kind = "judge"
@@ -131,10 +141,17 @@ class _Trainer(CosineTrainer):
     kept = ("best_merit", "order", "steps_done")
 
     def __init__(
-        self, data: JudgeData, validation: JudgeData, config: JudgeConfig, team: Processes = ONE
+        self,
+        data: JudgeData,
+        validation: JudgeData,
+        config: JudgeConfig,
+        team: Processes = ONE,
+        objects: int = OBJECTS,
+        score: Callable[[JudgeNetwork, JudgeData], JudgeScores] | None = None,
     ) -> None:
         super().__init__(config, team)
-        self.validation, self.batch = validation, 2 * OBJECTS
+        self.validation, self.objects, self.batch = validation, objects, 2 * objects
+        self.score = score or score_judge
         # `shape` is an aid to the training only
         self.network, self.shape = seeded(
             config.seed, lambda: (JudgeNetwork(), nn.Linear(FEATURES, SHAPE_NUMBERS))
@@ -173,7 +190,7 @@ class _Trainer(CosineTrainer):
         return min(self.peak * ((done + 1) / self._warm_up()), super().rate(done))
 
     def take_step(self) -> dict[str, Tensor]:
-        """Take a step on two images of each of OBJECTS objects, sometimes with a validation."""
+        """Take a step on two images of each object of a batch, sometimes with a validation."""
         loss = self._loss()
         self.minimise(loss, self.optimizer, self.rate(int(self.steps_done)))
         self.steps_done += 1
@@ -183,7 +200,7 @@ class _Trainer(CosineTrainer):
         return {"loss": loss.detach()}
 
     def _validate(self, step: str) -> None:
-        scores = score(self.network.eval(), self.validation)
+        scores = self.score(self.network.eval(), self.validation)
         self.network.train()
         if self.processes.rank == 0:
             print(f"{step}: {scores}", file=sys.stderr, flush=True)
@@ -193,13 +210,13 @@ class _Trainer(CosineTrainer):
             self.best = _compact(self.network)
 
     def _loss(self) -> Tensor:
-        if len(self.order) < OBJECTS:
+        if len(self.order) < self.objects:
             self.order = torch.randperm(len(self.view), generator=self.random)
-        objects, self.order = self.order[:OBJECTS], self.order[OBJECTS:]
-        chosen = torch.rand(self.view.shape[1], OBJECTS, generator=self.random).argsort(0)[:2]
+        objects, self.order = self.order[: self.objects], self.order[self.objects :]
+        chosen = torch.rand(self.view.shape[1], self.objects, generator=self.random).argsort(0)[:2]
         rows, columns = objects.repeat(2), chosen.flatten()
         # A mirrored chair from the other side: both its images, hence a chair like any other.
-        mirrored = (torch.rand(OBJECTS, generator=self.random) < 0.5).repeat(2)
+        mirrored = (torch.rand(self.objects, generator=self.random) < 0.5).repeat(2)
         images = augment(
             darkness(self.painted[rows, columns]),
             darkness(self.neutral[rows, columns]),
@@ -333,20 +350,26 @@ def judge_data(split: Split, count: int, views: int) -> JudgeData:
     )
 
 
-def score(
+def score_judge(
     network: JudgeNetwork, truth: JudgeData, queries: NDArray[np.uint8] | None = None
-) -> Scores:
+) -> JudgeScores:
     """Return the scores for `queries`, luma uint8 [N, V, 128, 128]; by default the true ones.
 
     Codes of objects are always means over true images.
     """
     true = _judge_luma(network, truth.painted)
-    asked = true if queries is None else _judge_luma(network, queries)
+    return scores_of(truth, true, true if queries is None else _judge_luma(network, queries))
+
+
+def scores_of(
+    truth: JudgeData, true: NDArray[np.float32], queries: NDArray[np.float32]
+) -> JudgeScores:
+    """Return the scores of answers [N V, 3 + CODE] to queries, given the answers to true images."""
     shown = [(f"{chair:06d}", view) for chair, view in np.ndindex(truth.azimuth_deg.shape)]
-    return Scores(
-        float(np.median(azimuth_error_deg(asked, truth.azimuth_deg.ravel()))),
-        float(np.median(elevation_error_deg(asked, truth.elevation_deg.ravel()))),
-        float(found(gallery("chair", shown, true), asked, shown).mean()),
+    return JudgeScores(
+        float(np.median(azimuth_error_deg(queries, truth.azimuth_deg.ravel()))),
+        float(np.median(elevation_error_deg(queries, truth.elevation_deg.ravel()))),
+        float(found(gallery("chair", shown, true), queries, shown).mean()),
     )
 
 

@@ -38,7 +38,7 @@ NO_LABEL = -100  # of the back, for what is no chair
 
 
 @dataclass(frozen=True, eq=False)
-class Scores:
+class ViewsScores:
     """The network's scores on objects of the validation split.
 
     confusion    int [C, C]: images by true (rows) and answered class
@@ -82,7 +82,7 @@ def train_views(
     out: Path = VIEWS_WEIGHTS,
     validation: tuple[int, int] = VALIDATION,
     folder: Path = Path("training/views"),
-) -> Scores:
+) -> ViewsScores:
     """Train on `objects` of each class (procedural train split), write the weights, score them.
 
     Adam with a cosine schedule to zero; cross-entropy for class, family and back, squared error for
@@ -98,7 +98,7 @@ def train_views(
     data, answers = _labelled(known, "train", objects, views)
     images = torch.from_numpy(data.images).flatten(0, 1)
     config = JudgeConfig(epochs * math.ceil(len(images) / BATCH), seed)
-    trainer = _Trainer(known, images, answers, config, team)
+    trainer = _ViewsTrainer(known, images, answers, config, team)
     trainer.train(
         hash_arrays(data.images, *(answer.numpy() for answer in answers.values())), folder
     )
@@ -107,7 +107,7 @@ def train_views(
     return _score(trainer.network.eval(), *validation)
 
 
-class _Trainer(CosineTrainer):
+class _ViewsTrainer(CosineTrainer):
     """The state that a step changes: BATCH images [N, H, W, 3], all once in an epoch."""
 
     kind = "views"
@@ -199,7 +199,7 @@ def _cross_entropy(answers: Tensor, targets: Tensor) -> Tensor:
     return total / (targets != NO_LABEL).sum().clamp(min=1)
 
 
-def _score(network: ViewsNetwork, objects: int, views: int) -> Scores:
+def _score(network: ViewsNetwork, objects: int, views: int) -> ViewsScores:
     data, true = _labelled(network.labels, "validation", objects, views)
     images = torch.from_numpy(data.images).flatten(0, 1).permute(0, 3, 1, 2)
     with torch.inference_mode():
@@ -211,7 +211,7 @@ def _score(network: ViewsNetwork, objects: int, views: int) -> Scores:
     np.add.at(confusion, (true["class"].numpy(), answers["class"].argmax(axis=1)), 1)
     azimuth_error = azimuth_error_deg(answers["view"], data.azimuth_deg.ravel())
     elevation_error = elevation_error_deg(answers["view"], data.elevation_deg.ravel())
-    return Scores(
+    return ViewsScores(
         network.labels.classes,
         confusion,
         family=float(right["family"].mean()),

@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -33,7 +34,25 @@ RECORD_HEADER_BYTES = 54  # of a variable-length record in LAS
 ScanPoints = NDArray[np.float64]  # [N, 3]
 
 
-def read_scan(path: Path) -> tuple[ScanPoints, bool]:
+@dataclass(frozen=True)
+class ScanLimits:
+    """Limits of what is read of a scan: points kept, claimed by a file, and read at a time."""
+
+    kept: int = MOST_POINTS
+    claimed: int = MOST_CLAIMED
+    piece: int = PIECE
+
+    def stride(self, count: int) -> int:
+        """Return the step at which so many points are thinned."""
+        return max(1, math.ceil(count / self.kept))
+
+    def check_claim(self, path: Path, count: int) -> None:
+        """Raise BadInput where a file claims too many points, or fewer than none."""
+        if not 0 <= count <= self.claimed:
+            raise BadInput(f"{path}: {count} points, at most {self.claimed} are read; thin it out")
+
+
+def read_scan(path: Path, limits: ScanLimits = ScanLimits()) -> tuple[ScanPoints, bool]:
     """Return float64 [N, 3], in the file's order and units, and whether the points have colours.
 
     Raises BadInput, naming the file: missing, no regular file, too large, not readable; and
@@ -43,7 +62,7 @@ def read_scan(path: Path) -> tuple[ScanPoints, bool]:
     with open_file(path, most_bytes):
         pass
     try:
-        return read(path)
+        return read(path, limits)
     except ImportError as error:
         raise MissingDependency(
             f"{path}: reading {path.suffix.lower()} needs {error.name}; "
@@ -58,19 +77,15 @@ def read_scan(path: Path) -> tuple[ScanPoints, bool]:
         ) from error
 
 
-def _stride(count: int) -> int:
-    return max(1, math.ceil(count / MOST_POINTS))
-
-
-def _read_las(path: Path) -> tuple[ScanPoints, bool]:
+def _read_las(path: Path, limits: ScanLimits) -> tuple[ScanPoints, bool]:
     import laspy
 
     with open_file(path, MOST_BYTES) as file:
         _check_records(file)
         with laspy.LasReader(file, closefd=False, read_evlrs=False) as las:
-            step, seen = _stride(las.header.point_count), 0
+            step, seen = limits.stride(las.header.point_count), 0
             kept = [np.empty((0, 3))]
-            for piece in las.chunk_iterator(PIECE):
+            for piece in las.chunk_iterator(limits.piece):
                 points = np.stack([np.asarray(piece[axis]) for axis in "xyz"], axis=1)
                 kept.append(points[-seen % step :: step])
                 seen += len(points)
@@ -90,13 +105,13 @@ def _check_records(file: BinaryIO) -> None:
     file.seek(0)
 
 
-def _read_e57(path: Path) -> tuple[ScanPoints, bool]:
+def _read_e57(path: Path, limits: ScanLimits) -> tuple[ScanPoints, bool]:
     import pye57
 
     file = pye57.E57(str(path))
     try:
         headers = [file.get_header(i) for i in range(file.scan_count)]
-        _check_claim(path, sum(header.point_count for header in headers))
+        limits.check_claim(path, sum(header.point_count for header in headers))
         has_colours = any("colorRed" in header.point_fields for header in headers)
         scans = [file.read_scan(i, ignore_missing_fields=True) for i in range(file.scan_count)]
     finally:
@@ -104,10 +119,10 @@ def _read_e57(path: Path) -> tuple[ScanPoints, bool]:
     axes = "cartesianX", "cartesianY", "cartesianZ"
     parts = [np.stack([scan[axis] for axis in axes], axis=1) for scan in scans]
     points = np.concatenate([np.empty((0, 3)), *parts])
-    return points[:: _stride(len(points))], has_colours
+    return points[:: limits.stride(len(points))], has_colours
 
 
-def _read_pcd(path: Path) -> tuple[ScanPoints, bool]:
+def _read_pcd(path: Path, limits: ScanLimits) -> tuple[ScanPoints, bool]:
     from pypcd4.pypcd4 import PointCloud
 
     claimed = 0
@@ -115,7 +130,7 @@ def _read_pcd(path: Path) -> tuple[ScanPoints, bool]:
         for line in file:
             if line.startswith(b"POINTS"):
                 claimed = int(line.split()[1])
-                _check_claim(path, claimed)
+                limits.check_claim(path, claimed)
             if line.startswith(b"DATA"):
                 break
         file.seek(0)
@@ -124,7 +139,7 @@ def _read_pcd(path: Path) -> tuple[ScanPoints, bool]:
         raise _cut_short(path, claimed, len(cloud.pc_data))
     points = cloud.numpy(("x", "y", "z")).astype(np.float64)
     points = points[~np.isnan(points).all(axis=1)]
-    return points[:: _stride(len(points))], bool({"rgb", "rgba"} & set(cloud.fields))
+    return points[:: limits.stride(len(points))], bool({"rgb", "rgba"} & set(cloud.fields))
 
 
 def _cut_short(path: Path, claimed: int, count: int) -> BadInput:
@@ -134,12 +149,7 @@ def _cut_short(path: Path, claimed: int, count: int) -> BadInput:
     )
 
 
-def _check_claim(path: Path, count: int) -> None:
-    if not 0 <= count <= MOST_CLAIMED:
-        raise BadInput(f"{path}: {count} points, at most {MOST_CLAIMED} are read; thin it out")
-
-
-_READERS: Mapping[str, tuple[int, Callable[[Path], Any]]] = {
+_READERS: Mapping[str, tuple[int, Callable[[Path, ScanLimits], Any]]] = {
     ".las": (MOST_BYTES, _read_las),
     ".laz": (MOST_BYTES, _read_las),
     ".e57": (MOST_BYTES_AT_ONCE, _read_e57),

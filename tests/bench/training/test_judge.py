@@ -9,15 +9,19 @@ import torch
 from scipy.ndimage import gaussian_filter
 
 from bench.judges.judge import darkness, greyscale, judge, load_judge_network
-from bench.training import judge as module
 from bench.training.judge import (
+    LEARNING_RATE,
+    WARM_UP,
     JudgeConfig,
+    JudgeScores,
+    JudgeSizes,
+    _JudgeTrainer,
     augment,
     blur,
     blurred,
     contrast,
     judge_data,
-    score,
+    scores_of,
     shape_descriptors,
     train_judge,
 )
@@ -33,11 +37,11 @@ def data():
     return judge_data("train", 4, 2)
 
 
-def test_a_tiny_training(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(module, "OBJECTS", 4)
-    monkeypatch.setattr(module, "VALIDATION", (3, 2))
+def test_a_tiny_training(tmp_path, capsys):
     out = tmp_path / "judge.safetensors"
-    scores = train_judge(5, 2, 2, seed=1, out=out, folder=tmp_path / "training")
+    options = {"seed": 1, "out": out, "folder": tmp_path / "training"}
+    sizes = JudgeSizes(batch=4, validation=(3, 2))
+    scores = train_judge(5, 2, 2, sizes=sizes, **options)
     assert set(scores) == {"true", "blurred", "neutral"}
     for value in scores.values():
         assert 0 <= value.azimuth_deg <= 180
@@ -45,31 +49,29 @@ def test_a_tiny_training(tmp_path, monkeypatch, capsys):
         assert value.retrieval * 6 == pytest.approx(round(value.retrieval * 6))
     answers = judge(load_judge_network(out), np.full((1, 128, 128, 3), 200, np.uint8))
     assert np.isfinite(answers).all()
-    assert "step 2/2: Scores(" in capsys.readouterr().err
+    assert "step 2/2: JudgeScores(" in capsys.readouterr().err
     found = out.read_bytes()
     out.unlink()
-    assert train_judge(5, 2, 2, seed=1, out=out, folder=tmp_path / "training") == scores
+    assert train_judge(5, 2, 2, sizes=sizes, **options) == scores
     assert out.read_bytes() == found, "from the checkpoint"
 
 
 @pytest.mark.slow
-def test_the_loss_falls(data, monkeypatch):
+def test_the_loss_falls(data):
     """On one batch that is all there is."""
-    monkeypatch.setattr(module, "OBJECTS", 4)
-    training = module._Trainer(data, data, JudgeConfig(steps=40, seed=0))
+    training = _JudgeTrainer(data, data, JudgeConfig(steps=40, seed=0), objects=4)
     losses = [training.take_step()["loss"] for _ in range(30)]
     assert np.isfinite(losses).all()
     assert np.mean(losses[-5:]) < 0.8 * np.mean(losses[:5])
 
 
 @pytest.mark.slow
-def test_the_best_validation_is_what_is_kept(data, monkeypatch):
-    """Here the third of six; scores of NaN are never the best."""
-    found = [(50, 0.1), (20, 0.1), (20, 0.2), (20, 0.1), (math.nan, 0.9), (90, 0.9)]
-    scores = (module.Scores(azimuth, 0.0, share) for azimuth, share in found)
-    monkeypatch.setattr(module, "OBJECTS", 4)
-    monkeypatch.setattr(module, "score", lambda *_: next(scores))
-    training = module._Trainer(data, data, JudgeConfig(steps=6, seed=0))
+def test_the_best_validation_is_what_is_kept(data):
+    """The third of six is the best; scores of NaN never are."""
+    values = [(50, 0.1), (20, 0.1), (20, 0.2), (20, 0.1), (math.nan, 0.9), (90, 0.9)]
+    scores = (JudgeScores(azimuth, 0.0, share) for azimuth, share in values)
+    config = JudgeConfig(steps=6, seed=0)
+    training = _JudgeTrainer(data, data, config, objects=4, score=lambda *_: next(scores))
     kept = []
     for _ in range(6):
         training.take_step()
@@ -80,12 +82,12 @@ def test_the_best_validation_is_what_is_kept(data, monkeypatch):
 
 
 def test_the_rate_rises_before_it_falls(data):
-    trainer = module._Trainer(data, data, JudgeConfig(steps=200, seed=0))
+    trainer = _JudgeTrainer(data, data, JudgeConfig(steps=200, seed=0))
     rates = [trainer.rate(done) for done in range(200)]
-    top = round(module.WARM_UP * 200)
-    risen = module.LEARNING_RATE * np.arange(1, top + 1) / top
+    top = round(WARM_UP * 200)
+    risen = LEARNING_RATE * np.arange(1, top + 1) / top
     assert rates[: top - 1] == pytest.approx(risen[:-1], rel=1e-12)
-    cosine = module.LEARNING_RATE * (1 + np.cos(np.pi * np.arange(200) / 200)) / 2
+    cosine = LEARNING_RATE * (1 + np.cos(np.pi * np.arange(200) / 200)) / 2
     assert rates[top:] == pytest.approx(cosine[top:], rel=1e-12)
 
 
@@ -116,14 +118,14 @@ def test_contrast_against_the_closed_form():
     assert contrast(wrong).item() == pytest.approx(-math.log(1 / (math.exp(10) + 2)), rel=1e-6)
 
 
-def test_scores_of_known_answers(data, monkeypatch):
-    found = np.zeros((4, 2, 5), np.float32)
+def test_scores_of_known_answers(data):
+    answers = np.zeros((4, 2, 5), np.float32)
     azimuth = np.radians(data.azimuth_deg + 350)  # ten degrees off, the short way round
-    found[..., 0], found[..., 1] = 0.3 * np.sin(azimuth), 0.3 * np.cos(azimuth)
-    found[..., 2] = (data.elevation_deg - 2) / 40
-    found[..., 3] = np.arange(4)[:, None]
-    monkeypatch.setattr(module, "judge", lambda _, images: found.reshape(len(images), -1))
-    scores = dataclasses.astuple(score(None, data))
+    answers[..., 0], answers[..., 1] = 0.3 * np.sin(azimuth), 0.3 * np.cos(azimuth)
+    answers[..., 2] = (data.elevation_deg - 2) / 40
+    answers[..., 3] = np.arange(4)[:, None]
+    answers = answers.reshape(8, -1)
+    scores = dataclasses.astuple(scores_of(data, answers, answers))
     np.testing.assert_allclose(scores, (10, 2, 1), atol=1e-4)
 
 

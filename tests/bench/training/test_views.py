@@ -9,7 +9,7 @@ import torch
 from bench.analysis.recognition import read_class_head
 from bench.judges.views import ViewsNetwork, load_views_network, view_features
 from bench.training import views as training
-from bench.training.views import NO_LABEL, Scores, labels, train_views
+from bench.training.views import NO_LABEL, ViewsScores, labels, train_views
 from data_prep.datasets import procedural as dataset_procedural
 from data_prep.datasets.registry import ProceduralObject
 from data_prep.failures import BadInput
@@ -103,7 +103,7 @@ def test_a_short_training(two_classes, tmp_path, capsys, monkeypatch):
 
 
 def test_the_rates_fall_along_half_a_cosine():
-    trainer = training._Trainer(labels(), torch.zeros(1), {}, training.JudgeConfig(50, seed=0))
+    trainer = training._ViewsTrainer(labels(), torch.zeros(1), {}, training.JudgeConfig(50, seed=0))
     found = [trainer.rate(done) for done in range(50)]
     expected = training.LEARNING_RATE * (1 + np.cos(np.pi * np.arange(50) / 50)) / 2
     np.testing.assert_allclose(found, expected, rtol=1e-12)
@@ -141,7 +141,7 @@ def test_scores_of_a_network_that_always_answers_the_same(two_classes):
 
 def test_scores_as_text():
     confusion, azimuth, elevation = np.array([[3, 1], [0, 4]]), [12.34, 90.0], [1.0, 2.0]
-    scores = Scores(
+    scores = ViewsScores(
         ("car", "sofa"), confusion, 0.5, math.nan, np.array(azimuth), np.array(elevation)
     )
     assert scores.to_text().splitlines() == [

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from data_prep.failures import BadInput, MissingDependency
-from data_prep.files import scans as scan_files
 from data_prep.files.clouds import COLOURS, load_points, read_cloud
+from data_prep.files.scans import ScanLimits, read_scan
 
 laspy = pytest.importorskip("laspy", reason="the extra 'clouds' is not installed")
 pye57 = pytest.importorskip("pye57", reason="the extra 'clouds' is not installed")
@@ -40,23 +40,21 @@ def write_pcd(path: Path, points: np.ndarray = POINTS, encoding: str = "BINARY")
     cloud.save(path, Encoding[encoding])
 
 
-def test_las_and_large_ones_thinned_out(tmp_path: Path, monkeypatch) -> None:
+def test_las_and_large_ones_thinned_out(tmp_path: Path) -> None:
     for name in ("a.las", "a.laz", "a.LAS"):
         write_las(tmp_path / name)
         found = load_points(tmp_path / name)
         assert found.dtype == np.float64
         assert np.array_equal(found, POINTS)
     for most, piece, step in ((1, 64, 1000), (333, 63, 4), (999, 64, 2), (100, 1000, 10)):
-        monkeypatch.setattr(scan_files, "MOST_POINTS", most)
-        monkeypatch.setattr(scan_files, "PIECE", piece)
-        assert np.array_equal(load_points(tmp_path / "a.las"), POINTS[::step])
+        thinned, _ = read_scan(tmp_path / "a.las", ScanLimits(kept=most, piece=piece))
+        assert np.array_equal(thinned, POINTS[::step])
 
 
-def test_e57(tmp_path: Path, monkeypatch) -> None:
+def test_e57(tmp_path: Path) -> None:
     write_e57(tmp_path / "a.e57", POINTS[:600], POINTS[600:])
     assert np.array_equal(load_points(tmp_path / "a.e57"), POINTS)
-    monkeypatch.setattr(scan_files, "MOST_POINTS", 500)
-    assert np.array_equal(load_points(tmp_path / "a.e57"), POINTS[::2])
+    assert np.array_equal(read_scan(tmp_path / "a.e57", ScanLimits(kept=500))[0], POINTS[::2])
 
 
 def test_scans_of_an_e57_stand_where_their_pose_puts_them(tmp_path: Path) -> None:
@@ -68,7 +66,7 @@ def test_scans_of_an_e57_stand_where_their_pose_puts_them(tmp_path: Path) -> Non
     np.testing.assert_allclose(load_points(tmp_path / "a.e57"), expected, atol=500 * 2.0**-50)
 
 
-def test_pcd_and_places_without_a_return(tmp_path: Path, monkeypatch) -> None:
+def test_pcd_and_places_without_a_return(tmp_path: Path) -> None:
     for encoding in ("ASCII", "BINARY", "BINARY_COMPRESSED"):
         write_pcd(tmp_path / "a.pcd", encoding=encoding)
         assert np.array_equal(load_points(tmp_path / "a.pcd"), POINTS)
@@ -78,8 +76,8 @@ def test_pcd_and_places_without_a_return(tmp_path: Path, monkeypatch) -> None:
     write_pcd(tmp_path / "a.pcd", points)
     found = load_points(tmp_path / "a.pcd")
     assert np.array_equal(found, points[1::2], equal_nan=True)
-    monkeypatch.setattr(scan_files, "MOST_POINTS", 250)
-    assert np.array_equal(load_points(tmp_path / "a.pcd"), points[1::4], equal_nan=True)
+    thinned, _ = read_scan(tmp_path / "a.pcd", ScanLimits(kept=250))
+    assert np.array_equal(thinned, points[1::4], equal_nan=True)
 
 
 @pytest.mark.parametrize("suffix", [".las", ".laz", ".e57", ".pcd"])
@@ -93,15 +91,13 @@ def test_files_that_cannot_be_read(tmp_path: Path, suffix: str, content: bytes) 
         load_points(tmp_path / f"gone{suffix}")
 
 
-def test_files_cut_short_and_claims_are_not_believed(tmp_path: Path, monkeypatch) -> None:
+def test_files_cut_short_and_claims_are_not_believed(tmp_path: Path) -> None:
     write_las(tmp_path / "a.las")
     write_pcd(tmp_path / "a.pcd")
     write_e57(tmp_path / "a.e57", POINTS)
-    monkeypatch.setattr(scan_files, "MOST_CLAIMED", 999)
     for name in ("a.pcd", "a.e57"):
         with pytest.raises(BadInput, match="1000 points, at most 999 are read; thin it out"):
-            load_points(tmp_path / name)
-    monkeypatch.undo()
+            read_scan(tmp_path / name, ScanLimits(claimed=999))
     for path in tmp_path.iterdir():
         path.write_bytes(path.read_bytes()[:-3000])
         with pytest.raises(BadInput, match=path.name.replace(".", r"\.")):
