@@ -108,10 +108,9 @@ def train_views(
 
 
 class _ViewsTrainer(CosineTrainer):
-    """The state that a step changes: BATCH images [N, H, W, 3], all once in an epoch."""
+    """The state that a step changes: images [N, H, W, 3], all once in an epoch."""
 
     kind = "views"
-    batch = BATCH
     peak = LEARNING_RATE
 
     def __init__(
@@ -121,8 +120,10 @@ class _ViewsTrainer(CosineTrainer):
         answers: dict[str, Tensor],
         config: JudgeConfig,
         team: Processes = ONE,
+        batch: int = BATCH,
     ) -> None:
         super().__init__(config, team)
+        self.batch = batch
         self.images, self.answers = images, answers
         self.network = seeded(config.seed, lambda: ViewsNetwork(known))
         self.optimizer = torch.optim.Adam(self.network.parameters(), lr=LEARNING_RATE)
@@ -133,7 +134,7 @@ class _ViewsTrainer(CosineTrainer):
     def take_step(self) -> dict[str, Tensor]:
         if not len(self.order):
             self.order = torch.randperm(len(self.images), generator=self.random)
-        rows, self.order = self.order[:BATCH], self.order[BATCH:]
+        rows, self.order = self.order[: self.batch], self.order[self.batch :]
         with torch.autocast("cpu", torch.bfloat16):  # twice as fast; weights stay float32
             features = self.network(_varied(self.images[rows], self.random))
         targets = {name: answer[rows] for name, answer in self.answers.items()}

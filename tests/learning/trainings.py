@@ -91,9 +91,8 @@ def start_judge(out_dir, on_progress, **changes):
     painted, neutral = rng.integers(0, 256, (2, 4, 2, 128, 128), dtype=np.uint8)
     angles = rng.uniform(-40, 40, (2, 4, 2))
     data = train_judge.JudgeData(painted, neutral, *angles, make_clouds(4))
-    with pytest.MonkeyPatch.context() as patch, training_loop.denormals_flushed():
-        patch.setattr(train_judge, "OBJECTS", 3)
-        trainer = train_judge._Trainer(data, data, config)
+    with training_loop.denormals_flushed():
+        trainer = train_judge._JudgeTrainer(data, data, config, objects=3)
         return training_loop.run(trainer, config, "data", out_dir, on_progress)
 
 
@@ -103,9 +102,9 @@ def start_views(out_dir, on_progress, **changes):
     images = torch.from_numpy(make_set(objects=5).images).flatten(0, 1)
     answers = {name: torch.arange(10) % 2 for name in ("class", "family")}
     answers |= {"back": torch.full((10,), train_views.NO_LABEL), "view": torch.zeros(10, 3)}
-    with pytest.MonkeyPatch.context() as patch, training_loop.denormals_flushed():
-        patch.setattr(train_views, "BATCH", 4)  # an epoch is of two batches and a half
-        trainer = train_views._Trainer(labels, images, answers, config)
+    with training_loop.denormals_flushed():
+        # an epoch is of two batches and a half
+        trainer = train_views._ViewsTrainer(labels, images, answers, config, batch=4)
         return training_loop.run(trainer, config, "data", out_dir, on_progress)
 
 
