@@ -11,8 +11,13 @@ A file is what `bench table DIR --format csv` prints, or one of the files of a r
 several, joined by commas, the lines stand together. `rows` and `columns` name a field and its
 values in their order, or several fields, `metric:ssim,lpips*condition:2048,512`, and then all their
 combinations; further `field=value` choose among the lines; `intervals=no` leaves intervals out, and
-`show=paper` shows another field as it is. A difference is called better, worse or not decided,
-after Holm's correction; a method on the frontier is bold, one worse than a white image italic.
+`show=paper` shows another field as it is. Conditions stand in words, "512 of 2,048 points". A
+difference is called better, worse or not decided, after Holm's correction; a method on the frontier
+and one worse than a white image are called so.
+
+`marks=sealed-pc2pix.csv,sealed-splat-net.csv` puts these three words beside values: what the
+comparison of a row's method in those files says at the same metric, condition and class. A method
+without a comparison has no word. `marks=FILE;class:all` looks under another class.
 
 Columns with sources of their own are named one by one, in place of files and `columns`:
 
@@ -36,7 +41,7 @@ import csv
 import re
 import sys
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
@@ -46,6 +51,7 @@ from bench.catalogue.methods import find_method
 from data_prep.files.atomic_write import write_whole
 from studies.provenance import origins
 from studies.tables import markdown
+from studies.wording import condition_in_words
 
 REPOSITORY = Path(__file__).parents[1]
 NUMBERS = REPOSITORY / "results" / "docs"
@@ -64,6 +70,7 @@ VERDICTS: Mapping[str, str] = {
     "tie": "not decided",
     "unknown": "not decided",
 }
+FRONTIER = {"frontier": "frontier", "below a white image": "below white"}
 PLACE = re.compile(
     re.escape(BEGIN) + r"(?P<asked>[^>]*?)-->\n(?P<table>.*?)" + re.escape(END), re.S
 )
@@ -85,6 +92,8 @@ class DocumentColumn:
     shown    the field that cells show, as it is; empty: the value or the difference
     renamed  by value of a row, the value that is looked up in its place
     gaps     whether a row may have no line
+    marks    names of CSV files of comparisons, whose verdicts stand beside the values
+    marked   the fields and values that choose among their lines in place of those of the values
     """
 
     head: str
@@ -93,6 +102,8 @@ class DocumentColumn:
     shown: str = ""
     renamed: Mapping[str, str] = field(default_factory=dict)
     gaps: bool = False
+    marks: Sequence[str] = ()
+    marked: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -120,13 +131,22 @@ def parsed(asked: str) -> TableRequest:
     single = [text.split(";") for name, text in options if name == "column"]
     chosen = {name: text for name, text in options if name != "column"}
     intervals, shown = chosen.pop("intervals", "yes") == "yes", chosen.pop("show", "")
+    marks, *pairs = chosen.pop("marks", "").split(";")
+    marked = dict(pair.split(":", 1) for pair in pairs)
     rows = _axis(chosen.pop("rows"))
     if single:
         values = {value for _, of_field in rows for value in of_field}
         columns = [_single_column(head, parts, values) for head, *parts in single]
     else:
         columns = [
-            DocumentColumn(" ".join(column.values()), files, {**chosen, **column}, shown)
+            DocumentColumn(
+                ", ".join(_in_words(column)),
+                files,
+                {**chosen, **column},
+                shown,
+                marks=[name for name in marks.split(",") if name],
+                marked=marked,
+            )
             for column in _combinations(_axis(chosen.pop("columns")))
         ]
     return TableRequest(
@@ -145,6 +165,14 @@ def _single_column(head: str, parts: Sequence[str], row_values: set[str]) -> Doc
         renamed={name: value for name, value in pairs if name in row_values},
         gaps=True,
     )
+
+
+def _in_words(values: Mapping[str, str]) -> list[str]:
+    """Return the values of a row or column as the table shows them."""
+    return [
+        condition_in_words(value) if name == "condition" else value
+        for name, value in values.items()
+    ]
 
 
 def _axis(text: str) -> Axis:
@@ -182,7 +210,7 @@ def _table(request: TableRequest, numbers: Path) -> str:
     cells = [_cells(column, rows, request.intervals, numbers) for column in request.columns]
     left = len(request.rows)
     head = [request.corner, *[""] * (left - 1), *(column.head for column in request.columns)]
-    body = [[*row.values(), *of_row] for row, *of_row in zip(rows, *cells, strict=True)]
+    body = [[*_in_words(row), *of_row] for row, *of_row in zip(rows, *cells, strict=True)]
     return markdown(head, body, left)
 
 
@@ -194,13 +222,42 @@ def _cells(
     ]
     if column.files == [CATALOGUE]:
         return [find_method(row["method"]).trained_on or GAP for row in renamed]
-    lines = []
-    for name in column.files:
-        with (numbers / name).open(encoding="utf-8", newline="") as file:
-            lines += [line for line in csv.DictReader(file) if _has(line, column.wanted)]
+    lines = read_lines(column.files, column.wanted, numbers)
     if column.gaps and not lines:
         raise ValueError(f"no line for the column '{column.head}'")
-    return [_only_cell(lines, row, column, intervals) for row in renamed]
+    verdicts = read_lines(column.marks, column.marked, numbers)
+    return [
+        f"{_mark(verdicts, row, column)} {_only_cell(lines, row, column, intervals)}".strip()
+        for row in renamed
+    ]
+
+
+def read_lines(
+    names: Iterable[str], wanted: Mapping[str, str], numbers: Path = NUMBERS
+) -> list[Line]:
+    """Return the lines of CSV files that have the wanted values.
+
+    Raises OSError, and KeyError for a field that a file does not have.
+    """
+    lines: list[Line] = []
+    for name in names:
+        with (numbers / name).open(encoding="utf-8", newline="") as file:
+            lines += [line for line in csv.DictReader(file) if _has(line, wanted)]
+    return lines
+
+
+def _mark(verdicts: Sequence[Line], row: Line, column: DocumentColumn) -> str:
+    """Return the verdict on the method of a row, or nothing without a comparison of it."""
+    wanted = {**column.wanted, **row, **column.marked}
+    wanted["method_b"] = wanted.pop("method", "")
+    words = {
+        VERDICTS[line["ahead"]]
+        for line in verdicts
+        if all(line.get(name, value) == value for name, value in wanted.items())
+    }
+    if len(words) > 1:
+        raise ValueError(f"{row['method']} is {' and '.join(sorted(words))}; there has to be one")
+    return "".join(words)
 
 
 def _combinations(axis: Axis) -> list[dict[str, str]]:
@@ -242,10 +299,7 @@ def _cell(line: Line, shown: str, intervals: bool) -> str:
     text = _short(value, digits, sign=differs)
     if differs:
         text = f"{VERDICTS[line['ahead']]} {text}"
-    if line.get("verdict") == "frontier":
-        text = f"**{text}**"
-    if line.get("verdict") == "below a white image":
-        text = f"*{text}*"
+    text = f"{FRONTIER.get(line.get('verdict') or '', '')} {text}".strip()
     if intervals and line["ci_low"]:
         low, high = (_short(line[end], digits, sign=differs) for end in ("ci_low", "ci_high"))
         text += f" [{low}, {high}]"
