@@ -157,13 +157,12 @@ def draw_classes(
         axis.set_xlim(worst, best)
         axis.set_title(title_of(metric), fontsize=TEXT_PT + 1)
         below = {"fontsize": TEXT_PT, "va": "top", "transform": axis.get_xaxis_transform()}
-        axis.text(
-            0, -0.06, "behind the best reconstruction \N{LEFTWARDS ARROW} ", ha="right", **below
-        )
-        axis.text(0, -0.06, " \N{RIGHTWARDS ARROW} ahead", ha="left", **below)
+        axis.text(0, -0.06, "\N{LEFTWARDS ARROW} behind ", ha="right", **below)
+        axis.text(0, -0.06, " ahead \N{RIGHTWARDS ARROW}", ha="left", **below)
         tidy(axis, "x")
     axes[0][0].set_yticks(list(rows.values()), list(rows))
     axes[0][0].set_ylim(rows["all"] + 0.6, -0.6)
+    figure.supxlabel("difference to the best reconstruction", fontsize=TEXT_PT)
     legend(figure, axes[0][0])
     return figure
 

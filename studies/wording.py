@@ -22,5 +22,5 @@ def condition_in_words(condition: str) -> str:
     }
     if kind not in sentences:
         return condition
-    share = f"{100 * float(level):g} %"
+    share = f"{100 * float(level):g}\N{NO-BREAK SPACE}%"
     return sentences[kind].format(share=share, level=level)

@@ -253,7 +253,7 @@ CONCLUSIONS = (
         "better-than-points2pix",
         "built on the better performing ACGAN; the generator produces images with higher scores",
         "section 1",
-        why_not="our points2pix has other inputs and data, not only no ACGAN: docs/splat-net.md",
+        why_not="our points2pix has other inputs and data, not only no ACGAN: docs/studies.md",
     ),
     # the space of codes
     Claim(

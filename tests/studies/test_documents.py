@@ -2,9 +2,26 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 
 from studies.documents import PAGES, REPOSITORY, Unfilled, filled
+
+DOCS = REPOSITORY / "docs"
+SHORT_PAGES = {
+    "results": 150,
+    "splat-net": 150,
+    "thirteen-classes": 150,
+    "trade": 200,
+    "studies": 200,
+}
+CAPTIONED = [
+    REPOSITORY / "README.md",
+    *(DOCS / f"{name}.md" for name in SHORT_PAGES),
+    *(DOCS / f"{name}.md" for name in ("reconstruction", "noise-floor", "claims", "latent")),
+    *(DOCS / f"{name}.md" for name in ("scene-economy", "real-clouds")),
+]
 
 VALUES = """\
 method,condition,class,metric,value,ci_low,ci_high
@@ -25,6 +42,12 @@ ssim,512,chair,splat,0.0099,-0.0112,0.033,tie
 ssim,1024,chair,splat,0.02,,,unknown
 lpips,2048,chair,splat,-0.0514,-0.0741,-0.0252,b
 """
+VERDICTS = """\
+metric,condition,class,method_b,ahead
+ssim,2048,all,splat,b
+ssim,512,all,splat,a
+ssim,512,chair,splat,tie
+"""
 COSTS = """\
 method,condition,cost_ms
 splat,2048,7.506
@@ -40,6 +63,8 @@ def numbers(tmp_path):
     (tmp_path / "values.csv").write_text(VALUES)
     (tmp_path / "frontier.csv").write_text(FRONTIER)
     (tmp_path / "differences.csv").write_text(DIFFERENCES)
+    (tmp_path / "verdicts.csv").write_text(VERDICTS)
+    (tmp_path / "opposite.csv").write_text(VERDICTS.replace(",b\n", ",a\n"))
     return tmp_path
 
 
@@ -52,34 +77,43 @@ def page(asked, old="what stood here\n"):
     [
         (
             "values.csv rows=method:splat columns=condition:512,2048 metric=ssim",
-            ["| ssim | 512 | 2048 |", "|---|---:|---:|", "| splat | .700 | .812 [.801, .823] |"],
+            [
+                "| ssim | 512 of 2,048 points | 2,048 points |",
+                "|---|---:|---:|",
+                "| splat | .700 | .812 [.801, .823] |",
+            ],
         ),
         (
             "values.csv rows=class:chair columns=metric:ssim,fd-views*condition:2048,512 "
             "method=splat intervals=no",
             [
-                "| class | ssim 2048 | ssim 512 | fd-views 2048 | fd-views 512 |",
+                "| class | ssim, 2,048 points | ssim, 512 of 2,048 points "
+                "| fd-views, 2,048 points | fd-views, 512 of 2,048 points |",
                 "|---|---:|---:|---:|---:|",
                 "| chair | .812 | .700 | 12.3 | - |",
             ],
         ),
         (
             "values.csv rows=method:splat columns=condition:2048,512 metric=fd-views show=ci_high",
-            ["| fd-views | 2048 | 512 |", "|---|---:|---:|", "| splat | 13.06 | - |"],
+            [
+                "| fd-views | 2,048 points | 512 of 2,048 points |",
+                "|---|---:|---:|",
+                "| splat | 13.06 | - |",
+            ],
         ),
         (
             "frontier.csv rows=method:splat,pc2pix columns=metric:ssim",
             [
                 "| method | ssim |",
                 "|---|---:|",
-                "| splat | *.600* [.500, .700] |",
-                "| pc2pix | **.800** [.700, .900] |",
+                "| splat | below white .600 [.500, .700] |",
+                "| pc2pix | frontier .800 [.700, .900] |",
             ],
         ),
         (
             "differences.csv rows=method_b:splat*metric:ssim columns=condition:2048,512,1024",
             [
-                "| method |  | 2048 | 512 | 1024 |",
+                "| method |  | 2,048 points | 512 of 2,048 points | 1,024 of 2,048 points |",
                 "|---|---|---:|---:|---:|",
                 "| splat | ssim | worse −.051 [−.074, −.025] | not decided +.010 [−.011, +.033] "
                 "| not decided +.020 |",
@@ -105,7 +139,32 @@ def page(asked, old="what stood here\n"):
         (
             # lines of two files that say the same are one
             "costs.csv,more-costs.csv rows=method:pc2pix columns=condition:2048 show=cost_ms",
-            ["| method | 2048 |", "|---|---:|", "| pc2pix | 21.3 |"],
+            ["| method | 2,048 points |", "|---|---:|", "| pc2pix | 21.3 |"],
+        ),
+        (
+            # of conditions as rows
+            "costs.csv rows=condition:2048 columns=method:splat,pc2pix show=cost_ms",
+            ["| condition | splat | pc2pix |", "|---|---:|---:|", "| 2,048 points | 7.5 | 21.3 |"],
+        ),
+        (
+            # the verdicts of another class, and none for what was not compared
+            "values.csv rows=method:splat columns=metric:ssim,fd-views*condition:2048,512 "
+            "class=chair intervals=no marks=verdicts.csv;class:all",
+            [
+                "| method | ssim, 2,048 points | ssim, 512 of 2,048 points "
+                "| fd-views, 2,048 points | fd-views, 512 of 2,048 points |",
+                "|---|---:|---:|---:|---:|",
+                "| splat | better .812 | worse .700 | 12.3 | - |",
+            ],
+        ),
+        (
+            "values.csv rows=method:splat columns=condition:2048,512 "
+            "metric=ssim class=chair intervals=no marks=verdicts.csv",
+            [
+                "| ssim | 2,048 points | 512 of 2,048 points |",
+                "|---|---:|---:|",
+                "| splat | .812 | not decided .700 |",
+            ],
         ),
     ],
 )
@@ -133,6 +192,13 @@ def test_tables_are_filled(numbers, asked, lines):
             "x.md:3: 2 lines with method splat, condition 2048",
         ),
         (
+            page(
+                "values.csv rows=method:splat columns=condition:2048 metric=ssim "
+                "marks=verdicts.csv,opposite.csv;class:all"
+            ),
+            "x.md:3: splat is better and worse; there has to be one",
+        ),
+        (
             page("rows=method:splat column=noise;values.csv;condition:1024"),
             "x.md:3: no line for the column 'noise'",
         ),
@@ -149,3 +215,52 @@ def test_pages_are_what_the_numbers_say(path):
     """Run python -m studies.documents where this fails."""
     text = path.read_text(encoding="utf-8")
     assert filled(text, str(path.relative_to(REPOSITORY))) == text
+
+
+def tables_without_caption(text: str) -> list[str]:
+    """Return the heads of tables with no sentence directly before or after them."""
+    text = re.sub(r"```.*?```", "", text, flags=re.S)
+    text = re.sub(r"<!--.*?-->\n", "\n", text, flags=re.S)
+    parts = re.split(r"\n\s*\n", text)
+    return [
+        part.partition("\n")[0]
+        for before, part, after in zip(["", *parts], parts, [*parts[1:], ""], strict=False)
+        if part.lstrip().startswith("|")
+        and not any(_is_sentence(beside.strip()) for beside in (before, after))
+    ]
+
+
+def _is_sentence(part: str) -> bool:
+    return part.endswith((".", ":")) and not part.startswith(("#", "|", "!", "```"))
+
+
+@pytest.mark.parametrize(
+    ("text", "heads"),
+    [
+        ("Means of ten chairs:\n\n| a |\n|---|\n| 1 |\n", []),
+        ("# A\n\n<!-- numbers: x -->\n| a |\n|---|\n<!-- end -->\n\nMeans of ten chairs.\n", []),
+        ("![Figure.](x.png)\n\n| a |\n|---|\n\n## B\n", ["| a |"]),
+        ("Means:\n\n| a |\n|---|\n\n| b |\n|---|\n", ["| b |"]),
+        ("```\n| a |\n```\n", []),
+    ],
+)
+def test_a_table_without_a_caption_is_noticed(text, heads):
+    assert tables_without_caption(text) == heads
+
+
+@pytest.mark.parametrize("path", CAPTIONED, ids=lambda path: path.stem)
+def test_tables_have_captions(path):
+    assert tables_without_caption(path.read_text(encoding="utf-8")) == []
+
+
+@pytest.mark.parametrize(("name", "most"), SHORT_PAGES.items())
+def test_pages_of_results_are_short(name, most):
+    """Values belong into results/docs, with a link to the file."""
+    text = (DOCS / f"{name}.md").read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= most
+    assert (
+        re.findall(
+            r"\[[^\]]*,[^\]]*\]", re.sub(r"\]\([^)]*\)|```.*?```|`[^`]*`", "", text, flags=re.S)
+        )
+        == []
+    )
