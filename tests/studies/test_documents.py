@@ -5,10 +5,12 @@ from __future__ import annotations
 import re
 
 import pytest
+from PIL import Image
 
 from studies.documents import PAGES, REPOSITORY, Unfilled, filled
 
 DOCS = REPOSITORY / "docs"
+WIDEST = 1660  # pixels: twice the column of GitHub
 SHORT_PAGES = {
     "results": 150,
     "splat-net": 150,
@@ -251,6 +253,15 @@ def test_a_table_without_a_caption_is_noticed(text, heads):
 @pytest.mark.parametrize("path", CAPTIONED, ids=lambda path: path.stem)
 def test_tables_have_captions(path):
     assert tables_without_caption(path.read_text(encoding="utf-8")) == []
+
+
+@pytest.mark.parametrize("path", CAPTIONED, ids=lambda path: path.stem)
+def test_images_of_results_fit_a_page(path):
+    shown = re.findall(r"!\[[^\]]*\]\(([^)]+\.png)\)", path.read_text(encoding="utf-8"))
+    for name in shown:
+        with Image.open(path.parent / name) as image:
+            assert 800 <= image.width <= WIDEST, name
+            assert image.height <= 1000, name
 
 
 @pytest.mark.parametrize(("name", "most"), SHORT_PAGES.items())
