@@ -48,6 +48,12 @@ def test_a_smooth_sphere_has_less_than_the_sag_of_a_patch() -> None:
     assert 0 < noise_scale(lattice_sphere()) < sag
 
 
+def test_a_patch_is_at_most_an_eighth_of_the_cloud() -> None:
+    """Noise of 0.15 needs patches of 192 points, which count from 1,536 on: 96 see too little."""
+    few, enough = (noise_scale(lifted(square(count), 0.15)) for count in (1535, 1536))
+    assert few < 0.8 * 0.15 < enough
+
+
 def test_a_plate_is_no_noise() -> None:
     """Two sides 0.06 apart, whose heights have a deviation of 0.03, which a plane's residual is."""
     plate = square()

@@ -18,6 +18,7 @@ import pytest
 
 from bench.catalogue.suites import Limits
 from bench.running.isolation import TaskPool, WorkerFailure, run_tasks
+from bench.running.worker_process import watched_memory
 
 pytestmark = pytest.mark.timing
 
@@ -124,6 +125,26 @@ def test_workers_that_cannot_begin_are_given_up():
         pool.submit(1)
         with pytest.raises(BrokenProcessPool, match=lost):
             list(pool.wait_any())
+
+
+KEEPER = "import subprocess, sys; subprocess.run([sys.executable, '-c', sys.argv[1]])"
+HELD_OPEN = "import sys; held = bytearray({}); print('held', flush=True); sys.stdin.read()"
+
+
+def keeper_of(bytes_held: int) -> subprocess.Popen[bytes]:
+    """Start a process whose only child holds so much until stdin ends."""
+    command = [sys.executable, "-c", KEEPER, HELD_OPEN.format(bytes_held)]
+    return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+
+
+def test_the_watch_kills_the_worker_that_outgrows_the_limit_and_no_other() -> None:
+    with keeper_of(2**27) as large, keeper_of(1) as small:
+        for keeper in (large, small):
+            assert keeper.stdout.readline() == b"held\n"
+        with watched_memory(lambda: [large.pid, small.pid], limit_gib=1 / 16) as killed:
+            assert large.wait(timeout=30) == 0  # a keeper ends with its worker
+        assert killed == {large.pid}
+        assert small.poll() is None
 
 
 def tell_pid(task):

@@ -1,0 +1,24 @@
+from __future__ import annotations
+
+import pytest
+import torch
+
+from bench.running.options import Options, refuse_absent_gpu
+from data_prep.failures import BadInput
+
+
+def refuses(**options) -> bool:
+    try:
+        refuse_absent_gpu(Options("chair-robustness", **options))
+    except BadInput:
+        return True
+    return False
+
+
+def test_only_the_machine_that_draws_needs_the_gpu() -> None:
+    if torch.cuda.is_available():
+        pytest.skip("needs a machine without a GPU")
+    assert refuses(device="cuda")
+    assert refuses(device="cuda", ray="local")
+    assert not refuses(device="cuda", ray="10.0.0.1:6379")  # a cluster's nodes have GPUs of theirs
+    assert not refuses(device="auto")
