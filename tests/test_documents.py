@@ -30,13 +30,14 @@ from data_prep.files.clouds import load_points
 from data_prep.randomness import generator
 from data_prep.scene import PointCloud
 from tests.test_shown_commands import BLOCK, shown, typed
+from tests.test_shown_commands import PAGES as COMPARED
 
 REPOSITORY = Path(__file__).parents[1]
 DOCS = REPOSITORY / "docs"
 README, TUTORIAL = REPOSITORY / "README.md", DOCS / "quickstart.md"
-EXTENDING = DOCS / "extending.md"
+EXTENDING, HISTORY = DOCS / "extending.md", REPOSITORY / "CHANGELOG.md"
 PAGES = [
-    *(README, REPOSITORY / "CONTRIBUTING.md", REPOSITORY / "CHANGELOG.md"),
+    *(README, REPOSITORY / "CONTRIBUTING.md", HISTORY),
     *sorted(DOCS.glob("*.md")),
     *sorted((REPOSITORY / "pc2pix" / "weights").glob("*.md")),
     *sorted((REPOSITORY / "baselines" / "splat_net" / "weights").glob("*.md")),
@@ -52,6 +53,27 @@ DIRECTIVE = re.compile(r"^\s*:::|\{[\w:-]+\}$")  # the latter before `code`: a r
 
 def blocks(page: Path, language: str) -> list[str]:
     return [text for kind, text in BLOCK.findall(page.read_text()) if kind == language]
+
+
+# What begins a line of a block: a command, a comment, lines left out, or a line that goes on.
+COMMAND = re.compile(r"(bench|make|pip|python|ray|torchrun|\.) |#|…|$| ")
+MODULE = re.compile(r"python -m ((?:studies|tests|bench)\.[\w.]+\w)")
+
+
+@pytest.mark.parametrize("page", [README, *sorted(DOCS.glob("*.md"))], ids=lambda page: page.stem)
+def test_what_commands_print_is_compared(page):
+    """A block without a language has commands only, and a `text` block is an output."""
+    lines = "".join(blocks(page, "")).splitlines()
+    assert [line for line in lines if not COMMAND.match(line)] == []
+    assert page in COMPARED or blocks(page, "text") == []
+
+
+@pytest.mark.parametrize("page", sorted({*PAGES} - {HISTORY}), ids=lambda page: page.stem)
+def test_modules_that_a_page_runs_exist_or_have_their_commit(page):
+    for paragraph in page.read_text().split("\n\n"):
+        for name in MODULE.findall(paragraph):
+            exists = (REPOSITORY / name.replace(".", "/")).with_suffix(".py").exists()
+            assert exists or re.search("ommit [0-9a-f]{7}", paragraph), name
 
 
 def parse(arguments: list[str]) -> None:

@@ -113,14 +113,14 @@ def test_they_run(tmp_path, monkeypatch):
     Path("examples").mkdir()
     for copy in ("examples/chair.ply", "stool.ply"):
         Path(copy).write_bytes((REPOSITORY / "examples" / "chair.ply").read_bytes())
-    Path("meshes").mkdir()
+    Path("meshes/chair").mkdir(parents=True)
     for index, shape in enumerate(open_dataset("procedural").objects("chair", 2, 2)):
         mesh = shape.load()
         lines = [
             *(f"v {x} {y} {z}" for x, y, z in mesh.vertices.tolist()),
             *(f"f {a + 1} {b + 1} {c + 1}" for a, b, c in mesh.faces.tolist()),
         ]
-        Path(f"meshes/{index}.obj").write_text("\n".join(lines))
+        Path(f"meshes/chair/{index}.obj").write_text("\n".join(lines))
     for number in (1, 2):
         part = f"run --suite chair-robustness {SMALL} --shard {number}/2 --out part-{number}"
         assert run(part.split())[0] == 0
