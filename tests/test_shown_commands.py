@@ -70,7 +70,7 @@ def shown(page: Path) -> list[str]:
 
 
 def commands_of(block: str) -> list[str]:
-    lines = re.findall("^bench (.*)$", block, re.MULTILINE)
+    lines = re.findall("^bench (.*)$", re.sub(r" *\\\n *", " ", block), re.MULTILINE)
     return [re.split(r" {2,}", line)[0] for line in lines if not line.startswith("COMMAND")]
 
 
