@@ -20,7 +20,7 @@ from data_prep.files.atomic_write import write_whole
 REPOSITORY = Path(__file__).parents[1]
 PAGE = REPOSITORY / "docs" / "api.md"
 ENTRY = re.compile(r"^### `([\w.]+)`\n(?:(?!#).*\n)*", re.MULTILINE)
-WIDTH = 100
+WIDTH = 90
 KEPT_SPACE = "\0"
 
 
