@@ -2,7 +2,7 @@
 #
 #   make test-all                      the slow tests too
 #   make docs                         docs/ as a site, in build/docs
-#   make bench ARGS="--limit 8"        further options for `bench run`
+#   make bench ARGS="--limit 12"       further options for `bench run`
 #   make bench PIP_ARGS="..."          further options for pip, an index of CPU-only torch say
 
 PYTHON ?= python3

@@ -39,7 +39,7 @@ class NormConv1d(nn.Module):
 
 
 class Encoder(nn.Module):
-    """The paper's encoder: wide dilated 1-D convolutions with skip connections (section 3.1).
+    """The paper's encoder: wide dilated 1-D convolutions with skip connections.
 
     The convolutions run along the *order* of the points: shuffling the rows of a cloud changes its
     code, as in the original.

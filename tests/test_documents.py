@@ -1,9 +1,13 @@
-"""README, the tutorial and the pages on extending: their commands, examples and links."""
+"""Pages as GitHub renders them; commands and examples of README, tutorial and extending.md."""
 
 from __future__ import annotations
 
 import re
+import runpy
 import sys
+from collections import Counter
+from collections.abc import Iterator
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -11,8 +15,11 @@ from typing import Any
 import numpy as np
 import pytest
 import typer
+from markdown_it import MarkdownIt
+from markdown_it.token import Token
 from typer.core import TyperGroup
 
+from bench.analysis.paired import fewest_objects
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import find_method
 from bench.catalogue.suites import SUITES
@@ -23,25 +30,50 @@ from data_prep.files.clouds import load_points
 from data_prep.randomness import generator
 from data_prep.scene import PointCloud
 from tests.test_shown_commands import BLOCK, shown, typed
+from tests.test_shown_commands import PAGES as COMPARED
 
 REPOSITORY = Path(__file__).parents[1]
 DOCS = REPOSITORY / "docs"
 README, TUTORIAL = REPOSITORY / "README.md", DOCS / "quickstart.md"
+EXTENDING, HISTORY = DOCS / "extending.md", REPOSITORY / "CHANGELOG.md"
 PAGES = [
-    *(README, REPOSITORY / "CONTRIBUTING.md", REPOSITORY / "CHANGELOG.md"),
+    *(README, REPOSITORY / "CONTRIBUTING.md", HISTORY),
     *sorted(DOCS.glob("*.md")),
     *sorted((REPOSITORY / "pc2pix" / "weights").glob("*.md")),
     *sorted((REPOSITORY / "baselines" / "splat_net" / "weights").glob("*.md")),
 ]
 COMMANDS = [  # of whole pages, then of those on parts that the reader writes
     pytest.param(command, page in (README, TUTORIAL), id=f"{page.stem}-{i}")
-    for page in (README, TUTORIAL, *sorted(DOCS.glob("adding-*.md")))
+    for page in (README, TUTORIAL, EXTENDING)
     for i, command in enumerate(map(typed, shown(page)))
 ]
+GITHUB = MarkdownIt("gfm-like", {"linkify": False})
+DIRECTIVE = re.compile(r"^\s*:::|\{[\w:-]+\}$")  # the latter before `code`: a role
 
 
 def blocks(page: Path, language: str) -> list[str]:
     return [text for kind, text in BLOCK.findall(page.read_text()) if kind == language]
+
+
+# What begins a line of a block: a command, a comment, lines left out, or a line that goes on.
+COMMAND = re.compile(r"(bench|make|pip|python|ray|torchrun|\.) |#|…|$| ")
+MODULE = re.compile(r"python -m ((?:studies|tests|bench)\.[\w.]+\w)")
+
+
+@pytest.mark.parametrize("page", [README, *sorted(DOCS.glob("*.md"))], ids=lambda page: page.stem)
+def test_what_commands_print_is_compared(page):
+    """A block without a language has commands only, and a `text` block is an output."""
+    lines = "".join(blocks(page, "")).splitlines()
+    assert [line for line in lines if not COMMAND.match(line)] == []
+    assert page in COMPARED or blocks(page, "text") == []
+
+
+@pytest.mark.parametrize("page", sorted({*PAGES} - {HISTORY}), ids=lambda page: page.stem)
+def test_modules_that_a_page_runs_exist_or_have_their_commit(page):
+    for paragraph in page.read_text().split("\n\n"):
+        for name in MODULE.findall(paragraph):
+            exists = (REPOSITORY / name.replace(".", "/")).with_suffix(".py").exists()
+            assert exists or re.search("ommit [0-9a-f]{7}", paragraph), name
 
 
 def parse(arguments: list[str]) -> None:
@@ -55,27 +87,85 @@ def parse(arguments: list[str]) -> None:
     command.make_context(name, rest)
 
 
+@cache
+def rendered(page: Path) -> tuple[Token, ...]:
+    """Return the tokens of a page, with those inside of paragraphs after their paragraph."""
+    tokens = GITHUB.parse(page.read_text(encoding="utf-8"))
+    return tuple(t for token in tokens for t in (token, *(token.children or ())))
+
+
+def text_of(token: Token) -> str:
+    return "".join(child.content for child in token.children or ())
+
+
+@cache
+def anchors(page: Path) -> frozenset[str]:
+    """Return the anchors of the headings of a page, as GitHub and MyST make them."""
+    tokens = rendered(page)
+    titles = [text_of(b) for a, b in pairwise(tokens) if a.type == "heading_open"]
+    seen: Counter[str] = Counter()
+    names = []
+    for title in titles:
+        slug = re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-")
+        names.append(f"{slug}-{seen[slug]}" if seen[slug] else slug)
+        seen[slug] += 1
+    return frozenset(names)
+
+
+def targets(page: Path) -> Iterator[str]:
+    for token in rendered(page):
+        target = token.attrs.get("href") or token.attrs.get("src")
+        if target:
+            yield str(target)
+
+
+def dead_links(page: Path) -> list[str]:
+    """Return the links and images of a page that lead to no file or to no heading of it."""
+    dead = []
+    for target in targets(page):
+        name, _, anchor = target.partition("#")
+        place = page if not name else page.parent / name
+        if target.startswith(("http://", "https://")):
+            continue
+        if not place.exists() or (anchor and anchor not in anchors(place.resolve())):
+            dead.append(target)
+    return dead
+
+
+def directives(page: Path) -> list[str]:
+    """Return the directives and roles of Sphinx on a page, which GitHub shows as they stand."""
+    return [
+        token.info or token.content
+        for token in rendered(page)
+        if (token.type == "fence" and token.info.startswith("{"))
+        or (token.type == "text" and DIRECTIVE.search(token.content))
+    ]
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_links_lead_somewhere(page):
-    text = BLOCK.sub("", page.read_text())
-    for target in re.findall(r"\]\(([^)\s]+)\)", text):
-        if not target.startswith("http"):
-            name, _, anchor = target.partition("#")
-            place = page if not name else page.parent / name
-            assert place.exists(), target
-            if anchor:
-                titles = re.findall(r"^#+ (.*)$", place.read_text(), re.MULTILINE)
-                assert anchor in {slug(title) for title in titles}, target
+    assert dead_links(page) == []
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_pages_hold_no_directives_which_github_would_show(page):
-    assert re.findall(r"^(?:```|:::)\{.*", page.read_text(), re.MULTILINE) == []
+    assert directives(page) == []
 
 
-def slug(title: str) -> str:
-    """As GitHub and MyST make the anchor of a heading."""
-    return re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-")
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_images_say_what_they_show(page):
+    images = [token for token in rendered(page) if token.type == "image"]
+    assert [token.attrs["src"] for token in images if not text_of(token)] == []
+
+
+def test_what_github_would_show_is_found(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text(
+        "# A `b` c\n\n# A b c\n\n[1](#a-b-c) [2](#a-b-c-1) [3](#gone) [4](gone.md) [5](page.md#a)\n"
+        "\n```{eval-rst}\n.. autofunction:: f\n```\n\n:::{note}\n\nSee {ref}`x`, `{ref}` and {x}.\n"
+    )
+    assert dead_links(page) == ["#gone", "gone.md", "page.md#a"]
+    assert directives(page) == ["{eval-rst}", ":::{note}", "See {ref}"]
 
 
 @pytest.mark.parametrize(("command", "known"), COMMANDS)
@@ -112,17 +202,34 @@ def test_the_sample_cloud_is_made_as_its_page_says(tmp_path, monkeypatch):
     np.testing.assert_allclose(load_points(Path("chair.ply")), sample, atol=1e-6)
 
 
-def example(page: str) -> dict[str, object]:
-    """What the Python block of a page defines."""
-    (code,) = blocks(DOCS / page, "python")
+def test_the_page_shows_parts_of_the_examples():
+    files = "".join(path.read_text() for path in (REPOSITORY / "examples").rglob("*.py"))
+    shown_parts = [
+        code for code in blocks(EXTENDING, "python") if "METRIC" in code or "Hull" in code
+    ]
+    assert len(shown_parts) == 2
+    for code in shown_parts:
+        assert code in files
+
+
+def test_the_number_of_objects_that_the_page_recommends_decides():
+    page = EXTENDING.read_text()
+    assert "--limit 12\n" in page
+    assert "Twelve objects can decide up to 66 comparisons" in page
+    assert fewest_objects(66) == 12 < fewest_objects(132)
+
+
+def example(name: str) -> Any:
+    """Return what the one Python block of docs/extending.md that defines a name gives it."""
+    (code,) = (code for code in blocks(EXTENDING, "python") if f"\n{name} = " in code)
     names: dict[str, object] = {"__name__": "example"}
-    exec(compile(code, page, "exec"), names)
-    return names
+    exec(compile(code, EXTENDING.name, "exec"), names)
+    return names[name]
 
 
-def test_the_condition_of_its_page(monkeypatch):
+def test_the_condition_of_its_section(monkeypatch):
     monkeypatch.setitem(sys.modules, "example", sys)
-    condition = example("adding-a-condition.md")["CONDITION"]
+    condition = example("CONDITION")
     points = np.array([[0.074, -0.02, 0.51], [0.026, 0, 1]], np.float32)
     made = condition.perturbation.apply(PointCloud(points), generator(0))
     assert made.points.dtype == np.float32
@@ -131,20 +238,19 @@ def test_the_condition_of_its_page(monkeypatch):
     assert condition.id not in {known.id for known in CONDITIONS}
 
 
-def test_the_suite_of_its_page():
-    suite = example("adding-a-suite.md")["SUITE"]
+def test_the_suite_of_its_section():
+    suite = example("SUITE")
     assert suite.id not in {known.id for known in SUITES}
     for method in suite.methods:
         find_method(method)
     for condition in suite.conditions:
         find(condition, CONDITIONS, "condition")
-    page = (DOCS / "adding-a-suite.md").read_text()
-    for field in SUITES[0].__dataclass_fields__.keys() - {"id", "about"}:
-        assert f"`{field}`" in page
+    for table in suite.tables:
+        assert "Table" not in table.title  # of the paper
 
 
-def test_the_dataset_of_its_page(tmp_path):
-    read = example("adding-a-dataset.md")["DATASET"].read
+def test_the_dataset_of_the_examples(tmp_path):
+    read = runpy.run_path(str(REPOSITORY / "examples/dataset/list_dataset.py"))["DATASET"].read
     (tmp_path / "objects.csv").write_text("train,chair,a.obj\ntest,chair,b.obj\ntest,lamp,c.obj\n")
     dataset = read("list:here", tmp_path)
     assert isinstance(dataset, Dataset)

@@ -1,4 +1,4 @@
-"""The packages of the pages on adding a method and a metric: installed and found by commands."""
+"""The packages in examples/, which docs/extending.md explains: installed and found by commands."""
 
 from __future__ import annotations
 
@@ -23,13 +23,7 @@ pytestmark = pytest.mark.slow
 
 REPOSITORY = Path(__file__).parent.parent
 EXAMPLES = REPOSITORY / "examples"
-FILES = {
-    "method": ("pyproject.toml", "convex_hull.py"),
-    "metric": ("pyproject.toml", "pixel_error.py"),
-    "extractor": ("pyproject.toml", "edges.py"),
-    "dataset": ("pyproject.toml", "list_dataset.py"),
-}
-PAGES = {"extractor": "metric"}
+NAMES = ("method", "metric", "extractor", "dataset")
 CORNERS = np.array(np.meshgrid(*[[-0.5, 0.5]] * 3), np.float32).reshape(3, -1).T
 
 
@@ -38,7 +32,7 @@ def bench(tmp_path_factory):
     """The command line where both packages are installed."""
     folder = tmp_path_factory.mktemp("packages")
     # Copied: a build leaves files beside its source.
-    sources = [shutil.copytree(EXAMPLES / name, folder / name) for name in FILES]
+    sources = [shutil.copytree(EXAMPLES / name, folder / name) for name in NAMES]
     pip = (sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check")
     offline = ("--no-index", "--no-deps", "--no-build-isolation")
     subprocess.run([*pip, *offline, "--target", folder / "site", *sources], check=True)
@@ -63,13 +57,6 @@ def run_folder(bench, tmp_path_factory):
     done = bench("run", "--suite", "chair-robustness", *chosen, *small)
     assert done.returncode == 0, done.stderr
     return out
-
-
-@pytest.mark.parametrize("name", FILES)
-def test_the_page_shows_them(name):
-    page = (REPOSITORY / "docs" / f"adding-a-{PAGES.get(name, name)}.md").read_text()
-    for language, file in zip(("toml", "python"), FILES[name], strict=True):
-        assert f"```{language}\n{(EXAMPLES / name / file).read_text()}```" in page
 
 
 def test_they_are_listed(bench):

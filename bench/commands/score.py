@@ -182,6 +182,6 @@ def score_run(
     """Measure a finished run with metrics of other packages; print their tables."""
     chosen = names(metrics) or metric_ids()
     if not chosen:
-        raise BadInput("no installed package adds a metric; see docs/adding-a-metric.md")
+        raise BadInput("no installed package adds a metric; see docs/extending.md")
     for table in score(directory, [find_metric(metric_id) for metric_id in chosen]):
         print(table.to_markdown())

@@ -15,7 +15,7 @@ PLACED = Orientation("+Z", "-Y", "the description of the data")
 
 
 def read(spec, root):
-    """All objects of the list. Raises BadInput for a list that is missing, empty or malformed."""
+    """Return the objects of the list. Raises BadInput for one that is missing or malformed."""
     listing = DatasetListing()
     rows = csv.reader(read_text(root / LIST, 4 * MIB).splitlines())
     for number, row in enumerate(rows, 1):

@@ -1,4 +1,4 @@
-"""Distances for pc2pix-bench by where an image has edges: no network, but any would do."""
+"""Distances for pc2pix-bench on the edges of an image, in place of features of a network."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ CELLS = 8  # a side
 
 
 def edges(images):
-    """Mean step of grey levels in 8 x 8 parts of images uint8 [V, H, W, 3]: float64 [V, 64]."""
+    """Return mean steps of grey levels, float64 [V, 64], in 8 x 8 parts of uint8 [V, H, W, 3]."""
     grey = images.mean(axis=3) / 255
     steps = np.abs(np.diff(grey, axis=1, append=1.0)) + np.abs(np.diff(grey, axis=2, append=1.0))
     count, height, width = steps.shape

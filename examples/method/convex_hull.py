@@ -9,10 +9,10 @@ from data_prep.failures import StageFailure
 
 
 class Hull:
-    """Heavy packages are imported where they are needed: `bench list` looks at this module, too."""
+    """A renderer. Its functions import heavy packages, because `bench list` imports this module."""
 
     def prepare(self, cloud, rng):
-        """Once a cloud: its points are float32 [N, 3], in the unit sphere."""
+        """Return the state of one cloud, whose points are float32 [N, 3] in the unit sphere."""
         from scipy.spatial import ConvexHull, QhullError
 
         from data_prep.scene import Mesh
@@ -24,7 +24,7 @@ class Hull:
         return Mesh(cloud.points, faces, np.full((len(faces), 3), 160))
 
     def draw(self, state, views, rng):
-        """Once a set of views: float32 [V, 128, 128, 3] in [0, 1]."""
+        """Return the images of a set of views, float32 [V, 128, 128, 3] in [0, 1]."""
         from data_prep.rendering.images import to_float
         from data_prep.rendering.opengl import render
 
@@ -34,7 +34,7 @@ class Hull:
 METHOD = Method(
     "convex-hull",
     load=lambda device: Hull(),
-    identity=lambda: f"scipy {version('scipy')}",  # what else its pictures depend on
-    version=1,  # raised when a change here alters its pictures
+    identity=lambda: f"scipy {version('scipy')}",  # what else its images depend on
+    version=1,  # raised when a change here alters its images
     source="the smallest convex shape around the points",
 )

@@ -1,4 +1,4 @@
-"""A metric for pc2pix-bench: how far pixels are off."""
+"""A metric for pc2pix-bench: the mean difference of pixels."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from bench.catalogue.plugins import ImageMetric
 
 
 def pixel_error(truth, drawn):
-    """Mean absolute difference in grey levels, [V], of pictures uint8 [V, 128, 128, 3]."""
+    """Return the mean absolute difference in grey levels, [V], of images uint8 [V, 128, 128, 3]."""
     return np.abs(truth.astype(np.float64) - drawn).mean(axis=(1, 2, 3))
 
 

@@ -159,4 +159,4 @@ def test_without_other_packages_there_are_ours_only(no_stranger, command, tmp_pa
         find_metric("ssim")
     status, out, err = command("score", tmp_path)
     assert (status, out) == (2, "")
-    assert err == "bench: no installed package adds a metric; see docs/adding-a-metric.md\n"
+    assert err == "bench: no installed package adds a metric; see docs/extending.md\n"

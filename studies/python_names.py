@@ -1,0 +1,89 @@
+"""Signatures of the public Python names, written into docs/api.md.
+
+    python -m studies.python_names
+
+A heading of the page is a name; the signature and the first sentence of its docstring below it are
+written anew.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+import textwrap
+from pathlib import Path
+from pkgutil import resolve_name
+from typing import Any
+
+from data_prep.files.atomic_write import write_whole
+
+REPOSITORY = Path(__file__).parents[1]
+PAGE = REPOSITORY / "docs" / "api.md"
+ENTRY = re.compile(r"^### `([\w.]+)`\n(?:(?!#).*\n)*", re.MULTILINE)
+WIDTH = 90
+KEPT_SPACE = "\0"
+
+
+class Unquoted(str):
+    """An annotation that a signature shows without quotation marks."""
+
+    __slots__ = ()
+
+    def __repr__(self) -> str:
+        """Return the text itself."""
+        return str(self)
+
+
+def unquoted(annotation: Any) -> Any:
+    """Return an annotation without quotation marks where it is a string."""
+    return Unquoted(annotation) if isinstance(annotation, str) else annotation
+
+
+def call(name: str, function: Any, is_class: bool = False) -> str:
+    """Return a name with its parameters, wrapped; of a class without what it returns."""
+    signature = inspect.signature(function)
+    parameters = [
+        p.replace(annotation=unquoted(p.annotation))
+        for p in signature.parameters.values()
+        if p.name != "self"
+    ]
+    returned = signature.empty if is_class else unquoted(signature.return_annotation)
+    text = name + str(signature.replace(parameters=parameters, return_annotation=returned))
+    # Lines break between parameters, not inside of one.
+    whole = re.sub(r"(?<!,) (?!->)", KEPT_SPACE, text)
+    lines = textwrap.wrap(whole, WIDTH, subsequent_indent="    ", break_on_hyphens=False)
+    return "\n".join(lines).replace(KEPT_SPACE, " ")
+
+
+def class_lines(name: str, cls: type) -> list[str]:
+    """Return the constructor of a class, or its base where it has none, and its public methods."""
+    if issubclass(cls, Exception) and "__init__" not in vars(cls):
+        lines = [f"class {name}({cls.__bases__[0].__name__})"]
+    elif getattr(cls, "_is_protocol", False):
+        lines = [f"class {name}(Protocol)"]
+    else:
+        lines = [call(name, cls, is_class=True)]
+    methods = {key: value for key, value in vars(cls).items() if inspect.isfunction(value)}
+    return lines + [
+        call(f"{name}.{key}", method) for key, method in methods.items() if not key.startswith("_")
+    ]
+
+
+def entry(path: str) -> str:
+    """Return the section of one public name: heading, signature, sentence and source file."""
+    thing = resolve_name(path)
+    name = path.rpartition(".")[2]
+    lines = class_lines(name, thing) if inspect.isclass(thing) else [call(name, thing)]
+    sentence = (inspect.getdoc(thing) or "").splitlines()[0]
+    source = Path(inspect.getfile(thing)).relative_to(REPOSITORY)
+    code = "\n".join(["```python", *lines, "```"])
+    return f"### `{path}`\n\n{code}\n\n{sentence} ([source](../{source}))\n\n"
+
+
+def filled(text: str) -> str:
+    """Return a page with the section below each heading of a name written anew."""
+    return ENTRY.sub(lambda match: entry(match[1]), text).rstrip("\n") + "\n"
+
+
+if __name__ == "__main__":
+    write_whole(PAGE, filled(PAGE.read_text(encoding="utf-8")).encode())
