@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_prep.files.cloud_contents import (
+    CHANNELS,
     COLOURS,
     CloudContents,
     NotACloud,
@@ -75,7 +76,8 @@ def read_ply(data: bytes, with_colors: bool = False) -> CloudContents:
     if with_colors:
         columns += colours
     faces = sum(element.count for element in elements if element.name == "face")
-    unused = (*((COLOURS,) if colours else ()), *((f"its {faces} faces",) if faces else ()))
+    any_red = set(CHANNELS[0]) & set(properties)
+    unused = (*((COLOURS,) if any_red else ()), *((f"its {faces} faces",) if faces else ()))
     lines = None
     if byte_order:
         table = _binary_vertices(data, header.end(), byte_order, before, vertex, columns)

@@ -355,8 +355,7 @@ def test_what_cannot_be_used_is_the_users_to_fix(refused, plugins, cloud, tmp_pa
 def test_files_that_are_no_clouds(refused, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name, problem in (
-        (".", ".: a folder; give a file"),
-        (tmp_path, f"{tmp_path}: a folder; give a file"),
+        (".", ".: a folder; give a folder for the images, -o FOLDER"),
         ("gone.ply", "gone.ply: no such file; check its name"),
         ("gone/gone.ply", "gone/gone.ply: no such file; check its name"),
         ("points.obj", "points.obj: .obj is not supported as a point cloud; use one of .ply, .npy"),
