@@ -106,7 +106,9 @@ class CloudFile:
             kept = kept[np.sort(chosen)]
         cloud = self._scaled(points[kept])
         if self.up_unknown and (self.path.suffix.lower() in Z_UP or looks_lying(cloud)):
-            notes.append(f"{self.path}: it looks as if z were up; --up z, or --up y if it is not")
+            notes.append(
+                f"{self.path}: its z axis seems to point up; give --up z, or --up y if it does not"
+            )
         colors = None if contents.colors is None else contents.colors[kept]
         return LoadedCloud(cloud, colors, tuple(notes))
 

@@ -38,8 +38,8 @@ def check_opacity(path: Path) -> None:
     """Raise BadInput for the name of a file whose format has no opacity of its pixels."""
     if path.suffix.lower() not in (STILL, *MOVING) or path.suffix.lower() == ".gif":
         raise BadInput(
-            f"{path}: a {path.suffix[1:].upper()} has no transparent pixels like these; give a "
-            "name that ends in .png, .apng or .webp"
+            f"{path}: a {path.suffix[1:].upper()} has no opacity of its pixels; give a name that "
+            "ends in .png, .apng or .webp"
         )
 
 
