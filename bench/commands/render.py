@@ -137,8 +137,8 @@ def _joined(notes: Mapping[Path, Notes]) -> Notes:
         for line in lines:
             clouds.setdefault(line.removeprefix(f"{cloud}: "), []).append(cloud)
     return tuple(
-        f"{paths[0]}" + (f" and {len(paths) - 1} more" if len(paths) > 1 else "") + f": {text}"
-        for text, paths in clouds.items()
+        f"{first} and {len(others)} more: {text}" if others else f"{first}: {text}"
+        for text, (first, *others) in clouds.items()
     )
 
 
@@ -176,15 +176,11 @@ def _finished(drawn: Mapping[Wanted, Drawn], options: RenderOptions) -> NDArray[
         if options.background == "transparent":
             return without_background(images, size)
         return images if size == IMAGE_SIZE else resized(images, size)
-    tiles = [
-        Tile(
-            visible(drawing.method) if isinstance(drawing, Drawing) else CLOUD,
-            images
-            if isinstance(images, np.ndarray)
-            else visible(str(getattr(images, "reason", images))),
-        )
-        for drawing, images in drawn.items()
-    ]
+    tiles = []
+    for drawing, images in drawn.items():
+        assert not isinstance(images, BadInput)
+        label = visible(drawing.method) if isinstance(drawing, Drawing) else CLOUD
+        tiles.append(Tile(label, visible(images.reason) if isinstance(images, Failed) else images))
     return draw_sheet(tiles, columns_of(len(tiles)), SHEET_SCALE)
 
 

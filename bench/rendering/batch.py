@@ -50,22 +50,24 @@ def images_of_clouds(paths: Sequence[Path], folder: Path) -> Mapping[Path, Path]
     images: dict[Path, Path] = {}
     clouds: dict[Path, Path] = {}
     for path in paths:
+        root = path if path.is_dir() else path.parent
         if path.is_dir():
-            below = files_below(path, CLOUD_SUFFIXES)
-            if not below:
-                raise BadInput(f"{path}: no clouds in this folder ({', '.join(CLOUD_SUFFIXES)})")
+            named = files_below(path, CLOUD_SUFFIXES)
+            if not named:
+                kinds = ", ".join(CLOUD_SUFFIXES)
+                raise BadInput(f"{path}: no clouds in this folder; give one with {kinds}")
         else:
             _check_file(path)
-            below = (path,)
-        for cloud in below:
-            within = cloud.relative_to(path if path.is_dir() else cloud.parent)
-            image = folder / within.with_suffix(STILL)
+            named = (path,)
+        for cloud in named:
+            if cloud in images:  # named twice
+                continue
+            image = images[cloud] = folder / cloud.relative_to(root).with_suffix(STILL)
             if clouds.setdefault(image, cloud) != cloud:
                 raise BadInput(
                     f"{clouds[image]} and {cloud} would both be drawn as {image}; rename one, or "
                     "draw them into two folders"
                 )
-            images[cloud] = image
     return images
 
 

@@ -35,7 +35,9 @@ def test_an_image_of_each_cloud_of_a_folder_and_of_further_files(
 ):
     further, out = tmp_path / "b.xyz", tmp_path / "images"
     further.write_text("0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 1 1\n")
-    done = command("render", clouds, further, further, "--method", "fake-healthy", "-o", out)
+    done = command(
+        "render", clouds, clouds / "more", further, further, "--method", "fake-healthy", "-o", out
+    )
     images = [out / "a.png", out / "more" / "a.png", out / "b.png"]
     assert done[:2] == (0, "".join(f"{image}\n" for image in images))
     assert [points_told(image) for image in images] == [3, 4, 5]
@@ -121,7 +123,7 @@ def test_what_cannot_be_drawn_into_a_folder_is_refused_before_anything_is_drawn(
         ((clouds, other, "-o", out), both),
         ((cloud, tmp_path / "gone.ply", "-o", out), f"{tmp_path}/gone.ply: no such file; check"),
         ((cloud, tmp_path / "a.obj", "-o", out), f"{tmp_path}/a.obj: .obj is not supported as a "),
-        ((nothing, "-o", out), f"{nothing}: no clouds in this folder (.ply, .npy, "),
+        ((nothing, "-o", out), f"{nothing}: no clouds in this folder; give one with .ply, "),
         ((cloud, other), f"{cloud}: one of several clouds; give a folder for the images, -o "),
         ((clouds, "-o", tmp_path / "x.gif"), f"{tmp_path}/x.gif: one name for several clouds; "),
         ((clouds, "-o", cloud), f"{cloud}: a file; give the folder of the images"),
