@@ -282,13 +282,13 @@ def draw_cloud(
     """
     if colors is not None:
         check_draws_colours(drawing.method)
-    from baselines.splat import Splat  # imports scipy
-
     renderer: Renderer | None = None
     rng = drawing.rng or generator("render")
     try:
         renderer = load_renderer(drawing.method, drawing.device)
         if colors is not None:
+            from baselines.splat import Splat
+
             renderer = Splat(colors=colors)
         method = find_method(drawing.method)
         drawn = draw(method, renderer, cloud, drawing.views, rng, drawing.batch)
