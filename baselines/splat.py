@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from baselines.reconstruction.stages import check_finite
 from data_prep.failures import StageFailure
 from data_prep.rendering.camera import CAMERA_DISTANCE, FOCAL_PX, project
+from data_prep.rendering.images import to_float
 from data_prep.scene import IMAGE_SIZE, Images, PointCloud, Points, View
 
 NEAR_GREY, FAR_GREY = 0.75, 0.35  # depth cue: at the nearest and farthest point of the unit sphere
@@ -20,10 +21,14 @@ MAX_RADIUS_PX = 16.0  # a lone point must not paint the image
 
 @dataclass(frozen=True)
 class Discs:
-    """The centres [N, 3] of discs and their radius, both in unit-sphere units."""
+    """The centres [N, 3] of discs and their radius, both in unit-sphere units.
+
+    Their colours, uint8 [N, 3], are optional.
+    """
 
     centres: Points
     radius: float
+    colors: NDArray[np.uint8] | None = None
 
 
 @dataclass(frozen=True)
@@ -31,10 +36,12 @@ class Splat:
     """A renderer by depth-buffered discs, grey by depth: nearer is lighter.
 
     `spread` scales the radius, which is the median distance to the nearest other point: sparser
-    clouds get larger discs.
+    clouds get larger discs. With `colors`, uint8 [N, 3], the discs have these, the same at every
+    depth; such a renderer draws one cloud, whose points they belong to.
     """
 
     spread: float = 1.0
+    colors: NDArray[np.uint8] | None = field(default=None, compare=False)
 
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> Discs:
         """Choose the radius; no randomness.
@@ -48,10 +55,10 @@ class Splat:
             raise StageFailure("input", "no points")
         check_finite(points)
         if len(points) == 1:
-            return Discs(points, 0.0)
+            return Discs(points, 0.0, self.colors)
         distances, _ = cKDTree(points).query(points, k=[2])  # the first is the point itself
         nearest = np.ravel(distances)
-        return Discs(points, self.spread * float(np.median(nearest)))
+        return Discs(points, self.spread * float(np.median(nearest)), self.colors)
 
     def draw(
         self, state: Discs, views: Sequence[View], rng: np.random.Generator | None = None
@@ -66,15 +73,18 @@ class Splat:
 
 def _paint(discs: Discs, view: View) -> NDArray[np.float32]:
     pixels, depth = project(discs.centres, view)
-    image = np.ones((IMAGE_SIZE, IMAGE_SIZE), np.float32)
+    image = np.ones((IMAGE_SIZE, IMAGE_SIZE, 3), np.float32)
     reaches = ((pixels > -MAX_RADIUS_PX) & (pixels < IMAGE_SIZE + MAX_RADIUS_PX)).all(axis=1)
     visible = np.flatnonzero((depth > 0.05 * CAMERA_DISTANCE) & reaches)
     order = visible[np.argsort(-depth[visible], kind="stable")]
     pixels, depth = pixels[order], depth[order]
     # At least half a pixel's diagonal, so that every disc covers a pixel centre.
     radius = np.clip(discs.radius * FOCAL_PX / depth, np.sqrt(0.5), MAX_RADIUS_PX)
-    share = np.clip((depth - (CAMERA_DISTANCE - 1)) / 2, 0.0, 1.0)
-    grey = (NEAR_GREY + (FAR_GREY - NEAR_GREY) * share).astype(np.float32)
+    if discs.colors is None:
+        share = np.clip((depth - (CAMERA_DISTANCE - 1)) / 2, 0.0, 1.0)
+        ink = (NEAR_GREY + (FAR_GREY - NEAR_GREY) * share).astype(np.float32)[:, None]
+    else:
+        ink = to_float(discs.colors[order])
 
     reach = int(np.ceil(radius.max(initial=0.0)))
     offsets = np.arange(-reach, reach + 1)
@@ -85,5 +95,5 @@ def _paint(discs: Discs, view: View) -> NDArray[np.float32]:
     inside = (distance <= radius[:, None]) & ((cells >= 0) & (cells < IMAGE_SIZE)).all(axis=-1)
     point, _ = np.nonzero(inside)  # sorted by point, that is from far to near
     rows, columns = cells[inside].T
-    image[rows, columns] = grey[point]  # of repeated indices NumPy keeps the last: the nearest
-    return np.repeat(image[:, :, None], 3, axis=2)
+    image[rows, columns] = ink[point]  # of repeated indices NumPy keeps the last: the nearest
+    return image

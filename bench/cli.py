@@ -34,7 +34,7 @@ COMMANDS = {  # name: module and name in it, first line of its help
     "compare": ("results:compare", "Compare two runs, or two methods of one, object by object."),
     "recommend": ("results:recommend", "Recommend a method for a budget, or for a quality."),
     "score": ("score:score_run", "Measure a finished run with metrics of other packages."),
-    "render": ("render:render_cloud", "Draw the point cloud of a file."),
+    "render": ("render:render_clouds", "Draw the point clouds of files."),
     "shrink": (
         "render:shrink_record",
         "Find the smallest cloud that still makes a method fail.",

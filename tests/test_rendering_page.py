@@ -19,6 +19,7 @@ PAGE = Path(__file__).parents[1] / "docs" / "rendering.md"
 BENCH = (sys.executable, "-c", "from bench.cli import main; main()")
 FRAMES = {
     **dict.fromkeys(("chair.png", "pc2pix.png", "splat.png", "sheet.png", "lying.png"), 1),
+    **dict.fromkeys(("images/chair.png", "large.png"), 1),
     "turntable.gif": 36,
 }
 TILES = {"sheet.png": (3, 2), "turntable.gif": (4, 1)}  # columns, rows; of all others one image
@@ -37,13 +38,15 @@ def folder(tmp_path_factory):
 
 
 def test_they_make_what_the_page_shows(folder):
-    made = {path.name for path in folder.iterdir()}
+    made = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
     assert made == {"chair.ply", *FRAMES}
     for name, frames in FRAMES.items():
         with Image.open(folder / name) as image:
             assert getattr(image, "n_frames", 1) == frames
             tiles = TILES.get(name)
-            size = (128, 128) if tiles is None else (tiles[0] * WIDTH + 6, tiles[1] * HEIGHT + 6)
+            size = (512, 512) if name == "large.png" else (128, 128)
+            if tiles is not None:
+                size = tiles[0] * WIDTH + 6, tiles[1] * HEIGHT + 6
             assert image.size == size
 
 

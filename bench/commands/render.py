@@ -1,9 +1,9 @@
-"""`bench render`: an image of a cloud, a sheet by several methods, or a turntable of either."""
+"""`bench render`: images of clouds, sheets by several methods, or a turntable of either."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,8 +11,9 @@ from typing import Annotated
 
 import numpy as np
 import typer
+from numpy.typing import NDArray
 
-from bench.catalogue.methods import RECOMMENDED, find_method
+from bench.catalogue.methods import RECOMMENDED
 from bench.commands.options import (
     DEVICE,
     Device,
@@ -23,61 +24,29 @@ from bench.commands.options import (
     path_option,
     worker_count,
 )
+from bench.rendering.batch import image_of_cloud, images_of_clouds
 from bench.rendering.cloud import (
     CloudFile,
     Dots,
     Drawing,
+    Drawn,
     Failed,
     Notes,
     Wanted,
     draw_each,
-    make_view,
 )
-from bench.rendering.files import MOVING, moves, write_images
+from bench.rendering.files import write_images
+from bench.rendering.finish import resized, without_background
+from bench.rendering.request import RenderOptions, check, cloud_file, notes_on, views_of
 from bench.rendering.sheet import Tile, columns_of, draw_sheet
 from bench.running.environment import cores
 from bench.tables.markdown import visible
-from data_prep.clouds.orientations import upright
 from data_prep.failures import BadInput
-from data_prep.files.clouds import check_cloud_name
 from data_prep.progress import progress
-from data_prep.scene import UInt8Images, View
+from data_prep.scene import IMAGE_SIZE
 
-FRAMES = 36
-MOST_FRAMES = 120  # steps of 3 degrees; a sheet of ten methods takes 300 MB
 SHEET_SCALE = 2
 CLOUD = "cloud"  # the label of the dots
-
-
-@dataclass(frozen=True)
-class RenderOptions:
-    """The options of `bench render`.
-
-    Attributes
-    ----------
-    method : tuple of str
-        Methods; several make a sheet.
-    out : Path or None
-        An image, or a turntable by its name; None: beside the cloud, with its name and .png.
-    azimuth, elevation : float
-        Degrees.
-    frames : int or None
-        Images of a turntable, which begins at the azimuth and goes all around; None: FRAMES.
-    up, front, points, drop_invalid, as_is
-        See `bench.rendering.cloud.CloudFile`.
-    """
-
-    method: tuple[str, ...] = (RECOMMENDED,)
-    out: Path | None = None
-    azimuth: float = 30.0
-    elevation: float = 20.0
-    frames: int | None = None
-    up: str = "y"
-    front: str | None = None
-    points: int | None = None
-    drop_invalid: bool = False
-    device: str = "auto"
-    as_is: bool = False
 
 
 @dataclass(frozen=True)
@@ -86,58 +55,63 @@ class RenderResult:
 
     Attributes
     ----------
-    path : Path
-        The image; it was not written where all methods failed.
-    failed : mapping
-        The reason of each method that failed.
+    images : tuple of Path
+        The images that were written.
+    failed : tuple of str
+        A line for each cloud that cannot be used, and for each method that failed.
+    without_image : int
+        Number of clouds that have no image: not usable, or all methods failed.
     notes : tuple of str
-        A line for each part of the file that is not used, and for methods that know chairs only.
+        A line for each part of a file that is not used, and for methods that know chairs only.
     """
 
-    path: Path
-    failed: Mapping[str, str]
+    images: tuple[Path, ...]
+    failed: tuple[str, ...]
+    without_image: int
     notes: Notes
 
 
-def render(cloud: Path, options: RenderOptions) -> RenderResult:
-    """Draw a cloud and write the image, unless all methods fail.
+def render(clouds: Sequence[Path], options: RenderOptions) -> RenderResult:
+    """Draw clouds and write an image of each, unless all methods fail.
 
     One method gives its images as they are. Several give a sheet: the points as dots, then a
     tile for each method, with the reason in it where there is no image. Raises BadInput for options
-    and files that cannot be used; before a worker is started where the options alone show it.
+    and names that cannot be used, before a worker is started, and for the file of a cloud alone;
+    of several clouds a file that cannot be used is among the failed.
     """
-    # The cloud's name is checked before it becomes that of the image.
-    if cloud.is_dir():
-        raise BadInput(f"{cloud}: a folder; give a file")
-    check_cloud_name(cloud)
-    if not cloud.exists():
-        raise BadInput(f"{cloud}: no such file; check its name")
-    out = options.out or cloud.with_suffix(".png")
-    if options.out is None and out.exists():
-        raise BadInput(f"{out}: exists already; -o {out} replaces it, -o NAME keeps both")
-    check(options, out)
-    views = views_of(options, out)
-    methods = tuple(dict.fromkeys(options.method))
-    drawings = [Drawing(method, views, options.device) for method in methods]
-    dots = [Dots(views)] if len(drawings) > 1 else []
-    file = CloudFile(
-        cloud, options.as_is, options.up, options.front, options.points, options.drop_invalid
+    alone = len(clouds) == 1 and not clouds[0].is_dir()
+    if alone:
+        images = {clouds[0]: image_of_cloud(clouds[0], options.out)}
+    elif options.out is None:
+        kind = "a folder" if clouds[0].is_dir() else "one of several clouds"
+        raise BadInput(f"{clouds[0]}: {kind}; give a folder for the images, -o FOLDER")
+    else:
+        images = images_of_clouds(clouds, options.out)
+    any_image = next(iter(images.values()))
+    check(options, any_image)
+    views = views_of(options, any_image)
+    drawings = [Drawing(method, views, options.device) for method in options.methods]
+    wanted = [*([Dots(views)] if len(drawings) > 1 else []), *drawings]
+    files = {cloud: cloud_file(cloud, options) for cloud in images}
+    failed: dict[Path, list[str]] = {}
+    notes: dict[Path, Notes] = {}
+    written = set()
+    for file, drawn, of_file in _draw_all(tuple(files.values()), wanted):
+        cloud = file.path
+        unusable = next((d for d in drawn.values() if isinstance(d, BadInput)), None)
+        if alone and unusable is not None:
+            raise unusable
+        notes[cloud] = of_file
+        failed[cloud] = [str(unusable)] if unusable else _failures(file, drawn, named=not alone)
+        if unusable is None and len(failed[cloud]) < len(drawings):
+            write_images(_finished(drawn, options), images[cloud])
+            written.add(cloud)
+    return RenderResult(
+        tuple(image for cloud, image in images.items() if cloud in written),
+        tuple(line for cloud in images for line in failed[cloud]),
+        len(images) - len(written),
+        _joined({cloud: notes[cloud] for cloud in images}) + notes_on(options),
     )
-    drawn, notes = _draw(file, [*dots, *drawings])
-    failed = {
-        drawing.method: with_remedy(images, file)
-        for drawing, images in drawn.items()
-        if isinstance(drawing, Drawing) and isinstance(images, Failed)
-    }
-    if len(failed) < len(drawings):
-        write_images(_frames(drawn), out)
-    chairs = [name for name in methods if find_method(name).trained_on == "chairs"]
-    if chairs:
-        notes += (
-            f"{', '.join(chairs)}: trained on chairs, other objects may look like them; "
-            f"{RECOMMENDED} knows {find_method(RECOMMENDED).trained_on}",
-        )
-    return RenderResult(out, failed, notes)
 
 
 def with_remedy(failed: Failed, file: CloudFile) -> str:
@@ -147,65 +121,66 @@ def with_remedy(failed: Failed, file: CloudFile) -> str:
     return failed.reason + remedy
 
 
-def check(options: RenderOptions, out: Path) -> None:
-    """Raise BadInput for options that are wrong whatever the file holds and the methods do."""
-    is_turntable = moves(out)  # raises BadInput for the name of another kind of file
-    if options.frames is not None and not is_turntable:
-        raise BadInput(
-            f"--frames {options.frames}: {out} is one image; give a turntable's name, "
-            f"{' or '.join(MOVING)}"
-        )
-    if options.frames is not None and not 2 <= options.frames <= MOST_FRAMES:
-        raise BadInput(f"--frames {options.frames}: must be 2 to {MOST_FRAMES}")
-    if options.points is not None and options.points < 1:
-        raise BadInput(f"--points {options.points}: must be at least 1")
-    upright(np.empty((0, 3)), options.up, options.front)
-    if out.is_dir():
-        raise BadInput(f"{out}: a folder; give another -o")
-    if not out.parent.is_dir():
-        raise BadInput(f"{out}: no such folder, {out.parent}; make it, or give another -o")
+def _failures(file: CloudFile, drawn: Mapping[Wanted, Drawn], named: bool) -> list[str]:
+    """Return a line for each method that failed, with the name of the file if `named`."""
+    return [
+        f"{file.path}: " * named + f"{drawing.method}: {with_remedy(images, file)}"
+        for drawing, images in drawn.items()
+        if isinstance(drawing, Drawing) and isinstance(images, Failed)
+    ]
 
 
-def views_of(options: RenderOptions, out: Path) -> tuple[View, ...]:
-    """Return the view, or all of a turntable. Raises BadInput for an angle out of its range."""
-    first = make_view(options.azimuth, options.elevation)
-    if not moves(out):
-        return (first,)
-    frames = options.frames or FRAMES
+def _joined(notes: Mapping[Path, Notes]) -> Notes:
+    """Return all notes; one line for a note that several files share."""
+    clouds: dict[str, list[Path]] = {}
+    for cloud, lines in notes.items():
+        for line in lines:
+            clouds.setdefault(line.removeprefix(f"{cloud}: "), []).append(cloud)
     return tuple(
-        View(first.azimuth_deg + 360 * i / frames, first.elevation_deg) for i in range(frames)
+        f"{first} and {len(others)} more: {text}" if others else f"{first}: {text}"
+        for text, (first, *others) in clouds.items()
     )
 
 
-def _draw(
-    file: CloudFile, wanted: Sequence[Wanted]
-) -> tuple[dict[Wanted, UInt8Images | Failed], Notes]:
-    """Return all images in the order of `wanted`, and the notes on the file."""
-    quick = len(wanted) == 1 and len(wanted[0].views) == 1  # over before a progress is read
-    done: dict[Wanted, UInt8Images | Failed] = {}
-    notes: dict[str, None] = {}  # each worker reads the file, and has the same notes
-    with nullcontext() if quick else progress("drawing", len(wanted)) as advance:
-        for drawing, images, of_file in draw_each(file, wanted, min(len(wanted), cores())):
-            done[drawing] = images
-            notes |= dict.fromkeys(of_file)
+def _draw_all(
+    files: Sequence[CloudFile], wanted: Sequence[Wanted]
+) -> Iterator[tuple[CloudFile, dict[Wanted, Drawn], Notes]]:
+    """Yield each file with all images in the order of `wanted`, and the notes on it.
+
+    The images of few files are held at a time.
+    """
+    tasks = len(files) * len(wanted)
+    quick = tasks == 1 and len(wanted[0].views) == 1  # over before a progress is read
+    under_way: dict[CloudFile, dict[Wanted, Drawn]] = {}
+    notes: dict[CloudFile, dict[str, None]] = {}  # each worker reads the file, and has the same
+    failures = 0
+    with nullcontext() if quick else progress("drawing", tasks) as advance:
+        for file, request, images, of_file in draw_each(files, wanted, min(tasks, cores())):
+            drawn = under_way.setdefault(file, {})
+            drawn[request] = images
+            notes.setdefault(file, {}).update(dict.fromkeys(of_file))
+            failures += isinstance(images, Failed | BadInput)
             if advance is not None:
-                advance(sum(isinstance(images, Failed) for images in done.values()))
-    return {drawing: done[drawing] for drawing in wanted}, tuple(notes)
+                advance(failures)
+            if len(drawn) == len(wanted):
+                del under_way[file]
+                yield file, {request: drawn[request] for request in wanted}, tuple(notes.pop(file))
 
 
-def _frames(drawn: Mapping[Wanted, UInt8Images | Failed]) -> UInt8Images:
+def _finished(drawn: Mapping[Wanted, Drawn], options: RenderOptions) -> NDArray[np.uint8]:
     """Return the images to write: those of the only method, or a sheet."""
     if len(drawn) == 1:
         (images,) = drawn.values()
-        assert not isinstance(images, Failed)
-        return images
-    tiles = [
-        Tile(
-            visible(drawing.method) if isinstance(drawing, Drawing) else CLOUD,
-            visible(images.reason) if isinstance(images, Failed) else images,
-        )
-        for drawing, images in drawn.items()
-    ]
+        assert isinstance(images, np.ndarray)
+        size = options.size or IMAGE_SIZE
+        if options.background == "transparent":
+            return without_background(images, size)
+        return images if size == IMAGE_SIZE else resized(images, size)
+    tiles = []
+    for drawing, images in drawn.items():
+        assert not isinstance(images, BadInput)
+        label = visible(drawing.method) if isinstance(drawing, Drawing) else CLOUD
+        tiles.append(Tile(label, visible(images.reason) if isinstance(images, Failed) else images))
     return draw_sheet(tiles, columns_of(len(tiles)), SHEET_SCALE)
 
 
@@ -214,14 +189,17 @@ RENDER_OPTIONS: dict[str, str | OptionSpec] = {
         "Method, see 'bench list'; several, comma-separated, make a sheet.", default=RECOMMENDED
     ),
     "out": OptionSpec(
-        "Image file, .png; or a turntable, .gif, .webp, .apng. Default: beside the cloud, with its "
-        "name and .png.",
+        "Image file, .png; or a turntable, .gif, .webp, .apng; of several clouds a folder, where "
+        "images are replaced. Default: beside the cloud, with its name and .png.",
         flag="--out -o",
     ),
     "azimuth": "Azimuth in degrees; 0 is the front.",
     "elevation": "Elevation in degrees, -90 to 90; 0 is level.",
     "frames": "Images of a turntable, from the azimuth all around. Default: 36.",
-    "up": "Axis of the file that points up, -x to z; z for most scans.",
+    "size": "Width and height in pixels, 16 to 2048, resampled. Default: 128, as drawn.",
+    "background": "White, or transparent pixels (.png, .apng or .webp).",
+    "colour": "The method's colours; or, with --method splat, those of the file.",
+    "up": "Axis of the file that points up, -x to z; z for most scans. Default: y.",
     "front": "Axis of the file to the front. Default: -z, or -y where z is up.",
     "points": "Points at most, chosen at random. Default: all.",
     "drop_invalid": "Leave out points that are not finite, and print how many. Default: refuse "
@@ -232,29 +210,37 @@ RENDER_OPTIONS: dict[str, str | OptionSpec] = {
 
 
 @options_from_dataclass(RenderOptions, RENDER_OPTIONS)
-def render_cloud(
+def render_clouds(
     options: RenderOptions,
-    cloud: Annotated[
-        Path, path_argument("CLOUD", "File: PLY, NPY, XYZ, TXT, CSV, PTS, LAS, LAZ, E57 or PCD.")
+    clouds: Annotated[
+        list[Path],
+        path_argument(
+            "CLOUD",
+            "Files, or folders of them: PLY, NPY, XYZ, TXT, CSV, PTS, LAS, LAZ, E57 or PCD.",
+        ),
     ],
 ) -> None:
-    """Draw the point cloud of a file. Exit 1 if the method fails; of several, if all fail.
+    """Draw the point clouds of files. Exit 1 if a cloud has no image: all its methods failed.
 
     Each method gets all points, 120 seconds and 4 GiB of memory. pc2pix uses at most 8 x 1,024
     points. Surface reconstruction of 100,000 points takes about half a minute, surface-fit less;
     --points takes fewer.
     """
-    result = render(cloud, options)
+    result = render(clouds, options)
     for note in result.notes:
         print(f"note: {visible(note)}", file=sys.stderr)
-    for name, reason in result.failed.items():
-        print(f"bench: {visible(f'{name}: {reason}')}", file=sys.stderr)
-    if len(result.failed) == len(set(options.method)):
-        raise typer.Exit(1)
-    if options.out is None or options.method == (RECOMMENDED,):
+    for line in result.failed:
+        print(f"bench: {visible(line)}", file=sys.stderr)
+    count = len(result.images) + result.without_image
+    if result.without_image and count > 1:
+        print(f"bench: {result.without_image} of {count} clouds have no image", file=sys.stderr)
+    if result.images and (options.out is None or options.method == (RECOMMENDED,)):
         methods = visible(", ".join(options.method))
         print(f"drawn by {methods}; 'bench list' has others", file=sys.stderr)
-    print(result.path)
+    for image in result.images:
+        print(image)
+    if result.without_image:
+        raise typer.Exit(1)
 
 
 def shrink_record(

@@ -2,24 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bench.catalogue.methods import Method, find_method
 from bench.catalogue.suites import Limits
+from bench.rendering.orientation_hint import looks_lying
 from bench.running.isolation import WorkerFailure, run_tasks
 from bench.running.work import draw, load_renderer, reason_of
 from data_prep.clouds.normalise import normalise_points
 from data_prep.clouds.orientations import upright
 from data_prep.failures import BadInput, MissingDependency
+from data_prep.files.cloud_contents import CloudContents, PointColors
 from data_prep.files.clouds import read_cloud
 from data_prep.randomness import generator
 from data_prep.rendering.dots import draw_dots
 from data_prep.scene import PointCloud, Renderer, UInt8Images, View
 
+Z_UP = (".las", ".laz", ".e57")  # formats of surveys: z is the height
+COLOUR_METHOD = "splat"  # draws the colours of a file
+WHERE_COLOURS = (
+    "a PLY has red, green and blue, a text six columns or r, g and b in its first line, an array "
+    "[N, 6]; or draw without --colour file"
+)
 LIMITS = Limits(time_s=120.0, memory_gib=4.0)
 Notes = tuple[str, ...]  # a line for each part of a file that is left out
 
@@ -42,6 +51,10 @@ class CloudFile:
         None keeps all.
     drop_invalid : bool
         Whether to leave out points that are not finite; else they are refused, unless `as_is`.
+    with_colors : bool
+        Whether to read the colours of the points; a file without them is refused.
+    up_unknown : bool
+        Whether `up` is a guess: then a note tells where the cloud looks as if z were up.
     """
 
     path: Path
@@ -50,6 +63,8 @@ class CloudFile:
     front: str | None = None
     most: int | None = None
     drop_invalid: bool = False
+    with_colors: bool = False
+    up_unknown: bool = False
 
     def load(self) -> PointCloud:
         """Return the cloud.
@@ -63,34 +78,66 @@ class CloudFile:
 
     def load_with_notes(self) -> tuple[PointCloud, Notes]:
         """Return the cloud as `load` does, and a note on each part of the file that is left out."""
-        contents = read_cloud(self.path)
-        notes = [
-            f"{self.path}: {what} are not used; only the coordinates of its points are"
-            for what in contents.unused
-        ]
+        loaded = self.load_all()
+        return loaded.cloud, loaded.notes
+
+    def load_all(self) -> LoadedCloud:
+        """Return the cloud as `load` does, its colours where asked for, and notes on the file."""
+        contents = read_cloud(self.path, self.with_colors)
+        if self.with_colors and contents.colors is None:
+            raise BadInput(f"{self.path}: no colours of its points; {WHERE_COLOURS}")
+        notes = [f"{self.path}: {note}" for note in _unused(contents, self.with_colors)]
         points = upright(contents.points, self.up, self.front)
-        invalid = ~np.isfinite(points).all(axis=1)
-        count = f"{np.count_nonzero(invalid)} of {len(points)} points"
-        if invalid.any() and self.drop_invalid:
-            points = points[~invalid]
+        valid = np.isfinite(points).all(axis=1)
+        kept = np.arange(len(points))
+        count = f"{np.count_nonzero(~valid)} of {len(points)} points"
+        if not valid.all() and self.drop_invalid:
+            kept = np.flatnonzero(valid)
             notes.append(f"{self.path}: {count} are left out, they are not finite")
-        elif invalid.any() and not self.as_is:
-            first, lines = int(np.flatnonzero(invalid)[0]), contents.lines
+        elif not valid.all() and not self.as_is:
+            first, lines = int(np.flatnonzero(~valid)[0]), contents.lines
             where = f"is point {first + 1}" if lines is None else f"in line {lines[first]}"
             raise BadInput(
                 f"{self.path}: {count} are not finite (the first {where}); remove them, or leave "
                 "them out with --drop-invalid"
             )
-        if self.most is not None and len(points) > self.most:
-            chosen = generator("render", "points").choice(len(points), self.most, replace=False)
-            points = points[np.sort(chosen)]
+        if self.most is not None and len(kept) > self.most:
+            chosen = generator("render", "points").choice(len(kept), self.most, replace=False)
+            kept = kept[np.sort(chosen)]
+        cloud = self._scaled(points[kept])
+        if self.up_unknown and (self.path.suffix.lower() in Z_UP or looks_lying(cloud)):
+            notes.append(
+                f"{self.path}: its z axis seems to point up; give --up z, or --up y if it does not"
+            )
+        colors = None if contents.colors is None else contents.colors[kept]
+        return LoadedCloud(cloud, colors, tuple(notes))
+
+    def _scaled(self, points: NDArray[np.float64]) -> PointCloud:
         if self.as_is:
             with np.errstate(over="ignore"):  # beyond float32 is infinite
-                return PointCloud(points.astype(np.float32)), tuple(notes)
+                return PointCloud(points.astype(np.float32))
         try:
-            return normalise_points(points), tuple(notes)
+            return normalise_points(points)
         except BadInput as error:
             raise BadInput(f"{self.path}: {error}") from error
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedCloud:
+    """The cloud of a file, the colours uint8 [N, 3] of its points or None, and notes."""
+
+    cloud: PointCloud
+    colors: PointColors | None
+    notes: Notes
+
+
+def _unused(contents: CloudContents, with_colors: bool) -> Iterator[str]:
+    """Yield a note on each part of the contents that is not used."""
+    parts = [p for p in contents.unused if not with_colors or p.endswith("faces")]
+    for i, part in enumerate(parts):
+        remedy = i == 0 and contents.has_colors and not with_colors
+        more = "; '--method splat --colour file' draws its colours" if remedy else ""
+        yield f"{part} are not used; only the coordinates of its points are{more}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,6 +188,9 @@ class Failed:
     reason: str
 
 
+Drawn = UInt8Images | Failed | BadInput
+
+
 def make_view(azimuth_deg: float, elevation_deg: float) -> View:
     """Return the view of these angles. Raises BadInput for angles out of their range."""
     try:
@@ -182,28 +232,33 @@ def draw_file(file: CloudFile, drawing: Drawing, limits: Limits = LIMITS) -> UIn
     data_prep.failures.BadInput
         For a file that cannot be used, and for an unknown or unusable method.
     """
-    ((_, drawn, _),) = draw_each(file, [drawing], 1, limits)
+    ((_, _, drawn, _),) = draw_each([file], [drawing], 1, limits)
+    if isinstance(drawn, BadInput):
+        raise drawn
     return drawn
 
 
 def draw_each(
-    file: CloudFile, requests: Sequence[Wanted], workers: int, limits: Limits = LIMITS
-) -> Iterator[tuple[Wanted, UInt8Images | Failed, Notes]]:
-    """Yield each request with its images and notes, as they come.
+    files: Iterable[CloudFile], requests: Sequence[Wanted], workers: int, limits: Limits = LIMITS
+) -> Iterator[tuple[CloudFile, Wanted, Drawn, Notes]]:
+    """Yield each file with each request, the images and notes, as they come.
 
-    Each task reads the file by itself. Raises BadInput as `draw_file`, for a method before anything
-    is drawn.
+    A file that cannot be used gives its BadInput in place of images. Each task reads the file by
+    itself; each worker loads a method once. Raises BadInput as `draw_file`, for a method before
+    anything is drawn.
     """
     for wanted in requests:
         if isinstance(wanted, Drawing):
             find_drawer(wanted.method)
-    tasks = [(file, wanted) for wanted in requests]
-    for (_, wanted), result in run_tasks(tasks, _load_and_draw, workers, limits):
+    tasks = ((file, wanted) for file in files for wanted in requests)
+    for (file, wanted), result in run_tasks(tasks, _load_and_draw, workers, limits):
         drawn, notes = (Failed(result.reason), ()) if isinstance(result, WorkerFailure) else result
-        yield wanted, drawn, notes
+        yield file, wanted, drawn, notes
 
 
-def draw_cloud(cloud: PointCloud, drawing: Drawing) -> UInt8Images | Failed:
+def draw_cloud(
+    cloud: PointCloud, drawing: Drawing, colors: PointColors | None = None
+) -> UInt8Images | Failed:
     """Return images of a cloud, drawn in this process.
 
     Parameters
@@ -212,6 +267,8 @@ def draw_cloud(cloud: PointCloud, drawing: Drawing) -> UInt8Images | Failed:
         Points float32 [N, 3], in unit-sphere coordinates.
     drawing : Drawing
         The method and the views.
+    colors : uint8 array [N, 3] or None
+        Colours of the points, for the method `splat`.
 
     Returns
     -------
@@ -221,12 +278,18 @@ def draw_cloud(cloud: PointCloud, drawing: Drawing) -> UInt8Images | Failed:
     Raises
     ------
     data_prep.failures.BadInput
-        For an unknown method, and for one that cannot be loaded.
+        For an unknown method, for one that cannot be loaded, and for colours that it does not draw.
     """
+    if colors is not None:
+        check_draws_colours(drawing.method)
     renderer: Renderer | None = None
     rng = drawing.rng or generator("render")
     try:
         renderer = load_renderer(drawing.method, drawing.device)
+        if colors is not None:
+            from baselines.splat import Splat
+
+            renderer = Splat(colors=colors)
         method = find_method(drawing.method)
         drawn = draw(method, renderer, cloud, drawing.views, rng, drawing.batch)
     except MissingDependency:
@@ -238,9 +301,21 @@ def draw_cloud(cloud: PointCloud, drawing: Drawing) -> UInt8Images | Failed:
     return drawn.images
 
 
-def _load_and_draw(task: tuple[CloudFile, Wanted]) -> tuple[UInt8Images | Failed, Notes]:
+def check_draws_colours(method_id: str) -> None:
+    """Raise BadInput for a method that does not draw the colours of points."""
+    if method_id != COLOUR_METHOD:
+        raise BadInput(
+            f"method '{method_id}' does not draw the colours of a file; give "
+            f"--method {COLOUR_METHOD} alone, or leave out --colour file"
+        )
+
+
+def _load_and_draw(task: tuple[CloudFile, Wanted]) -> tuple[Drawn, Notes]:
     file, wanted = task
-    cloud, notes = file.load_with_notes()
+    try:
+        loaded = file.load_all()
+    except BadInput as error:
+        return error, ()
     if isinstance(wanted, Dots):
-        return draw_dots(cloud.points, wanted.views), notes
-    return draw_cloud(cloud, wanted), notes
+        return draw_dots(loaded.cloud.points, wanted.views), loaded.notes
+    return draw_cloud(loaded.cloud, wanted, loaded.colors), loaded.notes

@@ -34,6 +34,15 @@ def moves(path: Path) -> bool:
     return suffix in MOVING
 
 
+def check_opacity(path: Path) -> None:
+    """Raise BadInput for the name of a file whose format has no opacity of its pixels."""
+    if path.suffix.lower() not in (STILL, *MOVING) or path.suffix.lower() == ".gif":
+        raise BadInput(
+            f"{path}: a {path.suffix[1:].upper()} has no opacity of its pixels; give a name that "
+            "ends in .png, .apng or .webp"
+        )
+
+
 def frame_ms(frames: int) -> int:
     """Return the milliseconds of a frame, at least LEAST_MS, so that a turn takes about TURN_MS."""
     return max(LEAST_MS, round(TURN_MS / frames / GIF_MS) * GIF_MS)
@@ -47,19 +56,22 @@ def write_images(frames: NDArray[np.uint8], path: Path) -> None:
     Parameters
     ----------
     frames : ndarray
-        uint8 [F, H, W, 3]; a PNG takes the first one.
+        uint8 [F, H, W, 3], or [F, H, W, 4] with an opacity, which a GIF cannot have; a PNG takes
+        the first one.
     path : Path
         .png for an image, .gif, .webp or .apng for a turntable.
 
     Raises
     ------
     data_prep.failures.BadInput
-        For another suffix.
+        For another suffix, and for an opacity in a GIF.
     data_prep.failures.CannotWrite
         Where the file cannot be written.
     """
     from PIL import Image
 
+    if frames.shape[-1] == 4:
+        check_opacity(path)
     images = [Image.fromarray(frame) for frame in frames]
     film: dict[str, Any] = {}
     if moves(path):

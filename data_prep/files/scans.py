@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_prep.failures import BadInput, MissingDependency
+from data_prep.files.cloud_contents import COLOURS, CloudContents, colors_of
 from data_prep.files.safe_read import MIB, open_file, reason_of
 
 MOST_POINTS = 2**21  # kept; splats, the fastest, take seconds for as many
@@ -31,7 +32,7 @@ MOST_CLAIMED = 2**26  # points that an E57 or PCD may claim: 1.5 GiB of coordina
 PIECE = 2**20  # points
 RECORD_HEADER_BYTES = 54  # of a variable-length record in LAS
 
-ScanPoints = NDArray[np.float64]  # [N, 3]
+Table = NDArray[np.float64]  # [N, 3], or [N, 6] with colours
 
 
 @dataclass(frozen=True)
@@ -52,8 +53,10 @@ class ScanLimits:
             raise BadInput(f"{path}: {count} points, at most {self.claimed} are read; thin it out")
 
 
-def read_scan(path: Path, limits: ScanLimits = ScanLimits()) -> tuple[ScanPoints, bool]:
-    """Return float64 [N, 3], in the file's order and units, and whether the points have colours.
+def read_scan(
+    path: Path, limits: ScanLimits = ScanLimits(), with_colors: bool = False
+) -> CloudContents:
+    """Return the points in the file's order and units, and their colours if asked for.
 
     Raises BadInput, naming the file: missing, no regular file, too large, not readable; and
     MissingDependency, naming the extra, where the library is not installed.
@@ -62,7 +65,7 @@ def read_scan(path: Path, limits: ScanLimits = ScanLimits()) -> tuple[ScanPoints
     with open_file(path, most_bytes):
         pass
     try:
-        return read(path, limits)
+        table, has_colors = read(path, limits, with_colors)
     except ImportError as error:
         raise MissingDependency(
             f"{path}: reading {path.suffix.lower()} needs {error.name}; "
@@ -75,24 +78,32 @@ def read_scan(path: Path, limits: ScanLimits = ScanLimits()) -> tuple[ScanPoints
         raise BadInput(
             f"{path}: not a readable {kind} file ({reason_of(error)}); fetch it again"
         ) from error
+    colors = colors_of(table[:, 3:], whole=True) if with_colors and has_colors else None
+    unused = (COLOURS,) if has_colors else ()
+    return CloudContents(table[:, :3], unused, has_colors=has_colors, colors=colors)
 
 
-def _read_las(path: Path, limits: ScanLimits) -> tuple[ScanPoints, bool]:
+def _read_las(path: Path, limits: ScanLimits, with_colors: bool) -> tuple[Table, bool]:
     import laspy
 
     with open_file(path, MOST_BYTES) as file:
         _check_records(file)
         with laspy.LasReader(file, closefd=False, read_evlrs=False) as las:
+            has_colors = "red" in las.header.point_format.dimension_names
+            columns = _columns("xyz", ("red", "green", "blue"), with_colors and has_colors)
             step, seen = limits.stride(las.header.point_count), 0
-            kept = [np.empty((0, 3))]
+            kept = [np.empty((0, len(columns)))]
             for piece in las.chunk_iterator(limits.piece):
-                points = np.stack([np.asarray(piece[axis]) for axis in "xyz"], axis=1)
+                points = np.stack([np.asarray(piece[name]) for name in columns], axis=1)
                 kept.append(points[-seen % step :: step])
                 seen += len(points)
         if seen != las.header.point_count:
             raise _cut_short(path, las.header.point_count, seen)
-        has_colours = "red" in las.header.point_format.dimension_names
-    return np.concatenate(kept), has_colours
+    return np.concatenate(kept), has_colors
+
+
+def _columns(axes: Sequence[str], channels: Sequence[str], with_colors: bool) -> tuple[str, ...]:
+    return (*axes, *channels) if with_colors else (*axes,)
 
 
 def _check_records(file: BinaryIO) -> None:
@@ -105,24 +116,32 @@ def _check_records(file: BinaryIO) -> None:
     file.seek(0)
 
 
-def _read_e57(path: Path, limits: ScanLimits) -> tuple[ScanPoints, bool]:
+def _read_e57(path: Path, limits: ScanLimits, with_colors: bool) -> tuple[Table, bool]:
     import pye57
 
+    axes = "cartesianX", "cartesianY", "cartesianZ"
+    channels = "colorRed", "colorGreen", "colorBlue"
     file = pye57.E57(str(path))
     try:
         headers = [file.get_header(i) for i in range(file.scan_count)]
         limits.check_claim(path, sum(header.point_count for header in headers))
-        has_colours = any("colorRed" in header.point_fields for header in headers)
-        scans = [file.read_scan(i, ignore_missing_fields=True) for i in range(file.scan_count)]
+        has_colors = any(channels[0] in header.point_fields for header in headers)
+        columns = _columns(axes, channels, with_colors and has_colors)
+        scans = [
+            file.read_scan(i, colors=len(columns) > 3, ignore_missing_fields=True)
+            for i in range(file.scan_count)
+        ]
     finally:
         file.close()
-    axes = "cartesianX", "cartesianY", "cartesianZ"
-    parts = [np.stack([scan[axis] for axis in axes], axis=1) for scan in scans]
-    points = np.concatenate([np.empty((0, 3)), *parts])
-    return points[:: limits.stride(len(points))], has_colours
+    parts = [  # a scan without colours beside others is black
+        np.stack([scan.get(name, np.zeros(len(scan[axes[0]]))) for name in columns], axis=1)
+        for scan in scans
+    ]
+    points = np.concatenate([np.empty((0, len(columns))), *parts])
+    return points[:: limits.stride(len(points))], has_colors
 
 
-def _read_pcd(path: Path, limits: ScanLimits) -> tuple[ScanPoints, bool]:
+def _read_pcd(path: Path, limits: ScanLimits, with_colors: bool) -> tuple[Table, bool]:
     from pypcd4.pypcd4 import PointCloud
 
     claimed = 0
@@ -138,8 +157,13 @@ def _read_pcd(path: Path, limits: ScanLimits) -> tuple[ScanPoints, bool]:
     if len(cloud.pc_data) != claimed:  # a binary file is read as far as it goes
         raise _cut_short(path, claimed, len(cloud.pc_data))
     points = cloud.numpy(("x", "y", "z")).astype(np.float64)
-    points = points[~np.isnan(points).all(axis=1)]
-    return points[:: limits.stride(len(points))], bool({"rgb", "rgba"} & set(cloud.fields))
+    packed = next((name for name in ("rgb", "rgba") if name in cloud.fields), None)
+    if packed and with_colors:  # three bytes in the bits of a number of four
+        bits = np.ascontiguousarray(cloud.pc_data[packed]).view(np.uint32).reshape(-1)
+        channels = (bits[:, None] >> np.array([16, 8, 0], np.uint32)) & 255
+        points = np.concatenate([points, channels.astype(np.float64)], axis=1)
+    points = points[~np.isnan(points[:, :3]).all(axis=1)]
+    return points[:: limits.stride(len(points))], packed is not None
 
 
 def _cut_short(path: Path, claimed: int, count: int) -> BadInput:
@@ -149,7 +173,7 @@ def _cut_short(path: Path, claimed: int, count: int) -> BadInput:
     )
 
 
-_READERS: Mapping[str, tuple[int, Callable[[Path, ScanLimits], Any]]] = {
+_READERS: Mapping[str, tuple[int, Callable[[Path, ScanLimits, bool], Any]]] = {
     ".las": (MOST_BYTES, _read_las),
     ".laz": (MOST_BYTES, _read_las),
     ".e57": (MOST_BYTES_AT_ONCE, _read_e57),

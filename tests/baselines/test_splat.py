@@ -102,3 +102,21 @@ def test_a_lone_point_lights_the_four_pixels_around_it(count: int) -> None:
     assert state.radius == 0.0
     lit = np.argwhere(draw(state) < 1).tolist()
     assert lit == [[63, 63], [63, 64], [64, 63], [64, 64]]
+
+
+def test_colours_of_points_are_those_of_their_discs_whatever_the_depth() -> None:
+    """A nearer disc covers a farther one; only pixels of one point have its colour."""
+    points = np.array([[0.5, 0, 0.5], [-0.5, 0, -0.5], [0, 0, 0.2], [0, 0, -0.2]], np.float32)
+    colors = np.array([[255, 0, 10], [0, 200, 0], [1, 2, 3], [90, 80, 70]], np.uint8)
+    method = Splat(colors=colors)
+    state = method.prepare(PointCloud(points))
+    (image,) = np.rint(255 * method.draw(state, [FRONT])).astype(int)
+    plain = Splat()
+    (grey,) = plain.draw(plain.prepare(PointCloud(points)), [FRONT])
+    assert np.array_equal((image < 255).any(axis=2), (grey < 1).any(axis=2))
+    drawn = {tuple(colour) for colour in image.reshape(-1, 3).tolist()} - {(255, 255, 255)}
+    assert drawn == {(255, 0, 10), (0, 200, 0), (90, 80, 70)}
+    (lone,) = Splat(colors=colors[:1]).draw(
+        Splat(colors=colors[:1]).prepare(PointCloud(points[:1] * 0)), [FRONT]
+    )
+    assert np.rint(255 * lone[63, 63]).tolist() == [255, 0, 10]

@@ -108,6 +108,20 @@ def load_faulty(fault, device):
     return Faulty(Telling(), lambda points: fault)
 
 
+LOADED = []  # in a worker process
+
+
+def load_counted(device):
+    """Pictures tell how often the method was loaded in their process."""
+    LOADED.append(device)
+
+    def tell(points, views, rng, images):
+        images[:, 0, 0] = len(LOADED) / 255
+        return images
+
+    return Telling(tell)
+
+
 def no_library(points, views, rng, images):
     raise MissingDependency("no libGL: install libgl1")
 
@@ -124,6 +138,7 @@ CHECKS = (
 )
 PLUGINS = {
     "fake-healthy": lambda device: Telling(),
+    "fake-counted": load_counted,
     "fake-no-licence": no_licence,
     "fake-no-weights": no_weights,
     **{f"fake-{fault}": partial(load_faulty, fault) for fault in FAULTS},

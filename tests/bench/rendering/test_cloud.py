@@ -14,6 +14,7 @@ from bench.catalogue.suites import SUITES, Limits
 from bench.commands.render import with_remedy
 from bench.rendering.cloud import CloudFile, Drawing, Failed, draw_cloud, draw_file
 from bench.rendering.sheet import LABEL_HEIGHT, MARGIN, PROBLEM_GROUND
+from data_prep.clouds.normalise import normalise_points
 from data_prep.failures import BadInput
 from data_prep.files.clouds import save_ply
 from data_prep.randomness import generator
@@ -119,6 +120,79 @@ def test_what_of_the_file_is_not_drawn_and_what_knows_chairs_only_is_a_line_each
         "note: splat-net: trained on chairs, other objects may look like them; "
         "splat-net@all-grey knows 13 classes",
     ]
+
+
+def test_colours_of_a_file_are_drawn_by_splat_alone(command, refused, tmp_path):
+    """Points left out and chosen take their colours along; the note on unused ones names this."""
+    path, out = tmp_path / "cloud.xyz", tmp_path / "out.png"
+    rng = generator("test")
+    points, colors = rng.normal(size=(300, 3)), rng.integers(0, 250, (300, 3))
+    points[7, 1] = np.nan
+    np.savetxt(path, np.column_stack([points, colors]))
+    options = ("--drop-invalid", "--points", "100", "-o", out)
+    coloured = ("render", path, "--method", "splat", "--colour", "file", *options)
+    note = f"note: {path}: 1 of 300 points are left out, they are not finite\n"
+    assert command(*coloured) == (0, f"{out}\n", note)
+    file = CloudFile(path, as_is=False, most=100, drop_invalid=True, with_colors=True).load_all()
+    assert file.colors is not None
+    kept = [np.flatnonzero((colors == color).all(axis=1))[0] for color in file.colors]
+    assert np.array_equal(normalise_points(points[kept]).points, file.cloud.points)
+    shown = {tuple(color) for color in read(out).reshape(-1, 3).tolist()} - {(255, 255, 255)}
+    assert 10 < len(shown) <= 100
+    assert shown <= {tuple(color) for color in file.colors.tolist()}
+    assert command("render", path, "--method", "splat", *options)[2].startswith(
+        f"note: {path}: 3 of its 6 columns are not used; only the coordinates of its points are; "
+        "'--method splat --colour file' draws its colours\n"
+    )
+    alone = "give --method splat alone, or leave out --colour file"
+    for methods in ("pc2pix", "splat,pc2pix"):
+        assert refused("render", path, "--colour", "file", "--method", methods, "-o", out) == (
+            f"method 'pc2pix' does not draw the colours of a file; {alone}"
+        )
+    np.savetxt(path, points[:5])
+    assert refused(*coloured).startswith(f"{path}: no colours of its points; a PLY has red, green ")
+
+
+def test_a_size_and_a_transparent_background(command, refused, plugins, cloud, tmp_path):
+    """What is resampled is what the method draws; over white nothing changes."""
+    out, large = tmp_path / "out.png", tmp_path / "large.png"
+    note = (
+        "note: methods draw 128 x 128 pixels; resampled to 300 x 300 (Lanczos), which adds no "
+        "detail\n"
+    )
+    splat = ("render", cloud, "--method", "splat")
+    assert command(*splat, "-o", out) == (0, f"{out}\n", "")
+    assert command(*splat, "--size", "300", "-o", large) == (0, f"{large}\n", note)
+    enlarged = Image.open(out).resize((300, 300), Image.Resampling.LANCZOS)
+    assert np.array_equal(np.asarray(Image.open(large)), np.asarray(enlarged))
+    for name in ("clear.png", "clear.webp", "clear.apng"):
+        clear = (*splat, "--size", "300", "--background", "transparent", "--frames", "2")
+        arguments = clear if name != "clear.png" else clear[:-2]
+        assert command(*arguments, "-o", tmp_path / name)[0] == 0
+        with Image.open(tmp_path / name) as image:
+            assert (image.mode, image.size) == ("RGBA", (300, 300))
+            page = Image.new("RGBA", image.size, "white")
+            page.alpha_composite(image.copy())
+            assert np.ptp(np.asarray(image)[..., 3]) == 255
+        difference = np.asarray(page.convert("RGB")).astype(int) - np.asarray(enlarged)
+        assert np.abs(difference).max() <= 1
+    for wrong, problem in [
+        (("--size", "15"), "--size 15: must be 16 to 2048"),
+        (("--size", "2049"), "--size 2049: must be 16 to 2048"),
+        (("--size", "1000", "-o", "a.gif"), "--size 1000: at most 965 with 36 frames; give less"),
+        (("--size", "64", "--method", "splat,blank"), "--size 64: a sheet of several methods has "),
+        (("--background", "black"), "Invalid value for '--background': 'black' is not one of "),
+        (
+            ("--background", "transparent", "-o", "a.gif"),
+            "a.gif: a GIF has no opacity of its pixels; give a name that ends in .png, .apng or ",
+        ),
+        (("--background", "transparent", "-o", "a.jpg"), "a.jpg: pictures are written as PNG, tur"),
+        (
+            ("--background", "transparent", "--method", "splat,blank"),
+            "--background transparent: a sheet is white; give one method",
+        ),
+    ]:
+        assert refused(*splat, "-o", out, *wrong).startswith(problem)
 
 
 def test_points_that_are_not_finite_are_refused_or_left_out(tmp_path):
@@ -355,8 +429,7 @@ def test_what_cannot_be_used_is_the_users_to_fix(refused, plugins, cloud, tmp_pa
 def test_files_that_are_no_clouds(refused, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name, problem in (
-        (".", ".: a folder; give a file"),
-        (tmp_path, f"{tmp_path}: a folder; give a file"),
+        (".", ".: a folder; give a folder for the images, -o FOLDER"),
         ("gone.ply", "gone.ply: no such file; check its name"),
         ("gone/gone.ply", "gone/gone.ply: no such file; check its name"),
         ("points.obj", "points.obj: .obj is not supported as a point cloud; use one of .ply, .npy"),

@@ -100,6 +100,17 @@ def test_a_turn_takes_its_time():
     assert [frame_ms(count) for count in frames] == [1800, 300, 100, 50, 40, 40]
 
 
+def test_an_opacity_is_kept_where_the_format_has_one(tmp_path):
+    given = np.concatenate([noise(3, 500), noise(3, 200)[..., :1]], axis=3)
+    given[..., 3] |= 1  # colours of what cannot be seen need not be kept
+    for name in ("a.png", "a.webp", "a.apng"):
+        write_images(given, tmp_path / name)
+        with Image.open(tmp_path / name) as image:
+            assert np.array_equal(np.asarray(image.convert("RGBA")), given[0])
+    with pytest.raises(BadInput, match=r"a\.gif: a GIF has no opacity of its pixels"):
+        write_images(given, tmp_path / "a.gif")
+
+
 def test_names():
     assert [moves(Path(name)) for name in ("a.png", "a.GIF", "b/a.webp", "a.apng")] == [
         *(False, True, True, True)

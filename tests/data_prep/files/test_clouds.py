@@ -11,6 +11,7 @@ import plyfile
 import pytest
 
 from data_prep.failures import BadInput, CannotWrite
+from data_prep.files import cloud_text
 from data_prep.files import clouds as cloud_files
 from data_prep.files.clouds import load_points, read_cloud, save_ply
 
@@ -109,6 +110,71 @@ def test_what_is_passed_over_and_the_line_of_each_point(
     contents = read_cloud(tmp_path / name)
     assert contents.unused == unused
     assert (None if contents.lines is None else list(contents.lines)) == lines
+
+
+RGB = "uchar red,uchar green,uchar blue"
+COLOURED = {
+    "a.ply": ply("ascii", f"{XYZ},{RGB}", b"1 2 3 255 0 128\n4 5 6 1 1 0\n", 2),
+    "order.ply": ply(
+        "binary_big_endian",
+        "ushort blue,double x,ushort diffuse_red,double y,double z,ushort g",
+        np.array(
+            [(32896, 1, 65535, 2, 3, 0), (0, 4, 257, 5, 6, 257)],
+            [("b", ">u2"), ("x", ">f8"), ("r", ">u2"), ("y", ">f8"), ("z", ">f8"), ("g", ">u2")],
+        ).tobytes(),
+        2,
+    ),
+    "share.ply": ply(
+        "ascii", f"{XYZ},float red,float green,float blue", b"1 2 3 1 0 .5\n4 5 6 .004 .004 0\n", 2
+    ),
+    "a.xyz": b"1 2 3 255 0 128\n4 5 6 1 1 0\n",
+    "names.csv": b"g,x,y,z,b,label,R\n0,1,2,3,128,7,255\n1,4,5,6,0,7,1\n",
+    "a.pts": b"2\n1 2 3 -9 255 0 128\n4 5 6 -9 1 1 0\n",
+    "six.pts": b"2\n1 2 3 255 0 128\n4 5 6 1 1 0\n",
+    "a.npy": npy(np.array([[1, 2, 3, 255, 0, 128], [4, 5, 6, 1, 1, 0]])),
+    "share.npy": npy(np.array([[1, 2, 3, 1, 0, 0.5], [4, 5, 6, 0.004, 0.004, 0]], np.float32)),
+}
+
+
+@pytest.mark.parametrize("name", COLOURED)
+def test_colours_of_every_format_are_read_where_they_are_asked_for(
+    tmp_path: Path, name: str
+) -> None:
+    (tmp_path / name).write_bytes(COLOURED[name])
+    contents = read_cloud(tmp_path / name, with_colors=True)
+    assert contents.points.tolist() == [[1, 2, 3], [4, 5, 6]]
+    assert contents.colors is not None
+    assert contents.colors.dtype == np.uint8
+    assert contents.colors.tolist() == [[255, 0, 128], [1, 1, 0]]
+    without = read_cloud(tmp_path / name)
+    assert (without.colors, without.has_colors, len(without.unused)) == (None, True, 1)
+
+
+@pytest.mark.parametrize("name", ["little.ply", "a.npy", "a.xyz", "names.csv"])
+def test_a_file_without_colours_has_none(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_bytes(WHOLE[name])
+    contents = read_cloud(tmp_path / name, with_colors=True)
+    assert (contents.colors, contents.has_colors) == (None, False)
+    np.testing.assert_array_equal(contents.points, POINTS)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "problem"),
+    [
+        ("normals.xyz", b"1 2 3 0 0 -1\n", "its colours have values below 0 or not finite; give"),
+        ("nan.npy", npy(np.array([[1, 2, 3, 0, 0, np.nan]])), "values below 0 or not finite"),
+        ("large.xyz", b"1 2 3 0 0 70000\n", "its colours have the value 70000; give 0 to 255"),
+        ("word.xyz", b"1 2 3 4 5 red\n", "line 1: 'red' is not a number"),
+        ("short.csv", b"x,y,z,r,g,b\n1,2,3,4\n", "line 2 has 4 columns, expected at least 6; give"),
+    ],
+)
+def test_columns_that_are_no_colours_are_refused_where_colours_are_asked_for(
+    tmp_path: Path, name: str, content: bytes, problem: str
+) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(BadInput, match=rf"{name}: .*{problem}"):
+        read_cloud(tmp_path / name, with_colors=True)
+    assert read_cloud(tmp_path / name).points.tolist() == [[1, 2, 3]]
 
 
 @pytest.mark.parametrize("text", [False, True])
@@ -244,9 +310,9 @@ def test_large_files_are_refused_unread_and_large_texts_sooner(tmp_path: Path, m
     with pytest.raises(BadInput, match="268435457 bytes, and at most 268435456 are read"):
         load_points(tmp_path / "a.xyz")
     for name in ("a.xyz", "ascii.ply"):
-        monkeypatch.setattr(cloud_files, "MOST_TEXT_BYTES", len(rows()))
+        monkeypatch.setattr(cloud_text, "MOST_TEXT_BYTES", len(rows()))
         load(tmp_path, name, WHOLE[name])
-        monkeypatch.setattr(cloud_files, "MOST_TEXT_BYTES", len(rows()) - 1)
+        monkeypatch.setattr(cloud_text, "MOST_TEXT_BYTES", len(rows()) - 1)
         with pytest.raises(BadInput, match=r"bytes of text, at most \d+ are read; use NPY"):
             load(tmp_path, name, WHOLE[name])
 

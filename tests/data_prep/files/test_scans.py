@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from data_prep.failures import BadInput, MissingDependency
-from data_prep.files.clouds import COLOURS, load_points, read_cloud
+from data_prep.files.cloud_contents import COLOURS
+from data_prep.files.clouds import load_points, read_cloud
 from data_prep.files.scans import ScanLimits, read_scan
 
 laspy = pytest.importorskip("laspy", reason="the extra 'clouds' is not installed")
@@ -47,14 +48,14 @@ def test_las_and_large_ones_thinned_out(tmp_path: Path) -> None:
         assert found.dtype == np.float64
         assert np.array_equal(found, POINTS)
     for most, piece, step in ((1, 64, 1000), (333, 63, 4), (999, 64, 2), (100, 1000, 10)):
-        thinned, _ = read_scan(tmp_path / "a.las", ScanLimits(kept=most, piece=piece))
+        thinned = read_scan(tmp_path / "a.las", ScanLimits(kept=most, piece=piece)).points
         assert np.array_equal(thinned, POINTS[::step])
 
 
 def test_e57(tmp_path: Path) -> None:
     write_e57(tmp_path / "a.e57", POINTS[:600], POINTS[600:])
     assert np.array_equal(load_points(tmp_path / "a.e57"), POINTS)
-    assert np.array_equal(read_scan(tmp_path / "a.e57", ScanLimits(kept=500))[0], POINTS[::2])
+    assert np.array_equal(read_scan(tmp_path / "a.e57", ScanLimits(kept=500)).points, POINTS[::2])
 
 
 def test_scans_of_an_e57_stand_where_their_pose_puts_them(tmp_path: Path) -> None:
@@ -76,7 +77,7 @@ def test_pcd_and_places_without_a_return(tmp_path: Path) -> None:
     write_pcd(tmp_path / "a.pcd", points)
     found = load_points(tmp_path / "a.pcd")
     assert np.array_equal(found, points[1::2], equal_nan=True)
-    thinned, _ = read_scan(tmp_path / "a.pcd", ScanLimits(kept=250))
+    thinned = read_scan(tmp_path / "a.pcd", ScanLimits(kept=250)).points
     assert np.array_equal(thinned, points[1::4], equal_nan=True)
 
 
@@ -134,23 +135,34 @@ def test_pts(tmp_path: Path) -> None:
         load_points(path)
 
 
-def test_colours_are_seen_but_not_read(tmp_path: Path) -> None:
+def test_colours(tmp_path: Path) -> None:
+    """Of 16 bits in LAS, of 8 in the others; thinned and sorted out as their points are."""
+    colours = np.random.default_rng(1).integers(0, 256, (len(POINTS), 3))
+    colours[0] = 255
     write_las(tmp_path / "a.las")
-    assert read_cloud(tmp_path / "a.las").unused == (COLOURS,)  # point format 3 has them
+    las = laspy.read(tmp_path / "a.las")
+    las.red, las.green, las.blue = 257 * colours.T
+    las.write(str(tmp_path / "a.las"))
+    packed = pypcd4.PointCloud.encode_rgb(colours)
+    pypcd4.PointCloud.from_xyzrgb_points(np.column_stack([POINTS.astype(np.float32), packed])).save(
+        tmp_path / "a.pcd"
+    )
+    file = pye57.E57(str(tmp_path / "a.e57"), mode="w")
+    names = ("cartesianX", "cartesianY", "cartesianZ", "colorRed", "colorGreen", "colorBlue")
+    columns = (*POINTS.T, *colours.T.astype(np.uint8))
+    file.write_scan_raw({n: np.ascontiguousarray(c) for n, c in zip(names, columns, strict=True)})
+    file.close()
+    for name in ("a.las", "a.pcd", "a.e57"):
+        without = read_cloud(tmp_path / name)
+        assert (without.unused, without.has_colors, without.colors) == ((COLOURS,), True, None)
+        assert np.array_equal(without.points, POINTS)
+        thinned = read_scan(tmp_path / name, ScanLimits(kept=250), with_colors=True)
+        assert np.array_equal(thinned.points, POINTS[::4])
+        assert np.array_equal(thinned.colors, colours[::4])
+
+
+def test_a_scan_without_colours(tmp_path: Path) -> None:
     for write, name in ((write_e57, "a.e57"), (write_pcd, "a.pcd")):
         write(tmp_path / name, POINTS)
-        assert read_cloud(tmp_path / name).unused == ()
-    colours = np.zeros(len(POINTS), np.float32)
-    pypcd4.PointCloud.from_xyzrgb_points(
-        np.column_stack([POINTS.astype(np.float32), colours])
-    ).save(tmp_path / "b.pcd")
-    file = pye57.E57(str(tmp_path / "b.e57"), mode="w")
-    axes = ("cartesianX", "cartesianY", "cartesianZ")
-    scan = {name: np.ascontiguousarray(v) for name, v in zip(axes, POINTS.T, strict=True)}
-    channels = ("colorRed", "colorGreen", "colorBlue")
-    file.write_scan_raw(scan | {name: np.zeros(len(POINTS), np.uint8) for name in channels})
-    file.close()
-    for name in ("b.pcd", "b.e57"):
-        contents = read_cloud(tmp_path / name)
-        assert contents.unused == (COLOURS,)
-        assert np.array_equal(contents.points, POINTS)
+        contents = read_cloud(tmp_path / name, with_colors=True)
+        assert (contents.unused, contents.has_colors, contents.colors) == ((), False, None)

@@ -1,0 +1,69 @@
+"""Images at another size, and without their white background. Pure: arrays to arrays."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data_prep.scene import UInt8Images
+
+LEAST_SIZE, MOST_SIZE = 16, 2048
+BACKGROUND = 8 / 255  # less dark is background: networks draw it a little off white
+EDGE_PX = 2  # the smoothed edges of networks; those of meshes take one
+
+
+def resized(images: NDArray[np.uint8], size: int) -> NDArray[np.uint8]:
+    """Return images [F, H, W, 3] as [F, size, size, 3], by Lanczos' filter."""
+    from PIL import Image
+
+    lanczos = Image.Resampling.LANCZOS
+    return np.stack(
+        [np.asarray(Image.fromarray(image).resize((size, size), lanczos)) for image in images]
+    )
+
+
+def without_background(images: UInt8Images, size: int) -> NDArray[np.uint8]:
+    """Return images on white, [F, S, S, 3], as RGBA [F, size, size, 4] that are the same on white.
+
+    White is transparent, the object opaque. Within EDGE_PX of the background a pixel is as opaque
+    as it is dark, compared with the object beside it. Its colour is the one that on white gives
+    the pixel of the opaque image (of `resized`) again, within a grey level.
+    """
+    from PIL import Image
+
+    large = resized(images, size)
+    opacity = np.stack([_opacity(image) for image in images]).astype(np.float32)
+    if opacity.shape[1:] != large.shape[1:3]:
+        lanczos = Image.Resampling.LANCZOS
+        enlarged = [Image.fromarray(o).resize((size, size), lanczos) for o in opacity]
+        opacity = np.stack([np.asarray(o) for o in enlarged])
+    # Less opaque than dark, a pixel would need a colour darker than black.
+    opacity = np.clip(opacity, _darkness(large), 1.0)
+    steps = np.ceil(opacity * 255 - 1e-3)[..., None]  # up, for the same reason
+    alpha = steps / 255
+    colour = np.full(large.shape, 255.0)
+    np.divide(large - 255 * (1 - alpha), alpha, out=colour, where=alpha > 0)
+    rgb = np.floor(np.clip(colour, 0, 255) + 0.5)
+    return np.concatenate([rgb, steps], axis=3).astype(np.uint8)
+
+
+def _darkness(images: NDArray[np.uint8]) -> NDArray[np.float64]:
+    return 1 - images.min(axis=-1) / 255
+
+
+def _opacity(image: NDArray[np.uint8]) -> NDArray[np.float64]:
+    from scipy import ndimage
+
+    darkness = _darkness(image)
+    background = darkness < BACKGROUND
+    if not background.any():
+        return np.ones_like(darkness)
+    core = ndimage.distance_transform_cdt(~background, "chessboard") > EDGE_PX
+    # The object beside an edge is its nearest pixel within; a thin part has none near by, and is
+    # measured by its darkest pixel.
+    beside = ndimage.maximum_filter(darkness, 2 * EDGE_PX + 1)
+    if core.any():
+        distance, nearest = ndimage.distance_transform_edt(~core, return_indices=True)
+        beside = np.where(distance <= 2 * EDGE_PX, darkness[tuple(nearest)], beside)
+    edge = np.minimum(darkness / np.maximum(beside, BACKGROUND), 1.0)
+    return np.where(core, 1.0, np.where(background, darkness, edge))

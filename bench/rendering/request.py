@@ -1,0 +1,147 @@
+"""The options of `bench render`: checks, and the results that they ask for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from bench.catalogue.methods import RECOMMENDED, find_method
+from bench.rendering.cloud import CloudFile, Notes, check_draws_colours, make_view
+from bench.rendering.files import MOVING, check_opacity, moves
+from bench.rendering.finish import LEAST_SIZE, MOST_SIZE
+from data_prep.clouds.orientations import upright
+from data_prep.failures import BadInput
+from data_prep.scene import IMAGE_SIZE, View
+
+FRAMES = 36
+MOST_FRAMES = 120  # steps of 3 degrees; a sheet of ten methods takes 300 MB
+MOST_PIXELS = 2**25  # of a turntable of another size: 100 MB, and ten times as many for a GIF
+
+
+@dataclass(frozen=True)
+class RenderOptions:
+    """The options of `bench render`.
+
+    Attributes
+    ----------
+    method : tuple of str
+        Methods; several make a sheet.
+    out : Path or None
+        An image, or a turntable by its name; None: beside the cloud, with its name and .png. Of
+        several clouds the folder of the images.
+    azimuth, elevation : float
+        Degrees.
+    frames : int or None
+        Images of a turntable, which begins at the azimuth and goes all around; None: FRAMES.
+    size : int or None
+        Width and height of the image in pixels; None: as drawn.
+    background : str
+        "white", or "transparent" for an image with an opacity.
+    colour : str
+        "method", or "file" for points in the colours of the file.
+    up : str or None
+        As in `bench.rendering.cloud.CloudFile`; None: y, and a note where z looks right.
+    front, points, drop_invalid, as_is
+        See `bench.rendering.cloud.CloudFile`.
+    """
+
+    method: tuple[str, ...] = (RECOMMENDED,)
+    out: Path | None = None
+    azimuth: float = 30.0
+    elevation: float = 20.0
+    frames: int | None = None
+    size: int | None = None
+    background: Literal["white", "transparent"] = "white"
+    colour: Literal["method", "file"] = "method"
+    up: str | None = None
+    front: str | None = None
+    points: int | None = None
+    drop_invalid: bool = False
+    device: str = "auto"
+    as_is: bool = False
+
+    @property
+    def methods(self) -> tuple[str, ...]:
+        """Return the methods, each once."""
+        return tuple(dict.fromkeys(self.method))
+
+
+def check(options: RenderOptions, out: Path) -> None:
+    """Raise BadInput for options that are wrong whatever the file holds and the methods do."""
+    is_turntable = moves(out)  # raises BadInput for the name of another kind of file
+    if options.frames is not None and not is_turntable:
+        raise BadInput(
+            f"--frames {options.frames}: {out} is one image; give a turntable's name, "
+            f"{' or '.join(MOVING)}"
+        )
+    if options.frames is not None and not 2 <= options.frames <= MOST_FRAMES:
+        raise BadInput(f"--frames {options.frames}: must be 2 to {MOST_FRAMES}")
+    if options.points is not None and options.points < 1:
+        raise BadInput(f"--points {options.points}: must be at least 1")
+    _check_finish(options, out, is_turntable)
+    upright(np.empty((0, 3)), options.up or "y", options.front)
+
+
+def _check_finish(options: RenderOptions, out: Path, is_turntable: bool) -> None:
+    """Raise BadInput for a size, a background or colours that these images cannot have."""
+    size, sheet = options.size, len(options.methods) > 1
+    if size is not None and not LEAST_SIZE <= size <= MOST_SIZE:
+        raise BadInput(f"--size {size}: must be {LEAST_SIZE} to {MOST_SIZE}")
+    if size is not None and sheet:
+        raise BadInput(f"--size {size}: a sheet of several methods has its own; give one method")
+    frames = (options.frames or FRAMES) if is_turntable else 1
+    if size is not None and frames * size**2 > MOST_PIXELS:
+        most = int((MOST_PIXELS / frames) ** 0.5)
+        raise BadInput(f"--size {size}: at most {most} with {frames} frames; give less of either")
+    if options.background == "transparent":
+        check_opacity(out)
+        if sheet:
+            raise BadInput("--background transparent: a sheet is white; give one method")
+    if options.colour == "file":
+        for method in options.methods:
+            check_draws_colours(method)
+
+
+def views_of(options: RenderOptions, out: Path) -> tuple[View, ...]:
+    """Return the view, or all of a turntable. Raises BadInput for an angle out of its range."""
+    first = make_view(options.azimuth, options.elevation)
+    if not moves(out):
+        return (first,)
+    frames = options.frames or FRAMES
+    return tuple(
+        View(first.azimuth_deg + 360 * i / frames, first.elevation_deg) for i in range(frames)
+    )
+
+
+def cloud_file(cloud: Path, options: RenderOptions) -> CloudFile:
+    """Return the file of a cloud, to be read as the options say."""
+    return CloudFile(
+        cloud,
+        options.as_is,
+        options.up or "y",
+        options.front,
+        options.points,
+        options.drop_invalid,
+        with_colors=options.colour == "file",
+        up_unknown=options.up is None,
+    )
+
+
+def notes_on(options: RenderOptions) -> Notes:
+    """Return notes on methods that know chairs only, and on a size that is not the drawn one."""
+    notes = []
+    if options.size not in (None, IMAGE_SIZE):
+        notes.append(
+            f"methods draw {IMAGE_SIZE} x {IMAGE_SIZE} pixels; resampled to {options.size} x "
+            f"{options.size} (Lanczos), which adds no detail"
+        )
+    chairs = [name for name in options.methods if find_method(name).trained_on == "chairs"]
+    if chairs:
+        notes.append(
+            f"{', '.join(chairs)}: trained on chairs, other objects may look like them; "
+            f"{RECOMMENDED} knows {find_method(RECOMMENDED).trained_on}"
+        )
+    return tuple(notes)

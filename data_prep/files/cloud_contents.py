@@ -1,0 +1,75 @@
+"""The contents of a cloud's file, as all of its readers return them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+COLOURS = "its colours"
+CHANNELS = (  # names of columns
+    ("red", "r", "diffuse_red"),
+    ("green", "g", "diffuse_green"),
+    ("blue", "b", "diffuse_blue"),
+)
+MOST_OF_16_BITS = 65535.0
+
+CloudPoints = NDArray[np.float64]  # [N, 3]
+PointColors = NDArray[np.uint8]  # [N, 3]
+
+
+@dataclass(frozen=True, eq=False)
+class CloudContents:
+    """The points of a file and a description of its other contents.
+
+    Attributes
+    ----------
+    points : float64 array [N, 3]
+        Coordinates in the order and units of the file.
+    unused : tuple of str
+        Other contents of the file, for people: "its colours".
+    lines : sequence of int or None
+        Line of each point in a text file, from 1.
+    has_colors : bool
+        Whether the file has columns that can be read as colours of its points.
+    colors : uint8 array [N, 3] or None
+        Red, green and blue of each point; None where they are not asked for, or not in the file.
+    """
+
+    points: CloudPoints
+    unused: tuple[str, ...] = ()
+    lines: Sequence[int] | None = None
+    has_colors: bool = False
+    colors: PointColors | None = None
+
+
+class NotACloud(Exception):
+    """A problem of a file with its remedy; `read_cloud` adds the name of the file."""
+
+
+def color_columns(names: Sequence[str]) -> tuple[int, ...]:
+    """Return the columns of red, green and blue by their names; () where one is missing."""
+    columns = [
+        next((i for i, name in enumerate(names) if name in channel), -1) for channel in CHANNELS
+    ]
+    return () if -1 in columns else tuple(columns)
+
+
+def colors_of(values: NDArray[np.number], whole: bool = False) -> PointColors:
+    """Return channels [N, 3] of any range as bytes.
+
+    The largest value tells the range: 0 to 1, to 255 or to 65535. Where `whole` says that the file
+    holds whole numbers, 1 is a byte. Raises NotACloud for other values.
+    """
+    if not np.isfinite(values).all() or values.min(initial=0) < 0:
+        raise NotACloud("its colours have values below 0 or not finite; give 0 to 255, or 0 to 1")
+    largest = float(values.max(initial=0))
+    if largest > MOST_OF_16_BITS:
+        raise NotACloud(f"its colours have the value {largest:g}; give 0 to 255, or 0 to 1")
+    if largest > 255:
+        values = values * (255 / MOST_OF_16_BITS)
+    elif largest <= 1 and not whole:
+        values = values * 255.0
+    return np.floor(values + 0.5).astype(np.uint8)

@@ -1,0 +1,141 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from bench.rendering.batch import images_of_clouds
+from bench.rendering.cloud import CloudFile, Drawing, draw_each
+from data_prep.failures import BadInput
+from data_prep.files.clouds import save_ply
+from data_prep.scene import View
+
+POINTS = np.array([[0, 0, 0], [4, 0, 0], [0, 0.2, 0]], np.float32)  # flat: low for a method below
+
+
+@pytest.fixture
+def clouds(tmp_path):
+    """A folder of two clouds of 3 and 4 points, one of them in a sub-folder."""
+    folder = tmp_path / "clouds"
+    save_ply(POINTS, folder / "a.ply")
+    (folder / "more").mkdir()
+    np.save(folder / "more" / "a.npy", np.eye(4, 3) * [1, 0.1, 1])
+    (folder / "notes.md").write_text("not a cloud")
+    return folder
+
+
+def points_told(path):
+    """Return the number of points, as `fake-healthy` draws it."""
+    with Image.open(path) as image:
+        return np.asarray(image)[0, 2, 0]
+
+
+def test_an_image_of_each_cloud_of_a_folder_and_of_further_files(
+    command, plugins, clouds, tmp_path
+):
+    further, out = tmp_path / "b.xyz", tmp_path / "images"
+    further.write_text("0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 1 1\n")
+    done = command(
+        "render", clouds, clouds / "more", further, further, "--method", "fake-healthy", "-o", out
+    )
+    images = [out / "a.png", out / "more" / "a.png", out / "b.png"]
+    assert done[:2] == (0, "".join(f"{image}\n" for image in images))
+    assert [points_told(image) for image in images] == [3, 4, 5]
+    assert sorted(p for p in out.rglob("*") if p.is_file()) == sorted(images)
+    assert done[2].splitlines()[-1].startswith("drawing: 3/3 done, 0 failed")
+    assert command("render", further, clouds, "--method", "fake-healthy", "-o", out)[0] == 0
+
+
+def test_clouds_that_fail_are_listed_and_the_others_drawn(command, plugins, clouds, tmp_path):
+    whole = (clouds / "a.ply").read_bytes()
+    (clouds / "cut.ply").write_bytes(whole[:-1])
+    (clouds / "empty.xyz").touch()
+    (clouds / "high.xyz").write_text("0 0 0\n1 0 0\n0 1 0\n0 -1 0\n")
+    (clouds / "z.npy").symlink_to("nowhere.npy")  # not a file: not among the clouds
+    out = tmp_path / "images"
+    status, printed, err = command(
+        *("render", clouds, "--method", "fake-crash-where-high", "-o", out)
+    )
+    assert (status, printed) == (1, f"{out}/a.png\n{out}/more/a.png\n")
+    *progress, cut, empty, high, summary = err.splitlines()
+    assert progress[-1].startswith("drawing: 5/5 done, 3 failed")
+    assert cut.startswith(f"bench: {clouds}/cut.ply: 3 vertices of 12 bytes in the header, and 35 ")
+    assert empty == f"bench: {clouds}/empty.xyz: the cloud has no points (0); give at least two"
+    assert high == (
+        f"bench: {clouds}/high.xyz: fake-crash-where-high: crash: the worker died (SIGSEGV)"
+    )
+    assert summary == "bench: 3 of 5 clouds have no image"
+    assert {p.name for p in out.rglob("*")} == {"a.png", "more"}
+
+
+def test_several_methods_make_a_sheet_of_each_cloud(command, plugins, clouds, tmp_path):
+    """A method that fails on one is named, and is no error where another draws the cloud."""
+    out = tmp_path / "images"
+    (clouds / "more" / "a.npy").unlink()
+    np.save(clouds / "b.npy", np.eye(4, 3) * [1, 2, 1])
+    methods = "fake-several-views,fake-left-and-right"
+    status, _, err = command("render", clouds, "--method", methods, "-o", out)
+    failures = [line for line in err.splitlines() if not line.startswith("drawing: ")]
+    assert (status, failures) == (
+        0,
+        [
+            f"bench: {clouds}/a.ply: fake-left-and-right: weigh: 2 points left and 1 right",
+            f"bench: {clouds}/b.npy: fake-left-and-right: weigh: 3 points left and 1 right",
+        ],
+    )
+    for name in ("a.png", "b.png"):
+        with Image.open(out / name) as sheet:
+            assert sheet.size == (3 * 262 + 6, 280 + 6)
+
+
+def test_a_note_that_files_share_is_one_line(command, plugins, tmp_path):
+    for name, columns in (("a.xyz", 6), ("b.xyz", 6), ("c.xyz", 4)):
+        np.savetxt(tmp_path / name, np.eye(4, columns))
+    _, _, err = command("render", tmp_path, "--method", "fake-healthy", "-o", tmp_path / "out")
+    notes = [line for line in err.splitlines() if line.startswith("note: ")]
+    rest = "are not used; only the coordinates of its points are"
+    assert notes == [
+        f"note: {tmp_path}/a.xyz and 1 more: 3 of its 6 columns {rest}; "
+        "'--method splat --colour file' draws its colours",
+        f"note: {tmp_path}/c.xyz: 1 of its 4 columns {rest}",
+    ]
+
+
+def test_a_worker_loads_a_method_once(plugins, clouds):
+    files = [CloudFile(path, as_is=False) for path in images_of_clouds([clouds], clouds)]
+    drawing = Drawing("fake-counted", (View(0.0, 0.0),))
+    results = list(draw_each(files, [drawing], workers=1))
+    assert [file for file, *_ in results] == files
+    for _, _, images, _ in results:
+        assert isinstance(images, np.ndarray)
+        assert images[0, 0, 0].tolist() == [1, 1, 1]
+
+
+def test_what_cannot_be_drawn_into_a_folder_is_refused_before_anything_is_drawn(
+    refused, clouds, tmp_path
+):
+    out, cloud = tmp_path / "images", clouds / "a.ply"
+    other, nothing = tmp_path / "other", tmp_path / "nothing"
+    save_ply(POINTS, other / "a.ply")
+    nothing.mkdir()
+    both = f"{cloud} and {other}/a.ply would both be drawn as {out}/a.png; rename one, or draw "
+    for arguments, problem in (
+        ((clouds, other, "-o", out), both),
+        ((cloud, tmp_path / "gone.ply", "-o", out), f"{tmp_path}/gone.ply: no such file; check"),
+        ((cloud, tmp_path / "a.obj", "-o", out), f"{tmp_path}/a.obj: .obj is not supported as a "),
+        ((nothing, "-o", out), f"{nothing}: no clouds in this folder; give one with .ply, "),
+        ((cloud, other), f"{cloud}: one of several clouds; give a folder for the images, -o "),
+        ((clouds, "-o", tmp_path / "x.gif"), f"{tmp_path}/x.gif: one name for several clouds; "),
+        ((clouds, "-o", cloud), f"{cloud}: a file; give the folder of the images"),
+        ((clouds, "-o", tmp_path / "new" / "x"), f"{tmp_path}/new/x: no such folder, {tmp_path}/"),
+        ((clouds, "-o", out, "--frames", "9"), f"--frames 9: {out}/a.png is one image; give a t"),
+        ((clouds, "-o", out, "--method", "splta"), "unknown method 'splta': did you mean "),
+    ):
+        assert refused("render", *arguments).startswith(problem)
+    assert not out.exists()
+
+
+def test_two_clouds_of_a_folder_with_one_name(clouds, tmp_path):
+    save_ply(POINTS, clouds / "more" / "a.ply")
+    with pytest.raises(BadInput, match=r"more/a\.npy and .*more/a\.ply would both be drawn as "):
+        images_of_clouds([clouds], tmp_path)

@@ -1,0 +1,70 @@
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.rendering.cloud import CloudFile
+from bench.rendering.orientation_hint import looks_lying
+from data_prep.clouds.normalise import normalise
+from data_prep.clouds.sampling import sample_surface
+from data_prep.datasets.registry import open_dataset
+from data_prep.files.clouds import save_ply
+from data_prep.files.meshes import load_mesh
+from data_prep.randomness import generator
+from data_prep.scene import PointCloud
+
+MESHES = Path(__file__).parents[4] / "shared" / "meshes"
+
+
+def lying(cloud, front="-y"):
+    """Return the cloud as a file with z up has it, read as if y were up."""
+    x, y, z = cloud.points.T
+    return PointCloud(np.stack([-x, z, y] if front == "-y" else [-z, -x, y], axis=1))
+
+
+@pytest.fixture(scope="module")
+def tables():
+    objects = open_dataset("procedural").objects("table", limit=10, endless_limit=10)
+    return [
+        sample_surface(table.load(), generator("test", str(i))) for i, table in enumerate(objects)
+    ]
+
+
+def test_tables_on_their_backs_are_recognised_and_standing_ones_are_not(tables):
+    assert not any(looks_lying(table) for table in tables)
+    assert sum(looks_lying(lying(table)) for table in tables) >= 5
+
+
+def test_few_points_and_points_that_are_not_finite_say_nothing(tables):
+    back = next(lying(table).points for table in tables if looks_lying(lying(table)))
+    assert not looks_lying(PointCloud(back[:255]))
+    assert not looks_lying(PointCloud(back * np.nan))
+    assert not looks_lying(PointCloud(np.zeros((300, 3))))
+    assert looks_lying(PointCloud(np.concatenate([back, [[np.inf, 0, np.nan]]])))
+
+
+def test_a_note_where_the_up_axis_is_a_guess(tables, tmp_path):
+    path = tmp_path / "table.ply"
+    save_ply(next(lying(t) for t in tables if looks_lying(lying(t))).points, path)
+    note = f"{path}: its z axis seems to point up; give --up z, or --up y if it does not"
+    assert CloudFile(path, as_is=False, up_unknown=True).load_with_notes()[1] == (note,)
+    assert CloudFile(path, as_is=False).load_with_notes()[1] == ()
+    assert CloudFile(path, as_is=False, up="z").load_with_notes()[1] == ()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not MESHES.is_dir(), reason="needs the real meshes in ../shared/meshes")
+def test_rates_on_real_meshes():
+    """Figures of docs/rendering.md, with other random points than those of the choice."""
+    with (MESHES / "manifest.csv").open(newline="") as file:
+        names = [row["file"] for row in csv.DictReader(file) if row["kind"] == "mesh"]
+    clouds = [
+        sample_surface(normalise(load_mesh(MESHES / name)), generator("test", name))
+        for name in names
+    ]
+    assert sum(map(looks_lying, clouds)) <= 0.02 * len(clouds)
+    assert sum(looks_lying(lying(cloud)) for cloud in clouds) >= 0.2 * len(clouds)
+    assert sum(looks_lying(lying(cloud, "x")) for cloud in clouds) >= 0.5 * len(clouds)
