@@ -31,7 +31,7 @@ COMMANDS = {  # name: module and name in it, first line of its help
     "check": ("results:check", "Compare a run with the golden values; exit 1 if one differs."),
     "report": ("results:report", "Make an HTML page of a run: tables, curves, images; offline."),
     "site": ("results:site", "Make a static site over many runs: ranks, methods, comparisons."),
-    "compare": ("results:compare", "Compare two runs, or two methods of one, object by object."),
+    "compare": ("compare:compare", "Compare two runs, or two methods of one, object by object."),
     "recommend": ("results:recommend", "Recommend a method for a budget, or for a quality."),
     "score": ("score:score_run", "Measure a finished run with metrics of other packages."),
     "render": ("render:render_cloud", "Draw the point cloud of a file."),

@@ -147,7 +147,7 @@ def _metrics(
 ) -> list[str]:
     """Return the metrics wanted, all of which the runs have to have.
 
-    By default ssim, the metrics of the headline table, and the set metrics with features.
+    By default the metrics of the headline table.
     """
     suite = scored[0].suite
     every = [*suite.image_metrics, *suite.detail_metrics, *suite.set_metrics]
@@ -159,8 +159,7 @@ def _metrics(
     if wanted is not None:
         _refuse_unknown("--metric", wanted, metrics)
         return list(wanted)
-    usual = ("ssim", *suite.headline)
-    return [metric for metric in metrics if metric in usual or metric not in IMAGE_METRICS]
+    return [metric for metric in suite.headline if metric in metrics] or metrics[:1]
 
 
 def _common(name: str, a: Sequence[str], b: Sequence[str], remarks: list[str]) -> list[str]:

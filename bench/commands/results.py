@@ -1,4 +1,4 @@
-"""The commands on finished runs: merge, table, report, site, check, compare, recommend."""
+"""The commands on finished runs: merge, table, report, site, check, recommend."""
 
 from __future__ import annotations
 
@@ -22,13 +22,9 @@ from bench.analysis.recommend import (
 from bench.analysis.recommend import recommend as best_methods
 from bench.analysis.scored import ScoredRun, read_scored
 from bench.commands.options import FormatOption, RunDirectory, names, path_argument, path_option
-from bench.running.options import file_name
 from bench.tables.build import how_timed
 from bench.tables.markdown import visible
 from data_prep.failures import BadInput, CannotWrite
-from data_prep.files.atomic_write import write_whole
-
-COMPARISONS = "comparisons"
 
 
 def merge(
@@ -145,57 +141,6 @@ def _check_claims(directories: list[Path], methods: Sequence[str]) -> None:
     checklist = check_claims(directories, methods)
     print(to_markdown(checklist))
     print(f"written to {write_checklist(checklist, directories[0])}", file=sys.stderr)
-
-
-def compare(
-    directories: Annotated[
-        list[Path], path_argument("DIR [DIR]", "The folder of one finished run, or of two.")
-    ],
-    methods: Annotated[
-        str | None,
-        typer.Option(
-            help="Methods, comma-separated: the two of one run, or those of two runs to compare. "
-            "Default: all."
-        ),
-    ] = None,
-    metric: Annotated[
-        str | None,
-        typer.Option(
-            help="Metrics, comma-separated. Default: ssim, ssim-object, lpips, and the metrics of "
-            "sets of images."
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        path_option("Folder for tables and figure. Default: comparisons/A-B in the last run."),
-    ] = None,
-) -> None:
-    """Compare two runs, or two methods of one, object by object: differences and ties."""
-    from bench.analysis.run_pairs import methods_of_run, runs
-    from bench.report.differences import write_differences
-    from bench.tables.differences import differences_table
-    from bench.tables.table import table_files
-
-    if len(directories) > 2:
-        raise BadInput(f"{len(directories)} folders: two runs are compared; give one or two")
-    if len(directories) == 1:
-        differences = methods_of_run(directories[0], names(methods) or (), names(metric))
-    else:
-        first, second = directories
-        differences = runs(first, second, names(methods), names(metric))
-    folder = out or directories[-1] / COMPARISONS / file_name(
-        Path(differences.a).name, Path(differences.b).name
-    )
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise CannotWrite(f"{folder}: cannot be made ({error.strerror}); give --out") from error
-    table = differences_table(differences)
-    for name, text in table_files([table]).items():
-        write_whole(folder / name, text.encode())
-    write_differences(folder / "differences", differences.cells, differences.a, differences.b)
-    print(table.to_markdown())
-    print(f"written to {folder}", file=sys.stderr)
 
 
 def recommend(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import shutil
+import textwrap
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
@@ -11,7 +11,7 @@ from typing import Any
 
 from bench.analysis.scores import QualityRow
 from bench.running.run import PartialRun
-from bench.tables.plain import plain
+from bench.tables.plain import plain, terminal_width
 from bench.tables.table import TABLES, Table
 from data_prep.progress import bars, is_live, log, progress
 
@@ -21,8 +21,9 @@ SHARE = 0.02  # of the time of a run that goes into tables in between, at most
 
 def shown(table: Table[QualityRow], lines: int = MOST_LINES) -> list[str]:
     """Return the headline table as text, as wide as the terminal and at most 100 columns."""
-    width = min(WIDEST, shutil.get_terminal_size((WIDEST, MOST_LINES)).columns)
-    return [table.title, *plain(table.grids(), width, lines - 1)]
+    width = min(WIDEST, terminal_width(WIDEST))
+    title = textwrap.wrap(table.title, width)
+    return [*title, *plain(table.grids(), width, lines - len(title))]
 
 
 class Terminal(AbstractContextManager["Terminal"]):
