@@ -27,6 +27,7 @@ from bench.running.status import RunStatus, refuse_small, run_status
 from bench.tables.markdown import visible
 
 FID = "fid"
+STAGES = {"items": "jobs"}  # the manifest keeps the older name
 
 
 def describe_run(options: Options) -> str:
@@ -164,7 +165,9 @@ def run(
 
 
 def _summary(finished: RunResult[Outputs]) -> str:
-    stages = ", ".join(f"{name} {value:.1f} s" for name, value in finished.seconds.items())
+    stages = ", ".join(
+        f"{STAGES.get(name, name)} {value:.1f} s" for name, value in finished.seconds.items()
+    )
     parts = ", ".join(f"{name} {share:.0%}" for name, share in finished.shares.items())
     return (
         f"{finished.done} jobs done, {finished.reused} from before, {finished.failed} failed "

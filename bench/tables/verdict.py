@@ -52,11 +52,11 @@ def comparison_lines(differences: Differences, width: int) -> list[str]:
     for corner, cells in _blocks(differences):
         rows = list(_verdicts(cells, conditions))
         lines += ["", *_laid_out(corner, list(map(condition_words, conditions)), rows, width)]
-    lines.append("")
+    lines += [""] * bool(differences.remarks)
     for remark in differences.remarks:
         lines += _wrapped(visible(remark.replace("`", "")), width)
     name = visible(Path(differences.b).name or differences.b)
-    return [*lines, *_wrapped(verdict(differences.cells, name, objects), width)]
+    return [*lines, "", *_wrapped(verdict(differences.cells, name, objects), width)]
 
 
 def verdict(cells: Sequence[PairedDifference], name: str, objects: str) -> str:
@@ -138,13 +138,16 @@ def _laid_out(corner: str, heads: Sequence[str], rows: Sequence[_Verdict], width
     """Return rows under the heads of their conditions, in as few parts as the width allows."""
     names = [corner, *(name for row in rows for name in (row.metric, "  difference"))]
     wide = max(map(cell_len, names))
-    columns = []
-    for i, head in enumerate(heads):
-        texts = [head, *(text for row in rows for text in (row.words[i], row.differences[i]))]
-        most = max(map(cell_len, texts))
-        columns.append([text.rjust(most) for text in texts])
-    if wide + max(len(GAP) + cell_len(column[0]) for column in columns) > width:
+    columns = [
+        [head, *(text for row in rows for text in (row.words[i], row.differences[i]))]
+        for i, head in enumerate(heads)
+    ]
+    widths = [max(map(len, column)) for column in columns]
+    if wide + len(GAP) + max(widths) > width:
         return _stacked(corner, heads, rows, width)
+    if wide + len(columns) * (len(GAP) + max(widths)) <= width:
+        widths = [max(widths)] * len(columns)
+    columns = [[t.rjust(w) for t in texts] for texts, w in zip(columns, widths, strict=True)]
     first = [set_cell_size(name, wide) for name in names]
     lines: list[str] = []
     for part in in_groups(columns, width - wide - len(GAP)):
@@ -164,4 +167,4 @@ def _stacked(corner: str, heads: Sequence[str], rows: Sequence[_Verdict], width:
 
 
 def _wrapped(text: str, width: int, indent: str = "") -> list[str]:
-    return textwrap.wrap(text, max(width, 8), subsequent_indent=indent)
+    return textwrap.wrap(text, max(width, 8), subsequent_indent=indent, break_on_hyphens=False)
