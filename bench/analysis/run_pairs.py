@@ -151,6 +151,7 @@ def _metrics(
     """
     suite = scored[0].suite
     every = [*suite.image_metrics, *suite.detail_metrics, *suite.set_metrics]
+    every.sort(key=lambda metric: metric not in suite.headline)
     metrics = [metric for metric in every if all(run.measured([metric]) for run in scored)]
     extractors = {repr(sorted(r.manifest.get("feature_identity", {}).items())) for r in scored}
     if len(extractors) > 1:

@@ -62,9 +62,9 @@ def compare(
     from bench.commands.publish import in_format
     from bench.report.differences import write_differences
     from bench.tables.differences import differences_table
-    from bench.tables.plain import terminal_width
     from bench.tables.table import table_files
     from bench.tables.verdict import comparison_lines
+    from bench.tables.wrap import terminal_width
 
     if len(directories) > 2:
         raise BadInput(f"{len(directories)} folders: two runs are compared; give one or two")
@@ -88,7 +88,7 @@ def compare(
     if format_ is None:
         format_ = ComparisonFormat.text if sys.stdout.isatty() else ComparisonFormat.md
     if format_ is ComparisonFormat.text:
-        print("\n".join(comparison_lines(differences, terminal_width())))
+        print("\n".join(comparison_lines(differences, terminal_width(80))))
     elif format_ is ComparisonFormat.md:
         print(table.to_markdown())
     else:

@@ -5,8 +5,6 @@ It answers at once: no package that is slow to import is loaded, nor a plug-in.
 
 from __future__ import annotations
 
-import shutil
-import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated
@@ -28,6 +26,7 @@ from bench.catalogue.parameters import PARAMETERS
 from bench.catalogue.plugins import metric_ids, plugin_problem
 from bench.catalogue.reconstruction import BEST_RECONSTRUCTION, best_by_condition
 from bench.catalogue.suites import ALL_SUITES, ROBUSTNESS
+from bench.tables.wrap import terminal_width, wrapped
 from data_prep.clouds.conditions import CONDITIONS
 from data_prep.failures import unknown
 from data_prep.plugins import DATASETS, entry_point_names
@@ -67,7 +66,7 @@ def list_all(
     """List suites, methods and their variants, conditions, metrics and datasets."""
     if section is not None and section not in SECTIONS:
         raise unknown(section, SECTIONS, "section", see="bench list --help")
-    width = shutil.get_terminal_size((0, 0)).columns  # 0: no terminal, and COLUMNS is not set
+    width = terminal_width()  # 0: no terminal, and COLUMNS is not set
     for title in SECTIONS if section is None else (section,):
         print(f"{title}:")
         for line in section_lines(title, width):
@@ -118,13 +117,13 @@ def _methods(width: int, costs: Mapping[str, float]) -> Iterator[str]:
         yield " of other packages"
         for id_ in others:
             yield from _lines(_Entry(id_, _of_package("method", id_)), width)
-    yield from _wrapped(
+    yield from wrapped(
         f"* recommended: {RECOMMENDED} for objects of any kind; {', '.join(chosen)} are, each "
         f"where it is best, '{BEST_RECONSTRUCTION}'",
         width,
     )
     if costs:
-        yield from _wrapped(
+        yield from wrapped(
             "one view: of a new cloud of 2048 points, by results/docs/frontier.csv; ~: as the "
             "method without its variant",
             width,
@@ -157,7 +156,7 @@ def _metrics(width: int) -> Iterator[str]:
         yield " of other packages"
         for id_ in others:
             yield from _lines(_Entry(id_, _of_package("metric", id_, "; see 'bench score'")), width)
-    yield from _wrapped("* of the headline table, 'bench compare' and 'bench recommend'", width)
+    yield from wrapped("* of the headline table, 'bench compare' and 'bench recommend'", width)
 
 
 @dataclass(frozen=True)
@@ -177,25 +176,21 @@ def _lines(entry: _Entry, width: int) -> list[str]:
     if not width:
         return [columns + entry.about]
     if width >= len(columns) + NARROWEST_TEXT:
-        return textwrap.wrap(
-            entry.about, width, initial_indent=columns, subsequent_indent=" " * len(columns)
-        )
+        return wrapped(entry.about, width, columns, " " * len(columns))
     if width >= len(columns) and entry.facts:
-        return [columns.rstrip(), *_wrapped(entry.about, width, BELOW)]
+        return [columns.rstrip(), *wrapped(entry.about, width, BELOW, BELOW)]
     facts = "; ".join(f"{head} {text}" for head, text in entry.facts)
-    return [start.rstrip(), *_wrapped(facts, width, BELOW), *_wrapped(entry.about, width, BELOW)]
+    return [
+        start.rstrip(),
+        *wrapped(facts, width, BELOW, BELOW),
+        *wrapped(entry.about, width, BELOW, BELOW),
+    ]
 
 
 def _heads(heads: Sequence[str], width: int) -> list[str]:
     """Return the line of heads above the facts of entries; none where these are stacked."""
     line = " " * (NAME + 3) + "".join(f"{head:<{FACT}}  " for head in heads)
     return [line.rstrip()] if not width or width >= len(line) else []
-
-
-def _wrapped(text: str, width: int, indent: str = "") -> list[str]:
-    if not width:
-        return [indent + text]
-    return textwrap.wrap(text, width, initial_indent=indent, subsequent_indent=indent)
 
 
 def _of_package(kind: str, id_: str, use: str = "") -> str:

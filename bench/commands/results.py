@@ -21,9 +21,11 @@ from bench.analysis.recommend import (
 )
 from bench.analysis.recommend import recommend as best_methods
 from bench.analysis.scored import ScoredRun, read_scored
+from bench.commands.browser import OpenOption, open_page
 from bench.commands.options import FormatOption, RunDirectory, names, path_argument, path_option
 from bench.tables.build import how_timed
 from bench.tables.markdown import visible
+from bench.tables.wrap import terminal_width, wrapped
 from data_prep.failures import BadInput, CannotWrite
 
 
@@ -60,24 +62,32 @@ def report(
     out: Annotated[
         Path | None, path_option("The HTML file. Default: DIR/report.html.", "--out", "-o")
     ] = None,
+    open_: OpenOption = False,
 ) -> None:
     """Make an HTML page of a run: tables, curves, images, worst cases, failures; offline."""
     from bench.analysis.scored import read_scored
     from bench.report.build import write_report
     from bench.tables.build import make_outputs
 
-    print(write_report(make_outputs(read_scored(directory)), out))
+    page = write_report(make_outputs(read_scored(directory)), out)
+    print(page)
+    if open_:
+        open_page(page)
 
 
 def site(
     directories: Annotated[list[Path], path_argument("DIR...", "The folders of finished runs.")],
     out: Annotated[Path, path_option("The new folder.", "--out", "-o")],
+    open_: OpenOption = False,
 ) -> None:
     """Make a static site over many runs: ranks, methods, comparisons, downloads; offline."""
     from bench.report.site.write import write_site
 
     count = write_site(directories, out)
-    print(f"{count} pages; open {out / 'index.html'}")
+    index = out / "index.html"
+    print(f"{count} pages; open {index}")
+    if open_:
+        open_page(index)
 
 
 def check(
@@ -120,8 +130,15 @@ def check(
     verdict = checks.check(directory)
     for line in verdict.remarks:
         print(line)
-    for line in verdict.regressions:
+    first, others = verdict.by_headline
+    for line in (*first, *others):
         print(f"REGRESSION {line}")
+    if verdict.headline:
+        print(
+            f"{' and '.join(verdict.headline_metrics)}: {verdict.headline} values, "
+            f"{len(first)} regressions; others: {verdict.compared - verdict.headline} values, "
+            f"{len(others)} regressions"
+        )
     print(f"{verdict.compared} golden values compared, {len(verdict.regressions)} regressions")
     try:
         drawn = write_deviations(directory, verdict.moved)
@@ -173,10 +190,11 @@ def recommend(
     metrics = _judging_metrics(run, names(metric))
     measured = [*metrics, SSIM] if min_ssim is not None and SSIM not in metrics else metrics
     compared = at_condition(run.compared(measured), condition)
-    print(how_timed(manifest))
     given = [best_methods(comparison, request, metrics) for comparison in compared]
-    for line in advice_lines(given, request, manifest["views"], in_full=condition is not None):
-        print(line)
+    lines = advice_lines(given, request, manifest["views"], in_full=condition is not None)
+    for line in (how_timed(manifest), *lines):
+        indent = "  " * line.startswith("  ")
+        print("\n".join(wrapped(line.strip(), terminal_width(), indent, indent + "  ")))
     if not all(recommendation.meets(request) for recommendation in given):
         raise typer.Exit(1)
 
@@ -186,7 +204,8 @@ def _judging_metrics(run: ScoredRun, wanted: Sequence[str] | None) -> list[str]:
 
     Raises BadInput for a metric that is none of images, or that the run does not have.
     """
-    measured = run.measured([*run.suite.image_metrics, *run.suite.detail_metrics])
+    images = [*run.suite.image_metrics, *run.suite.detail_metrics]
+    measured = run.measured(sorted(images, key=lambda metric: metric not in run.suite.headline))
     for name in wanted or ():
         if name not in measured:
             raise BadInput(f"--metric {name}: cannot judge here; there are {', '.join(measured)}")
@@ -304,11 +323,14 @@ def _good_enough(advice: Advice, request: Requirements, min_ssim: float) -> str:
 
 
 def _text(chosen: Sequence[tuple[Advice, MethodOption]], request: Requirements) -> str:
-    """Return a method with its quality by each metric, and its cost for the cloud and an image."""
+    """Return a method with its quality by each metric, and its cost for the cloud and an image.
+
+    A choice by SSIM is shown by the metrics that judge, too, and by these first.
+    """
     choice = chosen[0][1]
-    qualities = ", ".join(
-        f"{advice.metric} {_estimated(by_it.quality, advice.metric)}" for advice, by_it in chosen
-    )
+    metrics = [advice.metric for advice, _ in chosen]
+    shown = choice.qualities if metrics == [SSIM] else metrics
+    qualities = ", ".join(f"{name} {_estimated(choice.qualities[name], name)}" for name in shown)
     cost = f"{milliseconds(choice.cost_ms.value)} ms{_interval(choice.cost_ms, milliseconds)}"
     failed = f", {choice.n - choice.n_ok} of {choice.n} images failed" * (choice.n_ok < choice.n)
     image = milliseconds(choice.cost_ms.value / request.views)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 from collections.abc import Sequence
 
 from rich.cells import cell_len, set_cell_size
@@ -16,11 +15,6 @@ GAP = "  "
 NOTES = 3  # of all grids
 FEWEST_LINES = 10
 STAR, BRACKETS = "* best of those that compete", "[95 % interval over objects]"
-
-
-def terminal_width(otherwise: int = 80) -> int:
-    """Return the columns of the terminal, or as COLUMNS says; `otherwise` without either."""
-    return shutil.get_terminal_size((otherwise, 24)).columns
 
 
 def plain(grids: Sequence[Grid], width: int, lines: int) -> list[str]:

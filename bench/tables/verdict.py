@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-import textwrap
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -19,6 +18,7 @@ from bench.catalogue.lookup import condition_words
 from bench.tables.grid import ordered
 from bench.tables.markdown import visible
 from bench.tables.plain import GAP, in_groups
+from bench.tables.wrap import wrapped
 
 # The cell of the second method, by who is ahead.
 WORDS: dict[Ahead, str] = {
@@ -47,16 +47,16 @@ def comparison_lines(differences: Differences, width: int) -> list[str]:
     unit, count = _unit(differences.cells)
     objects = f"{count} {_plural(unit)}" if count != 1 else f"1 {unit}"
     b, a = visible(differences.b), visible(differences.a)
-    lines = _wrapped(f"{b} against {a}, {objects}, paired by {unit}", width)
+    lines = wrapped(f"{b} against {a}, {objects}, paired by {unit}", width)
     conditions = ordered(cell.pair.condition for cell in differences.cells)
     for corner, cells in _blocks(differences):
         rows = list(_verdicts(cells, conditions))
         lines += ["", *_laid_out(corner, list(map(condition_words, conditions)), rows, width)]
     lines += [""] * bool(differences.remarks)
     for remark in differences.remarks:
-        lines += _wrapped(visible(remark.replace("`", "")), width)
+        lines += wrapped(visible(remark.replace("`", "")), width)
     name = visible(Path(differences.b).name or differences.b)
-    return [*lines, "", *_wrapped(verdict(differences.cells, name, objects), width)]
+    return [*lines, "", *wrapped(verdict(differences.cells, name, objects), width)]
 
 
 def verdict(cells: Sequence[PairedDifference], name: str, objects: str) -> str:
@@ -158,13 +158,9 @@ def _laid_out(corner: str, heads: Sequence[str], rows: Sequence[_Verdict], width
 
 def _stacked(corner: str, heads: Sequence[str], rows: Sequence[_Verdict], width: int) -> list[str]:
     """Return a line for each cell: for terminals with no room for a column beside the names."""
-    lines = _wrapped(corner, width)
+    lines = wrapped(corner, width)
     for row in rows:
-        lines += _wrapped(row.metric, width)
+        lines += wrapped(row.metric, width)
         for cell in zip(heads, row.words, row.differences, strict=True):
-            lines += _wrapped("  {}: {} {}".format(*cell), width, "    ")
+            lines += wrapped("  {}: {} {}".format(*cell), width, further="    ")
     return lines
-
-
-def _wrapped(text: str, width: int, indent: str = "") -> list[str]:
-    return textwrap.wrap(text, max(width, 8), subsequent_indent=indent, break_on_hyphens=False)
