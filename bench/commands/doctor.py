@@ -1,4 +1,4 @@
-"""`bench doctor`: a check of the installation: one line, and one more for each failure."""
+"""`bench doctor`: a check of the installation, in one line and one more for each failure."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ from bench.catalogue.parameters import PARAMETERS
 from bench.catalogue.plugins import metric_ids, plugin_problem
 from bench.catalogue.reconstruction import BEST_RECONSTRUCTION, best_by_condition
 from bench.catalogue.suites import ALL_SUITES, ROBUSTNESS
-from bench.tables.wrap import terminal_width, wrapped
+from bench.tables.wrap import line_width, wrapped
 from data_prep.clouds.conditions import CONDITIONS
 from data_prep.failures import unknown
 from data_prep.plugins import DATASETS, entry_point_names
@@ -66,7 +66,7 @@ def list_all(
     """List suites, methods and their variants, conditions, metrics and datasets."""
     if section is not None and section not in SECTIONS:
         raise unknown(section, SECTIONS, "section", see="bench list --help")
-    width = terminal_width()  # 0: no terminal, and COLUMNS is not set
+    width = line_width()
     for title in SECTIONS if section is None else (section,):
         print(f"{title}:")
         for line in section_lines(title, width):
@@ -106,7 +106,7 @@ def _methods(width: int, costs: Mapping[str, float]) -> Iterator[str]:
     heads = ("trained on", "colour", *["one view"] * bool(costs))
     yield from _heads(heads, width)
     for kind, head in KINDS.items():
-        yield f" {head}"
+        yield from wrapped(head, width, " ", " ")
         for method in (method for method in METHODS if method.kind == kind):
             facts = [method.trained_on or "unknown", method.color or "unknown"]
             facts += [_cost(method, costs)] * bool(costs)
@@ -114,7 +114,7 @@ def _methods(width: int, costs: Mapping[str, float]) -> Iterator[str]:
             entry = _Entry(method.id, method.source, tuple(zip(heads, facts, strict=True)), star)
             yield from _lines(entry, width)
     if others := plugin_ids():
-        yield " of other packages"
+        yield from wrapped("of other packages", width, " ", " ")
         for id_ in others:
             yield from _lines(_Entry(id_, _of_package("method", id_)), width)
     yield from wrapped(
@@ -148,12 +148,12 @@ def _metrics(width: int) -> Iterator[str]:
     }
     yield from _heads(("better",), width)
     for head, metrics in sections.items():
-        yield f" {head}"
+        yield from wrapped(head, width, " ", " ")
         for name, about in metrics.items():
             better = ("better", "higher" if higher_is_better(name) else "lower")
             yield from _lines(_Entry(name, about, (better,), name in ROBUSTNESS.headline), width)
     if others := metric_ids():
-        yield " of other packages"
+        yield from wrapped("of other packages", width, " ", " ")
         for id_ in others:
             yield from _lines(_Entry(id_, _of_package("metric", id_, "; see 'bench score'")), width)
     yield from wrapped("* of the headline table, 'bench compare' and 'bench recommend'", width)
@@ -181,7 +181,7 @@ def _lines(entry: _Entry, width: int) -> list[str]:
         return [columns.rstrip(), *wrapped(entry.about, width, BELOW, BELOW)]
     facts = "; ".join(f"{head} {text}" for head, text in entry.facts)
     return [
-        start.rstrip(),
+        *wrapped(entry.name, width, start[:2], BELOW),
         *wrapped(facts, width, BELOW, BELOW),
         *wrapped(entry.about, width, BELOW, BELOW),
     ]

@@ -25,7 +25,7 @@ from bench.commands.browser import OpenOption, open_page
 from bench.commands.options import FormatOption, RunDirectory, names, path_argument, path_option
 from bench.tables.build import how_timed
 from bench.tables.markdown import visible
-from bench.tables.wrap import terminal_width, wrapped
+from bench.tables.wrap import line_width, wrapped
 from data_prep.failures import BadInput, CannotWrite
 
 
@@ -194,7 +194,7 @@ def recommend(
     lines = advice_lines(given, request, manifest["views"], in_full=condition is not None)
     for line in (how_timed(manifest), *lines):
         indent = "  " * line.startswith("  ")
-        print("\n".join(wrapped(line.strip(), terminal_width(), indent, indent + "  ")))
+        print("\n".join(wrapped(line.strip(), line_width(), indent, indent + "  ")))
     if not all(recommendation.meets(request) for recommendation in given):
         raise typer.Exit(1)
 

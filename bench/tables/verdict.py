@@ -6,7 +6,6 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 from rich.cells import cell_len, set_cell_size
@@ -55,8 +54,7 @@ def comparison_lines(differences: Differences, width: int) -> list[str]:
     lines += [""] * bool(differences.remarks)
     for remark in differences.remarks:
         lines += wrapped(visible(remark.replace("`", "")), width)
-    name = visible(Path(differences.b).name or differences.b)
-    return [*lines, "", *wrapped(verdict(differences.cells, name, objects), width)]
+    return [*lines, "", *wrapped(verdict(differences.cells, b, objects), width)]
 
 
 def verdict(cells: Sequence[PairedDifference], name: str, objects: str) -> str:
