@@ -156,6 +156,9 @@ def test_surely_is_said_of_the_method_that_is(tmp_path, command):
         (_, line) = out.splitlines()
         assert status == 0
         assert line.startswith(f"2048: cheapest with an ssim of at least {least}, {words}, ")
+        # The metrics of the headline come first.
+        qualities = re.findall(r", (\S+) \d\.\d{3}", line)
+        assert qualities == ["ssim-object", "lpips", "ssim"]
     full = ("--min-ssim", "0.45", "--budget-ms", "600", "--condition", "2048", "--metric", "ssim")
     _, out, _ = command("recommend", directory, *full)
     head, _, short, sure, regret = out.splitlines()
