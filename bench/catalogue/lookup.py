@@ -27,7 +27,7 @@ def variant_of(method_id: str) -> str:
     return method_id.partition("@")[2]
 
 
-def condition_words(condition_id: str) -> str:
+def short_condition(condition_id: str) -> str:
     """Return a condition in short words: "noise 5 %" of "noise-0.05", "2048" of "2048"."""
     words = condition_id.split("-")
     return " ".join(

@@ -13,7 +13,7 @@ from rich.cells import cell_len, set_cell_size
 from bench.analysis.comparison import ALL, decimals
 from bench.analysis.paired import SIGNIFICANCE, Ahead, PairedDifference
 from bench.analysis.run_pairs import Differences
-from bench.catalogue.lookup import condition_words
+from bench.catalogue.lookup import short_condition
 from bench.tables.grid import ordered
 from bench.tables.markdown import visible
 from bench.tables.plain import GAP, in_groups
@@ -50,7 +50,7 @@ def comparison_lines(differences: Differences, width: int) -> list[str]:
     conditions = ordered(cell.pair.condition for cell in differences.cells)
     for corner, cells in _blocks(differences):
         rows = list(_verdicts(cells, conditions))
-        lines += ["", *_laid_out(corner, list(map(condition_words, conditions)), rows, width)]
+        lines += ["", *_laid_out(corner, list(map(short_condition, conditions)), rows, width)]
     lines += [""] * bool(differences.remarks)
     for remark in differences.remarks:
         lines += wrapped(visible(remark.replace("`", "")), width)

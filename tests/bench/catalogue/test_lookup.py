@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from bench.catalogue.lookup import condition_words, find
+from bench.catalogue.lookup import short_condition, find
 from data_prep.failures import BadInput
 
 
@@ -58,4 +58,4 @@ def test_of_many_five_are_named():
     ],
 )
 def test_a_condition_in_words(condition, words):
-    assert condition_words(condition) == words
+    assert short_condition(condition) == words
