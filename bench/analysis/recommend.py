@@ -150,7 +150,7 @@ def advise(comparison: Comparison, request: Requirements, metric: str) -> Advice
         if affordable:
             gap = better_by(qualities[affordable[0]], qualities[method])
         images = comparison.images[method]
-        every = {name: of[method].estimate for name, of in comparison.qualities.items()}
+        every = {name: by[method].estimate for name, by in comparison.qualities.items()}
         return MethodOption(method, costs[method], every[metric], *images, gap, every)
 
     required = -np.inf if request.min_ssim is None or metric != SSIM else request.min_ssim

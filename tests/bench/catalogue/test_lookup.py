@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from bench.catalogue.lookup import short_condition, find
+from bench.catalogue.lookup import find, short_condition
 from data_prep.failures import BadInput
 
 

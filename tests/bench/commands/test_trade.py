@@ -19,6 +19,7 @@ from bench.tables.build import make_outputs, write_outputs
 from data_prep.failures import BadInput
 
 from ..builders import read_all, write_all, write_run
+from ..conftest import on_terminal
 
 pytestmark = pytest.mark.usefixtures("few_objects")
 
@@ -166,6 +167,12 @@ def test_surely_is_said_of_the_method_that_is(tmp_path, command):
     assert "surely" not in short
     assert regret.startswith("  regret: ")
     assert sure.startswith("  surely that good, by the lower end of the interval: poisson, ")
+
+
+def test_advice_is_no_wider_than_the_terminal(written):
+    lines = on_terminal(20, "recommend", written, "--budget-ms", "9000", "--condition", "512")
+    assert max(map(len, lines)) <= 20
+    assert "best within 9000 ms" in " ".join(" ".join(lines).split())
 
 
 @pytest.mark.parametrize(
