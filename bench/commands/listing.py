@@ -118,8 +118,8 @@ def _methods(width: int, costs: Mapping[str, float]) -> Iterator[str]:
         for id_ in others:
             yield from _lines(_Entry(id_, _of_package("method", id_)), width)
     yield from wrapped(
-        f"* recommended: {RECOMMENDED} for objects of any kind; {', '.join(chosen)} are, each "
-        f"where it is best, '{BEST_RECONSTRUCTION}'",
+        f"* recommended: {RECOMMENDED} for objects of any kind; '{BEST_RECONSTRUCTION}' is one of "
+        f"{', '.join(chosen)}, by condition",
         width,
     )
     if costs:

@@ -59,12 +59,13 @@ def comparison_lines(differences: Differences, width: int) -> list[str]:
 
 def verdict(cells: Sequence[PairedDifference], name: str, objects: str) -> str:
     """Return one sentence or two on how often the second side, `name`, is ahead."""
+    nothing = f"{objects} decide{'s' * objects.startswith('1 ')} nothing here"
     valued = [cell for cell in cells if math.isfinite(cell.difference.value)]
     needed = [cell.objects_needed for cell in valued if cell.objects_needed]
     if not valued:
-        return f"{objects} decide nothing here: no cell has a value on both sides."
+        return f"{nothing}: no cell has a value on both sides."
     if len(needed) == len(valued):
-        return f"{objects} decide nothing here: at least {max(needed)} are needed."
+        return f"{nothing}: at least {max(needed)} are needed."
     counts = Counter(cell.ahead for cell in valued)
     undecided = counts["tie"] + counts["unknown"]
     parts = {"ahead in": counts["b"], "behind in": counts["a"], "not decided in": undecided}
@@ -88,22 +89,22 @@ def _unit(cells: Sequence[PairedDifference]) -> tuple[str, int]:
     if len(objects) != 1:
         return "object", objects.get(ALL, sum(objects.values()))
     ((name, count),) = objects.items()
-    # The name of a folder of the user's may be no noun.
-    return (name if re.fullmatch("[a-z]+", name) else "object"), count
+    # The name of a folder of the user's may be no noun, or a plural.
+    return (name if re.fullmatch("[a-z]*[a-rt-z]", name) else "object"), count
 
 
 def _plural(noun: str) -> str:
-    return noun + ("es" if re.search("(s|x|ch|sh)$", noun) else "s")
+    return noun + ("es" if re.search("(x|ch|sh)$", noun) else "s")
 
 
 def _blocks(differences: Differences) -> Iterator[tuple[str, list[PairedDifference]]]:
     """Yield the cells of each class and two methods, with what tells them from the others."""
     cells = differences.cells
     keys = ordered((cell.pair.b.method, cell.pair.class_name) for cell in cells)
-    several = [len(set(names)) > 1 for names in zip(*keys, strict=True)]
+    several_classes = len({class_name for _, class_name in keys}) > 1
     of_runs = any(cell.pair.a.method == cell.pair.b.method for cell in cells)
     for method, class_name in keys:
-        shown = [method] * of_runs + [class_name] * several[1]
+        shown = [method] * of_runs + [class_name] * several_classes
         of_block = [
             cell
             for cell in cells

@@ -71,6 +71,7 @@ def test_all_sections_name_everything(command):
 
 
 def test_methods_have_sections_stars_and_what_they_know():
+    assert sorted(BY_SECTION["methods"]) == sorted(method.id for method in METHODS)
     lines = list(section_lines("methods"))
     heads = [line for line in lines if re.fullmatch(r" \S.*", line)]
     assert heads == [" networks", " reconstructions", " projections", " reference methods"]

@@ -85,6 +85,8 @@ def test_too_few_objects_decide_nothing():
     assert shown[0] == "splat-net against poisson, 8 chairs, paired by chair"
     assert shown[3].split() == ["ssim-object", *["undecided"] * 3]
     assert shown[-1] == "8 chairs decide nothing here: at least 10 are needed."
+    alone = lines(better(ahead="unknown", objects=1, needed=10))
+    assert alone[-1] == "1 chair decides nothing here: at least 10 are needed."
 
 
 def test_no_value_on_either_side():
@@ -110,7 +112,8 @@ def test_classes_and_methods_of_two_runs_are_blocks():
     assert [line.split()[0] for line in shown if line.endswith("noise 5 %")] == ["splat", "blank"]
     benches = [*better(class_name="bench", objects=1), *better(class_name="bench", objects=2)]
     assert lines(benches)[0].endswith(", 2 benches, paired by bench")
-    assert lines(better(class_name="My meshes"))[0].endswith(", 24 objects, paired by object")
+    for name in ("My meshes", "meshes"):
+        assert lines(better(class_name=name))[0].endswith(", 24 objects, paired by object")
 
 
 @pytest.mark.parametrize("width", [60, 40, 30, 20])
