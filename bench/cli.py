@@ -31,7 +31,7 @@ COMMANDS = {  # name: module and name in it, first line of its help
     "check": ("results:check", "Compare a run with the golden values; exit 1 if one differs."),
     "report": ("results:report", "Make an HTML page of a run: tables, curves, images; offline."),
     "site": ("results:site", "Make a static site over many runs: ranks, methods, comparisons."),
-    "compare": ("results:compare", "Compare two runs, or two methods of one, object by object."),
+    "compare": ("compare:compare", "Compare two runs, or two methods of one, object by object."),
     "recommend": ("results:recommend", "Recommend a method for a budget, or for a quality."),
     "score": ("score:score_run", "Measure a finished run with metrics of other packages."),
     "render": ("render:render_clouds", "Draw the point clouds of files."),
@@ -44,6 +44,7 @@ COMMANDS = {  # name: module and name in it, first line of its help
     "test": ("contract:test", "Test a method, metric or dataset of your own."),
     "doctor": ("doctor:doctor", "Check that everything that a run needs is installed."),
 }
+PACKAGE = "pc2pix-bench"
 INTERRUPT_EVERY_S = 1.0
 
 
@@ -151,8 +152,25 @@ def _print_protocol(wanted: bool) -> None:
         raise typer.Exit
 
 
+def _print_version(wanted: bool) -> None:
+    from importlib.metadata import version
+
+    if wanted:
+        print(f"{PACKAGE} {version(PACKAGE)}")
+        raise typer.Exit
+
+
 @app.callback()
 def _all(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version",
+            callback=_print_version,
+            is_eager=True,
+            help="Print the name of the package and its version.",
+        ),
+    ] = False,
     protocol: Annotated[
         bool,
         typer.Option(

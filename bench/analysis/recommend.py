@@ -5,7 +5,7 @@ A method is affordable where its median cost is within the budget.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,7 +46,8 @@ class Requirements:
 class MethodOption:
     """A method to choose, and its quality by one metric.
 
-    gap  how much worse it is than the best affordable method, paired
+    gap        how much worse it is than the best affordable method, paired
+    qualities  by each metric of the comparison
     """
 
     method: str
@@ -55,6 +56,7 @@ class MethodOption:
     n_ok: int
     n: int
     gap: Estimate
+    qualities: Mapping[str, Estimate]
 
 
 @dataclass(frozen=True)
@@ -148,7 +150,8 @@ def advise(comparison: Comparison, request: Requirements, metric: str) -> Advice
         if affordable:
             gap = better_by(qualities[affordable[0]], qualities[method])
         images = comparison.images[method]
-        return MethodOption(method, costs[method], qualities[method].estimate, *images, gap)
+        every = {name: by[method].estimate for name, by in comparison.qualities.items()}
+        return MethodOption(method, costs[method], every[metric], *images, gap, every)
 
     required = -np.inf if request.min_ssim is None or metric != SSIM else request.min_ssim
     by_mean = [m for m in by_cost if qualities[m].estimate.value >= required]

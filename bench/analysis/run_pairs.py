@@ -147,10 +147,11 @@ def _metrics(
 ) -> list[str]:
     """Return the metrics wanted, all of which the runs have to have.
 
-    By default ssim, the metrics of the headline table, and the set metrics with features.
+    By default the metrics of the headline table.
     """
     suite = scored[0].suite
     every = [*suite.image_metrics, *suite.detail_metrics, *suite.set_metrics]
+    every.sort(key=lambda metric: metric not in suite.headline)
     metrics = [metric for metric in every if all(run.measured([metric]) for run in scored)]
     extractors = {repr(sorted(r.manifest.get("feature_identity", {}).items())) for r in scored}
     if len(extractors) > 1:
@@ -159,8 +160,7 @@ def _metrics(
     if wanted is not None:
         _refuse_unknown("--metric", wanted, metrics)
         return list(wanted)
-    usual = ("ssim", *suite.headline)
-    return [metric for metric in metrics if metric in usual or metric not in IMAGE_METRICS]
+    return [metric for metric in suite.headline if metric in metrics] or metrics[:1]
 
 
 def _common(name: str, a: Sequence[str], b: Sequence[str], remarks: list[str]) -> list[str]:

@@ -63,7 +63,10 @@ class ScoredRun:
 
 def read_scored(directory: Path) -> ScoredRun:
     """Return a finished run whose images were scored. Raises BadInput for anything else."""
-    return scored_run(directory, read_finished(directory))
+    run = scored_run(directory, read_finished(directory))
+    if not run.manifest["objects"]:
+        raise BadInput(f"{directory}: a run without objects; start it again with its command")
+    return run
 
 
 def scored_run(directory: Path, manifest: dict[str, Any]) -> ScoredRun:

@@ -31,14 +31,14 @@ if TYPE_CHECKING:  # `bench list` answers at once
 # `bench.metrics.image_scores` computes them all; `column` gives their names in the records.
 IMAGE_METRICS = {
     "ssim": "structural similarity, mean of the product of the next three; 1 is identical",
-    "luminance": "its component: mean brightness",
-    "contrast": "its component: variance around the mean",
-    "structure": "its component: correlation, what the paper argues for",
-    "psnr": "peak signal-to-noise ratio in dB; identical pictures have 95.05, the most there is",
+    "luminance": "mean brightness, a component of ssim",
+    "contrast": "variance around the mean, a component of ssim",
+    "structure": "correlation, the component of ssim that the paper argues with",
+    "psnr": "peak signal-to-noise ratio in dB; identical images have 95.05, the most",
     "ssim-object": "ssim of the windows that meet the true or the drawn object; 1 is identical",
-    "silhouette-iou": "what is drawn and what the true object shows: intersection over union",
+    "silhouette-iou": "intersection over union of the drawn and the true silhouette",
     "thin-recall": "share of the thin parts of the true object that is drawn",
-    "thin-precision": "share of true object in what is drawn beside thin parts",
+    "thin-precision": "share of what is drawn beside thin parts that is true object",
     "lpips": "distance by the features of a network for photographs; 0 is identical",
 }
 # The least and the largest value that a metric can have, for intervals; others have no limit.
@@ -63,18 +63,18 @@ UNDEFINED = {
     "thin-precision": "no part thinner than 4 px, or nothing drawn beside one",
 }
 CONTROL_METRICS = {
-    "azimuth-error-deg": "median error of the azimuth that the judge sees; lower is better",
-    "elevation-error-deg": "median error of the elevation that the judge sees; lower is better",
-    "retrieval": "share of pictures by which the judge finds the object among those of the run",
+    "azimuth-error-deg": "median error of the azimuth that the judge sees",
+    "elevation-error-deg": "median error of the elevation that the judge sees",
+    "retrieval": "share of images by which the judge finds the object among those of the run",
 }
 # Made from the features of a set metric: of an image, and of a set (and which set metric's).
 RECOGNITION_METRICS = {
     "class-confidence": "probability that the classifier of fd-views gives the true class",
 }
 KERNEL_METRICS = {
-    "kid": ("fid", "kernel distance on the features of fid, unbiased for few pictures"),
-    "kd-views": ("fd-views", "the same on the features of fd-views"),
-    "kd-alexnet": ("fd-alexnet", "the same on the features of fd-alexnet"),
+    "kid": ("fid", "kernel distance on the features of fid, unbiased for few images"),
+    "kd-views": ("fd-views", "kernel distance on the features of fd-views"),
+    "kd-alexnet": ("fd-alexnet", "kernel distance on the features of fd-alexnet"),
 }
 # Image metrics that the network of an extractor computes on its way to the features.
 LEARNED_METRICS = {"lpips": "fd-alexnet"}
@@ -195,7 +195,7 @@ SET_METRICS = (
         _bundled_views,
         _views_grey,
         3,
-        "the same on greyscaled pictures: of colour only the luma counts",
+        "fd-views on greyscaled images: of colour only the luma counts",
     ),
     FeatureSource(
         "fd-alexnet",

@@ -63,7 +63,7 @@ IMAGE_TABLE = TableSpec(
     "SSIM and its components against the true mesh (higher is better)",
 )
 SET_TABLE = TableSpec(
-    "sets", "table_frechet", "Distances to pictures of the true mesh (lower is better)"
+    "sets", "table_frechet", "Distances to images of the true mesh (lower is better)"
 )
 
 

@@ -23,7 +23,7 @@ from bench.catalogue.suite_types import (
 RECOGNITION_TABLE = TableSpec(
     "recognition",
     "table_control",
-    "Control: does the picture show the view and the object it should?",
+    "Control: does the image show the view and the object that it should?",
 )
 
 
@@ -70,7 +70,7 @@ ROBUSTNESS = Suite(
         TableSpec(
             "sets",
             "table4_fid",
-            "Table 4: distances to pictures of the true mesh (lower is better)",
+            "Table 4: distances to images of the true mesh (lower is better)",
             paper_layout=True,
         ),
         DETAIL_TABLE,
@@ -105,7 +105,7 @@ SUITES = (
             ),
             replace(
                 SET_TABLE,
-                title="Distances to pictures of the true mesh in grey (lower is better)",
+                title="Distances to images of the true mesh in grey (lower is better)",
             ),
             DETAIL_TABLE,
             RECOGNITION_TABLE,
@@ -210,7 +210,7 @@ SUITES = (
             TableSpec(
                 "classes",
                 "table5_classes",
-                "Table 5: classes, against pictures of the true meshes",
+                "Table 5: classes, against images of the true meshes",
                 paper_layout=True,
             ),
             DETAIL_TABLE,
@@ -269,7 +269,7 @@ LATENT = LatentSuite(
 
 STABILITY = StabilitySuite(
     id="stability",
-    about="extreme clouds, views, pictures and features: a value, an invariant or a named failure",
+    about="extreme clouds, views, images and features: a value, an invariant or a named failure",
     methods=(
         "surface-apss",
         "surface-fit",
@@ -299,7 +299,7 @@ STABILITY = StabilitySuite(
 
 SPEED = SpeedSuite(
     id="speed",
-    about="the paper's 0.02 s against 0.18 s a picture: prepare and draw, cold and warm, amortised",
+    about="the paper's 0.02 s against 0.18 s an image: prepare and draw, cold and warm, amortised",
     methods=(
         "surface-apss",
         "surface-fit",

@@ -8,6 +8,7 @@ it. Values of the whole run are compared with a whole run, values of objects
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -46,16 +47,28 @@ PROTOCOL = ["dataset", "objects", "views", "seed"]
 class CheckResult:
     """The result of a check.
 
-    compared     number of values
-    regressions  a line for each
-    remarks      lines that are no criterion
-    moved        the values of objects that moved
+    compared          number of values
+    regressions       a line for each
+    remarks           lines that are no criterion
+    moved             the values of objects that moved
+    headline_metrics  the metrics of the suite's headline table
+    headline          number of their values among those compared
     """
 
     compared: int
     regressions: tuple[str, ...]
     remarks: tuple[str, ...]
     moved: tuple[GoldenDeviation, ...] = ()
+    headline_metrics: tuple[str, ...] = ()
+    headline: int = 0
+
+    @property
+    def by_headline(self) -> tuple[list[str], list[str]]:
+        """Return the regressions of the headline metrics, and the others."""
+        parts: tuple[list[str], list[str]] = [], []
+        for line in self.regressions:
+            parts[line.partition(" of ")[0] not in self.headline_metrics].append(line)
+        return parts
 
 
 def check(directory: Path) -> CheckResult:
@@ -77,36 +90,43 @@ def check(directory: Path) -> CheckResult:
     own_tables = tables(run)
     sweep = (class_orderings(run), condition_sweep(run))
     written: list[Table[Any]] = [*own_tables, *filter(None, sweep)]
-    compared, regressions = 0, _stale_tables(directory, written)
+    compared, regressions = Counter[str](), _stale_tables(directory, written)
     if whole:
         compared, moved = _compare_means(own_tables, manifest, expected)
         regressions += moved
     remarks = _against_paper(own_tables)
+    metrics = run.suite.headline
     if objects is None:
-        return CheckResult(compared, tuple(regressions), tuple(remarks))
+        headline = sum(compared[metric] for metric in metrics)
+        return CheckResult(
+            compared.total(), tuple(regressions), tuple(remarks), (), metrics, headline
+        )
     if not whole:
         remarks.append("not all golden objects: means and distances of the run are not compared")
     by_object = compare_objects(run, objects)
     regressions += by_object.lines
+    compared += by_object.compared
     return CheckResult(
-        compared + by_object.compared,
+        compared.total(),
         tuple(regressions),
         (*remarks, *_without_golden(manifest, objects), by_object.remark),
         by_object.moved,
+        metrics,
+        sum(compared[metric] for metric in metrics),
     )
 
 
 def _compare_means(
     own_tables: Sequence[Table[QualityRow]], manifest: dict[str, Any], expected: pd.DataFrame
-) -> tuple[int, list[str]]:
-    """Return the number of golden values of the whole run, and a line for each that moved."""
+) -> tuple[Counter[str], list[str]]:
+    """Return how many golden values the run has by metric, and a line for each that moved."""
     values = {_cell(row): row.value for table in own_tables for row in table.rows}
-    compared, regressions = 0, []
+    compared, regressions = Counter[str](), []
     methods, conditions = set(manifest["methods"]), set(manifest["conditions"])
     for row in expected.to_dict("records"):
         if row["method"] not in methods or row["condition"] not in conditions:
             continue
-        compared += 1
+        compared[row["metric"]] += 1
         value = values.get((row["method"], row["condition"], row["class"], row["metric"]), math.nan)
         if not abs(value - row["value"]) <= row["tolerance"]:  # also for NaN
             got = f"{value:.6f}" if math.isfinite(value) else "nothing"

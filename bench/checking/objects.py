@@ -18,6 +18,7 @@ import json
 import math
 import zipfile
 import zlib
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from hashlib import sha256
@@ -253,13 +254,13 @@ class ObjectComparison:
     """The result of a comparison object by object.
 
     remark    whether the golden values come from the same environment
-    compared  number of values
+    compared  number of values by metric
     lines     one for each metric of a method at a condition that moved, with the largest moves
     moved     every value that moved
     """
 
     remark: str
-    compared: int
+    compared: Counter[str]
     lines: tuple[str, ...]
     moved: tuple[GoldenDeviation, ...]
 
@@ -308,9 +309,8 @@ def compare_objects(run: ScoredRun, golden: GoldenObjects) -> ObjectComparison:
                 f"moved by more than {allowed:.6f}: {'; '.join(worst)}{more}"
             )
             moved += beyond
-    return ObjectComparison(
-        _remark(here, golden.environment), actual.size, tuple(lines), tuple(moved)
-    )
+    compared = Counter(dict.fromkeys(metrics, len(actual)))
+    return ObjectComparison(_remark(here, golden.environment), compared, tuple(lines), tuple(moved))
 
 
 def _remark(here: Mapping[str, str], golden: Mapping[str, str]) -> str:

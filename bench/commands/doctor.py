@@ -1,4 +1,4 @@
-"""`bench doctor`: a check of the installation, a line for each finding, with the remedy."""
+"""`bench doctor`: a check of the installation, in one line and one more for each failure."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import importlib
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from subprocess import CompletedProcess
@@ -18,8 +18,8 @@ import typer
 from bench.catalogue.methods import METHODS, Method
 from bench.catalogue.metrics import SET_METRICS, FeatureSource, WeightsUnavailable
 from bench.catalogue.plugins import plugin_problems
-from bench.checking.contract.findings import Finding
-from bench.commands.contract import conclude
+from bench.checking.contract.findings import Finding, is_blocked
+from bench.commands.contract import printed
 from bench.running.environment import PACKAGES, cores, environment
 from bench.running.worker_process import own_python
 from data_prep.failures import BadInput, MissingDependency
@@ -107,8 +107,23 @@ def doctor(
             "of lpips.",
         ),
     ] = False,
+    verbose: Annotated[
+        bool, typer.Option("--verbose", "-v", help="Print all checks, not only those that fail.")
+    ] = False,
 ) -> None:
     """Check that everything that a run needs is installed. Exit 0 if so, 1 if not."""
     if install_rest:
         install()
-    conclude(examine())
+    conclude(examine(), verbose)
+
+
+def conclude(findings: Iterable[Finding], verbose: bool) -> None:
+    """Print failures, or all findings, and a summary; exit with status 1 after a failure."""
+    checked = printed(findings, failed_only=not verbose)
+    failed = [finding.subject for finding in checked if not finding.ok]
+    if not failed:
+        print(f"ready: all of {len(checked)} checks passed")
+    else:
+        print(f"{len(failed)} of {len(checked)} checks failed: {', '.join(dict.fromkeys(failed))}")
+    if is_blocked(checked):
+        raise typer.Exit(1)

@@ -1,4 +1,4 @@
-"""The commands on finished runs: merge, table, report, site, check, compare, recommend."""
+"""The commands on finished runs: merge, table, report, site, check, recommend."""
 
 from __future__ import annotations
 
@@ -21,14 +21,12 @@ from bench.analysis.recommend import (
 )
 from bench.analysis.recommend import recommend as best_methods
 from bench.analysis.scored import ScoredRun, read_scored
+from bench.commands.browser import OpenOption, open_page
 from bench.commands.options import FormatOption, RunDirectory, names, path_argument, path_option
-from bench.running.options import file_name
 from bench.tables.build import how_timed
 from bench.tables.markdown import visible
+from bench.tables.wrap import line_width, wrapped
 from data_prep.failures import BadInput, CannotWrite
-from data_prep.files.atomic_write import write_whole
-
-COMPARISONS = "comparisons"
 
 
 def merge(
@@ -64,24 +62,32 @@ def report(
     out: Annotated[
         Path | None, path_option("The HTML file. Default: DIR/report.html.", "--out", "-o")
     ] = None,
+    open_: OpenOption = False,
 ) -> None:
     """Make an HTML page of a run: tables, curves, images, worst cases, failures; offline."""
     from bench.analysis.scored import read_scored
     from bench.report.build import write_report
     from bench.tables.build import make_outputs
 
-    print(write_report(make_outputs(read_scored(directory)), out))
+    page = write_report(make_outputs(read_scored(directory)), out)
+    print(page)
+    if open_:
+        open_page(page)
 
 
 def site(
     directories: Annotated[list[Path], path_argument("DIR...", "The folders of finished runs.")],
     out: Annotated[Path, path_option("The new folder.", "--out", "-o")],
+    open_: OpenOption = False,
 ) -> None:
     """Make a static site over many runs: ranks, methods, comparisons, downloads; offline."""
     from bench.report.site.write import write_site
 
     count = write_site(directories, out)
-    print(f"{count} pages; open {out / 'index.html'}")
+    index = out / "index.html"
+    print(f"{count} pages; open {index}")
+    if open_:
+        open_page(index)
 
 
 def check(
@@ -124,8 +130,15 @@ def check(
     verdict = checks.check(directory)
     for line in verdict.remarks:
         print(line)
-    for line in verdict.regressions:
+    first, others = verdict.by_headline
+    for line in (*first, *others):
         print(f"REGRESSION {line}")
+    if verdict.headline:
+        print(
+            f"{' and '.join(verdict.headline_metrics)}: {verdict.headline} values, "
+            f"{len(first)} regressions; others: {verdict.compared - verdict.headline} values, "
+            f"{len(others)} regressions"
+        )
     print(f"{verdict.compared} golden values compared, {len(verdict.regressions)} regressions")
     try:
         drawn = write_deviations(directory, verdict.moved)
@@ -145,57 +158,6 @@ def _check_claims(directories: list[Path], methods: Sequence[str]) -> None:
     checklist = check_claims(directories, methods)
     print(to_markdown(checklist))
     print(f"written to {write_checklist(checklist, directories[0])}", file=sys.stderr)
-
-
-def compare(
-    directories: Annotated[
-        list[Path], path_argument("DIR [DIR]", "The folder of one finished run, or of two.")
-    ],
-    methods: Annotated[
-        str | None,
-        typer.Option(
-            help="Methods, comma-separated: the two of one run, or those of two runs to compare. "
-            "Default: all."
-        ),
-    ] = None,
-    metric: Annotated[
-        str | None,
-        typer.Option(
-            help="Metrics, comma-separated. Default: ssim, ssim-object, lpips, and the metrics of "
-            "sets of images."
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        path_option("Folder for tables and figure. Default: comparisons/A-B in the last run."),
-    ] = None,
-) -> None:
-    """Compare two runs, or two methods of one, object by object: differences and ties."""
-    from bench.analysis.run_pairs import methods_of_run, runs
-    from bench.report.differences import write_differences
-    from bench.tables.differences import differences_table
-    from bench.tables.table import table_files
-
-    if len(directories) > 2:
-        raise BadInput(f"{len(directories)} folders: two runs are compared; give one or two")
-    if len(directories) == 1:
-        differences = methods_of_run(directories[0], names(methods) or (), names(metric))
-    else:
-        first, second = directories
-        differences = runs(first, second, names(methods), names(metric))
-    folder = out or directories[-1] / COMPARISONS / file_name(
-        Path(differences.a).name, Path(differences.b).name
-    )
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise CannotWrite(f"{folder}: cannot be made ({error.strerror}); give --out") from error
-    table = differences_table(differences)
-    for name, text in table_files([table]).items():
-        write_whole(folder / name, text.encode())
-    write_differences(folder / "differences", differences.cells, differences.a, differences.b)
-    print(table.to_markdown())
-    print(f"written to {folder}", file=sys.stderr)
 
 
 def recommend(
@@ -228,10 +190,11 @@ def recommend(
     metrics = _judging_metrics(run, names(metric))
     measured = [*metrics, SSIM] if min_ssim is not None and SSIM not in metrics else metrics
     compared = at_condition(run.compared(measured), condition)
-    print(how_timed(manifest))
     given = [best_methods(comparison, request, metrics) for comparison in compared]
-    for line in advice_lines(given, request, manifest["views"], in_full=condition is not None):
-        print(line)
+    lines = advice_lines(given, request, manifest["views"], in_full=condition is not None)
+    for line in (how_timed(manifest), *lines):
+        indent = "  " * line.startswith("  ")
+        print("\n".join(wrapped(line.strip(), line_width(), indent, indent + "  ")))
     if not all(recommendation.meets(request) for recommendation in given):
         raise typer.Exit(1)
 
@@ -241,7 +204,8 @@ def _judging_metrics(run: ScoredRun, wanted: Sequence[str] | None) -> list[str]:
 
     Raises BadInput for a metric that is none of images, or that the run does not have.
     """
-    measured = run.measured([*run.suite.image_metrics, *run.suite.detail_metrics])
+    images = [*run.suite.image_metrics, *run.suite.detail_metrics]
+    measured = run.measured(sorted(images, key=lambda metric: metric not in run.suite.headline))
     for name in wanted or ():
         if name not in measured:
             raise BadInput(f"--metric {name}: cannot judge here; there are {', '.join(measured)}")
@@ -359,11 +323,14 @@ def _good_enough(advice: Advice, request: Requirements, min_ssim: float) -> str:
 
 
 def _text(chosen: Sequence[tuple[Advice, MethodOption]], request: Requirements) -> str:
-    """Return a method with its quality by each metric, and its cost for the cloud and an image."""
+    """Return a method with its quality by each metric, and its cost for the cloud and an image.
+
+    A choice by SSIM is shown by the metrics that judge, too, and by these first.
+    """
     choice = chosen[0][1]
-    qualities = ", ".join(
-        f"{advice.metric} {_estimated(by_it.quality, advice.metric)}" for advice, by_it in chosen
-    )
+    metrics = [advice.metric for advice, _ in chosen]
+    shown = choice.qualities if metrics == [SSIM] else metrics
+    qualities = ", ".join(f"{name} {_estimated(choice.qualities[name], name)}" for name in shown)
     cost = f"{milliseconds(choice.cost_ms.value)} ms{_interval(choice.cost_ms, milliseconds)}"
     failed = f", {choice.n - choice.n_ok} of {choice.n} images failed" * (choice.n_ok < choice.n)
     image = milliseconds(choice.cost_ms.value / request.views)

@@ -14,6 +14,7 @@ import typer
 from bench.catalogue.lookup import find
 from bench.catalogue.metrics import find_extractor
 from bench.catalogue.suites import ALL_SUITES, Suite
+from bench.commands.browser import OpenOption, open_page
 from bench.commands.config import ConfigOption, refuse_other_objects
 from bench.commands.options import RUN_OPTIONS, FormatOption, options_from_dataclass
 from bench.commands.plan import expected_cost
@@ -25,8 +26,10 @@ from bench.running.protocol import Protocol, method_identity, protocol_of
 from bench.running.run import RunResult
 from bench.running.status import RunStatus, refuse_small, run_status
 from bench.tables.markdown import visible
+from data_prep.failures import BadInput
 
 FID = "fid"
+STAGES = {"items": "jobs"}  # the manifest keeps the older name
 
 
 def describe_run(options: Options) -> str:
@@ -126,6 +129,7 @@ def run(
         ),
     ] = False,
     format_: FormatOption = None,
+    open_: OpenOption = False,
 ) -> None:
     """Run a suite, or go on with a stopped run; print its headline table."""
     refuse_other_objects(options, config)
@@ -134,6 +138,8 @@ def run(
         print(describe_run(options))
         return
     if not isinstance(suite, Suite):
+        if open_:
+            raise BadInput(f"--open: the suite {suite.id} makes tables and no page; leave it out")
         result = import_module(f"bench.suites.{suite.id}.run").run(options)
         texts = result.printed if format_ is None else [in_format(result.tables, format_)]
         print("\n".join(texts))
@@ -157,6 +163,8 @@ def run(
             f"{options.directory / REPORT}, 'bench shrink' makes a small case of one",
             file=sys.stderr,
         )
+    if open_ and finished.outputs is not None:
+        open_page(options.directory / REPORT)
     if finished.interrupted:
         raise typer.Exit(130)
     if finished.hopeless:
@@ -164,7 +172,9 @@ def run(
 
 
 def _summary(finished: RunResult[Outputs]) -> str:
-    stages = ", ".join(f"{name} {value:.1f} s" for name, value in finished.seconds.items())
+    stages = ", ".join(
+        f"{STAGES.get(name, name)} {value:.1f} s" for name, value in finished.seconds.items()
+    )
     parts = ", ".join(f"{name} {share:.0%}" for name, share in finished.shares.items())
     return (
         f"{finished.done} jobs done, {finished.reused} from before, {finished.failed} failed "

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
@@ -13,6 +12,7 @@ from bench.analysis.scores import QualityRow
 from bench.running.run import PartialRun
 from bench.tables.plain import plain
 from bench.tables.table import TABLES, Table
+from bench.tables.wrap import terminal_width, wrapped
 from data_prep.progress import bars, is_live, log, progress
 
 WIDEST, MOST_LINES = 100, 40
@@ -21,8 +21,9 @@ SHARE = 0.02  # of the time of a run that goes into tables in between, at most
 
 def shown(table: Table[QualityRow], lines: int = MOST_LINES) -> list[str]:
     """Return the headline table as text, as wide as the terminal and at most 100 columns."""
-    width = min(WIDEST, shutil.get_terminal_size((WIDEST, MOST_LINES)).columns)
-    return [table.title, *plain(table.grids(), width, lines - 1)]
+    width = min(WIDEST, terminal_width(WIDEST))
+    title = wrapped(table.title, width)
+    return [*title, *plain(table.grids(), width, lines - len(title))]
 
 
 class Terminal(AbstractContextManager["Terminal"]):

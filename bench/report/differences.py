@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.analysis.paired import ComparedPair, PairedDifference
+from bench.catalogue.lookup import short_condition
 from bench.catalogue.metrics import higher_is_better
 from bench.tables.figure import drawing, panels, save
 from bench.tables.markdown import visible
@@ -31,14 +32,15 @@ def write_differences(path: Path, cells: Sequence[PairedDifference], a: str, b: 
 
 @drawing()
 def differences_figure(cells: Sequence[PairedDifference], a: str, b: str) -> Figure | None:
-    """Draw b - a with its interval: a panel for each metric, a line for each cell.
+    """Draw b - a with its interval, better to the right: a panel for each metric.
 
-    A cell is a method, condition and class. Cells without a difference are left out; return None
-    where no cell is left.
+    A line is a cell: a method, condition and class. Cells without a difference are left out; return
+    None where no cell is left.
     """
     known = [cell for cell in cells if math.isfinite(cell.difference.value)]
     metrics = list(dict.fromkeys(cell.pair.metric for cell in known))
-    labels = list(dict.fromkeys(_label(cell.pair) for cell in known))
+    several = len({cell.pair.class_name for cell in known}) > 1
+    labels = list(dict.fromkeys(_label(cell.pair, several) for cell in known))
     if not metrics:
         return None
     size_in = 2.5 + 3.5 * len(metrics), 1.6 + 0.28 * len(labels)
@@ -48,7 +50,7 @@ def differences_figure(cells: Sequence[PairedDifference], a: str, b: str) -> Fig
             low, value, high = cell.difference.low, cell.difference.value, cell.difference.high
             axis.errorbar(
                 [value],
-                [labels.index(_label(cell.pair))],
+                [labels.index(_label(cell.pair, several))],
                 xerr=[[value - low], [high - value]] if math.isfinite(low) else None,
                 marker="o",
                 markersize=4,
@@ -56,21 +58,23 @@ def differences_figure(cells: Sequence[PairedDifference], a: str, b: str) -> Fig
                 color=COLOURS[cell.ahead],
             )
         axis.axvline(0.0, color="0.3", linewidth=0.8)
-        better = "right" if higher_is_better(metric) else "left"
-        axis.set_title(f"{metric}: b is better to the {better}", fontsize=9)
-        axis.set_xlabel("b - a", fontsize=8)
+        lower = not higher_is_better(metric)
+        axis.set_title(metric, fontsize=9)
+        axis.set_xlabel(f"difference{', lower is better' * lower}", fontsize=8)
+        if lower:
+            axis.invert_xaxis()
         axis.tick_params(labelsize=8)
         axis.grid(axis="x", alpha=0.3)
     axes[0].set_yticks(range(len(labels)), labels)
     axes[0].invert_yaxis()
-    colours = "orange: a is better, blue: b is better, grey: a tie, light grey: too few objects"
-    title = f"a: {visible(a)}\nb: {visible(b)}\n{colours}"
+    colours = "blue: better, orange: worse, grey: not decided, light grey: too few objects"
+    title = f"{visible(b)} against {visible(a)}: better to the right\n{colours}"
     figure.suptitle(title, fontsize=9)
     return figure
 
 
-def _label(pair: ComparedPair) -> str:
-    named = [pair.condition, pair.class_name]
+def _label(pair: ComparedPair, several_classes: bool) -> str:
+    named = [short_condition(pair.condition), *[pair.class_name] * several_classes]
     if pair.a.method == pair.b.method:
         named.insert(0, pair.b.method)
     return visible(", ".join(named))

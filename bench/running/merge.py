@@ -75,7 +75,8 @@ def merge(
         outputs = publish(write_parquet(whole, manifest["feature_identity"], seconds))
         stages = manifest["stage_seconds"]
         stages |= {name: round(stages.get(name, 0) + timing, 1) for name, timing in seconds.items()}
-    return Merged(out, outputs, len(jobs), len(journal.added))
+    # A job that is the same under every condition has a row for each, and counts once.
+    return Merged(out, outputs, len({job.key for job in jobs}), len(journal.added))
 
 
 def _read_part(directory: Path) -> FinishedShard:
@@ -168,10 +169,10 @@ def _collect(
     """Bring all jobs into the journal, with their artifacts; return them in the run's order."""
     rank = {name: place for place, name in enumerate(objects)}
     listed = [(part, read_jobs(part.directory)) for part in parts]
-    with progress("merging", sum(len(jobs) for _, jobs in listed)) as advance:
+    with progress("merging", len({job.key for _, jobs in listed for job in jobs})) as advance:
         for part, jobs in listed:
             index = read_index(part.directory)
-            for job in jobs:
+            for job in {job.key: job for job in jobs}.values():
                 if job.key not in index:
                     raise BadInput(
                         f"{part.directory}: {' '.join(job.name)} is not in its journal any more; "

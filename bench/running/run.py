@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import typing
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import AbstractContextManager, closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -37,7 +37,7 @@ from bench.running.options import Options
 from bench.running.plan import Plan, plan
 from bench.running.protocol import Protocol, protocol_of
 from bench.running.schedule import Budget, Schedule, guess_s
-from bench.running.status import unscorable
+from bench.running.status import undrawn, unscorable
 from data_prep.failures import BadInput
 from data_prep.progress import log
 
@@ -89,7 +89,7 @@ class ProgressReporter(typing.Protocol):
     """A listener to the progress of a run."""
 
     def on_jobs_done(self, ended: int, failed: int) -> None:
-        """Report that `ended` more jobs have ended, and that `failed` have failed so far."""
+        """Report that `ended` more jobs have ended, and that `failed` of the run have failed."""
         ...
 
     def on_object_done(self, snapshot: Callable[[], PartialRun]) -> None:
@@ -115,10 +115,9 @@ class RunResult(Generic[Outputs]):
         Complete objects, and objects of the whole run.
     interrupted : bool
         Whether Ctrl-C ended the run.
-    done, reused : int
-        Jobs of this start, and of earlier ones; with a failed ground truth all of its object.
-    failed : int
-        Jobs without images.
+    done, reused, failed : int
+        Jobs of this start, of earlier ones, and without images; with a failed ground truth all of
+        its object. A job that is the same under every condition counts once, as in progress.
     hopeless : tuple of str
         Methods without a single image, though there is something to draw.
     seconds : dict
@@ -299,8 +298,7 @@ def _carry_out(
                 "finished": now(),
             }
             write_manifest(directory, part.manifest | ending)
-    drawn = {key for key, result in schedule.results.items() if result.has_images}
-    undrawn = (schedule.results.keys() - drawn) | unscorable(planned, schedule.results).keys()
+    without_images = undrawn(planned, schedule.results)
     return RunResult(
         directory,
         outputs,
@@ -309,8 +307,8 @@ def _carry_out(
         interrupted=interrupted,
         done=schedule.total - reused - schedule.left,
         reused=reused,
-        failed=len(undrawn),
-        hopeless=_hopeless(planned.select(frozenset(schedule.complete)), drawn),
+        failed=len(without_images),
+        hopeless=_hopeless(planned.select(frozenset(schedule.complete)), without_images),
         seconds=seconds,
         shares=of_workers,
     )
@@ -336,9 +334,9 @@ def _do_jobs(
     if not schedule.left:
         return False
     title = prepared.protocol.suite.id
-    if schedule.results:
-        log(f"{title}: {len(schedule.results)} jobs are there from before")
-    snapshot, failures = partial(prepared.snapshot, schedule, journal), 0
+    if reused := schedule.total - schedule.left:
+        log(f"{title}: {reused} jobs are there from before")
+    failures = len(undrawn(prepared.plan, schedule.results))
     try:
         with (
             watch(f"{title}, jobs", schedule.left) as reporter,
@@ -351,7 +349,7 @@ def _do_jobs(
                 failures += ended * (not result.has_images)
                 reporter.on_jobs_done(ended, failures)
                 if complete and schedule.scored and not prepared.narrows(schedule):
-                    reporter.on_object_done(snapshot)
+                    reporter.on_object_done(partial(prepared.snapshot, schedule, journal))
     except KeyboardInterrupt:
         if not schedule.scored:
             raise
@@ -393,8 +391,10 @@ def _check_any_truth(planned: Plan, done: Mapping[str, Result]) -> None:
         raise BadInput(f"none of the {len(truths)} objects can be drawn; the first: {reason}")
 
 
-def _hopeless(complete: Plan, drawn: set[str]) -> tuple[str, ...]:
+def _hopeless(complete: Plan, undrawn: Set[str]) -> tuple[str, ...]:
     """Return the methods that have failed on all complete objects that can be drawn."""
-    jobs = [job for obj in complete.objects if obj.truth.key in drawn for job in obj.method_jobs]
-    working = {job.method for job in jobs if job.key in drawn}
+    jobs = [
+        job for obj in complete.objects if obj.truth.key not in undrawn for job in obj.method_jobs
+    ]
+    working = {job.method for job in jobs if job.key not in undrawn}
     return tuple(dict.fromkeys(job.method for job in jobs if job.method not in working))

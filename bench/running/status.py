@@ -85,6 +85,12 @@ def unscorable(planned: Plan, results: Mapping[str, Result]) -> dict[str, tuple[
     }
 
 
+def undrawn(planned: Plan, results: Mapping[str, Result]) -> set[str]:
+    """Return the keys of the jobs without images, and of those whose ground truth has none."""
+    failed = {key for key, result in results.items() if not result.has_images}
+    return failed | unscorable(planned, results).keys()
+
+
 def refuse_small(suite: str, request: str) -> BadInput:
     """Return the refusal of a request for a plan of a suite with a procedure of its own."""
     return BadInput(f"{request}: the suite {suite} takes minutes and has no plan; run it")

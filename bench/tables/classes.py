@@ -60,7 +60,7 @@ def remark(run: ScoredRun) -> str:
         message += f" Left out, because the dataset has none: {', '.join(missing)}."
     if few := [markdown.cell(name) for name, count in counts.items() if count < FEW]:
         message += (
-            f" **Fewer than {FEW} objects: {', '.join(few)}.** Distances of so few pictures are "
+            f" **Fewer than {FEW} objects: {', '.join(few)}.** Distances of so few images are "
             "mostly their number: compare them within the class only, if at all."
         )
     return message

@@ -80,7 +80,7 @@ def _frontier(remark: str, rows: Sequence[FrontierPoint]) -> Iterator[Block]:
             PivotLayout(
                 lines=sorted(costs, key=lambda m: (not math.isfinite(costs[m].value), costs[m])),
                 before={"ms": lambda p: number(p.cost_ms, milliseconds)},
-                after={"pictures": lambda p: Cell(f"{p.n_ok}/{p.n}")},
+                after={"images": lambda p: Cell(f"{p.n_ok}/{p.n}")},
             ),
             corner="method",
         )
@@ -91,7 +91,7 @@ _LEGEND = (
     "that costs no more is at least as good, but the paired difference may be none (its 95 % "
     "interval holds 0). None of these: clearly dominated. *below*: worse than a white image, which "
     "costs nothing. *ref*: no choice, it sees the mesh or no cloud. Costs in milliseconds for a "
-    "cloud with its views, median over objects; qualities are means over objects, failed pictures "
+    "cloud with its views, median over objects; qualities are means over objects, failed images "
     "scored as blank ones. [95 % interval over objects]."
 )
 

@@ -55,6 +55,10 @@ def _rows(
         first = [set_cell_size(_cut(name, wide), wide) for name in ("", "", *names)]
         left = max(1, width - wide - len(GAP))
         groups = [group for grid in some for group in _groups(grid, intervals, left)]
+        if any(cell_len(group[0]) > left for group in groups):
+            fits = False
+            rows += _stacked(names, some, width)
+            continue
         whole = len(groups) == len(some)
         if beside and whole and sum(len(group[0]) + len(GAP) for group in groups) <= left:
             rows += _joined([first, *groups])
@@ -77,18 +81,37 @@ def _groups(grid: Grid, intervals: bool, width: int) -> list[list[str]]:
         ends = _aligned([_interval(cell) if intervals else "" for cell in cells])
         texts = [f"{value}{end}" for value, end in zip(values, ends, strict=True)]
         columns.append(_aligned([visible(head.name), *texts]))
-    parts: list[list[list[str]]] = [[]]
-    for column in columns:
-        if parts[-1] and sum(len(c[0]) + len(GAP) for c in parts[-1]) + len(column[0]) > width:
-            parts.append([])
-        parts[-1].append(column)
     better = "higher" if grid.higher else "lower"
     title = _cut(f"{visible(grid.caption.partition(',')[0])}, {better} is better", width)
     groups = []
-    for part in parts:
+    for part in in_groups(columns, width):
         rows = [GAP.join(texts) for texts in zip(*part, strict=True)]
         wide = max(len(title), len(rows[0]))
         groups.append([title.ljust(wide), *(row.rjust(wide) for row in rows)])
+    return groups
+
+
+def _stacked(names: Sequence[str], grids: Sequence[Grid], width: int) -> list[str]:
+    """Return each name on a line above its values: with the names at the left they have no room."""
+    rows = []
+    for grid in grids:
+        for title, heads, *values in _groups(grid, False, width - len(GAP)):
+            rows += [title.rstrip(), GAP + heads]
+            for name, texts in zip(names, values, strict=True):
+                rows += [_cut(name, width), (GAP + texts).rstrip()]
+    return rows
+
+
+def in_groups(columns: Sequence[list[str]], width: int) -> list[list[list[str]]]:
+    """Return columns of texts of one width each in groups, none wider than `width` with its gaps.
+
+    A column that is wider is a group of its own.
+    """
+    groups: list[list[list[str]]] = [[]]
+    for column in columns:
+        if groups[-1] and sum(len(c[0]) + len(GAP) for c in groups[-1]) + len(column[0]) > width:
+            groups.append([])
+        groups[-1].append(column)
     return groups
 
 

@@ -38,7 +38,7 @@ from bench.tables.grid import (
 from bench.tables.table import Table, columns_of
 
 DETAIL_REMARK = (
-    "Means are over the pictures that have a value; where some have none, a line below says why."
+    "Means are over the images that have a value; where some have none, a line below says why."
 )
 _DEBIASED = (
     "What the distance would be with endless objects, extrapolated by the jackknife: for comparing "
@@ -67,7 +67,7 @@ def set_table(run: ScoredRun, spec: TableSpec, published: Published) -> Table[Qu
 def recognition_table(run: ScoredRun, spec: TableSpec, published: Published) -> Table[QualityRow]:
     """Return what the judge recognises in methods' images: the view, and which object it is."""
     remark = (
-        "A judge tells view and shape from the picture alone; `true-mesh` shows how far the judge "
+        "A judge tells view and shape from the image alone; `true-mesh` shows how far the judge "
         "itself errs. Errors are medians in degrees: by chance 90 (azimuth)."
     )
     if answers := run.features.get(JUDGE):
@@ -193,8 +193,8 @@ def all_methods(rows: Sequence[QualityRow]) -> Iterator[Block]:
     methods across, condition by condition.
     """
     yield (
-        "All methods: value [95 % interval over objects] n_ok/n pictures. Where pictures are "
-        "missing, *b* is the value with a blank picture in place of each."
+        "All methods: value [95 % interval over objects] n_ok/n images. Where images are "
+        "missing, *b* is the value with a blank image in place of each."
     )
     trained = {row.method: row.objective for row in rows if row.objective}
     yield "\n".join(

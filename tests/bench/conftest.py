@@ -2,10 +2,12 @@ from __future__ import annotations
 
 import json
 import os
+import pty
 import shutil
 import signal
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -26,6 +28,24 @@ def start_run(arguments, directory, code=BENCH[-1], **environment):
         start_new_session=True,
         env=os.environ | {"XDG_CACHE_HOME": str(directory.parent)} | environment,
     )
+
+
+def on_terminal(columns, *arguments):
+    """Run the command line with a terminal of so many columns as stdout; return its lines."""
+    reader, writer = pty.openpty()
+    with subprocess.Popen(
+        [*BENCH, *map(str, arguments)],
+        stdout=writer,
+        stderr=subprocess.DEVNULL,
+        env=os.environ | {"COLUMNS": str(columns)},
+    ) as process:
+        os.close(writer)
+        printed = b""
+        with os.fdopen(reader, "rb", 0) as terminal, suppress(OSError):  # EIO: it has ended
+            while part := terminal.read(4096):
+                printed += part
+    assert process.returncode == 0
+    return printed.decode().splitlines()
 
 
 @pytest.fixture

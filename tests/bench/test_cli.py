@@ -5,28 +5,17 @@ from __future__ import annotations
 import io
 import json
 import os
-import re
 import shutil
 import signal
 import subprocess
 import sys
+from importlib.metadata import version
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from bench.catalogue.methods import COST_VARIANTS, METHODS
-from bench.catalogue.metrics import (
-    CONTROL_METRICS,
-    IMAGE_METRICS,
-    KERNEL_METRICS,
-    RECOGNITION_METRICS,
-    SET_METRICS,
-)
-from bench.catalogue.parameters import PARAMETERS
-from bench.catalogue.suites import LATENT, SPEED, STABILITY, SUITES
 from bench.cli import _interrupt_handler
-from data_prep.clouds.conditions import CONDITIONS
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from learning.weights import file_sha256
 from pc2pix import weights as weight_files
@@ -117,7 +106,11 @@ def test_datasets_that_are_refused_by_name(command, no_machine, tmp_path):
         ),
         (("xyz",), "unknown command 'xyz': there are run, plan, merge, list, table and 12 more; "),
         (("train", "gann"), "unknown command 'gann': did you mean 'gan'? there are autoencoder, "),
-        (("list", "nosuch"), "(nosuch); see 'bench list --help'"),
+        (
+            ("list", "metrcs"),
+            "unknown section 'metrcs': did you mean 'metrics'? there are suites, methods, "
+            "variants, conditions, metrics and 1 more; see 'bench list --help'",
+        ),
         (("table", "nowhere"), "nowhere: no such folder; give a run's folder"),
         (("render",), "Missing argument 'CLOUD'; see 'bench render --help'"),
         (
@@ -166,37 +159,6 @@ def test_folders_of_other_runs_and_other_things(command, no_machine, tmp_path):
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_list_names_everything(command):
-    status, out, err = command("list")
-    assert (status, err) == (0, "")
-    sections = {}
-    for section in re.split(r"^(?=\w+:$)", out, flags=re.MULTILINE)[1:]:
-        title, *entries = section.splitlines()
-        sections[title.rstrip(":")] = [entry.split()[0] for entry in entries]
-        assert all(entry.startswith("  ") and len(entry.split()) > 1 for entry in entries)
-    assert sections == {
-        "suites": [suite.id for suite in (*SUITES, LATENT, STABILITY, SPEED)],
-        "methods": [method.id for method in METHODS],
-        "variants": [
-            *(f"{parameter.method}@{parameter.name}=" for parameter in PARAMETERS),
-            *(method.id for method in COST_VARIANTS),
-        ],
-        "conditions": [condition.id for condition in CONDITIONS],
-        "metrics": [
-            *IMAGE_METRICS,
-            *(metric.id for metric in SET_METRICS),
-            *KERNEL_METRICS,
-            *RECOGNITION_METRICS,
-            *CONTROL_METRICS,
-        ],
-        "datasets": [
-            *("procedural", "procedural:validation", "procedural:sealed"),
-            *("procedural:novel-families", "procedural:widened", "folder:PATH"),
-            *("shapenet:PATH", "modelnet:PATH", "exported:PATH", "paper:PATH"),
-        ],
-    }
-
-
 HEAVY = """
 import sys
 from bench.cli import main
@@ -222,6 +184,10 @@ def test_the_version_of_the_protocol_is_printed_with_what_changed(command):
     versions = [int(line.partition(": ")[0]) for line in out.splitlines()]
     assert (status, err) == (0, "")
     assert versions == list(range(PROTOCOL_VERSION, 0, -1))
+
+
+def test_the_version_is_that_of_the_package(command):
+    assert command("--version") == (0, f"pc2pix-bench {version('pc2pix-bench')}\n", "")
 
 
 def test_help_names_all_commands(command):
@@ -292,7 +258,7 @@ def test_an_impatient_user_interrupts_once():
 
 
 def test_code_of_a_package_that_calls_exit_does_not_pass(command, monkeypatch):
-    monkeypatch.setattr("data_prep.plugins.entry_point_names", sys.exit)
+    monkeypatch.setattr("bench.commands.listing.entry_point_names", sys.exit)
     status, _, err = command("list")
     assert status == 1
     assert err.startswith("bench: an installed package has called exit(pc2pix_bench.")

@@ -48,7 +48,7 @@ def test_processes_of_the_project_run_no_module_of_it(folder, monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "line"),
     [
-        (("doctor",), "ok   rendering: "),
+        (("doctor", "-v"), "ok   rendering: "),
         (("test", "splat"), "ok   another process: "),
         (RUN, "3 jobs done, 0 from before, 0 failed"),
         pytest.param(

@@ -24,10 +24,10 @@ from bench.analysis.paired import (
     paired_differences,
     sign_flip_p,
 )
-from bench.catalogue.metrics import IMAGE_METRICS
 from bench.records.journal import read_manifest, write_manifest
 
 from ..builders import write_run
+from ..conftest import on_terminal
 
 A, B = Side("r", "a"), Side("r", "b")
 NONE = Estimate(math.nan, math.nan, math.nan)
@@ -262,13 +262,43 @@ def test_eight_objects_are_too_few_for_eighteen_cells(command, tmp_path):
 def test_help_names_the_metrics_that_are_compared(command, two_runs):
     first, second = two_runs
     assert command("compare", first, second)[0] == 0
-    compared = {row["metric"] for row in rows_of(second / "comparisons" / "first-second")}
-    images = sorted(compared & IMAGE_METRICS.keys())
-    assert images == ["lpips", "ssim", "ssim-object"]
+    compared = [row["metric"] for row in rows_of(second / "comparisons" / "first-second")]
+    assert list(dict.fromkeys(compared)) == ["ssim-object", "lpips"]
     _, out, _ = command("compare", "--help")
-    assert "Default: ssim, ssim-object, lpips, and the metrics of sets of images." in " ".join(
-        out.split()
-    )
+    assert "Default: ssim-object, lpips." in " ".join(out.split())
+
+
+def test_formats_that_are_asked_for(command, two_runs):
+    asked = ("compare", two_runs[0], "--methods", "blank,splat", "--format")
+    assert command(*asked, "text")[1].startswith("splat against blank, 3 chairs, paired by chair\n")
+    _, out, _ = command(*asked, "csv")
+    folder = two_runs[0] / "comparisons" / "blank-splat"
+    assert out == (folder / "differences.csv").read_text()
+    (table,) = json.loads(command(*asked, "json")[1])
+    assert [row["metric"] for row in table["rows"]] == [row["metric"] for row in rows_of(folder)]
+
+
+@pytest.mark.parametrize("columns", [80, 20])
+def test_a_terminal_is_answered_in_text(two_runs, columns):
+    """Its last line is the verdict, and no line is wider than the terminal."""
+    printed = on_terminal(columns, "compare", two_runs[0], "--methods", "blank,splat")
+    assert max(map(len, printed)) <= columns
+    words = " ".join(" ".join(printed).split())
+    assert words.startswith("splat against blank, 3 chairs, paired by chair ")
+    assert words.endswith(" 3 chairs decide nothing here: at least 8 are needed.")
+
+
+def test_a_run_without_objects_is_refused(command, two_runs):
+    write_manifest(two_runs[0], read_manifest(two_runs[0]) | {"objects": []})
+    message = f"bench: {two_runs[0]}: a run without objects; start it again with its command\n"
+    for asked in (
+        ("compare", two_runs[0], "--methods", "blank,splat"),
+        ("compare", two_runs[1], two_runs[0]),
+        ("recommend", two_runs[0], "--budget-ms", "9"),
+        ("table", two_runs[0]),
+        ("report", two_runs[0]),
+    ):
+        assert command(*asked) == (2, "", message)
 
 
 def test_no_folder_is_said_before_anything_else(command, tmp_path):

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import pandas as pd
@@ -19,6 +20,7 @@ from bench.tables.published import golden, published
 from ..builders import SUITE, write_run
 from .conftest import be_default
 
+HEADLINE = ("ssim-object", "lpips")
 SSIM, DETAIL = SUITES[0].image_metrics, SUITES[0].detail_metrics
 DISTANCES = ("fd-views", "fd-views-grey", "fd-alexnet")  # fid and kid are skipped
 KERNEL = "kd-alexnet"
@@ -42,11 +44,27 @@ def alter_records(run, column, change, method="splat", condition="512"):
 
 def test_a_run_agrees_with_itself_and_so_does_a_part_of_it(run, command, tmp_path):
     part = write_run(tmp_path / "part", methods=["true-mesh"], conditions=["512"])
-    assert check(part) == CheckResult(len(GOLDEN) + OBJECT_VALUES, (), (SAME,))
-    count = 3 * 2 * (len(GOLDEN) + OBJECT_VALUES)  # methods x conditions
-    assert check(run) == CheckResult(count, (), (SAME,))
-    said = f"{SAME}\n{count} golden values compared, 0 regressions\n"
+    values, first = len(GOLDEN) + OBJECT_VALUES, 2 * (1 + 3)  # of 2 metrics the mean and 3 objects
+    assert check(part) == CheckResult(values, (), (SAME,), (), HEADLINE, first)
+    values, first = 6 * values, 6 * first  # 3 methods x 2 conditions
+    assert check(run) == CheckResult(values, (), (SAME,), (), HEADLINE, first)
+    said = (
+        f"{SAME}\nssim-object and lpips: {first} values, 0 regressions; "
+        f"others: {values - first} values, 0 regressions\n"
+        f"{values} golden values compared, 0 regressions\n"
+    )
     assert command("check", run) == (0, said, "")
+
+
+def test_regressions_of_the_headline_come_first(run, command):
+    for score in ("ssim", "lpips"):
+        alter_records(run, score, lambda values: values + 0.25)
+    write_outputs(read_scored(run))
+    status, out, _ = command("check", run)
+    assert status == 1
+    named = [line.split()[1] for line in out.splitlines() if line.startswith("REGRESSION ")]
+    assert named == ["lpips", "lpips", "ssim", "ssim"]  # the mean and the objects of each
+    assert "ssim-object and lpips: 48 values, 2 regressions; others: " in out
 
 
 def test_golden_values_are_the_tables_with_tolerances(run):
@@ -167,8 +185,10 @@ def test_a_value_beyond_its_tolerance_is_a_regression(run, results, command, met
     move_golden(1.02)
     status, out, err = command("check", run)
     assert (status, err) == (1, "")
-    remark, verdict, total = out.splitlines()
+    remark, verdict, parts, total = out.splitlines()
     assert remark == SAME
+    of_headline = int(metric in HEADLINE)
+    assert re.findall(r"(\d) regressions", parts) == [f"{of_headline}", f"{1 - of_headline}"]
     assert verdict.startswith(f"REGRESSION {metric} of splat at 512: {value:.6f}, golden ")
     moved = value + sign * 1.02 * tolerance
     assert float(verdict.split("golden ")[1].split()[0]) == pytest.approx(moved, abs=2e-6)
@@ -269,7 +289,7 @@ def test_a_run_that_was_stopped_has_no_verdict(run, command, arguments):
 def test_without_golden_values_by_object_the_run_has_to_be_whole(tmp_path, run, results, command):
     for path in results.glob("golden/*-objects.*"):
         path.unlink()
-    assert check(run) == CheckResult(6 * len(GOLDEN), (), ())
+    assert check(run) == CheckResult(6 * len(GOLDEN), (), (), (), HEADLINE, 6 * 2)
     part = write_run(tmp_path / "part", objects=["chair/a", "chair/b"])
     status, out, err = command("check", part)
     assert (status, out) == (2, "")

@@ -14,8 +14,7 @@ import typer
 
 from bench.catalogue.methods import METHODS, Method
 from bench.catalogue.metrics import SET_METRICS
-from bench.commands.contract import conclude
-from bench.commands.doctor import WITHOUT_DEPENDENCIES, examine, install, pinned
+from bench.commands.doctor import WITHOUT_DEPENDENCIES, conclude, examine, install, pinned
 from bench.metrics.lpips_weights import PACKAGE, VERSION
 from bench.running.environment import PACKAGES
 from data_prep.failures import BadInput, MissingDependency
@@ -43,10 +42,10 @@ HEALTHY = {
 }
 
 
-def outcome(capsys, **broken):
-    """Return the exit status of `bench doctor` on a machine that is healthy but for some parts."""
+def outcome(capsys, verbose=False, **broken):
+    """Return exit status and output of `bench doctor` where some parts are not healthy."""
     try:
-        conclude(examine(**HEALTHY | broken))
+        conclude(examine(**HEALTHY | broken), verbose)
         status = 0
     except typer.Exit as ended:
         status = ended.exit_code
@@ -68,14 +67,29 @@ def test_a_healthy_machine(command, monkeypatch, tmp_path, capsys):
     assert findings["metric fid"][1].startswith(missing)  # which is no fault
     assert Path(findings["metric fd-alexnet"][1]).name == "alexnet.ckpt"
     assert "cores" in findings["machine"][1]
-    status, out = outcome(capsys)
+    summary = f"ready: all of {len(findings)} checks passed"
+    assert outcome(capsys) == (0, f"{summary}\n")
+    status, out = outcome(capsys, verbose=True)
     assert status == 0
-    assert out.splitlines() == [
-        f"ok   {subject}: {text}" for subject, (_, text) in findings.items()
-    ]
-    status, out, err = command("doctor")  # this machine
+    lines = [f"ok   {subject}: {text}" for subject, (_, text) in findings.items()]
+    assert out.splitlines() == [*lines, summary]
+    status, out, err = command("doctor", "-v")  # this machine
     assert (status, err) == (0, "")
     assert "\nok   rendering: " in out
+
+
+def test_only_what_fails_is_printed_with_its_remedy(capsys):
+    status, out = outcome(
+        capsys,
+        load_library=partial(load_all_but, "libEGL.so.1"),
+        environment=raises(MissingDependency("install libegl1")),
+    )
+    assert status == 1
+    egl, rendering, summary = out.splitlines()
+    assert egl == "FAIL libEGL.so.1: missing (needed): apt-get install libegl1"
+    assert rendering == "FAIL rendering: install libegl1"
+    checks = len([*examine(**HEALTHY)])
+    assert summary == f"2 of {checks} checks failed: libEGL.so.1, rendering"
 
 
 NO_WEIGHTS = raises(BadInput("chair.safetensors: missing; reinstall"))
@@ -118,7 +132,7 @@ BROKEN = Method("broken", lambda device: None, NO_WEIGHTS, version=1, source="")
     ],
 )
 def test_a_machine_that_lacks_something(capsys, broken, status, line):
-    found, out = outcome(capsys, **broken)
+    found, out = outcome(capsys, verbose=True, **broken)
     assert found == status
     assert line in out
 

@@ -19,6 +19,7 @@ from bench.tables.build import make_outputs, write_outputs
 from data_prep.failures import BadInput
 
 from ..builders import read_all, write_all, write_run
+from ..conftest import on_terminal
 
 pytestmark = pytest.mark.usefixtures("few_objects")
 
@@ -156,6 +157,9 @@ def test_surely_is_said_of_the_method_that_is(tmp_path, command):
         (_, line) = out.splitlines()
         assert status == 0
         assert line.startswith(f"2048: cheapest with an ssim of at least {least}, {words}, ")
+        # The metrics of the headline come first.
+        qualities = re.findall(r", (\S+) \d\.\d{3}", line)
+        assert qualities == ["ssim-object", "lpips", "ssim"]
     full = ("--min-ssim", "0.45", "--budget-ms", "600", "--condition", "2048", "--metric", "ssim")
     _, out, _ = command("recommend", directory, *full)
     head, _, short, sure, regret = out.splitlines()
@@ -163,6 +167,12 @@ def test_surely_is_said_of_the_method_that_is(tmp_path, command):
     assert "surely" not in short
     assert regret.startswith("  regret: ")
     assert sure.startswith("  surely that good, by the lower end of the interval: poisson, ")
+
+
+def test_advice_is_no_wider_than_the_terminal(written):
+    lines = on_terminal(20, "recommend", written, "--budget-ms", "9000", "--condition", "512")
+    assert max(map(len, lines)) <= 20
+    assert "best within 9000 ms" in " ".join(" ".join(lines).split())
 
 
 @pytest.mark.parametrize(

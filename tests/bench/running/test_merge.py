@@ -61,7 +61,7 @@ def test_merged_shards_are_the_run_in_one_piece(finished, made, tmp_path, comman
     status, out, err = command("merge", *made[::-1], "--out", whole)
     assert status == 0
     assert out.startswith("ssim-object and lpips: 3 of 3 objects; protocol 1\n")
-    assert "27 jobs of 2 shards, 21 copied now" in err  # 6 items are as others
+    assert "21 jobs of 2 shards, 21 copied now" in err  # as the run counts them
     assert_equal_runs(whole, finished[0])
     assert file_bytes(whole / "figures") == file_bytes(finished[0] / "figures")
     assert read_jobs(whole) == read_jobs(finished[0])

@@ -31,6 +31,7 @@ from bench.running.protocol import protocol_of
 from bench.running.run import run
 from bench.running.schedule import Budget
 from bench.running.shards import Shard
+from bench.running.status import run_status
 from bench.tables.build import tables
 from data_prep.failures import BadInput, MissingDependency
 
@@ -134,7 +135,7 @@ def test_what_is_printed(finished):
     pattern = r"chair-robustness, jobs: \d+/21 done, 0 failed, \d+ s, about \d+ s left"
     assert all(re.fullmatch(pattern, line) for line in progress)
     assert progress[-1].startswith("chair-robustness, jobs: 21/21 done, ")
-    assert summary.startswith("21 jobs done, 0 from before, 0 failed (items ")
+    assert summary.startswith("21 jobs done, 0 from before, 0 failed (jobs ")
     numbers = ", ".join(rf"{name} (\d+)%" for name in SHARES)
     parts = re.fullmatch(f"time of the workers: {numbers}", shares)
     assert parts
@@ -350,8 +351,34 @@ BAD_MESHES = {
 }
 
 
+class Counting(Terminal):
+    """A reporter that keeps how many jobs were to be done, have ended and have failed."""
+
+    def __init__(self, counts, make, title, total):
+        super().__init__(make, title, total)
+        self.counts = counts
+        counts.update(total=total, ended=0, failed=0)
+
+    def on_jobs_done(self, ended, failed):
+        super().on_jobs_done(ended, failed)
+        self.counts.update(ended=self.counts["ended"] + ended, failed=failed)
+
+
+def counted_run(options):
+    """Run, and assert that dry run, progress and summary count the same jobs."""
+    protocol, _ = protocol_of(bench.running.run.SUITES[0], options)
+    status = run_status(options, protocol)
+    to_do = sum(status.left.values())
+    counts = {"total": 0, "ended": 0}
+    done = run(options, publish, partial(Counting, counts, partial_table))
+    assert (done.done, done.reused) == (to_do, len(status.plan.jobs) - to_do)
+    assert (counts["total"], counts["ended"]) == (to_do, to_do)
+    assert counts.get("failed", done.failed) == done.failed
+    return done
+
+
 @pytest.mark.slow
-def test_bad_meshes_among_good_ones(same_machine, no_networks, tmp_path):
+def test_bad_meshes_among_good_ones(same_machine, no_networks, tmp_path, capsys):
     folder, out = tmp_path / "meshes", tmp_path / "run"
     folder.mkdir()
     for name, (text, _) in BAD_MESHES.items():
@@ -360,7 +387,7 @@ def test_bad_meshes_among_good_ones(same_machine, no_networks, tmp_path):
     (folder / "tall.obj").write_text(TETRAHEDRON.replace("v 1 1 1", "v 1 3 1"))
     cell = {"methods": ("true-mesh",), "conditions": ("2048",)}
     options = Options("chair-robustness", f"folder:{folder}", **cell, views=2, workers=1, out=out)
-    done = run_suite(options)
+    done = counted_run(options)
     assert (done.done, done.reused, done.failed) == (15, 0, 9)
     frame = records(out)
     assert len(frame) == 5 * 2 * 2
@@ -377,8 +404,12 @@ def test_bad_meshes_among_good_ones(same_machine, no_networks, tmp_path):
     assert f"2 x input: {folder / 'text.ply'}: not a readable mesh" in row.note
     (lines,) = journal(out).values()
     assert len(lines) == 5 + 2 * 2  # without a ground truth nothing is tried
-    again = run_suite(options)
+    again = counted_run(options)
     assert (again.done, again.reused, again.failed) == (0, 15, 9)
+    capsys.readouterr()
+    more = counted_run(replace(options, methods=("true-mesh", "splat")))
+    assert (more.done, more.reused, more.failed) == (2, 15 + 3, 9 + 3)
+    assert "chair-robustness: 18 jobs are there from before\n" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -67,7 +67,7 @@ def test_markdown_has_methods_by_cost_and_marks():
     start = lines.index("## 2048, chair, 20 views")
     ssim, distance = "[0.800, 0.830]", "[11.0, 13.0]"
     assert lines[start + 2 : start + 9] == [
-        "| method | ms | ssim | fd-views | pictures |",
+        "| method | ms | ssim | fd-views | images |",
         "|---|---|---|---|---|",
         f"| true_mesh | 0.40 [0.30, 0.50] | 0.814 {ssim} *ref* | 12.3 {distance} *ref* | 39/40 |",
         f"| splat | 61.4 [60.0, 62.0] | **0.814** {ssim} | **12.3** {distance} | 39/40 |",

@@ -101,6 +101,19 @@ def test_narrower_than_its_columns():
     assert found == [*CONDITIONS, *CONDITIONS]
 
 
+def test_names_stand_above_their_values_where_both_have_no_room():
+    shown = plain(grids(conditions=("2048", "noise-0.05")), 20, 80)
+    assert max(map(len, shown)) <= 20
+    assert shown[:6] == [
+        "ssim, higher is b…",
+        "    2048  noise-0.05",
+        "surface-apss",
+        "  0.812       0.812",
+        "pc2pix",
+        "  0.812       0.812",
+    ]
+
+
 def test_missing_values_notes_and_metrics_that_were_not_measured():
     part = grid("ssim", lambda *cell: Cell("-"), METHODS[:1], ("2048",), notes=("a: 20 x timeout",))
     void = grid("fid", lambda *cell: Cell("skipped"), METHODS[:1], ("2048",), void=True)

@@ -1,0 +1,135 @@
+"""`bench list`: its sections, what stands beside a name, and narrow terminals."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from bench.catalogue.costs import view_costs_ms
+from bench.catalogue.methods import COST_VARIANTS, METHODS, RECOMMENDED
+from bench.catalogue.metrics import (
+    CONTROL_METRICS,
+    IMAGE_METRICS,
+    KERNEL_METRICS,
+    RECOGNITION_METRICS,
+    SET_METRICS,
+)
+from bench.catalogue.parameters import PARAMETERS
+from bench.catalogue.reconstruction import BEST_RECONSTRUCTION
+from bench.catalogue.suites import LATENT, SPEED, STABILITY, SUITES
+from bench.commands.listing import SECTIONS, section_lines
+from data_prep.clouds.conditions import CONDITIONS
+
+from ..conftest import on_terminal
+
+ENTRY = re.compile(r"[* ] (\S+) +(\S.*)")
+BY_SECTION = {
+    "suites": [suite.id for suite in (*SUITES, LATENT, STABILITY, SPEED)],
+    "methods": [
+        method.id
+        for kind in ("network", "reconstruction", "splat", "reference")
+        for method in METHODS
+        if method.kind == kind
+    ],
+    "variants": [
+        *(f"{parameter.method}@{parameter.name}=" for parameter in PARAMETERS),
+        *(method.id for method in COST_VARIANTS),
+    ],
+    "conditions": [condition.id for condition in CONDITIONS],
+    "metrics": [
+        *IMAGE_METRICS,
+        *(metric.id for metric in SET_METRICS),
+        *KERNEL_METRICS,
+        *RECOGNITION_METRICS,
+        *CONTROL_METRICS,
+    ],
+    "datasets": [
+        *("procedural", "procedural:validation", "procedural:sealed"),
+        *("procedural:novel-families", "procedural:widened", "folder:PATH"),
+        *("shapenet:PATH", "modelnet:PATH", "exported:PATH", "paper:PATH"),
+    ],
+}
+
+
+def names(lines):
+    """Return the names of entries among lines that are not wrapped."""
+    entries = (ENTRY.fullmatch(line) for line in lines)
+    return [entry[1] for entry in entries if entry and entry[1] != "recommended:"]
+
+
+def test_all_sections_name_everything(command):
+    status, out, err = command("list")
+    assert (status, err) == (0, "")
+    sections = dict(re.findall(r"^(\w+):\n((?:.+\n)+?)(?=\w+:\n|\Z)", out, re.MULTILINE))
+    assert list(sections) == list(SECTIONS)
+    for title, expected in BY_SECTION.items():
+        found = [name for name in names(sections[title].splitlines()) if name in expected]
+        assert found == expected, title
+        assert command("list", title) == (0, f"{title}:\n{sections[title]}", "")
+    assert "picture" not in out
+
+
+def test_methods_have_sections_stars_and_what_they_know():
+    assert sorted(BY_SECTION["methods"]) == sorted(method.id for method in METHODS)
+    lines = list(section_lines("methods"))
+    heads = [line for line in lines if re.fullmatch(r" \S.*", line)]
+    assert heads == [" networks", " reconstructions", " projections", " reference methods"]
+    stars = {line.split()[1] for line in lines if line.startswith("* ")} - {"recommended:"}
+    assert RECOMMENDED in stars
+    assert {m.kind for m in METHODS if m.id in stars} == {"network", "reconstruction"}
+    (note,) = (line for line in lines if line.startswith("* recommended: "))
+    assert all(star in note for star in (*stars, BEST_RECONSTRUCTION))
+    about = {entry[1]: entry[2] for line in lines if (entry := ENTRY.fullmatch(line))}
+    for method in METHODS:
+        facts = re.split(" {2,}", about[method.id])
+        assert facts[:2] == [method.trained_on, method.color]
+        assert facts[-1] == method.source
+
+
+def test_costs_are_those_of_the_file(tmp_path):
+    """Of one view of a whole cloud; a variant without a cost has about that of its method."""
+    assert view_costs_ms(tmp_path / "none.csv") == {}
+    path = tmp_path / "frontier.csv"
+    path.write_text(
+        "condition,views,method,cost_ms\n"
+        "2048,1,splat,1234.5\n2048,20,splat,9\n512,1,splat,8\n2048,1,blank,\n"
+    )
+    assert view_costs_ms(path) == {"splat": 1234.5}
+    costs = view_costs_ms()
+    lines = section_lines("methods")
+    about = {entry[1]: entry[2] for line in lines if (entry := ENTRY.fullmatch(line))}
+    for method in METHODS:
+        cost = re.search(r" (~?)([\d.]+) ms ", about[method.id])
+        expected = costs.get(method.id, costs.get(method.family))
+        if expected is None:
+            assert cost is None
+        else:
+            assert float(cost[2]) == pytest.approx(expected, rel=0.01)
+            assert bool(cost[1]) == (method.id not in costs)
+
+
+def test_metrics_say_which_way_is_better_and_which_are_in_the_headline():
+    lines = list(section_lines("metrics"))
+    stars = [line.split()[1] for line in lines if line.startswith("* ")]
+    assert stars[:-1] == ["ssim-object", "lpips"]  # the last one is the note
+    better = dict(re.findall(r"^[* ] (\S+) +(higher|lower) ", "\n".join(lines), re.MULTILINE))
+    assert list(better) == BY_SECTION["metrics"]
+    assert [better[name] for name in ("ssim", "lpips", "fd-views", "retrieval")] == [
+        *("higher", "lower", "lower", "higher"),
+    ]
+
+
+@pytest.mark.parametrize("width", [100, 80, 50, 20])
+@pytest.mark.parametrize("title", SECTIONS)
+def test_a_terminal_wraps_and_loses_no_word(title, width):
+    lines = list(section_lines(title, width))
+    assert max(map(len, lines)) <= width
+    every = {word for line in section_lines(title) for word in line.split()}
+    shown = "".join("".join(line.split()) for line in lines)
+    assert [word for word in every if word not in shown] == []
+
+
+def test_the_width_is_that_of_the_terminal():
+    printed = on_terminal(20, "list", "suites")
+    assert printed == ["suites:", *section_lines("suites", 20)]

@@ -1,0 +1,140 @@
+"""The text of `bench compare` on a terminal: aligned, wrapped, with a verdict as its last line."""
+
+from __future__ import annotations
+
+import re
+from math import nan
+
+import numpy as np
+import pytest
+from rich.cells import cell_len
+
+from bench.analysis.comparison import Estimate, Quality
+from bench.analysis.paired import ComparedPair, PairedDifference, Side
+from bench.analysis.run_pairs import Differences
+from bench.tables.verdict import comparison_lines
+
+CONDITIONS = ("2048", "512", "noise-0.05")
+
+
+def cell(metric, condition, value, ahead="b", **changes):
+    """Return a cell of splat-net against poisson on 24 chairs."""
+    about = {"objects": 24, "class_name": "chair", "method": ("poisson", "splat-net")} | changes
+    quality = Quality(metric, Estimate(0.5, nan, nan), np.zeros(0))
+    a, b = (Side("run", method) for method in about["method"])
+    pair = ComparedPair(condition, about["class_name"], a, b, quality, quality, about["objects"])
+    needed = about.get("needed")
+    return PairedDifference(pair, Estimate(value, nan, nan), nan, nan, ahead, needed)
+
+
+def lines(cells, width=80, remarks=(), a="poisson", b="splat-net"):
+    return comparison_lines(Differences(a, b, tuple(cells), remarks), width)
+
+
+def better(metrics=("ssim-object", "lpips"), **changes):
+    return [
+        cell(metric, condition, 0.1484 if metric == "ssim-object" else -0.0581, **changes)
+        for metric in metrics
+        for condition in CONDITIONS
+    ]
+
+
+def test_who_is_ahead_where_and_by_how_much():
+    assert lines(better()) == [
+        "splat-net against poisson, 24 chairs, paired by chair",
+        "",
+        "                   2048        512  noise 5 %",
+        "ssim-object      better     better     better",
+        "  difference      +.148      +.148      +.148",
+        "lpips            better     better     better",
+        "  difference      -.058      -.058      -.058",
+        "",
+        "splat-net is ahead in 6 of 6 cells (Holm, p < .05). Intervals: --format md",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("aheads", "verdict"),
+    [
+        ("bba", "splat-net is ahead in 2, behind in 1 of 3 cells (Holm, p < .05)."),
+        ("aaa", "splat-net is behind in 3 of 3 cells (Holm, p < .05)."),
+        ("b==", "splat-net is ahead in 1, not decided in 2 of 3 cells (Holm, p < .05)."),
+        ("===", "No difference is shown in 3 cells (Holm, p < .05)."),
+        (
+            "ba?",
+            "splat-net is ahead in 1, behind in 1, not decided in 1 of 3 cells (Holm, p < .05). "
+            "Too few objects in 1: at least 10 are needed.",
+        ),
+    ],
+)
+def test_a_mixed_verdict_counts_the_cells(aheads, verdict):
+    names = {"=": "tie", "?": "unknown"}
+    cells = [
+        cell("lpips", condition, -0.1, names.get(ahead, ahead), needed=10 if ahead == "?" else None)
+        for condition, ahead in zip(CONDITIONS, aheads, strict=True)
+    ]
+    shown = lines(cells, width=200)
+    assert shown[-1] == f"{verdict} Intervals: --format md"
+    words = {"b": "better", "a": "worse", "=": "not decided", "?": "undecided"}
+    assert re.split(" {2,}", shown[3]) == ["lpips", *(words[ahead] for ahead in aheads)]
+
+
+def test_too_few_objects_decide_nothing():
+    few = better(ahead="unknown", objects=8, needed=10)
+    shown = lines(few)
+    assert shown[0] == "splat-net against poisson, 8 chairs, paired by chair"
+    assert shown[3].split() == ["ssim-object", *["undecided"] * 3]
+    assert shown[-1] == "8 chairs decide nothing here: at least 10 are needed."
+    alone = lines(better(ahead="unknown", objects=1, needed=10))
+    assert alone[-1] == "1 chair decides nothing here: at least 10 are needed."
+
+
+def test_no_value_on_either_side():
+    unmeasured = [cell("lpips", "2048", nan, "unknown"), cell("ssim-object", "2048", 0.1, "b")]
+    shown = lines(unmeasured)
+    assert shown[3].split() == ["lpips", "-"]
+    assert shown[-1].startswith("splat-net is ahead in 1 of 1 cell (")
+    nothing = "24 chairs decide nothing here: no cell has a value on both sides."
+    assert lines(unmeasured[:1])[-1] == nothing
+
+
+def test_classes_and_methods_of_two_runs_are_blocks():
+    """Each block is named in its corner; of several classes the unit is an object."""
+    classes = [*better(class_name="bench", objects=9), *better(class_name="sofa", objects=8)]
+    shown = lines(classes)
+    assert shown[0] == "splat-net against poisson, 17 objects, paired by object"
+    assert [line.split()[0] for line in shown if line.endswith("noise 5 %")] == ["bench", "sofa"]
+    whole = [*classes, *better(class_name="all", objects=17)]
+    assert lines(whole)[0] == shown[0]
+    of_runs = [*better(method=("splat", "splat")), *better(method=("blank", "blank"))]
+    shown = lines(of_runs, a="old", b="new")
+    assert shown[0] == "new against old, 24 chairs, paired by chair"
+    assert [line.split()[0] for line in shown if line.endswith("noise 5 %")] == ["splat", "blank"]
+    benches = [*better(class_name="bench", objects=1), *better(class_name="bench", objects=2)]
+    assert lines(benches)[0].endswith(", 2 benches, paired by bench")
+    for name in ("My meshes", "meshes"):
+        assert lines(better(class_name=name))[0].endswith(", 24 objects, paired by object")
+
+
+@pytest.mark.parametrize("width", [60, 40, 30, 20])
+def test_a_narrow_terminal(width):
+    """Conditions come in parts, at last one below the other; nothing is left out."""
+    shown = lines(better(), width, ("`best-reconstruction` is `denoised-alpha` at 2048.",))
+    assert max(map(cell_len, shown)) <= width
+    text = " ".join(shown)
+    assert text.count("better") == 6
+    assert text.count("+.148") == text.count("-.058") == 3
+    if width == 20:
+        assert shown[4:10] == [
+            "ssim-object",
+            "  2048: better +.148",
+            "  512: better +.148",
+            "  noise 5 %: better",
+            "    +.148",
+            "lpips",
+        ]
+
+
+def test_names_are_shown_as_text():
+    shown = lines(better(class_name="a\x1b[2J"), b="splat-net@\u202egnp", remarks=("`x\x07`",))
+    assert all(line.isprintable() for line in shown)
