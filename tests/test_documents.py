@@ -30,7 +30,7 @@ from data_prep.files.clouds import load_points
 from data_prep.randomness import generator
 from data_prep.scene import PointCloud
 from tests.test_shown_commands import BLOCK, shown, typed
-from tests.test_shown_commands import PAGES as COMPARED
+from tests.test_shown_commands import PAGES as RUN
 
 REPOSITORY = Path(__file__).parents[1]
 DOCS = REPOSITORY / "docs"
@@ -47,6 +47,7 @@ COMMANDS = [  # of whole pages, then of those on parts that the reader writes
     for page in (README, TUTORIAL, EXTENDING)
     for i, command in enumerate(map(typed, shown(page)))
 ]
+COMPARED = {*RUN, DOCS / "compare.md"}  # the latter by tests/bench/tables/test_verdict.py
 GITHUB = MarkdownIt("gfm-like", {"linkify": False})
 DIRECTIVE = re.compile(r"^\s*:::|\{[\w:-]+\}$")  # the latter before `code`: a role
 

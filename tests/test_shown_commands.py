@@ -27,6 +27,8 @@ NUMBER = re.compile(r"\d+\.\d+")
 SMALL = "--limit 2 --views 2 --methods splat --conditions 2048 --workers 1"
 GIVEN = {
     "CLOUD": "stool.ply",
+    "CLOUD…": "stool.ply",
+    "CLOUDS": "examples",
     "RECORD": "first",
     "PATH": "meshes",
     "FOLDER": "meshes",

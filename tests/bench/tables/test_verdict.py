@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import re
 from math import nan
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from rich.cells import cell_len
 
@@ -14,7 +16,9 @@ from bench.analysis.paired import ComparedPair, PairedDifference, Side
 from bench.analysis.run_pairs import Differences
 from bench.tables.verdict import comparison_lines
 
+REPOSITORY = Path(__file__).parents[3]
 CONDITIONS = ("2048", "512", "noise-0.05")
+HEADLINE = ("ssim-object", "lpips")
 
 
 def cell(metric, condition, value, ahead="b", **changes):
@@ -31,7 +35,7 @@ def lines(cells, width=80, remarks=(), a="poisson", b="splat-net"):
     return comparison_lines(Differences(a, b, tuple(cells), remarks), width)
 
 
-def better(metrics=("ssim-object", "lpips"), **changes):
+def better(metrics=HEADLINE, **changes):
     return [
         cell(metric, condition, 0.1484 if metric == "ssim-object" else -0.0581, **changes)
         for metric in metrics
@@ -77,6 +81,24 @@ def test_a_mixed_verdict_counts_the_cells(aheads, verdict):
     assert shown[-1] == f"{verdict} Intervals: --format md"
     words = {"b": "better", "a": "worse", "=": "not decided", "?": "undecided"}
     assert re.split(" {2,}", shown[3]) == ["lpips", *(words[ahead] for ahead in aheads)]
+
+
+def test_the_page_shows_the_verdict_on_the_sealed_chairs():
+    rows = pd.read_csv(REPOSITORY / "results" / "docs" / "sealed-splat-net.csv")
+    cells = [
+        cell(
+            row.metric,
+            str(row.condition),
+            row.difference,
+            row.ahead,
+            objects=row.objects,
+            method=(row.method_a, row.method_b),
+        )
+        for row in rows[rows.metric.isin(HEADLINE)].itertuples()
+    ]
+    page = (REPOSITORY / "docs" / "compare.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"^```text\n(.*?)\n```", page, re.MULTILINE | re.DOTALL)
+    assert lines(cells, a="best-reconstruction") == block.splitlines()
 
 
 def test_too_few_objects_decide_nothing():
