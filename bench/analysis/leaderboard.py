@@ -1,10 +1,12 @@
 """Mean ranks of methods over conditions, metrics and runs, and which of them differ.
 
-Each object ranks the methods of a run by a metric under a condition. A mean rank is the mean over
-objects, conditions, metrics and runs. Runs may have different methods: a place among m methods is
-stretched to a place among all that compete. Two methods are compared on the objects of the runs
-that have both, by sign flips of the objects' mean differences, corrected by Holm for all pairs; an
-object that several runs share counts once.
+On each object two methods of a run are compared by a metric under a condition. The mean rank of a
+method is 1 and the share of the comparisons that it loses to each other method, summed over these.
+Where every run has the same methods this is the mean of their ranks; a method that has not met all
+others is taken to lose as often to those as to the ones that it has met.
+
+Two methods differ where one is ahead of the other more often: by sign flips of the objects' mean
+outcomes, corrected by Holm for all pairs. An object that several runs share counts once.
 """
 
 from __future__ import annotations
@@ -67,32 +69,26 @@ def over_conditions(compared: Sequence[Comparison]) -> Comparison:
 
 
 @dataclass(frozen=True, eq=False)
-class ObjectPlaces:
-    """The places of methods on each object by one metric under one condition of one run.
+class ObjectScores:
+    """The scores of methods on each object by one metric under one condition of one run.
 
     objects  names that other runs give to the same objects
-    places   float64 [G] by method: 0 for the best of the methods, 1 for the last, NaN where an
-             object has no value of some method
+    scores   float64 [G] by method, more is better; NaN where an object has no value
     """
 
     objects: tuple[str, ...]
-    places: Mapping[str, Floats]
+    scores: Mapping[str, Floats]
 
 
-def object_places(comparison: Comparison, metric: str, dataset: str) -> ObjectPlaces | None:
-    """Return the places of the methods that compete; None for fewer than two."""
-    from scipy.stats import rankdata
-
+def object_scores(comparison: Comparison, metric: str, dataset: str) -> ObjectScores | None:
+    """Return the scores of the methods that compete; None for fewer than two."""
     qualities = comparison.qualities[metric]
     methods = [m for m in candidates(qualities) if math.isfinite(qualities[m].estimate.value)]
     if len(methods) < 2:
         return None
-    sign = -1.0 if higher_is_better(metric) else 1.0
-    values = sign * np.array([qualities[m].per_object for m in methods])
-    places = (rankdata(values, axis=0, nan_policy="omit") - 1) / (len(methods) - 1)
-    places[:, np.isnan(values).any(axis=0)] = math.nan
+    sign = 1.0 if higher_is_better(metric) else -1.0
     names = tuple(f"{dataset}: {comparison.class_name}/{name}" for name in comparison.objects)
-    return ObjectPlaces(names, dict(zip(methods, places, strict=True)))
+    return ObjectScores(names, {m: sign * qualities[m].per_object for m in methods})
 
 
 @dataclass(frozen=True)
@@ -101,8 +97,8 @@ class MeanRank:
 
     rank     1 for a method that is the best everywhere, the number of methods for the last
     letters  shared by methods that are not shown to differ; empty where too few objects decide
-    p_first  of no difference from the first method, after Holm's correction; NaN for the first and
-             for a method that shares no objects with it
+    p_first  of no difference from the first method with letters, after Holm's correction; NaN for
+             that method and for one that shares too few objects with it
     """
 
     method: str
@@ -115,62 +111,69 @@ class MeanRank:
 class MeanRanks:
     """The mean ranks of all methods that compete, the best first.
 
-    objects_needed  where there are too few objects for letters, the fewest that can decide; else
-                    None
+    first           the best of those with enough objects; the best of all where there are none
+    objects_needed  where there are too few objects for any letters, the fewest that can decide;
+                    else None
     """
 
     ranks: tuple[MeanRank, ...]
+    first: str
     objects_needed: int | None
 
 
-def mean_ranks(cells: Sequence[ObjectPlaces]) -> MeanRanks:
-    """Return the mean ranks over the places of all runs, conditions and metrics."""
-    of_method: dict[str, list[float]] = {}
-    for cell in cells:
-        for method, places in cell.places.items():
-            if np.isfinite(places).any():
-                of_method.setdefault(method, []).append(float(np.nanmean(places)))
-    ranks = {m: 1 + (len(of_method) - 1) * float(np.mean(p)) for m, p in of_method.items()}
+def mean_ranks(cells: Sequence[ObjectScores]) -> MeanRanks:
+    """Return the mean ranks over the scores of all runs, conditions and metrics."""
+    methods = list(dict.fromkeys(method for cell in cells for method in cell.scores))
+    lost: dict[str, list[float]] = {method: [] for method in methods}
+    outcomes: dict[tuple[str, str], Floats] = {}  # a mean of an object: 1 where a is ahead, or -1
+    for a, b in combinations(methods, 2):
+        per_comparison, outcomes[a, b] = _outcomes(cells, a, b)
+        if len(per_comparison):
+            lost[a].append((1 - float(per_comparison.mean())) / 2)
+            lost[b].append((1 + float(per_comparison.mean())) / 2)
+    ranks = {m: 1 + (len(methods) - 1) * float(np.mean(s)) for m, s in lost.items() if s}
     best_first = sorted(ranks, key=lambda method: ranks[method])
-    pairs = list(combinations(best_first, 2))
-    differences = _differences(cells, pairs)
-    p_values = dict(zip(pairs, _p_values(differences), strict=True))
+    pairs = [pair for pair, of_pair in outcomes.items() if len(of_pair) >= FEWEST]
+    p_values = dict(zip(pairs, _p_values([outcomes[pair] for pair in pairs]), strict=True))
     resolved = {frozenset(pair) for pair, p in p_values.items() if p < SIGNIFICANCE}
-    enough = fewest_objects(len(pairs))
-    decidable = bool(resolved) or any(len(of_pair) >= enough for of_pair in differences)
-    given = letters(best_first, resolved) if decidable else {}
-    to_first = {b: p for (a, b), p in p_values.items() if a == best_first[0]}
+    enough = fewest_objects(max(len(pairs), 1))
+    decidable = bool(resolved) or any(len(outcomes[pair]) >= enough for pair in pairs)
+    tested = [m for m in best_first if any(m in pair for pair in pairs)]
+    given = letters(tested, resolved) if decidable else {}
+    first = next(iter([*tested, *best_first]), "")
+    to_first = {frozenset(pair) - {first}: p for pair, p in p_values.items() if first in pair}
     return MeanRanks(
         tuple(
-            MeanRank(m, ranks[m], given.get(m, ""), to_first.get(m, math.nan)) for m in best_first
+            MeanRank(m, ranks[m], given.get(m, ""), to_first.get(frozenset({m}), math.nan))
+            for m in best_first
         ),
-        None if decidable or not pairs else enough,
+        first,
+        None if decidable or len(best_first) < 2 else enough,
     )
 
 
-def _differences(cells: Sequence[ObjectPlaces], pairs: Sequence[tuple[str, str]]) -> list[Floats]:
-    """Return each pair's differences of places, a mean for each object that both have."""
-    names = sorted({name for cell in cells for name in cell.objects})
-    number = {name: i for i, name in enumerate(names)}
-    rows = [np.array([number[name] for name in cell.objects]) for cell in cells]
-    differences = []
-    for a, b in pairs:
-        sums, counts = np.zeros(len(names)), np.zeros(len(names))
-        for cell, at in zip(cells, rows, strict=True):
-            if a in cell.places and b in cell.places:
-                change = cell.places[a] - cell.places[b]
-                known = np.isfinite(change)
-                sums[at[known]] += change[known]
-                counts[at[known]] += 1
-        differences.append(sums[counts > 0] / counts[counts > 0])
-    return differences
+def _outcomes(cells: Sequence[ObjectScores], a: str, b: str) -> tuple[Floats, Floats]:
+    """Return the outcomes of all comparisons of two methods, and the mean of each object."""
+    names: list[str] = []
+    outcomes: list[Floats] = []
+    for cell in cells:
+        if a in cell.scores and b in cell.scores:
+            change = cell.scores[a] - cell.scores[b]
+            known = np.isfinite(change)
+            outcomes.append(np.sign(change[known]))
+            names += [name for name, is_known in zip(cell.objects, known, strict=True) if is_known]
+    if not names:
+        return np.empty(0), np.empty(0)
+    every = np.concatenate(outcomes)
+    _, of_object = np.unique(names, return_inverse=True)
+    return every, np.bincount(of_object, every) / np.bincount(of_object)
 
 
-def _p_values(differences: Sequence[Floats]) -> list[float]:
-    """Return the corrected p value of each pair; NaN for one with too few objects."""
-    values = [math.nan] * len(differences)
-    for length in {len(of_pair) for of_pair in differences if len(of_pair) >= FEWEST}:
-        at = [i for i, of_pair in enumerate(differences) if len(of_pair) == length]
-        for i, p in zip(at, sign_flip_p(np.array([differences[i] for i in at])), strict=True):
+def _p_values(outcomes: Sequence[Floats]) -> list[float]:
+    """Return the corrected p value of each pair."""
+    values = [math.nan] * len(outcomes)
+    for length in {len(of_pair) for of_pair in outcomes}:
+        at = [i for i, of_pair in enumerate(outcomes) if len(of_pair) == length]
+        for i, p in zip(at, sign_flip_p(np.array([outcomes[i] for i in at])), strict=True):
             values[i] = float(p)
     return holm(values)

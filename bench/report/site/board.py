@@ -5,13 +5,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field
 from typing import Literal
 
+from bench.catalogue.lookup import family_of
+from bench.catalogue.methods import role
 from bench.report.page import PageImage
 
 RowKind = Literal["", "variant", "reference"]
+REFERENCES = ("floor", "ceiling")  # roles
 
 
 @dataclass(frozen=True)
@@ -41,6 +45,12 @@ class BoardCell:
 
 
 EMPTY = BoardCell("–")
+
+
+def fraction(value: float, digits: int) -> str:
+    """Return a number without the 0 before the point."""
+    text = f"{value:.{digits}f}"
+    return text.removeprefix("0") if text.startswith("0.") else text.replace("-0.", "−.")
 
 
 @dataclass(frozen=True)
@@ -93,6 +103,12 @@ class Board:
         """Return the columns of all groups."""
         return [column for group in self.groups for column in group.columns]
 
+    @property
+    def starts(self) -> list[int]:
+        """Return the columns at which a group begins."""
+        sizes = [len(group.columns) for group in self.groups]
+        return [sum(sizes[:i]) for i in range(len(sizes))]
+
     def count(self, kind: RowKind) -> int:
         """Return the number of rows of a kind."""
         return sum(row.kind == kind for row in self.rows)
@@ -104,19 +120,22 @@ class Board:
 
 
 def row_kinds(
-    ranked: Sequence[str], families: Sequence[str], references: set[str], shown: set[str]
+    ranked: Sequence[str], ids: Mapping[str, str], always: AbstractSet[str]
 ) -> dict[str, RowKind]:
-    """Return the kinds of methods, of which the best of each family is no variant.
+    """Return the kinds of methods by their names; `ids` are those of the catalogue.
 
-    ranked, families  methods from the best on, and their families
-    shown             methods that are no variant in any case
+    An id with a variant is one, but for the best of a family without a plain method, and for those
+    of `always`.
     """
+    plain = {family_of(ids[m]) for m in ranked if ids[m] == family_of(ids[m])}
     kinds: dict[str, RowKind] = {}
-    seen: set[str] = set()
-    for method, family in zip(ranked, families, strict=True):
-        if method in references:
+    for method in ranked:
+        family = family_of(ids[method])
+        if role(ids[method]) in REFERENCES:
             kinds[method] = "reference"
+        elif ids[method] == family or ids[method] in always or family not in plain:
+            kinds[method] = ""
+            plain.add(family)
         else:
-            kinds[method] = "variant" if family in seen and method not in shown else ""
-            seen.add(family)
+            kinds[method] = "variant"
     return kinds

@@ -9,18 +9,21 @@ from dataclasses import dataclass
 from bench.analysis.comparison import worse_than_blank
 from bench.analysis.frontier import places
 from bench.analysis.leaderboard import MeanRanks
+from bench.analysis.paired import SIGNIFICANCE
+from bench.catalogue.methods import RECOMMENDED
 from bench.records.artifacts import JobName
 from bench.records.journal import PROTOCOL
 from bench.records.parquet import artifacts_of, read_jobs
 from bench.report.images import data_uri
 from bench.report.page import PageImage, Plot
-from bench.report.site.board import Board
+from bench.report.site.board import Board, row_kinds
 from bench.report.site.classes import class_grids
 from bench.report.site.leaderboard import leaderboard, site_ranks
 from bench.report.site.plots import run_plots
 from bench.report.site.site_run import SiteRun
 from bench.report.site.words import condition_words, listed, metric_words
 from bench.report.stored import Sources
+from bench.tables.differences import too_few
 from bench.tables.grid import Grid
 from data_prep.failures import BadInput
 from data_prep.progress import log
@@ -84,9 +87,12 @@ def index_page(runs: Sequence[SiteRun], methods: Sequence[str]) -> IndexPage:
     board = leaderboard(runs, methods, ranks, thumbnails(runs))
     shown = [row.name for row in board.rows if not row.kind]
     failed, images = (sum(counts) for counts in zip(*(run.failed for run in runs), strict=True))
+    names = [row.name for row in board.rows]
     plotted = (
         RunPlots(
-            run.name, f"{run.run.suite.about}; {run.objects}", run_plots(run, _ids(run, shown))
+            run.name,
+            f"{run.run.suite.about}; {run.objects}",
+            run_plots(run, [run.methods[name].id for name in _main_methods(run, names)]),
         )
         for run in runs
     )
@@ -105,19 +111,25 @@ def index_page(runs: Sequence[SiteRun], methods: Sequence[str]) -> IndexPage:
         _answers(runs, ranks, shown),
         tuple(of_run for of_run in plotted if of_run.plots),
         board,
-        tuple((run.name, class_grids(run, shown)) for run in runs if run.by_class),
+        tuple(
+            (run.name, class_grids(run, _main_methods(run, names))) for run in runs if run.by_class
+        ),
         tuple(map(_card, runs)),
         _meanings(runs),
     )
 
 
-def _ids(run: SiteRun, names: Sequence[str]) -> list[str]:
-    return [run.methods[name].id for name in names if name in run.methods]
+def _main_methods(run: SiteRun, names: Sequence[str]) -> list[str]:
+    """Return the methods of a run that are neither reference methods nor variants of others."""
+    of_run = [name for name in names if name in run.methods]
+    kinds = row_kinds(of_run, {name: run.methods[name].id for name in of_run}, {RECOMMENDED})
+    return [name for name in of_run if not kinds[name]]
 
 
 def thumbnails(runs: Sequence[SiteRun]) -> dict[str, PageImage]:
-    """Return an image of each method: the first view of the first object of its first run."""
+    """Return an image of each method: the first view of the first object, where a run has it."""
     images: dict[str, PageImage] = {}
+    first = str(runs[0].run.manifest["objects"][0])
     for run in runs:
         try:
             listed_artifacts = artifacts_of(run.run.directory, read_jobs(run.run.directory))
@@ -125,8 +137,8 @@ def thumbnails(runs: Sequence[SiteRun]) -> dict[str, PageImage]:
             log(f"{run.name}: no thumbnails, {error}")
             continue
         sources = Sources({n: p for n, p in listed_artifacts.items() if p.is_file()}, {}, "")
-        condition, obj = run.run.manifest["conditions"][0], run.run.manifest["objects"][0]
-        class_name, _, object_id = str(obj).partition("/")
+        condition, objects = run.run.manifest["conditions"][0], run.run.manifest["objects"]
+        class_name, _, object_id = str(first if first in objects else objects[0]).partition("/")
         for name, method in run.methods.items():
             drawn = sources.images(JobName(method.id, condition, class_name, object_id))
             if name not in images and drawn is not None:
@@ -140,14 +152,15 @@ def _answers(
 ) -> tuple[tuple[str, str], ...]:
     """Return who is first, what is cheap, and what is worse than a white image."""
     answers = []
-    first = [rank.method for rank in ranks.ranks if "a" in rank.letters]
-    if len(first) == 1:
-        answers.append(("First by mean rank, shown", first[0]))
-    elif first:
-        answers.append(("First by mean rank", first[0]))
-        answers.append(("Not shown to differ from it", listed(first[1:])))
-    elif ranks.ranks:
-        answers.append(("First by mean rank, not decided", ranks.ranks[0].method))
+    if ranks.ranks:
+        few = ranks.first != ranks.ranks[0].method
+        enough = " of those with enough objects" if few else ""
+        answers.append((f"First by mean rank{enough}", ranks.first))
+        tied = [rank.method for rank in ranks.ranks if rank.p_first >= SIGNIFICANCE]
+        if tied:
+            answers.append(("Not shown to differ from it", listed(tied)))
+        elif ranks.objects_needed:
+            answers.append(("Whether it differs from others", too_few(ranks.objects_needed)))
     cheap = []
     for run in runs[:1]:
         names = {method.id: name for name, method in run.methods.items()}
@@ -217,9 +230,9 @@ def _meanings(
     metrics = dict.fromkeys(metric for run in runs for metric in run.metrics)
     conditions = dict.fromkeys(c.condition for run in runs for c in run.compared)
     general = (
-        ("rank", "mean rank", "Each object ranks the methods of a run by each metric under each "
-         "condition; the mean of these places over all runs. Of a run with fewer methods places "
-         "are stretched to the number of all."),
+        ("rank", "mean rank", "One, and the share of the comparisons that a method loses to each "
+         "other, summed over these: object by object, by each metric under each condition of each "
+         "run. To methods that it has not met it is taken to lose as often as to the others."),
         ("letters", "letters", "Methods that share a letter are not shown to differ; “a” is the "
          "first. p values are corrected for all pairs of methods."),
         ("cost", "ms a view", "Milliseconds for a cloud of the first condition and its first view, "

@@ -7,10 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from bench.analysis.comparison import decimals, milliseconds, worse_than_blank
-from bench.analysis.leaderboard import MeanRanks, mean_ranks, object_places
+from bench.analysis.leaderboard import MeanRanks, mean_ranks, object_scores
 from bench.analysis.paired import SIGNIFICANCE
 from bench.analysis.ranks import Ranking
-from bench.catalogue.lookup import family_of
 from bench.catalogue.methods import RECOMMENDED, role
 from bench.catalogue.metrics import higher_is_better
 from bench.report.page import PageImage
@@ -21,6 +20,7 @@ from bench.report.site.board import (
     BoardColumn,
     BoardGroup,
     BoardRow,
+    fraction,
     row_kinds,
 )
 from bench.report.site.site_run import SiteRun, method_file, method_id_of
@@ -35,6 +35,7 @@ from bench.report.site.words import (
 )
 from bench.tables.differences import too_few
 
+MOST_RUNS = 3  # beside each other on a screen
 MEANS = "means-"  # begins the anchors of the glossary
 
 
@@ -46,10 +47,10 @@ def site_ranks(runs: Sequence[SiteRun]) -> MeanRanks:
         dataset = str(run.run.manifest["dataset"])
         for comparison in run.compared:
             for metric in run.metrics:
-                cell = object_places(comparison, metric, dataset)
+                cell = object_scores(comparison, metric, dataset)
                 if cell is not None:
-                    places = {names[id_]: of_method for id_, of_method in cell.places.items()}
-                    cells.append(replace(cell, places=places))
+                    scores = {names[id_]: values for id_, values in cell.scores.items()}
+                    cells.append(replace(cell, scores=scores))
     return mean_ranks(cells)
 
 
@@ -65,23 +66,31 @@ def leaderboard(
     ids = {method: method_id_of(runs, method) for method in ordered}
     references = {m for m in ordered if role(ids[m])}
     ordered.sort(key=lambda method: method in references)  # stable: references come last
-    shown = {m for m in ordered if ids[m] == RECOMMENDED}
-    kinds = row_kinds(ordered, [family_of(ids[m]) for m in ordered], references, shown)
+    kinds = row_kinds(ordered, ids, {RECOMMENDED})
     of_rank = {rank.method: rank for rank in ranks.ranks}
     machines = {run.machine for run in runs}
+    groups = (
+        *map(_of_run, runs),
+        BoardGroup(_general_columns(len(by_rank), machines, len(runs))),
+    )
+    # Of many runs the values are beyond the right edge, where they may be rather than the ranks.
+    general_first = len(runs) > MOST_RUNS
+    if general_first:
+        groups = (groups[-1], *groups[:-1])
     rows = []
     for method in ordered:
         rank = of_rank.get(method)
         mean = EMPTY
         if rank is not None:
             tied = not math.isnan(rank.p_first) and rank.p_first >= SIGNIFICANCE
-            p = f"p {p_words(rank.p_first)} against {by_rank[0]}" if tied else ""
+            p = f"p {p_words(rank.p_first)} against {ranks.first}" if tied else ""
             mean = BoardCell(f"{rank.rank:.1f}", rank.rank, beneath=p)
         cells = [_value(run, metric, method) for run in runs for metric in run.metrics]
         cost = _cost(runs, method, len(machines) > 1)
         taught = trained_on(ids[method])
         of_runs = sum(method in run.methods for run in runs)
-        cells += [mean, cost, BoardCell(taught, None), BoardCell(str(of_runs), float(of_runs))]
+        general = [mean, cost, BoardCell(taught), BoardCell(str(of_runs), float(of_runs))]
+        cells = [*general, *cells] if general_first else [*cells, *general]
         rows.append(
             BoardRow(
                 by_rank.index(method) + 1 if rank else None,
@@ -96,7 +105,7 @@ def leaderboard(
         )
     return Board(
         f"All methods by their mean rank among the {len(by_rank)} that compete",
-        (*map(_of_run, runs), BoardGroup(_last_columns(len(by_rank), machines, len(runs)))),
+        groups,
         tuple(rows),
         _notes(runs, ranks),
     )
@@ -114,11 +123,11 @@ def _of_run(run: SiteRun) -> BoardGroup:
     return BoardGroup(columns, run.name, title, run.page)
 
 
-def _last_columns(count: int, machines: set[str], runs: int) -> tuple[BoardColumn, ...]:
+def _general_columns(count: int, machines: set[str], runs: int) -> tuple[BoardColumn, ...]:
     """Return the columns that no single run gives."""
     rank = (
-        f"mean place among {count} methods, over objects, conditions, metrics and runs; of a run "
-        "with fewer methods places are stretched"
+        f"mean rank among {count} methods over objects, conditions, metrics and runs; to methods "
+        "that it has not met one is taken to lose as often as to others"
     )
     cost = "milliseconds for a cloud and its first view, median over objects, one thread"
     return (
@@ -140,10 +149,9 @@ def _value(run: SiteRun, metric: str, method: str) -> BoardCell:
     id_ = run.methods[method].id
     n_ok, n = run.overall.images[id_]
     below = not role(id_) and id_ in worse_than_blank(run.overall.qualities[metric])
-    caveats = [f"{n - n_ok} of {n} images failed"] * (n_ok < n) + ["worse than blank"] * below
-    text = f"{rank.estimate.value:.{decimals(metric)}f}"
+    caveats = [f"{n - n_ok} of {n} failed"] * (n_ok < n) + ["worse than blank"] * below
     return BoardCell(
-        text.replace("0.", ".", 1) if text.startswith("0.") else text,
+        fraction(rank.estimate.value, decimals(metric)),
         rank.estimate.value,
         letter_range(rank.letters),
         _against_best(ranking, method),
@@ -180,7 +188,8 @@ def _notes(runs: Sequence[SiteRun], ranks: MeanRanks) -> tuple[str, ...]:
     notes = [
         "Methods that share a letter are not shown to differ (paired object by object, p below .05 "
         "after Holm's correction for all pairs). Values are means over objects and conditions; a "
-        "failed image is scored as a blank one. Of a family the best method is shown at once."
+        "failed image is scored as a blank one. Without letters: too few objects in common with "
+        "others to decide."
     ]
     if ranks.objects_needed:
         notes.append(f"Mean ranks have no letters: {too_few(ranks.objects_needed)}.")

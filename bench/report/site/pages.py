@@ -208,8 +208,8 @@ def _pair_page(a: str, b: str, runs: Sequence[SiteRun]) -> SitePage:
                 PivotLayout(column_name=condition_words),
                 corner="metric",
                 caption=f"{run.name}: {b} minus {a}, with 95 % intervals",
-                remark="Marked: who is ahead, p below 0.05; p is given after Holm's correction for all pairs "
-                "of methods under that condition.",
+                remark="Marked: who is ahead, p below 0.05. p is corrected by Holm's procedure for "
+                "all pairs of methods under that condition.",
             )
             sections.append(Section(run.name, str(run.run.manifest["dataset"]), (differences,)))
     ahead, ties, behind = lead_record(runs, a, b)

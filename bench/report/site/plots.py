@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from itertools import groupby
+from itertools import groupby, pairwise
 from typing import Any
 
 import numpy as np
@@ -129,13 +129,13 @@ def curve_figure(
             Point(x, c.condition, c.class_name, c.qualities[metric][method].estimate)
             for (x, _), c in zip(steps, compared, strict=True)
         ]
-        kinds = groupby(zip(steps, points, strict=True), key=lambda pair: pair[0][1])
-        for _, of_kind in kinds:
-            run = [point for _, point in of_kind]
-            line = draw_curve(drawn, axis, metric, method, run, styles[method])
+        of_kinds = groupby(zip(steps, points, strict=True), key=lambda pair: pair[0][1])
+        segments = [[point for _, point in of_kind] for _, of_kind in of_kinds]
+        lines = [draw_curve(drawn, axis, metric, method, s, styles[method]) for s in segments]
+        for line in lines:
             drawn.mark(line, Tags(method=method))
-        line.set_label(shortened(visible(method), LONGEST))
-        labelled.append(line)
+        lines[-1].set_label(shortened(visible(method), LONGEST))
+        labelled.append(lines[-1])
     axis.set_xticks(
         [x for x, _ in steps],
         [_tick(c.condition, len(steps)) for c in compared],
@@ -174,9 +174,11 @@ def frontier_figure(
                   alpha=0.75, zorder=1.5)  # fmt: skip
     axis.set_xlim(left, right)
     axis.tick_params(axis="x", which="minor", labelbottom=False)
+    axis.set_xlabel("ms a view", fontsize=TEXT)
+    drawn.figure.subplots_adjust(bottom=0.185)
     for blank in (p.quality.value for p in points if p.method == FLOOR):
         _shade_worse(axis, points[0].metric, blank)
-    _name_points(drawn, axis, rivals, styles)
+    _name_points(drawn, axis, rivals, styles, steps)
     return drawn
 
 
@@ -239,8 +241,9 @@ def _name_points(
     axis: Any,
     points: Sequence[FrontierPoint],
     styles: Mapping[str, MethodStyle],
+    steps: Sequence[tuple[float, float]],
 ) -> None:
-    """Write the names of points where they cover nothing."""
+    """Write the names of points where they cover no point and no step of the frontier."""
     drawn.figure.draw_without_rendering()  # before it nothing has a place
     scale = POINTS_PER_INCH / drawn.figure.dpi
     xy = np.array([(p.cost_ms.value, p.quality.value) for p in points])
@@ -253,7 +256,14 @@ def _name_points(
     ]  # fmt: skip
     extents = [note.get_window_extent() for note in notes]
     sizes = np.array([(e.width, e.height) for e in extents]) * scale
-    obstacles = np.concatenate([anchors - REACH, anchors + REACH], axis=1)
+    corners = [corner for (_, y), (x, up) in pairwise(steps) for corner in ((x, y), (x, up))]
+    ends = [(axis.get_xlim()[1], steps[-1][1])] if steps else []
+    path = [*steps[:1], *corners, *ends]
+    at = [anchors]
+    for start, end in pairwise(axis.transData.transform(path) * scale if path else ()):
+        at.append(start + (end - start) * np.linspace(0, 1, 25)[:, None])
+    every = np.concatenate(at)
+    obstacles = np.concatenate([every - REACH, every + REACH], axis=1)
     centres = place_labels(anchors, sizes, obstacles, np.array(axis.bbox.extents) * scale)
     for note, p, offset in zip(notes, points, centres - anchors, strict=True):
         note.set_position(offset)

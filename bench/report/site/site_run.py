@@ -90,7 +90,7 @@ class SiteRun:
         manifest = self.run.manifest
         classes = {name.partition("/")[0] for name in map(str, manifest["objects"])}
         kinds = f"{len(classes)} classes" if len(classes) > 1 else f"class {min(classes)}"
-        return f"{len(manifest['objects'])} of {kinds} × {manifest['views']} views"
+        return f"{len(manifest['objects'])} objects of {kinds} × {manifest['views']} views"
 
     @cached_property
     def differences(self) -> dict[tuple[str, str], list[PairedDifference]]:
