@@ -78,11 +78,14 @@ class IndexPage:
     board: Board
     classes: tuple[tuple[str, tuple[Grid, ...]], ...]
     runs: tuple[RunCard, ...]
+    left_out: tuple[str, ...]
     meanings: tuple[tuple[str, tuple[tuple[str, str, str], ...]], ...]
 
 
-def index_page(runs: Sequence[SiteRun], methods: Sequence[str]) -> IndexPage:
-    """Return the index of a site; `methods` are all of its methods."""
+def index_page(
+    runs: Sequence[SiteRun], methods: Sequence[str], left_out: Sequence[str] = ()
+) -> IndexPage:
+    """Return the index of a site; `methods` are all of its methods, `left_out` names of runs."""
     ranks = site_ranks(runs)
     board = leaderboard(runs, methods, ranks, thumbnails(runs))
     shown = [row.name for row in board.rows if not row.kind]
@@ -115,6 +118,7 @@ def index_page(runs: Sequence[SiteRun], methods: Sequence[str]) -> IndexPage:
             (run.name, class_grids(run, _main_methods(run, names))) for run in runs if run.by_class
         ),
         tuple(map(_card, runs)),
+        tuple(f"{name} is left out: no object has scored images." for name in left_out),
         _meanings(runs),
     )
 
@@ -157,10 +161,10 @@ def _answers(
         enough = " of those with enough objects" if few else ""
         answers.append((f"First by mean rank{enough}", ranks.first))
         tied = [rank.method for rank in ranks.ranks if rank.p_first >= SIGNIFICANCE]
-        if tied:
-            answers.append(("Not shown to differ from it", listed(tied)))
-        elif ranks.objects_needed:
+        if ranks.objects_needed:
             answers.append(("Whether it differs from others", too_few(ranks.objects_needed)))
+        elif tied:
+            answers.append(("Not shown to differ from it", listed(tied)))
     cheap = []
     for run in runs[:1]:
         names = {method.id: name for name, method in run.methods.items()}

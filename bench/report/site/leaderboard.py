@@ -23,7 +23,7 @@ from bench.report.site.board import (
     fraction,
     row_kinds,
 )
-from bench.report.site.site_run import SiteRun, method_file, method_id_of
+from bench.report.site.site_run import HEADLINE, SiteRun, method_file, method_id_of
 from bench.report.site.words import (
     condition_words,
     letter_range,
@@ -192,9 +192,11 @@ def _notes(runs: Sequence[SiteRun], ranks: MeanRanks) -> tuple[str, ...]:
         "others to decide."
     ]
     if ranks.objects_needed:
-        notes.append(f"Mean ranks have no letters: {too_few(ranks.objects_needed)}.")
+        notes.append(f"Mean ranks without letters: {too_few(ranks.objects_needed)}.")
     for run in runs:
-        for metric in sorted({m for other in runs for m in other.metrics} - {*run.metrics}):
+        for metric in dict.fromkeys([*HEADLINE, *(m for other in runs for m in other.metrics)]):
+            if metric in run.metrics:
+                continue
             reason = run.run.skipped.get(metric, "not measured")
             notes.append(f"{run.name} has no {metric}: {reason.removeprefix('skipped: ')}.")
         competing = [m for m, method in run.methods.items() if not role(method.id)]

@@ -56,10 +56,14 @@ MENU = (
 
 
 def pages(
-    runs: Sequence[SiteRun], downloads: Mapping[str, Sequence[Link]]
+    runs: Sequence[SiteRun], downloads: Mapping[str, Sequence[Link]], left_out: Sequence[str]
 ) -> list[SitePage | IndexPage]:
-    """Return all pages of a site, the index first; `downloads` are links by the names of runs."""
-    index = index_page(runs, methods_of(runs))
+    """Return all pages of a site, the index first.
+
+    downloads  links by the names of runs
+    left_out   names of runs without a scored object
+    """
+    index = index_page(runs, methods_of(runs), left_out)
     ranked = [row.name for row in index.board.rows]
     pairs = [(a, b) for a, b in combinations(ranked, 2) if share_ranking(runs, a, b)]
     return [

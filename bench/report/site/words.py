@@ -12,6 +12,7 @@ from data_prep.clouds.conditions import (
     GaussianNoise,
     Missing,
     Outliers,
+    Perturbation,
     RandomSubset,
     Stride,
     Unchanged,
@@ -25,23 +26,29 @@ _ROLES = {"ceiling": "reference: the true mesh", "floor": "reference: sees no cl
 def condition_words(condition_id: str) -> str:
     """Return a condition in words; the id of one that is not known."""
     perturbation = next((c.perturbation for c in CONDITIONS if c.id == condition_id), None)
+    words = _perturbation_words(perturbation) if perturbation else condition_id
+    # Another reading of the paper has the name of what it reads.
+    return f"{words} (original code)" if condition_id.endswith("-code") else words
+
+
+def _perturbation_words(perturbation: Perturbation) -> str:
     match perturbation:
         case Unchanged():
             return f"{CLOUD_SIZE:,} points"
         case Stride(step):
             return f"{-(-CLOUD_SIZE // step):,} of {CLOUD_SIZE:,} points"
         case RandomSubset(count):
-            return f"{count:,} of {CLOUD_SIZE:,} points, drawn at random"
+            return f"{count:,} of {CLOUD_SIZE:,} points (random)"
         case GaussianNoise(sigma):
-            return f"noise {sigma:.0%} of the radius".replace("%", " %")
+            return f"noise {100 * sigma:g} % of the radius"
         case Outliers(share):
-            return f"{share:.0%} outliers".replace("%", " %")
+            return f"{100 * share:g} % outliers"
         case Missing(share):
-            return f"{share:.0%} missing on one side".replace("%", " %")
+            return f"{100 * share:g} % missing on one side"
         case UnevenDensity(ratio):
             return f"{CLOUD_SIZE // 2:,} points, {ratio:g} times as dense at one end"
         case _:
-            return condition_id
+            return repr(perturbation)
 
 
 def metric_words(metric: str) -> str:

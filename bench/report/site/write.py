@@ -63,10 +63,10 @@ def write_site(directories: Sequence[Path], out: Path) -> int:
     for run, copies in with_copies:
         for copy in copies:
             log(f"{copy}: the same records as {run.directory}; the run is counted once")
-    runs = _ranked(with_copies)
+    runs, left_out = _ranked(with_copies)
     with whole_folder(out) as new:
         downloads = {run.name: _copy(run, new) for run in runs}
-        site = pages(runs, downloads)
+        site = pages(runs, downloads, left_out)
         for page in site:
             (new / page.file).write_text(site_html(page, MENU, page.file == INDEX), "utf-8")
     return len(site)
@@ -95,28 +95,34 @@ def _numbered(texts: Sequence[str]) -> list[str]:
     return numbered
 
 
-def _ranked(with_copies: Sequence[tuple[ScoredRun, tuple[Path, ...]]]) -> list[SiteRun]:
-    """Return the runs with their rankings. Raises BadInput where no run has a scored object."""
+def _ranked(
+    with_copies: Sequence[tuple[ScoredRun, tuple[Path, ...]]],
+) -> tuple[list[SiteRun], list[str]]:
+    """Return the runs with their rankings, and the names of those without a scored object.
+
+    Raises BadInput where no run has one.
+    """
     scored = [run for run, _ in with_copies]
     names = _numbered([run.directory.resolve().name for run in scored])
     slugs = _numbered([shortened_name(file_name(name)).strip("-.") or "run" for name in names])
     methods = site_methods([run.manifest for run in scored])
-    runs = []
+    runs, left_out = [], []
     with threadpool_limits(1), progress("rankings", len(scored)) as advance:
         for i, run in enumerate(scored):
             metrics = run.measured([*dict.fromkeys((*HEADLINE, *run.suite.headline))])
             metrics = [metric for metric in metrics if is_mean(metric)]
             by_class = run.compared(metrics)
-            if by_class and metrics:
+            if by_class and metrics and run.manifest["objects"]:
                 compared = pooled(by_class) or by_class  # of several classes all objects together
                 named = methods[i], with_copies[i][1]
                 runs.append(_site_run(run, (names[i], slugs[i]), compared, metrics, named))
             else:
                 log(f"{run.directory}: no object has scored images; the run is left out")
+                left_out.append(names[i])
             advance(0)
     if not runs:
         raise BadInput("no run has an object with scored images; give a run that has")
-    return runs
+    return runs, left_out
 
 
 def _site_run(
