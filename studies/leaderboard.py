@@ -3,7 +3,7 @@
     python -m studies.leaderboard > leaderboard.html
 
 It is made from `results/docs` by the templates of `bench site`. As an extension of Sphinx it stands
-above the first section of `docs/index.md`.
+at the mark `<!-- leaderboard -->` of `docs/index.md`, or above its first section.
 """
 
 from __future__ import annotations
@@ -43,6 +43,7 @@ FULL = "2048"
 CHAIRS = ("procedural-networks.csv", "beyond-networks.csv")
 MESHES = ("real-meshes-4.csv", "real-meshes-4-pc2pix.csv", "real-meshes.csv")
 COSTS = "frontier.csv"
+MARK = "<!-- leaderboard -->"
 # Methods without times of their own that draw with the network of another.
 SAME_COST = {
     "splat-net@all": "splat-net",
@@ -240,18 +241,24 @@ _COLOURS = """
   --rule: var(--color-background-border); --strong-rule: var(--color-foreground-border);
   --paper: var(--color-background-primary); --accent: var(--color-brand-content);
   --good: var(--color-foreground-primary); --bad: var(--color-foreground-primary);
-  font-size: 0.8rem;
+  font-size: 0.78rem;
 }
-.leaderboard .board th, .leaderboard .board td { padding-right: 0.55rem; }
-.leaderboard .board td small { font-size: 0.72rem; }
+.leaderboard .board th, .leaderboard .board td { padding-right: 0.4rem; }
+.leaderboard .board .start { padding-left: 0.45rem; }
+.leaderboard .board tbody th { min-width: 8rem; }
+.leaderboard .board small { font-size: 0.7rem; }
 """
 
 
 def show(_: Any, page: str, source: list[str]) -> None:
-    """Put the leaderboard above the first section of the front page."""
+    """Put the leaderboard at its mark in the front page, or above the first section."""
     if page == "index":
-        head, section, rest = source[0].partition("\n## ")
-        source[0] = f"{head}\n\n```{{raw}} html\n{fragment()}\n```\n{section}{rest}"
+        raw = f"```{{raw}} html\n{fragment()}\n```\n"
+        head, mark, rest = source[0].partition(MARK)
+        if not mark:
+            head, mark, rest = source[0].partition("\n## ")
+            raw += mark
+        source[0] = f"{head}\n{raw}{rest}"
 
 
 def setup(app: Any) -> dict[str, bool]:
