@@ -8,7 +8,14 @@ from bench.analysis.comparison import Comparison, decimals
 from bench.analysis.leaderboard import over_conditions
 from bench.analysis.ranks import ranking
 from bench.report.site.methods import under_site_names
-from bench.report.site.site_run import FIRST, SiteRun, caption_of, headers, method_file
+from bench.report.site.site_run import (
+    FIRST,
+    SiteRun,
+    caption_of,
+    headers,
+    letters_remark,
+    method_file,
+)
 from bench.report.site.words import letter_range
 from bench.tables.grid import NOTHING, Cell, Grid, TableRow, ordered
 
@@ -46,8 +53,7 @@ def class_grids(run: SiteRun, methods: Sequence[str]) -> tuple[Grid, ...]:
                 headers(rankings),
                 tuple(lines),
                 caption=f"{run.name}: {caption_of(metric)}",
-                remark="Letters are of one class: pairs of all methods of the run are corrected "
-                "together.",
+                remark=letters_remark(rankings.values()),
             )
         )
     return tuple(grids)

@@ -99,16 +99,18 @@ def _rank_grids(run: SiteRun) -> tuple[Grid, ...]:
 
 def _difference_cell(run: SiteRun, row: PairedDifference) -> Cell:
     cell = difference_cell(row)
-    p = "" if math.isnan(row.p_holm) else f", p {p_words(row.p_holm)}"
-    if not row.objects_needed:
+    if row.objects_needed:
+        outcome = Annotation("too few objects", against=True)
+    else:
+        p = "" if math.isnan(row.p_holm) else f", p {p_words(row.p_holm)}"
         ahead = {"a": row.pair.a.method, "b": row.pair.b.method}.get(row.ahead)
-        outcome = f"{ahead} ahead" if ahead else "not decided"
-        cell = replace(cell, special=Annotation(f"{outcome}{p}", against=not ahead))
+        words = f"{ahead} ahead" if ahead else "not decided"
+        outcome = Annotation(f"{words}{p}", against=not ahead)
     failures = []
     for method in (row.pair.a.method, row.pair.b.method):
         if text := scored_as_blank(*run.images[row.pair.condition, method]):
             failures.append(f"{method}: {text}")
-    return replace(cell, caveat="; ".join(failures))
+    return replace(cell, special=outcome, caveat="; ".join(failures))
 
 
 def _run_page(run: SiteRun, downloads: Sequence[Link], ranked: Sequence[str]) -> SitePage:

@@ -60,14 +60,16 @@ def run_plots(run: SiteRun, methods: Sequence[str]) -> tuple[Plot, ...]:
     one without times no frontier.
     """
     chosen = [m for m in methods if not role(m) and m in run.overall.images][:MOST_CURVES]
-    styles = method_styles([*chosen, FLOOR])
+    styles = method_styles([*chosen, FLOOR, *run.overall.images])
     name = f"plot-{run.slug}"
     plots = []
     metric = run.metrics[0]
+    # A variant on the frontier is drawn too, else the line would be that of worse methods.
     points = [
         point
         for point in places(run.overall, (metric,), 1)
-        if point.method in (*chosen, FLOOR) and math.isfinite(point.quality.value)
+        if math.isfinite(point.quality.value)
+        and (point.method in (*chosen, FLOOR) or point.verdict == "frontier")
     ]
     if any(point.cost_ms.value > 0 and not role(point.method) for point in points):
         plots.append(
@@ -81,7 +83,10 @@ def run_plots(run: SiteRun, methods: Sequence[str]) -> tuple[Plot, ...]:
         )
     for metric in run.metrics:
         for number, (title, conditions) in enumerate(_axes(run)):
-            compared = [c for c in run.compared if c.condition in conditions]
+            compared = sorted(
+                (c for c in run.compared if c.condition in conditions),
+                key=lambda c: conditions.index(c.condition),
+            )
             plots.append(
                 Plot(
                     title=f"{metric} {title}",
@@ -147,6 +152,7 @@ def curve_figure(
     _shade_worse(axis, metric, float(np.mean(blanks)))
     names = name_lines(axis, labelled, NAMES_AT, apart=APART, fontsize=TEXT)
     for method, name in zip(methods, names, strict=True):
+        name.set_color(INK)  # hues of markers are too light for text
         drawn.mark(name, Tags(method=method), series=True)
     return drawn
 
@@ -178,7 +184,7 @@ def frontier_figure(
     drawn.figure.subplots_adjust(bottom=0.185)
     for blank in (p.quality.value for p in points if p.method == FLOOR):
         _shade_worse(axis, points[0].metric, blank)
-    _name_points(drawn, axis, rivals, styles, steps)
+    _name_points(drawn, axis, rivals, steps)
     return drawn
 
 
@@ -196,7 +202,12 @@ def _figure(whole: bool = False) -> tuple[MarkedFigure, Any]:
 
 
 def _steps(conditions: Sequence[str]) -> list[tuple[float, str]]:
-    """Return the place of each condition on the axis, and its kind: kinds stand apart."""
+    """Return the place of each condition on the axis, and its kind: kinds stand apart.
+
+    Conditions of one family are all of one kind, with the full cloud as its beginning.
+    """
+    if any(set(conditions) == set(family.conditions) for family in families_of(conditions)):
+        return [(float(i), "") for i in range(len(conditions))]
     steps: list[tuple[float, str]] = []
     for condition in conditions:
         kind = _kind(condition)
@@ -240,7 +251,6 @@ def _name_points(
     drawn: MarkedFigure,
     axis: Any,
     points: Sequence[FrontierPoint],
-    styles: Mapping[str, MethodStyle],
     steps: Sequence[tuple[float, float]],
 ) -> None:
     """Write the names of points where they cover no point and no step of the frontier."""
@@ -251,7 +261,7 @@ def _name_points(
     notes = [
         axis.annotate(shortened(visible(p.method), LONGEST), at, xytext=(0, 0), va="center",
                       textcoords="offset points", ha="center", fontsize=TEXT,
-                      color=styles[p.method].colour)
+                      color=INK)
         for at, p in zip(xy, points, strict=True)
     ]  # fmt: skip
     extents = [note.get_window_extent() for note in notes]

@@ -108,6 +108,16 @@ def test_ranks_have_letters_and_pairs_their_counts(site):
     assert sum(map(int, found.groups())) == metrics * conditions * folders
 
 
+def test_differences_have_their_p_values_beside_them(site):
+    (pair,) = (
+        path
+        for path in site.glob("compare-*--*.html")
+        if {"splat", "pc2pix"} == set(path.stem.removeprefix("compare-").split("--"))
+    )
+    shown = re.findall(r"(?:not decided|ahead), p (?:< )?[\d.]+", text(pair))
+    assert len(shown) == 2 * 2  # metrics and conditions of the run that has both
+
+
 def test_costs_name_their_machine_and_are_not_pooled(site):
     assert text(site / "cost.html").count("an unknown processor") == 2
 
