@@ -23,6 +23,7 @@ from bench.report.site.site_run import (
     rank_cell,
     share_ranking,
 )
+from bench.report.site.words import condition_words
 from bench.tables.grid import (
     NOTHING,
     Cell,
@@ -51,7 +52,11 @@ def method_page(method: str, ranked: Sequence[str], all_runs: Sequence[SiteRun])
         remark = letters_remark(ranking for _, ranking in rankings)
         grids.append(
             Grid(
-                "run", headers(conditions), tuple(lines), caption=caption_of(metric), remark=remark
+                "run",
+                headers(map(condition_words, conditions)),
+                tuple(lines),
+                caption=caption_of(metric),
+                remark=remark,
             )
         )
     others = [

@@ -5,13 +5,15 @@ All text is escaped by the template; model cards, which are Markdown, may hold n
 
 from __future__ import annotations
 
+import base64
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from hashlib import sha256
 from html import escape
 from typing import Any
 
-from bench.report.page import rendered
+from bench.report.page import bundled, rendered
 from bench.tables.grid import Grid
 
 Link = tuple[str, str]  # text and file
@@ -43,9 +45,21 @@ class SitePage:
     sections: tuple[Section, ...]
 
 
-def site_html(page: SitePage, menu: Sequence[Link]) -> str:
-    """Return the page as an HTML document without scripts that loads only images beside it."""
-    return rendered("site.html.jinja", page=page, menu=menu)
+def site_html(page: Any, menu: Sequence[Link], index: bool = False) -> str:
+    """Return a page as an HTML document that loads only images beside it.
+
+    The index has a script that sorts its table, the others have none.
+    """
+    from markupsafe import Markup
+
+    style = bundled("site.css")
+    template = "site-index.html.jinja" if index else "site.html.jinja"
+    script = {"script": bundled("site.js")} if index else {}
+    digest = base64.b64encode(sha256(style.encode()).digest()).decode()
+    return rendered(
+        template, page=page, menu=menu, site_style=Markup(style),
+        site_style_hash=f"sha256-{digest}", **script,
+    )  # fmt: skip
 
 
 def card_html(markdown: str) -> str:

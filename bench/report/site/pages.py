@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -10,6 +11,9 @@ from itertools import combinations
 from bench.analysis.paired import PairedDifference
 from bench.catalogue.methods import role
 from bench.records.journal import PROTOCOL
+from bench.report.site.about_page import ABOUT, about_page
+from bench.report.site.classes import class_grids
+from bench.report.site.index_page import INDEX, IndexPage, index_page
 from bench.report.site.method_page import method_page
 from bench.report.site.page import Link, Section, SitePage
 from bench.report.site.site_run import (
@@ -23,17 +27,20 @@ from bench.report.site.site_run import (
     letters_remark,
     method_file,
     method_id_of,
+    methods_of,
     objects_needed,
     pair_file,
     rank_cell,
     share_ranking,
 )
+from bench.report.site.words import condition_words, p_words
 from bench.tables.differences import difference_cell, too_few
 from bench.tables.grid import (
     NOTHING,
     Annotation,
     Cell,
     Grid,
+    PivotLayout,
     TableRow,
     grid,
     pivot,
@@ -41,22 +48,32 @@ from bench.tables.grid import (
 )
 
 MOST_REASONS = 20  # listed on the page of a run
-INDEX, COMPARE, COSTS = "index.html", "compare.html", "cost.html"
-MENU = (("Overview", INDEX), ("Comparisons", COMPARE), ("Cost", COSTS))
+COMPARE, COSTS = "compare.html", "cost.html"
+MENU = (
+    *(("Leaderboard", INDEX), ("Comparisons", COMPARE), ("Cost", COSTS)),
+    ("Licence and citation", ABOUT),
+)
 
 
-def pages(runs: Sequence[SiteRun], downloads: Mapping[str, Sequence[Link]]) -> list[SitePage]:
-    """Return all pages of a site; `downloads` are links by the names of runs."""
-    rankings = [ranking for run in runs for ranking in run.rankings]
-    ranked = list(dict.fromkeys(rank.method for ranking in rankings for rank in ranking.ranks))
+def pages(
+    runs: Sequence[SiteRun], downloads: Mapping[str, Sequence[Link]], left_out: Sequence[str]
+) -> list[SitePage | IndexPage]:
+    """Return all pages of a site, the index first.
+
+    downloads  links by the names of runs
+    left_out   names of runs without a scored object
+    """
+    index = index_page(runs, methods_of(runs), left_out)
+    ranked = [row.name for row in index.board.rows]
     pairs = [(a, b) for a, b in combinations(ranked, 2) if share_ranking(runs, a, b)]
     return [
-        _overview(runs, ranked),
-        *(_run_page(run, downloads[run.name]) for run in runs),
+        index,
+        *(_run_page(run, downloads[run.name], ranked) for run in runs),
         *(method_page(method, ranked, runs) for method in ranked),
         _matrix(runs, ranked),
         *(_pair_page(a, b, runs) for a, b in pairs),
         _costs(runs, ranked),
+        about_page(runs),
     ]
 
 
@@ -74,7 +91,7 @@ def _rank_grids(run: SiteRun) -> tuple[Grid, ...]:
             )
             for m in methods
         )
-        heads = headers(ranking.condition for ranking in rankings)
+        heads = headers(condition_words(ranking.condition) for ranking in rankings)
         remark = letters_remark(rankings)
         grids.append(Grid("method", heads, lines, caption=caption_of(metric), remark=remark))
     return tuple(grids)
@@ -82,73 +99,21 @@ def _rank_grids(run: SiteRun) -> tuple[Grid, ...]:
 
 def _difference_cell(run: SiteRun, row: PairedDifference) -> Cell:
     cell = difference_cell(row)
-    if not row.objects_needed:
+    if row.objects_needed:
+        outcome = Annotation("too few objects", against=True)
+    else:
+        p = "" if math.isnan(row.p_holm) else f", p {p_words(row.p_holm)}"
         ahead = {"a": row.pair.a.method, "b": row.pair.b.method}.get(row.ahead)
-        cell = replace(cell, special=Annotation(f"{ahead} ahead") if ahead else None)
+        words = f"{ahead} ahead" if ahead else "not decided"
+        outcome = Annotation(f"{words}{p}", against=not ahead)
     failures = []
     for method in (row.pair.a.method, row.pair.b.method):
         if text := scored_as_blank(*run.images[row.pair.condition, method]):
             failures.append(f"{method}: {text}")
-    return replace(cell, caveat="; ".join(failures))
+    return replace(cell, special=outcome, caveat="; ".join(failures))
 
 
-def _overview(runs: Sequence[SiteRun], ranked: Sequence[str]) -> SitePage:
-    heads = ("suite", "dataset", "objects × views", "machine", "finished", "commit")
-    lines = []
-    for run in runs:
-        manifest = run.run.manifest
-        size = f"{len(manifest['objects'])} × {manifest['views']}"
-        finished = str(manifest["finished"])[:10]
-        commit = str(manifest.get("git", {}).get("commit", ""))[:7] or "-"
-        failed, images = run.failed
-        cells = (
-            Cell(str(manifest["suite"])),
-            Cell(str(manifest["dataset"])),
-            Cell(size, caveat=f"{failed} of {images} images failed" if failed else ""),
-            *map(Cell, (run.machine, finished, commit)),
-        )
-        lines.append(TableRow(run.name, cells, link=run.page))
-    copies = tuple(
-        f"{path.resolve().name} has the same records as {run.name}, and is not counted again."
-        for run in runs
-        for path in run.copies
-    )
-    of_runs = Grid("run", headers(heads), tuple(lines), caption="What was run", notes=copies)
-    firsts = []
-    for method in ranked:
-        cells = []
-        for run in runs:
-            ranks = [rank for r in run.rankings if (rank := r.of(method)) and rank.letters]
-            count = sum(rank.first for rank in ranks)
-            cells.append(Cell(f"{count} of {len(ranks)}", float(count)) if ranks else NOTHING)
-        firsts.append(
-            TableRow(
-                method, tuple(cells), role(method_id_of(runs, method)), link=method_file(method)
-            )
-        )
-    of_methods = Grid(
-        "method",
-        headers(run.name for run in runs),
-        tuple(firsts),
-        caption="How often a method is among the first",
-        remark="Of all metrics and conditions of a run: none is shown to be better. "
-        + letters_remark(ranking for run in runs for ranking in run.rankings),
-    )
-    version = runs[0].run.manifest[PROTOCOL]
-    return SitePage(
-        INDEX,
-        "Runs and methods",
-        "pc2pix-bench",
-        "Point clouds drawn by networks and by surface reconstruction, against true images.",
-        (("protocol", str(version)), ("runs", str(len(runs))), ("methods", str(len(ranked)))),
-        (
-            Section("Runs", grids=(of_runs,)),
-            Section("Methods", "Each run's accuracy stands for itself.", (of_methods,)),
-        ),
-    )
-
-
-def _run_page(run: SiteRun, downloads: Sequence[Link]) -> SitePage:
+def _run_page(run: SiteRun, downloads: Sequence[Link], ranked: Sequence[str]) -> SitePage:
     manifest = run.run.manifest
     images = tuple((name, link) for name, link in downloads if link.endswith(".png"))
     return SitePage(
@@ -159,7 +124,8 @@ def _run_page(run: SiteRun, downloads: Sequence[Link]) -> SitePage:
         (
             ("suite", str(manifest["suite"])),
             ("dataset", str(manifest["dataset"])),
-            ("objects", f"{len(manifest['objects'])} × {manifest['views']} views"),
+            ("objects", run.objects),
+            ("seed", str(manifest["seed"])),
             ("failed", "{} of {} images".format(*run.failed)),
             ("machine", run.machine),
             ("finished", str(manifest["finished"])[:10]),
@@ -167,6 +133,7 @@ def _run_page(run: SiteRun, downloads: Sequence[Link]) -> SitePage:
         ),
         (
             Section("Ranks", FAILURES, _rank_grids(run)),
+            *([Section("Classes", grids=class_grids(run, ranked))] if run.by_class else []),
             *_failures(run),
             Section("Downloads", links=tuple(link for link in downloads if link not in images)),
             *([Section("Figures", images=images)] if images else []),
@@ -201,7 +168,8 @@ def _failures(run: SiteRun) -> list[Section]:
     ]
     if len(reasons) > MOST_REASONS:
         notes.append(f"{len(reasons) - MOST_REASONS} more reasons are in the full report.")
-    counts = grid(["method", *conditions], lines, caption="Failed images", notes=tuple(notes))
+    heads = ["method", *map(condition_words, conditions)]
+    counts = grid(heads, lines, caption="Failed images", notes=tuple(notes))
     return [Section("Failures", grids=(counts,))]
 
 
@@ -243,10 +211,11 @@ def _pair_page(a: str, b: str, runs: Sequence[SiteRun]) -> SitePage:
         if rows := run.differences.get((a, b)):
             differences = pivot(
                 *(rows, "pair.metric", "pair.condition", partial(_difference_cell, run)),
+                PivotLayout(column_name=condition_words),
                 corner="metric",
                 caption=f"{run.name}: {b} minus {a}, with 95 % intervals",
-                remark="Marked: who is ahead, p below 0.05 after Holm's correction for all pairs "
-                "of methods under that condition.",
+                remark="Marked: who is ahead, p below 0.05. p is corrected by Holm's procedure for "
+                "all pairs of methods under that condition.",
             )
             sections.append(Section(run.name, str(run.run.manifest["dataset"]), (differences,)))
     ahead, ties, behind = lead_record(runs, a, b)

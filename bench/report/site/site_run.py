@@ -27,7 +27,7 @@ from bench.tables.grid import (
 from bench.tables.ranks import RankedValue
 from bench.tables.table import Table
 
-QUALITY = "ssim"  # before the metrics of a suite's headline; what costs are compared with
+HEADLINE = ("ssim-object", "lpips")  # before others of a suite; the first judges costs
 LETTERS = (
     "Methods that share a letter are not shown to differ (paired object by object, p below 0.05 "
     "after Holm's correction for all pairs of a column). Reference methods (ceiling, floor) are "
@@ -53,8 +53,14 @@ class SiteRun:
         Beginning of the names of its files.
     methods : mapping
         Methods by their names on the site.
+    by_class : tuple of Comparison
+        The comparisons of single classes; empty where there is one class.
     rankings : tuple of Ranking
         Rankings by metric and condition, with methods by their names on the site.
+    overall : Comparison
+        The methods by each object's mean over conditions.
+    overall_rankings : mapping
+        Rankings of `overall` by metric, with methods by their names on the site.
     ranks : Table
         The same rankings for scripts, with methods by their ids.
     copies : tuple of Path
@@ -66,14 +72,25 @@ class SiteRun:
     run: ScoredRun
     methods: Mapping[str, SiteMethod]
     compared: tuple[Comparison, ...]
+    by_class: tuple[Comparison, ...]
     rankings: tuple[Ranking, ...]
+    overall: Comparison
+    overall_rankings: Mapping[str, Ranking]
     ranks: Table[RankedValue]
     copies: tuple[Path, ...] = ()
 
     @cached_property
     def metrics(self) -> list[str]:
         """Return the metrics of the rankings, in order."""
-        return list(dict.fromkeys(ranking.metric for ranking in self.rankings))
+        return list(self.overall_rankings)
+
+    @property
+    def objects(self) -> str:
+        """Return how many objects of what it shows, from how many views."""
+        manifest = self.run.manifest
+        classes = {name.partition("/")[0] for name in map(str, manifest["objects"])}
+        kinds = f"{len(classes)} classes" if len(classes) > 1 else f"class {min(classes)}"
+        return f"{len(manifest['objects'])} objects of {kinds} × {manifest['views']} views"
 
     @cached_property
     def differences(self) -> dict[tuple[str, str], list[PairedDifference]]:
@@ -105,7 +122,7 @@ class SiteRun:
     @cached_property
     def costs(self) -> Grid | None:
         """Return the costs of all methods; None without costs."""
-        costs = cost_grid(self.compared, QUALITY, int(self.run.manifest["views"]))
+        costs = cost_grid(self.compared, self.metrics[0], int(self.run.manifest["views"]))
         names = {method.id: name for name, method in self.methods.items()}
         return costs and replace(
             costs, lines=tuple(replace(line, name=names[line.name]) for line in costs.lines)
@@ -174,6 +191,12 @@ def method_file(method: str) -> str:
 def pair_file(a: str, b: str) -> str:
     """Return the file name of the page that compares two methods."""
     return f"compare-{method_slug(a)}--{method_slug(b)}.html"
+
+
+def methods_of(runs: Iterable[SiteRun]) -> list[str]:
+    """Return the methods that have a value in some run, reference methods last."""
+    rankings = [ranking for run in runs for ranking in run.rankings]
+    return list(dict.fromkeys(rank.method for ranking in rankings for rank in ranking.ranks))
 
 
 def method_id_of(runs: Iterable[SiteRun], name: str) -> str:

@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import itertools
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from bench.analysis.comparison import pooled
+from bench.analysis.comparison import Comparison, pooled
+from bench.analysis.leaderboard import over_conditions
 from bench.analysis.ranks import ranking
 from bench.analysis.run_pairs import refuse_other_protocol
 from bench.analysis.scored import ScoredRun, read_scored
@@ -23,10 +24,11 @@ from bench.catalogue.metrics import is_mean
 from bench.records.journal import FIXED, MANIFEST, PROTOCOL, SHARD
 from bench.records.parquet import RECORDS
 from bench.report.build import REPORT, write_report
-from bench.report.site.methods import shortened_name, site_methods, under_site_names
+from bench.report.site.index_page import INDEX
+from bench.report.site.methods import SiteMethod, shortened_name, site_methods, under_site_names
 from bench.report.site.page import Link, site_html
 from bench.report.site.pages import MENU, pages
-from bench.report.site.site_run import QUALITY, SiteRun
+from bench.report.site.site_run import HEADLINE, SiteRun
 from bench.running.options import file_name
 from bench.running.plan import digest
 from bench.tables.build import make_outputs
@@ -61,12 +63,12 @@ def write_site(directories: Sequence[Path], out: Path) -> int:
     for run, copies in with_copies:
         for copy in copies:
             log(f"{copy}: the same records as {run.directory}; the run is counted once")
-    runs = _ranked(with_copies)
+    runs, left_out = _ranked(with_copies)
     with whole_folder(out) as new:
         downloads = {run.name: _copy(run, new) for run in runs}
-        site = pages(runs, downloads)
+        site = pages(runs, downloads, left_out)
         for page in site:
-            (new / page.file).write_text(site_html(page, MENU), "utf-8")
+            (new / page.file).write_text(site_html(page, MENU, page.file == INDEX), "utf-8")
     return len(site)
 
 
@@ -93,36 +95,61 @@ def _numbered(texts: Sequence[str]) -> list[str]:
     return numbered
 
 
-def _ranked(with_copies: Sequence[tuple[ScoredRun, tuple[Path, ...]]]) -> list[SiteRun]:
+def _ranked(
+    with_copies: Sequence[tuple[ScoredRun, tuple[Path, ...]]],
+) -> tuple[list[SiteRun], list[str]]:
+    """Return the runs with their rankings, and the names of those without a scored object.
+
+    Raises BadInput where no run has one.
+    """
     scored = [run for run, _ in with_copies]
     names = _numbered([run.directory.resolve().name for run in scored])
     slugs = _numbered([shortened_name(file_name(name)).strip("-.") or "run" for name in names])
     methods = site_methods([run.manifest for run in scored])
-    plan = []
-    with threadpool_limits(1):
-        for run in scored:
-            metrics = run.measured([*dict.fromkeys((QUALITY, *run.suite.headline))])
+    runs, left_out = [], []
+    with threadpool_limits(1), progress("rankings", len(scored)) as advance:
+        for i, run in enumerate(scored):
+            metrics = run.measured([*dict.fromkeys((*HEADLINE, *run.suite.headline))])
             metrics = [metric for metric in metrics if is_mean(metric)]
-            compared = run.compared(metrics)
-            compared = pooled(compared) or compared  # of several classes all objects together
-            plan.append((compared, [(each, metric) for metric in metrics for each in compared]))
-        runs = []
-        with progress("rankings", sum(len(cells) for _, cells in plan)) as advance:
-            for i, (run, (compared, cells)) in enumerate(zip(scored, plan, strict=True)):
-                rankings = []
-                for comparison, metric in cells:
-                    rankings.append(ranking(comparison, metric))
-                    advance(0)
-                site_run = SiteRun(
-                    *(names[i], slugs[i], run),
-                    methods={method.name: method for method in methods[i].values()},
-                    compared=tuple(compared),
-                    rankings=tuple(under_site_names(each, methods[i]) for each in rankings),
-                    ranks=of_protocol(ranks_table(compared, rankings), run.manifest[PROTOCOL]),
-                    copies=with_copies[i][1],
-                )
-                runs.append(site_run)
-    return runs
+            by_class = run.compared(metrics)
+            if by_class and metrics and run.manifest["objects"]:
+                compared = pooled(by_class) or by_class  # of several classes all objects together
+                named = methods[i], with_copies[i][1]
+                runs.append(_site_run(run, (names[i], slugs[i]), compared, metrics, named))
+            else:
+                log(f"{run.directory}: no object has scored images; the run is left out")
+                left_out.append(names[i])
+            advance(0)
+    if not runs:
+        raise BadInput("no run has an object with scored images; give a run that has")
+    return runs, left_out
+
+
+def _site_run(
+    run: ScoredRun,
+    name: tuple[str, str],
+    compared: Sequence[Comparison],
+    metrics: Sequence[str],
+    named: tuple[Mapping[str, SiteMethod], tuple[Path, ...]],
+) -> SiteRun:
+    """Return a run with its rankings; `name` is followed by its slug, `named` by its copies."""
+    methods, copies = named
+    by_class = run.compared(metrics)
+    rankings = [ranking(comparison, metric) for metric in metrics for comparison in compared]
+    overall = over_conditions(compared)
+    return SiteRun(
+        *(*name, run),
+        methods={method.name: method for method in methods.values()},
+        compared=tuple(compared),
+        by_class=tuple(by_class) if len(by_class) > len(compared) else (),
+        rankings=tuple(under_site_names(each, methods) for each in rankings),
+        overall=overall,
+        overall_rankings={
+            metric: under_site_names(ranking(overall, metric), methods) for metric in metrics
+        },
+        ranks=of_protocol(ranks_table(compared, rankings), run.manifest[PROTOCOL]),
+        copies=copies,
+    )
 
 
 def _copy(run: SiteRun, folder: Path) -> list[Link]:

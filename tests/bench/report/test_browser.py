@@ -222,7 +222,16 @@ def test_axe_finds_nothing(open_page, scheme, viewport):
     refuse_what_axe_finds(page)
 
 
-PAGES = ("index", "run-run", "run-ラン", "method-splat", "method-pc2pix", "compare", "cost")
+PAGES = (
+    "index",
+    "about",
+    "run-run",
+    "run-ラン",
+    "method-splat",
+    "method-pc2pix",
+    "compare",
+    "cost",
+)
 PAIR = "compare-*pc2pix*"  # of two methods
 
 
@@ -245,10 +254,45 @@ def test_one_gets_from_page_to_page_of_a_site(open_page, site):
     assert page.locator("h1").inner_text() == "splat"
     page.get_by_role("link", name="blank", exact=True).first.click()
     assert "blank" in page.locator("h1").inner_text()
-    page.get_by_role("link", name="Overview").click()
-    page.get_by_role("link", name="run", exact=True).click()
+    page.get_by_role("link", name="Leaderboard").click()
+    page.get_by_role("link", name="run", exact=True).first.click()
     page.get_by_role("link", name="the full report").click()
     assert page.locator("h1").inner_text() == "chair-robustness"
+
+
+def board_column(page, number):
+    cells = page.locator(f"table.board tbody tr:visible > :nth-child({number})")
+    return [text.split()[0] for text in cells.all_inner_texts()]
+
+
+def test_the_leaderboard_is_sorted_by_a_button_and_its_switches_need_no_script(open_page, site):
+    page = open_page(site / "index.html")
+    before = board_column(page, 3)  # ssim-object of the first run
+    assert len(before) == 2
+    page.get_by_role("button", name="Sort by ssim-object, run", exact=True).click()
+    assert board_column(page, 3) == sorted(before, reverse=True)  # the best first
+    assert page.locator(".status").inner_text() == "Sorted by ssim-object, run, descending."
+    page.get_by_role("button", name="Sort by ssim-object, run", exact=True).click()
+    assert board_column(page, 3) == sorted(before)
+    page.get_by_role("button", name="Sort by method").click()
+    assert board_column(page, 2) == ["pc2pix", "splat"]
+    assert page.locator("table.board [aria-sort]").count() == 1
+    plain = open_page(site / "index.html", java_script_enabled=False)
+    assert plain.locator("table.board button").count() == 0
+    assert plain.locator("table.board tbody tr:visible").count() == 2
+    plain.get_by_label("1 reference method").check()
+    assert plain.locator("table.board tbody tr:visible").count() == 3
+
+
+def test_text_in_plots_of_a_site_has_eleven_pixels_on_a_phone(open_page, site):
+    page = open_page(site / "index.html", viewport=PHONE)
+    page.evaluate("for (const one of document.querySelectorAll('details')) one.open = true")
+    sizes = page.locator(".site-plot svg text").evaluate_all(
+        "texts => texts.map(t => [t.ownerSVGElement, parseFloat(getComputedStyle(t).fontSize)])"
+        ".map(([svg, size]) => size * svg.clientWidth / svg.viewBox.baseVal.width)"
+    )
+    assert len(sizes) > 20
+    assert min(sizes) >= 11
 
 
 def refuse_what_axe_finds(page):

@@ -38,8 +38,21 @@ def site(runs, tmp_path_factory):
 
 def text(path: Path) -> str:
     """What a page says, without tags."""
-    body = path.read_text("utf-8").partition("<body>")[2]
+    body = path.read_text("utf-8").partition("<body>")[2].partition("<script>")[0]
     return " ".join(unescape(re.sub(r"<[^>]+>", " ", body)).split())
+
+
+def board_rows(path: Path) -> dict[str, tuple[str, str]]:
+    """The kinds and texts of the rows of the leaderboard, by the names of methods."""
+    body = path.read_text("utf-8").partition('<table class="board">')[2].partition("</table>")[0]
+    rows = {}
+    for row in body.partition("<tbody>")[2].split("<tr")[1:]:
+        kind = re.match(r' class="(\w+)"', row)
+        name = re.search(r'class="name">(?:<a [^>]*>)?([^<]+)', row)
+        assert name
+        words = " ".join(unescape(re.sub(r"<[^>]+>", " ", row.partition(">")[2])).split())
+        rows[unescape(name[1])] = (kind[1] if kind else "", words)
+    return rows
 
 
 def test_every_link_is_a_file_beside_the_page_and_no_file_is_lost(site):
@@ -48,10 +61,19 @@ def test_every_link_is_a_file_beside_the_page_and_no_file_is_lost(site):
         if page.name.startswith("report-"):
             continue
         for target in LINK.findall(page.read_text("utf-8")):
-            if target != "data:,":
+            if target.startswith("https://"):
+                assert page.name == "about.html"  # of the paper
+            elif not target.startswith("data:"):
                 assert "/" not in target, (page.name, target)
                 linked.add(target)
     assert linked == {path.name for path in site.iterdir()}
+
+
+def test_links_within_the_index_have_their_targets(site):
+    index = (site / "index.html").read_text("utf-8")
+    anchors = set(re.findall(r'href="#([^"]+)"', index))
+    assert {"content", "runs", "means-rank", "means-cost", "means-lpips"} <= anchors
+    assert anchors <= set(re.findall(r' id="([^"]+)"', index))
 
 
 def test_a_page_for_each_run_method_and_pair(site):
@@ -64,7 +86,7 @@ def test_a_page_for_each_run_method_and_pair(site):
         for reference in ("true-mesh", "blank")
     }
     assert {path.name for path in site.glob("*.html")} == {
-        *("index.html", "compare.html", "cost.html", *pairs),
+        *("index.html", "compare.html", "cost.html", "about.html", *pairs),
         *("run-first.html", "run-second.html", "report-first.html", "report-second.html"),
         *(f"method-{method}.html" for method in METHODS_OF_FIRST),
     }
@@ -82,19 +104,29 @@ def test_ranks_have_letters_and_pairs_their_counts(site):
     pair = site / "compare-splat--blank.html"
     found = re.search(r"is ahead (\d+) times, \w+ (\d+) times, and (\d+) times no", text(pair))
     assert found
-    metrics, conditions, folders = 3, 2, 2
+    metrics, conditions, folders = 2, 2, 2
     assert sum(map(int, found.groups())) == metrics * conditions * folders
+
+
+def test_differences_have_their_p_values_beside_them(site):
+    (pair,) = (
+        path
+        for path in site.glob("compare-*--*.html")
+        if {"splat", "pc2pix"} == set(path.stem.removeprefix("compare-").split("--"))
+    )
+    shown = re.findall(r"(?:not decided|ahead), p (?:< )?[\d.]+", text(pair))
+    assert len(shown) == 2 * 2  # metrics and conditions of the run that has both
 
 
 def test_costs_name_their_machine_and_are_not_pooled(site):
     assert text(site / "cost.html").count("an unknown processor") == 2
 
 
-def test_pages_have_no_script_and_no_inline_style(site):
+def test_only_the_index_has_a_script_and_no_page_an_inline_style(site):
     for page in site.glob("*.html"):
         if not page.name.startswith("report-"):
             body = page.read_text("utf-8").partition("<body>")[2]
-            assert "<script" not in body
+            assert body.count("<script") == (page.name == "index.html")
             assert " style=" not in body
 
 
@@ -149,10 +181,16 @@ def test_what_is_refused_writes_nothing(runs, command, tmp_path):
 
 def test_reference_methods_are_never_among_the_first(site):
     """A white image and the true mesh are shown with their values, and nobody ranks them."""
-    shown = text(site / "index.html").partition("How often a method is among the first")[2]
-    assert re.search(r"splat \d of 6 - ", shown)  # the second run has no other method to rank
-    assert "blank floor - - " in shown
-    assert "true-mesh ceiling - - " in shown
+    rows = board_rows(site / "index.html")
+    assert set(list(rows)[2:]) == {"true-mesh", "blank"}  # the last
+    assert {name: kind for name, (kind, _) in rows.items()} == {
+        "splat": "",
+        "pc2pix": "",
+        "true-mesh": "reference",
+        "blank": "reference",
+    }
+    for reference in ("true-mesh", "blank"):
+        assert rows[reference][1].startswith("– ")  # no place and no letters
     ranks = text(site / "run-first.html")
     assert re.search(r"true-mesh ceiling 1\.000 (?!a)", ranks)
     assert re.search(r"blank floor 0\.\d{3} (?!a)", ranks)
@@ -164,9 +202,11 @@ def test_few_objects_have_no_letters(tmp_path, command):
     run = write_run(tmp_path / "few", objects=OBJECTS[:8], methods=methods, conditions=["2048"])
     assert command("site", run, "--out", tmp_path / "site")[0] == 0
     words = "too few objects to decide: at least 9."
-    shown = text(tmp_path / "site" / "index.html")
-    assert f"Without letters: {words}" in shown
-    assert not re.search(r"\d of \d", shown.partition("among the first")[2])
+    index = text(tmp_path / "site" / "index.html")
+    assert f"Mean ranks without letters: {words}" in index
+    assert f"Whether it differs from others {words.removesuffix('.')} " in index
+    for name, (_, words_of_row) in board_rows(tmp_path / "site" / "index.html").items():
+        assert re.match(rf"(\d|–) {re.escape(name)} ", words_of_row)  # a place without letters
     assert f"Without letters: {words}" in text(tmp_path / "site" / "run-few.html")
     assert "untested" in text(tmp_path / "site" / "compare.html")
     assert f"Untested: {words}" in text(tmp_path / "site" / "compare.html")

@@ -40,7 +40,7 @@ def write_small(directory: Path, **changes) -> Path:
 
 
 def text(path: Path) -> str:
-    body = path.read_text("utf-8").partition("<body>")[2]
+    body = path.read_text("utf-8").partition("<body>")[2].partition("<script>")[0]
     return " ".join(unescape(re.sub(r"<[^>]+>", " ", body)).split())
 
 
@@ -64,23 +64,27 @@ def site(tmp_path_factory):
 
 def test_failures_are_shown_where_the_values_are(site):
     scored = r"surface-bpa 0\.\d{3} .*?6 of 24 images, the others scored as blank"
-    assert len(re.findall(scored, text(site / "run-a.html"))) == 3  # metrics
+    assert len(re.findall(scored, text(site / "run-a.html"))) == 2  # metrics
     assert "6 of 24 images" not in text(site / "run-b.html")
     pairs = [path for path in site.glob("compare-*--*.html") if "bpa" in path.name]
     assert pairs
     for path in pairs:
         of_a = text(path).count("surface-bpa: 6 of 24 images, the others scored as blank")
-        assert of_a == (0 if "2222222" in path.name else 3), path.name
-    assert text(site / "method-surface-bpa.html").count("6 of 24 images, the others") == 3
+        assert of_a == (0 if "2222222" in path.name else 2), path.name
+    assert text(site / "method-surface-bpa.html").count("6 of 24 images, the others") == 2
     assert "of 6 of 24 images" in text(site / "cost.html")
 
 
 def test_failures_are_counted_and_their_reasons_named(site):
     images = len(OBJECTS) * 2 * len(METHODS) * 2
-    assert f"18 of {images} images failed" in text(site / "index.html")
+    index = text(site / "index.html")
+    assert f"failed 18 of {2 * images} images" in index  # of both runs
+    assert f"failed 18 of {images} images" in index
+    assert f"surface-bpa: 18 × {REASON}" in index
+    assert index.count("18 of 48 failed") == 2  # metrics
     of_run = text(site / "run-a.html")
     assert f"failed 18 of {images} images" in of_run
-    assert "Failed images method 2048 512 surface-bpa - 18 of 24" in of_run
+    assert "Failed images method 2,048 points 512 of 2,048 points surface-bpa - 18 of 24" in of_run
     assert f"surface-bpa: 18 × {REASON}" in of_run
     assert f"failed 0 of {images} images" in text(site / "run-b.html")
     assert "Failures" not in text(site / "run-b.html")
@@ -89,14 +93,15 @@ def test_failures_are_counted_and_their_reasons_named(site):
 
 def test_the_csv_has_the_values_of_the_page_under_the_same_name_as_the_tables(site):
     ranks = pd.read_csv(site / "a-ranks.csv", dtype={"condition": str})
-    table = pd.read_csv(site / "a-table3_ssim.csv", dtype={"condition": str})
+    table = pd.read_csv(site / "a-table_detail.csv", dtype={"condition": str})
     both = ranks.merge(table, on=["metric", "condition", "class", "method"])
-    assert len(both) == len(METHODS) * 2  # of ssim
+    assert set(both["metric"]) == {"ssim-object", "lpips"}
+    assert len(both) == len(METHODS) * 2 * 2
     assert (both["failures_as_blank_x"] - both["failures_as_blank_y"]).abs().max() < 2e-6
     assert (both["n_ok_x"] == both["n_ok_y"]).all()
     failed = both[(both["method"] == "surface-bpa") & (both["condition"] == "512")].iloc[0]
     assert abs(failed["failures_as_blank_x"] - failed["value"]) > 0.001
-    shown = text(site / "run-a.html").partition("ssim-object, higher")[0]
+    shown = text(site / "run-a.html").partition("lpips, lower")[0]
     on_page = re.search(r"surface-bpa .*?(0\.\d{3}) [^.]*?0\.\d{3} to 0\.\d{3} 6 of 24", shown)
     assert on_page is not None
     assert on_page[1] == f"{failed['failures_as_blank_x']:.3f}"
@@ -120,7 +125,7 @@ def test_other_weights_of_an_id_are_another_method(site):
     assert not (site / "method-splat-net.html").exists()
     splat = text(site / "method-splat.html")  # one method with two versions of a library
     assert "runs 2 " in splat
-    assert splat.count("scipy 1.17.1") == splat.count("scipy 1.18.0") == 3
+    assert splat.count("scipy 1.17.1") == splat.count("scipy 1.18.0") == 2  # metrics
     both = [p.name for p in site.glob("compare-*--*.html") if p.name.count("splat-net") == 2]
     assert both == []  # no run has both
 
@@ -166,7 +171,7 @@ def test_a_copied_run_is_counted_once(tmp_path, command):
     assert f"{copy}: the same records as {run}; the run is counted once\n" in err
     overview = text(tmp_path / "site" / "index.html")
     assert "runs 2 " in overview
-    assert "copy has the same records as run, and is not counted again." in overview
+    assert "copy has the same records; it is not counted again" in overview
     assert {path.name for path in (tmp_path / "site").glob("run-*.html")} == {
         "run-run.html",
         "run-other.html",

@@ -1,0 +1,93 @@
+"""Conditions, metrics and methods in words, for people who open a site."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from itertools import groupby
+
+from bench.catalogue.methods import RECOMMENDED, known_method, role
+from bench.catalogue.metrics import IMAGE_METRICS, higher_is_better
+from data_prep.clouds.conditions import (
+    CONDITIONS,
+    GaussianNoise,
+    Missing,
+    Outliers,
+    Perturbation,
+    RandomSubset,
+    Stride,
+    Unchanged,
+    UnevenDensity,
+)
+from data_prep.scene import CLOUD_SIZE
+
+_ROLES = {"ceiling": "reference: the true mesh", "floor": "reference: sees no cloud"}
+
+
+def condition_words(condition_id: str) -> str:
+    """Return a condition in words; the id of one that is not known."""
+    perturbation = next((c.perturbation for c in CONDITIONS if c.id == condition_id), None)
+    words = _perturbation_words(perturbation) if perturbation else condition_id
+    # Another reading of the paper has the name of what it reads.
+    return f"{words} (original code)" if condition_id.endswith("-code") else words
+
+
+def _perturbation_words(perturbation: Perturbation) -> str:
+    match perturbation:
+        case Unchanged():
+            return f"{CLOUD_SIZE:,} points"
+        case Stride(step):
+            return f"{-(-CLOUD_SIZE // step):,} of {CLOUD_SIZE:,} points"
+        case RandomSubset(count):
+            return f"{count:,} of {CLOUD_SIZE:,} points (random)"
+        case GaussianNoise(sigma):
+            return f"noise {100 * sigma:g} % of the radius"
+        case Outliers(share):
+            return f"{100 * share:g} % outliers"
+        case Missing(share):
+            return f"{100 * share:g} % missing on one side"
+        case UnevenDensity(ratio):
+            return f"{CLOUD_SIZE // 2:,} points, {ratio:g} times as dense at one end"
+        case _:
+            return repr(perturbation)
+
+
+def metric_words(metric: str) -> str:
+    """Return the meaning of a metric and its better direction."""
+    better = "higher is better" if higher_is_better(metric) else "lower is better"
+    return f"{IMAGE_METRICS.get(metric, 'a metric of another package')}; {better}"
+
+
+def method_words(method_id: str) -> str:
+    """Return what a reader has to know beside the name of a method; empty for most."""
+    if method_id == RECOMMENDED:
+        return "recommended"
+    return _ROLES.get(role(method_id), "")
+
+
+def trained_on(method_id: str) -> str:
+    """Return the objects that a method was trained on, "unknown" where nobody says."""
+    method = known_method(method_id)
+    return (method and method.trained_on) or "unknown"
+
+
+def p_words(value: float) -> str:
+    """Return a p value with two digits."""
+    return "< .001" if value < 0.001 else f"{value:.2g}".removeprefix("0")
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return names as a list in a sentence."""
+    return " and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
+
+
+def letter_range(letters: str) -> str:
+    """Return letters of a rank, three or more in a row as their ends: "d-g" for "defg"."""
+    if not letters.isalpha():  # beyond "z" letters have numbers
+        return letters
+    runs = groupby(enumerate(letters), key=lambda pair: ord(pair[1]) - pair[0])
+    return "".join(_shortened([letter for _, letter in run]) for _, run in runs)
+
+
+def _shortened(run: Iterable[str]) -> str:
+    text = "".join(run)
+    return text if len(text) < 3 else f"{text[0]}–{text[-1]}"

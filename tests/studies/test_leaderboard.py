@@ -1,0 +1,99 @@
+"""The leaderboard of the documentation: from CSV files, in the front page alone."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from studies.leaderboard import ResultGroup, board, fragment, show
+
+VALUES = {  # ssim-object and lpips
+    "splat": (0.4, 0.4),
+    "pc2pix": (0.9, 0.1),
+    "pc2pix@all": (0.8, 0.2),
+    "blank": (0.5, 0.6),
+    "pc2pix@mine.safetensors": (1.0, 0.0),
+}
+KNOWN = ResultGroup("known", "chairs", ("known.csv", "more.csv"), "2048")
+REAL = ResultGroup("real", "meshes", ("real.csv",), "noise-0.10", "real-against-")
+HEAD = "method,condition,class,metric,value,failures_as_blank\n"
+
+
+@pytest.fixture
+def numbers(tmp_path) -> Path:
+    def lines(condition, class_name, values, shift=0.0):
+        return "".join(
+            f"{method},{condition},{class_name},{metric},{value + shift},\n"
+            for method, of_method in values.items()
+            for metric, value in zip(("ssim-object", "lpips"), of_method, strict=True)
+        )
+
+    known = {method: of_method for method, of_method in VALUES.items() if method != "splat"}
+    (tmp_path / "known.csv").write_text(HEAD + lines("2048", "chair", known))
+    more = {"splat": VALUES["splat"], "blank": (0.0, 0.0)}  # of blank the first file counts
+    (tmp_path / "more.csv").write_text(HEAD + lines("2048", "chair", more))
+    of_classes = {method: of_method for method, of_method in VALUES.items() if "@all" not in method}
+    (tmp_path / "real.csv").write_text(
+        HEAD
+        + lines("noise-0.10", "car", of_classes, -0.1)
+        + lines("noise-0.10", "sofa", of_classes, 0.1)
+        + lines("2048", "sofa", of_classes, 0.5)
+    )
+    (tmp_path / "real-against-pc2pix.csv").write_text(
+        "metric,condition,class,ahead\nlpips,noise-0.10,all,b\nlpips,noise-0.10,car,a\n"
+        "ssim-object,noise-0.10,all,tie\n"
+    )
+    (tmp_path / "frontier.csv").write_text(
+        "condition,views,metric,method,cost_ms\n2048,1,lpips,pc2pix,21.26\n2048,20,lpips,pc2pix,99\n"
+    )
+    return tmp_path
+
+
+def test_rows_hold_what_the_files_hold(numbers):
+    found = board(numbers, (KNOWN, REAL))
+    assert [(row.place, row.name, row.kind) for row in found.rows] == [
+        (1, "pc2pix", ""),
+        (2, "pc2pix@all", "variant"),
+        (3, "splat", ""),
+        (None, "blank", "reference"),
+    ]
+    assert [group.name for group in found.groups] == ["known", "real", ""]
+    assert found.groups[1].title == "meshes; noise 10 % of the radius"
+    best, variant, splat, blank = (row.cells for row in found.rows)
+    assert [cell.text for cell in best] == [".900", ".100", ".900", ".100", "1.0", "21.3", "chairs"]
+    assert [cell.text for cell in variant[:5]] == [".800", ".200", "–", "–", "2.0"]
+    assert variant[5].text == "21.3"  # it draws with the network of pc2pix
+    assert [cell.text for cell in blank[:2]] == [".500", ".600"]
+    assert [cell.caveat for cell in splat[:2]] == ["worse than blank", ""]
+    assert [cell.beneath for cell in best[:4]] == ["", "", "not decided", "better"]
+
+
+def test_a_missing_file_is_named(numbers):
+    (numbers / "more.csv").unlink()
+    with pytest.raises(FileNotFoundError, match=r"more\.csv"):
+        board(numbers, (KNOWN,))
+
+
+@pytest.mark.parametrize("mark", ["<!-- leaderboard -->\n", ""])
+def test_the_front_page_alone_has_it_at_its_mark_or_above_the_first_section(mark):
+    section = "\n## Tutorial\n\n* [Tutorial](quickstart.md)\n"
+    source = [f"# Title\n\nWords.\n{mark}{section}"]
+    show(None, "index", source)
+    head, raw, rest = re.split(r"```(?:\{raw\} html\n)?", source[0])
+    assert head.strip() == "# Title\n\nWords."
+    assert raw.startswith("<style>")
+    assert raw.count('<table class="board">') == 1
+    assert rest.lstrip() == section.lstrip()
+    assert "\n## Tutorial" in rest
+    other = ["# Other\n\n## Part\n"]
+    show(None, "report", other)
+    assert other == ["# Other\n\n## Part\n"]
+
+
+def test_it_is_made_of_the_results_of_the_project_and_loads_nothing():
+    html = fragment()
+    assert html.count("<tr") > 12
+    assert not re.search(r"(src|href)=", html)
+    assert '<span class="name">splat-net@all-grey</span> <small>recommended</small>' in html
