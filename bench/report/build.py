@@ -13,9 +13,9 @@ from typing import Any
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from bench.analysis.comparison import pooled
+from bench.analysis.comparison import ALL, pooled
 from bench.analysis.scored import in_order
-from bench.catalogue.methods import find_method, known_method, role
+from bench.catalogue.methods import find_method, role
 from bench.catalogue.metrics import (
     CONTROL_METRICS,
     IMAGE_METRICS,
@@ -46,7 +46,7 @@ from bench.report.pareto import cost_plots
 from bench.report.robustness import curve_panels, curves
 from bench.report.stored import Sources, open_sources
 from bench.report.styles import MethodStyle, method_styles
-from bench.report.summary import in_short
+from bench.report.summary import in_short, objects_in_words
 from bench.tables.build import Outputs, how_timed
 from bench.tables.frontier import cost_grid
 from bench.tables.grid import Tags
@@ -172,12 +172,13 @@ def _shown(records: pd.DataFrame, chosen: pd.DataFrame) -> list[JobName]:
 
 def _head(manifest: Mapping[str, Any], records: pd.DataFrame) -> tuple[str, ...]:
     """Return in a few words what was run, and how long it took."""
-    objects = len(records[["class", "object"]].drop_duplicates())
+    count = len(records[["class", "object"]].drop_duplicates())
     classes = list(dict.fromkeys(map(str, records["class"])))
-    name = f"{classes[0]} objects" if len(classes) == 1 else f"objects of {len(classes)} classes"
+    objects = objects_in_words(count, classes[0] if len(classes) == 1 else ALL)
+    of_classes = f" of {len(classes)} classes" if len(classes) > 1 else ""
     methods = len(manifest["methods"])
     head = [
-        f"{objects} {name} × {manifest['views']} views",
+        f"{objects}{of_classes} × {manifest['views']} views",
         f"{methods} method{'s' * (methods > 1)}",
     ]
     seconds: Mapping[str, float] = manifest.get("stage_seconds", {})
@@ -192,11 +193,10 @@ def _jobs(directory: Path, records: pd.DataFrame) -> tuple[int, int]:
     """Return the number of jobs of a run, and of those that failed."""
     keys = ["method", "condition", "class", "object"]
     failed = records.loc[records["outcome"] != "ok", keys].drop_duplicates()
-    # What sees no cloud is drawn once for all conditions.
-    blind = [m for m in failed["method"].unique() if (k := known_method(m)) and not k.sees_cloud]
-    once = failed[failed["method"].isin(blind)]
-    several = len(once) - len(once[["method", "class", "object"]].drop_duplicates())
-    return len(read_jobs(directory)), len(failed) - several
+    jobs = read_jobs(directory)  # of what sees no cloud one for all conditions, a line for each
+    keys = {tuple(job.name): job.key for job in jobs}
+    names = map(tuple, failed.astype(str).itertuples(index=False))
+    return len(set(keys.values())), len({keys.get(name, name) for name in names})
 
 
 def _facts(manifest: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
@@ -230,11 +230,13 @@ def _choices(records: pd.DataFrame, skipped: bool) -> tuple[Choice, ...]:
     return tuple(choice for choice in offered if len(choice.options) > 1)
 
 
-_OF_TABLES = "Each point is a value of the tables, with its 95 % interval over objects. No line joins different kinds of changes."
+_OF_TABLES = (
+    "Each point is a value of the tables, with its 95 % interval over objects. No line joins "
+    "different kinds of changes."
+)
 _ALL_FAILED = "Where a method has no point, all its images failed."
 _OF_OBJECTS = (
-    "Each point is a mean over objects, failed images scored as blank ones, with its 95 % "
-    "interval."
+    "Each point is a mean over objects, failed images scored as blank ones, with its 95 % interval."
 )
 _BANDS = "A band is what a network was shown in training."
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,8 +23,8 @@ from bench.catalogue.metrics import higher_is_better
 from bench.metrics.structural_similarity import ssim_per_image
 from bench.records.artifacts import JobName, read_array
 from bench.records.record import GROUND_TRUTH
+from bench.report.image_sheets import wrapped
 from bench.report.styles import method_styles
-from bench.report.image_sheets import LETTERS_IN_LINE
 from bench.tables.figure import (
     FIGURES,
     MOST_HIGH_IN,
@@ -132,8 +131,7 @@ def images_figure(
                 axis.set_xlabel(f"{ssim_per_image(true, image).ssim[0]:.2f}", fontsize=TEXT)
         if row == 0:
             for axis, title in zip(line, ["truth", *shown], strict=True):
-                wrapped = textwrap.fill(visible(title), LETTERS_IN_LINE)
-                axis.set_title(wrapped, fontsize=TEXT)
+                axis.set_title(wrapped(visible(title)), fontsize=TEXT)
     caption = f"{condition}: the first object of each class in its first view; SSIM below"
     winners = (
         f"{visible(winner)} by {' and '.join(m for m, method in best.items() if method == winner)}"

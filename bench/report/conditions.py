@@ -69,12 +69,6 @@ def _percent(share: float) -> str:
     return f"{100 * share:g} %"
 
 
-def column_name(condition_id: str) -> str:
-    """Return the head of a column: the short name, with its kind where that is no number alone."""
-    name = condition_name(condition_id)
-    return name.short if name.kind in ("points", "") else f"{name.kind} {name.short}"
-
-
 def places(conditions: Sequence[str]) -> list[float]:
     """Return places on an axis, a step apart, with a gap where another kind of change begins."""
     kinds = [condition_name(condition).kind for condition in conditions]

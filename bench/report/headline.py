@@ -9,7 +9,7 @@ from bench.analysis.comparison import decimals
 from bench.analysis.scores import QualityRow
 from bench.catalogue.methods import FLOOR, role
 from bench.catalogue.metrics import higher_is_better
-from bench.report.conditions import column_name, condition_name
+from bench.report.conditions import condition_name
 from bench.report.page import CompactCell, CompactColumn, CompactTable
 from bench.tables.grid import Tags, ordered, shown
 
@@ -23,7 +23,9 @@ def compact_table(rows: Sequence[QualityRow]) -> CompactTable | None:
     rows = [row for row in rows if not row.skipped]
     if not any(math.isfinite(row.value) for row in rows):
         return None
+    metrics = ordered(row.metric for row in rows)
     columns = ordered((row.metric, row.condition) for row in rows)
+    columns.sort(key=lambda column: metrics.index(column[0]))
     at = {(row.method, row.metric, row.condition): row for row in rows}
     best, blank = {}, {}
     for metric, condition in columns:
@@ -53,29 +55,29 @@ def compact_table(rows: Sequence[QualityRow]) -> CompactTable | None:
             below=_signed(row) < blank[column],
         )
 
-    first = columns[0][0]
-
     def place(method: str) -> tuple[bool, float]:
-        of_first = [_signed(r) for r in rows if (r.method, r.metric) == (method, first)]
+        of_first = [_signed(r) for r in rows if (r.method, r.metric) == (method, metrics[0])]
         values = [value for value in of_first if math.isfinite(value)]
         mean = sum(values) / len(values) if values else -math.inf
         return role(method) in ("ceiling", "floor"), -mean
 
     methods = sorted(ordered(row.method for row in rows), key=place)
+    names = [condition_name(condition) for _, condition in columns]
     return CompactTable(
         tuple(
             CompactColumn(
-                metric, column_name(condition), condition_name(condition).words,
-                higher_is_better(metric), Tags(condition=condition),
+                *(metric, name.kind * (name.kind != "points"), name.short, name.words),
+                higher_is_better(metric),
+                Tags(condition=condition),
             )
-            for metric, condition in columns
+            for (metric, condition), name in zip(columns, names, strict=True)
         ),
         tuple(
             (method, role(method), Tags(method=method), tuple(cell(method, c) for c in columns))
             for method in methods
         ),
         failed=any(row.failed for row in rows),
-    )  # fmt: skip
+    )
 
 
 def _signed(row: QualityRow) -> float:

@@ -23,7 +23,7 @@ THIN_OF = 8  # the first objects of a run, of which those with most thin parts a
 THIN_CONDITIONS = ("2048", "noise-0.05")
 THIN_TINT = (225, 0, 75)
 LONGEST = 18  # letters of a name
-LETTERS_IN_LINE = 11  # of a title: more are wider than an image
+LETTERS_IN_LINE = 12  # of a title: more are wider than an image
 LABELS_IN, TITLES_IN = 0.5, 0.4
 LEAST_CELL_IN = 0.75  # of an image: fewer objects are shown rather than smaller images
 
@@ -64,7 +64,7 @@ def write_images(
     ]
     titles = [GROUND_TRUTH, *map(visible, across)]
     size_in = (WIDTH_IN, cell_in * len(rows) + TITLES_IN)
-    save(image_grid(list(map(_wrapped, titles)), rows, size_in), path)
+    save(image_grid(list(map(wrapped, titles)), rows, size_in), path)
 
 
 def _cell_in(rows: int, columns: int, objects: int) -> float:
@@ -76,8 +76,9 @@ def _cell_in(rows: int, columns: int, objects: int) -> float:
     return min(widest, high / objects)
 
 
-def _wrapped(title: str) -> str:
-    return textwrap.fill(title, LETTERS_IN_LINE)
+def wrapped(title: str) -> str:
+    """Return a title on lines that are as wide as an image."""
+    return textwrap.fill(title, LETTERS_IN_LINE, break_long_words=False)
 
 
 def _first(artifacts: Mapping[JobName, Path], job: JobName) -> Image | None:
@@ -110,9 +111,9 @@ def write_thin_parts(path: Path, artifacts: Mapping[JobName, Path]) -> None:
         for truth in chosen
         for column in _thin_columns(truth, parts[truth.object], conditions, methods, artifacts)
     ]
-    rows = [(_wrapped_label(name), [c[i] for c in columns]) for i, name in enumerate(labels)]
+    rows = [(_label(name), [c[i] for c in columns]) for i, name in enumerate(labels)]
     titles = [
-        f"{_wrapped(obj[1][:LONGEST])}\n{condition}"
+        f"{wrapped(obj[1][:LONGEST])}\n{condition}"
         for obj in (truth.object for truth in chosen)
         for condition in conditions
     ]
@@ -143,5 +144,5 @@ def _thin_columns(
     return columns
 
 
-def _wrapped_label(name: str) -> str:
-    return "\n".join(map(_wrapped, name.split("\n")))
+def _label(name: str) -> str:
+    return "\n".join(map(wrapped, name.split("\n")))

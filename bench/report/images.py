@@ -55,7 +55,9 @@ def extremes(records: pd.DataFrame, metric: str) -> pd.DataFrame:
     extremes = []
     for _, group in ok.groupby([*keys, "class"] if by_class else keys, sort=False):
         order = [column(metric), "class", "object", "view"]
-        rising = group.sort_values(order, ascending=[higher_is_better(metric), True, True, True], kind="stable")
+        rising = group.sort_values(
+            order, ascending=[higher_is_better(metric), True, True, True], kind="stable"
+        )
         worst = rising.drop_duplicates(["class", "object"]).head(each)
         rest = rising.drop(worst.index)
         best = rest.iloc[::-1].drop_duplicates(["class", "object"]).head(each)
@@ -88,7 +90,9 @@ def grids(records: pd.DataFrame, sources: Sources, metric: str) -> tuple[Grid, .
                 GridCell(_drawn(sources, item.truth, 0, f"the truth, {class_name} {obj}")),
             ]
             cells += [
-                _grid_cell(sources, item._replace(method=method), by_cell.get((method, condition)), metric)
+                _grid_cell(
+                    sources, item._replace(method=method), by_cell.get((method, condition)), metric
+                )
                 for method in methods
             ]
             outcomes = {row["outcome"] for (_, c), row in by_cell.items() if c == condition}
@@ -148,7 +152,9 @@ def cases(chosen: pd.DataFrame, sources: Sources, metric: str) -> tuple[CaseGrou
             tags = Tags(str(method), parts[0], parts[1] if len(parts) > 1 else "")
             of_cell = tuple(_case(record, sources, metric) for record in _rows(of_row))
             rows.append((", ".join(parts), tags, of_cell))
-        ends = sorted(of_method[column(metric)].agg(["min", "max"]), reverse=not higher_is_better(metric))
+        ends = sorted(
+            of_method[column(metric)].agg(["min", "max"]), reverse=not higher_is_better(metric)
+        )
         worst, best = (shown(end, decimals(metric)) for end in ends)
         summary = f"{metric} {worst} at worst, {best} at best"
         groups.append(CaseGroup(str(method), summary, tuple(rows)))
@@ -181,7 +187,9 @@ def _case(record: Mapping[str, Any], sources: Sources, metric: str) -> Case:
         ("drawn", _drawn(sources, item, view, f"{name} as {item.method} draws it")),
     )
     tags = Tags(item.method, item.condition, class_name, (record["outcome"],))
-    return Case(record["kind"], f"{metric} {_score(record, metric)}", name, tuple(facts), images, tags)
+    return Case(
+        record["kind"], f"{metric} {_score(record, metric)}", name, tuple(facts), images, tags
+    )
 
 
 def _rows(records: pd.DataFrame) -> list[dict[str, Any]]:

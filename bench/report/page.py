@@ -84,7 +84,8 @@ class CompactColumn:
     """A column of the headline table: a metric at a condition, which `words` name in full."""
 
     metric: str
-    name: str
+    kind: str
+    short: str
     words: str
     higher: bool
     tags: Tags
@@ -268,7 +269,7 @@ def rendered(template: str, **values: Any) -> str:
     Everything is escaped. `script`, where it is among the values, is trusted, and gets a checksum.
     """
     from jinja2 import Environment, FunctionLoader, StrictUndefined
-    from markupsafe import Markup
+    from markupsafe import Markup, escape
 
     def harmless(value: Any) -> Any:
         return visible(value) if isinstance(value, str) and not isinstance(value, Markup) else value
@@ -283,6 +284,9 @@ def rendered(template: str, **values: Any) -> str:
     )
     environment.filters["px"] = lambda value: f"{value:.1f}".removesuffix(".0")
     environment.filters["trusted"] = Markup
+    environment.filters["unbroken"] = lambda text: Markup(
+        str(escape(visible(text))).replace(" %", "&nbsp;%")
+    )
     for name, text in (("style", bundled("report.css")), ("script", values.get("script"))):
         if text is not None:
             values |= {name: Markup(text), f"{name}_hash": _hash(text)}

@@ -15,7 +15,7 @@ from bench.analysis.comparison import Comparison, decimals, milliseconds
 from bench.analysis.frontier import FrontierPoint, places
 from bench.catalogue.lookup import family_of, variant_of
 from bench.catalogue.methods import FLOOR, role
-from bench.catalogue.metrics import IMAGE_METRICS
+from bench.catalogue.metrics import IMAGE_METRICS, higher_is_better
 from bench.catalogue.parameters import find_setting
 from bench.report.blank_region import shade_worse
 from bench.report.conditions import condition_name
@@ -124,8 +124,8 @@ def frontier_figure(
     """
     cells = list(dict.fromkeys((p.condition, p.class_name) for p in places))
     size_in = plot_in or (WIDTH_IN, HEIGHT_IN * len(cells) + LEGEND_IN)
-    figure, axes = panels(len(cells), 1, size_in, sharex=True, sharey=True)
-    axes = axes[:, 0]
+    figure, column = panels(len(cells), 1, size_in, sharex=True, sharey=True)
+    axes = list(column[:, 0])
     drawn = MarkedFigure(figure)
     several = len({class_name for _, class_name in cells}) > 1
     labels = []
@@ -364,7 +364,7 @@ def cost_plots(
             description = "; ".join(map(_text, points))
             plot = Plot(
                 title=f"{metric}: {condition_name(condition).words}, {class_name}",
-                axis=axis_title(metric),
+                axis=f"{'higher' if higher_is_better(metric) else 'lower'} is better",
                 description=f"{axis_title(metric)}, by rising cost: {description}.",
                 svg=inline(figure, f"cost-{len(plots)}"),
                 wide=wide,

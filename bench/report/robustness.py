@@ -142,9 +142,7 @@ def curves(
 
     `name`, unlike any other, begins the ids of their parts.
     """
-    return tuple(
-        _plot(panel, styles, f"{name}-{number}") for number, panel in enumerate(panels_)
-    )
+    return tuple(_plot(panel, styles, f"{name}-{number}") for number, panel in enumerate(panels_))
 
 
 def _plot(panel: CurvePanel, styles: Mapping[str, MethodStyle], name: str) -> Plot:
@@ -152,12 +150,12 @@ def _plot(panel: CurvePanel, styles: Mapping[str, MethodStyle], name: str) -> Pl
     steps = (f"{panel.step(row)}{f' ({row.n_ok} of {row.n})' * row.failed}" for row in panel.rows)
     values = ((row.method, step, row.value) for row, step in zip(panel.rows, steps, strict=True))
     description = in_words(panel.metric, values)
-    at = f"at {condition_name(place).words}, by class"
+    where = f" at {condition_name(place).words}, by class" if panel.by_class else f", class {place}"
     wide = len(panel.steps) > MOST_STEPS
     figure = robustness_figure([panel], styles, WIDE_IN if wide else PLOT_IN, PLOT_TEXT)
     return Plot(
-        title=f"{panel.metric} {at if panel.by_class else f'of {place} against the conditions'}",
-        axis=axis,
+        title=f"{panel.metric}{where}",
+        axis=f"{'higher' if higher_is_better(panel.metric) else 'lower'} is better",
         description=f"{axis}. {description}",
         svg=inline(figure, name),
         wide=wide,
@@ -235,7 +233,9 @@ def _draw_panel(
     axis.tick_params(axis="y", labelsize=fontsize)
     axis.spines[["top", "right", "left"]].set_visible(False)
     levels = {panel.step(row): row.value for row in panel.rows if row.method == FLOOR}
-    spans = [(x - 0.5, x + 0.5, levels.get(s, math.nan)) for x, s in zip(places_, steps, strict=True)]
+    spans = [
+        (x - 0.5, x + 0.5, levels.get(s, math.nan)) for x, s in zip(places_, steps, strict=True)
+    ]
     shade_worse(axis, panel.metric, spans, fontsize)
     hollow = any(row.failed and styles[row.method].marker for row in panel.rows)
     title = "; hollow: failed images are left out" * hollow
@@ -247,7 +247,9 @@ def _draw_panel(
         title = title.removeprefix("; ")
         _name_kinds(axis, places_, [name.kind for name in names], fontsize)
     # Below the names of kinds, for which an empty line keeps the room.
-    axis.set_xlabel(title or " ", fontsize=fontsize, labelpad=4 if panel.by_class else 1.3 * fontsize)
+    axis.set_xlabel(
+        title or " ", fontsize=fontsize, labelpad=4 if panel.by_class else 1.3 * fontsize
+    )
 
 
 def _name_kinds(axis: Any, at: Sequence[float], kinds: Sequence[str], fontsize: float) -> None:

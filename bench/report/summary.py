@@ -106,7 +106,7 @@ def in_short(
     every = list(dict.fromkeys(comparison.condition for comparison in compared))
     lines = [*_leads(cells, every)]
     below = [(cell.at, (method,)) for cell in cells for method in cell.below_blank]
-    lines.append(_statement("Below a white image", below, every))
+    lines.append(_merged(_statement("Below a white image", below, every)))
     lines.append(_cheapest(cells, views, every))
     return tuple(line for line in lines if line.entries)
 
@@ -140,7 +140,8 @@ def _leads(cells: Sequence[_Cell], every: Sequence[str]) -> Iterable[Statement]:
         return
     needed = [cell.ranking.objects_needed for cell in cells]
     if all(needed):
-        objects = _objects(cells[0].comparison)
+        first = cells[0].comparison
+        objects = objects_in_words(len(first.objects), first.class_name)
         count = max(filter(None, needed))
         decide = f"{objects} here: at least {count} are needed"
         yield Statement("Not decided", (((), f"nothing can be shown with {decide}"),))
@@ -159,13 +160,12 @@ def _leads(cells: Sequence[_Cell], every: Sequence[str]) -> Iterable[Statement]:
     yield _statement("Not decided between variants", variants, every)
 
 
-def _objects(comparison: Comparison) -> str:
-    """Return the number of objects with their name."""
-    count, name = len(comparison.objects), comparison.class_name
-    if name == ALL or not name.isalpha():
-        return f"{count} object{'s' * (count > 1)}"
-    many = "es" if name.endswith(("s", "x", "ch", "sh")) else "s"
-    return f"{count} {name}{many * (count > 1)}"
+def objects_in_words(count: int, class_name: str) -> str:
+    """Return a number of objects of a class, or of `ALL` classes, with their name."""
+    if class_name == ALL or not class_name.isalpha():
+        return f"{count} object{'s' * (count != 1)}"
+    many = "es" if class_name.endswith(("s", "x", "ch", "sh")) else "s"
+    return f"{count} {class_name}{many * (count != 1)}"
 
 
 def _cheapest(cells: Sequence[_Cell], views: int, every: Sequence[str]) -> Statement:
@@ -188,10 +188,18 @@ def _cheapest(cells: Sequence[_Cell], views: int, every: Sequence[str]) -> State
     return replace(statement, entries=tuple(entries))
 
 
+def _merged(statement: Statement) -> Statement:
+    """Return a line in which methods with the same places share them."""
+    methods: dict[str, tuple[str, ...]] = {}
+    for names, text in statement.entries:
+        methods[text] = (*methods.get(text, ()), *names)
+    return replace(statement, entries=tuple((names, text) for text, names in methods.items()))
+
+
 def _statement(
     term: str, cells: Iterable[tuple[tuple[str, str], tuple[str, ...]]], every: Sequence[str]
 ) -> Statement:
-    """Return a line about (metric, condition) and the methods there: where each group of them is."""
+    """Return a line of the places (metric, condition) of each group of methods."""
     where: dict[tuple[str, ...], dict[str, list[str]]] = {}
     for (metric, condition), methods in cells:
         where.setdefault(methods, {}).setdefault(metric, []).append(condition)

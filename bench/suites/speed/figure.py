@@ -10,7 +10,7 @@ import numpy as np
 
 from bench.catalogue.suites import SpeedSuite
 from bench.suites.speed.summary import MS, Summary, beside, break_even
-from bench.tables.figure import TEXT, WIDTH_IN, drawing, name_lines, panels
+from bench.tables.figure import WIDTH_IN, drawing, name_lines, panels
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
