@@ -128,7 +128,11 @@ def read_page(made: Outputs) -> Page:
         curves_title=title,
         curves_remark=" ".join(filter(None, [remark.strip(), all_failed])),
         tables=(
-            *([table_group(made.condition_sweep)] if made.condition_sweep else ()),
+            *(
+                [replace(table_group(made.condition_sweep), unfolded=True)]
+                if made.condition_sweep
+                else ()
+            ),
             *map(table_group, made.tables),
             *([table_group(made.orderings, folded=False)] if made.orderings else ()),
         ),

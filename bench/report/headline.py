@@ -43,14 +43,15 @@ def compact_table(rows: Sequence[QualityRow]) -> CompactTable | None:
         digits = decimals(row.metric)
         texts = [f"{method}, {row.metric}, {condition_name(row.condition).words}"]
         if math.isfinite(row.ci_low):
-            texts.append(f"{shown(row.ci_low, digits)} to {shown(row.ci_high, digits)}")
+            ends = shown(row.ci_low, digits), shown(row.ci_high, digits)
+            texts.append("95 % interval {} to {}".format(*ends))
         if row.failed:
             blanks = shown(row.failures_as_blank, digits)
             texts.append(f"{row.n_ok} of {row.n} images; {blanks} with blank ones for the others")
         return CompactCell(
             shown(row.value, digits) + "*" * row.failed,
             row.value,
-            ": ".join(texts[:2]) + "".join(f"; {text}" for text in texts[2:]),
+            "; ".join(texts),
             best=not role(method) and _signed(row) == best[column],
             below=_signed(row) < blank[column],
         )
@@ -60,6 +61,14 @@ def compact_table(rows: Sequence[QualityRow]) -> CompactTable | None:
         values = [value for value in of_first if math.isfinite(value)]
         mean = sum(values) / len(values) if values else -math.inf
         return role(method) in ("ceiling", "floor"), -mean
+
+    def tags(method: str) -> Tags:
+        of_method = [row for row in rows if row.method == method]
+        outcomes = {
+            "failed": any(row.failed for row in of_method),
+            "ok": any(row.n_ok > 0 for row in of_method),
+        }
+        return Tags(method=method, outcomes=tuple(o for o, occurs in outcomes.items() if occurs))
 
     methods = sorted(ordered(row.method for row in rows), key=place)
     names = [condition_name(condition) for _, condition in columns]
@@ -73,7 +82,7 @@ def compact_table(rows: Sequence[QualityRow]) -> CompactTable | None:
             for (metric, condition), name in zip(columns, names, strict=True)
         ),
         tuple(
-            (method, role(method), Tags(method=method), tuple(cell(method, c) for c in columns))
+            (method, role(method), tags(method), tuple(cell(method, c) for c in columns))
             for method in methods
         ),
         failed=any(row.failed for row in rows),
