@@ -18,7 +18,7 @@ Span = tuple[float, float, float]  # left, right, value of a white image
 def shade_worse(
     axis: Any, metric: str, spans: Sequence[Span], fontsize: float, named: bool = True
 ) -> None:
-    """Shade what is worse than a white image, span by span, and name it there.
+    """Shade what is worse than a white image, span by span, and name it there or for a legend.
 
     All that decides the limits of the axis is drawn before. One value for all spans is shaded
     across the axis.
@@ -30,7 +30,13 @@ def shade_worse(
     levels = [level for *_, level in spans]
     end = _make_room(axis, min(levels) if higher else max(levels), higher)
     left, right = axis.get_xlim()
-    style = {"color": SHADE, "linewidth": 0, "zorder": 0.4}  # below the lines of the grid
+    style: dict[str, Any] = {
+        "color": SHADE,
+        "linewidth": 0,
+        "zorder": 0.4,
+    }  # below the lines of the grid
+    if not named:
+        style["label"] = WORSE
     if len(set(levels)) == 1:
         axis.axhspan(levels[0], end, **style)
     else:

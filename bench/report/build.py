@@ -180,9 +180,9 @@ def _head(manifest: Mapping[str, Any], records: pd.DataFrame) -> tuple[str, ...]
     classes = list(dict.fromkeys(map(str, records["class"])))
     objects = objects_in_words(count, classes[0] if len(classes) == 1 else ALL)
     of_classes = f" of {len(classes)} classes" if len(classes) > 1 else ""
-    methods = len(manifest["methods"])
+    methods, views = len(manifest["methods"]), int(manifest["views"])
     head = [
-        f"{objects}{of_classes} × {manifest['views']} views",
+        f"{objects}{of_classes} × {views} view{'s' * (views != 1)}",
         f"{methods} method{'s' * (methods > 1)}",
     ]
     seconds: Mapping[str, float] = manifest.get("stage_seconds", {})

@@ -80,10 +80,13 @@ def places(conditions: Sequence[str]) -> list[float]:
 
 
 def listed(conditions: Iterable[str], every: Sequence[str]) -> str:
-    """Return conditions as a list in words: of `every` one alone, of a kind, or one by one."""
+    """Return conditions in words: all of `every` but some, all of a kind, or one by one."""
     chosen = set(conditions)
     if chosen == set(every) and len(every) > 1:
         return "every condition"
+    others = [condition for condition in every if condition not in chosen]
+    if others and 4 * len(others) <= len(every):
+        return f"every condition but {listed(others, every)}"
     by_kind: dict[str, list[str]] = {}
     for condition in every:
         by_kind.setdefault(condition_name(condition).kind, []).append(condition)

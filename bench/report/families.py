@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,7 @@ from bench.tables.grid import Tags, ordered
 from bench.tables.markdown import visible
 
 HEIGHT_IN, LEGEND_IN, LEGEND_COLUMNS = 1.9, 0.8, 4
+LETTERS_IN_LINE = 27  # of a name below a narrow panel
 MOST_TICKS = 3  # level labels that a narrow panel has room for
 SHOWN = 0.13  # opacity of a band
 PAD = 0.06  # of the axis, beyond its first and last step
@@ -88,12 +90,12 @@ def beyond_figure(
             _draw_panel(drawn, axis, of_cell, styles, fontsize)
             axis.set_xlabel(family.axis, fontsize=fontsize)
             if plot_in is None:
-                axis.set_xlabel(family.axis.replace(": ", ":\n"), fontsize=fontsize)
+                axis.set_xlabel(textwrap.fill(family.axis, LETTERS_IN_LINE), fontsize=fontsize)
                 axis.tick_params(axis="x", labelrotation=60 * (len(family.values) > MOST_TICKS))
             blanks += [e.value for c in of_cell if c.method == FLOOR for e in c.estimates]
         blank = float(np.nanmean(blanks)) if np.isfinite(blanks).any() else math.nan
         for axis in column:  # with the limits that they share
-            shade_worse(axis, metric, [(*axis.get_xlim(), blank)], fontsize, axis is column[0])
+            shade_worse(axis, metric, [(*axis.get_xlim(), blank)], fontsize, plot_in is not None)
         title = axis_title(metric).replace(" (", "\n(")
         name = f"{visible(class_name)}: {title}" if several else title
         column[0].set_title(name, fontsize=fontsize)

@@ -144,6 +144,7 @@ def test_conditions_of_a_kind_stand_together():
     assert np.diff(places(every)).tolist() == pytest.approx([1, 1.6, 1, 1.6])
     assert listed(every, every) == "every condition"
     assert listed(every[2:4], every) == "any noise"
+    assert listed(every[1:], every) == "every condition but 2,048 points"
     assert listed(every[1:4], every) == "512 of 2,048 points, any noise"
     assert listed(every[:1], every[:1]) == "2,048 points"
 
