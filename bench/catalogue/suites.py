@@ -163,7 +163,7 @@ SUITES = (
         views=20,
         endless_limit=12,
         limits=Limits(time_s=120.0, memory_gib=4.0),
-        frontier=("ssim", "structure", "lpips", "silhouette-iou", "fd-views"),
+        frontier=("ssim-object", "lpips", "ssim", "structure", "silhouette-iou", "fd-views"),
         timed=True,
         tables=(
             IMAGE_TABLE,

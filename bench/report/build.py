@@ -13,6 +13,7 @@ from typing import Any
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
+from bench.analysis.comparison import ALL, pooled
 from bench.analysis.scored import in_order
 from bench.catalogue.methods import find_method, role
 from bench.catalogue.metrics import (
@@ -21,19 +22,35 @@ from bench.catalogue.metrics import (
     KERNEL_METRICS,
     RECOGNITION_METRICS,
     SET_METRICS,
+    is_mean,
 )
 from bench.catalogue.suites import Suite
 from bench.records.artifacts import JobName
+from bench.records.parquet import read_jobs
+from bench.report.conditions import condition_name
 from bench.report.families import family_curves
+from bench.report.headline import compact_table
 from bench.report.images import cases, extremes, grids, shown_objects
-from bench.report.page import Choice, Failure, FailureGroup, Page, TableGroup, html
+from bench.report.legend import legend
+from bench.report.page import (
+    Choice,
+    Failure,
+    FailureGroup,
+    Page,
+    Plot,
+    PlotGroup,
+    TableGroup,
+    html,
+)
 from bench.report.pareto import cost_plots
-from bench.report.robustness import curves
+from bench.report.robustness import curve_panels, curves
 from bench.report.stored import Sources, open_sources
-from bench.report.styles import method_styles
+from bench.report.styles import MethodStyle, method_styles
+from bench.report.summary import in_short, objects_in_words
 from bench.tables.build import Outputs, how_timed
 from bench.tables.frontier import cost_grid
 from bench.tables.grid import Tags
+from bench.tables.markdown import visible
 from bench.tables.table import Table
 from data_prep.clouds.conditions import CONDITIONS
 from data_prep.failures import BadInput, CannotWrite
@@ -42,7 +59,7 @@ from data_prep.files.atomic_write import write_whole
 REPORT = "report.html"
 MOST_LISTED = 200  # failures listed for one reason
 _MARKUP = re.compile(r"`|\*\*|\\(.)")  # what remarks have, and escapes
-QUALITY = "ssim"  # what cost is compared with where a suite names no metric
+OPEN_PLOTS = 4  # of a group: two by two
 
 
 def write_report(made: Outputs, out: Path | None = None) -> Path:
@@ -69,53 +86,84 @@ def read_page(made: Outputs) -> Page:
     by = ("method", "condition", "class", "object", "view")
     records = in_order(run.records, manifest, by)
     views = int(manifest["views"])
-    chosen = extremes(records)
+    headline = [metric for metric in run.measured(suite.headline) if is_mean(metric)]
+    chosen = extremes(records, headline[0])
     sources = open_sources(run.directory, manifest, _shown(records, chosen))
     styles = method_styles(manifest["methods"])
-    metrics = run.measured(suite.frontier or (QUALITY,))
+    of_cost = run.measured(suite.frontier or suite.headline)
+    panels = curve_panels(made.tables)
+    first = [panel for panel in panels if panel.metric in headline]
     with threadpool_limits(1):
-        comparisons = run.compared(metrics)
-        costs = cost_plots(comparisons, metrics, views, styles)
-        costed = cost_grid(comparisons, metrics[0], views)
-    failures = failure_groups(records)
+        compared = run.compared(headline)
+        answer = in_short(pooled(compared) or compared, headline, views)
+        comparisons = run.compared(of_cost)
+        costs = cost_plots(comparisons, of_cost, views, styles)
+        costed = cost_grid(comparisons, of_cost[0], views)
     left_out = _left_out(manifest["methods"])
     if made.curves:
         drawn, title = family_curves(made.curves, styles), "Beyond training"
         remark = f"{_OF_OBJECTS} {_BANDS} {left_out}"
     else:
-        drawn = curves(made.tables, styles)
+        others = [panel for panel in panels if panel not in first]
+        drawn = curves(others, styles)
         title = "Class by class" if records["class"].nunique() > 1 else "Robustness"
-        rows = [row for table in made.tables for row in table.rows]
-        all_failed = _ALL_FAILED if any(row.failed and not row.n_ok for row in rows) else ""
-        remark = " ".join(filter(None, [_OF_TABLES, all_failed, left_out]))
+        remark = f"{_OF_TABLES} {left_out}"
+    rows = [row for table in made.tables for row in table.rows]
+    all_failed = _ALL_FAILED if any(row.failed and not row.n_ok for row in rows) else ""
+    ends = (manifest["conditions"][0], manifest["conditions"][-1])
     return Page(
         title=manifest["suite"],
         about=suite.about,
-        facts=_facts(manifest, records),
+        head=_head(manifest, records),
+        quality=headline[0],
+        jobs=_jobs(run.directory, records),
+        facts=_facts(manifest),
         outcomes=tuple((str(o), int(n)) for o, n in records["outcome"].value_counts().items()),
         shares=tuple(dict(manifest.get("worker_shares", {})).items()),
         choices=_choices(records, bool(manifest.get("skipped_metrics"))),
-        curves=drawn,
+        answer=answer,
+        headline=compact_table(made.headline.rows),
+        first=_group("first", curves(first, styles, "first"), styles, len(first)),
+        curves=_group("curve", drawn, styles),
         curves_title=title,
-        curves_remark=remark.strip(),
+        curves_remark=" ".join(filter(None, [remark.strip(), all_failed])),
         tables=(
-            *([table_group(made.condition_sweep)] if made.condition_sweep else ()),
+            *(
+                [replace(table_group(made.condition_sweep), unfolded=True)]
+                if made.condition_sweep
+                else ()
+            ),
             *map(table_group, made.tables),
             *([table_group(made.orderings, folded=False)] if made.orderings else ()),
         ),
-        costs=costs,
+        # The first condition and the last are the most different ones.
+        costs=_group(
+            "cost", sorted(costs, key=lambda plot: plot.tags.condition not in ends), styles
+        ),
         cost_table=costed,
         cost_remark=how_timed(manifest),
-        grids=grids(records, sources),
-        cases=cases(chosen, sources),
+        grids=grids(records, sources, headline[0]),
+        cases=cases(chosen, sources, headline[0]),
         unseen=_unseen(sources),
-        failures=failures,
+        failures=failure_groups(records),
         failed_images=int((records["outcome"] != "ok").sum()),
         skipped=tuple(dict(manifest.get("skipped_metrics", {})).items()),
         command=_command(manifest),
         manifest=tuple(json.dumps(manifest, indent=2, ensure_ascii=False).split("\n")),
         meanings=_meanings(manifest, suite),
     )
+
+
+def _group(
+    name: str,
+    plots: Sequence[Plot],
+    styles: Mapping[str, MethodStyle],
+    unfolded: int = OPEN_PLOTS,
+) -> PlotGroup:
+    """Return plots with a legend of all methods that have a line or a point."""
+    drawn = [method for method in styles if plots and role(method) != "ceiling"]
+    drawn = [m for m in drawn if any(f'data-method="{visible(m)}"' in p.svg.inside for p in plots)]
+    return PlotGroup(legend(drawn, styles, f"legend-{name}"), tuple(plots), unfolded)
 
 
 def _shown(records: pd.DataFrame, chosen: pd.DataFrame) -> list[JobName]:
@@ -126,21 +174,41 @@ def _shown(records: pd.DataFrame, chosen: pd.DataFrame) -> list[JobName]:
     return of_grids + [JobName("", *map(str, of_case)) for of_case in zip(*names, strict=True)]
 
 
-def _facts(manifest: Mapping[str, Any], records: pd.DataFrame) -> tuple[tuple[str, str], ...]:
-    objects = len(records[["class", "object"]].drop_duplicates())
+def _head(manifest: Mapping[str, Any], records: pd.DataFrame) -> tuple[str, ...]:
+    """Return in a few words what was run, and how long it took."""
+    count = len(records[["class", "object"]].drop_duplicates())
     classes = list(dict.fromkeys(map(str, records["class"])))
-    of_classes = f" of {len(classes)} classes" if len(classes) > 1 else f" of class {classes[0]}"
+    objects = objects_in_words(count, classes[0] if len(classes) == 1 else ALL)
+    of_classes = f" of {len(classes)} classes" if len(classes) > 1 else ""
+    methods, views = len(manifest["methods"]), int(manifest["views"])
+    head = [
+        f"{objects}{of_classes} × {views} view{'s' * (views != 1)}",
+        f"{methods} method{'s' * (methods > 1)}",
+    ]
     seconds: Mapping[str, float] = manifest.get("stage_seconds", {})
+    if seconds:
+        workers = manifest.get("workers")
+        on = f" on {workers} core{'s' * (workers > 1)}" if workers else ""
+        head.append(_duration(sum(seconds.values())) + on)
+    return tuple(head)
+
+
+def _jobs(directory: Path, records: pd.DataFrame) -> tuple[int, int]:
+    """Return the number of jobs of a run, and of those that failed."""
+    keys = ["method", "condition", "class", "object"]
+    failed = records.loc[records["outcome"] != "ok", keys].drop_duplicates()
+    jobs = read_jobs(directory)  # of what sees no cloud one for all conditions, a line for each
+    keys = {tuple(job.name): job.key for job in jobs}
+    names = map(tuple, failed.astype(str).itertuples(index=False))
+    return len(set(keys.values())), len({keys.get(name, name) for name in names})
+
+
+def _facts(manifest: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
     machine = manifest.get("machine", {})
     facts = [
         ("dataset", str(manifest["dataset"])),
-        ("objects", f"{objects}{of_classes} × {manifest['views']} views"),
-        ("methods", str(len(manifest["methods"]))),
-        ("conditions", str(len(manifest["conditions"]))),
         ("finished", str(manifest["finished"]).replace("T", " ").replace("+00:00", " UTC")),
     ]
-    if seconds:
-        facts.append(("took", _duration(sum(seconds.values()))))
     if machine:
         facts.append(("machine", f"{machine.get('cpu')}, {machine.get('cores')} cores"))
     version = manifest.get("versions", {}).get("pc2pix-bench")
@@ -166,11 +234,13 @@ def _choices(records: pd.DataFrame, skipped: bool) -> tuple[Choice, ...]:
     return tuple(choice for choice in offered if len(choice.options) > 1)
 
 
-_OF_TABLES = "Each point is a value of the tables, with its 95 % interval over objects."
+_OF_TABLES = (
+    "Each point is a value of the tables, with its 95 % interval over objects. No line joins "
+    "different kinds of changes."
+)
 _ALL_FAILED = "Where a method has no point, all its images failed."
 _OF_OBJECTS = (
-    "Each point is a mean over objects, failed pictures scored as blank ones, with its 95 % "
-    "interval."
+    "Each point is a mean over objects, failed images scored as blank ones, with its 95 % interval."
 )
 _BANDS = "A band is what a network was shown in training."
 
@@ -186,7 +256,7 @@ def _unseen(sources: Sources) -> tuple[str, ...]:
     description = [sources.unseen] if sources.unseen else []
     if not sources.artifacts:
         description.append(
-            "The pictures of this run are no longer there (its folder artifacts is empty or gone); "
+            "The images of this run are no longer there (its folder artifacts is empty or gone); "
             "its command makes them again."
         )
     return tuple(description)
@@ -201,7 +271,7 @@ def _command(manifest: Mapping[str, Any]) -> str:
 def _meanings(
     manifest: Mapping[str, Any], suite: Suite
 ) -> tuple[tuple[str, tuple[tuple[str, str], ...]], ...]:
-    known = {c.id: c.source for c in CONDITIONS}
+    known = {c.id: f"{condition_name(c.id).words}; {c.source}" for c in CONDITIONS}
     distances = {m.id: f"Fréchet distance, lower is better: {m.about}" for m in SET_METRICS}
     kernel = {metric: about for metric, (_, about) in KERNEL_METRICS.items()}
     metrics = IMAGE_METRICS | distances | kernel | RECOGNITION_METRICS | CONTROL_METRICS
@@ -254,7 +324,7 @@ def failure_groups(records: pd.DataFrame) -> tuple[FailureGroup, ...]:
             )
             for (method, condition, class_name, obj), group in items  # type: ignore[misc]
         ]
-        count = f"{len(of_reason)} pictures of {len(listed)} clouds"
+        count = f"{len(of_reason)} images of {len(listed)} clouds"
         kept = tuple(listed[:MOST_LISTED])
         group = FailureGroup(str(reason), count, kept, len(listed) - len(kept))
         groups.append((-len(of_reason), group))

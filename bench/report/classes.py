@@ -23,8 +23,18 @@ from bench.catalogue.metrics import higher_is_better
 from bench.metrics.structural_similarity import ssim_per_image
 from bench.records.artifacts import JobName, read_array
 from bench.records.record import GROUND_TRUTH
+from bench.report.image_sheets import wrapped
 from bench.report.styles import method_styles
-from bench.tables.figure import FIGURES, drawing, panels, save, show
+from bench.tables.figure import (
+    FIGURES,
+    MOST_HIGH_IN,
+    TEXT,
+    WIDTH_IN,
+    drawing,
+    panels,
+    save,
+    show,
+)
 from bench.tables.grid import ordered
 from bench.tables.markdown import visible
 from bench.tables.table import Table
@@ -32,7 +42,7 @@ from bench.tables.table import Table
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-BLOCKS = 2  # of classes, side by side
+MOST_ACROSS = 8  # images in a row: with so few, two blocks of classes stand side by side
 DISTANCES = (PAPER_METRIC, "fd-views")  # the first that has a value is shown
 NAMES = {SURFACE: "SR"}
 
@@ -63,7 +73,8 @@ def write_class_figures(
     if network is not None and SURFACE in methods:
         dots = dots_figure(table.rows, network, published)
         if dots is not None:
-            save(dots, folder / "table5.png")
+            for kind in ("png", "svg"):
+                save(dots, folder / f"table5.{kind}")
 
 
 def best_methods(headline: Sequence[QualityRow], condition: str) -> dict[str, str]:
@@ -97,9 +108,11 @@ def images_figure(
     for name in artifacts:
         if name.method == GROUND_TRUTH:
             first.setdefault(name.class_name, name)
-    rows, width = math.ceil(len(first) / BLOCKS), 1 + len(shown)
-    size_in = (1.25 * BLOCKS * width, 1.35 * rows + 0.5)
-    figure, axes = panels(rows, BLOCKS * width, size_in)
+    width = 1 + len(shown)
+    blocks = max(min(MOST_ACROSS // width, 2), 1)
+    rows = math.ceil(len(first) / blocks)
+    cell_in = min((WIDTH_IN - 0.3) / (blocks * width) + 0.15, (MOST_HIGH_IN - 0.8) / rows)
+    figure, axes = panels(rows, blocks * width, (WIDTH_IN, cell_in * rows + 0.8))
     for axis in axes.ravel():
         axis.set_axis_off()
     for number, (class_name, truth) in enumerate(first.items()):
@@ -108,24 +121,24 @@ def images_figure(
         true = read_array(artifacts[truth])[:1]
         show(line[0], true[0])
         line[0].set_axis_on()
-        line[0].set_ylabel(visible(class_name), fontsize=9)
+        line[0].set_ylabel(visible(class_name), fontsize=TEXT)
         for axis, method in zip(line[1:], shown, strict=True):
             axis.set_axis_on()
             path = artifacts.get(JobName(method, condition, *truth.object))
             image = None if path is None else read_array(path)[:1]
             show(axis, None if image is None else image[0])
             if image is not None:
-                axis.set_xlabel(f"{ssim_per_image(true, image).ssim[0]:.2f}", fontsize=7)
+                axis.set_xlabel(f"{ssim_per_image(true, image).ssim[0]:.2f}", fontsize=TEXT)
         if row == 0:
             for axis, title in zip(line, ["truth", *shown], strict=True):
-                axis.set_title(visible(title), fontsize=8)
+                axis.set_title(wrapped(visible(title)), fontsize=TEXT)
     caption = f"{condition}: the first object of each class in its first view; SSIM below"
     winners = (
         f"{visible(winner)} by {' and '.join(m for m, method in best.items() if method == winner)}"
         for winner in ordered(best.values())
     )
     lines = [caption, f"best of all methods: {', '.join(winners)}"] if best else [caption]
-    figure.supxlabel("\n".join(lines), fontsize=8)
+    figure.supxlabel("\n".join(lines), fontsize=TEXT)
     return figure
 
 
@@ -152,12 +165,12 @@ def dots_figure(rows: Sequence[QualityRow], network: str, published: Published) 
         for method in (SURFACE, PAPER_NETWORK)
         if (name, PAPER_METRIC, "2048", method) in published
     }
-    figure, (axes,) = panels(1, 2, (9, 0.32 * len(classes) + 1.4), sharey=True)
+    figure, (axes,) = panels(1, 2, (WIDTH_IN, 0.32 * len(classes) + 1.4), sharey=True)
     _panel(axes[0], f"ours: {metric} (lower is better)", classes, ours, network)
     _panel(axes[1], "as published: FID on ShapeNet", classes, paper, PAPER_NETWORK)
     axes[0].set_yticks(range(len(classes)), classes)
     axes[0].invert_yaxis()
-    axes[0].legend(loc="best", fontsize=8)
+    axes[0].legend(loc="best", fontsize=TEXT)
     return figure
 
 

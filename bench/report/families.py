@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import math
+import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from bench.analysis.condition_sweep import ConditionCurve, place_of
 from bench.catalogue.families import Family
-from bench.catalogue.methods import role
+from bench.catalogue.methods import FLOOR, role
 from bench.catalogue.metrics import is_mean
 from bench.records.artifacts import JobName
+from bench.report.blank_region import shade_worse
 from bench.report.inline import MarkedFigure, inline
 from bench.report.page import Plot
 from bench.report.robustness import (
+    PLOT_IN,
+    PLOT_TEXT,
     Point,
     axis_title,
     draw_curve,
@@ -22,13 +29,13 @@ from bench.report.robustness import (
     write_images,
 )
 from bench.report.styles import RULE, MethodStyle, method_styles
-from bench.tables.figure import FIGURES, drawing, panels, save
+from bench.tables.figure import FIGURES, TEXT, WIDTH_IN, drawing, panels, save
 from bench.tables.grid import Tags, ordered
 from bench.tables.markdown import visible
 
-PANEL_IN = (3.1, 2.5)
-WIDE_IN = (5.2, 3.4)  # of a plot of the page
-LEGEND_IN = 0.7
+HEIGHT_IN, LEGEND_IN, LEGEND_COLUMNS = 1.9, 0.8, 4
+LETTERS_IN_LINE = 27  # of a name below a narrow panel
+MOST_TICKS = 3  # level labels that a narrow panel has room for
 SHOWN = 0.13  # opacity of a band
 PAD = 0.06  # of the axis, beyond its first and last step
 OBJECTS_SHOWN = 2
@@ -39,8 +46,8 @@ def write_beyond_figures(
 ) -> None:
     """Write `beyond` (PNG and SVG) and `beyond-pictures.png`.
 
-    The latter has the first view of the first objects, whatever they are, and a column for each
-    condition, family after family. `artifacts` are all of the run, ground truths included. Ceiling
+    The latter has the first view of the first objects, whatever they are, at each condition,
+    family after family. `artifacts` are all of the run, ground truths included. Ceiling
     and floors have no image.
     """
     folder = directory / FIGURES
@@ -49,7 +56,7 @@ def write_beyond_figures(
         save(figure, folder / f"beyond.{kind}")
     conditions = ordered(c for curve in curves for c in curve.family.conditions)
     path = folder / "beyond-pictures.png"
-    write_images(path, artifacts, conditions, OBJECTS_SHOWN, cell_in=1.2, titles_in=0.2, dpi=80)
+    write_images(path, artifacts, conditions, OBJECTS_SHOWN)
 
 
 @drawing()
@@ -57,36 +64,45 @@ def beyond_figure(
     curves: Sequence[ConditionCurve],
     styles: Mapping[str, MethodStyle],
     *,
-    panel_in: tuple[float, float] = PANEL_IN,
-    legend_columns: int = 6,
+    plot_in: tuple[float, float] | None = None,
+    fontsize: float = TEXT,
 ) -> MarkedFigure:
-    """Draw a column for each family, a row for each metric (and class), a line for each method.
+    """Draw a row for each family, a column for each metric (and class), a line for each method.
 
-    Bands show the range of the training of each network of the run. Floors are level lines but
-    for the chance of their views; the ceiling is left out.
+    Without `plot_in` the figure is that of a file, with a legend. Bands show the range of the
+    training of each network of the run. Floors are level lines but for the chance of their views;
+    the ceiling is left out.
     """
     curves = [c for c in curves if role(c.method) != "ceiling"]
     families = list(dict.fromkeys(c.family for c in curves))
-    lines = list(dict.fromkeys((c.class_name, c.metric) for c in curves))
-    size_in = (panel_in[0] * len(families), panel_in[1] * len(lines) + LEGEND_IN)
-    figure, axes = panels(len(lines), len(families), size_in, sharex="col", sharey="row")
+    columns = list(dict.fromkeys((c.class_name, c.metric) for c in curves))
+    size_in = plot_in or (WIDTH_IN, HEIGHT_IN * len(families) + LEGEND_IN)
+    figure, axes = panels(len(families), len(columns), size_in, sharex="row", sharey="col")
     drawn = MarkedFigure(figure)
-    several = len({class_name for class_name, _ in lines}) > 1
-    for axis_row, (class_name, metric) in zip(axes, lines, strict=True):
+    several = len({class_name for class_name, _ in columns}) > 1
+    for column, (class_name, metric) in zip(axes.T, columns, strict=True):
         if not is_mean(metric):
-            scale_distances(axis_row[0])
-        for axis, family in zip(axis_row, families, strict=True):
+            scale_distances(column[0])
+        blanks = []
+        for axis, family in zip(column, families, strict=True):
             cell = (class_name, metric, family)
             of_cell = [c for c in curves if (c.class_name, c.metric, c.family) == cell]
-            _draw_panel(drawn, axis, of_cell, styles)
+            _draw_panel(drawn, axis, of_cell, styles, fontsize)
+            axis.set_xlabel(family.axis, fontsize=fontsize)
+            if plot_in is None:
+                axis.set_xlabel(textwrap.fill(family.axis, LETTERS_IN_LINE), fontsize=fontsize)
+                axis.tick_params(axis="x", labelrotation=60 * (len(family.values) > MOST_TICKS))
+            blanks += [e.value for c in of_cell if c.method == FLOOR for e in c.estimates]
+        blank = float(np.nanmean(blanks)) if np.isfinite(blanks).any() else math.nan
+        for axis in column:  # with the limits that they share
+            shade_worse(axis, metric, [(*axis.get_xlim(), blank)], fontsize, plot_in is not None)
         title = axis_title(metric).replace(" (", "\n(")
         name = f"{visible(class_name)}: {title}" if several else title
-        axis_row[0].set_ylabel(name, fontsize=9)
-    for axis, family in zip(axes[-1], families, strict=True):
-        axis.set_xlabel(family.axis, fontsize=8)
-    for axis, family in zip(axes[0], families, strict=True):
-        axis.set_title(family.id, fontsize=11)
-    drawn.legend(legend_columns, fontsize=9)
+        column[0].set_title(name, fontsize=fontsize)
+    for line, family in zip(axes, families, strict=True):
+        line[0].set_ylabel(family.id, fontsize=fontsize)
+    if plot_in is None:
+        drawn.legend(LEGEND_COLUMNS, fontsize)
     return drawn
 
 
@@ -95,6 +111,7 @@ def _draw_panel(
     axis: Any,
     curves: Sequence[ConditionCurve],
     styles: Mapping[str, MethodStyle],
+    fontsize: float,
 ) -> None:
     family = curves[0].family
     places = [place_of(value, family) for value in family.values]
@@ -105,9 +122,9 @@ def _draw_panel(
             for x, condition, estimate in zip(places, family.conditions, c.estimates, strict=True)
         ]
         line = draw_curve(drawn, axis, c.metric, c.method, points, styles[c.method])
-        drawn.mark(line, Tags(method=c.method), series=True)
-    axis.set_xticks(places, [f"{value:g}" for value in family.values], fontsize=8)
-    axis.tick_params(axis="y", labelsize=8)
+        drawn.mark(line, Tags(method=c.method), series=not styles[c.method].marker)
+    axis.set_xticks(places, [f"{value:g}" for value in family.values])
+    axis.tick_params(labelsize=fontsize)
     pad = PAD * (places[-1] - places[0])
     axis.set_xlim(places[0] - pad, places[-1] + pad)
     axis.grid(color=RULE, linewidth=0.6)
@@ -143,13 +160,13 @@ def _draw_bands(
 def family_curves(
     curves: Sequence[ConditionCurve], styles: Mapping[str, MethodStyle]
 ) -> tuple[Plot, ...]:
-    """Return a plot of the page for each class, family and metric."""
+    """Return a plot of the page for each class, family and metric; their legend stands beside."""
     plots = []
     curves = [c for c in curves if role(c.method) != "ceiling"]
     for cell in dict.fromkeys((c.class_name, c.family, c.metric) for c in curves):
         class_name, family, metric = cell
         of_cell = [c for c in curves if (c.class_name, c.family, c.metric) == cell]
-        figure = beyond_figure(of_cell, styles, panel_in=WIDE_IN, legend_columns=3)
+        figure = beyond_figure(of_cell, styles, plot_in=PLOT_IN, fontsize=PLOT_TEXT)
         description = in_words(
             metric,
             (

@@ -12,12 +12,14 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from bench.analysis.comparison import decimals
+from bench.catalogue.metrics import column, higher_is_better
 from bench.records.artifacts import JobName
 from bench.records.record import GROUND_TRUTH
 from bench.report.page import Case, CaseGroup, Grid, GridCell, PageImage
 from bench.report.stored import Sources
 from bench.report.styles import rivals
-from bench.tables.grid import Tags
+from bench.tables.grid import Tags, shown
 from data_prep.rendering.dots import draw_dots
 from data_prep.scene import View
 
@@ -37,35 +39,38 @@ def shown_objects(records: pd.DataFrame) -> list[tuple[str, str]]:
     return [(str(c), str(o)) for c, o in zip(first["class"], first["object"], strict=True)]
 
 
-def extremes(records: pd.DataFrame) -> pd.DataFrame:
-    """Return the records of worst and best SSIM of each competing method at each condition.
+def extremes(records: pd.DataFrame, metric: str) -> pd.DataFrame:
+    """Return the worst and best records, by a metric, of each competing method and condition.
 
     Rows are in the order of the records' methods and conditions, with the column `kind`. An object
     has only its worst (best) view; a record among the worst is not among the best.
     """
     competing = rivals(dict.fromkeys(records["method"]))
     ok = records[(records["outcome"] == "ok") & records["method"].isin(competing)]
-    ok = ok.dropna(subset=["ssim"])
+    ok = ok.dropna(subset=[column(metric)])
     keys = ["method", "condition"]
     cells = len(ok[[*keys, "class"]].drop_duplicates())
     by_class = 2 * cells <= MOST_CASES
     each = max(1, min(EACH, MOST_CASES // (2 * cells))) if by_class and cells else 1
     extremes = []
     for _, group in ok.groupby([*keys, "class"] if by_class else keys, sort=False):
-        rising = group.sort_values(["ssim", "class", "object", "view"], kind="stable")
+        order = [column(metric), "class", "object", "view"]
+        rising = group.sort_values(
+            order, ascending=[higher_is_better(metric), True, True, True], kind="stable"
+        )
         worst = rising.drop_duplicates(["class", "object"]).head(each)
         rest = rising.drop(worst.index)
         best = rest.iloc[::-1].drop_duplicates(["class", "object"]).head(each)
         extremes += [worst.assign(kind="worst"), best.assign(kind="best")]
     if not extremes:
         return ok.assign(kind="")
-    order = {method: i for i, method in enumerate(competing)}
+    places = {method: i for i, method in enumerate(competing)}
     together = pd.concat(extremes)
-    return together.iloc[together["method"].map(order).argsort(kind="stable")]
+    return together.iloc[together["method"].map(places).argsort(kind="stable")]
 
 
-def grids(records: pd.DataFrame, sources: Sources) -> tuple[Grid, ...]:
-    """Return the first view of the first objects, after the paper's Figures 1 and 3."""
+def grids(records: pd.DataFrame, sources: Sources, metric: str) -> tuple[Grid, ...]:
+    """Return the first view of the first objects, each image with its value by a metric."""
     methods = rivals(dict.fromkeys(records["method"]))
     conditions = list(dict.fromkeys(map(str, records["condition"])))
     first = records[records["view"] == 0]
@@ -85,7 +90,9 @@ def grids(records: pd.DataFrame, sources: Sources) -> tuple[Grid, ...]:
                 GridCell(_drawn(sources, item.truth, 0, f"the truth, {class_name} {obj}")),
             ]
             cells += [
-                _grid_cell(sources, item._replace(method=method), by_cell.get((method, condition)))
+                _grid_cell(
+                    sources, item._replace(method=method), by_cell.get((method, condition)), metric
+                )
                 for method in methods
             ]
             outcomes = {row["outcome"] for (_, c), row in by_cell.items() if c == condition}
@@ -112,21 +119,28 @@ def _turned(grid: Grid) -> Grid:
     return Grid(grid.title, grid.description, "method", columns, rows, grid.tags)
 
 
-def _grid_cell(sources: Sources, item: JobName, record: Mapping[str, Any] | None) -> GridCell:
+def _grid_cell(
+    sources: Sources, item: JobName, record: Mapping[str, Any] | None, metric: str
+) -> GridCell:
     what = f"{item.method} at {item.condition}, {item.class_name} {item.object_id}"
     if record is None:
         return GridCell(PageImage("", f"{what}: not measured"), "not measured")
     if record["outcome"] != "ok":
         description = f"{record['outcome']}: {record['reason']}"
         return GridCell(PageImage("", f"{what}: {description}"), description, counted=True)
+    score = _score(record, metric)
     return GridCell(
-        _drawn(sources, item, 0, f"{what}: SSIM {record['ssim']:.3f}"),
-        f"{record['ssim']:.3f}",
+        _drawn(sources, item, 0, f"{what}: {metric} {score}"),
+        score,
         counted=True,
     )
 
 
-def cases(chosen: pd.DataFrame, sources: Sources) -> tuple[CaseGroup, ...]:
+def _score(record: Mapping[str, Any], metric: str) -> str:
+    return shown(record[column(metric)], decimals(metric))
+
+
+def cases(chosen: pd.DataFrame, sources: Sources, metric: str) -> tuple[CaseGroup, ...]:
     """Return the records that `extremes` has chosen, each with its cloud and its true image."""
     several = chosen["class"].nunique() > 1
     groups = []
@@ -136,10 +150,13 @@ def cases(chosen: pd.DataFrame, sources: Sources) -> tuple[CaseGroup, ...]:
         for names, of_row in of_method.groupby(keys, sort=False):
             parts = list(map(str, names if isinstance(names, tuple) else (names,)))
             tags = Tags(str(method), parts[0], parts[1] if len(parts) > 1 else "")
-            shown = tuple(_case(record, sources) for record in _rows(of_row))
-            rows.append((", ".join(parts), tags, shown))
-        low, high = of_method["ssim"].min(), of_method["ssim"].max()
-        summary = f"SSIM {low:.3f} at worst, {high:.3f} at best"
+            of_cell = tuple(_case(record, sources, metric) for record in _rows(of_row))
+            rows.append((", ".join(parts), tags, of_cell))
+        ends = sorted(
+            of_method[column(metric)].agg(["min", "max"]), reverse=not higher_is_better(metric)
+        )
+        worst, best = (shown(end, decimals(metric)) for end in ends)
+        summary = f"{metric} {worst} at worst, {best} at best"
         groups.append(CaseGroup(str(method), summary, tuple(rows)))
     return tuple(groups)
 
@@ -150,7 +167,7 @@ def _tells_classes(of_method: pd.DataFrame) -> bool:
     return bool((counts > 1).any())
 
 
-def _case(record: Mapping[str, Any], sources: Sources) -> Case:
+def _case(record: Mapping[str, Any], sources: Sources, metric: str) -> Case:
     class_name, obj, view = record["class"], record["object"], record["view"]
     item = JobName(record["method"], record["condition"], class_name, obj)
     name = f"{class_name} {obj}, view {view}"
@@ -170,7 +187,9 @@ def _case(record: Mapping[str, Any], sources: Sources) -> Case:
         ("drawn", _drawn(sources, item, view, f"{name} as {item.method} draws it")),
     )
     tags = Tags(item.method, item.condition, class_name, (record["outcome"],))
-    return Case(record["kind"], f"{record['ssim']:.3f}", name, tuple(facts), images, tags)
+    return Case(
+        record["kind"], f"{metric} {_score(record, metric)}", name, tuple(facts), images, tags
+    )
 
 
 def _rows(records: pd.DataFrame) -> list[dict[str, Any]]:
@@ -185,7 +204,7 @@ def _view(record: Mapping[str, Any]) -> View:
 def _drawn(sources: Sources, item: JobName, view: int, description: str) -> PageImage:
     images = sources.images(item)
     if images is None or view >= len(images):
-        return PageImage("", f"{description}; the picture is no longer there")
+        return PageImage("", f"{description}; the image is no longer there")
     return PageImage(data_uri(images[view]), description)
 
 

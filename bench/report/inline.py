@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 from bench.report.page import Svg, Tags
-from bench.report.styles import HUES, INK, PAPER, RULE, SOFT
+from bench.report.styles import HUES, INK, PAPER, RULE, SHADE, SOFT
 from bench.tables.figure import drawing
 from bench.tables.markdown import visible
 
@@ -26,6 +26,7 @@ COLOURS = {
     PAPER: "var(--paper)",
     SOFT: "var(--soft)",
     RULE: "var(--rule)",
+    SHADE: "var(--sunk)",
     **{hue: f"var(--hue-{number})" for number, hue in enumerate(HUES)},
 }
 # Declarations of matplotlib that the style sheet makes once for all figures.

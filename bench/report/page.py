@@ -10,6 +10,7 @@ import base64
 import hashlib
 from dataclasses import dataclass
 from importlib import resources
+from itertools import groupby
 from typing import Any
 
 from bench.tables.grid import ANY, Tags
@@ -19,11 +20,12 @@ from bench.tables.markdown import visible
 
 @dataclass(frozen=True)
 class TableGroup:
-    """Tables under one heading."""
+    """Tables under one heading, at first folded or not."""
 
     title: str
     remark: str
     tables: tuple[NumberTable, ...]
+    unfolded: bool = False
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,74 @@ class Plot:
     svg: Svg
     wide: bool = False
     tags: Tags = ANY
+
+
+@dataclass(frozen=True)
+class LegendEntry:
+    """A method in the legend of a group of plots, with its line and marker."""
+
+    method: str
+    symbol: Svg
+
+
+@dataclass(frozen=True)
+class PlotGroup:
+    """Plots with one legend; all beyond the first `unfolded` are folded."""
+
+    legend: tuple[LegendEntry, ...]
+    plots: tuple[Plot, ...]
+    unfolded: int
+
+
+@dataclass(frozen=True)
+class Statement:
+    """A line of the answer; `entries` are (methods, text that follows their names)."""
+
+    term: str
+    entries: tuple[tuple[tuple[str, ...], str], ...]
+
+
+@dataclass(frozen=True)
+class CompactColumn:
+    """A column of the headline table: a metric at a condition, which `words` name in full."""
+
+    metric: str
+    kind: str
+    short: str
+    words: str
+    higher: bool
+    tags: Tags
+
+
+@dataclass(frozen=True)
+class CompactCell:
+    """A value of the headline table.
+
+    about  what the value is, with its interval
+    best   whether it is the best of its column, of the methods that compete
+    below  whether it is worse than that of a white image
+    """
+
+    text: str
+    value: float | None
+    about: str
+    best: bool = False
+    below: bool = False
+
+
+@dataclass(frozen=True)
+class CompactTable:
+    """The headline table; `lines` are (method, role, tags, cells)."""
+
+    columns: tuple[CompactColumn, ...]
+    lines: tuple[tuple[str, str, Tags, tuple[CompactCell, ...]], ...]
+    failed: bool
+
+    @property
+    def groups(self) -> tuple[tuple[str, bool, int], ...]:
+        """Return the metrics with their directions and numbers of columns."""
+        groups = groupby(self.columns, key=lambda column: (column.metric, column.higher))
+        return tuple((*key, len(list(of_key))) for key, of_key in groups)
 
 
 @dataclass(frozen=True)
@@ -134,9 +204,16 @@ class Choice:
 class Page:
     """All that a report shows.
 
-    facts       (term, description) of the head
+    head        what was run, in a few words each: objects, methods, time
+    quality     metric of the images and cases
+    jobs        number of jobs, and how many of them failed
+    facts       (term, description) of how it was run
     outcomes    (outcome, number of images)
     shares      (part of the workers' time, 0..1)
+    answer      the run in a few lines
+    headline    the table beside the answer; None without a value
+    first       plots of the headline metrics
+    curves      plots of the other metrics, or along families of conditions
     unseen      why images are missing, one sentence each
     skipped     (metric, reason)
     meanings    (title, ((term, description), ...))
@@ -144,15 +221,21 @@ class Page:
 
     title: str
     about: str
+    head: tuple[str, ...]
+    quality: str
+    jobs: tuple[int, int]
     facts: tuple[tuple[str, str], ...]
     outcomes: tuple[tuple[str, int], ...]
     shares: tuple[tuple[str, float], ...]
     choices: tuple[Choice, ...]
-    curves: tuple[Plot, ...]
+    answer: tuple[Statement, ...]
+    headline: CompactTable | None
+    first: PlotGroup
+    curves: PlotGroup
     curves_title: str
     curves_remark: str
     tables: tuple[TableGroup, ...]
-    costs: tuple[Plot, ...]
+    costs: PlotGroup
     cost_table: NumberTable | None
     cost_remark: str
     grids: tuple[Grid, ...]
@@ -164,6 +247,15 @@ class Page:
     command: str
     manifest: tuple[str, ...]
     meanings: tuple[tuple[str, tuple[tuple[str, str], ...]], ...]
+
+    @property
+    def glossary(self) -> dict[str, tuple[str, str]]:
+        """Return the id and the meaning of each term."""
+        return {
+            term: (f"{title.lower()}-{number}", meaning)
+            for title, entries in self.meanings
+            for number, (term, meaning) in enumerate(entries)
+        }
 
 
 def html(page: Page) -> str:
@@ -177,7 +269,7 @@ def rendered(template: str, **values: Any) -> str:
     Everything is escaped. `script`, where it is among the values, is trusted, and gets a checksum.
     """
     from jinja2 import Environment, FunctionLoader, StrictUndefined
-    from markupsafe import Markup
+    from markupsafe import Markup, escape
 
     def harmless(value: Any) -> Any:
         return visible(value) if isinstance(value, str) and not isinstance(value, Markup) else value
@@ -192,6 +284,9 @@ def rendered(template: str, **values: Any) -> str:
     )
     environment.filters["px"] = lambda value: f"{value:.1f}".removesuffix(".0")
     environment.filters["trusted"] = Markup
+    environment.filters["unbroken"] = lambda text: Markup(
+        str(escape(visible(text))).replace(" %", "&nbsp;%")
+    )
     for name, text in (("style", bundled("report.css")), ("script", values.get("script"))):
         if text is not None:
             values |= {name: Markup(text), f"{name}_hash": _hash(text)}

@@ -14,14 +14,22 @@ import numpy as np
 from bench.analysis.comparison import Comparison, decimals, milliseconds
 from bench.analysis.frontier import FrontierPoint, places
 from bench.catalogue.lookup import family_of, variant_of
-from bench.catalogue.methods import role
-from bench.catalogue.metrics import IMAGE_METRICS
+from bench.catalogue.methods import FLOOR, role
+from bench.catalogue.metrics import IMAGE_METRICS, higher_is_better
 from bench.catalogue.parameters import find_setting
+from bench.report.blank_region import shade_worse
+from bench.report.conditions import condition_name
 from bench.report.inline import MarkedFigure, inline
 from bench.report.page import Plot
-from bench.report.robustness import axis_title, make_hollow, point_style, shortened
+from bench.report.robustness import (
+    PLOT_TEXT,
+    axis_title,
+    make_hollow,
+    point_style,
+    shortened,
+)
 from bench.report.styles import INK, RULE, SOFT, MethodStyle, method_styles
-from bench.tables.figure import drawing, panels, save
+from bench.tables.figure import TEXT, WIDTH_IN, drawing, panels, save
 from bench.tables.grid import Tags, scored_as_blank
 from bench.tables.markdown import visible
 from data_prep.arrays import Floats
@@ -68,10 +76,10 @@ def _outside(boxes: Floats, area: Floats) -> Floats:
     return whole - covered(boxes, area[None])
 
 
-PANEL_IN = (4.9, 4.7)
-CELL_IN, WIDE_IN = (5.0, 4.4), (10.5, 5.6)  # of a plot of the page
+HEIGHT_IN, LEGEND_IN = 4.2, 0.5  # of a panel of a file
+CELL_IN, WIDE_IN = (5.4, 3.9), (10.8, 5.6)  # of a plot of the page
 FEW = 12  # points that labels have room for in the smaller one
-LABEL_SIZE = 7.5
+LEGEND_COLUMNS = 5
 FAR_OFF = 8.0  # points of 1/72 inch between a point and its label
 POINTS_PER_INCH = 72
 LONGEST = 24  # letters of a label
@@ -94,7 +102,7 @@ def write_frontier(folder: Path, places: Sequence[FrontierPoint]) -> None:
         figure = frontier_figure(shown, metric, views, styles).figure
         name = "frontier" if number == 0 else f"frontier-{metric}"
         for kind in ("png", "svg"):
-            save(figure, folder / f"{name}.{kind}", dpi=130)
+            save(figure, folder / f"{name}.{kind}")
 
 
 @drawing()
@@ -104,38 +112,46 @@ def frontier_figure(
     views: int,
     styles: Mapping[str, MethodStyle],
     *,
-    panel_in: tuple[float, float] = PANEL_IN,
+    plot_in: tuple[float, float] | None = None,
+    fontsize: float = TEXT,
     limits: Limits | None = None,
-    legend_columns: int = 6,
 ) -> MarkedFigure:
-    """Draw panels side by side with the same axes, of one metric and one number of views.
+    """Draw panels below each other with the same axes, of one metric and one number of views.
 
-    `limits` are those of the axes, x and y; without them the axes hold all that is drawn.
+    Without `plot_in` the figure is that of a file, with a legend; else a plot of the page, whose
+    legend stands beside it. `limits` are those of the axes, x and y; without them the axes hold
+    all that is drawn.
     """
     cells = list(dict.fromkeys((p.condition, p.class_name) for p in places))
-    size_in = (panel_in[0] * len(cells), panel_in[1])
-    figure, axes = panels(1, len(cells), size_in, sharex=True, sharey=True)
+    size_in = plot_in or (WIDTH_IN, HEIGHT_IN * len(cells) + LEGEND_IN)
+    figure, column = panels(len(cells), 1, size_in, sharex=True, sharey=True)
+    axes = list(column[:, 0])
     drawn = MarkedFigure(figure)
     several = len({class_name for _, class_name in cells}) > 1
     labels = []
-    for axis, cell in zip(axes[0], cells, strict=True):
+    for axis, cell in zip(axes, cells, strict=True):
         of_cell = [p for p in places if (p.condition, p.class_name) == cell]
         _scale(axis, metric)
         labels.append(_draw_panel(drawn, axis, of_cell, styles))
-        axis.set_title(visible(", ".join(cell) if several else cell[0]), fontsize=10)
-        axis.set_xlabel(f"ms for a cloud with {views} view{'s' * (views > 1)}", fontsize=9)
+        words = condition_name(cell[0]).words
+        axis.set_title(visible(f"{words}, {cell[1]}" if several else words), fontsize=fontsize + 1)
+        axis.set_ylabel(axis_title(metric), fontsize=fontsize)
         axis.grid(color=RULE, linewidth=0.6, which="major")
         axis.set_axisbelow(True)
-        axis.tick_params(labelsize=9, which="both")
+        axis.tick_params(labelsize=fontsize, which="both")
+    axes[-1].set_xlabel(f"ms for a cloud with {views} view{'s' * (views > 1)}", fontsize=fontsize)
     if limits is not None:
-        axes[0][0].set(xlim=limits[0], ylim=limits[1])
-    left, right = axes[0][0].get_xlim()
-    for axis, cell in zip(axes[0], cells, strict=True):
-        _draw_frontier(axis, [p for p in places if (p.condition, p.class_name) == cell], right)
+        axes[0].set(xlim=limits[0], ylim=limits[1])
+    left, right = axes[0].get_xlim()
+    for axis, cell in zip(axes, cells, strict=True):
+        of_cell = [p for p in places if (p.condition, p.class_name) == cell]
+        _draw_frontier(axis, of_cell, right)
         axis.set_xlim(left, right)
-    axes[0][0].set_ylabel(axis_title(metric), fontsize=9)
-    drawn.legend(legend_columns, fontsize=8)
-    _write_labels(drawn, axes[0], labels, styles)
+        blank = next((p.quality.value for p in of_cell if p.method == FLOOR), math.nan)
+        shade_worse(axis, metric, [(left, right, blank)], fontsize)
+    if plot_in is None:
+        drawn.legend(LEGEND_COLUMNS, fontsize=fontsize)
+    _write_labels(drawn, axes, labels, fontsize)
     return drawn
 
 
@@ -251,7 +267,7 @@ def _write_labels(
     drawn: MarkedFigure,
     axes: Sequence[Any],
     labels: Sequence[Sequence[tuple[FrontierPoint, str]]],
-    styles: Mapping[str, MethodStyle],
+    fontsize: float,
 ) -> None:
     """Write labels where they cover nothing, with a hair line to points that are far off."""
     figure = drawn.figure
@@ -260,17 +276,19 @@ def _write_labels(
     for axis, of_axis in zip(axes, labels, strict=True):
         if not of_axis:
             continue
+        taken = [_obstacles(axis)]
+        taken += [np.array([text.get_window_extent().extents]) for text in axis.texts]
         xy = np.array([(p.cost_ms.value, p.quality.value) for p, _ in of_axis])
         anchors = axis.transData.transform(xy) * scale
         notes = [
             axis.annotate(text, point, xytext=(0, 0), textcoords="offset points", ha="center",
-                          va="center", fontsize=LABEL_SIZE, color=styles[p.method].colour)
-            for point, (p, text) in zip(xy, of_axis, strict=True)
+                          va="center", fontsize=fontsize)
+            for point, (_, text) in zip(xy, of_axis, strict=True)
         ]  # fmt: skip
         extents = [note.get_window_extent() for note in notes]
         sizes = np.array([(e.width, e.height) for e in extents]) * scale
         area = np.array(axis.bbox.extents) * scale
-        centres = place_labels(anchors, sizes, _obstacles(axis) * scale, area)
+        centres = place_labels(anchors, sizes, np.concatenate(taken) * scale, area)
         placed = zip(notes, of_axis, centres - anchors, sizes, strict=True)
         for note, (place, _), offset, size in placed:
             tags = Tags(method=place.method)
@@ -317,6 +335,7 @@ def cost_plots(
 ) -> tuple[Plot, ...]:
     """Return a plot for each metric, condition and class, without ceiling, with floors as lines.
 
+    Their legend stands beside them.
     All plots of a metric have the same axes, so that they can be compared. Methods without a time
     or a value have no point.
     """
@@ -337,15 +356,15 @@ def cost_plots(
                 continue
             figure = frontier_figure(
                 *(of_cell, metric, views, styles),
-                panel_in=WIDE_IN if wide else CELL_IN,
+                plot_in=WIDE_IN if wide else CELL_IN,
+                fontsize=PLOT_TEXT,
                 limits=limits,
-                legend_columns=6 if wide else 3,
             )
             points = sorted(filter(_competes, of_cell), key=lambda p: p.cost_ms.value)
             description = "; ".join(map(_text, points))
             plot = Plot(
-                title=f"{condition}, {class_name}",
-                axis=axis_title(metric),
+                title=f"{metric}: {condition_name(condition).words}, {class_name}",
+                axis=f"{'higher' if higher_is_better(metric) else 'lower'} is better",
                 description=f"{axis_title(metric)}, by rising cost: {description}.",
                 svg=inline(figure, f"cost-{len(plots)}"),
                 wide=wide,
@@ -359,7 +378,7 @@ def _limits(
     places: Sequence[FrontierPoint], metric: str, styles: Mapping[str, MethodStyle]
 ) -> Limits:
     """Return the limits of axes on which all of these points have room."""
-    figure, ((axis,),) = panels(1, 1, PANEL_IN)
+    figure, ((axis,),) = panels(1, 1, CELL_IN)
     _scale(axis, metric)
     _draw_panel(MarkedFigure(figure), axis, places, styles)
     return axis.get_xlim(), axis.get_ylim()

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,27 +14,34 @@ import numpy as np
 
 from bench.analysis.comparison import Estimate, decimals
 from bench.analysis.scores import QualityRow
-from bench.catalogue.methods import COST_VARIANTS, role
+from bench.catalogue.methods import COST_VARIANTS, FLOOR, role
 from bench.catalogue.metrics import higher_is_better, is_mean
 from bench.catalogue.parameters import find_setting
 from bench.records.artifacts import JobName
 from bench.records.record import GROUND_TRUTH
+from bench.report.blank_region import shade_worse
+from bench.report.conditions import ConditionName, condition_name, places
 from bench.report.image_sheets import write_images, write_thin_parts
 from bench.report.inline import MarkedFigure, inline
 from bench.report.page import Plot
 from bench.report.styles import PAPER, RULE, MethodStyle, method_styles
-from bench.tables.figure import FIGURES, drawing, name_lines, panels, save
+from bench.tables.figure import FIGURES, TEXT, WIDTH_IN, drawing, panels, save
 from bench.tables.grid import Tags, ordered, shown
 from bench.tables.markdown import visible
 from bench.tables.table import Table
 
-METRICS = ("ssim", "lpips", "structure", "silhouette-iou", "fd-views", "fd-alexnet", "fid")
-COLUMNS = 3  # of panels in the file
-HEIGHT_IN = 3.6
-STEP_IN = 0.75  # between conditions or classes
-BESIDE_IN = 2.0  # for the names of the methods, and the labels of the axis
+# The headline first; SSIM as the paper has it, which likes a white image, is one among the others.
+METRICS = (
+    *("ssim-object", "lpips", "silhouette-iou", "fd-views"),
+    *("structure", "ssim", "fd-alexnet", "fid"),
+)
+COLUMNS = 2  # of panels in the file
+MOST_STEPS = 8  # conditions or classes beside each other in a panel of half the width
+HEIGHT_IN = 2.7
+PLOT_IN, WIDE_IN = (5.4, 3.3), (10.8, 3.8)  # of a plot of the page
+PLOT_TEXT = 9.0  # points: at least 11 px on a page, which shows a plot with at least 480 px
+LEGEND_IN, LEGEND_COLUMNS = 0.5, 5
 DODGE = 0.44  # of a step, that the methods of one condition take side by side
-NAMES_AT = 1.03  # of the width of an axis
 LONGEST = 18  # letters of a name
 LINEAR = 1  # below it an axis of distances is linear, above it logarithmic
 SUBDIVIDED = (1, 2, 5)
@@ -52,7 +61,9 @@ def write_figures(
     styles = method_styles(ordered(row.method for table in tables for row in table.rows))
     curved = curve_panels(tables)
     if curved:
-        save(robustness_figure(curved, styles).figure, folder / "robustness.png")
+        figure = robustness_figure(curved, styles).figure
+        for kind in ("png", "svg"):
+            save(figure, folder / f"robustness.{kind}")
     conditions = ordered(name.condition for name in artifacts if name.condition)
     write_images(folder / "pictures.png", artifacts, conditions)
     write_thin_parts(folder / "thin-parts.png", artifacts)
@@ -125,12 +136,13 @@ def _rows(tables: Sequence[Table[QualityRow]], metric: str) -> list[QualityRow]:
 
 
 def curves(
-    tables: Sequence[Table[QualityRow]], styles: Mapping[str, MethodStyle]
+    panels_: Sequence[CurvePanel], styles: Mapping[str, MethodStyle], name: str = "curve"
 ) -> tuple[Plot, ...]:
-    """Return each of the `curve_panels` as a plot of the page."""
-    return tuple(
-        _plot(panel, styles, f"curve-{number}") for number, panel in enumerate(curve_panels(tables))
-    )
+    """Return each panel as a plot of the page, whose legend stands beside the plots.
+
+    `name`, unlike any other, begins the ids of their parts.
+    """
+    return tuple(_plot(panel, styles, f"{name}-{number}") for number, panel in enumerate(panels_))
 
 
 def _plot(panel: CurvePanel, styles: Mapping[str, MethodStyle], name: str) -> Plot:
@@ -138,57 +150,74 @@ def _plot(panel: CurvePanel, styles: Mapping[str, MethodStyle], name: str) -> Pl
     steps = (f"{panel.step(row)}{f' ({row.n_ok} of {row.n})' * row.failed}" for row in panel.rows)
     values = ((row.method, step, row.value) for row, step in zip(panel.rows, steps, strict=True))
     description = in_words(panel.metric, values)
-    where = f"at {place}, by class" if panel.by_class else f"against the conditions, class {place}"
+    where = f" at {condition_name(place).words}, by class" if panel.by_class else f", class {place}"
+    wide = len(panel.steps) > MOST_STEPS
+    figure = robustness_figure([panel], styles, WIDE_IN if wide else PLOT_IN, PLOT_TEXT)
     return Plot(
-        title=f"{panel.metric} {where}",
-        axis=axis,
+        title=f"{panel.metric}{where}",
+        axis=f"{'higher' if higher_is_better(panel.metric) else 'lower'} is better",
         description=f"{axis}. {description}",
-        svg=inline(robustness_figure([panel], styles), name),
-        wide=panel.by_class,
+        svg=inline(figure, name),
+        wide=wide,
         tags=Tags(condition=place) if panel.by_class else Tags(class_name=place),
     )
 
 
 @drawing()
 def robustness_figure(
-    shown: Sequence[CurvePanel], styles: Mapping[str, MethodStyle]
+    shown: Sequence[CurvePanel],
+    styles: Mapping[str, MethodStyle],
+    plot_in: tuple[float, float] | None = None,
+    fontsize: float = TEXT,
 ) -> MarkedFigure:
-    """Draw panels side by side, each with the names of its methods at the right.
+    """Draw panels side by side, with one legend below, or one panel of `plot_in` without it.
 
     The methods of a step stand side by side, so that intervals do not cover each other. Floors are
-    level lines without their intervals.
+    level lines without their intervals. What is worse than a white image is shaded.
     """
-    columns = min(COLUMNS, len(shown))
+    columns = 1 if any(len(panel.steps) > MOST_STEPS for panel in shown) else COLUMNS
+    columns = min(columns, len(shown))
     lines = math.ceil(len(shown) / columns)
-    width_in = BESIDE_IN + STEP_IN * max(max(len(panel.steps) for panel in shown), 4)
-    figure, axes = panels(lines, columns, (width_in * columns, HEIGHT_IN * lines))
+    size_in = plot_in or (WIDTH_IN, HEIGHT_IN * lines + LEGEND_IN)
+    figure, axes = panels(lines, columns, size_in)
     drawn = MarkedFigure(figure)
     for axis, panel in zip(axes.flat, shown, strict=False):
-        _draw_panel(drawn, axis, panel, styles)
+        _draw_panel(drawn, axis, panel, styles, fontsize)
+        axis.set_title(axis_title(panel.metric), fontsize=fontsize + 1)
     for axis in axes.flat[len(shown) :]:
         axis.remove()
+    if plot_in is None:
+        drawn.legend(LEGEND_COLUMNS, fontsize)
     return drawn
 
 
 def _draw_panel(
-    drawn: MarkedFigure, axis: Any, panel: CurvePanel, styles: Mapping[str, MethodStyle]
+    drawn: MarkedFigure,
+    axis: Any,
+    panel: CurvePanel,
+    styles: Mapping[str, MethodStyle],
+    fontsize: float,
 ) -> None:
     steps, methods = panel.steps, ordered(row.method for row in panel.rows)
+    # Of noise after fewer points nothing lies between: the lines end at a gap.
+    names = [ConditionName("", step, step) for step in steps]
+    names = names if panel.by_class else list(map(condition_name, steps))
+    places_ = list(map(float, range(len(steps)))) if panel.by_class else places(steps)
     if not is_mean(panel.metric):
         scale_distances(axis)
     dodged = [method for method in methods if styles[method].marker]
-    lines = []
     for method in methods:
         shift = 0.0
         if method in dodged:
             shift = DODGE * ((dodged.index(method) + 0.5) / len(dodged) - 0.5)
         points = [
             Point(
-                steps.index(panel.step(row)) + shift,
+                places_[steps.index(panel.step(row))] + shift,
                 row.condition,
                 row.class_name,
                 Estimate(row.value, row.ci_low, row.ci_high),
                 _caveat(row),
+                names[steps.index(panel.step(row))].kind,
             )
             for row in panel.rows
             if row.method == method
@@ -196,25 +225,42 @@ def _draw_panel(
         # Classes have no order that a line could follow.
         joined = not panel.by_class
         line = draw_curve(drawn, axis, panel.metric, method, points, styles[method], joined)
-        drawn.mark(line, Tags(method=method))
-        lines.append(line)
-    axis.set_title(axis_title(panel.metric), fontsize=11)
+        drawn.mark(line, Tags(method=method), series=not styles[method].marker)
     axis.grid(axis="y", color=RULE, linewidth=0.8)
     axis.set_axisbelow(True)
-    axis.set_xlim(-0.5, max(len(steps) - 0.5, 0.5))
-    axis.set_xticks(range(len(steps)), map(visible, steps), fontsize=9)
+    axis.set_xlim(-0.5, max(places_[-1] + 0.5, 0.5))
+    axis.set_xticks(places_, [visible(name.short) for name in names], fontsize=fontsize)
+    axis.tick_params(axis="y", labelsize=fontsize)
+    axis.spines[["top", "right", "left"]].set_visible(False)
+    levels = {panel.step(row): row.value for row in panel.rows if row.method == FLOOR}
+    spans = [
+        (x - 0.5, x + 0.5, levels.get(s, math.nan)) for x, s in zip(places_, steps, strict=True)
+    ]
+    shade_worse(axis, panel.metric, spans, fontsize)
+    hollow = any(row.failed and styles[row.method].marker for row in panel.rows)
+    title = "; hollow: failed images are left out" * hollow
     if panel.by_class:
         for label in axis.get_xticklabels():
             label.set(rotation=38, ha="right", rotation_mode="anchor")
-    axis.tick_params(axis="y", labelsize=9)
-    axis.spines[["top", "right", "left"]].set_visible(False)
-    hollow = any(row.failed and styles[row.method].marker for row in panel.rows)
-    title = "class" if panel.by_class else "condition"
-    axis.set_xlabel(title + "; hollow: failed images are left out" * hollow, fontsize=9)
-    names = name_lines(axis, lines, NAMES_AT, fontsize=9)
-    for method, name in zip(methods, names, strict=True):
-        drawn.mark(name, Tags(method=method), series=True)
-        drawn.mark(name.arrow_patch, Tags(method=method))
+        title = f"class{title}"
+    else:
+        title = title.removeprefix("; ")
+        _name_kinds(axis, places_, [name.kind for name in names], fontsize)
+    # Below the names of kinds, for which an empty line keeps the room.
+    axis.set_xlabel(
+        title or " ", fontsize=fontsize, labelpad=4 if panel.by_class else 1.3 * fontsize
+    )
+
+
+def _name_kinds(axis: Any, at: Sequence[float], kinds: Sequence[str], fontsize: float) -> None:
+    """Write below the ticks what changes there: the number of points, the noise."""
+    for kind, group in groupby(zip(at, kinds, strict=True), key=itemgetter(1)):
+        of_kind = [x for x, _ in group]
+        title = "noise, of the radius" if kind == "noise" and len(of_kind) > 1 else kind
+        axis.annotate(
+            visible(title), ((of_kind[0] + of_kind[-1]) / 2, 0), (0, -fontsize * 1.9),
+            ("data", "axes fraction"), "offset points", ha="center", va="top", fontsize=fontsize,
+        )  # fmt: skip
 
 
 def _caveat(row: QualityRow) -> str:
@@ -226,13 +272,17 @@ def _caveat(row: QualityRow) -> str:
 
 
 class Point(NamedTuple):
-    """A value of a method and its place; it is drawn hollow if it has a caveat."""
+    """A value of a method and its place; it is drawn hollow if it has a caveat.
+
+    A line joins only neighbours of one kind.
+    """
 
     x: float
     condition: str
     class_name: str
     estimate: Estimate
     caveat: str = ""
+    kind: str = ""
 
 
 def draw_curve(
@@ -249,7 +299,7 @@ def draw_curve(
     A floor is the line alone, or if it is not joined a level at each point. Return the line, which
     is labelled with the method and not marked yet.
     """
-    at, values = [p.x for p in points], [p.estimate.value for p in points]
+    at, values = _broken(points)
     of_line: Any = {"linestyle": style.dashes if joined else "none", "linewidth": 1.2}
     of_line |= {"markevery": [], "label": shortened(visible(method), LONGEST)}
     (line,) = axis.plot(at, values, **point_style(style, 5.5) | of_line)
@@ -257,7 +307,7 @@ def draw_curve(
         left, right = np.array(at) - 0.5, np.array(at) + 0.5
         levels = axis.hlines(values, left, right, style.colour, style.dashes, linewidth=1)
         drawn.mark(levels, Tags(method=method))
-    for x, condition, class_name, (value, low, high), caveat in points if style.marker else ():
+    for x, condition, class_name, (value, low, high), caveat, _ in points if style.marker else ():
         if not math.isfinite(value):
             continue
         tags = Tags(method, condition, class_name)
@@ -271,8 +321,21 @@ def draw_curve(
         if caveat:
             make_hollow(point, style, 1.2)
             description += f"; {caveat}"
-        drawn.mark(point, tags, description)
+        drawn.mark(point, tags, description, series=True)
     return line
+
+
+def _broken(points: Sequence[Point]) -> tuple[list[float], list[float]]:
+    """Return the places and values of a line, with a NaN where points of another kind begin."""
+    at: list[float] = []
+    values: list[float] = []
+    for i, point in enumerate(points):
+        if i and point.kind != points[i - 1].kind:
+            at.append(math.nan)
+            values.append(math.nan)
+        at.append(point.x)
+        values.append(point.estimate.value)
+    return at, values
 
 
 def in_words(metric: str, values: Iterable[tuple[str, str, float]]) -> str:

@@ -14,8 +14,10 @@ Dashes = str | tuple[int, tuple[float, ...]]
 Fill = Literal["full", "left", "right", "top", "bottom"]
 
 # Colours of the page's style sheet in light; in dark it replaces them one by one.
-INK, PAPER, SOFT, RULE = "#000000", "#ffffff", "#535b64", "#d9d6d0"
-HUES = ("#0b5fa5", "#b4450a", "#00735a", "#8a3b8f", "#7a5b00", "#b3123b", "#0b6e85", "#57606a")
+INK, PAPER, SOFT, RULE, SHADE = "#000000", "#ffffff", "#535b64", "#d9d6d0", "#f2f0ec"
+# They differ in lightness, too: by at least 20 (CIE76) for each kind of colour blindness. On paper
+# and shade they have a contrast of 3, enough for lines and markers; words are in ink.
+HUES = ("#2578f5", "#d66920", "#2e8551", "#520066", "#4a3a00", "#e8208f", "#32545c", "#15181b")
 # Forms differ too: a method is never identified by its hue alone.
 MARKERS = ("o", "s", "^", "D", "v", ">", "<", "X")
 DASHES: tuple[Dashes, ...] = (

@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 
 FIGURES = "figures"  # folder of a run
 DPI = 110
+# Figures fit a page: they are 800 px wide, sheets of images at most 1,600 px high.
+WIDTH_IN, MOST_HIGH_IN = 800 / DPI, 1600 / DPI
+TEXT = 8.0  # points, the smallest in a figure
 # Text of an SVG stays text, its ids are the same every time, and a $ in a name is a $.
 STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",
@@ -101,9 +104,9 @@ def image_grid(
     for axis_row, (label, images) in zip(axes, rows, strict=True):
         for axis, image in zip(axis_row, images, strict=True):
             show(axis, image, interpolation)
-        axis_row[0].set_ylabel("\n".join(map(visible, label.split("\n"))), fontsize=7)
+        axis_row[0].set_ylabel("\n".join(map(visible, label.split("\n"))), fontsize=TEXT)
     for axis, title in zip(axes[0], titles, strict=True):
-        axis.set_title(title, fontsize=9)
+        axis.set_title(title, fontsize=TEXT)
     figure.tight_layout(pad=0.3)
     return figure
 
@@ -117,7 +120,7 @@ def name_lines(
     fontsize: float = 8,
     linewidth: float = 0.5,
 ) -> list[Annotation]:
-    """Write the label of each line beside its last point, in its colour, with a leader to it.
+    """Write the label of each line beside its last point, with a leader in its colour.
 
     The names stand at `at` of the width of the axis, moved apart where they would touch. The
     limits of the axis must be those that it keeps.
@@ -132,7 +135,6 @@ def name_lines(
             xy=end,
             xytext=(at, height),
             textcoords="axes fraction",
-            color=line.get_color(),
             fontsize=fontsize,
             va="center",
             arrowprops={"arrowstyle": "-", "color": line.get_color(), "lw": linewidth},

@@ -50,6 +50,13 @@
       const inside = [...description.closest("section").querySelectorAll("[data-item]")];
       description.hidden = inside.some(visible);
     }
+    for (const head of main.querySelectorAll("[scope=colgroup]")) {
+      const below = [...head.closest("thead").querySelectorAll("[scope=col]")];
+      const columns = below.filter((one) => one.dataset.metric === head.dataset.metric);
+      const seen = columns.filter((one) => !one.hidden).length;
+      head.colSpan = Math.max(seen, 1);
+      head.hidden = !seen;
+    }
     let active = false;
     for (const pick of picks) {
       const count = wanted.get(pick.dataset.key).size;
@@ -91,7 +98,8 @@
     const table = head.closest("table");
     const body = table.tBodies[0];
     const numeric = head.dataset.sort === "number";
-    const first = numeric && table.dataset.better === "higher" ? "descending" : "ascending";
+    const better = head.dataset.better || table.dataset.better;
+    const first = numeric && better === "higher" ? "descending" : "ascending";
     const other = first === "ascending" ? "descending" : "ascending";
     const order = head.getAttribute("aria-sort") === first ? other : first;
     const sign = order === "ascending" ? 1 : -1;

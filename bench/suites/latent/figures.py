@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from baselines.splat import Splat
-from bench.tables.figure import bare, drawing, panels, show
+from bench.tables.figure import TEXT, WIDTH_IN, bare, drawing, panels, show
 from data_prep.rendering.images import to_uint8
 from data_prep.scene import PointCloud, Points, View
 
@@ -49,12 +49,13 @@ def strips_figure(strips: Sequence[Strip], view: View) -> Figure:
     for strip in strips:
         has_truth = any(tile.truth is not None for tile in strip.tiles)
         rows += [(strip, name) for name in (CLOUD, IMAGE, *([TRUTH] if has_truth else []))]
-    size_in = (1.3 * columns + 0.4, 1.35 * len(rows) + 0.4)
+    cell_in = (WIDTH_IN - 0.4) / columns
+    size_in = (WIDTH_IN, (cell_in + 0.05) * len(rows) + 0.4)
     figure, axes = panels(len(rows), columns, size_in)
     for axis, tile in zip(axes[0], strips[0].tiles, strict=True):
-        axis.set_title(tile.title, fontsize=9)
+        axis.set_title(tile.title, fontsize=TEXT)
     for axis_row, (strip, name) in zip(axes, rows, strict=True):
-        axis_row[0].set_ylabel(f"{strip.label}\n{name}", fontsize=7)
+        axis_row[0].set_ylabel(f"{strip.label}\n{name}", fontsize=TEXT)
         for axis, tile in zip(axis_row, strip.tiles, strict=True):
             shown = {
                 CLOUD: draw_cloud(tile.cloud, view) if name == CLOUD else None,

@@ -10,7 +10,7 @@ import numpy as np
 
 from bench.catalogue.suites import SpeedSuite
 from bench.suites.speed.summary import MS, Summary, beside, break_even
-from bench.tables.figure import drawing, name_lines, panels
+from bench.tables.figure import WIDTH_IN, drawing, name_lines, panels
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -39,7 +39,7 @@ def amortised_figure(summaries: Sequence[Summary], suite: SpeedSuite) -> Figure 
     figure, axes = panels(
         len(conditions),
         len(threads),
-        (6.5 * len(threads), 5 * len(conditions)),
+        (WIDTH_IN, (5 if len(threads) == 1 else 3.5) * len(conditions)),
         sharex=True,
         sharey=True,
     )

@@ -77,7 +77,7 @@ def test_tables_and_report_have_titles_of_their_own(written):
         assert "the paper's layout" not in table.to_markdown()
     page = read_page(outputs)
     assert page.curves_title == "Beyond training"
-    assert [plot.title for plot in page.curves] == [
+    assert [plot.title for plot in page.curves.plots] == [
         f"{metric} against {family}, class chair"
         for family in ("points", "noise", "missing")
         for metric in SUITE.condition_sweep
@@ -101,7 +101,7 @@ def test_runs_without_two_methods_families_or_features_have_less(tmp_path):
     assert (outputs.curves, outputs.condition_sweep) == ((), None)
     page = read_page(outputs)
     assert page.curves_title == "Robustness"
-    assert page.curves[0].title == "ssim against the conditions, class chair"
+    assert page.first.plots[0].title == "ssim-object, class chair"
 
 
 @pytest.mark.slow

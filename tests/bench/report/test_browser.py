@@ -1,4 +1,4 @@
-"""The report as a browser shows it, offline: pictures, filters, keyboard, accessibility.
+"""The report as a browser shows it, offline: images, filters, keyboard, accessibility.
 
 Skipped where there is no Chromium; `make test` installs it where it may.
 """
@@ -30,7 +30,7 @@ FLAGS = (
 )
 WIDE, PHONE = {"width": 1280, "height": 900}, {"width": 360, "height": 740}
 FAILED_REASON = "ball-pivoting: no faces"
-VALUES = 20  # 19 metrics of the suite, and the costs
+VALUES = 22  # 19 metrics of the suite, the headline's again, and the costs
 
 
 @pytest.fixture(scope="module")
@@ -127,25 +127,30 @@ def test_all_images_are_there(open_page):
 def test_filters_show_what_they_say(open_page):
     page = open_page()
     status = page.locator(".status")
-    assert [count(page, "values"), count(page, "pictures")] == [
+    assert [count(page, "values"), count(page, "images")] == [
         # Metrics and costs x 4 methods x 2 conditions; 3 objects x 2 methods x 2 conditions
         (VALUES * 4 * 2, VALUES * 4 * 2),
         (12, 12),
     ]
     choose(page, "Method", "splat")
-    assert [count(page, "values"), count(page, "pictures")] == [(2 * VALUES, 8 * VALUES), (6, 12)]
+    assert [count(page, "values"), count(page, "images")] == [(2 * VALUES, 8 * VALUES), (6, 12)]
     seen, every = count(page, "cases")
     assert 0 < seen < every
-    assert status.inner_text().startswith("Showing 40 of 160 values, 6 of 12 pictures, ")
+    assert status.inner_text().startswith("Showing 44 of 176 values, 6 of 12 images, ")
     assert f"{seen} of {every} cases" in status.inner_text()
-    assert page.locator("#curves .series:visible").count() == 6  # one a plot
+    assert page.locator("#answer .plot .series:visible").count() == 2 * 2  # plots x conditions
+    (name,) = page.locator("#answer .legend li:visible").all_inner_texts()
+    assert name.strip() == "splat"
     choose(page, "Condition", "noise-0.10")
-    assert [count(page, "values"), count(page, "pictures")] == [(VALUES, 8 * VALUES), (3, 12)]
+    assert [count(page, "values"), count(page, "images")] == [(VALUES, 8 * VALUES), (3, 12)]
     assert page.locator(".pick[data-active]").count() == 2
-    heads = page.locator("#tables thead tr").first.locator("th:visible").all_inner_texts()
-    assert [head.strip() for head in heads] == ["method", "noise-0.10"]
+    over, heads = (page.locator(".compact thead tr").nth(i).locator("th:visible") for i in (0, 1))
+    assert [" ".join(head.split()) for head in heads.all_inner_texts()] == [
+        *("method", "noise 10 %", "noise 10 %"),
+    ]
+    assert [head.get_attribute("colspan") for head in over.all()] == ["1", "1"]
     page.get_by_role("button", name="Show all").click()
-    assert [count(page, "values"), count(page, "pictures")] == [(8 * VALUES, 8 * VALUES), (12, 12)]
+    assert [count(page, "values"), count(page, "images")] == [(8 * VALUES, 8 * VALUES), (12, 12)]
     assert status.inner_text() == "Showing all."
 
 
@@ -155,7 +160,7 @@ def test_the_outcome_leads_to_the_failures(open_page):
     assert count(page, "failures") == (1, 1)
     assert count(page, "cases")[0] == 0
     assert page.locator("#cases .nothing").is_visible()
-    shown = page.locator("#tables tbody tr:visible th .name").all_inner_texts()
+    shown = page.locator(".compact tbody tr:visible th .name").all_inner_texts()
     assert set(shown) == {"splat"}
     description = page.locator(".failures li:visible").all_inner_texts()
     assert description == ["splat/noise-0.10/chair/test-0001 views 0 to 1"]
@@ -166,15 +171,15 @@ def test_the_outcome_leads_to_the_failures(open_page):
 
 def test_tables_are_sorted_by_value(open_page):
     page = open_page()
-    table = page.locator("table.numbers").first  # ssim
-    head = table.get_by_role("button", name="2048")
+    table = page.locator("table.numbers").first  # the headline
+    head = table.get_by_role("button", name="2,048").first
     values = "cells => cells.map(cell => Number(cell.dataset.value))"
     cells = table.locator("tbody td:nth-child(2)")
     before = cells.evaluate_all(values)
     head.click()
     assert cells.evaluate_all(values) == sorted(before, reverse=True)  # the best first
     assert table.locator("th[aria-sort=descending]").count() == 1
-    assert page.locator(".status").inner_text().endswith("sorted by 2048, descending.")
+    assert page.locator(".status").inner_text().endswith("sorted by 2,048, descending.")
     head.click()
     assert cells.evaluate_all(values) == sorted(before)
     table.get_by_role("button", name="method").click()
@@ -183,8 +188,36 @@ def test_tables_are_sorted_by_value(open_page):
     assert table.locator("[aria-sort]").count() == 1
 
 
+@pytest.mark.parametrize("viewport", [WIDE, PHONE], ids=["wide", "phone"])
+def test_text_in_plots_has_at_least_eleven_pixels(open_page, viewport):
+    page = open_page(viewport=viewport)
+    page.evaluate("for (const one of document.querySelectorAll('main details')) one.open = true")
+    sizes = page.evaluate(
+        "[...document.querySelectorAll('.plot svg text')].map(text => {"
+        " const svg = text.closest('svg');"
+        " const scale = svg.getBoundingClientRect().width / svg.viewBox.baseVal.width;"
+        " return scale * parseFloat(getComputedStyle(text).fontSize); })"
+    )
+    assert len(sizes) > 50
+    assert min(sizes) >= 11
+
+
+def test_the_answer_stands_on_the_first_screen_and_names_lead_to_the_glossary(open_page):
+    page = open_page()
+    answer = page.locator(".answer").bounding_box()
+    assert answer["y"] + answer["height"] < WIDE["height"]
+    assert page.locator("#first-1-title").bounding_box()["y"] < WIDE["height"]
+    page.locator(".answer a.term", has_text="splat").first.click()
+    meaning = page.locator("#meaning dt", has_text="splat").first
+    assert meaning.is_visible()  # its list was folded
+    page.wait_for_function(  # it is scrolled to
+        "element => element.getBoundingClientRect().top < innerHeight",
+        arg=meaning.element_handle(),
+    )
+
+
 def tab_into(page, selector):
-    for _ in range(30):
+    for _ in range(60):
         page.keyboard.press("Tab")
         if page.evaluate(f"document.activeElement.closest('{selector}') !== null"):
             return
@@ -205,7 +238,7 @@ def test_everything_can_be_reached_by_keyboard(open_page):
     page.keyboard.press("Escape")
     assert page.locator(".pick[open]").count() == 0
     assert page.evaluate("document.activeElement.tagName") == "SUMMARY"
-    tab_into(page, "th")
+    tab_into(page, "th[data-sort]")
     page.keyboard.press("Tab")
     page.keyboard.press("Enter")
     assert page.locator("th[aria-sort=descending]").count() == 1
@@ -312,9 +345,9 @@ def test_without_scripts_all_is_there(open_page):
     assert not page.locator(".filters").is_visible()
     assert page.locator("table.numbers").first.is_visible()
     assert page.locator("thead button").count() == 0
-    summary = page.locator("details.more summary").first
+    summary = page.locator("#tables details.more summary").first
     summary.click()
-    assert page.locator("details.more table").first.is_visible()
+    assert page.locator("#tables details.more table").first.is_visible()
 
 
 def test_print_opens_what_is_folded(open_page):

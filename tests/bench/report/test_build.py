@@ -73,7 +73,7 @@ def document(of_random_values):
 def test_conditions_are_described_in_words(document):
     """By their source, as `bench list` does: no name of a class of ours."""
     text = document.text
-    assert "512 paper, Tables 3 and 4; stride as in the original code" in text
+    assert "512 of 2,048 points; paper, Tables 3 and 4; stride as in the original code" in text
     assert "Stride(" not in text
     assert "Unchanged(" not in text
 
@@ -136,22 +136,23 @@ def test_costs_are_the_records_times(of_random_values, document):
     assert columns == ["2048", "512"]
     assert cell.attributes["data-value"] == "2375.000000"
     assert cell.one("span", class_="beside").text == "1750 + 312 × 2"
-    ssim = {
+    quality = {
         row.method: row.value
-        for row in of_random_values.tables[0].rows
-        if (row.metric, row.condition) == ("ssim", "2048")
+        for row in of_random_values.headline.rows
+        if (row.metric, row.condition) == ("ssim-object", "2048")
     }
-    better = max("splat", "surface-apss", key=lambda method: ssim[method])  # at the same cost
+    better = max("splat", "surface-apss", key=lambda method: quality[method])  # at the same cost
     marks = {m: [one.text for one in cells[0].all(class_="mark")] for m, cells in lines.items()}
     assert marks == {method: [] for method in lines} | {better: ["frontier"]}
 
 
 def test_head_counts_images(document):
     description = [one.text for one in document.one("p", class_="outcomes").all("span")]
-    assert description == ["58 pictures ok", "6 pictures failed", "fid skipped"]
-    facts = {d.one("dt").text: d.one("dd").text for d in document.all("dl")[0].all("div")}
-    assert facts["objects"] == "4 of class chair × 2 views"
-    assert facts["finished"] == "2026-01-01 00:00:00 UTC"
+    assert description == ["58 images ok", "6 images failed", "fid skipped"]
+    assert document.one("p", class_="line").text == "4 chairs × 2 views · 4 methods"
+    facts = document.one("dl", class_="facts")
+    by_term = {d.one("dt").text: d.one("dd").text for d in facts.all("div")}
+    assert by_term["finished"] == "2026-01-01 00:00:00 UTC"
     command = "bench run --suite chair-robustness --out 'my run'"
     assert document.one("pre", class_="command").text == command
 
@@ -164,8 +165,8 @@ def test_failures_are_listed_with_their_reasons(document):
     apss, splat = (f"{method}/512/chair" for method in ("surface-apss", "splat"))
     of_b = [f"{apss}/b views 0 to 1", f"{splat}/b views 0 to 1"]
     assert groups == [
-        ("timeout: 3 s", "4 pictures of 2 clouds", of_b),  # the most frequent first
-        ("ball-pivoting: no faces", "2 pictures of 1 clouds", [f"{apss}/c views 0 to 1"]),
+        ("timeout: 3 s", "4 images of 2 clouds", of_b),  # the most frequent first
+        ("ball-pivoting: no faces", "2 images of 1 clouds", [f"{apss}/c views 0 to 1"]),
     ]
     line = next(
         tr for tr in document.all("tr") if tr.attributes.get("data-method") == "surface-apss"
@@ -266,7 +267,7 @@ def _entry(directory, *item):
 
 def _grid_images(text, index=0):
     """Of the grid of an object in a report: {condition: {column: image or None}}."""
-    grid = parse(text).all("table", class_="pictures")[index]
+    grid = parse(text).all("table", class_="images")[index]
     columns = [head.text for head in grid.one("thead").all("th")[1:]]
     found = {}
     for row in grid.one("tbody").all("tr"):
@@ -318,13 +319,13 @@ def test_missing_images_are_named_and_the_rest_is_there(copied):
     document = parse(report_of(copied))
     (warning,) = (p.text for p in document.all("p", class_="warning"))
     assert warning == (
-        "The pictures of this run are no longer there (its folder artifacts is empty or gone); "
+        "The images of this run are no longer there (its folder artifacts is empty or gone); "
         "its command makes them again."
     )
     images = {i.attributes["alt"] for i in document.all("img")}
     assert all(alt.startswith("the cloud") for alt in images)  # these are made again
     lacking = [e.attributes["aria-label"] for e in document.all("span", class_="lacking")]
-    assert "the truth, chair test-0000; the picture is no longer there" in lacking
+    assert "the truth, chair test-0000; the image is no longer there" in lacking
     assert number_tables(document)["ssim, chair (higher is better)"][1]["splat"]
 
 

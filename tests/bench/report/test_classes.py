@@ -57,7 +57,7 @@ def make_jobs(directory, methods=METHODS, lost=()):
 
 def test_figure_4(drawn, tmp_path):
     jobs = make_jobs(tmp_path, lost=[("lamp", "surface-apss")])
-    images, _ = figures(drawn, ROWS, jobs)
+    images, *_ = figures(drawn, ROWS, jobs)
     names = [axis.get_ylabel() for axis in images.axes if axis.get_ylabel()]
     assert names == ["car", "sofa", "lamp"]  # two blocks
     by_row = np.array(images.axes).reshape(2, 8)
@@ -75,9 +75,9 @@ def test_figure_4(drawn, tmp_path):
 
 def test_every_approach_of_the_run_has_a_column(drawn, tmp_path):
     methods = ("splat", "splat-net", "blank", "pc2pix@all", "surface-apss")
-    images, _ = figures(drawn, ROWS, make_jobs(tmp_path, methods=methods))
+    images, *_ = figures(drawn, ROWS, make_jobs(tmp_path, methods=methods))
     titles = [axis.get_title() for axis in images.axes if axis.get_title()]
-    assert titles == ["truth", "surface-apss", "pc2pix@all", "splat-net", "splat"] * 2
+    assert titles == ["truth", "surface-apss", "pc2pix@all", "splat-net", "splat"]
 
 
 def test_the_best_by_the_headline_has_a_column(drawn, tmp_path):
@@ -95,8 +95,8 @@ def test_the_best_by_the_headline_has_a_column(drawn, tmp_path):
     ]
     (images,) = figures(drawn, ROWS, make_jobs(tmp_path, methods=methods), headline)
     titles = [axis.get_title() for axis in images.axes if axis.get_title()]
-    wanted = ["truth", "surface-apss", "splat-net@all", "depth-net", "splat-net", "splat"]
-    assert titles == wanted * 2
+    # six in a row leave no room for a second block
+    assert titles == ["truth", "surface-apss", "splat-\nnet@all", "depth-net", "splat-net", "splat"]
     assert images.get_supxlabel().endswith("splat-net@all by ssim-object, depth-net by lpips")
 
 
@@ -106,7 +106,7 @@ def dots_of(axis):
 
 def test_dots(drawn, tmp_path):
     jobs = make_jobs(tmp_path)
-    _, dots = figures(drawn, ROWS, jobs)
+    *_, dots = figures(drawn, ROWS, jobs)
     ours, paper = dots.axes
     assert ours.get_title() == "ours: fd-views (lower is better)"
     assert [text.get_text() for text in ours.get_yticklabels()] == ["car", "average"]

@@ -19,7 +19,7 @@ def frame(scores, method="splat", condition="2048", class_name="chair"):
 
 
 def picked(records):
-    chosen = extremes(to_frame(records))
+    chosen = extremes(to_frame(records), "ssim")
     columns = zip(chosen["kind"], chosen["object"], chosen["view"], chosen["ssim"], strict=True)
     return [(kind, obj, int(view), float(ssim)) for kind, obj, view, ssim in columns]
 
@@ -37,6 +37,17 @@ def test_extremes_are_of_different_objects():
     ]
 
 
+def test_the_worst_of_a_distance_is_the_largest():
+    records = [
+        make_record("splat", "2048", obj, 0, lpips=lpips)
+        for obj, lpips in (("a", 0.1), ("b", 0.4), ("c", 0.7), ("d", 0.2))
+    ]
+    chosen = extremes(to_frame(records), "lpips")
+    assert list(zip(chosen["kind"], chosen["object"], strict=True)) == [
+        *(("worst", "c"), ("worst", "b"), ("best", "a"), ("best", "d")),
+    ]
+
+
 def test_one_image_is_not_both_and_equal_scores_are_ordered_by_name():
     assert picked(frame({("a", 0): 0.4})) == [("worst", "a", 0, 0.4)]
     equal = {(obj, view): 0.5 for obj in "dcba" for view in (1, 0)}
@@ -51,7 +62,7 @@ def test_failures_floors_and_ceiling_are_no_cases():
 
 def test_each_class_has_its_own_extremes_while_there_is_room():
     scores = {("a", 0): 0.1, ("b", 0): 0.9}
-    chosen = extremes(to_frame([*frame(scores), *frame(scores, class_name="lamp")]))
+    chosen = extremes(to_frame([*frame(scores), *frame(scores, class_name="lamp")]), "ssim")
     found = set(zip(chosen["class"], chosen["kind"], chosen["object"], strict=True))
     assert found >= {("chair", "worst", "a"), ("lamp", "worst", "a")}
 
@@ -65,7 +76,7 @@ def test_their_number_is_bounded(methods, classes):
         for condition in ("2048", "1024", "512")
         for record in frame(scores, f"plugin-{m}", condition, f"class-{c}")
     ]
-    chosen = extremes(to_frame(records))
+    chosen = extremes(to_frame(records), "ssim")
     assert 2 * methods * 3 <= len(chosen) <= max(MOST_CASES, 2 * EACH * methods * 3)
     assert len(chosen) <= MOST_CASES
 
@@ -80,5 +91,5 @@ def test_objects_are_the_first_that_have_images():
 def test_failures_beyond_the_list_are_counted():
     records = [make_failed(obj=f"o{i:03d}", view=2) for i in range(203)]
     (group,) = failure_groups(to_frame(records))
-    assert (group.count, len(group.failures), group.more) == ("203 pictures of 203 clouds", 200, 3)
+    assert (group.count, len(group.failures), group.more) == ("203 images of 203 clouds", 200, 3)
     assert (group.failures[0].name, group.failures[0].views) == ("splat/2048/chair/o000", "view 2")

@@ -50,11 +50,14 @@ def lines(axis, label):
 def test_a_panel_for_each_condition_with_the_same_axes():
     made = figure([*places(), *places(condition="512")], "ssim", 20)
     first, second = made.axes
-    assert [axis.get_title() for axis in made.axes] == ["2048", "512"]
+    assert [axis.get_title() for axis in made.axes] == [
+        "2,048 points",
+        "512 of 2,048 points",
+    ]
     assert first.get_xlim() == second.get_xlim()
     assert first.get_ylim() == second.get_ylim()
     assert first.get_ylabel() == "ssim (higher is better)"
-    assert first.get_xlabel() == "ms for a cloud with 20 views"
+    assert second.get_xlabel() == "ms for a cloud with 20 views"
     assert (first.get_xscale(), first.get_yscale()) == ("log", "linear")
     names = ", ".join(text.get_text() for text in made.legends[0].get_texts())
     assert names == "surface-apss (resolution), pc2pix, splat, constant, blank, frontier"
@@ -120,7 +123,9 @@ def test_labels_tell_the_variants_and_cover_nothing():
     (axis,) = made.axes
     labels = [t for t in axis.texts if isinstance(t, Annotation) and t.get_text()]
     names = " ".join(label.get_text() for label in labels)
-    assert names == "surface-apss 25 300 pc2pix bf16 paper one-by-one splat"
+    assert (
+        names == "worse than a white image surface-apss 25 300 pc2pix bf16 paper one-by-one splat"
+    )
     boxes = np.array([label.get_window_extent().extents for label in labels])
     own = (boxes[:, 2:] - boxes[:, :2]).prod(axis=1)
     np.testing.assert_allclose(covered(boxes, boxes), own, rtol=1e-9)

@@ -5,9 +5,12 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from importlib import resources
+from itertools import combinations
 
+import matplotlib as mpl
 import numpy as np
 import pytest
+from matplotlib.collections import PolyCollection
 from report_parser import parse
 
 from bench.analysis.comparison import NAN, Comparison, Estimate, Quality
@@ -16,10 +19,10 @@ from bench.catalogue.lookup import family_of
 from bench.catalogue.metrics import higher_is_better
 from bench.catalogue.suites import TableSpec
 from bench.report.inline import COLOURS
+from bench.report.legend import legend
 from bench.report.pareto import cost_plots
 from bench.report.robustness import curve_panels, curves, robustness_figure
-from bench.report.styles import COMMON_FAMILIES, PAPER, method_styles
-from bench.tables.figure import NAMES_APART
+from bench.report.styles import COMMON_FAMILIES, PAPER, SHADE, method_styles
 from bench.tables.frontier import cost_grid
 from bench.tables.markdown import visible
 from bench.tables.quality import quality_table
@@ -68,21 +71,112 @@ def test_curves_show_values_and_intervals():
     (first, second), (other, _) = (lines[m].get_xdata() for m in ("splat", "surface-apss"))
     assert first < 0 < other  # side by side about their condition
     assert second - first == pytest.approx(1)
-    assert ticks(axis) == ["2048", "512"]
-    heights = sorted(name.xyann[1] for name in axis.texts)
-    assert min(np.diff(heights)) >= NAMES_APART - 1e-9
-    (plot,) = curves(tables, looked)
+    assert ticks(axis) == ["2,048", "512"]
+    (plot,) = curves(curve_panels(tables), looked)
     assert titles(plot)[0] == "splat, 2048, chair: 0.800 [0.700, 0.900]"
     assert "splat: 2048 0.800, 512 0.500." in plot.description
 
 
+def test_no_line_joins_fewer_points_with_noise():
+    conditions = ("2048", "512", "noise-0.05", "noise-0.10")
+    rows = [row(m, c, v) for m, v in (("splat", 0.8), ("blank", 0.6)) for c in conditions]
+    (axis,) = robustness_figure(curve_panels([table(*rows)]), method_styles(METHODS)).figure.axes
+    for method, value in (("splat", 0.8), ("blank", 0.6)):
+        (line,) = [line for line in axis.lines if line.get_label() == method]
+        np.testing.assert_array_equal(line.get_ydata(), [value] * 2 + [np.nan] + [value] * 2)
+    assert ticks(axis) == ["2,048", "512", "5 %", "10 %"]
+    steps = np.diff(axis.get_xticks())
+    assert steps[1] > 1.5 * steps[0] == pytest.approx(1.5 * steps[2])
+    names = [text.get_text() for text in axis.texts]
+    assert names == ["worse than a white image", "points", "noise, of the radius"]
+
+
+@pytest.mark.parametrize(("metric", "blank"), [("ssim", 0.6), ("lpips", 0.6), ("fd-views", 150.0)])
+def test_what_is_worse_than_a_white_image_is_shaded(metric, blank):
+    rows = [row("splat", "2048", blank / 2, metric), row("blank", "2048", blank, metric)]
+    (axis,) = robustness_figure(curve_panels([table(*rows)]), method_styles(METHODS)).figure.axes
+    (band,) = axis.patches
+    ends = sorted((band.get_y(), band.get_y() + band.get_height()))
+    low, high = axis.get_ylim()
+    expected = (low, blank) if higher_is_better(metric) else (blank, high)
+    assert ends == pytest.approx(expected)
+    assert band.get_facecolor() == pytest.approx(mpl.colors.to_rgba(SHADE))
+    on_axis = axis.transData.transform([(0, low), (0, blank), (0, high)])[:, 1]
+    share = np.diff(on_axis)[0 if higher_is_better(metric) else 1] / np.ptp(on_axis)
+    assert share > 0.09  # room for its name
+
+
+def test_each_class_is_shaded_by_its_own_white_image():
+    rows = [row("splat", "2048", 0.9, class_name=k) for k in ("chair", "lamp")]
+    rows += [row("blank", "2048", v, class_name=k) for k, v in (("chair", 0.4), ("lamp", 0.7))]
+    (axis,) = robustness_figure(curve_panels([table(*rows)]), method_styles(METHODS)).figure.axes
+    bands = [c for c in axis.collections if isinstance(c, PolyCollection)]
+    tops = [path.vertices[:, 1].max() for band in bands for path in band.get_paths()]
+    assert tops == pytest.approx([0.4, 0.7])
+
+
+def test_without_a_white_image_nothing_is_shaded():
+    figure = robustness_figure(
+        curve_panels([table(row("splat", "2048", 0.5))]), method_styles(METHODS)
+    ).figure
+    assert not figure.axes[0].patches
+
+
+def test_the_legend_of_a_group_has_the_style_of_each_method():
+    methods = ("splat", "pc2pix@acgan", "blank")
+    entries = legend(methods, method_styles(methods), "legend")
+    assert [entry.method for entry in entries] == list(methods)
+    symbols = [parse(f"<svg>{entry.symbol.inside}</svg>") for entry in entries]
+    hues = [{e.attributes.get("stroke") for e in svg.all()} - {None, "none"} for svg in symbols]
+    assert {"var(--hue-3)"} <= hues[0]
+    assert {"var(--hue-2)"} <= hues[1]
+    assert hues[2] == {"var(--soft)"}
+
+
+def test_colours_differ_for_the_colour_blind():
+    """Simulated by Machado et al. 2009 (severity 1), at least 20 apart in CIE 1976 L*a*b*."""
+    sheet = resources.files("bench.report").joinpath("assets", "report.css").read_text()
+    light, dark = sheet.split("@media")[:2]
+    for scheme in (light, dark):
+        hues = [np.array(mpl.colors.to_rgb(c)) for c in re.findall(r"--hue-\d: (#\w+)", scheme)]
+        assert len(hues) == 8
+        for seen in (np.eye(3), DEUTERANOPIA, PROTANOPIA):
+            labs = [lab(seen @ linear(hue)) for hue in hues]
+            apart = [np.linalg.norm(a - b) for a, b in combinations(labs, 2)]
+            assert min(apart) > 20
+
+
+DEUTERANOPIA = np.array([
+    [0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413],
+    [-0.011820, 0.042940, 0.968881],
+])  # fmt: skip
+PROTANOPIA = np.array([
+    [0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216],
+    [-0.003882, -0.048116, 1.051998],
+])  # fmt: skip
+
+
+def linear(srgb):
+    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+
+
+def lab(rgb):
+    """CIE 1976 L*a*b* of linear sRGB, white D65."""
+    to_xyz = np.array([
+        [0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750],
+        [0.0193339, 0.1191920, 0.9503041],
+    ])  # fmt: skip
+    t = to_xyz @ rgb.clip(0, 1) / [0.95047, 1, 1.08883]
+    f = np.where(t > 0.008856, np.cbrt(t), 7.787 * t + 16 / 116)
+    return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
+
+
 def test_the_page_can_hide_the_parts_of_a_plot():
     rows = [row(m, c, 0.5) for m in ("splat", "blank") for c in ("2048", "512")]
-    (plot,) = curves([table(*rows)], method_styles(METHODS))
+    (plot,) = curves(curve_panels([table(*rows)]), method_styles(METHODS))
     svg = drawn_svg(plot)
     series = svg.all("g", data_item="series")
-    assert [g.attributes["data-method"] for g in series] == ["splat", "blank"]
-    assert [g.one("text").text for g in svg.all("g", class_="series")] == ["splat", "blank"]
+    assert [g.attributes["data-method"] for g in series] == ["splat", "splat", "blank"]
     points = [g for g in svg.all("g", data_method="splat") if g.all("title")]
     assert [g.attributes["data-condition"] for g in points] == ["2048", "512"]
     assert all("data-method" in g.attributes or not g.all("title") for g in svg.all("g"))
@@ -91,7 +185,7 @@ def test_the_page_can_hide_the_parts_of_a_plot():
 def test_plots_take_their_colours_from_the_page_and_share_no_id():
     rows = [row(m, "2048", v, metric) for m, v in (("splat", 0.5), ("blank", 0.4))
             for metric in ("ssim", "fd-views")]  # fmt: skip
-    first, second = curves([table(*rows)], method_styles(METHODS))
+    first, second = curves(curve_panels([table(*rows)]), method_styles(METHODS))
     for plot in (first, second):
         assert "style=" not in plot.svg.inside
         colours = {
@@ -130,8 +224,8 @@ def test_distances_far_apart_have_room():
     assert axis.get_yscale() == "symlog"
     assert {0, 1, 2, 5, 10, 20, 50, 100} <= set(axis.get_yticks())
     assert axis.get_ylim()[0] <= 0
-    (plot,) = curves(tables, method_styles(METHODS))
-    assert plot.axis == "fd-views (lower is better)"
+    (plot,) = curves(curve_panels(tables), method_styles(METHODS))
+    assert plot.axis == "lower is better"
 
 
 def test_several_classes_stand_side_by_side():
@@ -142,8 +236,11 @@ def test_several_classes_stand_side_by_side():
         for k in ("chair", "lamp", "rifle")
     ]
     tables = [table(*rows), table(row("splat", "2048", 0.9))]
-    plots = curves(tables, method_styles(METHODS))
-    assert [plot.title for plot in plots] == ["ssim at 2048, by class", "ssim at 512, by class"]
+    plots = curves(curve_panels(tables), method_styles(METHODS))
+    assert [plot.title for plot in plots] == [
+        "ssim at 2,048 points, by class",
+        "ssim at 512 of 2,048 points, by class",
+    ]
     axis, _ = robustness_figure(curve_panels(tables), method_styles(METHODS)).figure.axes
     assert ticks(axis) == ["chair", "lamp", "rifle"]
     splat, blank = (line for line in axis.lines if line.get_label()[0] != "_")
@@ -152,13 +249,13 @@ def test_several_classes_stand_side_by_side():
     assert [segment.tolist() for segment in levels.get_segments()] == [
         [[i - 0.5, 0.4], [i + 0.5, 0.4]] for i in range(3)
     ]
-    assert plots[0].wide
+    assert not plots[0].wide
 
 
 def test_names_of_methods_and_classes_are_only_text():
     hostile = "<script>alert(1)</script>\"'&{{ 7 }}$x$\u202e\x07"
     rows = [row(m, "2048", 0.5, class_name=k) for m in ("splat", hostile) for k in ("a", hostile)]
-    (plot,) = curves([table(*rows)], method_styles(["splat", hostile]))
+    (plot,) = curves(curve_panels([table(*rows)]), method_styles(["splat", hostile]))
     assert "<script" not in plot.svg.inside
     assert not re.search("[\u202e\x07]", plot.svg.inside)
     shown = [text.text for text in drawn_svg(plot).all("text")]
@@ -176,8 +273,8 @@ def test_a_point_without_failed_images_is_hollow_and_says_what_it_is_with_them()
     }
     hue = method_styles(METHODS)["splat"].colour
     assert faces == {0.8: hue, 0.5: PAPER}
-    assert axis.get_xlabel() == "condition; hollow: failed images are left out"
-    (plot,) = curves(tables, method_styles(METHODS))
+    assert axis.get_xlabel() == "hollow: failed images are left out"
+    (plot,) = curves(curve_panels(tables), method_styles(METHODS))
     text = "splat, 512, chair: 0.500 [0.000, 1.000]; 1 of 4 images, 0.450 with blank ones for the "
     assert text + "others" in titles(plot)
     assert "splat: 2048 0.800, 512 (1 of 4) 0.500." in plot.description
@@ -215,7 +312,7 @@ def test_costs_are_logarithmic_and_the_frontier_steps_up():
         "ssim (higher is better), by rising cost: splat: 10.0 ms, 0.600, on the frontier; "
         "surface-apss: 1000 ms, 0.800, on the frontier."
     )
-    assert first.title == "2048, chair"
+    assert first.title == "ssim: 2,048 points, chair"
     assert second.svg.inside != first.svg.inside
     assert second.svg.inside.replace("cost-1-", "cost-0-") == first.svg.inside  # the same axes
 

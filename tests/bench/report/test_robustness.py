@@ -1,13 +1,16 @@
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 from harness_objects import Tetrahedron
+from PIL import Image
 
 from bench.analysis.scores import QualityRow
 from bench.catalogue.suites import TableSpec
-from bench.records.artifacts import read_array
-from bench.report.image_sheets import THIN_TINT
+from bench.records.artifacts import JobName, read_array
+from bench.report.image_sheets import THIN_TINT, write_images
 from bench.report.robustness import write_figures
 from bench.tables.quality import quality_table
 
@@ -44,19 +47,21 @@ def jobs(tmp_path):
 
 
 def test_curves_show_the_tables(drawn, jobs, tmp_path):
-    curves, _ = drawn(write_figures, CURVES, jobs=jobs)
+    curves, _, _ = drawn(write_figures, CURVES, jobs=jobs)
     for name in ("robustness.png", "pictures.png"):
         assert (tmp_path / "figures" / name).read_bytes().startswith(b"\x89PNG")
-    ssim, views = curves.axes  # fid has no value, luminance no curve
+    views, ssim = curves.axes  # fid has no value, luminance no curve
     assert ssim.get_title() == "ssim (higher is better)"
     assert views.get_title() == "fd-views (lower is better)"
-    assert [text.get_text() for text in ssim.texts] == ["splat", "blank"]
+    assert [text.get_text() for text in ssim.texts] == ["worse than a white image", "points"]
+    (names,) = curves.legends
+    assert [text.get_text() for text in names.get_texts()] == ["splat", "blank"]
     values = [line.get_ydata().tolist() for line in ssim.lines]
     assert values == [[0.8, 0.6], [0.7, 0.95], [0.8], [0.5, 0.65], [0.6], [0.4]]
 
 
 def test_the_grid_shows_first_images_and_failures(drawn, jobs):
-    _, grid = drawn(write_figures, CURVES, jobs=jobs)
+    _, _, grid = drawn(write_figures, CURVES, jobs=jobs)
     cells = np.array(grid.axes).reshape(2, 2)  # objects x (truth, condition); the floor is left out
     assert [axis.get_title() for axis in cells[0]] == ["ground-truth", "2048"]
     assert [axis.get_ylabel() for axis in cells[:, 0]] == ["a\nsplat", "b\nsplat"]
@@ -76,7 +81,7 @@ def test_no_more_than_four_objects_are_shown(drawn, tmp_path):
     jobs = []
     for name in "abcdef":
         jobs += [make_truth(tmp_path, Tetrahedron(name)), make_job(tmp_path, Tetrahedron(name))]
-    _, grid = drawn(write_figures, CURVES, jobs=jobs)
+    _, _, grid = drawn(write_figures, CURVES, jobs=jobs)
     labels = [axis.get_ylabel() for axis in grid.axes if axis.get_ylabel()]
     assert labels == [f"{name}\nsplat" for name in "abcd"]
 
@@ -97,13 +102,14 @@ def test_the_sheet_of_thin_parts(drawn, tmp_path):
             write_artifact(job, images=truth // (1 + number))
     noisy = make_job(tmp_path, Tetrahedron("a"), "splat", "noise-0.05")
     write_artifact(noisy, images=truth)
-    _, _, sheet = drawn(write_figures, CURVES, jobs=[*jobs, noisy])
-    cells = np.array(sheet.axes).reshape(2, 4)
-    titles = ["ground-truth", "its thin parts", "splat\n2048", "splat\nnoise-0.05"]
+    *_, sheet = drawn(write_figures, CURVES, jobs=[*jobs, noisy])
+    cells = np.array(sheet.axes).reshape(2, 4)  # truth and method x objects and conditions
+    titles = ["c\n2048", "c\nnoise-0.05", "a\n2048", "a\nnoise-0.05"]
     assert [axis.get_title() for axis in cells[0]] == titles
-    assert [axis.get_ylabel() for axis in cells[:, 0]] == ["c\nview 0", "a\nview 1"]
-    assert [text.get_text() for text in cells[0, 3].texts] == ["failed"]
-    true, tinted, drawn_by_splat = (np.asarray(axis.images[0].get_array()) for axis in cells[1, :3])
+    assert [axis.get_ylabel() for axis in cells[:, 0]] == ["truth,\nits thin\nparts", "splat"]
+    assert [text.get_text() for text in cells[1, 1].texts] == ["failed"]
+    shown = (cells[0, 2], cells[0, 3], cells[1, 2])
+    true, tinted, drawn_by_splat = (np.asarray(axis.images[0].get_array()) for axis in shown)
     assert true.shape == (66, 66, 3)  # the seat's box and the leg, 3 px around
     part = (tinted == THIN_TINT).all(axis=2)
     assert np.array_equal(tinted[~part], true[~part])
@@ -113,11 +119,28 @@ def test_the_sheet_of_thin_parts(drawn, tmp_path):
     assert np.array_equal(drawn_by_splat, true // 2)
 
 
+@pytest.mark.parametrize(("methods", "conditions"), [(8, 5), (3, 16), (1, 1), (40, 2)])
+def test_a_sheet_fits_a_page(tmp_path, methods, conditions):
+    """With many methods or conditions it has fewer objects, then smaller images."""
+    artifacts = {}
+    for name in "abcd":
+        job = make_truth(tmp_path, Tetrahedron(name))
+        write_artifact(job)
+        artifacts[job.name] = job.artifact
+        for method, condition in product(range(methods), range(conditions)):
+            key = JobName(f"plugin-{method}", str(condition), *job.name.object)
+            artifacts[key] = job.artifact
+    write_images(tmp_path / "sheet.png", artifacts, [str(i) for i in range(conditions)])
+    with Image.open(tmp_path / "sheet.png") as sheet:
+        assert sheet.width == 800
+        assert sheet.height <= 1600
+
+
 @pytest.mark.parametrize(
     ("tables", "methods", "names"),
-    [([], (), []), (CURVES, ("true-mesh", "blank"), ["robustness.png"])],
+    [([], (), []), (CURVES, ("true-mesh", "blank"), ["robustness.png", "robustness.svg"])],
 )
 def test_without_a_rival_there_is_no_grid(drawn, tmp_path, tables, methods, names):
     jobs = [make_truth(tmp_path), *(make_job(tmp_path, method=method) for method in methods)]
     drawn(write_figures, tables, jobs=jobs)
-    assert [path.name for path in tmp_path.glob("figures/*")] == names
+    assert sorted(path.name for path in tmp_path.glob("figures/*")) == names

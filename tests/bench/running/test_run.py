@@ -63,9 +63,10 @@ def test_files_of_a_run(finished):
         *(f"features/{name}.parquet" for name in EXTRACTORS),
         *(f"tables/{name}.{kind}" for name in tables for kind in ("csv", "md")),
         *(f"figures/{name}.png" for name in ("robustness", "pictures", "thin-parts")),
+        "figures/robustness.svg",
     }
     # And an artifact for each ground truth and item; for what depends on no condition one.
-    assert len(names) == 24 + 3 + 3 * (2 * 2 + 2)
+    assert len(names) == 25 + 3 + 3 * (2 * 2 + 2)
     for name in ("robustness", "pictures", "thin-parts"):
         with Image.open(directory / "figures" / f"{name}.png") as image:
             assert np.asarray(image.convert("L")).std() > 10

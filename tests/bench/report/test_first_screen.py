@@ -1,0 +1,140 @@
+"""The first screen of a report: the headline table beside the answer, whatever a run lacks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from builders import make_failed, read_all, write_all, write_run
+from report_parser import parse
+
+from bench.analysis.comparison import NAN
+from bench.analysis.scored import read_scored
+from bench.analysis.scores import QualityRow
+from bench.report.build import read_page
+from bench.report.headline import compact_table
+from bench.report.page import html
+from bench.tables.build import make_outputs
+
+
+def row(method, metric, condition, value, **changes):
+    made = QualityRow(
+        "s", method, condition, "chair", metric, value, NAN, NAN, 4, 4, NAN, value, ""
+    )
+    return replace(made, **changes)
+
+
+VALUES = {
+    ("true-mesh", "ssim-object"): 1.0, ("true-mesh", "lpips"): 0.0,
+    ("splat", "ssim-object"): 0.2, ("splat", "lpips"): 0.3,
+    ("pc2pix", "ssim-object"): 0.6, ("pc2pix", "lpips"): 0.2,
+    ("blank", "ssim-object"): 0.3, ("blank", "lpips"): 0.6,
+}  # fmt: skip
+
+
+def test_the_best_stand_first_and_reference_methods_last():
+    conditions = ("2048", "noise-0.10")
+    made = compact_table([row(*at, c, v) for c in conditions for at, v in VALUES.items()])
+    assert made is not None
+    assert made.groups == (("ssim-object", True, 2), ("lpips", False, 2))
+    assert [(column.kind, column.short) for column in made.columns] == [
+        *(("", "2,048"), ("noise", "10 %"), ("", "2,048"), ("noise", "10 %")),
+    ]
+    assert [method for method, *_ in made.lines] == ["pc2pix", "splat", "true-mesh", "blank"]
+    assert [role for _, role, *_ in made.lines] == ["", "", "ceiling", "floor"]
+    cells = {method: cells for method, _, _, cells in made.lines}
+    assert [cell.text for cell in cells["pc2pix"]] == ["0.600", "0.600", "0.200", "0.200"]
+    assert {m: [cell.best for cell in of_line] for m, of_line in cells.items()} == {
+        m: [m == "pc2pix"] * 4 for m in cells
+    }
+    assert {m: [cell.below for cell in of_line] for m, of_line in cells.items()} == {
+        m: [m == "splat"] * 2 + [False] * 2 for m in cells
+    }
+
+
+def test_a_failed_image_and_a_missing_value_are_named():
+    rows = [
+        row("splat", "lpips", "2048", 0.5, n_ok=1, failures_as_blank=0.55, note="3 x crash"),
+        row("pc2pix", "lpips", "2048", NAN, n_ok=0, note="4 x crash"),
+        row("blank", "lpips", "512", 0.6),
+    ]
+    made = compact_table(rows)
+    assert made is not None
+    cells = {method: cells for method, _, _, cells in made.lines}
+    assert cells["splat"][0].text == "0.500*"
+    assert cells["splat"][0].about == (
+        "splat, lpips, 2,048 points; 1 of 4 images; 0.550 with blank ones for the others"
+    )
+    assert (cells["pc2pix"][0].text, cells["pc2pix"][0].about) == ("–", "4 x crash")
+    assert (cells["splat"][1].text, cells["splat"][1].about) == ("–", "not measured")
+    assert made.failed
+
+
+def test_without_a_value_there_is_no_headline():
+    assert compact_table([]) is None
+    assert compact_table([row("splat", "lpips", "2048", NAN, note="skipped: weights")]) is None
+
+
+def page_of(directory):
+    page = read_page(make_outputs(read_scored(directory)))
+    return page, parse(html(page))
+
+
+def test_a_run_whose_images_all_failed_says_so(tmp_path):
+    run = write_run(tmp_path / "run", methods=["splat", "pc2pix", "blank"])
+    write_all(run, [make_failed(r.method, r.condition, r.object, r.view) for r in read_all(run)])
+    page, document = page_of(run)
+    assert [line.term for line in page.answer] == ["No answer"]
+    assert page.headline is None
+    assert page.first.plots == page.costs.plots == ()
+    jobs = document.one("p", class_="jobs is-missing").text
+    assert jobs.endswith(" failed")
+    assert not jobs.endswith(" 0 failed")
+
+
+def test_methods_that_failed_everywhere_are_left_out_of_the_answer(tmp_path):
+    run = write_run(tmp_path / "run", methods=["splat", "pc2pix", "blank"])
+    failed = [
+        make_failed(r.method, r.condition, r.object, r.view) if r.method == "pc2pix" else r
+        for r in read_all(run)
+    ]
+    write_all(run, failed)
+    page, document = page_of(run)
+    assert page.answer[0].term == "One method"
+    assert page.answer[0].entries[0][0] == ("splat",)
+    assert "pc2pix" in document.one("table", class_="numbers compact").text
+
+
+def test_a_run_of_one_method_compares_nothing(tmp_path):
+    page, _ = page_of(write_run(tmp_path / "run", methods=["splat", "blank"]))
+    assert page.answer[0].term == "One method"
+    assert [plot.title for plot in page.first.plots] == [
+        "ssim-object, class chair",
+        "lpips, class chair",
+    ]
+
+
+@pytest.mark.parametrize("methods", [["blank"], ["true-mesh", "blank"]])
+def test_a_run_of_reference_methods_has_no_answer(tmp_path, methods):
+    page, _ = page_of(write_run(tmp_path / "run", methods=methods))
+    assert [line.term for line in page.answer] == ["No answer"]
+
+
+def test_a_run_without_a_headline_metric_is_judged_by_the_other(tmp_path):
+    run = write_run(tmp_path / "run", methods=["splat", "pc2pix", "blank"])
+    write_all(run, [replace(r, lpips=None) for r in read_all(run)])
+    page, document = page_of(run)
+    assert [plot.title for plot in page.first.plots] == ["ssim-object, class chair"]
+    assert page.headline is not None
+    assert {column.metric for column in page.headline.columns} == {"ssim-object"}
+    texts = [text for line in page.answer for _, text in line.entries]
+    assert texts
+    assert not any("lpips" in text for text in texts)
+    assert document.one("section", id="answer")
+
+
+def test_a_run_without_objects_has_a_report(tmp_path):
+    run = write_run(tmp_path / "run", methods=["splat", "blank"], objects=[])
+    page, _ = page_of(run)
+    assert [line.term for line in page.answer] == ["No answer"]
+    assert page.head[0].startswith("0 objects")

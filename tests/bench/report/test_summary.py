@@ -1,0 +1,156 @@
+"""The answer of a report: who is ahead, what is not decided, below blank and cheapest."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bench.analysis.comparison import Comparison, Estimate, Quality
+from bench.catalogue.metrics import higher_is_better
+from bench.report.conditions import condition_name, listed, places
+from bench.report.summary import in_short, objects_in_words
+
+METRICS = ("ssim-object", "lpips")
+
+
+def comparison(values, condition="2048", objects=24, costs=None, failed=(), spread=0.02):
+    """Objects about the means of `values`, which are by ssim-object; lpips is 1 less them."""
+    rng = np.random.default_rng(0)
+    spreads = {m: spread * rng.normal(size=objects) for m in values}
+
+    def quality(metric, method):
+        scores = values[method] + spreads[method] - spreads[method].mean()
+        scores = scores if higher_is_better(metric) else 1 - scores
+        mean = float(scores.mean())
+        return Quality(metric, Estimate(mean, mean - 0.01, mean + 0.01), scores)
+
+    seconds = {m: np.full(objects, (costs or {}).get(m, 0.01)) for m in values}
+    return Comparison(
+        condition,
+        "chair",
+        tuple(f"{i:02d}" for i in range(objects)),
+        prepare_s={m: np.zeros(objects) for m in values},
+        draw_s=seconds,
+        images={m: (0 if m in failed else objects, objects) for m in values},
+        qualities={metric: {m: quality(metric, m) for m in values} for metric in METRICS},
+    )
+
+
+def said(compared, metrics=METRICS, views=2):
+    """The lines as {term: [text of an entry]}."""
+    return {
+        line.term: [f"{', '.join(methods)}: {text}" for methods, text in line.entries]
+        for line in in_short(compared, metrics, views)
+    }
+
+
+VALUES = {"splat-net": 0.8, "pc2pix": 0.6, "splat": 0.2, "blank": 0.3, "true-mesh": 1.0}
+
+
+def test_who_is_ahead_everywhere_and_what_it_costs():
+    costs = {"splat-net": 0.02, "pc2pix": 0.005, "splat": 0.001}
+    lines = said([comparison(VALUES, c, costs=costs) for c in ("2048", "512", "noise-0.10")])
+    everywhere = "every condition (ssim-object, lpips)"
+    assert lines == {
+        "Ahead of all other families": [f"splat-net: {everywhere}"],
+        "Below a white image": [f"splat: {everywhere}"],
+        "Cheapest that nothing beats": [f"splat-net: 20.0 ms a view; {everywhere}"],
+    }
+
+
+def test_what_is_not_decided_is_named_with_its_condition():
+    close = VALUES | {"pc2pix": 0.7995}
+    lines = said(
+        [comparison(VALUES), comparison(close, "512"), comparison(VALUES, "noise-0.10")],
+        ["ssim-object"],
+    )
+    shown = "splat-net: 2,048 points, noise 10 % of the radius (ssim-object)"
+    assert lines["Ahead of all other families"] == [shown]
+    open_cells = ["splat-net, pc2pix: 512 of 2,048 points (ssim-object)"]
+    assert lines["Not decided from second place"] == open_cells
+
+
+def test_a_variant_is_no_other_family():
+    values = VALUES | {"splat-net@grey": 0.7999}
+    lines = said([comparison(values)], ["lpips"])
+    assert lines["Ahead of all other families"] == ["splat-net: 2,048 points (lpips)"]
+    assert lines["Not decided between variants"] == [
+        "splat-net, splat-net@grey: 2,048 points (lpips)"
+    ]
+
+
+def test_the_cheaper_of_two_that_are_not_decided_is_the_cheapest():
+    values = VALUES | {"pc2pix": 0.7995}
+    costs = {"splat-net": 0.02, "pc2pix": 0.005, "splat": 0.001}
+    lines = said([comparison(values, costs=costs)], ["ssim-object"])
+    assert lines["Cheapest that nothing beats"] == [
+        "pc2pix: 5.0 ms a view; 2,048 points (ssim-object)"
+    ]
+
+
+def test_reference_methods_parameters_and_cost_variants_win_nothing():
+    others = {"constant": 0.95, "splat@spread=2": 0.95, "pc2pix@paper": 0.95}
+    lines = said([comparison(VALUES | others)], ["ssim-object"])
+    assert lines["Ahead of all other families"] == ["splat-net: 2,048 points (ssim-object)"]
+
+
+@pytest.mark.parametrize(("objects", "name"), [(2, "2 chairs"), (4, "4 chairs")])
+def test_too_few_objects_say_how_many_it_takes(objects, name):
+    lines = said([comparison(VALUES, objects=objects)], ["ssim-object"])
+    (text,) = lines["Not decided"]
+    assert text.startswith(f": nothing can be shown with {name} here: at least ")
+    assert int(text.split()[-3]) > objects
+    assert lines["Best by its mean alone"] == ["splat-net: 2,048 points (ssim-object)"]
+    assert "Ahead of all other families" not in lines
+    assert "Cheapest that nothing beats" not in lines
+
+
+def test_one_method_has_nothing_to_be_compared_with():
+    alone = {m: VALUES[m] for m in ("splat", "blank", "true-mesh")}
+    lines = said([comparison(alone)])
+    assert lines["One method"] == ["splat: has nothing to be compared with"]
+    assert "Ahead of all other families" not in lines
+
+
+@pytest.mark.parametrize(
+    "compared",
+    [
+        [],
+        [comparison(VALUES, failed=("splat-net", "pc2pix", "splat"))],
+        [comparison({"blank": 0.3, "true-mesh": 1.0})],
+    ],
+    ids=["no objects", "all failed", "reference methods alone"],
+)
+def test_without_images_there_is_no_answer(compared):
+    assert list(said(compared)) == ["No answer"]
+
+
+def test_conditions_in_words():
+    words = {
+        "2048": "2,048 points",
+        "512": "512 of 2,048 points",
+        "512-random": "512 of 2,048 points (random)",
+        "noise-0.10": "noise 10 % of the radius",
+        "outliers-0.01": "1 % outliers",
+        "missing-0.25": "25 % missing on one side",
+        "density-3": "1,024 points, 3 times as dense at one end",
+        "of-a-plug-in": "of-a-plug-in",
+    }
+    assert {name: condition_name(name).words for name in words} == words
+
+
+def test_conditions_of_a_kind_stand_together():
+    every = ("2048", "512", "noise-0.05", "noise-0.10", "outliers-0.01")
+    assert np.diff(places(every)).tolist() == pytest.approx([1, 1.6, 1, 1.6])
+    assert listed(every, every) == "every condition"
+    assert listed(every[2:4], every) == "any noise"
+    assert listed(every[1:], every) == "every condition but 2,048 points"
+    assert listed(every[1:4], every) == "512 of 2,048 points, any noise"
+    assert listed(every[:1], every[:1]) == "2,048 points"
+
+
+def test_objects_have_the_name_of_their_class():
+    names = [(1, "chair"), (2, "chair"), (3, "bench"), (4, "all"), (5, "my things")]
+    assert [objects_in_words(*name) for name in names] == [
+        *("1 chair", "2 chairs", "3 benches", "4 objects", "5 objects"),
+    ]
