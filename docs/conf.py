@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import re
+import sys
+from pathlib import Path
 from typing import Any
 
 from docutils.nodes import document, image
 
+sys.path.insert(0, str(Path(__file__).parents[1]))  # `studies` is not installed
+
 project = "pc2pix-bench"
 author = "the authors of pc2pix-bench"
-extensions = ["myst_parser"]
+extensions = ["myst_parser", "studies.leaderboard"]
 source_suffix = {".md": "markdown"}
 exclude_patterns: list[str] = []
 html_theme = "furo"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from bench.analysis.paired import ComparedPair, PairedDifference
 from bench.catalogue.lookup import short_condition
 from bench.catalogue.metrics import higher_is_better
-from bench.tables.figure import drawing, panels, save
+from bench.tables.figure import TEXT, WIDTH_IN, drawing, panels, save
 from bench.tables.markdown import visible
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def differences_figure(cells: Sequence[PairedDifference], a: str, b: str) -> Fig
     labels = list(dict.fromkeys(_label(cell.pair, several) for cell in known))
     if not metrics:
         return None
-    size_in = 2.5 + 3.5 * len(metrics), 1.6 + 0.28 * len(labels)
+    size_in = WIDTH_IN, 1.6 + 0.28 * len(labels)
     figure, (axes,) = panels(1, len(metrics), size_in, sharey=True)
     for axis, metric in zip(axes, metrics, strict=True):
         for cell in (cell for cell in known if cell.pair.metric == metric):
@@ -58,7 +58,6 @@ def differences_figure(cells: Sequence[PairedDifference], a: str, b: str) -> Fig
                 color=COLOURS[cell.ahead],
             )
         axis.axvline(0.0, color="0.3", linewidth=0.8)
-<<<<<<< HEAD
         lower = not higher_is_better(metric)
         axis.set_title(metric, fontsize=TEXT)
         axis.set_xlabel(f"difference{', lower is better' * lower}", fontsize=TEXT)
@@ -71,18 +70,6 @@ def differences_figure(cells: Sequence[PairedDifference], a: str, b: str) -> Fig
     colours = "blue: better, orange: worse, grey: not decided, light grey: too few objects"
     title = f"{visible(b)} against {visible(a)}: better to the right\n{colours}"
     figure.suptitle(title, fontsize=TEXT)
-=======
-        better = "right" if higher_is_better(metric) else "left"
-        axis.set_title(f"{metric}: b is better to the {better}", fontsize=9)
-        axis.set_xlabel("b - a", fontsize=8)
-        axis.tick_params(labelsize=8)
-        axis.grid(axis="x", alpha=0.3)
-    axes[0].set_yticks(range(len(labels)), labels)
-    axes[0].invert_yaxis()
-    colours = "orange: a is better, blue: b is better, grey: a tie, light grey: too few objects"
-    title = f"a: {visible(a)}\nb: {visible(b)}\n{colours}"
-    figure.suptitle(title, fontsize=9)
->>>>>>> ta
     return figure
 
 
