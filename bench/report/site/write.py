@@ -19,9 +19,9 @@ from bench.analysis.comparison import Comparison, pooled
 from bench.analysis.leaderboard import over_conditions
 from bench.analysis.ranks import ranking
 from bench.analysis.run_pairs import refuse_other_protocol
-from bench.analysis.scored import ScoredRun, read_scored
+from bench.analysis.scored import ScoredRun, scored_run
 from bench.catalogue.metrics import is_mean
-from bench.records.journal import FIXED, MANIFEST, PROTOCOL, SHARD
+from bench.records.journal import FIXED, MANIFEST, PROTOCOL, SHARD, read_finished
 from bench.records.parquet import RECORDS
 from bench.report.build import REPORT, write_report
 from bench.report.site.index_page import INDEX
@@ -56,7 +56,7 @@ def write_site(directories: Sequence[Path], out: Path) -> int:
     for i, directory in enumerate(directories):
         if directory.resolve() in (other.resolve() for other in directories[:i]):
             raise BadInput(f"{directory}: given twice; give each folder once")
-    scored = [read_scored(directory) for directory in directories]
+    scored = [scored_run(directory, read_finished(directory)) for directory in directories]
     for run in scored[1:]:
         refuse_other_protocol(scored[0], run)
     with_copies = _with_copies(scored)
@@ -121,7 +121,8 @@ def _ranked(
                 left_out.append(names[i])
             advance(0)
     if not runs:
-        raise BadInput("no run has an object with scored images; give a run that has")
+        names_given = ", ".join(names)
+        raise BadInput(f"{names_given}: no run has an object with scored images; give one that has")
     return runs, left_out
 
 

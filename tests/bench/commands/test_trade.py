@@ -99,7 +99,7 @@ def test_metrics_without_features_have_no_places(tmp_path):
     frontier_tables = write_outputs(read_scored(directory)).frontier_tables
     assert frontier_tables is not None
     metrics = dict.fromkeys(place.metric for place in frontier_tables[0].rows)
-    assert list(metrics) == ["ssim", "structure", "lpips", "silhouette-iou"]
+    assert list(metrics) == ["ssim-object", "lpips", "ssim", "structure", "silhouette-iou"]
 
 
 @pytest.mark.parametrize("suite", ["stability", "latent"])

@@ -131,10 +131,3 @@ def test_a_run_without_a_headline_metric_is_judged_by_the_other(tmp_path):
     assert texts
     assert not any("lpips" in text for text in texts)
     assert document.one("section", id="answer")
-
-
-def test_a_run_without_objects_has_a_report(tmp_path):
-    run = write_run(tmp_path / "run", methods=["splat", "blank"], objects=[])
-    page, _ = page_of(run)
-    assert [line.term for line in page.answer] == ["No answer"]
-    assert page.head[0].startswith("0 objects")
