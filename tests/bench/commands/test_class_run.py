@@ -93,7 +93,7 @@ def test_the_classes_that_the_folder_has_their_values_and_the_files(measured):
     tables = ("headline", "table5_classes", "table5_orderings", "table_ssim", "table_detail")
     assert found == {
         *(f"{name}.{kind}" for name in tables for kind in ("csv", "md")),
-        *("classes.png", "table5.png"),
+        *("classes.png", "table5.png", "table5.svg"),
     }
     rows = rows_of_table_5(out)
     assert rows["class-confidence", "chair", "true-mesh"]["n"] == "9"
