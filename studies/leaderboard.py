@@ -23,6 +23,7 @@ from bench.analysis.paper import AVERAGE
 from bench.catalogue.methods import FLOOR, RECOMMENDED, role
 from bench.catalogue.metrics import higher_is_better
 from bench.catalogue.reconstruction import BEST_RECONSTRUCTION
+from bench.report.conditions import condition_words
 from bench.report.page import bundled, rendered
 from bench.report.site.board import (
     EMPTY,
@@ -36,7 +37,7 @@ from bench.report.site.board import (
     row_kinds,
 )
 from bench.report.site.site_run import HEADLINE
-from bench.report.site.words import condition_words, method_words, metric_words, trained_on
+from bench.report.site.words import method_words, metric_words, trained_on
 
 NUMBERS = Path(__file__).parents[1] / "results" / "docs"
 FULL = "2048"

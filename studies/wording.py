@@ -2,25 +2,16 @@
 
 from __future__ import annotations
 
-FULL = 2048  # points of a cloud
+from bench.report.conditions import condition_name
 
 
 def condition_in_words(condition: str) -> str:
-    """Return a condition as a reader without the list of conditions understands it.
+    """Return a condition in words that are short enough for the head of a column.
 
-    An id of another kind is returned as it is.
+    An id of another kind, or of another reading of the paper, is returned as it is.
     """
-    if condition.isdecimal():
-        points = int(condition)
-        return f"{points:,} points" if points == FULL else f"{points:,} of {FULL:,} points"
-    kind, _, level = condition.rpartition("-")
-    sentences = {
-        "noise": "noise {share} of the radius",
-        "outliers": "{share} outliers",
-        "missing": "{share} missing",
-        "density": "density {level} : 1",
-    }
-    if kind not in sentences:
+    name = condition_name(condition)
+    if name.reading:
         return condition
-    share = f"{100 * float(level):g}\N{NO-BREAK SPACE}%"
-    return sentences[kind].format(share=share, level=level)
+    shorter = {"missing": f"{name.short} missing", "density": f"density {name.short}"}
+    return shorter.get(name.kind, name.words).replace(" %", "\N{NO-BREAK SPACE}%")

@@ -27,7 +27,7 @@ from bench.catalogue.metrics import (
 from bench.catalogue.suites import Suite
 from bench.records.artifacts import JobName
 from bench.records.parquet import read_jobs
-from bench.report.conditions import condition_name
+from bench.report.conditions import condition_words
 from bench.report.families import family_curves
 from bench.report.headline import compact_table
 from bench.report.images import cases, extremes, grids, shown_objects
@@ -271,7 +271,7 @@ def _command(manifest: Mapping[str, Any]) -> str:
 def _meanings(
     manifest: Mapping[str, Any], suite: Suite
 ) -> tuple[tuple[str, tuple[tuple[str, str], ...]], ...]:
-    known = {c.id: f"{condition_name(c.id).words}; {c.source}" for c in CONDITIONS}
+    known = {c.id: f"{condition_words(c.id)}; {c.source}" for c in CONDITIONS}
     distances = {m.id: f"Fréchet distance, lower is better: {m.about}" for m in SET_METRICS}
     kernel = {metric: about for metric, (_, about) in KERNEL_METRICS.items()}
     metrics = IMAGE_METRICS | distances | kernel | RECOGNITION_METRICS | CONTROL_METRICS

@@ -1,4 +1,4 @@
-"""Conditions in words, as sentences, axes and heads of columns of the report name them."""
+"""Conditions in words, as sentences, axes and heads of columns of report and site name them."""
 
 from __future__ import annotations
 
@@ -19,29 +19,42 @@ from data_prep.clouds.conditions import (
 from data_prep.scene import CLOUD_SIZE
 
 GAP = 0.6  # of a step of an axis, between kinds of conditions
+READINGS = {"random": "random", "code": "original code"}  # of the paper, by the end of an id
 
 
 class ConditionName(NamedTuple):
-    """The names of a condition; conditions of one `kind` stand together on an axis.
+    """The names of a condition; conditions of one `axis` stand together on an axis.
 
-    kind   the kind of the change; "" for a condition that is not known
-    short  name beside others of its kind
-    words  name that needs nothing beside it
+    kind     the kind of the change; "" for a condition that is not known
+    short    name beside others of its kind
+    words    name that needs nothing beside it
+    reading  "random" or "code" for another reading of the paper, else ""
     """
 
     kind: str
     short: str
     words: str
+    reading: str = ""
+
+    @property
+    def axis(self) -> str:
+        """Return the kind, with the reading of the paper."""
+        return f"{self.kind} ({self.reading})" if self.reading else self.kind
 
 
 def condition_name(condition_id: str) -> ConditionName:
     """Return the names of a condition; of one that is not known its id."""
     known = (c.perturbation for c in CONDITIONS if c.id == condition_id)
     kind, short, words = _names(next(known, None), condition_id)
-    if condition_id.endswith(("-random", "-code")):  # another reading of the paper
-        reading = condition_id.rpartition("-")[2]
-        kind, words = f"{kind} ({reading})", f"{words} ({reading})"
-    return ConditionName(kind, short, words)
+    reading = condition_id.rpartition("-")[2]
+    if not kind or reading not in READINGS:
+        return ConditionName(kind, short, words)
+    return ConditionName(kind, short, f"{words} ({READINGS[reading]})", reading)
+
+
+def condition_words(condition_id: str) -> str:
+    """Return a condition in words that need nothing beside them; the id of an unknown one."""
+    return condition_name(condition_id).words
 
 
 def _names(change: Perturbation | None, condition_id: str) -> tuple[str, str, str]:
@@ -71,7 +84,7 @@ def _percent(share: float) -> str:
 
 def places(conditions: Sequence[str]) -> list[float]:
     """Return places on an axis, a step apart, with a gap where another kind of change begins."""
-    kinds = [condition_name(condition).kind for condition in conditions]
+    kinds = [condition_name(condition).axis for condition in conditions]
     at, gaps = [], 0.0
     for i, kind in enumerate(kinds):
         gaps += GAP * (i > 0 and kind != kinds[i - 1])
@@ -89,11 +102,11 @@ def listed(conditions: Iterable[str], every: Sequence[str]) -> str:
         return f"every condition but {listed(others, every)}"
     by_kind: dict[str, list[str]] = {}
     for condition in every:
-        by_kind.setdefault(condition_name(condition).kind, []).append(condition)
+        by_kind.setdefault(condition_name(condition).axis, []).append(condition)
     parts = []
     for kind, of_kind in by_kind.items():
         if kind and len(of_kind) > 1 and chosen.issuperset(of_kind):
             parts.append("any number of points" if kind == "points" else f"any {kind}")
         else:
-            parts += [condition_name(c).words for c in of_kind if c in chosen]
+            parts += [condition_words(c) for c in of_kind if c in chosen]
     return ", ".join(parts)

@@ -9,7 +9,7 @@ from bench.analysis.comparison import decimals
 from bench.analysis.scores import QualityRow
 from bench.catalogue.methods import FLOOR, role
 from bench.catalogue.metrics import higher_is_better
-from bench.report.conditions import condition_name
+from bench.report.conditions import condition_name, condition_words
 from bench.report.page import CompactCell, CompactColumn, CompactTable
 from bench.tables.grid import Tags, ordered, shown
 
@@ -41,7 +41,7 @@ def compact_table(rows: Sequence[QualityRow]) -> CompactTable | None:
         if row is None or not math.isfinite(row.value):
             return CompactCell("–", None, row.note if row else "not measured")
         digits = decimals(row.metric)
-        texts = [f"{method}, {row.metric}, {condition_name(row.condition).words}"]
+        texts = [f"{method}, {row.metric}, {condition_words(row.condition)}"]
         if math.isfinite(row.ci_low):
             ends = shown(row.ci_low, digits), shown(row.ci_high, digits)
             texts.append("95 % interval {} to {}".format(*ends))
@@ -75,7 +75,7 @@ def compact_table(rows: Sequence[QualityRow]) -> CompactTable | None:
     return CompactTable(
         tuple(
             CompactColumn(
-                *(metric, name.kind * (name.kind != "points"), name.short, name.words),
+                *(metric, name.axis * (name.axis != "points"), name.short, name.words),
                 higher_is_better(metric),
                 Tags(condition=condition),
             )

@@ -18,7 +18,7 @@ from bench.catalogue.methods import FLOOR, role
 from bench.catalogue.metrics import IMAGE_METRICS, higher_is_better
 from bench.catalogue.parameters import find_setting
 from bench.report.blank_region import shade_worse
-from bench.report.conditions import condition_name
+from bench.report.conditions import condition_words
 from bench.report.inline import MarkedFigure, inline
 from bench.report.page import Plot
 from bench.report.robustness import (
@@ -133,7 +133,7 @@ def frontier_figure(
         of_cell = [p for p in places if (p.condition, p.class_name) == cell]
         _scale(axis, metric)
         labels.append(_draw_panel(drawn, axis, of_cell, styles))
-        words = condition_name(cell[0]).words
+        words = condition_words(cell[0])
         axis.set_title(visible(f"{words}, {cell[1]}" if several else words), fontsize=fontsize + 1)
         axis.set_ylabel(axis_title(metric), fontsize=fontsize)
         axis.grid(color=RULE, linewidth=0.6, which="major")
@@ -363,7 +363,7 @@ def cost_plots(
             points = sorted(filter(_competes, of_cell), key=lambda p: p.cost_ms.value)
             description = "; ".join(map(_text, points))
             plot = Plot(
-                title=f"{metric}: {condition_name(condition).words}, {class_name}",
+                title=f"{metric}: {condition_words(condition)}, {class_name}",
                 axis=f"{'higher' if higher_is_better(metric) else 'lower'} is better",
                 description=f"{axis_title(metric)}, by rising cost: {description}.",
                 svg=inline(figure, f"cost-{len(plots)}"),

@@ -20,7 +20,7 @@ from bench.catalogue.parameters import find_setting
 from bench.records.artifacts import JobName
 from bench.records.record import GROUND_TRUTH
 from bench.report.blank_region import shade_worse
-from bench.report.conditions import ConditionName, condition_name, places
+from bench.report.conditions import ConditionName, condition_name, condition_words, places
 from bench.report.image_sheets import write_images, write_thin_parts
 from bench.report.inline import MarkedFigure, inline
 from bench.report.page import Plot
@@ -150,7 +150,7 @@ def _plot(panel: CurvePanel, styles: Mapping[str, MethodStyle], name: str) -> Pl
     steps = (f"{panel.step(row)}{f' ({row.n_ok} of {row.n})' * row.failed}" for row in panel.rows)
     values = ((row.method, step, row.value) for row, step in zip(panel.rows, steps, strict=True))
     description = in_words(panel.metric, values)
-    where = f" at {condition_name(place).words}, by class" if panel.by_class else f", class {place}"
+    where = f" at {condition_words(place)}, by class" if panel.by_class else f", class {place}"
     wide = len(panel.steps) > MOST_STEPS
     figure = robustness_figure([panel], styles, WIDE_IN if wide else PLOT_IN, PLOT_TEXT)
     return Plot(
@@ -217,7 +217,7 @@ def _draw_panel(
                 row.class_name,
                 Estimate(row.value, row.ci_low, row.ci_high),
                 _caveat(row),
-                names[steps.index(panel.step(row))].kind,
+                names[steps.index(panel.step(row))].axis,
             )
             for row in panel.rows
             if row.method == method
@@ -245,7 +245,7 @@ def _draw_panel(
         title = f"class{title}"
     else:
         title = title.removeprefix("; ")
-        _name_kinds(axis, places_, [name.kind for name in names], fontsize)
+        _name_kinds(axis, places_, [name.axis for name in names], fontsize)
     # Below the names of kinds, for which an empty line keeps the room.
     axis.set_xlabel(
         title or " ", fontsize=fontsize, labelpad=4 if panel.by_class else 1.3 * fontsize

@@ -14,6 +14,7 @@ from bench.catalogue.methods import RECOMMENDED
 from bench.records.artifacts import JobName
 from bench.records.journal import PROTOCOL
 from bench.records.parquet import artifacts_of, read_jobs
+from bench.report.conditions import condition_words
 from bench.report.images import data_uri
 from bench.report.page import PageImage, Plot
 from bench.report.site.board import Board, row_kinds
@@ -21,7 +22,7 @@ from bench.report.site.classes import class_grids
 from bench.report.site.leaderboard import leaderboard, site_ranks
 from bench.report.site.plots import run_plots
 from bench.report.site.site_run import SiteRun
-from bench.report.site.words import condition_words, listed, metric_words
+from bench.report.site.words import listed, metric_words
 from bench.report.stored import Sources
 from bench.tables.differences import too_few
 from bench.tables.grid import Grid

@@ -12,6 +12,7 @@ from bench.analysis.paired import SIGNIFICANCE
 from bench.analysis.ranks import Ranking
 from bench.catalogue.methods import RECOMMENDED, role
 from bench.catalogue.metrics import higher_is_better
+from bench.report.conditions import condition_words
 from bench.report.page import PageImage
 from bench.report.site.board import (
     EMPTY,
@@ -25,7 +26,6 @@ from bench.report.site.board import (
 )
 from bench.report.site.site_run import HEADLINE, SiteRun, method_file, method_id_of
 from bench.report.site.words import (
-    condition_words,
     letter_range,
     listed,
     method_words,

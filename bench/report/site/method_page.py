@@ -7,6 +7,7 @@ from pathlib import Path
 
 from bench.catalogue.methods import known_method, role
 from bench.catalogue.parameters import PARAMETERS
+from bench.report.conditions import condition_words
 from bench.report.site.methods import SiteMethod
 from bench.report.site.page import Section, SitePage, card_html
 from bench.report.site.site_run import (
@@ -23,7 +24,6 @@ from bench.report.site.site_run import (
     rank_cell,
     share_ranking,
 )
-from bench.report.site.words import condition_words
 from bench.tables.grid import (
     NOTHING,
     Cell,

@@ -11,6 +11,7 @@ from itertools import combinations
 from bench.analysis.paired import PairedDifference
 from bench.catalogue.methods import role
 from bench.records.journal import PROTOCOL
+from bench.report.conditions import condition_words
 from bench.report.site.about_page import ABOUT, about_page
 from bench.report.site.classes import class_grids
 from bench.report.site.index_page import INDEX, IndexPage, index_page
@@ -33,7 +34,7 @@ from bench.report.site.site_run import (
     rank_cell,
     share_ranking,
 )
-from bench.report.site.words import condition_words, p_words
+from bench.report.site.words import p_words
 from bench.tables.differences import difference_cell, too_few
 from bench.tables.grid import (
     NOTHING,

@@ -15,9 +15,9 @@ import numpy as np
 from bench.analysis.comparison import Comparison, decimals, milliseconds
 from bench.analysis.frontier import FrontierPoint, places
 from bench.catalogue.families import families_of
-from bench.catalogue.lookup import find
 from bench.catalogue.methods import FLOOR, role
 from bench.catalogue.metrics import higher_is_better
+from bench.report.conditions import condition_name, condition_words
 from bench.report.inline import MarkedFigure, inline
 from bench.report.page import Plot
 from bench.report.pareto import place_labels
@@ -31,14 +31,11 @@ from bench.report.robustness import (
     shortened,
 )
 from bench.report.site.site_run import SiteRun
-from bench.report.site.words import condition_words
 from bench.report.styles import INK, RULE, SOFT, MethodStyle, method_styles
 from bench.tables.figure import drawing, name_lines, panels
 from bench.tables.grid import Tags
 from bench.tables.markdown import visible
 from data_prep.arrays import Floats
-from data_prep.clouds.conditions import CONDITIONS
-from data_prep.failures import BadInput
 
 SIZE_IN = (4.5, 3.5)  # 324 points wide: a phone shows a point as a pixel
 TEXT = 11  # points
@@ -210,30 +207,20 @@ def _steps(conditions: Sequence[str]) -> list[tuple[float, str]]:
         return [(float(i), "") for i in range(len(conditions))]
     steps: list[tuple[float, str]] = []
     for condition in conditions:
-        kind = _kind(condition)
+        kind = condition_name(condition).kind
         x = steps[-1][0] + 1 + GAP * (kind != steps[-1][1]) if steps else 0.0
         steps.append((x, kind))
     return steps
 
 
-def _kind(condition: str) -> str:
-    try:
-        name = type(find(condition, CONDITIONS, "condition").perturbation).__name__
-    except BadInput:
-        return ""
-    return "Stride" if name in ("Unchanged", "RandomSubset") else name
-
-
 def _tick(condition: str, steps: int) -> str:
-    """Return a condition as the label of a tick: short, on two lines where it is noise."""
-    words = condition_words(condition)
-    for end in (" of 2,048 points", " points", " of the radius", " on one side"):
-        words = words.removesuffix(end)
-    words = words.replace("1,024 points, ", "").replace(" times as dense at one end", "×")
-    number = words.split(" %")[0].removeprefix("noise ")
-    if words.startswith("noise "):
-        return f"noise\n{number} %" if steps > 3 else f"noise {number} %"
-    return words.replace(" % outliers", " %\noutliers").replace(" % missing", " %\nmissing")
+    """Return a condition as the label of a tick: short, on two lines where its kind is named."""
+    name = condition_name(condition)
+    if name.kind == "noise":
+        return f"noise\n{name.short}" if steps > 3 else f"noise {name.short}"
+    if name.kind in ("outliers", "missing"):
+        return f"{name.short}\n{name.kind}"
+    return f"{name.short} ({name.reading})" if name.reading else name.short
 
 
 def _shade_worse(axis: Any, metric: str, blank: float) -> None:

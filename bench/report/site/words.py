@@ -1,4 +1,4 @@
-"""Conditions, metrics and methods in words, for people who open a site."""
+"""Metrics and methods in words, for people who open a site."""
 
 from __future__ import annotations
 
@@ -7,48 +7,8 @@ from itertools import groupby
 
 from bench.catalogue.methods import RECOMMENDED, known_method, role
 from bench.catalogue.metrics import IMAGE_METRICS, higher_is_better
-from data_prep.clouds.conditions import (
-    CONDITIONS,
-    GaussianNoise,
-    Missing,
-    Outliers,
-    Perturbation,
-    RandomSubset,
-    Stride,
-    Unchanged,
-    UnevenDensity,
-)
-from data_prep.scene import CLOUD_SIZE
 
 _ROLES = {"ceiling": "reference: the true mesh", "floor": "reference: sees no cloud"}
-
-
-def condition_words(condition_id: str) -> str:
-    """Return a condition in words; the id of one that is not known."""
-    perturbation = next((c.perturbation for c in CONDITIONS if c.id == condition_id), None)
-    words = _perturbation_words(perturbation) if perturbation else condition_id
-    # Another reading of the paper has the name of what it reads.
-    return f"{words} (original code)" if condition_id.endswith("-code") else words
-
-
-def _perturbation_words(perturbation: Perturbation) -> str:
-    match perturbation:
-        case Unchanged():
-            return f"{CLOUD_SIZE:,} points"
-        case Stride(step):
-            return f"{-(-CLOUD_SIZE // step):,} of {CLOUD_SIZE:,} points"
-        case RandomSubset(count):
-            return f"{count:,} of {CLOUD_SIZE:,} points (random)"
-        case GaussianNoise(sigma):
-            return f"noise {100 * sigma:g} % of the radius"
-        case Outliers(share):
-            return f"{100 * share:g} % outliers"
-        case Missing(share):
-            return f"{100 * share:g} % missing on one side"
-        case UnevenDensity(ratio):
-            return f"{CLOUD_SIZE // 2:,} points, {ratio:g} times as dense at one end"
-        case _:
-            return repr(perturbation)
 
 
 def metric_words(metric: str) -> str:

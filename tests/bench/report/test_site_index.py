@@ -10,8 +10,9 @@ from pathlib import Path
 import pytest
 from builders import make_failed, read_all, write_all, write_run
 
+from bench.report.conditions import condition_words
 from bench.report.site.board import row_kinds
-from bench.report.site.words import condition_words, letter_range, p_words
+from bench.report.site.words import letter_range, p_words
 from bench.report.site.write import write_site
 from data_prep.failures import BadInput
 
