@@ -1,4 +1,4 @@
-"""Every `bench` command of some pages, run in one folder in the order of the pages.
+"""Run the `bench` commands of some pages in one folder, in the order of the pages.
 
 What a page writes in capitals stands for something of the reader's, and a suite takes minutes: the
 tables below say what is given here instead, and what makes it small. What a command prints is

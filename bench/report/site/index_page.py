@@ -57,7 +57,7 @@ class RunCard:
 
 @dataclass(frozen=True)
 class IndexPage:
-    """All that the index shows.
+    """The content of the index.
 
     Attributes
     ----------

@@ -280,7 +280,7 @@ def test_formats_that_are_asked_for(command, two_runs):
 
 @pytest.mark.parametrize("columns", [80, 20])
 def test_a_terminal_is_answered_in_text(two_runs, columns):
-    """Its last line is the verdict, and no line is wider than the terminal."""
+    """The verdict is the last line, and no line is wider than the terminal."""
     printed = on_terminal(columns, "compare", two_runs[0], "--methods", "blank,splat")
     assert max(map(len, printed)) <= columns
     words = " ".join(" ".join(printed).split())

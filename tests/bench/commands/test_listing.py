@@ -88,7 +88,7 @@ def test_methods_have_sections_stars_and_what_they_know():
 
 
 def test_costs_are_those_of_the_file(tmp_path):
-    """Of one view of a whole cloud; a variant without a cost has about that of its method."""
+    """The cost is of one view of a whole cloud; a variant without one has about its method's."""
     assert view_costs_ms(tmp_path / "none.csv") == {}
     path = tmp_path / "frontier.csv"
     path.write_text(

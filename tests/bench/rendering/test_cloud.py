@@ -154,7 +154,7 @@ def test_colours_of_a_file_are_drawn_by_splat_alone(command, refused, tmp_path):
 
 
 def test_a_size_and_a_transparent_background(command, refused, plugins, cloud, tmp_path):
-    """What is resampled is what the method draws; over white nothing changes."""
+    """Resample the image of the method; over white nothing changes."""
     out, large = tmp_path / "out.png", tmp_path / "large.png"
     note = (
         "note: methods draw 128 x 128 pixels; resampled to 300 x 300 (Lanczos), which adds no "

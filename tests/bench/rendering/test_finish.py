@@ -29,7 +29,7 @@ def on(ground, rgba):
 
 @pytest.mark.parametrize("size", [16, 128, 300])
 def test_over_white_a_transparent_image_is_the_opaque_one(chair, size):
-    """For smooth and sharp edges, colours, greys a little off white, and noise everywhere."""
+    """Lay smooth and sharp edges, colours, greys a little off white, and noise over white."""
     rng = generator("test")
     mesh = cast(in_one_colour(chair, (200, 90, 20)), VIEWS)
     splats = Splat().prepare(sample_surface(chair, rng))

@@ -121,7 +121,7 @@ def test_the_sheet_of_thin_parts(drawn, tmp_path):
 
 @pytest.mark.parametrize(("methods", "conditions"), [(8, 5), (3, 16), (1, 1), (40, 2)])
 def test_a_sheet_fits_a_page(tmp_path, methods, conditions):
-    """With many methods or conditions it has fewer objects, then smaller images."""
+    """Show fewer objects of many methods or conditions, then smaller images."""
     artifacts = {}
     for name in "abcd":
         job = make_truth(tmp_path, Tetrahedron(name))

@@ -121,7 +121,7 @@ def test_no_value_on_either_side():
 
 
 def test_classes_and_methods_of_two_runs_are_blocks():
-    """Each block is named in its corner; of several classes the unit is an object."""
+    """Name each block in its corner; the unit of several classes is an object."""
     classes = [*better(class_name="bench", objects=9), *better(class_name="sofa", objects=8)]
     shown = lines(classes)
     assert shown[0] == "splat-net against poisson, 17 objects, paired by object"

@@ -136,7 +136,7 @@ def test_pts(tmp_path: Path) -> None:
 
 
 def test_colours(tmp_path: Path) -> None:
-    """Of 16 bits in LAS, of 8 in the others; thinned and sorted out as their points are."""
+    """Read colours of 16 bits in LAS, of 8 in the others, thinned as their points are."""
     colours = np.random.default_rng(1).integers(0, 256, (len(POINTS), 3))
     colours[0] = 255
     write_las(tmp_path / "a.las")
