@@ -20,6 +20,8 @@ import numpy as np
 
 from bench.analysis.comparison import decimals, milliseconds
 from bench.analysis.paper import AVERAGE
+from bench.catalogue.costs import view_costs_ms
+from bench.catalogue.lookup import family_of
 from bench.catalogue.methods import FLOOR, RECOMMENDED, role
 from bench.catalogue.metrics import higher_is_better
 from bench.catalogue.reconstruction import BEST_RECONSTRUCTION
@@ -38,6 +40,7 @@ from bench.report.site.board import (
 )
 from bench.report.site.site_run import HEADLINE
 from bench.report.site.words import method_words, metric_words, trained_on
+from studies.documents import VERDICTS
 
 NUMBERS = Path(__file__).parents[1] / "results" / "docs"
 FULL = "2048"
@@ -45,15 +48,6 @@ CHAIRS = ("procedural-networks.csv", "beyond-networks.csv")
 MESHES = ("real-meshes-4.csv", "real-meshes-4-pc2pix.csv", "real-meshes.csv")
 COSTS = "frontier.csv"
 MARK = "<!-- leaderboard -->"
-# Methods without times of their own that draw with the network of another.
-SAME_COST = {
-    "splat-net@all": "splat-net",
-    "splat-net@all-grey": "splat-net",
-    "splat-net@grey": "splat-net",
-    "pc2pix@all": "pc2pix",
-    "pc2pix@widened": "pc2pix",
-}
-VERDICTS = {"a": "worse", "b": "better", "tie": "not decided", "unknown": "not decided"}
 
 Line = Mapping[str, str]
 
@@ -117,11 +111,7 @@ def board(numbers: Path = NUMBERS, groups: Sequence[ResultGroup] = GROUPS) -> Bo
     references = {m for m in methods if role(m) in REFERENCES}
     ordered = sorted(methods, key=lambda m: (m in references, ranks.get(m, math.inf)))
     kinds = row_kinds(ordered, {m: m for m in ordered}, {RECOMMENDED})
-    costs = {
-        line["method"]: float(line["cost_ms"])
-        for line in _read(numbers / COSTS)
-        if (line["condition"], line["views"], line["metric"]) == (FULL, "1", "lpips")
-    }
+    costs = view_costs_ms(numbers / COSTS)
     rows = []
     for place, method in enumerate(ordered, 1):
         cells = []
@@ -131,7 +121,7 @@ def board(numbers: Path = NUMBERS, groups: Sequence[ResultGroup] = GROUPS) -> Bo
             for metric in HEADLINE:
                 of_column = values[group.name, metric]
                 cells.append(_cell(metric, method, of_column, verdicts.get(metric, "")))
-        cost = costs.get(SAME_COST.get(method, method)) if method not in references else None
+        cost = costs.get(method, costs.get(family_of(method))) if method not in references else None
         cells += [
             BoardCell(f"{ranks[method]:.1f}", ranks[method]) if method in ranks else EMPTY,
             BoardCell(milliseconds(cost), cost) if cost else EMPTY,
