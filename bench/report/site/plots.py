@@ -16,7 +16,7 @@ from bench.analysis.comparison import Comparison, decimals, milliseconds
 from bench.analysis.frontier import FrontierPoint, places
 from bench.catalogue.families import families_of
 from bench.catalogue.methods import FLOOR, role
-from bench.catalogue.metrics import higher_is_better
+from bench.report.blank_region import shade_worse
 from bench.report.conditions import condition_name, condition_words
 from bench.report.inline import MarkedFigure, inline
 from bench.report.page import Plot
@@ -31,7 +31,7 @@ from bench.report.robustness import (
     shortened,
 )
 from bench.report.site.site_run import SiteRun
-from bench.report.styles import INK, RULE, SOFT, MethodStyle, method_styles
+from bench.report.styles import INK, RULE, MethodStyle, method_styles
 from bench.tables.figure import drawing, name_lines, panels
 from bench.tables.grid import Tags
 from bench.tables.markdown import visible
@@ -146,7 +146,7 @@ def curve_figure(
     )
     axis.set_xlim(steps[0][0] - 0.3, steps[-1][0] + 0.3)
     blanks = [c.qualities[metric][FLOOR].estimate.value for c in compared]
-    _shade_worse(axis, metric, float(np.mean(blanks)))
+    shade_worse(axis, metric, [(*axis.get_xlim(), float(np.mean(blanks)))], TEXT, named=False)
     names = name_lines(axis, labelled, NAMES_AT, apart=APART, fontsize=TEXT)
     for method, name in zip(methods, names, strict=True):
         name.set_color(INK)  # hues of markers are too light for text
@@ -180,7 +180,7 @@ def frontier_figure(
     axis.set_xlabel("ms a view", fontsize=TEXT)
     drawn.figure.subplots_adjust(bottom=0.185)
     for blank in (p.quality.value for p in points if p.method == FLOOR):
-        _shade_worse(axis, points[0].metric, blank)
+        shade_worse(axis, points[0].metric, [(left, right, blank)], TEXT, named=False)
     _name_points(drawn, axis, rivals, steps)
     return drawn
 
@@ -221,17 +221,6 @@ def _tick(condition: str, steps: int) -> str:
     if name.kind in ("outliers", "missing"):
         return f"{name.short}\n{name.kind}"
     return f"{name.short} ({name.reading})" if name.reading else name.short
-
-
-def _shade_worse(axis: Any, metric: str, blank: float) -> None:
-    """Shade what is worse than a white image, as far as it is in sight."""
-    low, high = axis.get_ylim()
-    if not math.isfinite(blank):
-        return
-    ends = (low, blank) if higher_is_better(metric) else (blank, high)
-    if ends[0] < ends[1]:
-        axis.axhspan(*ends, color=SOFT, alpha=0.16, linewidth=0, zorder=0)
-    axis.set_ylim(low, high)
 
 
 def _name_points(
