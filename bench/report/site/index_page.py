@@ -22,7 +22,7 @@ from bench.report.site.classes import class_grids
 from bench.report.site.leaderboard import leaderboard, site_ranks
 from bench.report.site.plots import run_plots
 from bench.report.site.site_run import SiteRun
-from bench.report.site.words import listed, metric_words
+from bench.report.site.words import joined_names, metric_words
 from bench.report.stored import Sources
 from bench.tables.differences import too_few
 from bench.tables.grid import Grid
@@ -30,7 +30,7 @@ from data_prep.failures import BadInput
 from data_prep.progress import log
 
 INDEX = "index.html"
-MOST_REASONS = 3  # listed for a run; its page has all
+MOST_REASONS = 3  # joined_names for a run; its page has all
 
 
 @dataclass(frozen=True)
@@ -165,17 +165,17 @@ def _answers(
         if ranks.objects_needed:
             answers.append(("Whether it differs from others", too_few(ranks.objects_needed)))
         elif tied:
-            answers.append(("Not shown to differ from it", listed(tied)))
+            answers.append(("Not shown to differ from it", joined_names(tied)))
     cheap = []
     for run in runs[:1]:
         names = {method.id: name for name, method in run.methods.items()}
         points = [p for p in places(run.overall, run.metrics[:1], 1) if p.verdict == "frontier"]
         cheap += [names[p.method] for p in sorted(points, key=lambda p: p.cost_ms.value)]
         if cheap:
-            answers.append((f"On the frontier of {run.name}, cheapest first", listed(cheap)))
+            answers.append((f"On the frontier of {run.name}, cheapest first", joined_names(cheap)))
     below = [name for name in shown if _below(runs, name)]
     if below:
-        answers.append(("Worse than a white image in some run", listed(below)))
+        answers.append(("Worse than a white image in some run", joined_names(below)))
     return tuple(answers)
 
 

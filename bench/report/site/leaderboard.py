@@ -26,8 +26,8 @@ from bench.report.site.board import (
 )
 from bench.report.site.site_run import HEADLINE, SiteRun, method_file, method_id_of
 from bench.report.site.words import (
+    joined_names,
     letter_range,
-    listed,
     method_words,
     metric_words,
     p_words,
@@ -201,6 +201,6 @@ def _notes(runs: Sequence[SiteRun], ranks: MeanRanks) -> tuple[str, ...]:
             notes.append(f"{run.name} has no {metric}: {reason.removeprefix('skipped: ')}.")
         competing = [m for m, method in run.methods.items() if not role(method.id)]
         if len(competing) < 2:
-            named = listed(competing) or "none"
+            named = joined_names(competing) or "none"
             notes.append(f"{run.name} ranks nothing; methods that compete: {named}.")
     return tuple(notes)

@@ -35,7 +35,7 @@ def p_words(value: float) -> str:
     return "< .001" if value < 0.001 else f"{value:.2g}".removeprefix("0")
 
 
-def listed(names: Sequence[str]) -> str:
+def joined_names(names: Sequence[str]) -> str:
     """Return names as a list in a sentence."""
     return " and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
 
