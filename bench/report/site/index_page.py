@@ -30,7 +30,7 @@ from data_prep.failures import BadInput
 from data_prep.progress import log
 
 INDEX = "index.html"
-MOST_REASONS = 3  # joined_names for a run; its page has all
+MOST_REASONS = 3  # listed for a run; its page has all
 
 
 @dataclass(frozen=True)
