@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
+from bench.catalogue.chosen import BEST_RECONSTRUCTION
 from bench.catalogue.lookup import find
-from bench.catalogue.reconstruction import BEST_RECONSTRUCTION
 from bench.running.work import load_renderer
 from bench.tables.figure import image_grid, save
 from data_prep.clouds.conditions import CONDITIONS

@@ -12,9 +12,9 @@ from threadpoolctl import threadpool_limits
 from bench.analysis.comparison import Comparison, compare, paired, pooled
 from bench.analysis.paired import ComparedPair, PairedDifference, Side, paired_differences
 from bench.analysis.scored import ScoredRun, read_scored
+from bench.catalogue.chosen import CHOSEN
 from bench.catalogue.methods import FLOOR
 from bench.catalogue.metrics import IMAGE_METRICS, is_mean
-from bench.catalogue.reconstruction import BEST_RECONSTRUCTION, best_by_condition
 from bench.records.journal import PROTOCOL
 from data_prep.failures import BadInput
 
@@ -41,9 +41,8 @@ def methods_of_run(
 ) -> Differences:
     """Return method b against method a of one finished run, in every condition and class.
 
-    With several classes also all objects together, by image metrics. A method may be
-    `best-reconstruction`: at each condition the reconstruction that was best on validation chairs
-    (`bench.catalogue.reconstruction`).
+    With several classes also all objects together, by image metrics. A method may be a chosen row:
+    another method at each condition (`bench.catalogue.chosen`).
 
     Raises BadInput where there are not two methods, for methods and metrics that the run does not
     have, and for a run without scores.
@@ -51,8 +50,8 @@ def methods_of_run(
     run = read_scored(directory)
     if len(set(methods)) != 2:
         raise BadInput("one run is compared by two methods; give --methods a,b or a second folder")
-    best = _best_reconstructions(run)
-    available = [*run.manifest["methods"], *([BEST_RECONSTRUCTION] if best else [])]
+    chosen_rows = _chosen_rows(run)
+    available = [*run.manifest["methods"], *chosen_rows]
     _refuse_unknown("--methods", methods, available)
     remarks: list[str] = []
     chosen = _metrics([run], metrics, remarks)
@@ -63,9 +62,9 @@ def methods_of_run(
         for comparison in [*compared, *pooled(compared)]
         for metric in comparison.qualities
     ]
-    if BEST_RECONSTRUCTION in methods:
-        parts = (f"`{method}` at {condition}" for condition, method in best.items())
-        remarks.append(f"`{BEST_RECONSTRUCTION}` is {', '.join(parts)}.")
+    for name in chosen_rows.keys() & set(methods):
+        parts = (f"`{method}` at {condition}" for condition, method in chosen_rows[name].items())
+        remarks.append(f"`{name}` is {', '.join(parts)}.")
     return Differences(a, b, _differences(pairs, chosen), tuple(remarks))
 
 
@@ -104,17 +103,19 @@ def runs(
 
 
 def _compare(run: ScoredRun, methods: Sequence[str], metrics: Sequence[str]) -> list[Comparison]:
-    best = _best_reconstructions(run) if BEST_RECONSTRUCTION in methods else {}
-    wanted = run.records[run.records["method"].isin([*methods, *best.values(), FLOOR])]
+    rows = {name: best for name, best in _chosen_rows(run).items() if name in methods}
+    chosen = {method for best in rows.values() for method in best.values()}
+    wanted = run.records[run.records["method"].isin([*methods, *chosen, FLOOR])]
     with threadpool_limits(1):  # the same digits on any number of cores
         compared = compare(wanted, run.features, metrics)
-    if not best:
-        return compared
     return [
         replace(
             comparison,
             qualities={
-                metric: {**by_method, BEST_RECONSTRUCTION: by_method[best[comparison.condition]]}
+                metric: {
+                    **by_method,
+                    **{name: by_method[best[comparison.condition]] for name, best in rows.items()},
+                }
                 for metric, by_method in comparison.qualities.items()
             },
         )
@@ -122,11 +123,11 @@ def _compare(run: ScoredRun, methods: Sequence[str], metrics: Sequence[str]) -> 
     ]
 
 
-def _best_reconstructions(run: ScoredRun) -> dict[str, str]:
-    """Return the best reconstruction at each condition; none where a condition has none."""
+def _chosen_rows(run: ScoredRun) -> dict[str, dict[str, str]]:
+    """Return the methods of the chosen rows by condition; only rows that each condition has."""
     conditions, methods = run.manifest["conditions"], run.manifest["methods"]
-    best = best_by_condition(conditions, methods)
-    return best if len(best) == len(conditions) else {}
+    rows = {name: row.by_condition(conditions, methods) for name, row in CHOSEN.items()}
+    return {name: best for name, best in rows.items() if len(best) == len(conditions)}
 
 
 def _pair(metric: str, in_a: Comparison, in_b: Comparison, a: Side, b: Side) -> ComparedPair:

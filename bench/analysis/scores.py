@@ -29,9 +29,9 @@ from bench.analysis.intervals import (
 from bench.analysis.paper import AVERAGE
 from bench.analysis.recognition import true_gallery
 from bench.analysis.scored import ScoredRun
+from bench.catalogue.chosen import CHOSEN
 from bench.catalogue.methods import FLOOR
 from bench.catalogue.metrics import JUDGE, UNDEFINED, column, extractor_of, is_mean, value_range
-from bench.catalogue.reconstruction import BEST_RECONSTRUCTION
 from bench.judges import answers as judge
 from bench.records.record import GROUND_TRUTH
 from data_prep.arrays import Floats
@@ -79,7 +79,7 @@ class QualityRow:
     def only_undefined(self) -> bool:
         """Return whether the note is only about existing images without a value."""
         if self.n_ok == self.n:
-            return bool(self.note) and self.method != BEST_RECONSTRUCTION
+            return bool(self.note) and self.method not in CHOSEN
         return f" x {NO_VALUE}: " in self.note and "; " not in self.note
 
     @property

@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from bench.catalogue import loaders  # no package that is slow to import: `bench list` needs this
+from bench.catalogue.chosen import CHOSEN
 from bench.catalogue.lookup import family_of, find, variant_of
 from bench.catalogue.method import Color, Method, TrainedOn
 from bench.catalogue.parameters import find_setting
-from bench.catalogue.reconstruction import BEST_RECONSTRUCTION
 from data_prep import plugins
 from data_prep.failures import BadInput, unknown
 from data_prep.files.safe_read import is_regular_file
@@ -312,8 +312,8 @@ COST_VARIANTS = (
 )
 BUNDLED = (*METHODS, *COST_VARIANTS)
 WITH_WEIGHTS_FILE = {"pc2pix": loaders.PC2PIX, "splat-net": loaders.SPLAT_NET}
-# The first two stand where the id of a method stands: they are no ids for methods of others.
-OUR_FAMILIES = {"ground-truth", BEST_RECONSTRUCTION} | {method.family for method in BUNDLED}
+# The first ones stand where the id of a method stands: they are no ids for methods of others.
+OUR_FAMILIES = {"ground-truth", *CHOSEN} | {method.family for method in BUNDLED}
 FLOOR = "blank"
 FLOORS = tuple(method.id for method in METHODS if method.role == "floor")
 
@@ -381,10 +381,10 @@ def objectives(method_ids: Iterable[str]) -> dict[str, str]:
 def role(method_id: str) -> str:
     """Return the role of a row of tables: that of its method, or "chosen".
 
-    "chosen" is the row `best-reconstruction`, which is another method at each condition; methods
+    "chosen" is a row of `bench.catalogue.chosen`, another method at each condition; methods
     that compete, and methods that are gone, have the role "".
     """
-    if method_id == BEST_RECONSTRUCTION:
+    if method_id in CHOSEN:
         return "chosen"
     method = known_method(method_id)
     return method.role if method else ""

@@ -11,6 +11,7 @@ from typing import Annotated
 
 import typer
 
+from bench.catalogue.chosen import BEST_RECONSTRUCTION, CHOSEN
 from bench.catalogue.costs import view_costs_ms
 from bench.catalogue.method import Method
 from bench.catalogue.methods import COST_VARIANTS, METHODS, RECOMMENDED, plugin_ids
@@ -24,7 +25,6 @@ from bench.catalogue.metrics import (
 )
 from bench.catalogue.parameters import PARAMETERS
 from bench.catalogue.plugins import metric_ids, plugin_problem
-from bench.catalogue.reconstruction import BEST_RECONSTRUCTION, best_by_condition
 from bench.catalogue.suites import ALL_SUITES, ROBUSTNESS
 from bench.tables.wrap import line_width, wrapped
 from data_prep.clouds.conditions import CONDITIONS
@@ -100,9 +100,8 @@ def _plain_entries(title: str) -> list[tuple[str, str]]:
 
 def _methods(width: int, costs: Mapping[str, float]) -> Iterator[str]:
     """Yield the methods by kind, with what they were trained on, their colours and their cost."""
-    chosen = sorted(
-        {*best_by_condition((c.id for c in CONDITIONS), (m.id for m in METHODS)).values()}
-    )
+    conditions, methods = [c.id for c in CONDITIONS], [m.id for m in METHODS]
+    chosen = sorted({*CHOSEN[BEST_RECONSTRUCTION].by_condition(conditions, methods).values()})
     heads = ("trained on", "colour", *["one view"] * bool(costs))
     yield from _heads(heads, width)
     for kind, head in KINDS.items():

@@ -14,8 +14,8 @@ from bench.tables.grid import Block, ordered
 from bench.tables.quality import (
     all_methods,
     annotated,
-    which_is_best,
-    with_best_reconstruction,
+    which_are_chosen,
+    with_chosen_rows,
     with_paper_values,
 )
 from bench.tables.table import Table, columns_of
@@ -27,8 +27,8 @@ IN_A_ROW = 7  # classes side by side, as the paper has them
 def class_table(run: ScoredRun, spec: TableSpec, published: Published) -> Table[QualityRow]:
     """Return Table 5: values by class, and their means over classes."""
     rows = annotated(class_rows(run, run.suite.class_metrics), run, published)
-    shown = with_best_reconstruction(rows)
-    remarks = [remark(run), which_is_best(shown)]
+    shown = with_chosen_rows(rows)
+    remarks = [remark(run), which_are_chosen(shown)]
     return table_of_classes(spec, shown, " ".join(filter(None, remarks)))
 
 

@@ -17,7 +17,7 @@ from bench.analysis.scores import QualityRow, class_rows, image_rows, set_rows
 from bench.catalogue.metrics import is_mean
 from bench.records.journal import PROTOCOL
 from bench.tables.grid import Block
-from bench.tables.quality import all_methods, annotated, with_best_reconstruction
+from bench.tables.quality import all_methods, annotated, with_chosen_rows
 from bench.tables.table import Table, columns_of, of_protocol
 
 HEADLINE = "headline"
@@ -48,6 +48,6 @@ def headline(run: ScoredRun) -> Table[QualityRow]:
             rows = [replace(row, ci_low=NAN, ci_high=NAN) for row in rows]
         yield from all_methods(rows)
 
-    shown = with_best_reconstruction(annotated(rows, run, {}))
+    shown = with_chosen_rows(annotated(rows, run, {}))
     table = Table(HEADLINE, title, columns_of(QualityRow), shown, layout)
     return of_protocol(table, run.manifest[PROTOCOL])

@@ -15,9 +15,9 @@ from bench.analysis.comparison import NAN, decimals
 from bench.analysis.paper import PAPER_METHODS, Published, published_value
 from bench.analysis.scored import ScoredRun
 from bench.analysis.scores import QualityRow, image_rows, recognition_rows, set_rows
+from bench.catalogue.chosen import CHOSEN
 from bench.catalogue.methods import role
 from bench.catalogue.metrics import JUDGE, higher_is_better
-from bench.catalogue.reconstruction import BEST_RECONSTRUCTION, best_by_condition
 from bench.catalogue.suite_types import TableSpec
 from bench.records.record import GROUND_TRUTH
 from bench.tables import markdown
@@ -108,34 +108,39 @@ def quality_table(
             yield from _paper_layout(rows)
         yield from all_methods(rows)
 
-    rows = with_best_reconstruction(rows)
-    remark = " ".join(filter(None, [remark, which_is_best(rows)]))
+    rows = with_chosen_rows(rows)
+    remark = " ".join(filter(None, [remark, which_are_chosen(rows)]))
     return Table(spec.name, spec.title, columns_of(QualityRow), rows, layout, remark)
 
 
-def with_best_reconstruction(rows: Iterable[QualityRow]) -> tuple[QualityRow, ...]:
-    """Return the rows, with those of the best reconstruction a second time by that name."""
+def with_chosen_rows(rows: Iterable[QualityRow]) -> tuple[QualityRow, ...]:
+    """Return the rows, with those of chosen methods a second time by the name of their row."""
     rows = tuple(rows)
-    best = best_by_condition({row.condition for row in rows}, {row.method for row in rows})
+    conditions, methods = {row.condition for row in rows}, {row.method for row in rows}
+    chosen = {name: row.by_condition(conditions, methods) for name, row in CHOSEN.items()}
     result = []
     for row in rows:
         result.append(row)
-        if row.method == best.get(row.condition):
-            note = row.note if row.skipped else "; ".join(filter(None, [row.method, row.note]))
-            result.append(replace(row, method=BEST_RECONSTRUCTION, note=note, paper=NAN))
+        for name, best in chosen.items():
+            if row.method == best.get(row.condition):
+                note = row.note if row.skipped else "; ".join(filter(None, [row.method, row.note]))
+                result.append(replace(row, method=name, note=note, paper=NAN))
     return tuple(result)
 
 
-def which_is_best(rows: Iterable[QualityRow]) -> str:
-    """Return a sentence on the best reconstruction at each condition; empty without any."""
-    conditions: dict[str, list[str]] = {}
-    for row in rows:
-        if row.method == BEST_RECONSTRUCTION and not row.skipped:
-            conditions.setdefault(row.note.partition("; ")[0], []).append(row.condition)
-    parts = [f"`{method}` at {', '.join(ordered(at))}" for method, at in conditions.items()]
-    if not parts:
-        return ""
-    return f"`{BEST_RECONSTRUCTION}`, chosen on validation chairs, is {'; '.join(parts)}."
+def which_are_chosen(rows: Iterable[QualityRow]) -> str:
+    """Return a sentence for each chosen row, on its method at each condition; empty without any."""
+    rows = tuple(rows)
+    sentences = []
+    for name in CHOSEN:
+        conditions: dict[str, list[str]] = {}
+        for row in rows:
+            if row.method == name and not row.skipped:
+                conditions.setdefault(row.note.partition("; ")[0], []).append(row.condition)
+        parts = [f"`{method}` at {', '.join(ordered(at))}" for method, at in conditions.items()]
+        if parts:
+            sentences.append(f"`{name}`, chosen on validation objects, is {'; '.join(parts)}.")
+    return " ".join(sentences)
 
 
 def _paper_layout(rows: Sequence[QualityRow]) -> Iterator[Block]:
@@ -254,7 +259,7 @@ def _gaps(rows: Sequence[QualityRow], across: str) -> list[str]:
     notes: list[str] = []
     undefined: dict[str, list[str]] = {}
     for row in rows:
-        if row.method == BEST_RECONSTRUCTION:
+        if row.method in CHOSEN:
             continue  # named as the method that it is
         if row.only_undefined:
             undefined.setdefault(row.note, []).append(row.method)

@@ -7,9 +7,9 @@ import sys
 import pytest
 
 from bench.catalogue import methods
+from bench.catalogue.chosen import BEST_RECONSTRUCTION
 from bench.catalogue.methods import METHODS, OUR_FAMILIES, find_method
 from bench.catalogue.plugins import find_metric, metric_ids
-from bench.catalogue.reconstruction import BEST_RECONSTRUCTION
 from bench.records.record import GROUND_TRUTH
 from data_prep.datasets import registry as datasets
 from data_prep.failures import BadInput

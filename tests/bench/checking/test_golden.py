@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 
 from bench.analysis.scored import read_scored
+from bench.catalogue.chosen import BEST_RECONSTRUCTION
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import FLOORS
-from bench.catalogue.reconstruction import BEST_RECONSTRUCTION
 from bench.catalogue.suites import SUITES
 from bench.checking.golden import CheckResult, bless, check, golden_lines
 from bench.checking.tolerances import JUDGED, OF_CLASSES, RECONSTRUCTION, RENDERING, tolerance

@@ -6,6 +6,7 @@ import re
 
 import pytest
 
+from bench.catalogue.chosen import BEST_RECONSTRUCTION
 from bench.catalogue.costs import view_costs_ms
 from bench.catalogue.methods import COST_VARIANTS, METHODS, RECOMMENDED
 from bench.catalogue.metrics import (
@@ -16,7 +17,6 @@ from bench.catalogue.metrics import (
     SET_METRICS,
 )
 from bench.catalogue.parameters import PARAMETERS
-from bench.catalogue.reconstruction import BEST_RECONSTRUCTION
 from bench.catalogue.suites import LATENT, SPEED, STABILITY, SUITES
 from bench.commands.listing import SECTIONS, section_lines
 from data_prep.clouds.conditions import CONDITIONS

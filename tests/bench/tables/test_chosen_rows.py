@@ -1,17 +1,18 @@
-"""The row that is another method at each condition, in tables and comparisons."""
+"""Rows that are another method at each condition, in tables and comparisons."""
 
 from __future__ import annotations
 
 import csv
 import io
+from dataclasses import replace
 
 import pytest
 
 from bench.analysis.run_pairs import methods_of_run
 from bench.analysis.scored import read_scored
+from bench.catalogue.chosen import BEST_LEARNED_3D, BEST_RECONSTRUCTION, CHOSEN
 from bench.catalogue.methods import METHODS as CATALOGUE
 from bench.catalogue.methods import role
-from bench.catalogue.reconstruction import BEST_RECONSTRUCTION, RANKING, best_reconstruction
 from bench.catalogue.suites import SUITES
 from bench.tables.build import tables
 from bench.tables.differences import differences_table
@@ -27,8 +28,8 @@ CHOICE = {"2048": ("denoised-alpha", "surface-apss"), "512": ("surface-apss", "d
 @pytest.fixture
 def choice(monkeypatch):
     """A ranking that differs between two conditions."""
-    for condition, ranked in CHOICE.items():
-        monkeypatch.setitem(RANKING, condition, ranked)
+    row = CHOSEN[BEST_RECONSTRUCTION]
+    monkeypatch.setitem(CHOSEN, row.id, replace(row, ranking=row.ranking | CHOICE))
 
 
 @pytest.fixture
@@ -38,27 +39,34 @@ def directory(choice, tmp_path):
 
 
 def test_the_choice_is_among_two_or_more(choice):
-    assert best_reconstruction("2048", METHODS) == "denoised-alpha"
-    assert best_reconstruction("512", METHODS) == "surface-apss"
-    assert best_reconstruction("512", ["splat", "surface-apss"]) is None
-    assert best_reconstruction("unheard-of", METHODS) is None
-    assert role(BEST_RECONSTRUCTION) == "chosen"
+    row = CHOSEN[BEST_RECONSTRUCTION]
+    assert row.method("2048", METHODS) == "denoised-alpha"
+    assert row.method("512", METHODS) == "surface-apss"
+    assert row.method("512", ["blank", "surface-apss"]) is None
+    assert row.method("unheard-of", METHODS) is None
+    assert row.by_condition(["512", "unheard-of"], METHODS) == {"512": "surface-apss"}
+    assert role(BEST_RECONSTRUCTION) == role(BEST_LEARNED_3D) == "chosen"
+
+
+def test_one_network_that_learned_in_3d_is_enough():
+    row = CHOSEN[BEST_LEARNED_3D]
+    assert row.method("512", ["occupancy-net", "blank"]) == "occupancy-net"
+    assert row.method("512", METHODS) is None
 
 
 def test_every_ranking_is_of_what_there_is():
-    """Each condition of a suite that has two reconstructions has a ranking of all of them."""
-    for suite in SUITES:
-        for condition in suite.conditions:
-            ranked = set(RANKING[condition])
-            own = {m for m in suite.methods if m in {x for of in RANKING.values() for x in of}}
-            assert own <= ranked
-            assert len(RANKING[condition]) == len(ranked)
+    """Each condition of a suite has a ranking of the same methods, none of them twice."""
+    for row in CHOSEN.values():
+        group = set(row.ranking["2048"])
+        for suite in SUITES:
+            for condition in suite.conditions:
+                assert sorted(row.ranking[condition]) == sorted(group)
 
 
 def test_methods_say_whether_they_reconstruct():
     """Those that are ranked, and one that is measured by itself."""
     reconstructions = {method.id for method in CATALOGUE if method.kind == "reconstruction"}
-    assert reconstructions == set(RANKING["2048"]) | {"open3d-poisson"}
+    assert reconstructions == set(CHOSEN[BEST_RECONSTRUCTION].ranking["2048"]) | {"open3d-poisson"}
 
 
 def test_the_row_has_the_values_of_the_chosen_method(directory):
@@ -75,7 +83,7 @@ def test_the_row_has_the_values_of_the_chosen_method(directory):
                 assert row.note == its.note if its.skipped else row.note.startswith(chosen)
     text = tables(run)[0].to_markdown()
     assert (
-        "`best-reconstruction`, chosen on validation chairs, is `denoised-alpha` at 2048; "
+        "`best-reconstruction`, chosen on validation objects, is `denoised-alpha` at 2048; "
         "`surface-apss` at 512." in text
     )
     lines = [line for line in text.splitlines() if line.startswith("| best-reconstruction |")]
