@@ -20,12 +20,12 @@ import numpy as np
 
 from bench.analysis.comparison import decimals, milliseconds
 from bench.analysis.paper import AVERAGE
+from bench.catalogue.condition_names import condition_words
 from bench.catalogue.costs import view_costs_ms
 from bench.catalogue.lookup import family_of
 from bench.catalogue.methods import FLOOR, RECOMMENDED, role
 from bench.catalogue.metrics import higher_is_better
 from bench.catalogue.reconstruction import BEST_RECONSTRUCTION
-from bench.report.conditions import condition_words
 from bench.report.page import bundled, rendered
 from bench.report.site.board import (
     EMPTY,

@@ -15,6 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from bench.analysis.comparison import ALL, pooled
 from bench.analysis.scored import in_order
+from bench.catalogue.condition_names import condition_words
 from bench.catalogue.methods import find_method, role
 from bench.catalogue.metrics import (
     CONTROL_METRICS,
@@ -27,7 +28,6 @@ from bench.catalogue.metrics import (
 from bench.catalogue.suites import Suite
 from bench.records.artifacts import JobName
 from bench.records.parquet import read_jobs
-from bench.report.conditions import condition_words
 from bench.report.families import family_curves
 from bench.report.headline import compact_table
 from bench.report.images import cases, extremes, grids, shown_objects
