@@ -237,7 +237,7 @@ _STYLE = """
 }
 .leaderboard .board :is(th, td) { padding-right: 0.3rem; }
 .leaderboard .board .start { padding-left: 0.4rem; }
-.leaderboard .board thead :is(.of-run, span), .leaderboard .board td:last-child { white-space: normal; }
+.leaderboard .board :is(thead .of-run, thead span, td:last-child) { white-space: normal; }
 @media (min-width: 40rem) { .leaderboard .board tbody th { min-width: 7.2rem; } }
 .leaderboard .board small { font-size: 0.7rem; }
 """
