@@ -78,7 +78,7 @@ def test_the_method_is_run_and_stands_in_the_tables(run_folder):
 
 
 def test_the_metric_is_taken_of_the_run(bench, run_folder):
-    """By the arithmetic of its closed form: zero for the truth, and for white pictures how dark the
+    """By the arithmetic of its closed form: zero for the truth, and for white images how dark the
     truth is. The tables of the run stay as they are."""
     before = {path: path.read_bytes() for path in (run_folder / "tables").iterdir()}
     done = bench("score", run_folder, "--metrics", "pixel-error")

@@ -234,7 +234,7 @@ def test_a_harmed_artifact_is_made_again(tmp_path, harm):
 
 
 def test_records_are_read_back_from_the_file_and_not_kept(tmp_path):
-    """What is kept of a job does not grow with its pictures."""
+    """What is kept of a job does not grow with its images."""
     job, other = jobs_of(tmp_path, "splat", "blank")
     records = tuple(make_record(view=view, notes="n" * 500) for view in range(400))
     with open_journal(tmp_path) as journal:
