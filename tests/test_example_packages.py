@@ -105,7 +105,7 @@ def test_the_metric_is_taken_of_the_run(bench, run_folder):
 
 
 def test_distances_are_taken_of_the_run(bench, run_folder):
-    """Zero for the truth itself; a hull is nearer to it than a white image is."""
+    """The distance of the truth is zero, and a hull is nearer to it than a white image is."""
     done = bench("score", run_folder, "--metrics", "fd-edges")
     assert (done.returncode, done.stderr) == (0, "")
     rows = pd.read_csv(run_folder / "tables" / "metric_fd-edges.csv")

@@ -238,7 +238,7 @@ class Prints(Plain):
 
 
 class Acts(Plain):
-    """Calls `act` on clouds of so many points: leaves a trace, or ends its process."""
+    """A method that calls `act` on clouds of `points` points: a trace is left, or its process ends."""
 
     def __init__(self, act, points=2048):
         self.act, self.points = act, points

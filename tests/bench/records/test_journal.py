@@ -48,7 +48,7 @@ def jobs_of(directory, *methods):
 
 
 def write_journal(directory, *jobs):
-    """A journal file in which these jobs are finished; the last file there is."""
+    """Write a journal file in which these jobs are finished, and return the last file."""
     with open_journal(directory) as journal:
         for job in jobs:
             journal.append(finish(job))
