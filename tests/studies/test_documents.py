@@ -18,7 +18,7 @@ SHORT_PAGES = {
     "trade": 200,
     "studies": 200,
 }
-PAGES = [REPOSITORY / "README.md", *sorted(DOCS.glob("*.md"))]
+CAPTIONED = [REPOSITORY / "README.md", *sorted(DOCS.glob("*.md"))]
 RESULT_PAGES = [
     REPOSITORY / "README.md",
     *(DOCS / f"{name}.md" for name in SHORT_PAGES),
@@ -213,7 +213,7 @@ def test_a_place_that_cannot_be_filled_is_named(numbers, text, message):
         filled(text, "x.md", numbers)
 
 
-@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", CAPTIONED, ids=lambda path: path.stem)
 def test_pages_are_what_the_numbers_say(path):
     """Run python -m studies.documents where this fails."""
     text = path.read_text(encoding="utf-8")
@@ -251,7 +251,7 @@ def test_a_table_without_a_caption_is_noticed(text, heads):
     assert tables_without_caption(text) == heads
 
 
-@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", CAPTIONED, ids=lambda path: path.stem)
 def test_tables_have_captions(path):
     assert tables_without_caption(path.read_text(encoding="utf-8")) == []
 

@@ -238,7 +238,7 @@ class Prints(Plain):
 
 
 class Acts(Plain):
-    """A method that calls `act` on clouds of `points` points: a trace is left, or its process ends."""
+    """A method that calls `act`, which leaves a trace or ends its process, on clouds of a size."""
 
     def __init__(self, act, points=2048):
         self.act, self.points = act, points
