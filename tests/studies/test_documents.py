@@ -213,7 +213,7 @@ def test_a_place_that_cannot_be_filled_is_named(numbers, text, message):
         filled(text, "x.md", numbers)
 
 
-@pytest.mark.parametrize("path", CAPTIONED, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.stem)
 def test_pages_are_what_the_numbers_say(path):
     """Run python -m studies.documents where this fails."""
     text = path.read_text(encoding="utf-8")
