@@ -21,11 +21,11 @@ import numpy as np
 from bench.analysis.comparison import decimals, milliseconds
 from bench.analysis.paper import AVERAGE
 from bench.catalogue.chosen import BEST_RECONSTRUCTION
+from bench.catalogue.condition_names import condition_words
 from bench.catalogue.costs import view_costs_ms
 from bench.catalogue.lookup import family_of
 from bench.catalogue.methods import FLOOR, RECOMMENDED, role
 from bench.catalogue.metrics import higher_is_better
-from bench.report.conditions import condition_words
 from bench.report.page import bundled, rendered
 from bench.report.site.board import (
     EMPTY,
@@ -219,14 +219,15 @@ def fragment() -> str:
     """Return the leaderboard as HTML that stands in a page of Sphinx, with style and script."""
     from markupsafe import Markup
 
-    style = Markup(bundled("site.css") + _COLOURS)
+    style = Markup(bundled("site.css") + _STYLE)
     return rendered(
         "site-fragment.html.jinja", board=board(), site_style=style, script=bundled("site.js")
     )
 
 
-# The names of the site's colours, for the theme's; it changes them in the dark.
-_COLOURS = """
+# The names of the site's colours, for the theme's; it changes them in the dark. Its column of text
+# is 46em wide: heads and words wrap so that the table fits.
+_STYLE = """
 .leaderboard {
   --ink: var(--color-foreground-primary); --soft: var(--color-foreground-secondary);
   --rule: var(--color-background-border); --strong-rule: var(--color-foreground-border);
@@ -234,9 +235,10 @@ _COLOURS = """
   --good: var(--color-foreground-primary); --bad: var(--color-foreground-primary);
   font-size: 0.78rem;
 }
-.leaderboard .board th, .leaderboard .board td { padding-right: 0.4rem; }
-.leaderboard .board .start { padding-left: 0.45rem; }
-.leaderboard .board tbody th { min-width: 8rem; }
+.leaderboard .board :is(th, td) { padding-right: 0.3rem; }
+.leaderboard .board .start { padding-left: 0.4rem; }
+.leaderboard .board :is(thead .of-run, thead span, td:last-child) { white-space: normal; }
+@media (min-width: 40rem) { .leaderboard .board tbody th { min-width: 7.2rem; } }
 .leaderboard .board small { font-size: 0.7rem; }
 """
 

@@ -86,8 +86,8 @@ HEADINGS = {
     IN_FEATURES: "Precision: the feature networks in float64, against float32",
     f"{IN_DRAWING}, float64": "Precision: pc2pix in float64, against float32",
     f"{IN_DRAWING}, bfloat16": "Precision: pc2pix in bfloat16, against float32",
-    TURN: f"Turn: every view by {TURN_DEG} degree, true and drawn pictures alike",
-    **{source: f"R{source[1:]}: true pictures by rays instead of by OpenGL" for source in SAMPLES},
+    TURN: f"Turn: every view by {TURN_DEG} degree, true and drawn images alike",
+    **{source: f"R{source[1:]}: true images by rays instead of by OpenGL" for source in SAMPLES},
 }
 
 
@@ -348,7 +348,7 @@ uses, but which OpenGL allows. 16 samples are another matter: no driver that fol
 4 draws so. They show what a metric owes to that number.
 
 A tolerance is three times the largest effect, rounded up, hence the last column should be 0.33 or
-less. It is for cells of 24 chairs x 20 views; with fewer pictures the thin parts and the medians of
+less. It is for cells of 24 chairs x 20 views; with fewer images the thin parts and the medians of
 the judge move more than that. Batch, threads and precision are far below all of them. The seed is
 part of a golden value; its table shows what a difference between two runs with different seeds
 means. `bench/checking/tolerances.py` has the tolerances, and why some are wider than that."""

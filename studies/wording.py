@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bench.report.conditions import condition_name
+from bench.catalogue.condition_names import condition_name
 
 
 def condition_in_words(condition: str) -> str:

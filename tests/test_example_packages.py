@@ -78,7 +78,7 @@ def test_the_method_is_run_and_stands_in_the_tables(run_folder):
 
 
 def test_the_metric_is_taken_of_the_run(bench, run_folder):
-    """By the arithmetic of its closed form: zero for the truth, and for white pictures how dark the
+    """By the arithmetic of its closed form: zero for the truth, and for white images how dark the
     truth is. The tables of the run stay as they are."""
     before = {path: path.read_bytes() for path in (run_folder / "tables").iterdir()}
     done = bench("score", run_folder, "--metrics", "pixel-error")
@@ -105,7 +105,7 @@ def test_the_metric_is_taken_of_the_run(bench, run_folder):
 
 
 def test_distances_are_taken_of_the_run(bench, run_folder):
-    """Zero for the truth itself; a hull is nearer to it than a white image is."""
+    """The distance of the truth is zero, and a hull is nearer to it than a white image is."""
     done = bench("score", run_folder, "--metrics", "fd-edges")
     assert (done.returncode, done.stderr) == (0, "")
     rows = pd.read_csv(run_folder / "tables" / "metric_fd-edges.csv")

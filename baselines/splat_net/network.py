@@ -46,7 +46,7 @@ class NetworkConfig:
 
     @property
     def outputs(self) -> int:
-        """Return the number of planes that the network gives: alpha's, and those of each head."""
+        """Return the number of output planes: one for alpha, and those of each head."""
         return 1 + sum(PLANES[head] for head in self.heads)
 
 

@@ -155,7 +155,7 @@ class SplatNetRenderer:
         return [box.grown(BEYOND, self.size) for box in seen.boxes()]
 
     def _draw(self, seen: Projection, boxes: Mapping[int, Box], images: Images) -> None:
-        """Draw boxes of images, by number, into `images`."""
+        """Draw into `images` the box of each that `boxes` has by its number."""
         for windows in in_groups(boxes, self.size, GROUP):
             drawn = self.engine(seen.channels(windows, self.engine.dtype), windows, seen.points)
             if not drawn.sum().isfinite():  # of values in 0..1

@@ -254,7 +254,7 @@ def difference(a: Quality, b: Quality) -> Estimate:
 
 
 def better_by(a: Quality, b: Quality) -> Estimate:
-    """Return by how much a is better than b: their difference, over 0 where a is better."""
+    """Return the difference of a and b, above 0 where a is better."""
     return difference(a, b) if higher_is_better(a.metric) else difference(b, a)
 
 

@@ -91,7 +91,7 @@ def ranking(comparison: Comparison, metric: str) -> Ranking:
 
 
 def letters(best_first: Sequence[str], differ: AbstractSet[frozenset[str]]) -> dict[str, str]:
-    """Return the letters by method: two share one exactly where they are no pair of `differ`.
+    """Return the letters of each method; two share one exactly if they are no pair of `differ`.
 
     Groups are named in the order of their best members; after "z" come "z1", "z2".
     """

@@ -176,7 +176,7 @@ def _distance(cell: CellKey, features: FeatureDistances, distance: SetDistance) 
     _, condition, class_name = cell
     drawn = features.images(*cell)
     if len(drawn) < 2:
-        return _Value(note="fewer than two pictures")
+        return _Value(note="fewer than two images")
     value, leave_one_out = distance.between(features, cell, drawn)
     wanted = set(features.images(GROUND_TRUTH, "", class_name)) - set(drawn)
     missing = wanted & set(features.images(FLOOR, condition, class_name)) if wanted else wanted
@@ -211,7 +211,7 @@ def recognition_rows(run: ScoredRun) -> list[QualityRow]:
             elif metric == "retrieval" and (why := judge.why_no_retrieval(galleries[class_name])):
                 value = _Value(note=why)
             elif ok.empty:
-                value = _Value(note="no pictures")
+                value = _Value(note="no images")
             else:
                 drawn, of_blank = (
                     _per_image(metric, key, images, answers, galleries[class_name])

@@ -1,8 +1,7 @@
-"""Ids: entries of literal tables by their id, the parts of a method's id, a condition in words."""
+"""Ids: entries of literal tables by their id, and the parts of a method's id."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 
 from data_prep.failures import unknown
@@ -25,11 +24,3 @@ def family_of(method_id: str) -> str:
 def variant_of(method_id: str) -> str:
     """Return the variant in an id: a name, PARAMETER=VALUE or a file of weights; "" for none."""
     return method_id.partition("@")[2]
-
-
-def short_condition(condition_id: str) -> str:
-    """Return a condition in short words: "noise 5 %" of "noise-0.05", "2048" of "2048"."""
-    words = condition_id.split("-")
-    return " ".join(
-        f"{float(word) * 100:g} %" if re.fullmatch(r"0\.\d+", word) else word for word in words
-    )

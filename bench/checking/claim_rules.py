@@ -157,7 +157,7 @@ def unrecognisable(run: QualityEvidence) -> list[ClaimFinding]:
     )
     lost = _lead(true, drawn)
     numbers = (
-        f"{CONFIDENCE} {_mean_value(drawn):.3f}, true pictures {_mean_value(true):.3f}; "
+        f"{CONFIDENCE} {_mean_value(drawn):.3f}, true images {_mean_value(true):.3f}; "
         f"loses {_text(CONFIDENCE, lost.estimate)}"
     )
     return [ClaimFinding(SURFACE, numbers, (lost,))]
@@ -203,7 +203,7 @@ def varies_more(run: QualityEvidence, more: str, less: str) -> list[ClaimFinding
         f"{_text('fd-views', gap.estimate)}; "
         f"{more} is number {by_spread.index(more) + 1} of {len(by_spread)}"
     )
-    return [ClaimFinding("true pictures", numbers, (gap,))]
+    return [ClaimFinding("true images", numbers, (gap,))]
 
 
 # --- speed ----------------------------------------------------------------------------------------

@@ -230,7 +230,7 @@ def write_objects(run: ScoredRun, protocol: Mapping[str, Any]) -> list[Path]:
 
 @dataclass(frozen=True, eq=False)
 class GoldenDeviation:
-    """A value of an object that is not within its tolerance; NaN is no value.
+    """A value of an object that is not within its tolerance; NaN means no value.
 
     line  of the golden file
     """

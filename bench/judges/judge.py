@@ -111,7 +111,7 @@ def judge(network: JudgeNetwork, images: NDArray[np.uint8]) -> NDArray[np.float3
     """
     if images.dtype != np.uint8 or images.shape[1:] != (IMAGE_SIZE, IMAGE_SIZE, 3):
         shape = f"{images.dtype} {list(images.shape)}"
-        raise ValueError(f"pictures must be uint8 [N, {IMAGE_SIZE}, {IMAGE_SIZE}, 3], got {shape}")
+        raise ValueError(f"images must be uint8 [N, {IMAGE_SIZE}, {IMAGE_SIZE}, 3], got {shape}")
     answers = np.empty((len(images), 3 + CODE), np.float32)
     with torch.inference_mode():
         for start in range(0, len(images), BATCH):
@@ -128,7 +128,7 @@ def greyscale(images: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """
     if images.dtype != np.uint8 or images.shape[-1:] != (3,):
         shape = f"{images.dtype} {list(images.shape)}"
-        raise ValueError(f"pictures must be uint8 [..., 3], got {shape}")
+        raise ValueError(f"images must be uint8 [..., 3], got {shape}")
     weighted = images.astype(np.int32) @ np.array([299, 587, 114], np.int32)
     return ((weighted + 500) // 1000).astype(np.uint8)
 

@@ -28,7 +28,7 @@ def moves(path: Path) -> bool:
     suffix = path.suffix.lower()
     if suffix != STILL and suffix not in MOVING:
         raise BadInput(
-            f"{path}: pictures are written as PNG, turntables as GIF, WebP or APNG; give a name "
+            f"{path}: images are written as PNG, turntables as GIF, WebP or APNG; give a name "
             f"that ends in {STILL}, {', '.join(MOVING[:-1])} or {MOVING[-1]}"
         )
     return suffix in MOVING

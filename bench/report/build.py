@@ -15,6 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from bench.analysis.comparison import ALL, pooled
 from bench.analysis.scored import in_order
+from bench.catalogue.condition_names import condition_words
 from bench.catalogue.methods import find_method, role
 from bench.catalogue.metrics import (
     CONTROL_METRICS,
@@ -27,7 +28,6 @@ from bench.catalogue.metrics import (
 from bench.catalogue.suites import Suite
 from bench.records.artifacts import JobName
 from bench.records.parquet import read_jobs
-from bench.report.conditions import condition_words
 from bench.report.families import family_curves
 from bench.report.headline import compact_table
 from bench.report.images import cases, extremes, grids, shown_objects
@@ -59,7 +59,7 @@ from data_prep.files.atomic_write import write_whole
 REPORT = "report.html"
 MOST_LISTED = 200  # failures listed for one reason
 _MARKUP = re.compile(r"`|\*\*|\\(.)")  # what remarks have, and escapes
-OPEN_PLOTS = 4  # of a group: two by two
+OPEN_PLOTS = 4  # of a group: two by two, or two wide ones
 
 
 def write_report(made: Outputs, out: Path | None = None) -> Path:
@@ -158,9 +158,14 @@ def _group(
     name: str,
     plots: Sequence[Plot],
     styles: Mapping[str, MethodStyle],
-    unfolded: int = OPEN_PLOTS,
+    unfolded: int | None = None,
 ) -> PlotGroup:
-    """Return plots with a legend of all methods that have a line or a point."""
+    """Return plots with a legend of all methods that have a line or a point.
+
+    unfolded  number of plots that are not folded; None for as many as fill two lines
+    """
+    if unfolded is None:
+        unfolded = OPEN_PLOTS // (2 if any(plot.wide for plot in plots) else 1)
     drawn = [method for method in styles if plots and role(method) != "ceiling"]
     drawn = [m for m in drawn if any(f'data-method="{visible(m)}"' in p.svg.inside for p in plots)]
     return PlotGroup(legend(drawn, styles, f"legend-{name}"), tuple(plots), unfolded)

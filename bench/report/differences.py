@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.analysis.paired import ComparedPair, PairedDifference
-from bench.catalogue.lookup import short_condition
+from bench.catalogue.condition_names import condition_name
 from bench.catalogue.metrics import higher_is_better
 from bench.tables.figure import TEXT, WIDTH_IN, drawing, panels, save
 from bench.tables.markdown import visible
@@ -74,7 +74,7 @@ def differences_figure(cells: Sequence[PairedDifference], a: str, b: str) -> Fig
 
 
 def _label(pair: ComparedPair, several_classes: bool) -> str:
-    named = [short_condition(pair.condition), *[pair.class_name] * several_classes]
+    named = [condition_name(pair.condition).brief, *[pair.class_name] * several_classes]
     if pair.a.method == pair.b.method:
         named.insert(0, pair.b.method)
     return visible(", ".join(named))

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 from bench.analysis.comparison import decimals
 from bench.analysis.scores import QualityRow
+from bench.catalogue.condition_names import condition_name, condition_words
 from bench.catalogue.methods import FLOOR, role
 from bench.catalogue.metrics import higher_is_better
-from bench.report.conditions import condition_name, condition_words
 from bench.report.page import CompactCell, CompactColumn, CompactTable
 from bench.tables.grid import Tags, ordered, shown
 

@@ -9,13 +9,17 @@ from __future__ import annotations
 import base64
 import hashlib
 from dataclasses import dataclass
+from functools import cache
 from importlib import resources
 from itertools import groupby
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from bench.tables.grid import ANY, Tags
 from bench.tables.grid import Grid as NumberTable
 from bench.tables.markdown import visible
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
 
 
 @dataclass(frozen=True)
@@ -268,6 +272,17 @@ def rendered(template: str, **values: Any) -> str:
 
     Everything is escaped. `script`, where it is among the values, is trusted, and gets a checksum.
     """
+    from markupsafe import Markup
+
+    for name, text in (("style", bundled("report.css")), ("script", values.get("script"))):
+        if text is not None:
+            values |= {name: Markup(text), f"{name}_hash": _hash(text)}
+    return _environment().get_template(template).render(**values) + "\n"
+
+
+@cache
+def _environment() -> Environment:
+    """Return the environment of all templates, which keeps those that it has compiled."""
     from jinja2 import Environment, FunctionLoader, StrictUndefined
     from markupsafe import Markup, escape
 
@@ -287,10 +302,7 @@ def rendered(template: str, **values: Any) -> str:
     environment.filters["unbroken"] = lambda text: Markup(
         str(escape(visible(text))).replace(" %", "&nbsp;%")
     )
-    for name, text in (("style", bundled("report.css")), ("script", values.get("script"))):
-        if text is not None:
-            values |= {name: Markup(text), f"{name}_hash": _hash(text)}
-    return environment.get_template(template).render(**values) + "\n"
+    return environment
 
 
 def bundled(name: str) -> str:

@@ -13,12 +13,12 @@ import numpy as np
 
 from bench.analysis.comparison import Comparison, decimals, milliseconds
 from bench.analysis.frontier import FrontierPoint, places
+from bench.catalogue.condition_names import condition_words
 from bench.catalogue.lookup import family_of, variant_of
 from bench.catalogue.methods import FLOOR, role
 from bench.catalogue.metrics import IMAGE_METRICS, higher_is_better
 from bench.catalogue.parameters import find_setting
 from bench.report.blank_region import shade_worse
-from bench.report.conditions import condition_words
 from bench.report.inline import MarkedFigure, inline
 from bench.report.page import Plot
 from bench.report.robustness import (

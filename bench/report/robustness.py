@@ -14,13 +14,13 @@ import numpy as np
 
 from bench.analysis.comparison import Estimate, decimals
 from bench.analysis.scores import QualityRow
+from bench.catalogue.condition_names import ConditionName, condition_name, condition_words, places
 from bench.catalogue.methods import COST_VARIANTS, FLOOR, role
 from bench.catalogue.metrics import higher_is_better, is_mean
 from bench.catalogue.parameters import find_setting
 from bench.records.artifacts import JobName
 from bench.records.record import GROUND_TRUTH
 from bench.report.blank_region import shade_worse
-from bench.report.conditions import ConditionName, condition_name, condition_words, places
 from bench.report.image_sheets import write_images, write_thin_parts
 from bench.report.inline import MarkedFigure, inline
 from bench.report.page import Plot

@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 from bench.analysis.comparison import ALL, Comparison, candidates, milliseconds, worse_than_blank
 from bench.analysis.frontier import places
 from bench.analysis.ranks import Ranking, ranking
+from bench.catalogue.condition_names import listed
 from bench.catalogue.lookup import family_of
 from bench.catalogue.methods import COST_VARIANTS, FLOOR
 from bench.catalogue.parameters import find_setting
-from bench.report.conditions import listed
 from bench.report.page import Statement
 
 NAMED = 3  # methods named beside each other

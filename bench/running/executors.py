@@ -1,4 +1,4 @@
-"""Jobs in worker processes, and their results: from the journal, or by running them."""
+"""Results of jobs: from the journal, or by running the jobs in worker processes."""
 
 from __future__ import annotations
 

@@ -155,7 +155,7 @@ def _refuse_blank(images: UInt8Images, truth: UInt8Images | None) -> None:
     if truth is not None:
         flat &= ~_is_flat(truth)
     if flat.any():
-        raise StageFailure("draw", f"{int(flat.sum())} of {len(flat)} pictures are blank")
+        raise StageFailure("draw", f"{int(flat.sum())} of {len(flat)} images are blank")
 
 
 def _is_flat(images: UInt8Images) -> NDArray[np.bool_]:
@@ -188,9 +188,9 @@ def checked_images(images: NDArray[np.float32], count: int) -> UInt8Images:
     expected = (count, IMAGE_SIZE, IMAGE_SIZE, 3)
     if not isinstance(images, np.ndarray) or images.dtype.kind != "f":
         kind = getattr(images, "dtype", type(images).__name__)
-        raise StageFailure("draw", f"pictures are {kind}, expected float32 in [0, 1]")
+        raise StageFailure("draw", f"images are {kind}, expected float32 in [0, 1]")
     if images.shape != expected:
-        raise StageFailure("draw", f"pictures of shape {images.shape}, expected {expected}")
+        raise StageFailure("draw", f"images of shape {images.shape}, expected {expected}")
     bad = int((~np.isfinite(images)).sum())
     if bad:
         raise StageFailure("draw", f"{bad} pixel values are not finite")

@@ -91,7 +91,7 @@ class Cell:
             return "; ".join(filter(None, (self.special.word, self.caveat)))
         if self.blank is None or self.count is None:
             return self.caveat
-        text = f"{self.count[0]} of {self.count[1]} pictures"
+        text = f"{self.count[0]} of {self.count[1]} images"
         return text if self.blank == "-" else f"{text}; {self.blank} with blank ones for the others"
 
 

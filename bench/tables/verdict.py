@@ -13,7 +13,7 @@ from rich.cells import cell_len, set_cell_size
 from bench.analysis.comparison import ALL, decimals
 from bench.analysis.paired import SIGNIFICANCE, Ahead, PairedDifference
 from bench.analysis.run_pairs import Differences
-from bench.catalogue.lookup import short_condition
+from bench.catalogue.condition_names import condition_name
 from bench.tables.grid import ordered
 from bench.tables.markdown import visible
 from bench.tables.plain import GAP, in_groups
@@ -48,9 +48,10 @@ def comparison_lines(differences: Differences, width: int) -> list[str]:
     b, a = visible(differences.b), visible(differences.a)
     lines = wrapped(f"{b} against {a}, {objects}, paired by {unit}", width)
     conditions = ordered(cell.pair.condition for cell in differences.cells)
+    heads = [condition_name(condition).brief for condition in conditions]
     for corner, cells in _blocks(differences):
         rows = list(_verdicts(cells, conditions))
-        lines += ["", *_laid_out(corner, list(map(short_condition, conditions)), rows, width)]
+        lines += ["", *_laid_out(corner, heads, rows, width)]
     lines += [""] * bool(differences.remarks)
     for remark in differences.remarks:
         lines += wrapped(visible(remark.replace("`", "")), width)

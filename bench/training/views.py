@@ -62,7 +62,7 @@ class ViewsScores:
         lines = [
             f"right: class {right.sum() / counts.sum():.3f}, family {self.family:.3f}, "
             f"back of chairs {self.back:.3f}",
-            f"{'':<12} right azimuth elevation  answered, % of the pictures of the class",
+            f"{'':<12} right azimuth elevation  answered, % of the images of the class",
         ]
         for i, name in enumerate(self.classes):
             answered = " ".join(f"{100 * n / counts[i]:4.0f}" for n in self.confusion[i])

@@ -66,7 +66,7 @@ class BareCloud:
 
     def truth(self, views: Sequence[View]) -> NDArray[np.uint8]:
         """Raise BadInput: a bare cloud has no true images."""
-        raise BadInput(f"{self.path}: a bare cloud has no true pictures; draw it with bench render")
+        raise BadInput(f"{self.path}: a bare cloud has no true images; draw it with bench render")
 
     def cloud_and_truth(
         self, rng: np.random.Generator, views: Sequence[View]

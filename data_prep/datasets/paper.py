@@ -83,7 +83,7 @@ class PaperObject:
     def load(self) -> Mesh:
         """Raise BadInput: the object has no mesh."""
         raise BadInput(
-            f"{self.cloud_file}: a cloud with pictures has no mesh; take shapenet:PATH for meshes"
+            f"{self.cloud_file}: a cloud with images has no mesh; take shapenet:PATH for meshes"
         )
 
     def cloud(self, rng: np.random.Generator, count: int = CLOUD_SIZE) -> PointCloud:
@@ -113,7 +113,7 @@ class PaperObject:
         del rng
         if count > IMAGES:
             raise BadInput(
-                f"--views {count}: an object of this dataset has {IMAGES} pictures; give at most "
+                f"--views {count}: an object of this dataset has {IMAGES} images; give at most "
                 f"--views {IMAGES}"
             )
         try:
@@ -216,7 +216,7 @@ def paper_dataset(spec: str, root: Path) -> Dataset:
         tuple(sorted(names.values())),
         tuple(obj for split in _SPLITS for obj in splits[split]),
         splits={split: tuple(splits[split]) for split in _SPLITS},
-        layout=f"the paper's clouds and pictures, split by {listed([path.name for path in files])}",
+        layout=f"the paper's clouds and images, split by {listed([path.name for path in files])}",
         orientation=PAPER.message + ", twice as large",
         irregular=tuple(irregular),
     )
@@ -231,7 +231,7 @@ def _differences(
     image_ids = [p.name for p in folders_in(renders)] if renders.is_dir() else []
     return [
         *(f"{class_name}, clouds: {line}" for line in differences(named, cloud_ids)),
-        *(f"{class_name}, pictures: {line}" for line in differences(named, image_ids)),
+        *(f"{class_name}, images: {line}" for line in differences(named, image_ids)),
     ]
 
 
@@ -261,7 +261,7 @@ def read_views(path: Path) -> tuple[View, ...]:
         if not 2 <= len(fields) <= MOST_COLUMNS:
             raise BadInput(
                 f"{path}: line {number} has {len(fields)} numbers, expected azimuth and elevation; "
-                "a line per picture"
+                "a line per image"
             )
         try:
             azimuth, elevation, *_ = [_number(field) for field in fields]
@@ -269,7 +269,7 @@ def read_views(path: Path) -> tuple[View, ...]:
         except ValueError as error:
             raise BadInput(f"{path}: line {number}: {error}; give degrees") from None
     if not views:
-        raise BadInput(f"{path}: no views; give azimuth and elevation, a line per picture")
+        raise BadInput(f"{path}: no views; give azimuth and elevation, a line per image")
     return tuple(views)
 
 

@@ -22,7 +22,7 @@ READINGS = tuple((sense, turn) for sense in (1, -1) for turn in (0, 90, 180, 270
 
 
 def find_problems(obj: PaperObject) -> Iterator[tuple[str, str]]:
-    """Yield each problem and its place: ("a picture of mode RGB, not RGBA", "render_3_128.png")."""
+    """Yield each problem and its place: ("an image of mode RGB, not RGBA", "render_3_128.png")."""
     try:
         obj.cloud(generator("examine"))
     except BadInput as error:
@@ -48,10 +48,10 @@ def find_problems(obj: PaperObject) -> Iterator[tuple[str, str]]:
         try:
             _, mode = read_image(path)
         except BadInput as error:
-            yield "a picture cannot be used", _without_path(error, str(path.parent) + "/")
+            yield "an image cannot be used", _without_path(error, str(path.parent) + "/")
         else:
             if mode != "RGBA":
-                yield f"a picture of mode {mode}, not RGBA", path.name
+                yield f"an image of mode {mode}, not RGBA", path.name
 
 
 def agreement(obj: PaperObject) -> NDArray[np.float64]:

@@ -15,7 +15,7 @@ ROW, COLUMN = np.mgrid[:128, :128] + 0.5
 
 
 def draw(discs: Discs, view: View = FRONT) -> np.ndarray:
-    """One channel of a picture, and assert that it is grey."""
+    """One channel of an image, and assert that it is grey."""
     (image,) = Splat().draw(discs, [view])
     assert image.shape == (128, 128, 3)
     assert (image == image[..., :1]).all()

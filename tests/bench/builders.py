@@ -198,7 +198,7 @@ def assert_equal_runs(one: Path, other: Path) -> None:
 
 
 def write_artifact(job: Job, seed=0, **arrays) -> str:
-    """Random pictures, and further arrays, as the job's artifact; its checksum."""
+    """Random images, and further arrays, as the job's artifact; its checksum."""
     rng = np.random.default_rng(seed)
     arrays = {"images": rng.integers(0, 256, (len(job.views), 128, 128, 3), np.uint8)} | arrays
     buffer = io.BytesIO()

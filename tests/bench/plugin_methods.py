@@ -18,9 +18,9 @@ from tests.robustness.faulty_methods import FAULTS, Faulty, announce
 
 
 class Telling:
-    """Healthy. The first pixels of its pictures tell what it was given, in grey levels.
+    """Healthy. The first pixels of its images tell what it was given, in grey levels.
 
-    `check` sees all of that before; it may raise, do worse, or make other pictures.
+    `check` sees all of that before; it may raise, do worse, or make other images.
     """
 
     def __init__(self, check=lambda points, views, rng, images: images):
@@ -112,7 +112,7 @@ LOADED = []  # in a worker process
 
 
 def load_counted(device):
-    """Pictures tell how often the method was loaded in their process."""
+    """Images tell how often the method was loaded in their process."""
     LOADED.append(device)
 
     def tell(points, views, rng, images):

@@ -109,7 +109,7 @@ def write_paper_object(
     views: Sequence[View],
     images: NDArray[np.uint8],
 ) -> None:
-    """Cloud, cameras and pictures [V, H, W, 3] as `dataset_paper` reads them, bit for bit."""
+    """Cloud, cameras and images [V, H, W, 3] as `dataset_paper` reads them, bit for bit."""
     synset = SYNSETS[class_name]
     points = from_ours(PAPER, cloud.points) * np.float32(RADIUS)
     save_ply(points, root / CLOUDS / synset / f"{object_id}.ply")

@@ -47,7 +47,7 @@ def make_set(objects=3, views=2):
 
 
 def make_surfaces(objects=3, views=2):
-    """Clouds, angles and pictures at random: nothing of one is in another."""
+    """Clouds, angles and images at random: nothing of one is in another."""
     coverage, grey = np.random.default_rng(2).integers(
         0, 256, (2, objects, views, 128, 128), dtype=np.uint8
     )
@@ -115,7 +115,7 @@ def ignore(report):
 class Training:
     """A small training: `start` goes on where one has been in the folder.
 
-    sheet    size of its picture in pixels; None where it has none
+    sheet    size of its image in pixels; None where it has none
     lengthens  whether one of more steps begins in the same way
     """
 

@@ -26,7 +26,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "python.md"
 
 
 class Telling:
-    """Stands for a renderer: its pictures are white but for the view and the cloud it was given."""
+    """A stand-in for a renderer, with images that are white but for its view and its cloud."""
 
     def prepare(self, cloud):
         return cloud.points

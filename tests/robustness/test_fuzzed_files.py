@@ -208,7 +208,7 @@ def test_postscript_is_not_run(root: Path, monkeypatch: pytest.MonkeyPatch) -> N
 @pytest.mark.parametrize("name", ["mesh-obj", "mesh-glb"])
 def test_a_small_file_of_many_pixels(root: Path, monkeypatch: Any, name: str) -> None:
     files = mesh_obj() if name == "mesh-obj" else tree()
-    monkeypatch.setattr(mesh_files, "MOST_PIXELS", 16)  # the picture has 16
+    monkeypatch.setattr(mesh_files, "MOST_PIXELS", 16)  # the image has 16
     check(name, files, root, "read")
     monkeypatch.setattr(mesh_files, "MOST_PIXELS", 15)
     assert "a texture of 4 x 4 pixels, at most 15 are" in check(name, files, root, "refused")

@@ -18,7 +18,8 @@ SHORT_PAGES = {
     "trade": 200,
     "studies": 200,
 }
-CAPTIONED = [
+CAPTIONED = [REPOSITORY / "README.md", *sorted(DOCS.glob("*.md"))]
+RESULT_PAGES = [
     REPOSITORY / "README.md",
     *(DOCS / f"{name}.md" for name in SHORT_PAGES),
     *(DOCS / f"{name}.md" for name in ("reconstruction", "noise-floor", "claims", "latent")),
@@ -255,7 +256,7 @@ def test_tables_have_captions(path):
     assert tables_without_caption(path.read_text(encoding="utf-8")) == []
 
 
-@pytest.mark.parametrize("path", CAPTIONED, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", RESULT_PAGES, ids=lambda path: path.stem)
 def test_images_of_results_fit_a_page(path):
     shown = re.findall(r"!\[[^\]]*\]\(([^)]+\.png)\)", path.read_text(encoding="utf-8"))
     for name in shown:

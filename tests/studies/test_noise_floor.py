@@ -35,12 +35,12 @@ def test_blank_images_show_no_thin_part(study):
 
 
 def test_cells_are_those_of_a_hand_made_case(study):
-    # Pictures of the other chair, under the same views: what is found is the other chair.
+    # Images of the other chair, under the same views: what is found is the other chair.
     swapped, outputs = study.truth[::-1], study.truth_outputs
     other = type(outputs)(*(values[::-1] for values in outputs))
     actual = cells(study.truth, outputs, swapped, other, study.scene.views)
-    assert actual["fd-views"] < 1e-9  # the same set of pictures
-    # each picture is compared with the other chair's views but its own: with 3 views of 2 chairs
+    assert actual["fd-views"] < 1e-9  # the same set of images
+    # each image is compared with the other chair's views but its own: with 3 views of 2 chairs
     # that differ enough, none is outputs for the chair that was asked for
     assert actual["retrieval"] == 0.0
     assert actual["ssim"] < 0.9
@@ -49,7 +49,7 @@ def test_cells_are_those_of_a_hand_made_case(study):
 def test_batch_and_threads_move_nothing_that_is_kept(study):
     floors = [*study.by_batch(), *study.by_threads()]
     assert {f.source for f in floors} == {BATCHES, THREADS}
-    # float32 sums in another order change a picture by some 1e-6, now and then a grey level at a
+    # float32 sums in another order change an image by some 1e-6, now and then a grey level at a
     # half; one level in one pixel of 6 x 49,152 moves a mean by 1e-8 or so
     image = [f for f in floors if f.metric in METRICS[:5] and np.isfinite(f.moved)]
     assert max(f.moved for f in image) < 1e-6

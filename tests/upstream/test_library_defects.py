@@ -545,7 +545,7 @@ def torch_makes_a_pixel_of_nan() -> str:
 
 @defect(r"^raises ValueError: .*negative", "bench.judges.views.view_features")
 def torch_refuses_mirrored_arrays() -> str:
-    """Arrays with negative strides, a mirrored picture say, are refused."""
+    """Arrays with negative strides, a mirrored image say, are refused."""
     import torch
 
     return f"{torch.from_numpy(np.arange(3)[::-1]).tolist()}"

@@ -114,7 +114,7 @@ def check_white(name: str) -> Passed:
 
 
 def check_elsewhere(name: str, elsewhere: Mapping[str, Any] | str) -> Passed:
-    """Compare with another process, on two threads, that has measured in another order."""
+    """Compare with another process that has measured on two threads and in another order."""
     here = first_evidence(name)
     if isinstance(elsewhere, str):
         raise ContractViolation(f"measured here, but not in another process: {elsewhere}")

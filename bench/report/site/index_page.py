@@ -10,11 +10,11 @@ from bench.analysis.comparison import worse_than_blank
 from bench.analysis.frontier import places
 from bench.analysis.leaderboard import MeanRanks
 from bench.analysis.paired import SIGNIFICANCE
+from bench.catalogue.condition_names import condition_words
 from bench.catalogue.methods import RECOMMENDED
 from bench.records.artifacts import JobName
 from bench.records.journal import PROTOCOL
 from bench.records.parquet import artifacts_of, read_jobs
-from bench.report.conditions import condition_words
 from bench.report.images import data_uri
 from bench.report.page import PageImage, Plot
 from bench.report.site.board import Board, row_kinds

@@ -10,9 +10,9 @@ from bench.analysis.comparison import decimals, milliseconds, worse_than_blank
 from bench.analysis.leaderboard import MeanRanks, mean_ranks, object_scores
 from bench.analysis.paired import SIGNIFICANCE
 from bench.analysis.ranks import Ranking
+from bench.catalogue.condition_names import condition_words
 from bench.catalogue.methods import RECOMMENDED, role
 from bench.catalogue.metrics import higher_is_better
-from bench.report.conditions import condition_words
 from bench.report.page import PageImage
 from bench.report.site.board import (
     EMPTY,

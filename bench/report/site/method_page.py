@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from bench.catalogue.condition_names import condition_words
 from bench.catalogue.methods import known_method, role
 from bench.catalogue.parameters import PARAMETERS
-from bench.report.conditions import condition_words
 from bench.report.site.methods import SiteMethod
 from bench.report.site.page import Section, SitePage, card_html
 from bench.report.site.site_run import (

@@ -1,4 +1,4 @@
-"""The methods of a site: an id that has other weights, or another version, is another method."""
+"""The methods of a site: an id with other weights or of another version is another method."""
 
 from __future__ import annotations
 

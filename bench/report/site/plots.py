@@ -14,10 +14,10 @@ import numpy as np
 
 from bench.analysis.comparison import Comparison, decimals, milliseconds
 from bench.analysis.frontier import FrontierPoint, places
+from bench.catalogue.condition_names import condition_name, condition_words
 from bench.catalogue.families import families_of
 from bench.catalogue.methods import FLOOR, role
 from bench.report.blank_region import shade_worse
-from bench.report.conditions import condition_name, condition_words
 from bench.report.inline import MarkedFigure, inline
 from bench.report.page import Plot
 from bench.report.pareto import place_labels

@@ -24,7 +24,7 @@ ANSWERS = {
 }
 SUM_METRICS = {
     "cloud": "Chamfer distance of the decoded cloud to the cloud of D",
-    "ssim": "SSIM of the drawn picture with the true one of D",
+    "ssim": "SSIM of the drawn image with the true one of D",
     "code": "root-mean-square difference to the code of D, in standard deviations",
     "cloud-gain": "how much smaller `cloud` is than doing nothing, paired; above 0 is better",
     "ssim-gain": "how much larger `ssim` is than doing nothing, paired; above 0 is better",

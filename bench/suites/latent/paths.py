@@ -30,18 +30,18 @@ CODE, FADE, NOISE, TRUTH = "code", "cross-fade", "noise", "truth"
 
 PATHS = {
     CODE: "straight line between the whitened codes of two test chairs, decoded and drawn",
-    FADE: "the pictures at its two ends faded into each other: no chair in between, and yet even",
+    FADE: "the images at its two ends faded into each other: no chair in between, and yet even",
     NOISE: "straight line between two random codes, each number from N(0, 1)",
-    TRUTH: "true pictures of the two chairs: what the classifier makes of the real thing",
+    TRUTH: "true images of the two chairs: what the classifier makes of the real thing",
 }
 PATH_METRICS = {
-    "picture-unevenness": "largest step over mean step between neighbouring pictures (root mean "
+    "picture-unevenness": "largest step over mean step between neighbouring images (root mean "
     "square); 1 is even",
-    "picture-step": "mean step between neighbouring pictures, in 0..1",
+    "picture-step": "mean step between neighbouring images, in 0..1",
     "cloud-unevenness": "largest step over mean step between neighbouring decoded clouds (Chamfer)",
     "cloud-step": "mean step between neighbouring decoded clouds",
     "end-cloud": "Chamfer distance of the decoded clouds at the ends to the original ones",
-    "end-ssim": "SSIM of the pictures at the ends with the true ones",
+    "end-ssim": "SSIM of the images at the ends with the true ones",
     "end-to-end": "Chamfer distance between the decoded clouds at the two ends",
     "to-nearer-end": "Chamfer distance of what is decoded in between to the nearer decoded end",
     "family-confidence": "largest probability that the classifier of `fd-views` gives to a "
@@ -53,7 +53,7 @@ PATH_REMARK = (
     "sphere: mean squared distance to the nearest point, there and back. "
     "An even path is no achievement by itself: a cross-fade is even, and so is a network that "
     "draws next to nothing of a code. Read evenness beside the length of the steps, and beside "
-    "the classifier's confidence, which asks whether the pictures in between still show some kind "
+    "the classifier's confidence, which asks whether the images in between still show some kind "
     "of thing. All ends are chairs, hence no confidence in a class: `family-confidence` is about "
     "structural families, of any class. A classifier can be sure of nonsense, too."
 )

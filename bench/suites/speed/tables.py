@@ -91,7 +91,7 @@ def speed_table(
         constant("cores", machine["cores"]),
     )
     rows = tuple(speed_rows(summaries, suite, paper))
-    return Table("speed", "Speed: what a picture costs", table_columns, rows, layout)
+    return Table("speed", "Speed: what an image costs", table_columns, rows, layout)
 
 
 def _setting_in_words(
@@ -103,7 +103,7 @@ def _setting_in_words(
         f"{markdown.cell(devices)}. Each method alone in a fresh process, its libraries on the "
         f"threads named. Medians over clouds (here {summaries[0].measurement.clouds}) and rounds "
         f"(at least {suite.least_rounds}, after {suite.warm_ups} not counted), the 95th percentile "
-        "in brackets. 2x: a picture costs half of what it does with "
+        "in brackets. 2x: an image costs half of what it does with "
         f"{markdown.cell(suite.baselines[0])}."
     )
 
@@ -114,7 +114,7 @@ def _claim(summaries: Sequence[Summary], suite: SpeedSuite, paper: Paper) -> Ite
     if paper:
         yield (
             "The paper gives one number for each approach, on an NVIDIA GTX 1060, and does not "
-            "say how many pictures a reconstruction was shared by. pc2pix@paper has the paper's "
+            "say how many images a reconstruction was shared by. pc2pix@paper has the paper's "
             "width: it is made of the bundled pc2pix, which has a quarter of it, when it is loaded."
         )
     counts = ordered((1, summaries[0].measurement.views))
@@ -145,7 +145,7 @@ def _claim(summaries: Sequence[Summary], suite: SpeedSuite, paper: Paper) -> Ite
             if value is not None:
                 published = Cell(f"{value:g}{_times(faster)}", special=ITALIC)
             lines.append([method, published, *cells])
-        yield f"A picture at {markdown.cell(condition)}, its cloud's preparation included, ms:"
+        yield f"An image at {markdown.cell(condition)}, its cloud's preparation included, ms:"
         yield grid(["method", "as published", *heads], lines)
 
 
@@ -169,7 +169,7 @@ def _times_of(chosen: Sequence[Summary], suite: SpeedSuite) -> Iterator[Block]:
     batch = chosen[0].measurement.views
     yield (
         f"Warm, ms: a cloud prepared; a view drawn alone, and one of {batch} drawn in a call; "
-        "core-ms is processor time of a picture, all threads together."
+        "core-ms is processor time of an image, all threads together."
     )
     yield grid(
         ["method", "prepare", "draw 1", f"of {batch}", "core-ms: of 1", f"of {batch}", ""],
@@ -179,7 +179,7 @@ def _times_of(chosen: Sequence[Summary], suite: SpeedSuite) -> Iterator[Block]:
         "Cold, ms: imports and weights; the first cloud; the first view. Memory, MiB, at most; in "
         "brackets what the process had before the method was loaded."
     )
-    yield grid(["method", "load", "prepare", "draw", "first picture", "memory"], map(_cold, chosen))
+    yield grid(["method", "load", "prepare", "draw", "first image", "memory"], map(_cold, chosen))
 
 
 def _warm(summary: Summary, suite: SpeedSuite) -> list[str]:
@@ -222,7 +222,7 @@ def amortised_table(summaries: Sequence[Summary], suite: SpeedSuite) -> Table[Am
 
     def layout(rows: Sequence[AmortisedRow]) -> Iterator[Block]:
         yield (
-            f"Milliseconds a picture: prepare / views + draw, in calls of up to {batch} views; in "
+            f"Milliseconds an image: prepare / views + draw, in calls of up to {batch} views; in "
             "bold the cheapest that looks at the cloud alone."
         )
         for condition, threads in ordered(map(_setting, summaries)):
@@ -234,7 +234,7 @@ def amortised_table(summaries: Sequence[Summary], suite: SpeedSuite) -> Table[Am
                 yield "For how many views of a cloud a method is cheaper than"
                 yield _break_even(equal, suite)
 
-    title = "What a picture costs, by the number of views of a cloud"
+    title = "What an image costs, by the number of views of a cloud"
     table_columns = _columns(suite, *columns("views", "wall_ms", "core_ms", digits=".6g"))
     return Table("amortised", title, table_columns, tuple(amortised_rows(summaries, suite)), layout)
 

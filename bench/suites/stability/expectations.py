@@ -82,8 +82,8 @@ _FAR = ("outlier-1e3", "outlier-1e6", "outlier-1e30")
 _NOT_FINITE = ("outlier-nan", "outlier-inf", "outlier--inf")
 _REPEATED = ("rows-twice", "rows-4-times")
 _EXACT = Agrees(EXACT_MEAN, EXACT_MOST)
-_BLANK = Fails("draw: 4 of 4 pictures are blank")
-_SOME_BLANK = Fails("draw: . of 4 pictures are blank")
+_BLANK = Fails("draw: 4 of 4 images are blank")
+_SOME_BLANK = Fails("draw: . of 4 images are blank")
 _CHAOS = Changes(0.5, "another order or a rounding error, and the surface has its spikes elsewhere")
 _UNIT = Changes(1.0, "coordinates are taken as they are, and the camera stands where it does")
 _FEW_IN_SIGHT = Either((Draws(), _SOME_BLANK), "few points are in sight")
@@ -277,7 +277,7 @@ def in_words(expected: Expectation, like: str | None) -> str:
     """Return an expectation in words for people; `like` is that of its case."""
     match expected:
         case Draws():
-            return "pictures"
+            return "images"
         case Agrees(mean, most):
             at_most = "" if most is None else f", at most {most}"
             return f"as {like}: mean change up to {mean:g} grey levels{at_most}"
@@ -288,4 +288,4 @@ def in_words(expected: Expectation, like: str | None) -> str:
         case Either(options, why):
             return " or ".join(in_words(option, like) for option in options) + f" ({why})"
         case NoExpectation():
-            return "pictures or a named failure" + (f", as {like}" if like else "")
+            return "images or a named failure" + (f", as {like}" if like else "")

@@ -290,10 +290,10 @@ def _on_networks(words: str, value: OfNetwork, within: OfNetwork) -> dict[str, M
     return stated | {JUDGE: UNIT_CODES}
 
 
-_SAME = "0, not less, of 6 pictures"
+_SAME = "0, not less, of 6 images"
 
 NETWORK_CASES = cases(
-    "features of pictures",
+    "features of images",
     ("identical-pictures", lambda: twice(boxes()), _on_networks(_SAME, 0.0, _rounding_of)),
     ("pictures-in-reverse", lambda: (boxes(), boxes()[::-1]),
      _on_networks(_SAME, 0.0, largest_move(0.0, 64, 6, FLOAT32_FEATURES))),
@@ -380,6 +380,6 @@ ANGLE_CASES = (
     _angles("answers-of-nan", lambda: np.full((2, 3), np.nan, np.float32), [0.0, 30.0],
             azimuth=Near("NaN stays NaN", math.nan), elevation=Near("NaN stays NaN", math.nan)),
     _angles("no-answers", lambda: np.empty((0, 3), np.float32), [],
-            azimuth=Near("of no pictures none", lambda a, b: np.empty(0)),
-            elevation=Near("of no pictures none", lambda a, b: np.empty(0))),
+            azimuth=Near("of no images none", lambda a, b: np.empty(0)),
+            elevation=Near("of no images none", lambda a, b: np.empty(0))),
 )  # fmt: skip

@@ -179,7 +179,7 @@ def _outcome(row: FormatRow) -> CaseOutcome:
     kind: Kind = "unexpected"
     if expected is None:
         code, grey = allowed(row)
-        words = f"code within {code:.2g} sd, picture within {grey:.2g} grey levels on average"
+        words = f"code within {code:.2g} sd, image within {grey:.2g} grey levels on average"
         errors = (row.code_error_largest, code), (row.grey_error_mean, grey)
         within = all(error is not None and error <= most for error, most in errors)
         if within and not row.overflowed:
@@ -199,7 +199,7 @@ def _outcome(row: FormatRow) -> CaseOutcome:
 
 
 def _overflow(layer: str, refused: str) -> str:
-    then = f"refused at {refused}" if refused else "unnoticed: code and picture are finite"
+    then = f"refused at {refused}" if refused else "unnoticed: code and image are finite"
     return f"overflow in {layer}, {then}"
 
 
@@ -209,7 +209,7 @@ def _observed(row: FormatRow) -> str:
         parts.append(f"code within {row.code_error_largest:.2g} sd")
     if row.grey_error_mean is not None and row.grey_error_largest is not None:
         parts.append(
-            f"picture within {row.grey_error_mean:.2g} grey levels on average, "
+            f"image within {row.grey_error_mean:.2g} grey levels on average, "
             f"{row.grey_error_largest:.2g} at most"
         )
     return "; ".join(parts)
@@ -224,7 +224,7 @@ def formats_table(rows: Sequence[FormatRow]) -> Table[FormatRow]:
 def _layout(rows: Sequence[FormatRow]) -> Iterator[Block]:
     heads = [
         *("weights", "cloud", "format", "code, largest error (sd)"),
-        *("picture, mean error (grey levels)", "picture, largest", "largest value", "in layer"),
+        *("image, mean error (grey levels)", "image, largest", "largest value", "in layer"),
         *("overflows in", "refused at"),
     ]
     lines = []

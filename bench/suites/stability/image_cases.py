@@ -292,11 +292,11 @@ SILHOUETTE_CASES = cases_of(
 )  # fmt: skip
 
 
-_WHOLE = "pictures must be uint8 [N, 128, 128, 3]"
+_WHOLE = "images must be uint8 [N, 128, 128, 3]"
 
 
 def _refused_by_networks(
-    of_grey: str = "pictures must be uint8 [..., 3]",
+    of_grey: str = "images must be uint8 [..., 3]",
 ) -> dict[str, MetricExpectation]:
     whole = refused(_WHOLE, "fd-views", "fd-views-grey", JUDGE)
     return whole | refused(of_grey, "fd-views-grey")
@@ -326,7 +326,7 @@ INPUT_CASES = (
          | {JUDGE: UNIT_CODES}),
     ),
     *cases(
-        "not pictures",
+        "not images",
         ("nan-pixels", lambda: (flat(255) / 255, np.full((1, IMAGE_SIZE, IMAGE_SIZE, 3), np.nan)),
          _NOT_UINT8),
         ("floats-in-0-to-1",

@@ -154,7 +154,7 @@ def verdict(expected: Expectation, observed: Observation) -> Kind:
 def _observed_in_words(observed: Observation) -> str:
     if observed.reason:
         return f"failed: {observed.reason}"
-    words = f"pictures, {100 * (observed.shown or 0):.1f} % not white"
+    words = f"images, {100 * (observed.shown or 0):.1f} % not white"
     if observed.mean_change is not None:
         words += f"; change {observed.mean_change:.3g}, at most {observed.most_change}"
     return f"{words}; {observed.notes}" if observed.notes else words

@@ -195,7 +195,7 @@ def _remark(methods: Sequence[str]) -> str:
     remark = (
         f"One chair from four views (azimuth/elevation {views} degrees) unless the case says "
         "otherwise. Changes are absolute differences in grey levels 0..255, mean over all pixels "
-        f"and at most, to the pictures of the case named. Turned: by {TURN_DEG:g} degrees."
+        f"and at most, to the images of the case named. Turned: by {TURN_DEG:g} degrees."
     )
     if unstated:
         remark += f" Nothing is stated about {', '.join(unstated)}: what has a name is in order."

@@ -39,7 +39,7 @@ def bowl(
     color: Color,
     *,
     apex: float = 0.2,
-    curve: float = 1.0,
+    curve: float,
     sides: int = 14,
 ) -> Part:
     """Return a reflector that opens downwards: top at the origin, rim `depth` below.

@@ -82,7 +82,7 @@ class SlowProjection:
 
 
 def visible(points, view, size):
-    """(row, column, depth, number) of the points that are ahead and in the picture."""
+    """(row, column, depth, number) of the points that are ahead and in the image."""
     places, depths = project(points.numpy(), view)
     for number, ((column, row), depth) in enumerate(
         zip(places * size / IMAGE_SIZE, depths, strict=True)

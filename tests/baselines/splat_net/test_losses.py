@@ -18,7 +18,7 @@ image_error = OBJECTIVES["l1"].image_error
 
 
 def scene(channels=3, size=32):
-    """A white picture whose upper half the object covers, by a quarter at least."""
+    """A white image whose upper half the object covers, by a quarter at least."""
     real = torch.ones(1, channels, size, size, dtype=torch.float64)
     coverage = torch.zeros(1, 1, size, size, dtype=torch.float64)
     coverage[:, :, : size // 2] = 0.25

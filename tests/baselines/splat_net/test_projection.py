@@ -65,7 +65,7 @@ def check(surfels, views, inputs, size=128):
 
 @pytest.mark.parametrize("spread", [0.4, 3.0])
 def test_every_channel_against_plain_loops(spread):
-    """A cloud inside the picture, and one that is mostly beside it and behind the camera."""
+    """A cloud inside the image, and one that is mostly beside it and behind the camera."""
     surfels = made_up(80, spread=spread)
     depths = np.concatenate([pixels_of(surfels.points.numpy(), view)[1] for view in VIEWS])
     assert (depths < 0).any() == (spread == 3.0)
@@ -109,7 +109,7 @@ def test_ties_in_depth_go_to_the_first_point():
 
 
 def test_what_is_not_seen_leaves_no_trace():
-    """Behind the camera, in it, too near, beside, above and far beyond the picture; infinite."""
+    """Behind the camera, in it, too near, beside, above and far beyond the image; infinite."""
     hidden = torch.tensor([
         (0.1, 0.1, -4.5), (0.0, 0.0, -4.0), (0.0, 0.0, -3.81), (1.2, 0.0, 0.0), (-1.2, 0.0, 0.0),
         (0.0, 1.2, 0.0), (0.0, -1.2, 0.0), (0.3, 0.2, -1e30), (3e38, 3e38, -3e38), (2e38, 0.0, 0.0),

@@ -211,7 +211,7 @@ def test_images_that_are_not_finite_fail_by_name(cloud):
     ],
 )
 def test_odd_clouds_are_drawn(renderer, points):
-    """Nothing has to be small; what is not in the picture is not seen."""
+    """Nothing has to be small; what is not in the image is not seen."""
     images = renderer.draw(renderer.prepare(PointCloud(points.astype(np.float32))), VIEWS)
     assert np.isfinite(images).all()
     assert images.min() >= 0

@@ -87,7 +87,7 @@ def test_the_judge_learns_which_images_are_real(data, objective, channels):
     assert errors[-1] < 0.5 * errors[0]
     on_real, on_drawn = trainer.judge.eval()(torch.cat([real, drawn])).chunk(2)
     assert on_real.mean() > on_drawn.mean() + 0.5
-    # what the network makes small is what the judge says of its pictures, negated
+    # what the network makes small is what the judge says of its images, negated
     message = trainer._judge(drawn, real)[1].tolist()
     assert message == pytest.approx((-on_drawn.mean(dim=(1, 2, 3))).tolist(), abs=0.3)
 

@@ -41,7 +41,7 @@ def paired(differences, family="noise"):
 
 
 def scored(condition, scores, **changes):
-    """Methods by the score of each object."""
+    """Return a comparison of methods with these scores of each object."""
     methods = {method: (0, 0, of) for method, of in scores.items()}
     return comparison(methods, condition=condition, **changes)
 

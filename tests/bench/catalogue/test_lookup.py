@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from bench.catalogue.lookup import find, short_condition
+from bench.catalogue.lookup import find
 from data_prep.failures import BadInput
 
 
@@ -44,18 +44,3 @@ def test_of_many_five_are_named():
         "unknown metric 'nosuch': there are name-0, name-1, name-2, name-3, name-4 and 2 more; "
         "see 'bench list'"
     )
-
-
-@pytest.mark.parametrize(
-    ("condition", "words"),
-    [
-        ("2048", "2048"),
-        ("noise-0.05", "noise 5 %"),
-        ("noise-0.10-code", "noise 10 % code"),
-        ("outliers-0.01", "outliers 1 %"),
-        ("density-10", "density 10"),
-        ("1024-random", "1024 random"),
-    ],
-)
-def test_a_condition_in_words(condition, words):
-    assert short_condition(condition) == words

@@ -238,7 +238,7 @@ class Prints(Plain):
 
 
 class Acts(Plain):
-    """Calls `act` on clouds of so many points: leaves a trace, or ends its process."""
+    """A method that calls `act`, which leaves a trace or ends its process, on clouds of a size."""
 
     def __init__(self, act, points=2048):
         self.act, self.points = act, points
@@ -367,7 +367,7 @@ FAULTS = {
     "NOT_FINITE": ("images", "9 values are not finite", True),
     "FLOAT64": ("images", "images are float64, expected float32", True),
     "A_LIST": ("images", "images are list, expected float32", True),
-    "BLANK": ("images", "3 of 3 pictures are blank", True),
+    "BLANK": ("images", "3 of 3 images are blank", True),
     "ChangesPoints": ("images", "the points of the cloud were changed", True),
     "ReadsSource": ("images", "cloud.source is read, which is None in a run", True),
     "NeedsSource": ("images", "cloud.source is read, which is None in a run", True),
@@ -377,7 +377,7 @@ FAULTS = {
     "HASH": ("another process", "another process on two threads", True),
     "OTHER_VIEWS": ("batches", "an image may not depend on the other views", True),
     "EightAtMost": ("batches", "ValueError: a batch of 20", True),
-    "ONE_ALONE": ("batches", "pictures of shape (128, 128, 3), expected (1, 128", True),
+    "ONE_ALONE": ("batches", "images of shape (128, 128, 3), expected (1, 128", True),
     "ChangesState": ("batches", "draw may not change the state", True),
     "IgnoresViews": ("batches", "the same image from 20 views", True),
     "NoViews": ("no views", "ValueError: need at least one array to stack", False),

@@ -356,7 +356,7 @@ def test_unrecognisable():
     lost = 0.6 + 2 * JITTER
     low, high = interval_of_means([lost, lost])
     assert finding.numbers == (
-        "class-confidence 0.295, true pictures 0.905; "
+        "class-confidence 0.295, true images 0.905; "
         f"loses +{lost.mean():.3f} [+{low:.3f}, +{high:.3f}]"
     )
 
@@ -414,7 +414,7 @@ def sample(method, cloud, stage, views, wall_s, number=1, threads=1, condition="
 
 
 def times():
-    """20 pictures: SR 1.0 + 1.0 s and 2.0 + 1.0 s, pc2pix 0.05 + 0.15 s for all eight clouds."""
+    """20 images: SR 1.0 + 1.0 s and 2.0 + 1.0 s, pc2pix 0.05 + 0.15 s for all eight clouds."""
     rows = []
     for cloud, prepare in zip("qrstuvwx", (1.0, 2.0) * 4, strict=True):
         for method, first, then in (("surface-apss", prepare, 1.0), ("pc2pix", 0.05, 0.15)):

@@ -130,7 +130,7 @@ def test_the_golden_values_of_this_project():
 
 
 def test_the_golden_values_of_the_classes():
-    """Every class and their average; true pictures exact but for what only a classifier says."""
+    """Every class and their average; true images exact but for what only a classifier says."""
     suite = find("thirteen-classes", SUITES, "suite")
     frame = golden(suite.id)
     objects = suite.endless_limit * len(suite.classes)

@@ -54,7 +54,7 @@ def test_a_regular_tree(tree, command):
     assert status == 0
     lines = out.splitlines()
     assert lines[:5] == [
-        "layout       the paper's clouds and pictures, split by chair_exp.json",
+        "layout       the paper's clouds and images, split by chair_exp.json",
         "orientation  +Z up, front +X: (x, y, z) becomes (-y, z, -x), twice as large",
         "class        chair: train 0, test 2",
         "class        all: train 0, test 2",
@@ -75,7 +75,7 @@ def test_an_irregular_tree(copied):
         "chair, clouds: 1 are in no split and left out: extra",
         "1 objects lack images: chair/test-0000 (2)",
         "1 objects lack view.txt: chair/test-0001",
-        "1 of 2 read: a picture cannot be used (first chair/test-0000: render_3_128.png: no such "
+        "1 of 2 read: an image cannot be used (first chair/test-0000: render_3_128.png: no such "
         "file)",
         "1 of 2 read: the cameras cannot be read (first chair/test-0001: no such file)",
     )

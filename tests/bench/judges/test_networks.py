@@ -81,7 +81,7 @@ def test_answers_do_not_depend_on_neighbours(bundled, chairs):
     ],
 )
 def test_names_what_it_refuses(bundled, images, found):
-    said = f"pictures must be uint8 [N, 128, 128, 3], got {found}"
+    said = f"images must be uint8 [N, 128, 128, 3], got {found}"
     with pytest.raises(ValueError, match=re.escape(said)):
         bundled.ask(images)
 
@@ -110,7 +110,7 @@ def test_the_judge_sees_from_where_and_tells_objects_apart(judge_network, chairs
     distance = np.linalg.norm(codes[:, None] - codes, axis=-1)
     chair = np.repeat(np.arange(OBJECTS), VIEWS)
     np.fill_diagonal(distance, np.inf)
-    # 40 pictures against 3 of the same chair and 36 of others; by chance 3 in 39 are right
+    # 40 images against 3 of the same chair and 36 of others; by chance 3 in 39 are right
     assert (chair[distance.argmin(1)] == chair).mean() > 0.8
 
 
@@ -125,7 +125,7 @@ def test_the_judge_sees_luma_by_rec_601_and_no_colour(judge_network, chairs):
         with pytest.raises(ValueError, match=re.escape(said)):
             greyscale(wrong)
     images = chairs[0][:8]
-    assert (images.max(-1) != images.min(-1)).any(), "the pictures are coloured"
+    assert (images.max(-1) != images.min(-1)).any(), "the images are coloured"
     grey = np.repeat(greyscale(images)[..., None], 3, axis=-1)
     assert np.array_equal(judge(judge_network, grey), judge(judge_network, images))
 
@@ -136,7 +136,7 @@ def test_features_tell_the_direction_of_view(chairs):
     assert features.min() >= 0
     with torch.inference_mode():
         answers = network.heads["view"](torch.from_numpy(features)).numpy()
-    # 29 and 8.6 degrees on 520 validation pictures. The median of 32 has a standard error of 8 and
+    # 29 and 8.6 degrees on 520 validation images. The median of 32 has a standard error of 8 and
     # 1.7 (bootstrap of 160, scaled): two and three of these are left.
     turn, tilt = off(answers, chairs[1])
     assert turn < 45

@@ -13,7 +13,7 @@ from data_prep.rendering.images import blank
 
 
 def painted(*boxes, color=(120, 80, 40)):
-    """One picture with boxes (top, bottom, left, right) on white."""
+    """One image with boxes (top, bottom, left, right) on white."""
     image = blank(1)
     for top, bottom, left, right in boxes:
         image[:, top:bottom, left:right] = color

@@ -29,7 +29,7 @@ def box(top, bottom, left, right):
 
 
 def score(truth, drawn):
-    """(recall, precision) of one picture."""
+    """(recall, precision) of one image."""
     recall, precision = thin_scores(truth[None], drawn[None])
     return recall[0], precision[0]
 

@@ -48,7 +48,7 @@ def jobs_of(directory, *methods):
 
 
 def write_journal(directory, *jobs):
-    """A journal file in which these jobs are finished; the last file there is."""
+    """Write a journal file in which these jobs are finished, and return the last file."""
     with open_journal(directory) as journal:
         for job in jobs:
             journal.append(finish(job))
@@ -234,7 +234,7 @@ def test_a_harmed_artifact_is_made_again(tmp_path, harm):
 
 
 def test_records_are_read_back_from_the_file_and_not_kept(tmp_path):
-    """What is kept of a job does not grow with its pictures."""
+    """What is kept of a job does not grow with its images."""
     job, other = jobs_of(tmp_path, "splat", "blank")
     records = tuple(make_record(view=view, notes="n" * 500) for view in range(400))
     with open_journal(tmp_path) as journal:

@@ -186,7 +186,7 @@ def test_a_size_and_a_transparent_background(command, refused, plugins, cloud, t
             ("--background", "transparent", "-o", "a.gif"),
             "a.gif: a GIF has no opacity of its pixels; give a name that ends in .png, .apng or ",
         ),
-        (("--background", "transparent", "-o", "a.jpg"), "a.jpg: pictures are written as PNG, tur"),
+        (("--background", "transparent", "-o", "a.jpg"), "a.jpg: images are written as PNG, tur"),
         (
             ("--background", "transparent", "--method", "splat,blank"),
             "--background transparent: a sheet is white; give one method",
@@ -322,7 +322,7 @@ def test_where_all_fail_nothing_is_written(command, plugins, cloud, tmp_path):
     assert (status, printed) == (1, "")
     *_, first, second = err.splitlines()
     assert first.startswith("bench: fake-exception: ValueError: ")
-    assert second == "bench: fake-blank: draw: 1 of 1 pictures are blank"
+    assert second == "bench: fake-blank: draw: 1 of 1 images are blank"
     assert out.read_bytes() == b"old"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["cloud.ply", "sheet.png"]
 
@@ -370,9 +370,9 @@ def test_the_remedy_is_named_where_points_may_be_too_many(cloud):
         ("fake-segfault", "crash: the worker died (SIGSEGV)"),
         ("fake-memory-hog", "memory: the worker used more than 1 GiB"),
         ("fake-exception", "ValueError: 12 of 34 parts are missing"),
-        ("fake-wrong-shape", "draw: pictures of shape (1, 64, 128, 3), expected (1, 128, 128, 3)"),
+        ("fake-wrong-shape", "draw: images of shape (1, 64, 128, 3), expected (1, 128, 128, 3)"),
         ("fake-nan", "draw: 384 pixel values are not finite"),
-        ("fake-blank", "draw: 1 of 1 pictures are blank"),
+        ("fake-blank", "draw: 1 of 1 images are blank"),
         ("surface-apss", "input: 3 points; normals need at least 11"),
     ],
 )
@@ -408,7 +408,7 @@ def test_what_cannot_be_used_is_the_users_to_fix(refused, plugins, cloud, tmp_pa
         (("--frames", "1", "-o", "turn.gif"), "--frames 1: must be 2 to 120"),
         (("--frames", "121", "-o", "turn.gif"), "--frames 121: must be 2 to 120"),
         (("--method", " , "), "' , ': expected names separated by commas"),
-        (("-o", tmp_path), f"{tmp_path}: pictures are written as PNG, turntables as GIF, "),
+        (("-o", tmp_path), f"{tmp_path}: images are written as PNG, turntables as GIF, "),
         (("-o", folder), f"{folder}: a folder; give another -o"),
         (
             ("-o", tmp_path / "new" / "out.png"),
@@ -420,7 +420,7 @@ def test_what_cannot_be_used_is_the_users_to_fix(refused, plugins, cloud, tmp_pa
         assert refused(*render, *wrong).startswith(problem)
     jpeg = tmp_path / "out.jpg"
     assert refused(*render, "-o", jpeg) == (
-        f"{jpeg}: pictures are written as PNG, turntables as GIF, WebP or APNG; give a name that "
+        f"{jpeg}: images are written as PNG, turntables as GIF, WebP or APNG; give a name that "
         "ends in .png, .gif, .webp or .apng"
     )
     assert sorted(path.name for path in tmp_path.iterdir()) == ["cloud.ply", "folder.png"]

@@ -115,7 +115,7 @@ def test_names():
     assert [moves(Path(name)) for name in ("a.png", "a.GIF", "b/a.webp", "a.apng")] == [
         *(False, True, True, True)
     ]
-    with pytest.raises(BadInput, match=r"a\.jpg: pictures are written as PNG, turntables as GIF"):
+    with pytest.raises(BadInput, match=r"a\.jpg: images are written as PNG, turntables as GIF"):
         moves(Path("a.jpg"))
 
 

@@ -61,7 +61,7 @@ def shrunk(record, budget_s=600.0, workers=1, **changes):
     [
         ("apss: no faces", "apss: no faces", True),
         ("apss: no faces", "ball-pivoting: no faces", False),
-        ("draw: 3 of 20 pictures are blank", "draw: 1 of 1 pictures are blank", True),
+        ("draw: 3 of 20 images are blank", "draw: 1 of 1 images are blank", True),
         ("timeout: no result within 120 s", "timeout: no result within 60.5 s", True),
         ("E: at -1e-30 and +2.5E7", "E: at 0 and 1,000", True),
         ("E: shape (2, 128)", "E: shape (1, 64)", True),
@@ -261,8 +261,8 @@ def test_failures_of_all_views_or_of_the_runs_random_numbers(
     ("method", "case", "before", "left", "reason", "reproduced"),
     [
         ("fake-crash-where-high", "16-points", 16, 1, *["crash: the worker died (SIGSEGV)"] * 2),
-        ("fake-blank-from-the-left", "16-points", 16, 5, "draw: 2 of 4 pictures are blank",
-         "draw: 1 of 1 pictures are blank"),
+        ("fake-blank-from-the-left", "16-points", 16, 5, "draw: 2 of 4 images are blank",
+         "draw: 1 of 1 images are blank"),
         ("splat", "outlier-nan", 2048, 1, "input: 1 of 2048 points are not finite",
          "input: 1 of 1 points are not finite"),
         ("fake-nan", "plain", 2048, 0, "draw: 9 pixel values are not finite",

@@ -114,7 +114,7 @@ def test_every_value_of_the_tables_is_in_the_page(of_random_values, document):
             assert cell.attributes["data-value"] == f"{row.value:.6f}"
             numbers = (row.value, row.ci_low, row.ci_high, row.failures_as_blank)
             value, low, high, blank = (f"{number:.{digits}f}" for number in numbers)
-            gap = f"{row.n_ok} of 8 pictures; {blank} with blank ones for the others"
+            gap = f"{row.n_ok} of 8 images; {blank} with blank ones for the others"
             expected = {"value": [value], "beside": [f"{low} to {high}"] * (low != "nan")}
             expected["gap"] = [gap] if row.n_ok < row.n else []
         else:

@@ -134,7 +134,7 @@ def test_the_legend_of_a_group_has_the_style_of_each_method():
 
 
 def test_colours_differ_for_the_colour_blind():
-    """Simulated by Machado et al. 2009 (severity 1), at least 20 apart in CIE 1976 L*a*b*."""
+    """Colours are 20 apart in CIE 1976 L*a*b*, simulated by Machado et al. 2009 (severity 1)."""
     sheet = resources.files("bench.report").joinpath("assets", "report.css").read_text()
     light, dark = sheet.split("@media")[:2]
     for scheme in (light, dark):

@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 from builders import make_failed, read_all, write_all, write_run
 
-from bench.report.conditions import condition_words
 from bench.report.site.board import row_kinds
 from bench.report.site.words import letter_range, p_words
 from bench.report.site.write import write_site
@@ -216,24 +215,6 @@ def test_the_best_of_a_family_stands_for_it_where_its_plain_method_is_missing():
         "splat-net@bf16": "variant",
         "blank": "reference",
     }
-
-
-@pytest.mark.parametrize(
-    ("condition", "words"),
-    [
-        ("2048", "2,048 points"),
-        ("512", "512 of 2,048 points"),
-        ("512-random", "512 of 2,048 points (random)"),
-        ("noise-0.10", "noise 10 % of the radius"),
-        ("noise-0.05-code", "noise 10 % of the radius (original code)"),
-        ("outliers-0.01", "1 % outliers"),
-        ("missing-0.50", "50 % missing on one side"),
-        ("density-10", "1,024 points, 10 times as dense at one end"),
-        ("of-a-plug-in", "of-a-plug-in"),
-    ],
-)
-def test_conditions_in_words(condition, words):
-    assert condition_words(condition) == words
 
 
 def test_letters_and_p_values_are_short():

@@ -7,7 +7,6 @@ import pytest
 
 from bench.analysis.comparison import Comparison, Estimate, Quality
 from bench.catalogue.metrics import higher_is_better
-from bench.report.conditions import condition_name, listed, places
 from bench.report.summary import in_short, objects_in_words
 
 METRICS = ("ssim-object", "lpips")
@@ -123,30 +122,6 @@ def test_one_method_has_nothing_to_be_compared_with():
 )
 def test_without_images_there_is_no_answer(compared):
     assert list(said(compared)) == ["No answer"]
-
-
-def test_conditions_in_words():
-    words = {
-        "2048": "2,048 points",
-        "512": "512 of 2,048 points",
-        "512-random": "512 of 2,048 points (random)",
-        "noise-0.10": "noise 10 % of the radius",
-        "outliers-0.01": "1 % outliers",
-        "missing-0.25": "25 % missing on one side",
-        "density-3": "1,024 points, 3 times as dense at one end",
-        "of-a-plug-in": "of-a-plug-in",
-    }
-    assert {name: condition_name(name).words for name in words} == words
-
-
-def test_conditions_of_a_kind_stand_together():
-    every = ("2048", "512", "noise-0.05", "noise-0.10", "outliers-0.01")
-    assert np.diff(places(every)).tolist() == pytest.approx([1, 1.6, 1, 1.6])
-    assert listed(every, every) == "every condition"
-    assert listed(every[2:4], every) == "any noise"
-    assert listed(every[1:], every) == "every condition but 2,048 points"
-    assert listed(every[1:4], every) == "512 of 2,048 points, any noise"
-    assert listed(every[:1], every[:1]) == "2,048 points"
 
 
 def test_objects_have_the_name_of_their_class():

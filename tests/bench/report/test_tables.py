@@ -55,8 +55,8 @@ def test_outcomes_of_a_line_are_those_of_its_images():
     assert found == {method: outcomes for method, (_, outcomes) in cases.items()}
     gaps = {line.name: line.cells[0].gap for line in table.lines}
     assert gaps == dict.fromkeys(cases, "") | {
-        "surface-apss": "3 of 4 pictures; 0.500 with blank ones for the others",
-        "pc2pix@acgan": "0 of 4 pictures; 0.500 with blank ones for the others",
+        "surface-apss": "3 of 4 images; 0.500 with blank ones for the others",
+        "pc2pix@acgan": "0 of 4 images; 0.500 with blank ones for the others",
     }
 
 

@@ -1,4 +1,4 @@
-"""Whole runs: small, with real worker processes, real pictures and a real network."""
+"""Whole runs: small, with real worker processes, real images and a real network."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def test_ceiling_and_floor(finished):
     near = value["splat", "2048", "fd-views"]
     assert value["blank", "2048", "fd-views"] > near > 0.1
     assert value["splat", "noise-0.10", "fd-views"] > near
-    for metric in (*parts_of_ssim, "fd-views"):  # blank pictures do not depend on the cloud
+    for metric in (*parts_of_ssim, "fd-views"):  # blank images do not depend on the cloud
         assert value["blank", "2048", metric] == value["blank", "noise-0.10", metric]
     assert value["blank", "2048", "ssim"] < value["splat", "2048", "ssim"] < 1.0
     assert value["splat", "noise-0.10", "ssim"] < value["splat", "2048", "ssim"]

@@ -27,18 +27,18 @@ from data_prep.scene import View
 from ..builders import SCORES, VIEWS, make_job, make_truth, write_artifact
 
 SSIM = ("ssim", "luminance", "contrast", "structure")
-ONE_BLANK = {("failed", "draw: 1 of 2 pictures are blank")}
+ONE_BLANK = {("failed", "draw: 1 of 2 images are blank")}
 
 
 def black_on_white():
-    """Two pictures of a black square."""
+    """Two images of a black square."""
     images = np.ones((2, 128, 128, 3), np.float32)
     images[:, 32:96, 32:96] = 0.0
     return images
 
 
 class Fake:
-    """A method that draws `pictures` and remembers what it was given."""
+    """A method that draws `images` and remembers what it was given."""
 
     def __init__(self, images=None, notes=()):
         self.images = black_on_white() if images is None else images
@@ -177,7 +177,7 @@ def test_what_is_no_images_is_refused(measure, images, problem):
     job, result = measure(method)
     ((outcome, reason),) = outcomes(result)
     assert outcome == "failed"
-    assert reason in (f"draw: {problem}", f"draw: pictures {problem}")
+    assert reason in (f"draw: {problem}", f"draw: images {problem}")
     assert not job.artifact.exists()
 
 

@@ -204,7 +204,7 @@ def test_a_frechet_distance_is_never_below_0_a_kernel_distance_may_be():
 
 
 def test_an_average_without_a_class():
-    """One picture has no distance; the average says that it is without."""
+    """One image has no distance; the average says that it is without."""
     made = table_without("surface-apss", "lamp", *images("lamp")[1:])
     at = {"method": "surface-apss", "metric": "fd-views"}
     average = cell(made, class_name="average", **at)

@@ -107,7 +107,7 @@ def test_the_average():
 
 
 def test_the_average_of_the_classes_that_have_a_value():
-    """Without an interval, which would be of other classes."""
+    """The average has no interval, because one would be of other classes."""
     without = records()
     without.loc[without["class"] == "lamp", "ssim"] = math.nan
     made = of_run(without)

@@ -61,7 +61,7 @@ WORKED = [
     ]),
     *(make_failed(obj="c", view=v, reason="apss: no faces") for v in (0, 1)),
     make_failed(obj="d", view=1, reason="timeout: 120 s"),
-    # what a blank picture would have scored
+    # what a blank image would have scored
     *(make_record("blank", obj=o, view=v, ssim=s) for o, v, s in [
         ("a", 0, 0.05), ("a", 1, 0.05), ("b", 0, 0.05), ("b", 1, 0.05),
         ("c", 0, 0.01), ("c", 1, 0.02), ("d", 0, 0.05), ("d", 1, 0.03),
@@ -138,7 +138,7 @@ def test_missing_images_without_a_blank_one(missing, floor):
     assert row.note == ("1 x input: no faces" if missing.outcome == "failed" else "")
 
 
-THIN = [  # of b's pictures one has no thin part, and c has none at all
+THIN = [  # of b's images one has no thin part, and c has none at all
     *(make_record(m, obj=o, view=v, thin_recall=recall, thin_precision=precision)
       for m, o, v, recall, precision in [
         ("splat", "a", 0, 0.2, None), ("splat", "a", 1, 0.4, 0.5), ("splat", "b", 0, 0.9, 0.7),
@@ -157,7 +157,7 @@ def test_means_are_over_the_images_that_have_a_value():
     interval = clipped(mean_interval(np.array([0.3, 0.9])), (0.0, 1.0))  # a and b; c has no value
     assert (row.ci_low, row.ci_high) == pytest.approx(interval, abs=EXACT)
     assert (row.n_ok, row.n) == (3, 7)
-    # of the two failed pictures one shows no thin part, and the other would recall nothing
+    # of the two failed images one shows no thin part, and the other would recall nothing
     assert row.failures_as_blank == pytest.approx(1.5 / 4, abs=EXACT)
     assert row.note == "2 x crash; 2 x no value: the true object shows no part thinner than 4 px"
     precision = cell(made, method="splat", metric="thin-precision")
@@ -237,7 +237,7 @@ def test_failed_images_are_judged_as_blank():
     table = controls(records, judged(list(OFF), seen))
     azimuth = cell(table, method="splat", metric="azimuth-error-deg")
     assert azimuth.value == pytest.approx(25.0, abs=1e-4)  # of 0 20 30 180
-    # a blank picture is seen from 0 degrees, 10 off: of 0 10 10 20 30 180
+    # a blank image is seen from 0 degrees, 10 off: of 0 10 10 20 30 180
     assert azimuth.failures_as_blank == pytest.approx(15.0, abs=1e-4)
     found = cell(table, method="splat", metric="retrieval")
     assert (found.value, found.failures_as_blank) == (0.5, 0.5)  # of the blank ones a's is right
@@ -278,7 +278,7 @@ FEATURES = {
 
 
 def features(without=()):
-    """Features of ground truth, splat and blank; those of splat `without` some pictures."""
+    """Features of ground truth, splat and blank; those of splat `without` some images."""
     index = feature_index(("splat", "blank"), {"chair": "abcd"})
     values = np.concatenate([*FEATURES.values()])
     of_splat = {("splat", image) for image in without}
@@ -333,7 +333,7 @@ def test_distances_without_the_bias_of_few_objects_stand_below():
 def test_fewer_than_two_images_have_no_distance(there):
     row = cell(distances(IMAGES[there:]), method="splat", metric="fd-views")
     assert np.isnan([row.value, row.ci_low, row.ci_high, row.failures_as_blank]).all()
-    assert (row.n_ok, row.n, row.note) == (there, 8, "fewer than two pictures")
+    assert (row.n_ok, row.n, row.note) == (there, 8, "fewer than two images")
 
 
 def test_skipped_metrics_say_why():

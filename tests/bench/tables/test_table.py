@@ -116,7 +116,7 @@ def test_marks_in_both_renderers():
     assert line == "| l | **1.00** [0.50, 1.50] | *1.00 [0.50, 1.50]* | x 3/4 *b* 0.1, y | x 0/4 |"
     assert [cell.beside for cell in cells] == ["0.50 to 1.50", "0.50 to 1.50", ", y", ""]
     assert [cell.gap for cell in cells] == [
-        *("", "behind", "3 of 4 pictures; 0.1 with blank ones for the others", "0 of 4 pictures"),
+        *("", "behind", "3 of 4 images; 0.1 with blank ones for the others", "0 of 4 images"),
     ]
 
 

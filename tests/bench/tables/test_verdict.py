@@ -47,7 +47,7 @@ def test_who_is_ahead_where_and_by_how_much():
     assert lines(better()) == [
         "splat-net against poisson, 24 chairs, paired by chair",
         "",
-        "                   2048        512  noise 5 %",
+        "                  2,048        512  noise 5 %",
         "ssim-object      better     better     better",
         "  difference      +.148      +.148      +.148",
         "lpips            better     better     better",
@@ -147,9 +147,10 @@ def test_a_narrow_terminal(width):
     assert text.count("better") == 6
     assert text.count("+.148") == text.count("-.058") == 3
     if width == 20:
-        assert shown[4:10] == [
+        assert shown[4:11] == [
             "ssim-object",
-            "  2048: better +.148",
+            "  2,048: better",
+            "    +.148",
             "  512: better +.148",
             "  noise 5 %: better",
             "    +.148",

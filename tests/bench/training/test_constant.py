@@ -13,7 +13,7 @@ RNG = np.random.default_rng(0)
 
 
 def squares(count):
-    """Pictures of one grey square each, about the middle of the frame."""
+    """Images of one grey square each, about the middle of the frame."""
     images = blank(count)
     for image in images:
         top, left = RNG.integers(30, 50, 2)

@@ -110,7 +110,7 @@ def test_images(data):
 
 
 def test_contrast_against_the_closed_form():
-    codes = torch.eye(4)[[0, 1, 0, 1]]  # two objects, pictures in rows i and i + 2
+    codes = torch.eye(4)[[0, 1, 0, 1]]  # two objects, images in rows i and i + 2
     # the partner has cosine 1, the two others 0
     expected = -math.log(math.exp(10) / (math.exp(10) + 2))
     assert contrast(codes).item() == pytest.approx(expected, abs=1e-6)  # float32 near 10

@@ -146,7 +146,7 @@ def test_scores_as_text():
     )
     assert scores.to_text().splitlines() == [
         "right: class 0.875, family 0.500, back of chairs nan",
-        "             right azimuth elevation  answered, % of the pictures of the class",
+        "             right azimuth elevation  answered, % of the images of the class",
         "car          0.750    12.3       1.0    75   25",
         "sofa         1.000    90.0       2.0     0  100",
     ]

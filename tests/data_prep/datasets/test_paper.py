@@ -136,8 +136,8 @@ def test_splits_and_classes(tmp_path: Path) -> None:
         f"all_exp.json: another split of {CHAIR}; not used",
         "display, clouds: 1 of the split 'train' are not there: d",
         "display, clouds: 1 of the split 'test' are not there: e",
-        "display, pictures: 1 of the split 'train' are not there: d",
-        "display, pictures: 1 of the split 'test' are not there: e",
+        "display, images: 1 of the split 'train' are not there: d",
+        "display, images: 1 of the split 'test' are not there: e",
     )
     with pytest.raises(BadInput, match=r"e\.ply: no such file"):
         missing.cloud(RNG)
@@ -154,7 +154,7 @@ def test_files_without_a_split(tmp_path: Path) -> None:
     )
     assert open_dataset(f"paper:{tmp_path}").irregular == (
         "chair, clouds: 1 are in no split and left out: b",
-        "chair, pictures: 1 are in no split and left out: b",
+        "chair, images: 1 are in no split and left out: b",
     )
     (tmp_path / "chair_exp.json").unlink()
     assert layout_of(str(tmp_path)) == "paper"
@@ -201,7 +201,7 @@ def test_fewer_points_are_drawn_at_random_and_more_and_meshes_are_not_there(tmp_
     assert len(obj.cloud(RNG, 4096)) == 2048
     with pytest.raises(BadInput, match="has no mesh"):
         obj.load()
-    with pytest.raises(BadInput, match=r"--views 21: .* 20 pictures; give at most --views 20"):
+    with pytest.raises(BadInput, match=r"--views 21: .* 20 images; give at most --views 20"):
         obj.views(21, RNG)
 
 
@@ -253,9 +253,9 @@ def test_oddities(tmp_path: Path) -> None:
         ("the cloud cannot be used", "5 points, expected 2048; fetch it again"),
         ("view.txt has not 20 lines", "21 lines"),
         ("angles beyond 180 and 40 degrees", "1 views"),
-        ("a picture of mode RGB, not RGBA", "render_2_128.png"),
+        ("an image of mode RGB, not RGBA", "render_2_128.png"),
         (
-            "a picture cannot be used",
+            "an image cannot be used",
             "render_3_128.png: 224 x 224 pixels of mode RGBA, expected 128 x 128 of 8 bits a "
             "channel; scale or convert it",
         ),

@@ -189,7 +189,7 @@ def textured_obj(folder: Path, material: str | None) -> str:
     ],
 )
 def test_textures_become_face_colours(tmp_path: Path, material: str, expected: list) -> None:
-    (tmp_path / "broken.png").write_bytes(b"not a picture")
+    (tmp_path / "broken.png").write_bytes(b"not an image")
     mesh = load(tmp_path, "a.obj", textured_obj(tmp_path, material))
     assert mesh.face_colors.tolist() == expected
     assert np.ptp(mesh.vertices, axis=0).min() > 0.5  # the shape is unharmed

@@ -286,7 +286,7 @@ def test_what_is_missing_is_named(prelude: str, drivers: dict, remedy: str) -> N
 
 
 def test_a_image_of_another_size_shows_the_same():
-    """A pixel's centre of the smaller picture is a corner of four in the larger one: inside a facet
+    """A pixel's centre of the smaller image is a corner of four in the larger one: inside a facet
     all agree, and along an edge the samples of one are spread over the four."""
     mesh = ProceduralObject("chair", "test", 3).load()
     views = [View(30.0, 20.0), View(-100.0, -10.0)]

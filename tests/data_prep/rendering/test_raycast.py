@@ -29,7 +29,7 @@ def triangles(vertices, faces):
 
 
 def test_facets_have_their_colour_times_the_cosine():
-    # A plane through the origin tilted by 60 degrees about x, larger than the picture.
+    # A plane through the origin tilted by 60 degrees about x, larger than the image.
     up = np.array([0.0, np.cos(np.pi / 3), np.sin(np.pi / 3)]) * 5
     right = np.array([5.0, 0.0, 0.0])
     plane = triangles([-right - up, right - up, right + up, -right + up], [[0, 1, 2], [0, 2, 3]])
@@ -225,7 +225,7 @@ def test_opengl_draws_the_same_chairs(index):
         return (apart.max(axis=-1) > 1).mean()
 
     # With the same samples, only one that lies within 1/256 px of an edge (OpenGL snaps vertices to
-    # that), or facets in one plane, may differ: measured 2e-4 to 3e-4 of the pixels on 20 pictures.
+    # that), or facets in one plane, may differ: measured 2e-4 to 3e-4 of the pixels on 20 images.
     # With others every edge does: measured 1.5 to 4 %.
     assert differing(OPENGL) < 1e-3
     assert differing(MIRRORED) > 0.008

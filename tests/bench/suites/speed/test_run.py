@@ -97,7 +97,7 @@ def test_a_run_leaves_times_tables_and_a_figure(tmp_path):
     assert manifest["objects"] == ["chair/test-0000", "chair/test-0001"]
 
     samples = read(out / "tables" / "speed_samples.csv")
-    # Load and the first picture, then two rounds: a preparation and calls of 1 and 3 views a cloud.
+    # Load and the first image, then two rounds: a preparation and calls of 1 and 3 views a cloud.
     assert len(samples) == 4 * (3 + 2 * 2 * 3)
     assert all(float(row["wall_s"]) > 0 for row in samples)
     rows = {(r["method"], r["threads"], r["metric"]): r for r in read(out / "tables" / "speed.csv")}
@@ -131,8 +131,8 @@ def test_the_command_line_tells_what_was_done(tmp_path, command, monkeypatch):
     chosen = ("--methods", "blank,blank", "--limit", "1", "--views", "5", "--device", "cpu")
     status, out, err = command("run", "--suite", "speed", *chosen, "--out", tmp_path / "run")
     assert status == 0
-    assert out.startswith("# Speed: what a picture costs\n")
-    assert "# What a picture costs, by the number of views of a cloud\n" in out
+    assert out.startswith("# Speed: what an image costs\n")
+    assert "# What an image costs, by the number of views of a cloud\n" in out
     message = "2 measurements taken, 0 from before, 0 with failures, 2 while something else ran; "
     assert message in err
     assert err.endswith(f"\nresults in {tmp_path / 'run'}\n")

@@ -105,6 +105,6 @@ def test_outcomes_say_what_was_expected_and_what_came():
     named = (result.case, result.group, result.subject, result.kind)
     assert named == ("shuffled", "metamorphic", "splat", "unexpected")
     assert result.expected == "as plain: mean change up to 0.01 grey levels, at most 1"
-    assert result.observed == "pictures, 25.0 % not white; change 1.25, at most 7; 3 faces"
+    assert result.observed == "images, 25.0 % not white; change 1.25, at most 7; 3 faces"
     result = outcome(replace(FAILED, case="coplanar", method="surface-apss"))
     assert (result.observed, result.kind) == ("failed: apss: no faces", "refused")

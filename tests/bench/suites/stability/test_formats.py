@@ -115,8 +115,8 @@ def test_verdicts(row, kind):
 def test_words_and_tables():
     held, refused = format_outcomes([ROW, REFUSED])
     assert (held.subject, held.case) == ("float16 (chair)", "plain")
-    assert held.expected == "code within 0.098 sd, picture within 0.49 grey levels on average"
-    error = "code within 0.001 sd; picture within 0.04 grey levels on average, 7 at most"
+    assert held.expected == "code within 0.098 sd, image within 0.49 grey levels on average"
+    error = "code within 0.001 sd; image within 0.04 grey levels on average, 7 at most"
     assert held.observed == error
     assert refused.expected == "overflow in input of encoder.points.0, refused at encode"
     assert refused.observed == refused.expected

@@ -71,7 +71,7 @@ def test_a_run_leaves_tables_and_figures_and_goes_on(finished, tmp_path):
     path = out / "tables" / "stability_methods.csv"
     path.write_text(path.read_text().replace(",holds", ",unexpected", 1))
     (regression,) = check(out).regressions
-    assert regression.startswith("blank, plain: pictures, 0.0 % not white; stated was: ")
+    assert regression.startswith("blank, plain: images, 0.0 % not white; stated was: ")
     with pytest.raises(BadInput, match="writes its tables itself"):
         tables(read_scored(out))
 

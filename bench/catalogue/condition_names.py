@@ -1,4 +1,4 @@
-"""Conditions in words, as sentences, axes and heads of columns of report and site name them."""
+"""Names of conditions in words, for sentences, axes and heads of columns."""
 
 from __future__ import annotations
 
@@ -39,7 +39,17 @@ class ConditionName(NamedTuple):
     @property
     def axis(self) -> str:
         """Return the kind, with the reading of the paper."""
-        return f"{self.kind} ({self.reading})" if self.reading else self.kind
+        return self.kind + self._reading
+
+    @property
+    def brief(self) -> str:
+        """Return the name for a narrow column: "noise 5 %", "2,048"."""
+        kind = self.kind if self.kind != "points" else ""
+        return f"{kind} {self.short}{self._reading}".lstrip()
+
+    @property
+    def _reading(self) -> str:
+        return f" ({self.reading})" if self.reading else ""
 
 
 def condition_name(condition_id: str) -> ConditionName:
