@@ -46,7 +46,8 @@ def comparison_lines(differences: Differences, width: int) -> list[str]:
     unit, count = _unit(differences.cells)
     objects = f"{count} {_plural(unit)}" if count != 1 else f"1 {unit}"
     b, a = visible(differences.b), visible(differences.a)
-    lines = wrapped(f"{b} against {a}, {objects}, paired by {unit}", width)
+    title = f"{b} against {a}, {objects}, paired by {unit}, scored against {differences.truth}"
+    lines = wrapped(title, width)
     conditions = ordered(cell.pair.condition for cell in differences.cells)
     for corner, cells in _blocks(differences):
         rows = list(_verdicts(cells, conditions))

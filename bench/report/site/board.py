@@ -67,12 +67,13 @@ class BoardColumn:
 
 @dataclass(frozen=True)
 class BoardGroup:
-    """Columns under one head; a group without a name has columns of their own."""
+    """Columns under one head, with small words beneath; without a name each has a head alone."""
 
     columns: tuple[BoardColumn, ...]
     name: str = ""
     title: str = ""
     link: str = ""
+    about: str = ""
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from bench.report.site.board import Board, row_kinds
 from bench.report.site.classes import class_grids
 from bench.report.site.leaderboard import leaderboard, site_ranks
 from bench.report.site.plots import run_plots
-from bench.report.site.site_run import SiteRun
+from bench.report.site.site_run import SiteRun, truths_of
 from bench.report.site.words import joined_names, metric_words
 from bench.report.stored import Sources
 from bench.tables.differences import too_few
@@ -108,6 +108,7 @@ def index_page(
         "true images.",
         (
             ("protocol", str(runs[0].run.manifest[PROTOCOL])),
+            ("truth", truths_of(runs)),
             ("runs", str(len(runs))),
             ("methods", str(len(board.rows))),
             ("failed", f"{failed:,} of {images:,} images"),
@@ -213,6 +214,7 @@ def _card(run: SiteRun) -> RunCard:
         (
             ("suite", str(manifest["suite"])),
             ("dataset", str(manifest["dataset"])),
+            ("truth", run.truth),
             ("objects", run.objects),
             ("conditions", ", ".join(map(condition_words, manifest["conditions"]))),
             ("seed", str(manifest["seed"])),

@@ -24,7 +24,13 @@ from bench.report.site.board import (
     fraction,
     row_kinds,
 )
-from bench.report.site.site_run import HEADLINE, SiteRun, method_file, method_id_of
+from bench.report.site.site_run import (
+    HEADLINE,
+    SiteRun,
+    method_file,
+    method_id_of,
+    truths_of,
+)
 from bench.report.site.words import (
     joined_names,
     letter_range,
@@ -69,8 +75,9 @@ def leaderboard(
     kinds = row_kinds(ordered, ids, {RECOMMENDED})
     of_rank = {rank.method: rank for rank in ranks.ranks}
     machines = {run.machine for run in runs}
+    mixed = len({run.truth for run in runs}) > 1
     groups = (
-        *map(_of_run, runs),
+        *(_of_run(run, mixed) for run in runs),
         BoardGroup(_general_columns(len(by_rank), machines, len(runs))),
     )
     # Of many runs the values are beyond the right edge, where they may be rather than the ranks.
@@ -104,14 +111,16 @@ def leaderboard(
             )
         )
     return Board(
-        f"All methods by their mean rank among the {len(by_rank)} that compete",
+        f"All methods by their mean rank among the {len(by_rank)} that compete, against "
+        f"{truths_of(runs)}",
         groups,
         tuple(rows),
         _notes(runs, ranks),
     )
 
 
-def _of_run(run: SiteRun) -> BoardGroup:
+def _of_run(run: SiteRun, mixed: bool) -> BoardGroup:
+    """Return the columns of a run; their head names the truth where runs have different ones."""
     count = len(run.compared)
     about = f"mean over {count} conditions" if count > 1 else "one condition"
     columns = tuple(
@@ -119,8 +128,8 @@ def _of_run(run: SiteRun) -> BoardGroup:
         for m in run.metrics
     )
     conditions = ", ".join(condition_words(c.condition) for c in run.compared)
-    title = f"{run.objects}; {about}: {conditions}"
-    return BoardGroup(columns, run.name, title, run.page)
+    title = f"{run.objects}, against {run.truth}; {about}: {conditions}"
+    return BoardGroup(columns, run.name, title, run.page, f"against {run.truth}" * mixed)
 
 
 def _general_columns(count: int, machines: set[str], runs: int) -> tuple[BoardColumn, ...]:
@@ -193,6 +202,12 @@ def _notes(runs: Sequence[SiteRun], ranks: MeanRanks) -> tuple[str, ...]:
     ]
     if ranks.objects_needed:
         notes.append(f"Mean ranks without letters: {too_few(ranks.objects_needed)}.")
+    if len({run.truth for run in runs}) > 1:
+        notes.append(
+            f"The runs are scored against {truths_of(runs)}, and the mean rank is over all of "
+            "them: for the shape alone read the columns of truth in grey, or make a site of these "
+            "runs alone."
+        )
     for run in runs:
         for metric in dict.fromkeys([*HEADLINE, *(m for other in runs for m in other.metrics)]):
             if metric in run.metrics:

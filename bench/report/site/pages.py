@@ -33,6 +33,7 @@ from bench.report.site.site_run import (
     pair_file,
     rank_cell,
     share_ranking,
+    truths_of,
 )
 from bench.report.site.words import p_words
 from bench.tables.differences import difference_cell, too_few
@@ -125,6 +126,7 @@ def _run_page(run: SiteRun, downloads: Sequence[Link], ranked: Sequence[str]) ->
         (
             ("suite", str(manifest["suite"])),
             ("dataset", str(manifest["dataset"])),
+            ("truth", run.truth),
             ("objects", run.objects),
             ("seed", str(manifest["seed"])),
             ("failed", "{} of {} images".format(*run.failed)),
@@ -193,7 +195,8 @@ def _matrix(runs: Sequence[SiteRun], ranked: Sequence[str]) -> SitePage:
         headers(ranked),
         tuple(lines),
         caption="Ahead, tie, behind: the method of the line against that of the column",
-        remark="Counted over all metrics and conditions of all runs that have both. A tie: no "
+        remark="Counted over all metrics and conditions of all runs that have both, against "
+        f"{truths_of(runs)}. A tie: no "
         f"difference is shown.{f' Untested: {too_few(needed)}.' if needed else ''}",
     )
     return SitePage(
@@ -218,7 +221,8 @@ def _pair_page(a: str, b: str, runs: Sequence[SiteRun]) -> SitePage:
                 remark="Marked: who is ahead, p below 0.05. p is corrected by Holm's procedure for "
                 "all pairs of methods under that condition.",
             )
-            sections.append(Section(run.name, str(run.run.manifest["dataset"]), (differences,)))
+            about = f"{run.run.manifest['dataset']}, against {run.truth}"
+            sections.append(Section(run.name, about, (differences,)))
     ahead, ties, behind = lead_record(runs, a, b)
     outcome = []
     if ahead + ties + behind:
