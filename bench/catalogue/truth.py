@@ -27,6 +27,7 @@ from data_prep.failures import BadInput, unknown
 
 # The networks behind these were trained on images in colours.
 _OF_COLOURS = {"fid", "kid", "fd-views", "kd-views", "class-confidence"}
+CEILING = "true-mesh"
 _IN_GREY = {"fd-views": "fd-views-grey"}
 # Tables of the paper, which has no truth in grey, under names that do not number them.
 _UNNUMBERED: dict[TableKind, TableSpec] = {
@@ -50,10 +51,11 @@ def with_truth(suite: Suite, truth: str | None) -> Suite:
         raise unknown(truth, list(TRUTHS), "truth")
     if truth == "coloured":
         raise BadInput(f"--truth {truth}: the suite {suite.id} is in grey; take one in colours")
+    left = left_out_in_grey(suite)
     return replace(
         suite,
-        about=f"{suite.about}; here against {TRUTHS['grey']}",
-        methods=tuple(m for m in suite.methods if m not in left_out_in_grey(suite)),
+        about=f"{suite.about}; here in grey",
+        methods=tuple(m for m in suite.methods if m not in left),
         set_metrics=_metrics_in_grey(suite.set_metrics),
         class_metrics=_metrics_in_grey(suite.class_metrics),
         frontier=_metrics_in_grey(suite.frontier),
@@ -68,20 +70,18 @@ def with_truth(suite: Suite, truth: str | None) -> Suite:
     )
 
 
-def left_out_in_grey(suite: Suite) -> list[str]:
-    """Return the methods of the suite that have no place in its default list in grey.
+def left_out_in_grey(suite: Suite) -> dict[str, str]:
+    """Return the methods that the suite's default list does not have in grey, with the reasons.
 
-    They make up colours, or are the grey twin of `true-mesh`, which then draws the same images.
-    Reference methods stay.
+    Reference methods stay, but for the grey twin of `true-mesh`.
     """
-    methods = [find_method(method_id) for method_id in suite.methods]
-    ceiling = any(method.color == "true" for method in methods)
-    return [
-        method.id
-        for method in methods
-        if (method.color == "invented" and method.kind != "reference")
-        or (method.sees_mesh and method.color == "none" and ceiling)
-    ]
+    reasons = {}
+    for method in map(find_method, suite.methods):
+        if method.color == "invented" and method.kind != "reference":
+            reasons[method.id] = "makes up colours"
+        elif method.sees_mesh and method.color == "none" and CEILING in suite.methods:
+            reasons[method.id] = f"is {CEILING} in grey"
+    return reasons
 
 
 def _metrics_in_grey(metrics: Sequence[str]) -> tuple[str, ...]:

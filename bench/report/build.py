@@ -184,7 +184,7 @@ def _head(manifest: Mapping[str, Any], records: pd.DataFrame, truth: Truth) -> t
     head = [
         f"{objects}{of_classes} × {views} view{'s' * (views != 1)}",
         f"{methods} method{'s' * (methods > 1)}",
-        f"against {TRUTHS[truth]}",
+        TRUTHS[truth].removeprefix("the "),
     ]
     seconds: Mapping[str, float] = manifest.get("stage_seconds", {})
     if seconds:

@@ -36,7 +36,6 @@ class Options:
 
     suite: str
     dataset: str = "procedural"
-    truth: Truth | None = None
     methods: tuple[str, ...] | None = None
     conditions: tuple[str, ...] | None = None
     limit: int | None = None
@@ -50,6 +49,7 @@ class Options:
     shard: Shard | None = None
     ray: str | None = None
     inception_weights: str | None = None
+    truth: Truth | None = None
 
     @property
     def request(self) -> dict[str, Any]:

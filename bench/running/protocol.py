@@ -148,10 +148,14 @@ def protocol_of(
 
 
 def _name_left_out(suite: Suite) -> None:
-    if names := left_out_in_grey(suite):
+    by_reason: dict[str, list[str]] = {}
+    for method_id, reason in left_out_in_grey(suite).items():
+        by_reason.setdefault(reason, []).append(method_id)
+    if by_reason:
+        names = "; ".join(f"{', '.join(ids)} ({reason})" for reason, ids in by_reason.items())
         log(
-            f"--truth grey: without {', '.join(names)}, which make up colours or draw what "
-            f"true-mesh draws; --methods takes them, and networks in grey ({RECOMMENDED})"
+            f"--truth grey leaves out {names}: give --methods for them, or for networks in grey "
+            f"like {RECOMMENDED}"
         )
 
 

@@ -38,7 +38,7 @@ class _Verdict(NamedTuple):
 
 
 def comparison_lines(differences: Differences, width: int) -> list[str]:
-    """Return a title, who is ahead in each cell, and the verdict as the last line.
+    """Return a title, the truth, who is ahead in each cell, and the verdict as the last line.
 
     Lines have at most `width` columns. Conditions stand side by side, in several parts where they
     have no room, and one below the other where not even one has.
@@ -46,8 +46,8 @@ def comparison_lines(differences: Differences, width: int) -> list[str]:
     unit, count = _unit(differences.cells)
     objects = f"{count} {_plural(unit)}" if count != 1 else f"1 {unit}"
     b, a = visible(differences.b), visible(differences.a)
-    title = f"{b} against {a}, {objects}, paired by {unit}, scored against {differences.truth}"
-    lines = wrapped(title, width)
+    lines = wrapped(f"{b} against {a}, {objects}, paired by {unit}", width)
+    lines += wrapped(f"scored against {differences.truth}", width)
     conditions = ordered(cell.pair.condition for cell in differences.cells)
     for corner, cells in _blocks(differences):
         rows = list(_verdicts(cells, conditions))

@@ -67,13 +67,12 @@ class BoardColumn:
 
 @dataclass(frozen=True)
 class BoardGroup:
-    """Columns under one head, with small words beneath; without a name each has a head alone."""
+    """Columns under one head; a group without a name has columns of their own."""
 
     columns: tuple[BoardColumn, ...]
     name: str = ""
     title: str = ""
     link: str = ""
-    about: str = ""
 
 
 @dataclass(frozen=True)

@@ -24,13 +24,7 @@ from bench.report.site.board import (
     fraction,
     row_kinds,
 )
-from bench.report.site.site_run import (
-    HEADLINE,
-    SiteRun,
-    method_file,
-    method_id_of,
-    truths_of,
-)
+from bench.report.site.site_run import HEADLINE, SiteRun, method_file, method_id_of
 from bench.report.site.words import (
     joined_names,
     letter_range,
@@ -66,7 +60,7 @@ def leaderboard(
     ranks: MeanRanks,
     thumbnails: Mapping[str, PageImage],
 ) -> Board:
-    """Return the leaderboard of all methods of a site; those without a mean rank come last."""
+    """Return the leaderboard of runs of one truth; methods without a mean rank come last."""
     by_rank = [rank.method for rank in ranks.ranks]
     ordered = [*by_rank, *(m for m in methods if m not in by_rank)]
     ids = {method: method_id_of(runs, method) for method in ordered}
@@ -75,9 +69,8 @@ def leaderboard(
     kinds = row_kinds(ordered, ids, {RECOMMENDED})
     of_rank = {rank.method: rank for rank in ranks.ranks}
     machines = {run.machine for run in runs}
-    mixed = len({run.truth for run in runs}) > 1
     groups = (
-        *(_of_run(run, mixed) for run in runs),
+        *map(_of_run, runs),
         BoardGroup(_general_columns(len(by_rank), machines, len(runs))),
     )
     # Of many runs the values are beyond the right edge, where they may be rather than the ranks.
@@ -112,15 +105,14 @@ def leaderboard(
         )
     return Board(
         f"All methods by their mean rank among the {len(by_rank)} that compete, against "
-        f"{truths_of(runs)}",
+        f"{runs[0].truth}",
         groups,
         tuple(rows),
         _notes(runs, ranks),
     )
 
 
-def _of_run(run: SiteRun, mixed: bool) -> BoardGroup:
-    """Return the columns of a run; their head names the truth where runs have different ones."""
+def _of_run(run: SiteRun) -> BoardGroup:
     count = len(run.compared)
     about = f"mean over {count} conditions" if count > 1 else "one condition"
     columns = tuple(
@@ -128,8 +120,8 @@ def _of_run(run: SiteRun, mixed: bool) -> BoardGroup:
         for m in run.metrics
     )
     conditions = ", ".join(condition_words(c.condition) for c in run.compared)
-    title = f"{run.objects}, against {run.truth}; {about}: {conditions}"
-    return BoardGroup(columns, run.name, title, run.page, f"against {run.truth}" * mixed)
+    title = f"{run.objects}; {about}: {conditions}"
+    return BoardGroup(columns, run.name, title, run.page)
 
 
 def _general_columns(count: int, machines: set[str], runs: int) -> tuple[BoardColumn, ...]:
@@ -202,12 +194,6 @@ def _notes(runs: Sequence[SiteRun], ranks: MeanRanks) -> tuple[str, ...]:
     ]
     if ranks.objects_needed:
         notes.append(f"Mean ranks without letters: {too_few(ranks.objects_needed)}.")
-    if len({run.truth for run in runs}) > 1:
-        notes.append(
-            f"The runs are scored against {truths_of(runs)}, and the mean rank is over all of "
-            "them: for the shape alone read the columns of truth in grey, or make a site of these "
-            "runs alone."
-        )
     for run in runs:
         for metric in dict.fromkeys([*HEADLINE, *(m for other in runs for m in other.metrics)]):
             if metric in run.metrics:

@@ -28,7 +28,6 @@ from bench.report.site.site_run import (
     letters_remark,
     method_file,
     method_id_of,
-    methods_of,
     objects_needed,
     pair_file,
     rank_cell,
@@ -65,8 +64,8 @@ def pages(
     downloads  links by the names of runs
     left_out   names of runs without a scored object
     """
-    index = index_page(runs, methods_of(runs), left_out)
-    ranked = [row.name for row in index.board.rows]
+    index = index_page(runs, left_out)
+    ranked = index.methods
     pairs = [(a, b) for a, b in combinations(ranked, 2) if share_ranking(runs, a, b)]
     return [
         index,
