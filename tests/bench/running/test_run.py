@@ -18,7 +18,7 @@ import pandas as pd
 import pytest
 from PIL import Image
 
-import bench.analysis.scored
+import bench.catalogue.truth
 import bench.running.run
 from bench.analysis.scored import read_scored
 from bench.catalogue.suites import SUITES
@@ -266,7 +266,7 @@ def no_networks(monkeypatch):
     """Without set metrics, workers need no torch and start in a second."""
     suites = [replace(SUITES[0], set_metrics=(), control_metrics=())]
     monkeypatch.setattr(bench.running.run, "SUITES", suites)
-    monkeypatch.setattr(bench.analysis.scored, "SUITES", suites)
+    monkeypatch.setattr(bench.catalogue.truth, "SUITES", suites)
 
 
 class OneMore(Budget):

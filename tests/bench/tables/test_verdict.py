@@ -149,7 +149,7 @@ def test_a_narrow_terminal(width):
     assert text.count("better") == 6
     assert text.count("+.148") == text.count("-.058") == 3
     if width == 20:
-        assert shown[4:10] == [
+        assert shown[7:13] == [
             "ssim-object",
             "  2048: better +.148",
             "  512: better +.148",
