@@ -15,6 +15,7 @@ from bench.analysis.scored import ScoredRun, read_scored
 from bench.catalogue.chosen import CHOSEN
 from bench.catalogue.methods import FLOOR
 from bench.catalogue.metrics import IMAGE_METRICS, is_mean
+from bench.catalogue.suite_types import TRUTHS
 from bench.records.journal import PROTOCOL
 from data_prep.failures import BadInput
 
@@ -28,12 +29,14 @@ class Differences:
 
     a, b     names of the two sides: methods of one run, or folders of two
     remarks  what was left out, a sentence each
+    truth    the truth that both sides are scored against, in words
     """
 
     a: str
     b: str
     cells: tuple[PairedDifference, ...]
     remarks: tuple[str, ...]
+    truth: str
 
 
 def methods_of_run(
@@ -65,7 +68,8 @@ def methods_of_run(
     for name in chosen_rows.keys() & set(methods):
         parts = (f"`{method}` at {condition}" for condition, method in chosen_rows[name].items())
         remarks.append(f"`{name}` is {', '.join(parts)}.")
-    return Differences(a, b, _differences(pairs, chosen), tuple(remarks))
+    truth = TRUTHS[run.suite.truth]
+    return Differences(a, b, _differences(pairs, chosen), tuple(remarks), truth)
 
 
 def runs(
@@ -79,6 +83,11 @@ def runs(
     """
     a, b = read_scored(first), read_scored(second)
     refuse_other_protocol(a, b)
+    if a.suite.truth != b.suite.truth:
+        raise BadInput(
+            f"different truths: {first} is scored against {TRUTHS[a.suite.truth]}, {second} "
+            f"against {TRUTHS[b.suite.truth]}; give both the same --truth"
+        )
     _refuse_other_objects(a, b)
     remarks: list[str] = []
     common = {
@@ -99,7 +108,8 @@ def runs(
         for metric in chosen
         for name in names
     ]
-    return Differences(str(first), str(second), _differences(pairs, chosen), tuple(remarks))
+    cells, truth = _differences(pairs, chosen), TRUTHS[a.suite.truth]
+    return Differences(str(first), str(second), cells, tuple(remarks), truth)
 
 
 def _compare(run: ScoredRun, methods: Sequence[str], metrics: Sequence[str]) -> list[Comparison]:

@@ -12,7 +12,6 @@ import pandas as pd
 from bench.analysis.comparison import Comparison, compare
 from bench.analysis.distances import FeatureDistances
 from bench.analysis.recognition import read_class_head, with_confidence
-from bench.catalogue.lookup import find
 from bench.catalogue.metrics import (
     IMAGE_METRICS,
     LEARNED_METRICS,
@@ -20,7 +19,8 @@ from bench.catalogue.metrics import (
     column,
     find_extractor,
 )
-from bench.catalogue.suites import LATENT, SPEED, STABILITY, SUITES, Suite
+from bench.catalogue.suites import LATENT, SPEED, STABILITY, Suite
+from bench.catalogue.truth import stored_suite
 from bench.judges import VIEWS_WEIGHTS
 from bench.records.features import Features
 from bench.records.journal import read_finished
@@ -80,7 +80,7 @@ def scored_run(directory: Path, manifest: dict[str, Any]) -> ScoredRun:
             f"{directory}: a run of {manifest['suite']} writes its tables itself; they are in "
             f"{directory / 'tables'}"
         )
-    suite = find(str(manifest.get("suite")), SUITES, "suite")
+    suite = stored_suite(manifest)
     if missing := [name for name in ("methods", "conditions", "objects") if name not in manifest]:
         raise BadInput(
             f"{directory}: its manifest has no {', '.join(missing)}; start the run again with its "

@@ -30,6 +30,12 @@ TableKind = Literal[
 
 Figures = Literal["robustness", "classes", "condition sweep", "frontier"]
 
+Truth = Literal["coloured", "grey"]
+TRUTHS: dict[Truth, str] = {
+    "coloured": "the true mesh in its colours",
+    "grey": "the true mesh in grey",
+}
+
 
 @dataclass(frozen=True)
 class TableSpec:
@@ -54,17 +60,12 @@ class TableSpec:
     paper_layout: bool = False
 
 
+# Titles do not name the truth: `bench.tables.table.of_truth` adds it to those of all tables.
 DETAIL_TABLE = TableSpec(
     "detail", "table_detail", "Detail: the object alone, its outline and its thin parts"
 )
-IMAGE_TABLE = TableSpec(
-    "images",
-    "table_ssim",
-    "SSIM and its components against the true mesh (higher is better)",
-)
-SET_TABLE = TableSpec(
-    "sets", "table_frechet", "Distances to images of the true mesh (lower is better)"
-)
+IMAGE_TABLE = TableSpec("images", "table_ssim", "SSIM and its components (higher is better)")
+SET_TABLE = TableSpec("sets", "table_frechet", "Distances between sets of images (lower is better)")
 
 
 @dataclass(frozen=True)
@@ -83,8 +84,9 @@ class Suite:
     frontier         metrics that cost is traded for
     condition_sweep  metrics by which methods are compared along `bench.catalogue.families`
     headline         metrics of the table that a run shows while it goes on, and at its end
-    painted          whether true images have the colours of their objects, else all faces are in
-                     neutral grey; points and views are the same
+    truth            true images in the colours of their objects, or with all faces in neutral grey;
+                     points and views are the same
+    truth_chosen     whether `--truth` has replaced the truth of the suite, see `with_truth`
     timed            whether one worker does all, so that times are taken with nothing beside them
     tables           in the order in which they are shown; without those that a part of a run, or
                      one with few methods, does not give
@@ -107,7 +109,8 @@ class Suite:
     class_metrics: tuple[str, ...] = ()
     condition_sweep: tuple[str, ...] = ()
     headline: tuple[str, ...] = ("ssim-object", "lpips")
-    painted: bool = True
+    truth: Truth = "coloured"
+    truth_chosen: bool = False
     timed: bool = False
     tables: tuple[TableSpec, ...] = (IMAGE_TABLE, SET_TABLE, DETAIL_TABLE)
     figures: Figures = "robustness"

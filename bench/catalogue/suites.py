@@ -64,13 +64,13 @@ ROBUSTNESS = Suite(
         TableSpec(
             "images",
             "table3_ssim",
-            "Table 3: SSIM and its components against the true mesh (higher is better)",
+            "Table 3: SSIM and its components (higher is better)",
             paper_layout=True,
         ),
         TableSpec(
             "sets",
             "table4_fid",
-            "Table 4: distances to images of the true mesh (lower is better)",
+            "Table 4: distances between sets of images (lower is better)",
             paper_layout=True,
         ),
         DETAIL_TABLE,
@@ -97,19 +97,8 @@ SUITES = (
             "blank",
         ),
         set_metrics=("fd-views-grey", "fd-alexnet", "kd-alexnet"),
-        painted=False,
-        tables=(
-            replace(
-                IMAGE_TABLE,
-                title="SSIM and its components against the true mesh in grey (higher is better)",
-            ),
-            replace(
-                SET_TABLE,
-                title="Distances to images of the true mesh in grey (lower is better)",
-            ),
-            DETAIL_TABLE,
-            RECOGNITION_TABLE,
-        ),
+        truth="grey",
+        tables=(IMAGE_TABLE, SET_TABLE, DETAIL_TABLE, RECOGNITION_TABLE),
     ),
     Suite(
         id="speed-accuracy",
@@ -210,7 +199,7 @@ SUITES = (
             TableSpec(
                 "classes",
                 "table5_classes",
-                "Table 5: classes, against images of the true meshes",
+                "Table 5: classes",
                 paper_layout=True,
             ),
             DETAIL_TABLE,

@@ -19,6 +19,7 @@ from bench.analysis.scored import read_scored
 from bench.catalogue.lookup import family_of
 from bench.catalogue.methods import FLOORS, known_method
 from bench.catalogue.metrics import JUDGE, column, is_mean
+from bench.catalogue.suite_types import TRUTHS
 from bench.checking.claim_findings import VERDICTS, ClaimFinding, Verdict, corrected
 from bench.checking.claim_rules import CHAIR, RECOGNISABLE
 from bench.checking.claims import CHAIRS, CLASSES, LATENT, SPEED, Claim, claims
@@ -228,6 +229,11 @@ def _quality_evidence(
     directory: Path, manifest: dict[str, Any], subjects: Sequence[str]
 ) -> QualityEvidence:
     scored = read_scored(directory)
+    if scored.suite.truth != "coloured":
+        raise BadInput(
+            f"{directory}: is scored against {TRUTHS[scored.suite.truth]}, and the paper's claims "
+            "are about images in colours; give a run without --truth"
+        )
     wanted = (*scored.suite.image_metrics, *scored.suite.class_metrics, *DISTANCES, *RECOGNISABLE)
     metrics = [
         metric

@@ -21,6 +21,7 @@ from bench.analysis.paper import PAPER_METHODS, PAPER_NETWORK
 from bench.analysis.scored import ScoredRun, read_scored
 from bench.analysis.scores import QualityRow
 from bench.catalogue.methods import role
+from bench.catalogue.suite_types import TRUTHS
 from bench.catalogue.suites import STABILITY
 from bench.checking.objects import (
     GoldenDeviation,
@@ -84,13 +85,17 @@ def check(directory: Path) -> CheckResult:
     manifest = read_finished(directory)
     if manifest["suite"] == STABILITY.id:
         return _check_outcomes(directory)
-    run, expected = read_scored(directory), golden(manifest["suite"])
-    objects = read_objects(manifest["suite"])
-    whole = _is_whole(directory, manifest, expected, objects)
+    run = read_scored(directory)
     own_tables = tables(run)
     sweep = (class_orderings(run), condition_sweep(run))
     written: list[Table[Any]] = [*own_tables, *filter(None, sweep)]
     compared, regressions = Counter[str](), _stale_tables(directory, written)
+    if run.suite.truth_chosen:
+        against = TRUTHS[run.suite.truth]
+        not_compared = f"{run.suite.id} has no golden values against {against}: none compared"
+        return CheckResult(0, tuple(regressions), (not_compared,))
+    expected, objects = golden(manifest["suite"]), read_objects(manifest["suite"])
+    whole = _is_whole(directory, manifest, expected, objects)
     if whole:
         compared, moved = _compare_means(own_tables, manifest, expected)
         regressions += moved
@@ -191,6 +196,11 @@ def _refuse_other_protocol(run: ScoredRun) -> None:
     suite, manifest = run.suite, run.manifest
     default = Options(suite.id)
     objects = suite.endless_limit * len(suite.classes)
+    if suite.truth_chosen:
+        raise BadInput(
+            f"{run.directory}: golden values are not against {TRUTHS[suite.truth]}; run 'bench run "
+            f"--suite {suite.id}' and give its folder"
+        )
     wanted = {
         "dataset": default.dataset,
         "objects": objects,

@@ -327,6 +327,7 @@ def verify_data(
 EXPORT_OPTIONS: dict[str, str | OptionSpec] = {
     "suite": OptionSpec("The suite whose objects and views these are.", default="chair-robustness"),
     "dataset": RUN_OPTIONS["dataset"],
+    "truth": RUN_OPTIONS["truth"],
     "conditions": "Conditions, comma-separated, or 'all'. Default: the suite's.",
     **{name: RUN_OPTIONS[name] for name in ("limit", "views", "workers", "seed")},
 }

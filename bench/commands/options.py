@@ -65,6 +65,13 @@ class Group(TyperGroup):
         return super().resolve_command(ctx, args)
 
 
+class TruthChoice(StrEnum):
+    """The truth that images are scored against."""
+
+    coloured = "coloured"
+    grey = "grey"
+
+
 class Device(StrEnum):
     """The device on which networks run."""
 
@@ -236,6 +243,12 @@ RUN_OPTIONS: dict[str, str | OptionSpec] = {  # of `bench.running.protocol.Optio
     "suite": "The suite, see 'bench list'.",
     "dataset": "Dataset: procedural, folder:PATH (sub-folders are classes), shapenet:PATH, "
     "modelnet:PATH, paper:PATH or exported:PATH; see 'bench data inspect PATH'.",
+    "truth": OptionSpec(
+        "The true images: in the colours of the objects, or with all faces in grey, where only the "
+        "shape counts; see docs/protocol.md. Default: the suite's.",
+        kind=TruthChoice | None,
+        convert=lambda value: value and str(value),
+    ),
     "methods": "Methods, comma-separated; blank is always measured. Default: the suite's.",
     "conditions": "Conditions, comma-separated. Default: the suite's.",
     "limit": "Objects of each class at most. Default: all of a folder; of procedural shapes the "

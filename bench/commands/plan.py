@@ -10,6 +10,7 @@ import numpy as np
 import typer
 
 from bench.catalogue.lookup import find
+from bench.catalogue.suite_types import TRUTHS
 from bench.catalogue.suites import ALL_SUITES, Suite
 from bench.commands.options import RUN_OPTIONS, options_from_dataclass
 from bench.records.journal import read_index
@@ -76,7 +77,8 @@ def plan_of(run: RunStatus, samples: Sequence[Sample]) -> Iterator[Block]:
     costs = mean_costs(places, run.left)
     objects = {(s.job.object.class_name, s.job.object.object_id) for s in samples}
     shard = f", shard {protocol.shard}" if protocol.shard else ""
-    yield f"# Plan of {cell(protocol.suite.id)} on {cell(protocol.dataset)}{shard}"
+    truth = f", against {TRUTHS[protocol.suite.truth]}"
+    yield f"# Plan of {cell(protocol.suite.id)} on {cell(protocol.dataset)}{shard}{truth}"
     yield (
         f"{len(protocol.objects):,} objects x {protocol.views} views x "
         f"{len(protocol.conditions)} conditions x {len(protocol.methods)} methods: "

@@ -11,8 +11,8 @@ from typing import Any
 
 from bench.analysis.scored import score, scored_run
 from bench.analysis.scores import QualityRow
-from bench.catalogue.lookup import find
-from bench.catalogue.suites import SUITES, Suite
+from bench.catalogue.suites import Suite
+from bench.catalogue.truth import stored_suite
 from bench.commands.options import Format
 from bench.commands.terminal import Terminal, shown
 from bench.records.artifacts import JobName
@@ -28,10 +28,9 @@ from bench.report.robustness import write_figures
 from bench.running.merge import Merged, merge
 from bench.running.options import Options
 from bench.running.run import PartialRun, RunResult, WrittenRun, run, timed
-from bench.tables.build import Outputs, write_outputs
+from bench.tables.build import Outputs, paper_values, write_outputs
 from bench.tables.figure import FIGURES
 from bench.tables.headline import headline
-from bench.tables.published import published
 from bench.tables.table import TABLES, Table, write_tables
 
 
@@ -49,7 +48,7 @@ def run_suite(options: Options) -> RunResult[Outputs]:
 def partial_table(snapshot: PartialRun) -> Table[QualityRow]:
     """Write the headline table of the complete objects into the folder of tables; return it."""
     manifest = snapshot.manifest
-    suite = find(str(manifest["suite"]), SUITES, "suite")
+    suite = stored_suite(manifest)
     # Of the metrics by class only those that are shown: the others would take time.
     shown_by_class = tuple(m for m in suite.class_metrics if m in suite.headline)
     suite = replace(suite, class_metrics=shown_by_class)
@@ -131,7 +130,7 @@ def _write_figures(
     classes = suite.table("classes")
     by_class = next((t for t in outputs.tables if classes and t.name == classes.name), None)
     if suite.figures == "classes" and by_class is not None:
-        write_class_figures(directory, by_class, outputs.headline, published(suite.id), artifacts)
+        write_class_figures(directory, by_class, outputs.headline, paper_values(suite), artifacts)
     elif suite.figures == "frontier" and outputs.frontier_tables is not None:
         frontier, _ = outputs.frontier_tables
         write_frontier(directory / FIGURES, frontier.rows)

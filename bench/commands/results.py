@@ -21,6 +21,7 @@ from bench.analysis.recommend import (
 )
 from bench.analysis.recommend import recommend as best_methods
 from bench.analysis.scored import ScoredRun, read_scored
+from bench.catalogue.suite_types import TRUTHS
 from bench.commands.browser import OpenOption, open_page
 from bench.commands.options import FormatOption, RunDirectory, names, path_argument, path_option
 from bench.tables.build import how_timed
@@ -192,7 +193,8 @@ def recommend(
     compared = at_condition(run.compared(measured), condition)
     given = [best_methods(comparison, request, metrics) for comparison in compared]
     lines = advice_lines(given, request, manifest["views"], in_full=condition is not None)
-    for line in (how_timed(manifest), *lines):
+    truth = f"Scores are against {TRUTHS[run.suite.truth]}."
+    for line in (how_timed(manifest), truth, *lines):
         indent = "  " * line.startswith("  ")
         print("\n".join(wrapped(line.strip(), line_width(), indent, indent + "  ")))
     if not all(recommendation.meets(request) for recommendation in given):

@@ -13,6 +13,7 @@ import typer
 
 from bench.catalogue.lookup import find
 from bench.catalogue.metrics import find_extractor
+from bench.catalogue.suite_types import TRUTHS
 from bench.catalogue.suites import ALL_SUITES, Suite
 from bench.commands.browser import OpenOption, open_page
 from bench.commands.config import ConfigOption, refuse_other_objects
@@ -74,7 +75,9 @@ def _protocol(suite: Suite, options: Options) -> tuple[Protocol, dict[str, str]]
     identity = f"{find_extractor(FID).version} {WEIGHTS_SHA256}"
     protocol = replace(
         protocol,
-        features=tuple((name, features[name]) for name in suite.extractors if name in features),
+        features=tuple(
+            (name, features[name]) for name in protocol.suite.extractors if name in features
+        ),
         feature_identity={**protocol.feature_identity, FID: identity},
     )
     return protocol, {name: why for name, why in skipped.items() if name != FID}
@@ -93,6 +96,7 @@ def _settings(status: RunStatus, options: Options) -> list[tuple[str, str]]:
         ("suite", f"{suite.id}: {suite.about}"),
         ("dataset", protocol.dataset),
         ("shard", str(protocol.shard) if protocol.shard else "the whole"),
+        ("truth", TRUTHS[suite.truth]),
         ("objects", ", ".join(f"{number} {name}" for name, number in classes.items())),
         ("conditions", ", ".join(protocol.conditions)),
         ("views", str(protocol.views)),

@@ -30,7 +30,7 @@ from bench.records.record import GROUND_TRUTH
 from bench.report.stored import Sources, open_sources
 from bench.running.work import reason_of
 from bench.tables.quality import quality_table
-from bench.tables.table import Table, write_tables
+from bench.tables.table import Table, of_truth, write_tables
 from data_prep.arrays import Floats
 from data_prep.failures import BadInput
 from data_prep.scene import UInt8Images
@@ -60,7 +60,7 @@ def score(directory: Path, metrics: Sequence[ImageMetric | SetMetric]) -> list[T
         title = f"{metric.id}, version {metric.version}: {metric.about} ({better} is better)"
         rows = (sample.row for sample in samples)
         spec = TableSpec("images", f"metric_{metric.id}", title)
-        tables.append(quality_table(spec, rows))
+        tables.append(of_truth(quality_table(spec, rows), run.suite))
     write_tables(directory, tables)
     return tables
 

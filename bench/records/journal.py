@@ -40,6 +40,8 @@ _FIELDS = Record.__dataclass_fields__.keys()
 FIXED = ("suite", "dataset", "views", "seed", "device")  # one directory, one value of each
 PROTOCOL = "protocol"  # its version
 SHARD = "shard"  # one value, too; manifests from before there were shards have none
+TRUTH = "truth"  # likewise; there only where --truth has replaced the truth of the suite
+COLOURED = "coloured"  # truth of the suites for which it can be replaced
 
 
 class LinePosition(NamedTuple):
@@ -214,8 +216,9 @@ def check_directory(directory: Path, manifest: Mapping[str, Any]) -> None:
     if not _holds_run(directory):
         return
     stored = read_manifest(directory)
-    for name in (*FIXED, SHARD):
-        present, wanted = stored.get(name), manifest.get(name)
+    for name in (*FIXED, SHARD, TRUTH):
+        default = COLOURED if name == TRUTH else None
+        present, wanted = stored.get(name, default), manifest.get(name, default)
         if present != wanted:
             raise BadInput(
                 f"{directory}: holds a run of {name} {present!r}, not {wanted!r}; "

@@ -25,7 +25,7 @@ from bench.catalogue.metrics import (
     SET_METRICS,
     is_mean,
 )
-from bench.catalogue.suites import Suite
+from bench.catalogue.suite_types import TRUTHS, Suite, Truth
 from bench.records.artifacts import JobName
 from bench.records.parquet import read_jobs
 from bench.report.families import family_curves
@@ -114,7 +114,7 @@ def read_page(made: Outputs) -> Page:
     return Page(
         title=manifest["suite"],
         about=suite.about,
-        head=_head(manifest, records),
+        head=_head(manifest, records, suite.truth),
         quality=headline[0],
         jobs=_jobs(run.directory, records),
         facts=_facts(manifest),
@@ -179,8 +179,8 @@ def _shown(records: pd.DataFrame, chosen: pd.DataFrame) -> list[JobName]:
     return of_grids + [JobName("", *map(str, of_case)) for of_case in zip(*names, strict=True)]
 
 
-def _head(manifest: Mapping[str, Any], records: pd.DataFrame) -> tuple[str, ...]:
-    """Return in a few words what was run, and how long it took."""
+def _head(manifest: Mapping[str, Any], records: pd.DataFrame, truth: Truth) -> tuple[str, ...]:
+    """Return in a few words what was run, against which truth, and how long it took."""
     count = len(records[["class", "object"]].drop_duplicates())
     classes = list(dict.fromkeys(map(str, records["class"])))
     objects = objects_in_words(count, classes[0] if len(classes) == 1 else ALL)
@@ -189,6 +189,7 @@ def _head(manifest: Mapping[str, Any], records: pd.DataFrame) -> tuple[str, ...]
     head = [
         f"{objects}{of_classes} × {views} view{'s' * (views != 1)}",
         f"{methods} method{'s' * (methods > 1)}",
+        TRUTHS[truth].removeprefix("the "),
     ]
     seconds: Mapping[str, float] = manifest.get("stage_seconds", {})
     if seconds:

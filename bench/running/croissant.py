@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from bench.catalogue.suite_types import TRUTHS
 from bench.running.protocol import Protocol
 from data_prep.datasets.exported import CLOUDS, COLUMNS, OBJECTS, VIEWS
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
@@ -72,13 +73,14 @@ def metadata(protocol: Protocol, lists: Mapping[str, str], published: str) -> di
 
     `lists` are its CSV files with their checksums, `published` the date as in 2026-01-31.
     """
-    suite = protocol.suite.id
+    suite = protocol.suite.id + f"-truth-{protocol.suite.truth}" * protocol.suite.truth_chosen
     described = {
         "@context": _CONTEXT,
         "@type": "sc:Dataset",
         "name": f"pc2pix-bench-{suite}",
         "description": (
-            f"Inputs of the benchmark pc2pix-bench, suite {suite}, protocol {PROTOCOL_VERSION}: "
+            f"Inputs of the benchmark pc2pix-bench, suite {protocol.suite.id} with images of "
+            f"{TRUTHS[protocol.suite.truth]}, protocol {PROTOCOL_VERSION}: "
             f"{len(protocol.objects)} objects of {protocol.dataset}, seed {protocol.seed}, "
             f"{protocol.views} views each, conditions {', '.join(protocol.conditions)}. Paths and "
             "checksums of all files are in the lists."

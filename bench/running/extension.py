@@ -13,6 +13,7 @@ from typing import Any
 
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import Method, find_method
+from bench.catalogue.truth import truth_entry
 from bench.records.journal import (
     MANIFEST,
     SHARD,
@@ -161,6 +162,7 @@ def _fixed(protocol: Protocol) -> dict[str, Any]:
         "seed": protocol.seed,
         "device": protocol.device,
         SHARD: str(protocol.shard) if protocol.shard else WHOLE,
+        **truth_entry(protocol.suite),
     }
 
 

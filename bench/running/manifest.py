@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from bench.catalogue.methods import objectives
+from bench.catalogue.truth import truth_entry
 from bench.records.journal import PROTOCOL
 from bench.records.record import SCHEMA_VERSION
 from bench.running.environment import machine_info
@@ -30,6 +31,7 @@ def describe(
             id_: method_identity(m, protocol.device) for id_, m in protocol.methods.items()
         },
         objectives=objectives(protocol.methods),
+        **truth_entry(protocol.suite),
         conditions=list(protocol.conditions),
         objects=[name_of(obj) for obj in protocol.objects],
         skipped_metrics=dict(skipped_metrics),

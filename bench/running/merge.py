@@ -19,7 +19,14 @@ from typing import Any, Generic
 
 from bench.records.artifacts import artifact_path, artifact_sha256
 from bench.records.job import Result
-from bench.records.journal import FIXED, Journal, read_finished, read_index
+from bench.records.journal import (
+    COLOURED,
+    FIXED,
+    TRUTH,
+    Journal,
+    read_finished,
+    read_index,
+)
 from bench.records.parquet import JobRow, read_jobs
 from bench.records.record import GROUND_TRUTH
 from bench.running.extension import refuse_narrowing
@@ -30,7 +37,7 @@ from data_prep.progress import progress
 
 # Entries of the manifest that all shards must have in common.
 ALIKE = (
-    *FIXED,
+    *(*FIXED, TRUTH),
     *("methods", "identities", "conditions", "skipped_metrics", "feature_identity", "environment"),
     "versions",
 )
@@ -98,11 +105,13 @@ def _in_order(parts: Sequence[FinishedShard]) -> list[FinishedShard]:
     first = parts[0]
     for part in parts[1:]:
         for name in ALIKE:
-            if part.manifest.get(name) != first.manifest.get(name):
+            default = COLOURED if name == TRUTH else None
+            value, other = (p.manifest.get(name, default) for p in (part, first))
+            if value != other:
                 raise BadInput(
                     f"{part.directory}: not of one run with {first.directory}: its {name} is "
-                    f"{_differing(part.manifest.get(name), first.manifest.get(name))}; make both "
-                    "with the same command, packages and drivers"
+                    f"{_differing(value, other)}; make both with the same command, packages and "
+                    "drivers"
                 )
         if part.shard.count != first.shard.count:
             raise BadInput(

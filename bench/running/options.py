@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 from unicodedata import category, normalize
 
-from bench.catalogue.suites import Suite
+from bench.catalogue.suite_types import Suite, Truth
+from bench.catalogue.suites import SUITES
 from bench.running.environment import cores
 from bench.running.shards import Shard
 from data_prep.datasets.registry import Dataset
@@ -24,7 +25,7 @@ MOST_VIEWS = 10_000
 RUNS = Path("results/runs")
 # Options that say what is measured, and not how or where.
 REPEATED = (
-    *("suite", "dataset", "methods", "conditions", "limit", "views", "device", "seed"),
+    *("suite", "dataset", "truth", "methods", "conditions", "limit", "views", "device", "seed"),
     "inception_weights",
 )
 
@@ -48,6 +49,7 @@ class Options:
     shard: Shard | None = None
     ray: str | None = None
     inception_weights: str | None = None
+    truth: Truth | None = None
 
     @property
     def request(self) -> dict[str, Any]:
@@ -65,7 +67,9 @@ class Options:
     @property
     def directory(self) -> Path:
         """Return the run's folder."""
-        return self.out or RUNS / default_name(self.suite, self.dataset, self.shard)
+        of_suite = next((suite.truth for suite in SUITES if suite.id == self.suite), None)
+        truth = None if self.truth == of_suite else self.truth
+        return self.out or RUNS / default_name(self.suite, self.dataset, self.shard, truth)
 
 
 def refuse(suite: str, options: Iterable[tuple[str, object, str]]) -> None:
@@ -123,10 +127,14 @@ def workers_of(suite: Suite, options: Options) -> int:
     return options.workers or cores()
 
 
-def default_name(suite: str, dataset: str, shard: Shard | None = None) -> str:
-    """Return the name of a run's folder, made of suite, dataset and shard."""
+def default_name(
+    suite: str, dataset: str, shard: Shard | None = None, truth: Truth | None = None
+) -> str:
+    """Return the name of a run's folder, made of suite, dataset, truth and shard."""
     kind, _, location = dataset.partition(":")
     parts = [suite, kind, Path(location).resolve().name] if location else [suite, kind]
+    if truth is not None:
+        parts.append(f"truth-{truth}")
     if shard is not None:
         parts.append(f"shard-{shard.number}-of-{shard.count}")
     return file_name(*parts)

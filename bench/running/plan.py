@@ -93,7 +93,7 @@ class Plan:
 def plan(protocol: Protocol, directory: Path) -> Plan:
     """Return all jobs of a run, object by object.
 
-    Where the suite is not `painted`, jobs have the objects in grey. Raises BadInput for unknown
+    Where the truth of the suite is grey, jobs have the objects in grey. Raises BadInput for unknown
     conditions and unusable weights, for bare clouds, which cannot be scored, for more views than
     objects have images, and for objects without a mesh where they are to be grey.
     """
@@ -102,7 +102,7 @@ def plan(protocol: Protocol, directory: Path) -> Plan:
     conditions = [find(c, CONDITIONS, "condition") for c in protocol.conditions]
     methods = [(m, method_identity(m, protocol.device)) for m in protocol.methods.values()]
     objects = []
-    for obj in protocol.objects if suite.painted else _in_grey(protocol):
+    for obj in _in_grey(protocol) if suite.truth == "grey" else protocol.objects:
         rng = generator(protocol.seed, "views", obj.class_name, obj.object_id)
         views = obj.views(protocol.views, rng)
         identity = _object_identity(protocol, obj, views)
@@ -156,19 +156,20 @@ def _refuse_bare_clouds(protocol: Protocol) -> None:
 
 
 def _in_grey(protocol: Protocol) -> Iterator[SceneObject]:
+    suite = protocol.suite.id + " --truth grey" * protocol.suite.truth_chosen
     for obj in protocol.objects:
         if isinstance(obj, ExportedObject):  # its images are as they were exported
             if not obj.in_grey:
                 raise BadInput(
                     f"{protocol.dataset}: {name_of(obj)} was exported in colour; export it again "
-                    f"with --suite {protocol.suite.id}"
+                    f"with --suite {suite}"
                 )
             yield obj
             continue
         if not isinstance(obj, MeshObject):
             raise BadInput(
                 f"{protocol.dataset}: {name_of(obj)} has images but no mesh, and "
-                f"{protocol.suite.id} draws meshes in grey; take a dataset of meshes"
+                f"{suite} draws meshes in grey; take a dataset of meshes"
             )
         yield GreyObject(obj)
 

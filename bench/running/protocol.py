@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from bench.catalogue.lookup import find
-from bench.catalogue.methods import FLOOR, Method, find_method
+from bench.catalogue.methods import FLOOR, RECOMMENDED, Method, find_method
 from bench.catalogue.metrics import WeightsUnavailable, find_extractor
 from bench.catalogue.plugins import plugin_problem
-from bench.catalogue.suites import SUITES, Suite
+from bench.catalogue.suites import Suite
+from bench.catalogue.truth import left_out_in_grey, stored_suite, with_truth
 from bench.running.environment import environment
 from bench.running.options import Options, refuse_absent_gpu, refuse_counts, seed_of
 from bench.running.shards import Shard, objects_to_search
@@ -93,9 +94,14 @@ def protocol_of(
 ) -> tuple[Protocol, dict[str, str]]:
     """Return the protocol of a run, and the metrics that cannot be taken, with the reasons.
 
-    `probe` finds out the environment (default: `bench.running.environment.environment`). Raises
-    BadInput for options that cannot be met, and MissingDependency where nothing can be drawn.
+    The suite of the protocol has the truth of the options. A line on stderr names methods of the
+    suite that are left out for it. `probe` finds out the environment (default:
+    `bench.running.environment.environment`). Raises BadInput for options that cannot be met, and
+    MissingDependency where nothing can be drawn.
     """
+    in_colours, suite = suite, with_truth(suite, options.truth)
+    if suite.truth_chosen and not options.methods:
+        _name_left_out(in_colours)
     methods = {}
     for method_id in with_floor(options.methods or suite.methods):
         methods[method_id] = find_method(method_id)
@@ -139,6 +145,18 @@ def protocol_of(
         environment=(probe or environment)(),
     )
     return protocol, skipped
+
+
+def _name_left_out(suite: Suite) -> None:
+    by_reason: dict[str, list[str]] = {}
+    for method_id, reason in left_out_in_grey(suite).items():
+        by_reason.setdefault(reason, []).append(method_id)
+    if by_reason:
+        names = "; ".join(f"{', '.join(ids)} ({reason})" for reason, ids in by_reason.items())
+        log(
+            f"--truth grey leaves out {names}: give --methods for them, or for networks in grey "
+            f"like {RECOMMENDED}"
+        )
 
 
 def objects_of(suite: Suite, dataset: Dataset, options: Options) -> tuple[SceneObject, ...]:
@@ -203,7 +221,7 @@ def stored_protocol(
     dataset, count = open_dataset(manifest["dataset"]), objects_to_search(manifest)
     wanted = dict.fromkeys(objects)
     return Protocol(
-        suite=find(str(manifest["suite"]), SUITES, "suite"),
+        suite=stored_suite(manifest),
         dataset=dataset.id,
         methods=find_methods(methods),
         conditions=tuple(conditions),

@@ -15,7 +15,7 @@ from bench.analysis.orderings import Ordering, orderings
 from bench.analysis.paper import Published
 from bench.analysis.scored import ScoredRun
 from bench.analysis.scores import QualityRow
-from bench.catalogue.suite_types import TableKind, TableSpec
+from bench.catalogue.suite_types import Suite, TableKind, TableSpec
 from bench.records.journal import PROTOCOL
 from bench.tables import markdown
 from bench.tables.classes import class_table
@@ -44,7 +44,7 @@ QUALITY_TABLES: Mapping[
 
 def tables(run: ScoredRun) -> list[Table[QualityRow]]:
     """Return the tables of quality that the suite of a run declares."""
-    paper = published(run.suite.id)
+    paper = paper_values(run.suite)
     with threadpool_limits(1):  # the same last digits on any number of cores
         return [
             _of_run(run, QUALITY_TABLES[spec.kind](run, spec, paper))
@@ -53,8 +53,13 @@ def tables(run: ScoredRun) -> list[Table[QualityRow]]:
         ]
 
 
+def paper_values(suite: Suite) -> Published:
+    """Return the paper's values beside those of a suite; none in grey, which the paper has not."""
+    return published(suite.id) if suite.truth == "coloured" else {}
+
+
 def _of_run(run: ScoredRun, table: Table[R]) -> Table[R]:
-    return of_protocol(table, run.manifest[PROTOCOL])
+    return of_protocol(table, run.suite, run.manifest[PROTOCOL])
 
 
 def class_orderings(run: ScoredRun) -> Table[Ordering] | None:
@@ -62,7 +67,7 @@ def class_orderings(run: ScoredRun) -> Table[Ordering] | None:
     if (spec := run.suite.table("orderings")) is None:
         return None
     with threadpool_limits(1):
-        rows = orderings(run, published(run.suite.id))
+        rows = orderings(run, paper_values(run.suite))
     return _of_run(run, orderings_table(spec, run.suite.id, rows)) if rows else None
 
 

@@ -47,7 +47,7 @@ def differences_table(differences: Differences) -> Table[PairedDifference]:
         *columns(("ci_high", "difference.high"), "p", "p_holm", "ahead"),
         *columns(("objects", "pair.objects"), "objects_needed"),
     )
-    title = f"{differences.b} against {differences.a}"
+    title = f"{differences.b} against {differences.a}, scored against {differences.truth}"
     layout = partial(_layout, differences.remarks)
     return Table("differences", title, csv, differences.cells, layout)
 

@@ -50,4 +50,4 @@ def headline(run: ScoredRun) -> Table[QualityRow]:
 
     shown = with_chosen_rows(annotated(rows, run, {}))
     table = Table(HEADLINE, title, columns_of(QualityRow), shown, layout)
-    return of_protocol(table, run.manifest[PROTOCOL])
+    return of_protocol(table, run.suite, run.manifest[PROTOCOL])

@@ -15,6 +15,8 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
+from bench.catalogue.suite_types import TRUTHS, Suite
+from bench.records.journal import TRUTH
 from bench.tables import markdown
 from bench.tables.grid import Block, Grid
 from data_prep.files.atomic_write import write_whole
@@ -118,10 +120,21 @@ class Table(Generic[R]):
         return self.layout(self.rows) if self.layout else ()
 
 
-def of_protocol(table: Table[R], version: int) -> Table[R]:
-    """Return the table with the protocol's version in its title and as the last column."""
-    title = f"{table.title}; protocol {version}"
-    return replace(table, title=title, columns=(*table.columns, constant("protocol", version)))
+def of_truth(table: Table[R], suite: Suite) -> Table[R]:
+    """Return the table with the truth of its suite in its title.
+
+    Where `--truth` has replaced that of the suite, which is in no column, there is a last column.
+    """
+    more = (constant(TRUTH, suite.truth),) if suite.truth_chosen else ()
+    title = f"{table.title}; against {TRUTHS[suite.truth]}"
+    return replace(table, title=title, columns=(*table.columns, *more))
+
+
+def of_protocol(table: Table[R], suite: Suite, version: int) -> Table[R]:
+    """Return the table with the truth and the protocol's version in its title and as columns."""
+    protocol = replace(table, columns=(*table.columns, constant("protocol", version)))
+    titled = of_truth(protocol, suite)
+    return replace(titled, title=f"{titled.title}; protocol {version}")
 
 
 def table_files(tables: Iterable[Table[Any]]) -> dict[str, str]:

@@ -38,7 +38,7 @@ class _Verdict(NamedTuple):
 
 
 def comparison_lines(differences: Differences, width: int) -> list[str]:
-    """Return a title, who is ahead in each cell, and the verdict as the last line.
+    """Return a title, the truth, who is ahead in each cell, and the verdict as the last line.
 
     Lines have at most `width` columns. Conditions stand side by side, in several parts where they
     have no room, and one below the other where not even one has.
@@ -47,6 +47,7 @@ def comparison_lines(differences: Differences, width: int) -> list[str]:
     objects = f"{count} {_plural(unit)}" if count != 1 else f"1 {unit}"
     b, a = visible(differences.b), visible(differences.a)
     lines = wrapped(f"{b} against {a}, {objects}, paired by {unit}", width)
+    lines += wrapped(f"scored against {differences.truth}", width)
     conditions = ordered(cell.pair.condition for cell in differences.cells)
     heads = [condition_name(condition).brief for condition in conditions]
     for corner, cells in _blocks(differences):

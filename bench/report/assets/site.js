@@ -1,7 +1,6 @@
 "use strict";
 // The table is complete without this: it adds buttons that sort it.
 (() => {
-  const status = document.querySelector(".status");
   const sorted = (rows, column, numeric, sign) => {
     const key = (row) => {
       const cell = row.cells[column];
@@ -15,6 +14,7 @@
     });
   };
   for (const table of document.querySelectorAll("table.board")) {
+    const status = table.closest(".leaderboard").querySelector(".status");
     const [first, second] = table.tHead.rows;
     const below = [...second.cells];
     const heads = [...first.cells].flatMap((head) => (head.colSpan > 1 || head.rowSpan === 1 ? below.splice(0, head.colSpan) : [head]));

@@ -21,7 +21,7 @@ from bench.report.site.board import Board, row_kinds
 from bench.report.site.classes import class_grids
 from bench.report.site.leaderboard import leaderboard, site_ranks
 from bench.report.site.plots import run_plots
-from bench.report.site.site_run import SiteRun
+from bench.report.site.site_run import SiteRun, methods_of, truths_of
 from bench.report.site.words import joined_names, metric_words
 from bench.report.stored import Sources
 from bench.tables.differences import too_few
@@ -65,6 +65,8 @@ class IndexPage:
         Who is first, and what one has to know before the table.
     classes : tuple of (run, grids)
         Values by class of the runs that have several.
+    boards : tuple of Board
+        A leaderboard for each truth: ranks against one say nothing about the other.
     meanings : tuple of (title, ((anchor, term, description), ...))
         Glossary.
     """
@@ -76,22 +78,32 @@ class IndexPage:
     facts: tuple[tuple[str, str], ...]
     answers: tuple[tuple[str, str], ...]
     plots: tuple[RunPlots, ...]
-    board: Board
+    boards: tuple[Board, ...]
     classes: tuple[tuple[str, tuple[Grid, ...]], ...]
     runs: tuple[RunCard, ...]
     left_out: tuple[str, ...]
     meanings: tuple[tuple[str, tuple[tuple[str, str, str], ...]], ...]
 
+    @property
+    def methods(self) -> list[str]:
+        """Return all methods, each once, in the order of the leaderboards."""
+        return list(dict.fromkeys(row.name for board in self.boards for row in board.rows))
 
-def index_page(
-    runs: Sequence[SiteRun], methods: Sequence[str], left_out: Sequence[str] = ()
-) -> IndexPage:
-    """Return the index of a site; `methods` are all of its methods, `left_out` names of runs."""
-    ranks = site_ranks(runs)
-    board = leaderboard(runs, methods, ranks, thumbnails(runs))
-    shown = [row.name for row in board.rows if not row.kind]
+
+def index_page(runs: Sequence[SiteRun], left_out: Sequence[str] = ()) -> IndexPage:
+    """Return the index of a site; `left_out` are names of runs."""
+    by_truth: dict[str, list[SiteRun]] = {}
+    for run in runs:
+        by_truth.setdefault(run.truth, []).append(run)
+    boards, answers, images_of = [], [], thumbnails(runs)
+    for truth, of_truth in by_truth.items():
+        ranks = site_ranks(of_truth)
+        boards.append(leaderboard(of_truth, methods_of(of_truth), ranks, images_of))
+        shown = [row.name for row in boards[-1].rows if not row.kind]
+        against = f", against {truth}" if len(by_truth) > 1 else ""
+        answers += [(f"{term}{against}", a) for term, a in _answers(of_truth, ranks, shown)]
     failed, images = (sum(counts) for counts in zip(*(run.failed for run in runs), strict=True))
-    names = [row.name for row in board.rows]
+    names = list(dict.fromkeys(row.name for board in boards for row in board.rows))
     plotted = (
         RunPlots(
             run.name,
@@ -108,13 +120,14 @@ def index_page(
         "true images.",
         (
             ("protocol", str(runs[0].run.manifest[PROTOCOL])),
+            ("truth", truths_of(runs)),
             ("runs", str(len(runs))),
-            ("methods", str(len(board.rows))),
+            ("methods", str(len(names))),
             ("failed", f"{failed:,} of {images:,} images"),
         ),
-        _answers(runs, ranks, shown),
+        tuple(answers),
         tuple(of_run for of_run in plotted if of_run.plots),
-        board,
+        tuple(boards),
         tuple(
             (run.name, class_grids(run, _main_methods(run, names))) for run in runs if run.by_class
         ),
@@ -213,6 +226,7 @@ def _card(run: SiteRun) -> RunCard:
         (
             ("suite", str(manifest["suite"])),
             ("dataset", str(manifest["dataset"])),
+            ("truth", run.truth),
             ("objects", run.objects),
             ("conditions", ", ".join(map(condition_words, manifest["conditions"]))),
             ("seed", str(manifest["seed"])),

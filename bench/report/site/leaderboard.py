@@ -60,7 +60,7 @@ def leaderboard(
     ranks: MeanRanks,
     thumbnails: Mapping[str, PageImage],
 ) -> Board:
-    """Return the leaderboard of all methods of a site; those without a mean rank come last."""
+    """Return the leaderboard of runs of one truth; methods without a mean rank come last."""
     by_rank = [rank.method for rank in ranks.ranks]
     ordered = [*by_rank, *(m for m in methods if m not in by_rank)]
     ids = {method: method_id_of(runs, method) for method in ordered}
@@ -104,7 +104,8 @@ def leaderboard(
             )
         )
     return Board(
-        f"All methods by their mean rank among the {len(by_rank)} that compete",
+        f"All methods by their mean rank among the {len(by_rank)} that compete, against "
+        f"{runs[0].truth}",
         groups,
         tuple(rows),
         _notes(runs, ranks),

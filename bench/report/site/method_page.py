@@ -47,7 +47,8 @@ def method_page(method: str, ranked: Sequence[str], all_runs: Sequence[SiteRun])
         for run in runs:
             at = {ranking.condition: ranking for owner, ranking in rankings if owner is run}
             values = (rank_cell(run, at[c], method) if c in at else NOTHING for c in conditions)
-            about = "; ".join(filter(None, [run.machine, run.methods[method].libraries]))
+            truth = f"against {run.truth}"
+            about = "; ".join(filter(None, [truth, run.machine, run.methods[method].libraries]))
             lines.append(TableRow(run.name, tuple(values), about, link=run.page))
         remark = letters_remark(ranking for _, ranking in rankings)
         grids.append(

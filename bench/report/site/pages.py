@@ -28,11 +28,11 @@ from bench.report.site.site_run import (
     letters_remark,
     method_file,
     method_id_of,
-    methods_of,
     objects_needed,
     pair_file,
     rank_cell,
     share_ranking,
+    truths_of,
 )
 from bench.report.site.words import p_words
 from bench.tables.differences import difference_cell, too_few
@@ -64,8 +64,8 @@ def pages(
     downloads  links by the names of runs
     left_out   names of runs without a scored object
     """
-    index = index_page(runs, methods_of(runs), left_out)
-    ranked = [row.name for row in index.board.rows]
+    index = index_page(runs, left_out)
+    ranked = index.methods
     pairs = [(a, b) for a, b in combinations(ranked, 2) if share_ranking(runs, a, b)]
     return [
         index,
@@ -125,6 +125,7 @@ def _run_page(run: SiteRun, downloads: Sequence[Link], ranked: Sequence[str]) ->
         (
             ("suite", str(manifest["suite"])),
             ("dataset", str(manifest["dataset"])),
+            ("truth", run.truth),
             ("objects", run.objects),
             ("seed", str(manifest["seed"])),
             ("failed", "{} of {} images".format(*run.failed)),
@@ -193,7 +194,8 @@ def _matrix(runs: Sequence[SiteRun], ranked: Sequence[str]) -> SitePage:
         headers(ranked),
         tuple(lines),
         caption="Ahead, tie, behind: the method of the line against that of the column",
-        remark="Counted over all metrics and conditions of all runs that have both. A tie: no "
+        remark="Counted over all metrics and conditions of all runs that have both, against "
+        f"{truths_of(runs)}. A tie: no "
         f"difference is shown.{f' Untested: {too_few(needed)}.' if needed else ''}",
     )
     return SitePage(
@@ -218,7 +220,8 @@ def _pair_page(a: str, b: str, runs: Sequence[SiteRun]) -> SitePage:
                 remark="Marked: who is ahead, p below 0.05. p is corrected by Holm's procedure for "
                 "all pairs of methods under that condition.",
             )
-            sections.append(Section(run.name, str(run.run.manifest["dataset"]), (differences,)))
+            about = f"{run.run.manifest['dataset']}, against {run.truth}"
+            sections.append(Section(run.name, about, (differences,)))
     ahead, ties, behind = lead_record(runs, a, b)
     outcome = []
     if ahead + ties + behind:

@@ -12,6 +12,7 @@ from bench.analysis.paired import PairedDifference
 from bench.analysis.ranks import Ranking
 from bench.analysis.scored import ScoredRun
 from bench.catalogue.metrics import higher_is_better
+from bench.catalogue.suite_types import TRUTHS
 from bench.report.site.methods import SiteMethod, method_slug
 from bench.tables.differences import too_few
 from bench.tables.frontier import cost_grid
@@ -129,6 +130,11 @@ class SiteRun:
         )
 
     @property
+    def truth(self) -> str:
+        """Return the truth that images are scored against, in words."""
+        return TRUTHS[self.run.suite.truth]
+
+    @property
     def page(self) -> str:
         """Return the file name of the run's page."""
         return f"run-{self.slug}.html"
@@ -191,6 +197,11 @@ def method_file(method: str) -> str:
 def pair_file(a: str, b: str) -> str:
     """Return the file name of the page that compares two methods."""
     return f"compare-{method_slug(a)}--{method_slug(b)}.html"
+
+
+def truths_of(runs: Iterable[SiteRun]) -> str:
+    """Return the truths of runs, each once: "the true mesh in its colours and ... in grey"."""
+    return " and ".join(dict.fromkeys(run.truth for run in runs))
 
 
 def methods_of(runs: Iterable[SiteRun]) -> list[str]:

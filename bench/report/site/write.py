@@ -21,7 +21,7 @@ from bench.analysis.ranks import ranking
 from bench.analysis.run_pairs import refuse_other_protocol
 from bench.analysis.scored import ScoredRun, scored_run
 from bench.catalogue.metrics import is_mean
-from bench.records.journal import FIXED, MANIFEST, PROTOCOL, SHARD, read_finished
+from bench.records.journal import FIXED, MANIFEST, PROTOCOL, SHARD, TRUTH, read_finished
 from bench.records.parquet import RECORDS
 from bench.report.build import REPORT, write_report
 from bench.report.site.index_page import INDEX
@@ -41,7 +41,7 @@ from data_prep.files.checksums import file_sha256
 from data_prep.progress import log, progress
 
 # What a run was to measure, in its manifest.
-REQUEST = (PROTOCOL, *FIXED, SHARD, "methods", "identities", "conditions", "objects")
+REQUEST = (PROTOCOL, *FIXED, SHARD, TRUTH, "methods", "identities", "conditions", "objects")
 
 
 def write_site(directories: Sequence[Path], out: Path) -> int:
@@ -148,7 +148,7 @@ def _site_run(
         overall_rankings={
             metric: under_site_names(ranking(overall, metric), methods) for metric in metrics
         },
-        ranks=of_protocol(ranks_table(compared, rankings), run.manifest[PROTOCOL]),
+        ranks=of_protocol(ranks_table(compared, rankings), run.suite, run.manifest[PROTOCOL]),
         copies=copies,
     )
 

@@ -362,6 +362,19 @@ def test_runs_of_two_versions_of_the_protocol_are_refused(command, two_runs):
     )
 
 
+def test_runs_against_two_truths_are_refused_and_of_one_the_title_has_it(command, two_runs):
+    first, second = two_runs
+    write_manifest(second, read_manifest(second) | {"truth": "grey"})
+    assert command("compare", str(first), str(second)) == (
+        *(2, ""),
+        f"bench: different truths: {first} is scored against the true mesh in its colours, "
+        f"{second} against the true mesh in grey; give both the same --truth\n",
+    )
+    status, out, _ = command("compare", str(second), "--methods", "splat,blank")
+    assert status == 0
+    assert out.startswith("# blank against splat, scored against the true mesh in grey\n")
+
+
 def test_methods_of_one_run_alone_are_left_out_with_a_remark(command, two_runs):
     first, second = two_runs
     records = pd.read_parquet(second / "records.parquet")

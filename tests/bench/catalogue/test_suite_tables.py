@@ -8,6 +8,7 @@ import pytest
 
 from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
+from bench.catalogue.truth import with_truth
 from bench.records.record import to_frame
 from bench.tables.build import make_outputs
 
@@ -26,7 +27,11 @@ METRICS = {
 }
 
 
-@pytest.mark.parametrize("suite", SUITES, ids=lambda suite: suite.id)
+@pytest.mark.parametrize(
+    "suite",
+    [*SUITES, *(with_truth(suite, "grey") for suite in SUITES)],
+    ids=lambda suite: f"{suite.id}, {suite.truth}",
+)
 def test_each_table_has_metrics_and_a_name_of_its_own(suite):
     assert all(getattr(suite, METRICS[table.kind]) for table in suite.tables)
     assert len({table.name for table in suite.tables}) == len(suite.tables)
@@ -44,6 +49,6 @@ def test_a_run_has_the_tables_that_its_suite_declares():
     manifest = {"methods": ["splat", "blank"], "objects": ["chair/a"], "views": 1, "protocol": 1}
     outputs = make_outputs(scored_records(records, suite, **manifest))
     assert [(table.name, table.title) for table in outputs.tables] == [
-        ("own_detail", "Own; protocol 1")
+        ("own_detail", "Own; against the true mesh in its colours; protocol 1")
     ]
     assert (outputs.further, outputs.curves) == ([], ())

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-import bench.analysis.scored
+import bench.catalogue.truth
 import bench.tables.published
 from bench.catalogue.suites import SUITES
 from bench.checking.golden import bless
@@ -24,7 +24,7 @@ def be_default(patch, **changes):
         views=manifest["views"],
         endless_limit=len(manifest["objects"]),
     )
-    patch.setattr(bench.analysis.scored, "SUITES", (small, *SUITES[1:]))
+    patch.setattr(bench.catalogue.truth, "SUITES", (small, *SUITES[1:]))
 
 
 @pytest.fixture

@@ -261,6 +261,25 @@ def test_another_protocol_cannot_be_compared(tmp_path, run, command, change, mes
     )
 
 
+def test_golden_values_are_not_those_of_another_truth(tmp_path, run, command):
+    other = write_run(tmp_path / "other", truth="grey")
+    grey = "against the true mesh in grey"
+    assert command("check", other) == (
+        0,
+        f"{SUITE} has no golden values {grey}: none compared\n"
+        "0 golden values compared, 0 regressions\n",
+        "",
+    )
+    assert command("check", "--bless", other) == (
+        *(2, ""),
+        f"bench: {other}: golden values are not {grey}; run 'bench run --suite {SUITE}' and give "
+        "its folder\n",
+    )
+    status, _, err = command("check", "--claims", other)
+    assert (status, err.count("\n")) == (2, 1)
+    assert "the paper's claims are about images in colours; give a run without --truth" in err
+
+
 def test_without_golden_values_or_a_run(tmp_path, results, command):
     directory = write_run(tmp_path / "run")
     (tmp_path / "file").touch()

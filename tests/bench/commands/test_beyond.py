@@ -82,7 +82,9 @@ def test_tables_and_report_have_titles_of_their_own(written):
         for family in ("points", "noise", "missing")
         for metric in SUITE.condition_sweep
     ]
-    assert page.tables[0].title == "Beyond what the networks were trained on; protocol 1"
+    assert page.tables[0].title == (
+        "Beyond what the networks were trained on; against the true mesh in its colours; protocol 1"
+    )
     assert [len(page.tables), len(page.tables[0].tables)] == [4, 1 + 3]
 
 

@@ -331,6 +331,18 @@ def test_another_run_is_refused(tmp_path, name):
     )
 
 
+def test_a_run_of_another_truth_is_refused_by_name(tmp_path):
+    for folder, entry, truth, wanted in (
+        ("a", {}, "coloured", {"truth": "grey"}),
+        ("b", {"truth": "grey"}, "grey", {}),
+    ):
+        write_manifest(tmp_path / folder, make_manifest(**entry))
+        assert refusal(check_directory, tmp_path / folder, make_manifest(**wanted)) == (
+            f"{tmp_path / folder}: holds a run of truth {truth!r}, not "
+            f"{wanted.get('truth', 'coloured')!r}; give another --out, or --fresh to start over"
+        )
+
+
 def test_a_newer_run_is_refused_everywhere(tmp_path):
     write_manifest(tmp_path, make_manifest(schema_version=SCHEMA_VERSION + 1))
     for read in (read_manifest, read_finished, lambda path: check_directory(path, make_manifest())):

@@ -173,6 +173,36 @@ def test_a_run_without_a_metric_is_named_and_has_the_others(tmp_path):
     assert "ssim-object" in heads(html)
 
 
+def test_each_truth_has_a_leaderboard_and_an_answer_of_its_own(tmp_path):
+    small = {"methods": ["splat", "alpha-shape", "blank"], "conditions": ["2048"]}
+    runs = [
+        write_small(tmp_path / name, **small, **entry)
+        for name, entry in (("colours", {}), ("shapes", {"truth": "grey"}))
+    ]
+    ahead = ("splat", "alpha-shape")
+    for run, best in zip(runs, ahead, strict=True):
+        records = read_all(run)
+        write_all(
+            run,
+            [replace(r, ssim_object=0.5 + 0.4 * (r.method == best), lpips=0.3) for r in records],
+        )
+    html = index_of(*runs)
+    captions = re.findall(r"<caption id=[^>]+>(.*?)</caption>", section(html, "All methods"))
+    truths = ("the true mesh in its colours", "the true mesh in grey")
+    assert [words_of(caption) for caption in captions] == [
+        f"All methods by their mean rank among the 2 that compete, against {truth}"
+        for truth in truths
+    ]
+    answer = words_of(section(html, "In short"))
+    for truth, best in zip(truths, ahead, strict=True):
+        assert f"First by mean rank, against {truth} {best} " in answer
+    first = words_of(section(html, "All methods").partition("</table>")[0])
+    assert "colours ssim-object" not in first.partition("shapes")[2]  # one run in each table
+    assert "shapes" not in first
+    cards = section(html, "Runs")
+    assert [f"truth {truth} objects" in words_of(cards) for truth in truths] == [True, True]
+
+
 def test_a_run_of_one_method_ranks_nothing(tmp_path):
     html = index_of(write_small(tmp_path / "run", methods=["splat", "blank"]))
     assert "run ranks nothing; methods that compete: splat." in words_of(html)

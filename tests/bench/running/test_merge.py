@@ -60,7 +60,9 @@ def test_merged_shards_are_the_run_in_one_piece(finished, made, tmp_path, comman
     whole = tmp_path / "whole"
     status, out, err = command("merge", *made[::-1], "--out", whole)
     assert status == 0
-    assert out.startswith("ssim-object and lpips: 3 of 3 objects; protocol 1\n")
+    assert out.startswith(
+        "ssim-object and lpips: 3 of 3 objects; against the true mesh in its colours; protocol 1\n"
+    )
     assert "21 jobs of 2 shards, 21 copied now" in err  # as the run counts them
     assert_equal_runs(whole, finished[0])
     assert file_bytes(whole / "figures") == file_bytes(finished[0] / "figures")
@@ -115,6 +117,7 @@ def test_a_missing_shard_and_one_that_is_there_twice_are_named(shards, tmp_path,
         ({"shard": None}, "shard-2: is a whole run, no shard"),
         ({"shard": "2/3"}, "shard-2: is shard 2/3, .*shard-1 1/2"),
         ({"seed": 7}, "shard-2: not of one run with .*shard-1: its seed is 7, there 0"),
+        ({"truth": "grey"}, "shard-1: its truth is 'grey', there 'coloured'; make both"),
         ({"conditions": ["2048"]}, "its conditions is "),
         ({"finished": None}, "shard-2: the run is not finished"),
         ({"planned": 5}, "shard-2: 1 of its 5 objects are complete; run the shard again"),

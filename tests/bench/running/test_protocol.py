@@ -3,15 +3,20 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from harness_objects import Tetrahedron
 
 import bench.running.plan
 from bench.catalogue.lookup import find
+from bench.catalogue.methods import find_method
 from bench.catalogue.suites import SUITES, Limits
+from bench.catalogue.truth import with_truth
+from bench.records.artifacts import read_array
 from bench.records.record import GROUND_TRUTH
+from bench.running.options import Options
 from bench.running.plan import plan
-from bench.running.protocol import find_methods, with_floor
+from bench.running.protocol import find_methods, protocol_of, with_floor
 from bench.running.work import cloud_of, run_job
 from data_prep.clouds import conditions
 from data_prep.clouds.conditions import Condition, GaussianNoise
@@ -115,7 +120,7 @@ def nothing(*cell):
         ({"seed": 1}, everything),
         ({"views": 3}, everything),
         ({"suite": replace(SUITES[0], id="another")}, everything),
-        ({"suite": replace(SUITES[0], painted=False)}, everything),
+        ({"suite": replace(SUITES[0], truth="grey")}, everything),
         ({"objects": (Edited("a"), Edited("b"))}, everything),
         ({"objects": (Tetrahedron("a", "sofa"), Tetrahedron("b", "sofa"))}, everything),
         ({"feature_identity": {"fd-views": "2 abc"}}, everything),
@@ -176,23 +181,28 @@ def test_another_version_of_the_code_concerns_what_it_makes(monkeypatch, patch, 
     assert changed(before, keys()) == {cell for cell in before if concerned(*cell)}
 
 
-def test_a_suite_in_grey_has_the_same_points_and_views_of_grey_objects(tmp_path):
+@pytest.mark.parametrize(
+    "in_grey", [find("chair-robustness-grey", SUITES, "suite"), with_truth(SUITES[0], "grey")]
+)
+def test_a_suite_in_grey_has_the_same_points_and_views_of_grey_objects(tmp_path, in_grey):
     """There the true mesh is the ceiling; in the coloured suite its grey twin falls short of it."""
     objects = (ProceduralObject("chair", "test", 0),)
     made = {}
-    for suite in (SUITES[0], find("chair-robustness-grey", SUITES, "suite")):
+    for suite in (SUITES[0], in_grey):
         methods = ("true-mesh", "true-mesh@grey")
         some = {"methods": methods, "conditions": ("noise-0.05",), "objects": objects, "views": 2}
         jobs = plan(make_protocol(suite=suite, features=(), **some), tmp_path).jobs
-        made[suite.painted] = [(job, run_job(job)) for job in jobs]
-    for (colour, _), (grey, _) in zip(made[True], made[False], strict=True):
+        made[suite.truth] = [(job, run_job(job)) for job in jobs]
+    for (colour, _), (grey, _) in zip(made["coloured"], made["grey"], strict=True):
         assert colour.key != grey.key
         assert (colour.method, colour.views) == (grey.method, grey.views)
         assert cloud_of(colour).points.tobytes() == cloud_of(grey).points.tobytes()
-    ((_, truth), (_, mesh), (_, mesh_grey)) = made[False]
+    ((job, truth), (_, mesh), (_, mesh_grey)) = made["grey"]
+    channels = read_array(job.artifact)
+    assert np.array_equal(channels.min(axis=-1), channels.max(axis=-1))
     assert truth.artifact_sha256 == mesh.artifact_sha256 == mesh_grey.artifact_sha256
     assert {record.ssim for record in (*mesh.records, *mesh_grey.records)} == {1.0}
-    ((_, truth), (_, mesh), (_, mesh_grey)) = made[True]
+    ((_, truth), (_, mesh), (_, mesh_grey)) = made["coloured"]
     assert truth.artifact_sha256 == mesh.artifact_sha256 != mesh_grey.artifact_sha256
     for record in mesh_grey.records:
         assert 0.5 < record.ssim < 0.999
@@ -204,6 +214,42 @@ def test_a_suite_in_grey_needs_meshes(tmp_path):
     suite = find("chair-robustness-grey", SUITES, "suite")
     with pytest.raises(BadInput, match="chair/a has images but no mesh, and chair-robustness-gr"):
         plan(make_protocol(suite=suite, objects=(obj,)), HERE)
+    chosen = with_truth(SUITES[0], "grey")
+    with pytest.raises(BadInput, match="and chair-robustness --truth grey draws meshes in grey"):
+        plan(make_protocol(suite=chosen, objects=(obj,)), HERE)
+
+
+def test_the_option_leaves_out_methods_that_make_up_colours_unless_they_are_asked_for(capfd):
+    options = Options("chair-robustness", limit=1, truth="grey")
+    protocol, _ = protocol_of(SUITES[0], options, dict)
+    assert {find_method(m).color for m in protocol.methods if m != "constant"} == {"none", "true"}
+    assert capfd.readouterr().err == (
+        "--truth grey leaves out pc2pix, pc2pix@acgan, splat-net (makes up colours); "
+        "true-mesh@grey (is true-mesh in grey): give --methods for them, or for networks in grey "
+        "like splat-net@all-grey\n"
+    )
+    asked = replace(options, methods=("splat-net", "true-mesh@grey"))
+    protocol, _ = protocol_of(SUITES[0], asked, dict)
+    assert tuple(protocol.methods) == ("splat-net", "true-mesh@grey", "blank")
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    ("suite", "truth", "message"),
+    [
+        ("latent", "grey", "has no meaning for the suite latent, which has no true images in "),
+        ("stability", "grey", "has no meaning for the suite stability, which has no true images "),
+        ("speed", "coloured", "has no meaning for the suite speed, which has no true images in "),
+        ("chair-robustness-grey", "coloured", "coloured: the suite chair-robustness-grey is in "),
+    ],
+)
+def test_a_truth_that_a_suite_does_not_have_is_refused(command, tmp_path, suite, truth, message):
+    arguments = ("run", "--suite", suite, "--truth", truth, "--out", tmp_path / "run")
+    status, out, err = command(*arguments)
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert message in err
+    assert err.startswith("bench: --truth")
+    assert not (tmp_path / "run").exists()
 
 
 def test_two_conditions_of_equal_effect_are_two_items():

@@ -18,7 +18,7 @@ import pandas as pd
 import pytest
 from PIL import Image
 
-import bench.analysis.scored
+import bench.catalogue.truth
 import bench.running.run
 from bench.analysis.scored import read_scored
 from bench.catalogue.suites import SUITES
@@ -125,7 +125,10 @@ def test_ceiling_and_floor(finished):
 def test_what_is_printed(finished):
     directory, done = finished
     title, *shown, report, tables = done.stdout.splitlines()
-    assert title == "ssim-object and lpips: 3 of 3 objects; protocol 1"
+    assert (
+        title
+        == "ssim-object and lpips: 3 of 3 objects; against the true mesh in its colours; protocol 1"
+    )
     assert any(line.startswith("splat ") for line in shown)
     assert len(shown) < 38
     assert max(map(len, shown)) <= 100
@@ -263,7 +266,7 @@ def no_networks(monkeypatch):
     """Without set metrics, workers need no torch and start in a second."""
     suites = [replace(SUITES[0], set_metrics=(), control_metrics=())]
     monkeypatch.setattr(bench.running.run, "SUITES", suites)
-    monkeypatch.setattr(bench.analysis.scored, "SUITES", suites)
+    monkeypatch.setattr(bench.catalogue.truth, "SUITES", suites)
 
 
 class OneMore(Budget):
@@ -298,7 +301,10 @@ def test_some_objects_now_and_the_others_later(
     assert (first.interrupted, first.objects, first.planned, first.done) == (True, 1, 3, 8)
     assert read_manifest(directory)["objects"] == ["chair/test-0000"]
     interim_table = (directory / "tables" / "headline.md").read_text()
-    assert interim_table.startswith("# ssim-object and lpips: 1 of 3 objects; protocol 1\n")
+    truth = "against the true mesh in its colours"
+    assert interim_table.startswith(
+        f"# ssim-object and lpips: 1 of 3 objects; {truth}; protocol 1\n"
+    )
     assert set(records(directory)["object"]) == {"test-0000"}
 
     reporter = partial(Terminal, partial_table)
@@ -307,7 +313,9 @@ def test_some_objects_now_and_the_others_later(
     assert read_manifest(directory)["finished"]
     status, out, err = command("table", directory)
     assert (status, err) == (0, "")
-    assert out.startswith("ssim-object and lpips: 2 of 3 objects; protocol 1\n")
+    assert out.startswith(
+        "ssim-object and lpips: 2 of 3 objects; against the true mesh in its colours; protocol 1\n"
+    )
     assert {row.n for table in tables(read_scored(directory)) for row in table.rows} == {4}
 
     last = run_suite(options)

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import pytest
 
 from bench.analysis.comparison import NAN
+from bench.catalogue.suites import SUITES
+from bench.catalogue.truth import with_truth
 from bench.tables.grid import (
     BOLD,
     NOTHING,
@@ -69,9 +71,21 @@ def test_csv_of_a_dataclass():
     assert table.to_csv() == "n,first\n2,0.500000\n"
 
 
-def test_the_version_of_the_protocol_is_in_title_and_csv():
-    table = of_protocol(Table("name", "Title", columns("method", "n"), ROWS[:1]), 3)
-    assert (table.title, table.to_csv()) == ("Title; protocol 3", "method,n,protocol\na|b,2,3\n")
+@pytest.mark.parametrize(
+    ("suite", "title", "csv"),
+    [
+        (SUITES[0], "in its colours; protocol 3", "method,n,protocol\na|b,2,3\n"),
+        (SUITES[1], "in grey; protocol 3", "method,n,protocol\na|b,2,3\n"),
+        (
+            with_truth(SUITES[0], "grey"),
+            "in grey; protocol 3",
+            "method,n,protocol,truth\na|b,2,3,grey\n",
+        ),
+    ],
+)
+def test_truth_and_version_of_the_protocol_are_in_title_and_csv(suite, title, csv):
+    table = of_protocol(Table("name", "Title", columns("method", "n"), ROWS[:1]), suite, 3)
+    assert (table.title, table.to_csv()) == (f"Title; against the true mesh {title}", csv)
 
 
 def test_a_table_without_a_layout_is_for_scripts_alone():

@@ -14,6 +14,7 @@ from rich.cells import cell_len
 from bench.analysis.comparison import Estimate, Quality
 from bench.analysis.paired import ComparedPair, PairedDifference, Side
 from bench.analysis.run_pairs import Differences
+from bench.catalogue.suite_types import TRUTHS
 from bench.tables.verdict import comparison_lines
 
 REPOSITORY = Path(__file__).parents[3]
@@ -32,7 +33,7 @@ def cell(metric, condition, value, ahead="b", **changes):
 
 
 def lines(cells, width=80, remarks=(), a="poisson", b="splat-net"):
-    return comparison_lines(Differences(a, b, tuple(cells), remarks), width)
+    return comparison_lines(Differences(a, b, tuple(cells), remarks, TRUTHS["coloured"]), width)
 
 
 def better(metrics=HEADLINE, **changes):
@@ -46,6 +47,7 @@ def better(metrics=HEADLINE, **changes):
 def test_who_is_ahead_where_and_by_how_much():
     assert lines(better()) == [
         "splat-net against poisson, 24 chairs, paired by chair",
+        "scored against the true mesh in its colours",
         "",
         "                  2,048        512  noise 5 %",
         "ssim-object      better     better     better",
@@ -80,7 +82,7 @@ def test_a_mixed_verdict_counts_the_cells(aheads, verdict):
     shown = lines(cells, width=200)
     assert shown[-1] == f"{verdict} Intervals: --format md"
     words = {"b": "better", "a": "worse", "=": "not decided", "?": "undecided"}
-    assert re.split(" {2,}", shown[3]) == ["lpips", *(words[ahead] for ahead in aheads)]
+    assert re.split(" {2,}", shown[4]) == ["lpips", *(words[ahead] for ahead in aheads)]
 
 
 def test_the_page_shows_the_verdict_on_the_sealed_chairs():
@@ -105,7 +107,7 @@ def test_too_few_objects_decide_nothing():
     few = better(ahead="unknown", objects=8, needed=10)
     shown = lines(few)
     assert shown[0] == "splat-net against poisson, 8 chairs, paired by chair"
-    assert shown[3].split() == ["ssim-object", *["undecided"] * 3]
+    assert shown[4].split() == ["ssim-object", *["undecided"] * 3]
     assert shown[-1] == "8 chairs decide nothing here: at least 10 are needed."
     alone = lines(better(ahead="unknown", objects=1, needed=10))
     assert alone[-1] == "1 chair decides nothing here: at least 10 are needed."
@@ -114,7 +116,7 @@ def test_too_few_objects_decide_nothing():
 def test_no_value_on_either_side():
     unmeasured = [cell("lpips", "2048", nan, "unknown"), cell("ssim-object", "2048", 0.1, "b")]
     shown = lines(unmeasured)
-    assert shown[3].split() == ["lpips", "-"]
+    assert shown[4].split() == ["lpips", "-"]
     assert shown[-1].startswith("splat-net is ahead in 1 of 1 cell (")
     nothing = "24 chairs decide nothing here: no cell has a value on both sides."
     assert lines(unmeasured[:1])[-1] == nothing
@@ -147,7 +149,7 @@ def test_a_narrow_terminal(width):
     assert text.count("better") == 6
     assert text.count("+.148") == text.count("-.058") == 3
     if width == 20:
-        assert shown[4:11] == [
+        assert shown[7:14] == [
             "ssim-object",
             "  2,048: better",
             "    +.148",
