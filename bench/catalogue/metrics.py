@@ -41,8 +41,8 @@ IMAGE_METRICS = {
     "thin-precision": "share of what is drawn beside thin parts that is true object",
     "lpips": "distance by the features of a network for photographs; 0 is identical",
 }
-# Metrics of images that no suite has: `bench run --metrics` and `bench score` take them of the images
-# that a run has kept, by `bench.metrics.image_scores.FURTHER_SCORES`.
+# Metrics of images that no suite has: `bench run --metrics` and `bench score` take them of the
+# images that a run has kept, by `bench.metrics.image_scores.FURTHER_SCORES`.
 FURTHER_METRICS = {
     "ms-ssim": "ssim at four scales, multiplied; 1 is identical",
     "cw-ssim": "ssim of complex wavelets, which hardly notices small shifts; 1 is identical",
