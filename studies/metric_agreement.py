@@ -94,9 +94,8 @@ def main() -> None:
     for (condition, class_name), cell in pairs.groupby(["condition", "class"], sort=False):  # type: ignore[misc]
         names = list(dict.fromkeys(cell["metric"]))
         taus = cell.pivot(index="metric", columns="other", values="tau")
-        print(
-            f"\n{class_name}, {condition_in_words(str(condition))}, {cell['methods'].iloc[0]} methods\n"
-        )
+        where = f"{class_name}, {condition_in_words(str(condition))}"
+        print(f"\n{where}, {cell['methods'].iloc[0]} methods\n")
         body = [[a, *("" if a == b else f"{taus.loc[a, b]:.2f}" for b in names)] for a in names]
         print(markdown(["", *names], body), end="")
     text = pairs.to_csv(index=False, quoting=csv.QUOTE_MINIMAL, lineterminator="\n")
