@@ -1,8 +1,8 @@
-"""Metrics of other packages: scores of images against the true ones, and distances of sets.
+"""Metrics of kept images: scores of images against the true ones, and distances of sets.
 
-A package announces one by an entry point, whose name is the metric's id: of the group
-`pc2pix_bench.metrics` an `ImageMetric`, of `pc2pix_bench.extractors` a `SetMetric`. `bench score`
-takes it of the images of a finished run.
+They are those of other packages, and `FURTHER_METRICS`. A package announces one by an entry point,
+whose name is the metric's id: of the group `pc2pix_bench.metrics` an `ImageMetric`, of
+`pc2pix_bench.extractors` a `SetMetric`. `bench score` takes it of the images of a finished run.
 """
 
 from __future__ import annotations
@@ -15,10 +15,13 @@ from typing import TYPE_CHECKING
 from bench.catalogue.methods import OUR_FAMILIES
 from bench.catalogue.metrics import (
     CONTROL_METRICS,
+    FURTHER_METRICS,
+    FURTHER_VERSION,
     IMAGE_METRICS,
     KERNEL_METRICS,
     RECOGNITION_METRICS,
     SET_METRICS,
+    higher_is_better,
 )
 from data_prep import plugins
 from data_prep.failures import BadInput, unknown
@@ -34,7 +37,8 @@ class ImageMetric:
     """A score of images.
 
     score    of true and drawn images, uint8 [V, H, W, 3] each: float64 [V], finite. The images
-             of one object, those of its views; no score may depend on the others
+             of one object, those of its views; no score may depend on the others. Raises
+             WeightsUnavailable where something optional is not installed: then it is skipped
     version  raised by hand when a change alters the values; it stands in the tables
     about    one line for people
     """
@@ -63,7 +67,7 @@ class SetMetric:
 
 
 OUR_METRICS = {
-    *(*IMAGE_METRICS, *CONTROL_METRICS, *RECOGNITION_METRICS, *KERNEL_METRICS),
+    *(*IMAGE_METRICS, *FURTHER_METRICS, *CONTROL_METRICS, *RECOGNITION_METRICS, *KERNEL_METRICS),
     *(metric.id for metric in SET_METRICS),
 }
 # By kind: groups of entry points, and the ids of this project.
@@ -81,24 +85,34 @@ def metric_ids() -> tuple[str, ...]:
 
 
 def find_metric(metric_id: str) -> ImageMetric | SetMetric:
-    """Return the metric with this id.
+    """Return the metric with this id, one of `FURTHER_METRICS` or of an installed package.
 
-    Raises BadInput for an unknown id, naming the nearest, and where a package announces a metric
-    that it does not have, or by an id that is refused.
+    Raises BadInput for an unknown id, naming the nearest, for a metric that every run has, and
+    where a package announces a metric that it does not have, or by an id that is refused.
     """
-    if not metric_ids():
-        raise BadInput(
-            f"unknown metric '{metric_id}': no installed package adds one; those of the suites are "
-            "in their tables already"
-        )
+    if metric_id in FURTHER_METRICS:
+        return _further(metric_id)
     if metric_id not in metric_ids():
-        raise unknown(metric_id, metric_ids(), "metric")
+        if metric_id in OUR_METRICS:
+            shown = "the suites that have it show it already; leave it"
+            raise BadInput(f"metric '{metric_id}': {shown}")
+        raise unknown(metric_id, (*FURTHER_METRICS, *metric_ids()), "metric")
     if metric_id in entry_point_names(plugins.EXTRACTORS):
         type_, named = SetMetric, "bench.catalogue.plugins.SetMetric"
     else:
         type_, named = ImageMetric, "bench.image_metric.ImageMetric"
     groups, ours = _KINDS["metric"]
     return load_entry_point(groups, metric_id, "metric", type_, named, ours)
+
+
+def _further(metric_id: str) -> ImageMetric:
+    def score(truth: NDArray[np.uint8], drawn: NDArray[np.uint8]) -> NDArray[np.float64]:
+        from bench.metrics.image_scores import FURTHER_SCORES  # `bench list` needs none of them
+
+        return FURTHER_SCORES[metric_id](truth, drawn)
+
+    better, about = higher_is_better(metric_id), FURTHER_METRICS[metric_id]
+    return ImageMetric(metric_id, score, FURTHER_VERSION, better, about)
 
 
 def plugin_problem(kind: str, id_: str) -> str:

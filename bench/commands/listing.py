@@ -17,6 +17,7 @@ from bench.catalogue.method import Method
 from bench.catalogue.methods import COST_VARIANTS, METHODS, RECOMMENDED, plugin_ids
 from bench.catalogue.metrics import (
     CONTROL_METRICS,
+    FURTHER_METRICS,
     IMAGE_METRICS,
     KERNEL_METRICS,
     RECOGNITION_METRICS,
@@ -141,6 +142,7 @@ def _metrics(width: int) -> Iterator[str]:
     """Yield the metrics by what they are taken of, and which way is better."""
     sections = {
         "of an image": IMAGE_METRICS,
+        "of an image, on request: 'bench run --metrics' and 'bench score'": FURTHER_METRICS,
         "of a set of images": {m.id: m.about for m in SET_METRICS}
         | {name: about for name, (_, about) in KERNEL_METRICS.items()},
         "of a judge": RECOGNITION_METRICS | CONTROL_METRICS,

@@ -110,6 +110,7 @@ def _settings(status: RunStatus, options: Options) -> list[tuple[str, str]]:
         ),
         ("limits", f"{suite.limits.time_s:g} s and {suite.limits.memory_gib:g} GiB a job"),
         ("metrics", ", ".join([*suite.image_metrics, *suite.detail_metrics, *set_metrics])),
+        *([("on request", ", ".join(options.metrics))] if options.metrics else []),
         ("of a judge", ", ".join(suite.control_metrics) or "nothing"),
         ("environment", ", ".join(f"{k} {v}" for k, v in protocol.environment.items())),
         ("folder", f"{status.directory} ({state})"),

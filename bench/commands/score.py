@@ -1,4 +1,4 @@
-"""`bench score`: metrics of other packages on the images that a finished run has kept.
+"""`bench score`: further metrics, also of other packages, on images that a finished run has kept.
 
 The run itself stays as it is: its records, its tables and its golden values.
 """
@@ -20,10 +20,11 @@ from bench.analysis.cells import image_keys
 from bench.analysis.distances import FRECHET, KERNEL, FeatureDistances
 from bench.analysis.scored import ScoredRun, read_scored
 from bench.analysis.scores import QualityRow, RowWithSamples, distance_rows, image_rows
-from bench.catalogue.metrics import column
+from bench.catalogue.metrics import FURTHER_METRICS, column
 from bench.catalogue.plugins import ImageMetric, SetMetric, find_metric, metric_ids
 from bench.catalogue.suite_types import TableSpec
 from bench.commands.options import RunDirectory, names
+from bench.metrics.inception_weights import WeightsUnavailable
 from bench.records.artifacts import JobName
 from bench.records.features import ImageKey
 from bench.records.record import GROUND_TRUTH
@@ -42,27 +43,41 @@ def score(directory: Path, metrics: Sequence[ImageMetric | SetMetric]) -> list[T
     Raises BadInput for a folder without a finished run, missing images, and where a metric fails or
     gives no scores.
     """
-    run = read_scored(directory)
+    return score_run_of(read_scored(directory), metrics)
+
+
+def score_run_of(
+    run: ScoredRun, metrics: Sequence[ImageMetric | SetMetric]
+) -> list[Table[QualityRow]]:
+    """Return `score` of a run whose records are written, and write its tables."""
     for metric in metrics:
         if column(metric.id) in run.records.columns:
             raise BadInput(
                 f"metric '{metric.id}': the records have a column of that name; rename it"
             )
-    sources = open_sources(directory, run.manifest, ())
+    sources = open_sources(run.directory, run.manifest, ())
     tables = []
     for metric in metrics:
         if isinstance(metric, SetMetric):
             samples, better = _set_rows(run, sources, metric), "lower"
         else:
-            records = scored(run.records, sources, metric)
-            samples = image_rows(replace(run, records=records, skipped={}), [metric.id])
+            samples = _image_rows(run, sources, metric)
             better = "higher" if metric.higher_is_better else "lower"
         title = f"{metric.id}, version {metric.version}: {metric.about} ({better} is better)"
         rows = (sample.row for sample in samples)
         spec = TableSpec("images", f"metric_{metric.id}", title)
         tables.append(of_truth(quality_table(spec, rows), run.suite))
-    write_tables(directory, tables)
+    write_tables(run.directory, tables)
     return tables
+
+
+def _image_rows(run: ScoredRun, sources: Sources, metric: ImageMetric) -> list[RowWithSamples]:
+    """Return the means over images; skipped where something optional is not installed."""
+    try:
+        skipped, records = {}, scored(run.records, sources, metric)
+    except WeightsUnavailable as error:
+        skipped, records = {metric.id: f"skipped: {error}"}, run.records
+    return image_rows(replace(run, records=records, skipped=skipped), [metric.id])
 
 
 def _set_rows(run: ScoredRun, sources: Sources, metric: SetMetric) -> list[RowWithSamples]:
@@ -118,11 +133,16 @@ def scored(records: pd.DataFrame, sources: Sources, metric: ImageMetric) -> pd.D
     """
     values = pd.Series(np.nan, index=records.index)
     ok = records[records["outcome"] == "ok"]
+    by_file: dict[
+        Path | None, Floats
+    ] = {}  # a method that sees no cloud has one for all conditions
     for cell, group in ok.groupby(["method", "condition", "class", "object"], sort=False):
         item = JobName(*map(str, cell))  # type: ignore[arg-type]  # pandas: of several columns a tuple
-        drawn, truth = kept_images(sources, item), kept_images(sources, item.truth)
-        views = group["view"].to_numpy()
-        values[group.index] = checked_scores(metric, truth, drawn)[views]
+        file = sources.artifacts.get(item)
+        if file not in by_file:
+            drawn, truth = kept_images(sources, item), kept_images(sources, item.truth)
+            by_file[file] = checked_scores(metric, truth, drawn)
+        values[group.index] = by_file[file][group["view"].to_numpy()]
     return records.assign(**{column(metric.id): values})
 
 
@@ -139,10 +159,15 @@ def kept_images(sources: Sources, name: JobName) -> UInt8Images:
 def _call(
     metric: ImageMetric | SetMetric, function: Callable[..., object], *images: UInt8Images
 ) -> Floats:
-    """Return the values of a function of the metric. Raises BadInput for whatever it raises."""
+    """Return the values of a function of the metric. Raises BadInput for whatever it raises.
+
+    But for WeightsUnavailable, by which a metric says that it cannot be taken here.
+    """
     try:
         with redirect_stdout(sys.stderr):  # stdout is for the tables
             return np.asarray(function(*images), np.float64)
+    except WeightsUnavailable:
+        raise
     except (Exception, SystemExit) as error:  # whatever a stranger's function raises
         raise BadInput(f"metric '{metric.id}': {reason_of(error)}; fix that package") from error
 
@@ -176,12 +201,18 @@ def score_run(
     directory: RunDirectory,
     metrics: Annotated[
         str | None,
-        typer.Option(help="Metrics, comma-separated. Default: all of installed packages."),
+        typer.Option(
+            help="Metrics, comma-separated: of an image on request (see 'bench list metrics'), or "
+            "of installed packages. Default: all of installed packages."
+        ),
     ] = None,
 ) -> None:
-    """Measure a finished run with metrics of other packages; print their tables."""
+    """Measure a finished run with further metrics; print their tables."""
     chosen = names(metrics) or metric_ids()
     if not chosen:
-        raise BadInput("no installed package adds a metric; see docs/extending.md")
+        raise BadInput(
+            f"no installed package adds a metric; give --metrics {','.join(FURTHER_METRICS)}, or "
+            "see docs/extending.md"
+        )
     for table in score(directory, [find_metric(metric_id) for metric_id in chosen]):
         print(table.to_markdown())

@@ -19,6 +19,7 @@ from bench.catalogue.condition_names import condition_words
 from bench.catalogue.methods import find_method, role
 from bench.catalogue.metrics import (
     CONTROL_METRICS,
+    FURTHER_METRICS,
     IMAGE_METRICS,
     KERNEL_METRICS,
     RECOGNITION_METRICS,
@@ -281,15 +282,20 @@ def _meanings(
     distances = {m.id: f"Fréchet distance, lower is better: {m.about}" for m in SET_METRICS}
     kernel = {metric: about for metric, (_, about) in KERNEL_METRICS.items()}
     metrics = IMAGE_METRICS | distances | kernel | RECOGNITION_METRICS | CONTROL_METRICS
+    further = {
+        m: FURTHER_METRICS.get(m, "of another package")
+        for m in manifest.get("request", {}).get("metrics", ())
+    }
     measured = (
         *suite.image_metrics,
         *suite.detail_metrics,
         *suite.set_metrics,
         *suite.class_metrics,
         *suite.control_metrics,
+        *further,
     )
     return (
-        ("Metrics", tuple((m, metrics[m]) for m in dict.fromkeys(measured))),
+        ("Metrics", tuple((m, (metrics | further)[m]) for m in dict.fromkeys(measured))),
         ("Methods", tuple((m, _source(m)) for m in manifest["methods"])),
         ("Conditions", tuple((c, known.get(c, "unknown")) for c in manifest["conditions"])),
     )

@@ -25,7 +25,8 @@ MOST_VIEWS = 10_000
 RUNS = Path("results/runs")
 # Options that say what is measured, and not how or where.
 REPEATED = (
-    *("suite", "dataset", "truth", "methods", "conditions", "limit", "views", "device", "seed"),
+    *("suite", "dataset", "truth", "methods", "conditions", "metrics", "limit", "views", "device"),
+    "seed",
     "inception_weights",
 )
 
@@ -38,6 +39,7 @@ class Options:
     dataset: str = "procedural"
     methods: tuple[str, ...] | None = None
     conditions: tuple[str, ...] | None = None
+    metrics: tuple[str, ...] | None = None  # beside those of the suite
     limit: int | None = None
     budget: float | None = None  # seconds
     views: int | None = None

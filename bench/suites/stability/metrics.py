@@ -1,6 +1,6 @@
 """Metrics at the edges of their domain: cases by metrics, and the value or refusal of each.
 
-The cases are those of `image_cases` and `feature_cases`.
+The cases are those of `image_cases`, `similarity_cases` and `feature_cases`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ import numpy as np
 from bench.catalogue.metrics import JUDGE
 from bench.judges.answers import azimuth_error_deg, elevation_error_deg
 from bench.metrics.frechet import frechet_distance
-from bench.metrics.image_scores import scores
+from bench.metrics.image_scores import FURTHER_SCORES, scores
+from bench.metrics.inception_weights import WeightsUnavailable
 from bench.metrics.peak_signal_to_noise import psnr
 from bench.metrics.silhouette import silhouette_iou
 from bench.metrics.structural_similarity import ssim_per_image
@@ -43,6 +44,7 @@ from bench.suites.stability.metric_cases import (
     Refused,
 )
 from bench.suites.stability.outcomes import CaseOutcome
+from bench.suites.stability.similarity_cases import SIMILARITY_CASES
 from data_prep.arrays import Floats
 from data_prep.scene import UInt8Images
 
@@ -51,6 +53,7 @@ CASES = (
     + THIN_CASES
     + SILHOUETTE_CASES
     + INPUT_CASES
+    + SIMILARITY_CASES
     + NETWORK_CASES
     + ALEXNET_CASES
     + FRECHET_CASES
@@ -95,6 +98,8 @@ def _outcome(
                 expected += stated.words
                 returned = function(*given)
                 observed, kind = _compared(returned, value, within, metric in DISTANCES)
+    except WeightsUnavailable as error:  # of an optional package: skipped, in runs as well
+        observed, kind = f"skipped: {error}", "refused"
     except Exception as error:
         observed, kind = f"{type(error).__name__}: {error}", "unexpected"
     return CaseOutcome(case.id, case.group, metric, expected, observed, kind)
@@ -168,6 +173,7 @@ METRICS: Mapping[str, Metric] = {
     "silhouette-iou": silhouette_iou,
     "thin-recall": lambda a, b: thin_scores(a, b).recall,
     "thin-precision": lambda a, b: thin_scores(a, b).precision,
+    **FURTHER_SCORES,
     FRECHET: frechet_distance,
     "fd-views": functools.partial(_between, "fd-views"),
     "fd-views-grey": functools.partial(_between, "fd-views-grey"),

@@ -7,6 +7,7 @@ from safetensors.torch import save_file
 
 import bench.catalogue.metrics
 from bench.catalogue.metrics import (
+    FURTHER_METRICS,
     IMAGE_METRICS,
     JUDGE,
     LEARNED_METRICS,
@@ -16,10 +17,12 @@ from bench.catalogue.metrics import (
     extractor_of,
     find_extractor,
     is_mean,
+    value_range,
 )
 from bench.catalogue.suites import SUITES
 from bench.judges import VIEWS_WEIGHTS
 from bench.judges.judge import CODE, JudgeNetwork, judge
+from bench.metrics.image_scores import FURTHER_SCORES
 from bench.records.record import Record
 from data_prep.failures import BadInput
 
@@ -41,6 +44,16 @@ def test_the_suites_ask_for_what_there_is():
     assert SUITES[0].extractors == ("fid", "fd-views", "fd-views-grey", "fd-alexnet", JUDGE)
     with pytest.raises(BadInput, match="unknown metric 'fd-view': did you mean 'fd-views'"):
         find_extractor("fd-view")
+
+
+def test_metrics_on_request_are_means_of_no_suite():
+    """And not of the records: columns and golden values of runs stay."""
+    assert list(FURTHER_METRICS) == list(FURTHER_SCORES)
+    for metric in FURTHER_METRICS:
+        assert column(metric) not in Record.__dataclass_fields__
+        assert is_mean(metric)
+    assert value_range("silhouette-distance") == (0, pytest.approx(181.0193, abs=1e-4))
+    assert value_range("flip") == value_range("ms-ssim") == (0, 1)
 
 
 def test_grey_features_do_not_see_colour():

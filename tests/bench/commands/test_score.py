@@ -11,7 +11,8 @@ import pytest
 
 from bench.analysis.scored import read_scored
 from bench.analysis.scores import image_rows
-from bench.catalogue.plugins import ImageMetric, SetMetric
+from bench.catalogue.plugins import ImageMetric, SetMetric, find_metric
+from bench.commands.config import read_config
 from bench.commands.score import (
     KeptFeatures,
     checked_features,
@@ -20,6 +21,7 @@ from bench.commands.score import (
     scored,
 )
 from bench.metrics.frechet import frechet_distance
+from bench.metrics.inception_weights import WeightsUnavailable
 from bench.metrics.kernel_distance import kernel_distance
 from bench.records.artifacts import JobName
 from bench.records.record import GROUND_TRUTH
@@ -118,6 +120,80 @@ def test_a_taken_name_and_images_that_are_gone_are_refused(copied):
         path.unlink()
     with pytest.raises(BadInput, match="its images are gone; start the run again"):
         score(copied, [made(lambda truth, drawn: np.ones(len(drawn)))])
+
+
+@pytest.mark.usefixtures("few_objects")
+def test_metrics_on_request_are_those_of_the_kept_images(copied):
+    """Printed and written with their directions; the images of true-mesh are the true ones."""
+    (table,) = score(copied, [find_metric("silhouette-distance")])
+    value = {(row.method, row.condition): row.value for row in table.rows}
+    assert value["true-mesh", "2048"] == 0
+    assert value["blank", "2048"] == pytest.approx(np.hypot(128, 128))
+    assert 0 < value["splat", "2048"] < value["splat", "noise-0.10"] < 181
+    assert table.title.endswith("0 is identical (lower is better)")
+    text = (copied / "tables" / "metric_silhouette-distance.md").read_text()
+    assert "(lower is better)" in text
+    assert "181.02" in text
+
+
+@pytest.mark.usefixtures("few_objects")
+def test_a_metric_whose_package_is_absent_is_skipped_and_the_others_are_not(copied):
+    def absent(truth, drawn):
+        raise WeightsUnavailable("the package x is not installed; run 'pip install x'")
+
+    tables = score(copied, [made(absent), made(lambda truth, drawn: np.ones(len(drawn)), "one")])
+    skipped, measured = (table.rows for table in tables)
+    assert {row.note for row in skipped} == {
+        "skipped: the package x is not installed; run 'pip install x'"
+    }
+    assert all(np.isnan(row.value) for row in skipped)
+    assert {row.value for row in measured} == {1}
+
+
+def test_images_that_are_the_same_under_all_conditions_are_measured_once(finished):
+    run = read_scored(finished[0])
+    asked = []
+
+    def count(truth, drawn):
+        asked.append(drawn)
+        return np.ones(len(drawn))
+
+    values = scored(run.records, open_sources(finished[0], run.manifest, ()), made(count))
+    ok = run.records["outcome"] == "ok"
+    assert (values["made"].notna() == ok).all()
+    jobs = run.records[ok].drop_duplicates(["method", "condition", "class", "object"])
+    files = jobs[~jobs["method"].isin(["blank", "true-mesh"])].shape[0]
+    objects = jobs["object"].nunique()
+    assert len(asked) == files + 2 * objects
+
+
+@pytest.mark.usefixtures("same_machine")
+def test_a_run_takes_metrics_on_request(arguments, copied, command):
+    """No job is done again; table, report, output and what the run repeats have the metric."""
+    records = (copied / "records.parquet").read_bytes()
+    options = ("--metrics", "silhouette-distance", "--format", "csv", "--out", copied)
+    status, out, err = command(*arguments, *options)
+    assert status == 0, err
+    assert "0 jobs done" in err
+    assert ",silhouette-distance,0.000000," in out  # of true-mesh
+    assert (copied / "tables" / "metric_silhouette-distance.csv").is_file()
+    page = (copied / "report.html").read_text()
+    assert "mean distance in px between drawn and true outline" in page
+    assert read_config(copied / "manifest.json")["metrics"] == "silhouette-distance"
+    assert (copied / "records.parquet").read_bytes() == records
+
+
+def test_metrics_on_request_that_have_no_meaning(arguments, command, tmp_path):
+    options = ("--metrics", "flip", "--out", tmp_path / "run")
+    for more, message in (
+        (("--shard", "1/2"), "--metrics: has no meaning for a part of a run; leave it, and give"),
+        (("--metrics", "ssim"), "metric 'ssim': the suites that have it show it already"),
+    ):
+        status, _, err = command(*arguments, *options, *more)
+        assert (status, err.startswith(f"bench: {message}")) == (2, True)
+    status, _, err = command("run", "--suite", "stability", *options)
+    assert (status, "--metrics: has no meaning for the suite stability" in err) == (2, True)
+    assert not (tmp_path / "run").exists()
 
 
 def of_set(function, id_="fd-made"):

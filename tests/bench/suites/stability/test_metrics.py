@@ -4,8 +4,15 @@ import numpy as np
 import pytest
 import torch
 
-from bench.catalogue.metrics import CONTROL_METRICS, IMAGE_METRICS, JUDGE, SET_METRICS
+from bench.catalogue.metrics import (
+    CONTROL_METRICS,
+    FURTHER_METRICS,
+    IMAGE_METRICS,
+    JUDGE,
+    SET_METRICS,
+)
 from bench.metrics import structural_similarity
+from bench.metrics.inception_weights import WeightsUnavailable
 from bench.metrics.structural_similarity import SsimPerImage, ssim_per_image
 from bench.suites.stability import metric_cases
 from bench.suites.stability.metric_cases import (
@@ -50,7 +57,7 @@ def test_every_case_is_as_stated(outcomes):
 def test_every_metric_is_there(outcomes):
     bundled = {source.id for source in SET_METRICS} - {"fid"} | {JUDGE, FRECHET}
     angles = set(CONTROL_METRICS) - {"retrieval"}
-    assert set(METRICS) == set(IMAGE_METRICS) | bundled | angles
+    assert set(METRICS) == {*IMAGE_METRICS, *FURTHER_METRICS} | bundled | angles
     for kind in ("holds", "refused"):
         shown = {outcome.subject for outcome in outcomes if outcome.kind == kind}
         assert shown == set(METRICS) - (angles if kind == "refused" else set())
@@ -120,6 +127,11 @@ MISSING = Near("none", float("nan"))
 )
 def test_values_within_a_tolerance(stated, found, kind):
     assert outcome_of(stated, judge=lambda a, b: np.array(found)).kind == kind
+
+
+def test_an_optional_package_that_is_absent_is_no_fault():
+    outcome = outcome_of(Near("1", 1.0), judge=raising(WeightsUnavailable("not installed; run x")))
+    assert (outcome.kind, outcome.observed) == ("refused", "skipped: not installed; run x")
 
 
 def raising(error):
