@@ -193,8 +193,8 @@ def recommend(
     compared = at_condition(run.compared(measured), condition)
     given = [best_methods(comparison, request, metrics) for comparison in compared]
     lines = advice_lines(given, request, manifest["views"], in_full=condition is not None)
-    truth = f"Scores are against {TRUTHS[run.suite.truth]}."
-    for line in (how_timed(manifest), truth, *lines):
+    head = f"{how_timed(manifest)} Scores are against {TRUTHS[run.suite.truth]}."
+    for line in (head, *lines):
         indent = "  " * line.startswith("  ")
         print("\n".join(wrapped(line.strip(), line_width(), indent, indent + "  ")))
     if not all(recommendation.meets(request) for recommendation in given):

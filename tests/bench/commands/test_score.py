@@ -80,7 +80,9 @@ def test_every_image_counts_where_it_belongs(copied):
     assert value["blank", "2048"] == 0
     assert value["true-mesh", "2048"] == value["true-mesh", "noise-0.10"] > 0
     assert value["splat", "noise-0.10"] > value["splat", "2048"] > 0
-    assert table.title == "dark-share, version 7: made up (higher is better)"
+    assert table.title == (
+        "dark-share, version 7: made up (higher is better); against the true mesh in its colours"
+    )
     written = pd.read_csv(copied / "tables" / "metric_dark-share.csv")
     assert written["value"].tolist() == pytest.approx([row.value for row in table.rows], abs=1e-6)
     assert all(row.ci_low <= row.value <= row.ci_high for row in table.rows)
@@ -238,7 +240,9 @@ def test_distances_of_an_extractor_are_those_of_its_features(copied):
     found = value["fd-made-kernel", "splat", "noise-0.10"]
     assert found == pytest.approx(kernel_distance(drawn, true), rel=1e-9)
     assert value["fd-made", "true-mesh", "2048"] == pytest.approx(0, abs=1e-9)
-    assert table.title == "fd-made, version 3: made up (lower is better)"
+    assert table.title == (
+        "fd-made, version 3: made up (lower is better); against the true mesh in its colours"
+    )
 
 
 def test_features_of_the_truth_are_taken_once(copied):

@@ -135,7 +135,8 @@ def test_recommend(tmp_path, command):
     head, *lines = out.splitlines()
     assert head == (
         "Wall time of one thread on Abacus, 2 workers at a time: compare costs within this run "
-        "only; all 2 views of a cloud drawn in one call."
+        "only; all 2 views of a cloud drawn in one call. Scores are against the true mesh in its "
+        "colours."
     )
     for condition, line in zip(("2048", "512"), lines, strict=True):
         best, value = means[condition].idxmax(), f"{means[condition].max():.3f}"
