@@ -20,12 +20,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
+from bench.catalogue.reconstruction import BEST_RECONSTRUCTION
 from scipy.stats import kendalltau
 
 from bench.analysis.comparison import decimals
 from bench.catalogue.methods import role
 from bench.catalogue.metrics import higher_is_better
-from bench.catalogue.reconstruction import BEST_RECONSTRUCTION
 from bench.tables.table import TABLES
 from data_prep.failures import BadInput
 from data_prep.files.atomic_write import write_whole
