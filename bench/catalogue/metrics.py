@@ -3,9 +3,9 @@
 Image metrics score an image against the true one. Set metrics are distances between sets of images,
 on features that an extractor takes of each: uint8 [N, H, W, 3] to float32 [N, d]. Nothing but the
 Fréchet distance on the published Inception features is called `fid`, and nothing but the kernel
-distance on these `kid`. Control metrics ask
-whether an image shows the view and the object that it should; a judge predicts them from the
-image alone, and its answers are features too, which no distance is taken of.
+distance on these `kid`. Control metrics ask whether an image shows the view and the object that it
+should; a judge predicts them from the image alone, and its answers are features too, which no
+distance is taken of. Metrics on request are in no suite, for they cost much or widen its tables.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 from bench.catalogue.lookup import find
 from bench.judges import JUDGE_WEIGHTS, VIEWS_WEIGHTS
 from bench.metrics.inception_weights import WeightsUnavailable, find_weights
+from bench.metrics.learned_weights import find_dists_weights, find_efficientnet_weights
 from bench.metrics.lpips_weights import find_lpips_weights
 
 if TYPE_CHECKING:  # `bench list` answers at once
@@ -53,6 +54,9 @@ RANGES = {
     "thin-recall": (0.0, 1.0),
     "thin-precision": (0.0, 1.0),
     "lpips": (0.0, math.inf),
+    "dists": (0.0, math.inf),
+    "alexnet-precision": (0.0, 1.0),
+    "alexnet-recall": (0.0, 1.0),
     "class-confidence": (0.0, 1.0),
     "retrieval": (0.0, 1.0),
 }
@@ -75,26 +79,49 @@ KERNEL_METRICS = {
     "kid": ("fid", "kernel distance on the features of fid, unbiased for few images"),
     "kd-views": ("fd-views", "kernel distance on the features of fd-views"),
     "kd-alexnet": ("fd-alexnet", "kernel distance on the features of fd-alexnet"),
+    "kd-effnet": ("fd-effnet", "kernel distance on the features of fd-effnet"),
+}
+NEIGHBOUR_METRICS = {
+    "alexnet-precision": (
+        "fd-alexnet",
+        "share of the images that lie among true ones, by the features of fd-alexnet, k = 10",
+    ),
+    "alexnet-recall": (
+        "fd-alexnet",
+        "share of the true images that lie among those drawn; near 0 after mode collapse, k = 10",
+    ),
 }
 # Image metrics that the network of an extractor computes on its way to the features.
 LEARNED_METRICS = {"lpips": "fd-alexnet"}
-DISTANCES_OF_IMAGES = ("lpips",)
+DISTANCES_OF_IMAGES = ("lpips", "dists")
+COSTLY_IMAGE_METRICS = {
+    "dists": "structure and texture of the features of VGG16; 0 is identical, lower is better",
+}
+ON_REQUEST = (*COSTLY_IMAGE_METRICS, "fd-effnet", "kd-effnet", *NEIGHBOUR_METRICS)
 JUDGE = "judge"
 Extractor = Callable[["NDArray[np.uint8]"], "NDArray[np.float32]"]
 
 
 @dataclass(frozen=True)
-class FeatureSource:
-    """An extractor of features of images, which gives its name to a metric of sets.
+class WeightsSource:
+    """A metric with weights.
 
     `weights` finds the file to load, given the option of the command line; it raises
-    WeightsUnavailable where there is none, and then its metrics are skipped. `load` takes that
-    path.
-    `version` is raised by hand when a change alters the features.
+    WeightsUnavailable where there is none, and then the metric is skipped.
     """
 
     id: str
     weights: Callable[[str | None], Path]
+
+
+@dataclass(frozen=True)
+class FeatureSource(WeightsSource):
+    """An extractor of features of images, which gives its name to a metric of sets.
+
+    `load` takes the path that `weights` finds. `version` is raised by hand when a change alters the
+    features.
+    """
+
     load: Callable[[str], Extractor]
     version: int
     about: str
@@ -147,6 +174,12 @@ def _alexnet(weights: str) -> Extractor:
     return lambda images: network.encode(images).features.numpy()
 
 
+def _efficientnet(weights: str) -> Extractor:
+    from bench.metrics.efficientnet import load_efficientnet
+
+    return load_efficientnet(Path(weights)).features
+
+
 def _judge(weights: str) -> Extractor:
     from bench.judges.judge import judge, load_judge_network
     from learning.convolution import fold_normalisation
@@ -159,6 +192,16 @@ def _judge(weights: str) -> Extractor:
 def _installed_alexnet(chosen: str | None) -> Path:
     del chosen
     return find_lpips_weights()
+
+
+def _installed_efficientnet(chosen: str | None) -> Path:
+    del chosen
+    return find_efficientnet_weights()
+
+
+def _installed_dists(chosen: str | None) -> Path:
+    del chosen
+    return find_dists_weights()
 
 
 def _bundled_judge(chosen: str | None) -> Path:
@@ -204,7 +247,15 @@ SET_METRICS = (
         1,
         "features of AlexNet, trained on photographs: mean of the last convolution",
     ),
+    FeatureSource(
+        "fd-effnet",
+        _installed_efficientnet,
+        _efficientnet,
+        1,
+        "features of EfficientNet-Lite0, trained on photographs: mean of the last convolution",
+    ),
 )
+DISTS = WeightsSource("dists", _installed_dists)
 
 
 EXTRACTORS = (
@@ -226,14 +277,14 @@ def find_extractor(extractor_id: str) -> FeatureSource:
 
 def extractor_of(metric: str) -> str:
     """Return the id of the extractor behind a set metric or a learned image metric."""
-    if metric in KERNEL_METRICS:
-        return KERNEL_METRICS[metric][0]
+    if source := (KERNEL_METRICS | NEIGHBOUR_METRICS).get(metric):
+        return source[0]
     return LEARNED_METRICS.get(metric, metric)
 
 
 def is_mean(metric: str) -> bool:
     """Return whether a metric is a mean over images, not a distance of sets or a median."""
-    return metric in IMAGE_METRICS or metric in RECOGNITION_METRICS
+    return metric in IMAGE_METRICS | COSTLY_IMAGE_METRICS | RECOGNITION_METRICS
 
 
 def value_range(metric: str) -> tuple[float, float]:
@@ -245,7 +296,9 @@ def value_range(metric: str) -> tuple[float, float]:
 
 def higher_is_better(metric: str) -> bool:
     """Return whether more of a metric of the tables is better."""
-    return metric == "retrieval" or (is_mean(metric) and metric not in DISTANCES_OF_IMAGES)
+    if metric == "retrieval" or metric in NEIGHBOUR_METRICS:
+        return True
+    return is_mean(metric) and metric not in DISTANCES_OF_IMAGES
 
 
 def column(metric: str) -> str:

@@ -17,6 +17,7 @@ from bench.catalogue.metrics import (
     CONTROL_METRICS,
     IMAGE_METRICS,
     KERNEL_METRICS,
+    ON_REQUEST,
     RECOGNITION_METRICS,
     SET_METRICS,
 )
@@ -65,6 +66,7 @@ class SetMetric:
 OUR_METRICS = {
     *(*IMAGE_METRICS, *CONTROL_METRICS, *RECOGNITION_METRICS, *KERNEL_METRICS),
     *(metric.id for metric in SET_METRICS),
+    *ON_REQUEST,
 }
 # By kind: groups of entry points, and the ids of this project.
 _KINDS = {
@@ -86,13 +88,13 @@ def find_metric(metric_id: str) -> ImageMetric | SetMetric:
     Raises BadInput for an unknown id, naming the nearest, and where a package announces a metric
     that it does not have, or by an id that is refused.
     """
-    if not metric_ids():
+    if metric_id in OUR_METRICS and metric_id not in metric_ids():
         raise BadInput(
-            f"unknown metric '{metric_id}': no installed package adds one; those of the suites are "
-            "in their tables already"
+            f"metric '{metric_id}': is in the tables of the suites that have it; on request are "
+            f"{', '.join(ON_REQUEST)}"
         )
     if metric_id not in metric_ids():
-        raise unknown(metric_id, metric_ids(), "metric")
+        raise unknown(metric_id, (*ON_REQUEST, *metric_ids()), "metric")
     if metric_id in entry_point_names(plugins.EXTRACTORS):
         type_, named = SetMetric, "bench.catalogue.plugins.SetMetric"
     else:

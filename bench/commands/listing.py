@@ -16,8 +16,11 @@ from bench.catalogue.method import Method
 from bench.catalogue.methods import COST_VARIANTS, METHODS, RECOMMENDED, plugin_ids
 from bench.catalogue.metrics import (
     CONTROL_METRICS,
+    COSTLY_IMAGE_METRICS,
     IMAGE_METRICS,
     KERNEL_METRICS,
+    NEIGHBOUR_METRICS,
+    ON_REQUEST,
     RECOGNITION_METRICS,
     SET_METRICS,
     higher_is_better,
@@ -140,11 +143,16 @@ def _cost(method: Method, costs: Mapping[str, float]) -> str:
 
 def _metrics(width: int) -> Iterator[str]:
     """Yield the metrics by what they are taken of, and which way is better."""
+    of_sets = {m.id: m.about for m in SET_METRICS} | {
+        name: about for name, (_, about) in (KERNEL_METRICS | NEIGHBOUR_METRICS).items()
+    }
     sections = {
         "of an image": IMAGE_METRICS,
-        "of a set of images": {m.id: m.about for m in SET_METRICS}
-        | {name: about for name, (_, about) in KERNEL_METRICS.items()},
+        "of a set of images": {n: about for n, about in of_sets.items() if n not in ON_REQUEST},
         "of a judge": RECOGNITION_METRICS | CONTROL_METRICS,
+        "on request, by 'bench score' or 'bench run' with --metrics": {
+            name: (of_sets | COSTLY_IMAGE_METRICS)[name] for name in ON_REQUEST
+        },
     }
     yield from _heads(("better",), width)
     for head, metrics in sections.items():

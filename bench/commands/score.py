@@ -1,4 +1,4 @@
-"""`bench score`: metrics of other packages on the images that a finished run has kept.
+"""`bench score`: metrics on request, and of other packages, on the images that a run has kept.
 
 The run itself stays as it is: its records, its tables and its golden values.
 """
@@ -17,13 +17,16 @@ import pandas as pd
 import typer
 
 from bench.analysis.cells import image_keys
-from bench.analysis.distances import FRECHET, KERNEL, FeatureDistances
+from bench.analysis.distances import FRECHET, KERNEL, FeatureDistances, set_distance
 from bench.analysis.scored import ScoredRun, read_scored
 from bench.analysis.scores import QualityRow, RowWithSamples, distance_rows, image_rows
-from bench.catalogue.metrics import column
-from bench.catalogue.plugins import ImageMetric, SetMetric, find_metric, metric_ids
+from bench.catalogue.methods import known_method
+from bench.catalogue.metrics import ON_REQUEST, column, extractor_of, higher_is_better
+from bench.catalogue.on_request import find_scorer, weights_of
+from bench.catalogue.plugins import ImageMetric, SetMetric, metric_ids
 from bench.catalogue.suite_types import TableSpec
 from bench.commands.options import RunDirectory, names
+from bench.metrics.inception_weights import WeightsUnavailable
 from bench.records.artifacts import JobName
 from bench.records.features import ImageKey
 from bench.records.record import GROUND_TRUTH
@@ -39,6 +42,8 @@ from data_prep.scene import UInt8Images
 def score(directory: Path, metrics: Sequence[ImageMetric | SetMetric]) -> list[Table[QualityRow]]:
     """Write a table for each metric into `directory`/tables as metric_ID.csv and .md; return all.
 
+    A metric whose weights are not installed is skipped: its rows say why.
+
     Raises BadInput for a folder without a finished run, missing images, and where a metric fails or
     gives no scores.
     """
@@ -49,14 +54,19 @@ def score(directory: Path, metrics: Sequence[ImageMetric | SetMetric]) -> list[T
                 f"metric '{metric.id}': the records have a column of that name; rename it"
             )
     sources = open_sources(directory, run.manifest, ())
+    features = dict(run.features)
     tables = []
     for metric in metrics:
+        reason = _why_skipped(metric.id)
         if isinstance(metric, SetMetric):
-            samples, better = _set_rows(run, sources, metric), "lower"
+            samples = _set_rows(run, sources, metric, features, reason)
+            higher = metric.id in ON_REQUEST and higher_is_better(metric.id)
         else:
-            records = scored(run.records, sources, metric)
-            samples = image_rows(replace(run, records=records, skipped={}), [metric.id])
-            better = "higher" if metric.higher_is_better else "lower"
+            records = run.records if reason else scored(run.records, sources, metric)
+            skipped = {metric.id: reason} if reason else {}
+            samples = image_rows(replace(run, records=records, skipped=skipped), [metric.id])
+            higher = metric.higher_is_better
+        better = "higher" if higher else "lower"
         title = f"{metric.id}, version {metric.version}: {metric.about} ({better} is better)"
         rows = (sample.row for sample in samples)
         spec = TableSpec("images", f"metric_{metric.id}", title)
@@ -65,13 +75,40 @@ def score(directory: Path, metrics: Sequence[ImageMetric | SetMetric]) -> list[T
     return tables
 
 
-def _set_rows(run: ScoredRun, sources: Sources, metric: SetMetric) -> list[RowWithSamples]:
-    """Return the rows of Fréchet and kernel distances."""
-    distances = FeatureDistances(KeptFeatures(run.records, sources, metric))
+def _why_skipped(metric_id: str) -> str:
+    """Return why a metric on request has no weights, with the remedy; empty where it has them."""
+    source = weights_of(metric_id)
+    try:
+        if source is not None:
+            source.weights(None)
+    except WeightsUnavailable as error:
+        return f"skipped: weights; {error}"
+    return ""
+
+
+def _set_rows(
+    run: ScoredRun,
+    sources: Sources,
+    metric: SetMetric,
+    features: dict[str, FeatureDistances],
+    reason: str,
+) -> list[RowWithSamples]:
+    """Return the rows of a set metric of ours, else of Fréchet and kernel distances.
+
+    `features` by extractor are those of the run; an extractor that it lacks is added, so that
+    metrics share the features of the true images.
+    """
+    if metric.id in ON_REQUEST:
+        kinds = {metric.id: set_distance(metric.id)}
+    else:
+        kinds = {metric.id: FRECHET, f"{metric.id}-kernel": KERNEL}
+    extractor = extractor_of(metric.id)
+    if extractor not in features and not reason:
+        features[extractor] = FeatureDistances(KeptFeatures(run.records, sources, metric))
     return [
         row
-        for name, distance in ((metric.id, FRECHET), (f"{metric.id}-kernel", KERNEL))
-        for row in distance_rows(run, name, distance, distances)
+        for name, kind in kinds.items()
+        for row in distance_rows(run, name, kind, features.get(extractor), reason)
     ]
 
 
@@ -118,11 +155,19 @@ def scored(records: pd.DataFrame, sources: Sources, metric: ImageMetric) -> pd.D
     """
     values = pd.Series(np.nan, index=records.index)
     ok = records[records["outcome"] == "ok"]
-    for cell, group in ok.groupby(["method", "condition", "class", "object"], sort=False):
-        item = JobName(*map(str, cell))  # type: ignore[arg-type]  # pandas: of several columns a tuple
-        drawn, truth = kept_images(sources, item), kept_images(sources, item.truth)
-        views = group["view"].to_numpy()
-        values[group.index] = checked_scores(metric, truth, drawn)[views]
+    blind: dict[tuple[str, str, str], Floats] = {}  # images that are the same at all conditions
+    # Object by object: a network need not look at the true images again for each method.
+    for cell, group in ok.groupby(["class", "object", "method", "condition"], sort=False):
+        class_name, obj, name, condition = map(str, cell)  # type: ignore[arg-type]  # pandas: a tuple
+        item = JobName(name, condition, class_name, obj)
+        method, same = known_method(name), (name, class_name, obj)
+        scores = blind.get(same)
+        if scores is None:
+            drawn, truth = kept_images(sources, item), kept_images(sources, item.truth)
+            scores = checked_scores(metric, truth, drawn)
+        if method is not None and not method.sees_cloud:
+            blind[same] = scores
+        values[group.index] = scores[group["view"].to_numpy()]
     return records.assign(**{column(metric.id): values})
 
 
@@ -176,12 +221,17 @@ def score_run(
     directory: RunDirectory,
     metrics: Annotated[
         str | None,
-        typer.Option(help="Metrics, comma-separated. Default: all of installed packages."),
+        typer.Option(
+            help="Metrics, comma-separated: of installed packages (default: all), and "
+            f"{', '.join(ON_REQUEST)}."
+        ),
     ] = None,
 ) -> None:
-    """Measure a finished run with metrics of other packages; print their tables."""
+    """Measure a finished run with metrics on request or of other packages; print their tables."""
     chosen = names(metrics) or metric_ids()
     if not chosen:
-        raise BadInput("no installed package adds a metric; see docs/extending.md")
-    for table in score(directory, [find_metric(metric_id) for metric_id in chosen]):
+        raise BadInput(
+            f"no installed package adds a metric; give --metrics: {', '.join(ON_REQUEST)}"
+        )
+    for table in score(directory, [find_scorer(metric_id) for metric_id in chosen]):
         print(table.to_markdown())
