@@ -95,7 +95,7 @@ NEIGHBOUR_METRICS = {
 LEARNED_METRICS = {"lpips": "fd-alexnet"}
 DISTANCES_OF_IMAGES = ("lpips", "dists")
 COSTLY_IMAGE_METRICS = {
-    "dists": "structure and texture of the features of VGG16; 0 is identical, lower is better",
+    "dists": "structure and texture of the features of VGG16; 0 is identical",
 }
 ON_REQUEST = (*COSTLY_IMAGE_METRICS, "fd-effnet", "kd-effnet", *NEIGHBOUR_METRICS)
 JUDGE = "judge"

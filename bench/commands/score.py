@@ -21,7 +21,13 @@ from bench.analysis.distances import FRECHET, KERNEL, FeatureDistances, set_dist
 from bench.analysis.scored import ScoredRun, read_scored
 from bench.analysis.scores import QualityRow, RowWithSamples, distance_rows, image_rows
 from bench.catalogue.methods import known_method
-from bench.catalogue.metrics import ON_REQUEST, column, extractor_of, higher_is_better
+from bench.catalogue.metrics import (
+    ON_REQUEST,
+    WeightsSource,
+    column,
+    extractor_of,
+    higher_is_better,
+)
 from bench.catalogue.on_request import find_scorer, weights_of
 from bench.catalogue.plugins import ImageMetric, SetMetric, metric_ids
 from bench.catalogue.suite_types import TableSpec
@@ -39,10 +45,15 @@ from data_prep.failures import BadInput
 from data_prep.scene import UInt8Images
 
 
-def score(directory: Path, metrics: Sequence[ImageMetric | SetMetric]) -> list[Table[QualityRow]]:
+def score(
+    directory: Path,
+    metrics: Sequence[ImageMetric | SetMetric],
+    weights: Callable[[str], WeightsSource | None] = weights_of,
+) -> list[Table[QualityRow]]:
     """Write a table for each metric into `directory`/tables as metric_ID.csv and .md; return all.
 
-    A metric whose weights are not installed is skipped: its rows say why.
+    A metric whose weights are not installed is skipped: its rows say why. `weights` returns the
+    source of a metric's weights, None for a metric without such a source.
 
     Raises BadInput for a folder without a finished run, missing images, and where a metric fails or
     gives no scores.
@@ -57,7 +68,7 @@ def score(directory: Path, metrics: Sequence[ImageMetric | SetMetric]) -> list[T
     features = dict(run.features)
     tables = []
     for metric in metrics:
-        reason = _why_skipped(metric.id)
+        reason = _why_skipped(weights(metric.id))
         if isinstance(metric, SetMetric):
             samples = _set_rows(run, sources, metric, features, reason)
             higher = metric.id in ON_REQUEST and higher_is_better(metric.id)
@@ -75,9 +86,8 @@ def score(directory: Path, metrics: Sequence[ImageMetric | SetMetric]) -> list[T
     return tables
 
 
-def _why_skipped(metric_id: str) -> str:
-    """Return why a metric on request has no weights, with the remedy; empty where it has them."""
-    source = weights_of(metric_id)
+def _why_skipped(source: WeightsSource | None) -> str:
+    """Return why weights are not available, with the remedy; empty where they are."""
     try:
         if source is not None:
             source.weights(None)

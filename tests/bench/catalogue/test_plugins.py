@@ -155,8 +155,15 @@ def test_two_packages_of_one_id_are_both_named(stranger):
 def test_without_other_packages_there_are_ours_only(no_stranger, command, tmp_path):
     with pytest.raises(BadInput, match="unknown method 'good'"):
         find_method("good")
-    with pytest.raises(BadInput, match="unknown metric 'ssim': no installed package adds one"):
+    with pytest.raises(
+        BadInput, match="metric 'ssim': is in the tables of the suites that have it"
+    ):
         find_metric("ssim")
+    with pytest.raises(BadInput, match="unknown metric 'dist': did you mean 'dists'"):
+        find_metric("dist")
     status, out, err = command("score", tmp_path)
     assert (status, out) == (2, "")
-    assert err == "bench: no installed package adds a metric; see docs/extending.md\n"
+    assert err == (
+        "bench: no installed package adds a metric; give --metrics: dists, fd-effnet, kd-effnet, "
+        "alexnet-precision, alexnet-recall\n"
+    )

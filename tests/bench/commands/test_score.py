@@ -11,6 +11,8 @@ import pytest
 
 from bench.analysis.scored import read_scored
 from bench.analysis.scores import image_rows
+from bench.catalogue.metrics import ON_REQUEST, WeightsSource
+from bench.catalogue.on_request import find_scorer, weights_of
 from bench.catalogue.plugins import ImageMetric, SetMetric
 from bench.commands.score import (
     KeptFeatures,
@@ -19,8 +21,12 @@ from bench.commands.score import (
     score,
     scored,
 )
+from bench.metrics.dists import dists
+from bench.metrics.efficientnet import load_efficientnet
 from bench.metrics.frechet import frechet_distance
+from bench.metrics.inception_weights import WeightsUnavailable
 from bench.metrics.kernel_distance import kernel_distance
+from bench.metrics.learned_weights import find_efficientnet_weights
 from bench.records.artifacts import JobName
 from bench.records.record import GROUND_TRUTH
 from bench.report.stored import open_sources
@@ -181,3 +187,67 @@ def test_features_of_the_truth_are_taken_once(copied):
             assert seen.of(method, seen_at, "chair", images).shape == (len(images), 1)
     objects = len({obj for obj, _ in images})
     assert len(asked) == 3 * objects  # the truth, and splats at two conditions
+
+
+def images_of(run, method, condition=""):
+    """The images of a method, object by object, and those of the truth."""
+    sources = open_sources(run.directory, run.manifest, ())
+    objects = sorted(run.records["object"].unique())
+    names = [JobName(method, condition, "chair", obj) for obj in objects]
+    return [
+        np.concatenate([sources.images(n) for n in of]) for of in (names, [n.truth for n in names])
+    ]
+
+
+@pytest.mark.usefixtures("few_objects")
+def test_metrics_on_request_are_those_of_their_functions(copied):
+    tables = score(copied, [find_scorer(name) for name in ON_REQUEST])
+    value = {
+        (row.metric, row.method, row.condition): row.value for table in tables for row in table.rows
+    }
+    assert {metric for metric, _, _ in value} == set(ON_REQUEST)
+    run = read_scored(copied)
+    drawn, true = images_of(run, "splat", "noise-0.10")
+    expected = dists(true, drawn, single=True).mean()
+    assert value["dists", "splat", "noise-0.10"] == pytest.approx(expected, rel=1e-5)
+    drawn, true = (
+        load_efficientnet(find_efficientnet_weights()).features(images) for images in (drawn, true)
+    )
+    found = value["fd-effnet", "splat", "noise-0.10"]
+    assert found == pytest.approx(frechet_distance(drawn, true), rel=1e-4)
+    found = value["kd-effnet", "splat", "noise-0.10"]
+    assert found == pytest.approx(kernel_distance(drawn, true), rel=1e-4)
+    for metric, best in (("dists", 0), ("fd-effnet", 0)):
+        assert value[metric, "true-mesh", "2048"] == pytest.approx(best, abs=1e-4)
+        assert value[metric, "blank", "2048"] == value[metric, "blank", "noise-0.10"] > 0.1
+    # Too few images for a share: 10 neighbours are needed, and this run has 6 images of a cell.
+    (row, *_) = (row for row in tables[-1].rows if row.method == "splat")
+    assert (np.isnan(row.value), row.note) == (True, "fewer than 11 pictures")
+    assert tables[-1].title.endswith("k = 10 (higher is better)")
+    assert tables[0].title == (
+        "dists, version 1: structure and texture of the features of VGG16; 0 is identical "
+        "(lower is better)"
+    )
+
+
+@pytest.mark.parametrize("metric_id", ["dists", "fd-effnet"])
+def test_a_judge_without_its_package_is_skipped_with_the_remedy(metric_id, copied):
+    reason = "the package is not installed; run 'bench doctor --install'"
+
+    def absent(chosen):
+        raise WeightsUnavailable(reason)
+
+    metrics = [find_scorer(metric_id), made(lambda truth, drawn: drawn[:, 0, 0, 0] * 1.0)]
+    sources = {metric_id: WeightsSource(metric_id, absent)}
+    judge, other = score(copied, metrics, weights=sources.get)
+    assert {row.note for row in judge.rows} == {f"skipped: weights; {reason}"}
+    assert all(row.skipped and np.isnan(row.value) for row in judge.rows)
+    assert all(np.isfinite(row.value) for row in other.rows)
+    assert "skipped" in judge.to_markdown()
+
+
+def test_every_metric_on_request_has_weights_and_no_other():
+    assert all(
+        weights_of(metric).id in (metric, "fd-effnet", "fd-alexnet") for metric in ON_REQUEST
+    )
+    assert weights_of("edges") is None

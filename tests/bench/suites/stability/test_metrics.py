@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 import torch
 
-from bench.catalogue.metrics import CONTROL_METRICS, IMAGE_METRICS, JUDGE, SET_METRICS
+from bench.catalogue.metrics import (
+    CONTROL_METRICS,
+    IMAGE_METRICS,
+    JUDGE,
+    KERNEL_METRICS,
+    ON_REQUEST,
+    SET_METRICS,
+)
 from bench.metrics import structural_similarity
 from bench.metrics.structural_similarity import SsimPerImage, ssim_per_image
 from bench.suites.stability import metric_cases
@@ -50,7 +57,8 @@ def test_every_case_is_as_stated(outcomes):
 def test_every_metric_is_there(outcomes):
     bundled = {source.id for source in SET_METRICS} - {"fid"} | {JUDGE, FRECHET}
     angles = set(CONTROL_METRICS) - {"retrieval"}
-    assert set(METRICS) == set(IMAGE_METRICS) | bundled | angles
+    on_request = set(ON_REQUEST) - set(KERNEL_METRICS)
+    assert set(METRICS) == set(IMAGE_METRICS) | bundled | on_request | angles
     for kind in ("holds", "refused"):
         shown = {outcome.subject for outcome in outcomes if outcome.kind == kind}
         assert shown == set(METRICS) - (angles if kind == "refused" else set())
