@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from bench.analysis.intervals import RESAMPLES, SEED
-from bench.metrics.silhouette import Masks, Pairs
+from bench.metrics.silhouette import Masks, Pairs, boundary, open_sides
 from data_prep.scene import UInt8Images
 
 ASKED_PX = 2.0
@@ -39,27 +39,6 @@ def silhouettes(truth: UInt8Images, images: UInt8Images) -> tuple[Masks, Masks]:
     """Return the silhouettes of true images and of images of the same objects, [N, H, W] each."""
     pairs = Pairs(truth, images)
     return pairs.shown, pairs.drawn(pairs.shown)
-
-
-def open_sides(masks: Masks) -> NDArray[np.bool_]:
-    """Return the pixels of masks [N, H, W] with an open side above, below, left, right.
-
-    The result is [4, N, H, W]. Beyond the frame is outside.
-    """
-    padded = np.pad(masks, ((0, 0), (1, 1), (1, 1)))
-    middle = slice(1, -1)
-    neighbours = (
-        padded[:, :-2, middle],
-        padded[:, 2:, middle],
-        padded[:, middle, :-2],
-        padded[:, middle, 2:],
-    )
-    return np.stack([masks & ~neighbour for neighbour in neighbours])
-
-
-def boundary(masks: Masks) -> Masks:
-    """Return the pixels of masks [N, H, W] with an open side."""
-    return np.logical_or.reduce(open_sides(masks))
 
 
 def offsets(masks: Masks) -> NDArray[np.float64]:

@@ -284,7 +284,7 @@ def paired(a: Quality, b: Quality) -> Floats:
 
 def decimals(metric: str) -> int:
     """Return the digits after the point that values of a metric are printed with."""
-    if metric in CONTROL_METRICS or metric == "psnr":  # in degrees, shares and decibels
+    if metric in CONTROL_METRICS or metric in ("psnr", "silhouette-distance"):  # deg, dB, px
         return 2
     return 1 if any(metric == source.id for source in SET_METRICS) else 3
 

@@ -3,9 +3,9 @@
 Image metrics score an image against the true one. Set metrics are distances between sets of images,
 on features that an extractor takes of each: uint8 [N, H, W, 3] to float32 [N, d]. Nothing but the
 Fréchet distance on the published Inception features is called `fid`, and nothing but the kernel
-distance on these `kid`. Control metrics ask whether an image shows the view and the object that it
-should; a judge predicts them from the image alone, and its answers are features too, which no
-distance is taken of. Metrics on request are in no suite, for they cost much or widen its tables.
+distance on these `kid`. Control metrics ask
+whether an image shows the view and the object that it should; a judge predicts them from the
+image alone, and its answers are features too, which no distance is taken of.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ if TYPE_CHECKING:  # `bench list` answers at once
 
     from bench.metrics.lpips_network import Lpips
 
-# `bench.metrics.image_scores` computes them all; `column` gives their names in the records.
+# Every run has them, from `bench.metrics.image_scores`; `column` gives their names in the records.
 IMAGE_METRICS = {
     "ssim": "structural similarity, mean of the product of the next three; 1 is identical",
     "luminance": "mean brightness, a component of ssim",
@@ -42,6 +42,16 @@ IMAGE_METRICS = {
     "thin-precision": "share of what is drawn beside thin parts that is true object",
     "lpips": "distance by the features of a network for photographs; 0 is identical",
 }
+# Metrics of images that no suite has: `bench run --metrics` and `bench score` take them of the
+# images that a run has kept, by `bench.metrics.image_scores.FURTHER_SCORES`.
+FURTHER_METRICS = {
+    "ms-ssim": "ssim at four scales, multiplied; 1 is identical",
+    "cw-ssim": "ssim of complex wavelets, which hardly notices small shifts; 1 is identical",
+    "flip": "difference seen when flipping between both images; 0 is identical",
+    "dists": "structure and texture of the features of VGG16; 0 is identical",
+    "silhouette-distance": "mean distance in px between drawn and true outline; 0 is identical",
+}
+FURTHER_VERSION = 1  # raise when a change alters one of their values
 # The least and the largest value that a metric can have, for intervals; others have no limit.
 RANGES = {
     "ssim": (-1.0, 1.0),
@@ -54,6 +64,10 @@ RANGES = {
     "thin-recall": (0.0, 1.0),
     "thin-precision": (0.0, 1.0),
     "lpips": (0.0, math.inf),
+    "ms-ssim": (0.0, 1.0),
+    "cw-ssim": (0.0, 1.0),
+    "flip": (0.0, 1.0),
+    "silhouette-distance": (0.0, math.hypot(128, 128)),
     "dists": (0.0, math.inf),
     "alexnet-precision": (0.0, 1.0),
     "alexnet-recall": (0.0, 1.0),
@@ -93,11 +107,8 @@ NEIGHBOUR_METRICS = {
 }
 # Image metrics that the network of an extractor computes on its way to the features.
 LEARNED_METRICS = {"lpips": "fd-alexnet"}
-DISTANCES_OF_IMAGES = ("lpips", "dists")
-COSTLY_IMAGE_METRICS = {
-    "dists": "structure and texture of the features of VGG16; 0 is identical",
-}
-ON_REQUEST = (*COSTLY_IMAGE_METRICS, "fd-effnet", "kd-effnet", *NEIGHBOUR_METRICS)
+DISTANCES_OF_IMAGES = ("lpips", "dists", "flip", "silhouette-distance")
+FURTHER_SETS = ("fd-effnet", "kd-effnet", *NEIGHBOUR_METRICS)  # metrics of sets that no suite has
 JUDGE = "judge"
 Extractor = Callable[["NDArray[np.uint8]"], "NDArray[np.float32]"]
 
@@ -284,7 +295,7 @@ def extractor_of(metric: str) -> str:
 
 def is_mean(metric: str) -> bool:
     """Return whether a metric is a mean over images, not a distance of sets or a median."""
-    return metric in IMAGE_METRICS | COSTLY_IMAGE_METRICS | RECOGNITION_METRICS
+    return metric in {**IMAGE_METRICS, **FURTHER_METRICS, **RECOGNITION_METRICS}
 
 
 def value_range(metric: str) -> tuple[float, float]:

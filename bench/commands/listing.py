@@ -16,11 +16,11 @@ from bench.catalogue.method import Method
 from bench.catalogue.methods import COST_VARIANTS, METHODS, RECOMMENDED, plugin_ids
 from bench.catalogue.metrics import (
     CONTROL_METRICS,
-    COSTLY_IMAGE_METRICS,
+    FURTHER_METRICS,
+    FURTHER_SETS,
     IMAGE_METRICS,
     KERNEL_METRICS,
     NEIGHBOUR_METRICS,
-    ON_REQUEST,
     RECOGNITION_METRICS,
     SET_METRICS,
     higher_is_better,
@@ -148,11 +148,10 @@ def _metrics(width: int) -> Iterator[str]:
     }
     sections = {
         "of an image": IMAGE_METRICS,
-        "of a set of images": {n: about for n, about in of_sets.items() if n not in ON_REQUEST},
+        "of an image, on request: 'bench run --metrics' and 'bench score'": FURTHER_METRICS,
+        "of a set of images": {n: about for n, about in of_sets.items() if n not in FURTHER_SETS},
+        "of a set of images, on request, likewise": {name: of_sets[name] for name in FURTHER_SETS},
         "of a judge": RECOGNITION_METRICS | CONTROL_METRICS,
-        "on request, by 'bench score' or 'bench run' with --metrics": {
-            name: (of_sets | COSTLY_IMAGE_METRICS)[name] for name in ON_REQUEST
-        },
     }
     yield from _heads(("better",), width)
     for head, metrics in sections.items():

@@ -238,6 +238,7 @@ RUN_OPTIONS: dict[str, str | OptionSpec] = {  # of `bench.running.protocol.Optio
     "modelnet:PATH, paper:PATH or exported:PATH; see 'bench data inspect PATH'.",
     "methods": "Methods, comma-separated; blank is always measured. Default: the suite's.",
     "conditions": "Conditions, comma-separated. Default: the suite's.",
+    "metrics": "Further metrics, comma-separated, as for 'bench score'. Default: none.",
     "limit": "Objects of each class at most. Default: all of a folder; of procedural shapes the "
     "suite's number.",
     "budget": OptionSpec(

@@ -12,8 +12,10 @@ from typing import Any
 from bench.analysis.scored import score, scored_run
 from bench.analysis.scores import QualityRow
 from bench.catalogue.lookup import find
+from bench.catalogue.plugins import ImageMetric, SetMetric, find_metric
 from bench.catalogue.suites import SUITES, Suite
 from bench.commands.options import Format
+from bench.commands.score import score_run_of
 from bench.commands.terminal import Terminal, shown
 from bench.records.artifacts import JobName
 from bench.records.features import ArtifactFeatures
@@ -33,6 +35,7 @@ from bench.tables.figure import FIGURES
 from bench.tables.headline import headline
 from bench.tables.published import published
 from bench.tables.table import TABLES, Table, write_tables
+from data_prep.failures import BadInput
 
 
 def run_suite(options: Options) -> RunResult[Outputs]:
@@ -40,7 +43,13 @@ def run_suite(options: Options) -> RunResult[Outputs]:
 
     Raises BadInput for an error that the user has to fix; finished jobs are kept.
     """
-    finished = run(options, publish, partial(Terminal, partial_table))
+    further = [find_metric(metric_id) for metric_id in options.metrics or ()]
+    if further and options.shard:
+        raise BadInput(
+            "--metrics: has no meaning for a part of a run; leave it, and give it to 'bench score' "
+            "once the shards are merged"
+        )
+    finished = run(options, partial(publish, further=further), partial(Terminal, partial_table))
     if finished.outputs is not None:
         _report(finished.outputs)
     return finished
@@ -77,10 +86,17 @@ def merge_shards(directories: Sequence[Path], out: Path) -> Merged[Outputs]:
     return merged
 
 
-def publish(measured: WrittenRun) -> Outputs:
-    """Write the tables and figures of a run whose records and features are written."""
+def publish(measured: WrittenRun, further: Sequence[ImageMetric | SetMetric] = ()) -> Outputs:
+    """Write the tables and figures of a run whose records and features are written.
+
+    `further` are metrics that are taken of its images now, each with a table of its own.
+    """
     with timed("tables", measured.seconds):
         outputs = write_outputs(scored_run(measured.directory, read_manifest(measured.directory)))
+    if further:
+        with timed("further metrics", measured.seconds):
+            tables = score_run_of(outputs.run, further)
+        outputs = replace(outputs, tables=(*outputs.tables, *tables))
     with timed("figures", measured.seconds):
         _write_figures(measured.directory, outputs.run.suite, outputs, measured.artifacts)
     return outputs

@@ -12,15 +12,13 @@ from typing import Annotated
 import typer
 
 from bench.catalogue.lookup import find
-from bench.catalogue.metrics import ON_REQUEST, find_extractor
-from bench.catalogue.on_request import find_scorer
+from bench.catalogue.metrics import find_extractor
 from bench.catalogue.suites import ALL_SUITES, Suite
 from bench.commands.browser import OpenOption, open_page
 from bench.commands.config import ConfigOption, refuse_other_objects
-from bench.commands.options import RUN_OPTIONS, FormatOption, names, options_from_dataclass
+from bench.commands.options import RUN_OPTIONS, FormatOption, options_from_dataclass
 from bench.commands.plan import expected_cost
 from bench.commands.publish import Outputs, in_format, print_outputs, run_suite
-from bench.commands.score import score
 from bench.metrics.inception_weights import DOWNLOAD, WEIGHTS_SHA256
 from bench.report.build import REPORT
 from bench.running.options import Options
@@ -108,6 +106,7 @@ def _settings(status: RunStatus, options: Options) -> list[tuple[str, str]]:
         ),
         ("limits", f"{suite.limits.time_s:g} s and {suite.limits.memory_gib:g} GiB a job"),
         ("metrics", ", ".join([*suite.image_metrics, *suite.detail_metrics, *set_metrics])),
+        *([("on request", ", ".join(options.metrics))] if options.metrics else []),
         ("of a judge", ", ".join(suite.control_metrics) or "nothing"),
         ("environment", ", ".join(f"{k} {v}" for k, v in protocol.environment.items())),
         ("folder", f"{status.directory} ({state})"),
@@ -132,20 +131,10 @@ def run(
     ] = False,
     format_: FormatOption = None,
     open_: OpenOption = False,
-    metrics: Annotated[
-        str | None,
-        typer.Option(
-            help="Further metrics of the finished run, comma-separated, as 'bench score' takes "
-            f"them: {', '.join(ON_REQUEST)}. Default: none."
-        ),
-    ] = None,
 ) -> None:
     """Run a suite, or go on with a stopped run; print its headline table."""
     refuse_other_objects(options, config)
     suite = find(options.suite, ALL_SUITES, "suite")
-    scorers = [find_scorer(name) for name in names(metrics) or ()]
-    if scorers and not isinstance(suite, Suite):
-        raise BadInput(f"--metrics: the suite {suite.id} keeps no images; leave it out")
     if dry_run:
         print(describe_run(options))
         return
@@ -160,8 +149,6 @@ def run(
     finished = run_suite(options)
     if finished.outputs is not None:
         print_outputs(finished.outputs, format_)
-        for table in score(options.directory, scorers) if scorers else ():
-            print(table.to_markdown(), file=sys.stdout if format_ is None else sys.stderr)
     print(f"{_summary(finished)}\nresults in {options.directory}", file=sys.stderr)
     if finished.objects < finished.planned:
         kept = "" if finished.outputs is not None else "; the tables there stay those of before"

@@ -1,4 +1,4 @@
-"""`bench score`: metrics on request, and of other packages, on the images that a run has kept.
+"""`bench score`: further metrics, also of other packages, on images that a finished run has kept.
 
 The run itself stays as it is: its records, its tables and its golden values.
 """
@@ -20,16 +20,14 @@ from bench.analysis.cells import image_keys
 from bench.analysis.distances import FRECHET, KERNEL, FeatureDistances, set_distance
 from bench.analysis.scored import ScoredRun, read_scored
 from bench.analysis.scores import QualityRow, RowWithSamples, distance_rows, image_rows
-from bench.catalogue.methods import known_method
 from bench.catalogue.metrics import (
-    ON_REQUEST,
-    WeightsSource,
+    FURTHER_METRICS,
+    FURTHER_SETS,
     column,
     extractor_of,
     higher_is_better,
 )
-from bench.catalogue.on_request import find_scorer, weights_of
-from bench.catalogue.plugins import ImageMetric, SetMetric, metric_ids
+from bench.catalogue.plugins import ImageMetric, SetMetric, find_metric, metric_ids
 from bench.catalogue.suite_types import TableSpec
 from bench.commands.options import RunDirectory, names
 from bench.metrics.inception_weights import WeightsUnavailable
@@ -45,81 +43,69 @@ from data_prep.failures import BadInput
 from data_prep.scene import UInt8Images
 
 
-def score(
-    directory: Path,
-    metrics: Sequence[ImageMetric | SetMetric],
-    weights: Callable[[str], WeightsSource | None] = weights_of,
-) -> list[Table[QualityRow]]:
+def score(directory: Path, metrics: Sequence[ImageMetric | SetMetric]) -> list[Table[QualityRow]]:
     """Write a table for each metric into `directory`/tables as metric_ID.csv and .md; return all.
-
-    A metric whose weights are not installed is skipped: its rows say why. `weights` returns the
-    source of a metric's weights, None for a metric without such a source.
 
     Raises BadInput for a folder without a finished run, missing images, and where a metric fails or
     gives no scores.
     """
-    run = read_scored(directory)
+    return score_run_of(read_scored(directory), metrics)
+
+
+def score_run_of(
+    run: ScoredRun, metrics: Sequence[ImageMetric | SetMetric]
+) -> list[Table[QualityRow]]:
+    """Return `score` of a run whose records are written, and write its tables."""
     for metric in metrics:
         if column(metric.id) in run.records.columns:
             raise BadInput(
                 f"metric '{metric.id}': the records have a column of that name; rename it"
             )
-    sources = open_sources(directory, run.manifest, ())
-    features = dict(run.features)
+    sources = open_sources(run.directory, run.manifest, ())
     tables = []
     for metric in metrics:
-        reason = _why_skipped(weights(metric.id))
         if isinstance(metric, SetMetric):
-            samples = _set_rows(run, sources, metric, features, reason)
-            higher = metric.id in ON_REQUEST and higher_is_better(metric.id)
+            samples, higher = _set_rows(run, sources, metric), higher_is_better(metric.id)
         else:
-            records = run.records if reason else scored(run.records, sources, metric)
-            skipped = {metric.id: reason} if reason else {}
-            samples = image_rows(replace(run, records=records, skipped=skipped), [metric.id])
-            higher = metric.higher_is_better
+            samples, higher = _image_rows(run, sources, metric), metric.higher_is_better
         better = "higher" if higher else "lower"
         title = f"{metric.id}, version {metric.version}: {metric.about} ({better} is better)"
         rows = (sample.row for sample in samples)
         spec = TableSpec("images", f"metric_{metric.id}", title)
         tables.append(quality_table(spec, rows))
-    write_tables(directory, tables)
+    write_tables(run.directory, tables)
     return tables
 
 
-def _why_skipped(source: WeightsSource | None) -> str:
-    """Return why weights are not available, with the remedy; empty where they are."""
+def _image_rows(run: ScoredRun, sources: Sources, metric: ImageMetric) -> list[RowWithSamples]:
+    """Return the means over images; skipped where something optional is not installed."""
     try:
-        if source is not None:
-            source.weights(None)
+        skipped, records = {}, scored(run.records, sources, metric)
     except WeightsUnavailable as error:
-        return f"skipped: weights; {error}"
-    return ""
+        skipped, records = {metric.id: f"skipped: {error}"}, run.records
+    return image_rows(replace(run, records=records, skipped=skipped), [metric.id])
 
 
-def _set_rows(
-    run: ScoredRun,
-    sources: Sources,
-    metric: SetMetric,
-    features: dict[str, FeatureDistances],
-    reason: str,
-) -> list[RowWithSamples]:
-    """Return the rows of a set metric of ours, else of Fréchet and kernel distances.
+def _set_rows(run: ScoredRun, sources: Sources, metric: SetMetric) -> list[RowWithSamples]:
+    """Return the rows of Fréchet and kernel distances, or of one of FURTHER_SETS.
 
-    `features` by extractor are those of the run; an extractor that it lacks is added, so that
-    metrics share the features of the true images.
+    Features that the run has are not computed again. Skipped where something optional is not
+    installed.
     """
-    if metric.id in ON_REQUEST:
+    if metric.id in FURTHER_SETS:
         kinds = {metric.id: set_distance(metric.id)}
     else:
         kinds = {metric.id: FRECHET, f"{metric.id}-kernel": KERNEL}
-    extractor = extractor_of(metric.id)
-    if extractor not in features and not reason:
-        features[extractor] = FeatureDistances(KeptFeatures(run.records, sources, metric))
-    return [
-        row
-        for name, kind in kinds.items()
-        for row in distance_rows(run, name, kind, features.get(extractor), reason)
-    ]
+    features = run.features.get(extractor_of(metric.id))
+    if features is None:
+        features = FeatureDistances(KeptFeatures(run.records, sources, metric))
+    try:
+        return [
+            row for name, kind in kinds.items() for row in distance_rows(run, name, kind, features)
+        ]
+    except WeightsUnavailable as error:
+        reason = f"skipped: {error}"
+        return [row for name in kinds for row in distance_rows(run, name, FRECHET, None, reason)]
 
 
 class KeptFeatures:
@@ -165,19 +151,17 @@ def scored(records: pd.DataFrame, sources: Sources, metric: ImageMetric) -> pd.D
     """
     values = pd.Series(np.nan, index=records.index)
     ok = records[records["outcome"] == "ok"]
-    blind: dict[tuple[str, str, str], Floats] = {}  # images that are the same at all conditions
+    # A method that sees no cloud has one file for all conditions.
+    by_file: dict[Path | None, Floats] = {}
     # Object by object: a network need not look at the true images again for each method.
     for cell, group in ok.groupby(["class", "object", "method", "condition"], sort=False):
-        class_name, obj, name, condition = map(str, cell)  # type: ignore[arg-type]  # pandas: a tuple
-        item = JobName(name, condition, class_name, obj)
-        method, same = known_method(name), (name, class_name, obj)
-        scores = blind.get(same)
-        if scores is None:
+        class_name, obj, method, condition = map(str, cell)  # type: ignore[arg-type]  # pandas: a tuple
+        item = JobName(method, condition, class_name, obj)
+        file = sources.artifacts.get(item)
+        if file not in by_file:
             drawn, truth = kept_images(sources, item), kept_images(sources, item.truth)
-            scores = checked_scores(metric, truth, drawn)
-        if method is not None and not method.sees_cloud:
-            blind[same] = scores
-        values[group.index] = scores[group["view"].to_numpy()]
+            by_file[file] = checked_scores(metric, truth, drawn)
+        values[group.index] = by_file[file][group["view"].to_numpy()]
     return records.assign(**{column(metric.id): values})
 
 
@@ -194,10 +178,15 @@ def kept_images(sources: Sources, name: JobName) -> UInt8Images:
 def _call(
     metric: ImageMetric | SetMetric, function: Callable[..., object], *images: UInt8Images
 ) -> Floats:
-    """Return the values of a function of the metric. Raises BadInput for whatever it raises."""
+    """Return the values of a function of the metric. Raises BadInput for whatever it raises.
+
+    But for WeightsUnavailable, by which a metric says that it cannot be taken here.
+    """
     try:
         with redirect_stdout(sys.stderr):  # stdout is for the tables
             return np.asarray(function(*images), np.float64)
+    except WeightsUnavailable:
+        raise
     except (Exception, SystemExit) as error:  # whatever a stranger's function raises
         raise BadInput(f"metric '{metric.id}': {reason_of(error)}; fix that package") from error
 
@@ -232,16 +221,18 @@ def score_run(
     metrics: Annotated[
         str | None,
         typer.Option(
-            help="Metrics, comma-separated: of installed packages (default: all), and "
-            f"{', '.join(ON_REQUEST)}."
+            help="Metrics, comma-separated: those on request (see 'bench list metrics'), or "
+            "of installed packages. Default: all of installed packages."
         ),
     ] = None,
 ) -> None:
-    """Measure a finished run with metrics on request or of other packages; print their tables."""
+    """Measure a finished run with further metrics; print their tables."""
     chosen = names(metrics) or metric_ids()
     if not chosen:
         raise BadInput(
-            f"no installed package adds a metric; give --metrics: {', '.join(ON_REQUEST)}"
+            f"no installed package adds a metric; give --metrics {','.join(FURTHER_METRICS)},"
+            f"{','.join(FURTHER_SETS)}, or "
+            "see docs/extending.md"
         )
-    for table in score(directory, [find_scorer(metric_id) for metric_id in chosen]):
+    for table in score(directory, [find_metric(metric_id) for metric_id in chosen]):
         print(table.to_markdown())

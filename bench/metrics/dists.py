@@ -153,11 +153,10 @@ def dists(
         raise ValueError(f"stacks of images must have the same shape, got {a.shape} and {b.shape}")
     for images in (a, b):
         require_images(images, TRUNK.least)
-    paths = find_dists_weights(), find_lpips_weights("vgg")
-    return load_dists(*paths, torch.float32 if single else torch.float64).distance(a, b)
+    return load_dists(torch.float32 if single else torch.float64).distance(a, b)
 
 
 @functools.lru_cache(maxsize=1)
-def load_dists(path: Path, trunk: Path, dtype: torch.dtype) -> Dists:
-    """Return a `Dists`; the last is kept. Raises as the class."""
-    return Dists(path, trunk, dtype)
+def load_dists(dtype: torch.dtype) -> Dists:
+    """Return a `Dists` of the installed weights; the last is kept. Raises as `dists`."""
+    return Dists(find_dists_weights(), find_lpips_weights("vgg"), dtype)

@@ -1,19 +1,43 @@
-"""All scores of images against the true ones, named as the columns of a record."""
+"""Scores of images against the true ones: those of every run, and those that are asked for."""
 
 from __future__ import annotations
+
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.metrics.flip import flip
+from bench.metrics.multiscale_similarity import ms_ssim
 from bench.metrics.peak_signal_to_noise import psnr
-from bench.metrics.silhouette import Pairs, overlap
+from bench.metrics.silhouette import Pairs, overlap, silhouette_distance
 from bench.metrics.structural_similarity import ssim_per_image_and_mask
 from bench.metrics.thin_parts import thin_scores_of
+from bench.metrics.wavelet_similarity import cw_ssim
+
+Score = Callable[[NDArray[np.uint8], NDArray[np.uint8]], NDArray[np.float64]]
+
+
+def _dists(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> NDArray[np.float64]:
+    from bench.metrics.dists import dists  # imports torch
+
+    return dists(truth, images, single=True)
+
+
+# Metrics that no suite has: `bench run --metrics` and `bench score` take them of kept images.
+FURTHER_SCORES: Mapping[str, Score] = {
+    "ms-ssim": ms_ssim,
+    "cw-ssim": cw_ssim,
+    "flip": flip,
+    "dists": _dists,
+    "silhouette-distance": silhouette_distance,
+}
 
 
 def scores(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> dict[str, NDArray[np.float64]]:
-    """Return scores [V] of images uint8 [V, H, W, 3]; NaN where an image has no such score.
+    """Return scores [V] of images uint8 [V, H, W, 3], by the names that columns of records have.
 
+    NaN where an image has no such score.
     `ssim_object` is the mean of the SSIM map over the windows that contain a pixel of the true
     silhouette or of the drawn one. One map gives it and the four before it, and one pair of
     silhouettes it and those after it. Raises ValueError where an array is not uint8 or not

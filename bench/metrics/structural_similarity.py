@@ -102,7 +102,7 @@ def ssim(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> Ssim:
 
 def ssim_per_image(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> SsimPerImage:
     """Return `ssim` of every pair of images, which does not depend on the others."""
-    _require_images(a, b)
+    require_images(a, b)
     per_image, _ = _score(a, b, None)
     return per_image
 
@@ -117,7 +117,7 @@ def ssim_per_image_and_mask(
     A window counts if it contains a pixel of the mask. NaN where the mask is empty. Raises as
     `ssim`, and ValueError where the masks are not bool or not [N, H, W] of the images.
     """
-    _require_images(a, b)
+    require_images(a, b)
     if masks.dtype != np.bool_ or masks.shape != a.shape[:3]:
         raise ValueError(
             f"{list(a.shape)} images need bool masks {list(a.shape[:3])}, "
@@ -131,7 +131,7 @@ def _score(
 ) -> tuple[SsimPerImage, Floats]:
     n, height, width, channels = a.shape
     size = min(height, width, WINDOW)
-    weights = _window(size)
+    weights = window_weights(size)
     corner = float(weights[0]) ** 2
     rows = _Cut(height - size + 1, size)
     columns = _Cut(width - size + 1, size)
@@ -188,7 +188,8 @@ def _windows_over(masks: NDArray[np.bool_], size: int) -> NDArray[np.bool_]:
     return masks
 
 
-def _require_images(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> None:
+def require_images(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> None:
+    """Raise ValueError unless both are uint8 [N, H, W, C] of the same shape, with something in."""
     shapes = f"{a.dtype} {list(a.shape)} and {b.dtype} {list(b.shape)}"
     if a.dtype != np.uint8 or b.dtype != np.uint8:
         raise ValueError(f"images must be uint8 (range 0..255), got {shapes}")
@@ -200,7 +201,7 @@ def _require_images(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> None:
         raise ValueError(f"nothing to compare, got {shapes}")
 
 
-def _window(size: int) -> Floats:
+def window_weights(size: int) -> Floats:
     """Return the 1-d factor of the Gaussian window, sum 1, smallest value first and last."""
     sigma = size * SIGMA / WINDOW
     x = np.arange(size) - (size - 1) / 2
@@ -244,7 +245,7 @@ def _cut_tiles(image: NDArray[np.uint8], rows: _Cut, columns: _Cut, out: NDArray
         tile[...] = planes[y : y + rows.extent, :, x : x + columns.extent]
 
 
-def _band(weights: Floats, length: int) -> Floats:
+def band_matrix(weights: Floats, length: int) -> Floats:
     """Return the matrix [length, length + size - 1] that blurs a column of pixels."""
     matrix = np.zeros((length, length + len(weights) - 1))
     for i in range(length):
@@ -262,8 +263,8 @@ class _TileBlur:
     def __init__(
         self, weights: Floats, rows: _Cut, columns: _Cut, channels: int, flat_below: float
     ) -> None:
-        self._down = _band(weights, rows.step)
-        self._across = np.ascontiguousarray(_band(weights, columns.step).T)
+        self._down = band_matrix(weights, rows.step)
+        self._across = np.ascontiguousarray(band_matrix(weights, columns.step).T)
         self._flat_below = flat_below
         # a, b, a * a, b * b, a * b as pixels, blurred down, blurred down and across
         self._pixels = np.empty((5, _CHUNK, rows.extent, channels, columns.extent))

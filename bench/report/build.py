@@ -18,8 +18,10 @@ from bench.analysis.scored import in_order
 from bench.catalogue.methods import find_method, role
 from bench.catalogue.metrics import (
     CONTROL_METRICS,
+    FURTHER_METRICS,
     IMAGE_METRICS,
     KERNEL_METRICS,
+    NEIGHBOUR_METRICS,
     RECOGNITION_METRICS,
     SET_METRICS,
     is_mean,
@@ -273,17 +275,22 @@ def _meanings(
 ) -> tuple[tuple[str, tuple[tuple[str, str], ...]], ...]:
     known = {c.id: f"{condition_words(c.id)}; {c.source}" for c in CONDITIONS}
     distances = {m.id: f"Fréchet distance, lower is better: {m.about}" for m in SET_METRICS}
-    kernel = {metric: about for metric, (_, about) in KERNEL_METRICS.items()}
+    kernel = {m: about for m, (_, about) in (KERNEL_METRICS | NEIGHBOUR_METRICS).items()}
     metrics = IMAGE_METRICS | distances | kernel | RECOGNITION_METRICS | CONTROL_METRICS
+    further = {
+        m: (FURTHER_METRICS | metrics).get(m, "of another package")
+        for m in manifest.get("request", {}).get("metrics", ())
+    }
     measured = (
         *suite.image_metrics,
         *suite.detail_metrics,
         *suite.set_metrics,
         *suite.class_metrics,
         *suite.control_metrics,
+        *further,
     )
     return (
-        ("Metrics", tuple((m, metrics[m]) for m in dict.fromkeys(measured))),
+        ("Metrics", tuple((m, (metrics | further)[m]) for m in dict.fromkeys(measured))),
         ("Methods", tuple((m, _source(m)) for m in manifest["methods"])),
         ("Conditions", tuple((c, known.get(c, "unknown")) for c in manifest["conditions"])),
     )

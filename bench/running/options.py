@@ -24,7 +24,7 @@ MOST_VIEWS = 10_000
 RUNS = Path("results/runs")
 # Options that say what is measured, and not how or where.
 REPEATED = (
-    *("suite", "dataset", "methods", "conditions", "limit", "views", "device", "seed"),
+    *("suite", "dataset", "methods", "conditions", "metrics", "limit", "views", "device", "seed"),
     "inception_weights",
 )
 
@@ -37,6 +37,7 @@ class Options:
     dataset: str = "procedural"
     methods: tuple[str, ...] | None = None
     conditions: tuple[str, ...] | None = None
+    metrics: tuple[str, ...] | None = None  # beside those of the suite
     limit: int | None = None
     budget: float | None = None  # seconds
     views: int | None = None

@@ -41,7 +41,11 @@ def methods_of(
     for unknown methods.
     """
     given = vars(options)
-    meaningless = {"budget": "which is not done object by object", **meaningless}
+    meaningless = {
+        "budget": "which is not done object by object",
+        "metrics": "which does not compare images with true ones",
+        **meaningless,
+    }
     refuse(suite.id, [(name, given[name], why) for name, why in meaningless.items()])
     refuse_counts(options)
     refuse_absent_gpu(options)

@@ -573,7 +573,9 @@ def skimage_accepts_a_nan_pixel() -> str:
     return similarity(np.full((16, 16), 0.5), broken, data_range=1.0)
 
 
-@defect(r"^raises ValueError: win_size exceeds", "bench.metrics.structural_similarity._window")
+@defect(
+    r"^raises ValueError: win_size exceeds", "bench.metrics.structural_similarity.window_weights"
+)
 def skimage_refuses_small_images() -> str:
     """Images with a side below the window of 11 are refused."""
     image = np.zeros((10, 10), np.uint8)

@@ -49,7 +49,7 @@ PSNR = "psnr"
 SAME_PSNR = near("one level of one channel: the most", decibels(0), PSNR, within=DECIBELS)
 WHOLE_LEG = near("all of it, and nothing else, is drawn", 1.0, *THIN)
 NOTHING_THIN = undefined(*THIN)
-_NO_VALUES = Near("of no images none", lambda a, b: np.empty(0))
+NO_VALUES = Near("of no images none", lambda a, b: np.empty(0))
 
 
 def gaussian_window(size: int) -> Floats:
@@ -123,7 +123,7 @@ def _speck_pair(case_id: str, p: int, q: int, at: int) -> Row:
     return case_id, lambda: (flat(p), speck(p, q, at)), stated | NOTHING_THIN
 
 
-def _one_window(name: str, a: UInt8Images, b: UInt8Images) -> float:
+def one_window(name: str, a: UInt8Images, b: UInt8Images) -> float:
     """Return a component of images [1, s, s, C] with a single window, by two longdouble passes."""
     size = a.shape[1]
     weights = gaussian_window(size).astype(np.longdouble)[..., None]
@@ -146,7 +146,7 @@ def _one_window(name: str, a: UInt8Images, b: UInt8Images) -> float:
 
 
 def _of_one_window(name: str) -> Near:
-    value = functools.partial(_one_window, name)
+    value = functools.partial(one_window, name)
     return Near("its one window, computed from the definition", value, ONE_WINDOW)
 
 
@@ -280,7 +280,7 @@ SILHOUETTE_CASES = cases_of(
      Near("contrast 10, half of the leg's, all over: 120 px of 128 x 128", _OF_ALL, U)),
     ("faintest-haze-on-nothing", lambda: (flat(255), flat(218)),
      Near("contrast 37 of the 37.5 asked for where nothing is", 1.0)),
-    ("silhouettes-of-no-images", lambda: twice(flat(0, 0)), _NO_VALUES),
+    ("silhouettes-of-no-images", lambda: twice(flat(0, 0)), NO_VALUES),
     ("silhouettes-of-two-images",
      lambda: (np.concatenate([leg(), leg()]), np.concatenate([leg(), flat(255)])),
      Near("each by itself", lambda a, b: [1.0, 0.0])),
@@ -310,7 +310,7 @@ INPUT_CASES = (
         "number of images",
         ("no-images", lambda: twice(flat(0, 0)),
          refused("nothing to compare", *SSIMS, PSNR)
-         | dict.fromkeys((*THIN, JUDGE), _NO_VALUES)
+         | dict.fromkeys((*THIN, JUDGE), NO_VALUES)
          | refused("[0, 64]", *FD_VIEWS, error=TooFewSamples)),
         ("one-image", lambda: (flat(0), flat(255)),
          near("one value", lambda a, b: [_BLACK_ON_WHITE], "ssim", within=SUMS)

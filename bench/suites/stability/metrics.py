@@ -1,6 +1,6 @@
 """Metrics at the edges of their domain: cases by metrics, and the value or refusal of each.
 
-The cases are those of `image_cases`, `feature_cases` and `learned_cases`.
+The cases are those of `image_cases`, `similarity_cases`, `feature_cases` and `learned_cases`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ import numpy as np
 from bench.catalogue.metrics import JUDGE
 from bench.judges.answers import azimuth_error_deg, elevation_error_deg
 from bench.metrics.frechet import frechet_distance
-from bench.metrics.image_scores import scores
+from bench.metrics.image_scores import FURTHER_SCORES, scores
+from bench.metrics.inception_weights import WeightsUnavailable
 from bench.metrics.peak_signal_to_noise import psnr
 from bench.metrics.precision_recall import share_within
 from bench.metrics.silhouette import silhouette_iou
@@ -44,6 +45,7 @@ from bench.suites.stability.metric_cases import (
     Refused,
 )
 from bench.suites.stability.outcomes import CaseOutcome
+from bench.suites.stability.similarity_cases import SIMILARITY_CASES
 from data_prep.arrays import Floats
 from data_prep.scene import UInt8Images
 
@@ -52,6 +54,7 @@ CASES = (
     + THIN_CASES
     + SILHOUETTE_CASES
     + INPUT_CASES
+    + SIMILARITY_CASES
     + NETWORK_CASES
     + ALEXNET_CASES
     + LEARNED_CASES
@@ -97,6 +100,8 @@ def _outcome(
                 expected += stated.words
                 returned = function(*given)
                 observed, kind = _compared(returned, value, within, metric in DISTANCES)
+    except WeightsUnavailable as error:  # of an optional package: skipped, in runs as well
+        observed, kind = f"skipped: {error}", "refused"
     except Exception as error:
         observed, kind = f"{type(error).__name__}: {error}", "unexpected"
     return CaseOutcome(case.id, case.group, metric, expected, observed, kind)
@@ -146,12 +151,6 @@ def _lpips(truth: UInt8Images, images: UInt8Images) -> Floats:
     return lpips(truth, images, single=True)
 
 
-def _dists(truth: UInt8Images, images: UInt8Images) -> Floats:
-    from bench.metrics.dists import dists  # imports torch
-
-    return dists(truth, images, single=True)
-
-
 def _precision(truth: UInt8Images, images: UInt8Images) -> float:
     features = extractor("fd-alexnet")
     return share_within(features(images), features(truth))
@@ -185,12 +184,12 @@ METRICS: Mapping[str, Metric] = {
     "silhouette-iou": silhouette_iou,
     "thin-recall": lambda a, b: thin_scores(a, b).recall,
     "thin-precision": lambda a, b: thin_scores(a, b).precision,
+    **FURTHER_SCORES,
     FRECHET: frechet_distance,
     "fd-views": functools.partial(_between, "fd-views"),
     "fd-views-grey": functools.partial(_between, "fd-views-grey"),
     "lpips": _lpips,
     "fd-alexnet": functools.partial(_between, "fd-alexnet"),
-    "dists": _dists,
     "fd-effnet": functools.partial(_between, "fd-effnet"),
     "alexnet-precision": _precision,
     "alexnet-recall": _recall,

@@ -155,15 +155,14 @@ def test_two_packages_of_one_id_are_both_named(stranger):
 def test_without_other_packages_there_are_ours_only(no_stranger, command, tmp_path):
     with pytest.raises(BadInput, match="unknown method 'good'"):
         find_method("good")
-    with pytest.raises(
-        BadInput, match="metric 'ssim': is in the tables of the suites that have it"
-    ):
+    with pytest.raises(BadInput, match="metric 'ssim': the suites that have it show it already"):
         find_metric("ssim")
-    with pytest.raises(BadInput, match="unknown metric 'dist': did you mean 'dists'"):
-        find_metric("dist")
+    with pytest.raises(BadInput, match="unknown metric 'fli': did you mean 'flip'"):
+        find_metric("fli")
     status, out, err = command("score", tmp_path)
     assert (status, out) == (2, "")
     assert err == (
-        "bench: no installed package adds a metric; give --metrics: dists, fd-effnet, kd-effnet, "
-        "alexnet-precision, alexnet-recall\n"
+        "bench: no installed package adds a metric; give --metrics "
+        "ms-ssim,cw-ssim,flip,dists,silhouette-distance,"
+        "fd-effnet,kd-effnet,alexnet-precision,alexnet-recall, or see docs/extending.md\n"
     )

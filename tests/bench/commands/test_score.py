@@ -9,11 +9,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from bench.analysis.distances import FeatureDistances, set_distance
 from bench.analysis.scored import read_scored
 from bench.analysis.scores import image_rows
-from bench.catalogue.metrics import ON_REQUEST, WeightsSource
-from bench.catalogue.on_request import find_scorer, weights_of
-from bench.catalogue.plugins import ImageMetric, SetMetric
+from bench.catalogue.metrics import FURTHER_SETS
+from bench.catalogue.plugins import ImageMetric, SetMetric, find_metric
+from bench.commands.config import read_config
 from bench.commands.score import (
     KeptFeatures,
     checked_features,
@@ -27,6 +28,7 @@ from bench.metrics.frechet import frechet_distance
 from bench.metrics.inception_weights import WeightsUnavailable
 from bench.metrics.kernel_distance import kernel_distance
 from bench.metrics.learned_weights import find_efficientnet_weights
+from bench.metrics.precision_recall import share_within
 from bench.records.artifacts import JobName
 from bench.records.record import GROUND_TRUTH
 from bench.report.stored import open_sources
@@ -126,6 +128,80 @@ def test_a_taken_name_and_images_that_are_gone_are_refused(copied):
         score(copied, [made(lambda truth, drawn: np.ones(len(drawn)))])
 
 
+@pytest.mark.usefixtures("few_objects")
+def test_metrics_on_request_are_those_of_the_kept_images(copied):
+    """Printed and written with their directions; the images of true-mesh are the true ones."""
+    (table,) = score(copied, [find_metric("silhouette-distance")])
+    value = {(row.method, row.condition): row.value for row in table.rows}
+    assert value["true-mesh", "2048"] == 0
+    assert value["blank", "2048"] == pytest.approx(np.hypot(128, 128))
+    assert 0 < value["splat", "2048"] < value["splat", "noise-0.10"] < 181
+    assert table.title.endswith("0 is identical (lower is better)")
+    text = (copied / "tables" / "metric_silhouette-distance.md").read_text()
+    assert "(lower is better)" in text
+    assert "181.02" in text
+
+
+@pytest.mark.usefixtures("few_objects")
+def test_a_metric_whose_package_is_absent_is_skipped_and_the_others_are_not(copied):
+    def absent(truth, drawn):
+        raise WeightsUnavailable("the package x is not installed; run 'pip install x'")
+
+    tables = score(copied, [made(absent), made(lambda truth, drawn: np.ones(len(drawn)), "one")])
+    skipped, measured = (table.rows for table in tables)
+    assert {row.note for row in skipped} == {
+        "skipped: the package x is not installed; run 'pip install x'"
+    }
+    assert all(np.isnan(row.value) for row in skipped)
+    assert {row.value for row in measured} == {1}
+
+
+def test_images_that_are_the_same_under_all_conditions_are_measured_once(finished):
+    run = read_scored(finished[0])
+    asked = []
+
+    def count(truth, drawn):
+        asked.append(drawn)
+        return np.ones(len(drawn))
+
+    values = scored(run.records, open_sources(finished[0], run.manifest, ()), made(count))
+    ok = run.records["outcome"] == "ok"
+    assert (values["made"].notna() == ok).all()
+    jobs = run.records[ok].drop_duplicates(["method", "condition", "class", "object"])
+    files = jobs[~jobs["method"].isin(["blank", "true-mesh"])].shape[0]
+    objects = jobs["object"].nunique()
+    assert len(asked) == files + 2 * objects
+
+
+@pytest.mark.usefixtures("same_machine")
+def test_a_run_takes_metrics_on_request(arguments, copied, command):
+    """No job is done again; table, report, output and what the run repeats have the metric."""
+    records = (copied / "records.parquet").read_bytes()
+    options = ("--metrics", "silhouette-distance", "--format", "csv", "--out", copied)
+    status, out, err = command(*arguments, *options)
+    assert status == 0, err
+    assert "0 jobs done" in err
+    assert ",silhouette-distance,0.000000," in out  # of true-mesh
+    assert (copied / "tables" / "metric_silhouette-distance.csv").is_file()
+    page = (copied / "report.html").read_text()
+    assert "mean distance in px between drawn and true outline" in page
+    assert read_config(copied / "manifest.json")["metrics"] == "silhouette-distance"
+    assert (copied / "records.parquet").read_bytes() == records
+
+
+def test_metrics_on_request_that_have_no_meaning(arguments, command, tmp_path):
+    options = ("--metrics", "flip", "--out", tmp_path / "run")
+    for more, message in (
+        (("--shard", "1/2"), "--metrics: has no meaning for a part of a run; leave it, and give"),
+        (("--metrics", "ssim"), "metric 'ssim': the suites that have it show it already"),
+    ):
+        status, _, err = command(*arguments, *options, *more)
+        assert (status, err.startswith(f"bench: {message}")) == (2, True)
+    status, _, err = command("run", "--suite", "stability", *options)
+    assert (status, "--metrics: has no meaning for the suite stability" in err) == (2, True)
+    assert not (tmp_path / "run").exists()
+
+
 def of_set(function, id_="fd-made"):
     return SetMetric(id_, function, 3, "made up")
 
@@ -189,65 +265,96 @@ def test_features_of_the_truth_are_taken_once(copied):
     assert len(asked) == 3 * objects  # the truth, and splats at two conditions
 
 
-def images_of(run, method, condition=""):
-    """The images of a method, object by object, and those of the truth."""
+def images_of(run, method, condition):
+    """The images of a method, object by object, and the true ones."""
     sources = open_sources(run.directory, run.manifest, ())
     objects = sorted(run.records["object"].unique())
     names = [JobName(method, condition, "chair", obj) for obj in objects]
-    return [
-        np.concatenate([sources.images(n) for n in of]) for of in (names, [n.truth for n in names])
-    ]
+    return tuple(
+        np.concatenate([sources.images(name) for name in jobs])
+        for jobs in (names, [name.truth for name in names])
+    )
+
+
+def values_of(tables):
+    rows = (row for table in tables for row in table.rows)
+    return {(row.metric, row.method, row.condition): row.value for row in rows}
 
 
 @pytest.mark.usefixtures("few_objects")
-def test_metrics_on_request_are_those_of_their_functions(copied):
-    tables = score(copied, [find_scorer(name) for name in ON_REQUEST])
-    value = {
-        (row.metric, row.method, row.condition): row.value for table in tables for row in table.rows
-    }
-    assert {metric for metric, _, _ in value} == set(ON_REQUEST)
-    run = read_scored(copied)
-    drawn, true = images_of(run, "splat", "noise-0.10")
+def test_learned_judges_are_those_of_their_functions(copied):
+    tables = score(copied, [find_metric(name) for name in ("dists", "fd-effnet", "kd-effnet")])
+    value = values_of(tables)
+    drawn, true = images_of(read_scored(copied), "splat", "noise-0.10")
     expected = dists(true, drawn, single=True).mean()
     assert value["dists", "splat", "noise-0.10"] == pytest.approx(expected, rel=1e-5)
-    drawn, true = (
-        load_efficientnet(find_efficientnet_weights()).features(images) for images in (drawn, true)
-    )
+    network = load_efficientnet(find_efficientnet_weights())
+    x, y = (network.features(images) for images in (drawn, true))
     found = value["fd-effnet", "splat", "noise-0.10"]
-    assert found == pytest.approx(frechet_distance(drawn, true), rel=1e-4)
+    assert found == pytest.approx(frechet_distance(x, y), rel=1e-4)
     found = value["kd-effnet", "splat", "noise-0.10"]
-    assert found == pytest.approx(kernel_distance(drawn, true), rel=1e-4)
-    for metric, best in (("dists", 0), ("fd-effnet", 0)):
-        assert value[metric, "true-mesh", "2048"] == pytest.approx(best, abs=1e-4)
+    assert found == pytest.approx(kernel_distance(x, y), rel=1e-4)
+    for metric in ("dists", "fd-effnet"):
+        assert value[metric, "true-mesh", "2048"] == pytest.approx(0, abs=1e-4)
         assert value[metric, "blank", "2048"] == value[metric, "blank", "noise-0.10"] > 0.1
-    # Too few images for a share: 10 neighbours are needed, and this run has 6 images of a cell.
-    (row, *_) = (row for row in tables[-1].rows if row.method == "splat")
-    assert (np.isnan(row.value), row.note) == (True, "fewer than 11 pictures")
-    assert tables[-1].title.endswith("k = 10 (higher is better)")
-    assert tables[0].title == (
-        "dists, version 1: structure and texture of the features of VGG16; 0 is identical "
-        "(lower is better)"
-    )
+    assert [table.title.rpartition(" (")[2] for table in tables] == ["lower is better)"] * 3
 
 
-@pytest.mark.parametrize("metric_id", ["dists", "fd-effnet"])
-def test_a_judge_without_its_package_is_skipped_with_the_remedy(metric_id, copied):
-    reason = "the package is not installed; run 'bench doctor --install'"
-
-    def absent(chosen):
-        raise WeightsUnavailable(reason)
-
-    metrics = [find_scorer(metric_id), made(lambda truth, drawn: drawn[:, 0, 0, 0] * 1.0)]
-    sources = {metric_id: WeightsSource(metric_id, absent)}
-    judge, other = score(copied, metrics, weights=sources.get)
-    assert {row.note for row in judge.rows} == {f"skipped: weights; {reason}"}
-    assert all(row.skipped and np.isnan(row.value) for row in judge.rows)
-    assert all(np.isfinite(row.value) for row in other.rows)
-    assert "skipped" in judge.to_markdown()
+def test_shares_need_more_images_than_neighbours(copied):
+    tables = score(copied, [find_metric(name) for name in ("alexnet-precision", "alexnet-recall")])
+    for table in tables:
+        assert {row.note for row in table.rows} == {"fewer than 11 pictures"}
+        assert all(np.isnan(row.value) for row in table.rows)
+        assert table.title.endswith("k = 10 (higher is better)")
 
 
-def test_every_metric_on_request_has_weights_and_no_other():
-    assert all(
-        weights_of(metric).id in (metric, "fd-effnet", "fd-alexnet") for metric in ON_REQUEST
-    )
-    assert weights_of("edges") is None
+class Stored:
+    """Features of 12 views of two objects: of the truth, of a half of it, and of one image."""
+
+    def __init__(self):
+        rng = np.random.default_rng(0)
+        self.true = rng.standard_normal((24, 4)) + np.repeat([[0.0], [50.0]], 12, axis=0)
+        self.keys = [(obj, view) for obj in "ab" for view in range(12)]
+
+    def images(self, method, condition, class_name):
+        return self.keys
+
+    def of(self, method, condition, class_name, images):
+        rows = np.array([self.keys.index(image) for image in images])
+        if method == GROUND_TRUTH:
+            return self.true[rows]
+        return self.true[rows % (12 if method == "half" else 1)]
+
+
+def test_shares_of_a_method_that_draws_one_object_for_all():
+    """Half of the true images are not drawn: a recall of .5 at a precision of 1."""
+    features = FeatureDistances(Stored())
+    cell, images = ("half", "2048", "chair"), Stored().keys
+    precision = set_distance("alexnet-precision").between(features, cell, images)
+    recall = set_distance("alexnet-recall").between(features, cell, images)
+    assert (precision.value, recall.value) == (1, 0.5)
+    drawn, true = features.of(*cell, images), Stored().true
+    assert recall.value == share_within(true, drawn)
+    # Without object a its images are drawn for b alone, which is not among them.
+    assert recall.leave_one_out.tolist() == [0, 1]
+    once = set_distance("alexnet-recall").between(features, ("once", "2048", "chair"), images)
+    assert once.value == 1 / 24
+
+
+@pytest.mark.usefixtures("few_objects")
+def test_a_set_metric_whose_package_is_absent_is_skipped(copied):
+    def absent(images):
+        raise WeightsUnavailable("the package x is not installed; run 'bench doctor --install'")
+
+    tables = score(copied, [replace(find_metric("fd-effnet"), features=absent), of_set(absent)])
+    assert [{row.metric for row in table.rows} for table in tables] == [
+        {"fd-effnet"},
+        {"fd-made", "fd-made-kernel"},
+    ]
+    notes = {row.note for table in tables for row in table.rows}
+    assert notes == {"skipped: the package x is not installed; run 'bench doctor --install'"}
+    assert all(row.skipped and np.isnan(row.value) for table in tables for row in table.rows)
+
+
+def test_every_further_set_metric_is_known():
+    assert [find_metric(name).id for name in FURTHER_SETS] == list(FURTHER_SETS)

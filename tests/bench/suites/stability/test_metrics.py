@@ -6,13 +6,14 @@ import torch
 
 from bench.catalogue.metrics import (
     CONTROL_METRICS,
+    FURTHER_METRICS,
     IMAGE_METRICS,
     JUDGE,
-    KERNEL_METRICS,
-    ON_REQUEST,
+    NEIGHBOUR_METRICS,
     SET_METRICS,
 )
 from bench.metrics import structural_similarity
+from bench.metrics.inception_weights import WeightsUnavailable
 from bench.metrics.structural_similarity import SsimPerImage, ssim_per_image
 from bench.suites.stability import metric_cases
 from bench.suites.stability.metric_cases import (
@@ -57,8 +58,8 @@ def test_every_case_is_as_stated(outcomes):
 def test_every_metric_is_there(outcomes):
     bundled = {source.id for source in SET_METRICS} - {"fid"} | {JUDGE, FRECHET}
     angles = set(CONTROL_METRICS) - {"retrieval"}
-    on_request = set(ON_REQUEST) - set(KERNEL_METRICS)
-    assert set(METRICS) == set(IMAGE_METRICS) | bundled | on_request | angles
+    of_images = {*IMAGE_METRICS, *FURTHER_METRICS}
+    assert set(METRICS) == of_images | bundled | set(NEIGHBOUR_METRICS) | angles
     for kind in ("holds", "refused"):
         shown = {outcome.subject for outcome in outcomes if outcome.kind == kind}
         assert shown == set(METRICS) - (angles if kind == "refused" else set())
@@ -128,6 +129,11 @@ MISSING = Near("none", float("nan"))
 )
 def test_values_within_a_tolerance(stated, found, kind):
     assert outcome_of(stated, judge=lambda a, b: np.array(found)).kind == kind
+
+
+def test_an_optional_package_that_is_absent_is_no_fault():
+    outcome = outcome_of(Near("1", 1.0), judge=raising(WeightsUnavailable("not installed; run x")))
+    assert (outcome.kind, outcome.observed) == ("refused", "skipped: not installed; run x")
 
 
 def raising(error):

@@ -1,0 +1,82 @@
+"""LDR-FLIP, the difference that a viewer sees who flips between two images, by its own package.
+
+Source: Andersson, Nilsson, Akenine-Moeller, Oskarsson, Astroem and Fairchild, "FLIP: a difference
+evaluator for alternating images", HPG 2020; package `flip-evaluator` 1.7 of its authors, which is a
+native module of 1 MB and needs NumPy alone. Images are sRGB, and the viewer has the package's
+default of 67 pixels per degree (a screen of 0.7 m and 3,840 pixels at 0.7 m).
+
+The package is optional: without it, or with another version, the metric is skipped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
+from types import ModuleType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.metrics.inception_weights import WeightsUnavailable
+from bench.metrics.structural_similarity import require_images
+from data_prep.arrays import Floats
+
+PACKAGE, VERSION = "flip-evaluator", "1.7"
+REMEDY = f"run 'pip install --no-deps {PACKAGE}=={VERSION}'"
+
+
+def flip_module(
+    installed: Callable[[str], str] = version, load: Callable[[str], ModuleType] = import_module
+) -> ModuleType:
+    """Return the module of the package.
+
+    `installed` returns the version of a package, `load` imports. Raises WeightsUnavailable, with
+    the remedy, where the package is absent, has another version or cannot be imported.
+    """
+    try:
+        present = installed(PACKAGE)
+    except PackageNotFoundError as error:
+        raise WeightsUnavailable(f"the package {PACKAGE} is not installed; {REMEDY}") from error
+    if present != VERSION:
+        raise WeightsUnavailable(f"{PACKAGE} {present} is installed, expected {VERSION}; {REMEDY}")
+    try:
+        return load("flip_evaluator")
+    except ImportError as error:  # built for another Python or C library
+        raise WeightsUnavailable(f"{PACKAGE}: {error}; {REMEDY}") from error
+
+
+def flip(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> Floats:
+    """Return the mean FLIP error of images against the true ones; lower is better.
+
+    A value does not depend on the other images.
+
+    Parameters
+    ----------
+    truth, images : uint8 array, [N, H, W, 3]
+        True images and images of them, in sRGB.
+
+    Returns
+    -------
+    float64 array, [N]
+        Means over pixels, 0..1, of errors in float32; 0 for identical images. Symmetric.
+
+    Raises
+    ------
+    ValueError
+        Where an array is not uint8 or not [N, H, W, 3], where the shapes differ, and where there is
+        nothing to compare (a dimension of 0).
+    WeightsUnavailable
+        Where the package is absent, has another version or cannot be imported.
+    """
+    require_images(truth, images)
+    if truth.shape[-1] != 3:
+        raise ValueError(f"images must be [N, H, W, 3], got {list(truth.shape)}")
+    evaluate = flip_module().evaluate
+    values = np.empty(len(truth))
+    for i, pair in enumerate(zip(truth, images, strict=True)):
+        reference, test = (image.astype(np.float32) / np.float32(255) for image in pair)
+        options = {"applyMagma": False, "computeMeanError": False}
+        errors, _, _ = evaluate(reference, test, "LDR", **options)
+        values[i] = errors.mean(dtype=np.float64)  # its own, a sum in float32, is off by 1e-4
+    return values

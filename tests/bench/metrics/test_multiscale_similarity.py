@@ -1,0 +1,107 @@
+"""MS-SSIM against pyiqa and against its definition; closed forms are cases of the suite
+`stability`."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from skimage.measure import block_reduce
+from skimage.metrics import structural_similarity
+
+from bench.metrics.multiscale_similarity import WEIGHTS, ms_ssim, scale_weights
+
+from .pyiqa_modules import PROVENANCE, similarity_module
+from .similarity_images import PAIRS, disc, pattern
+
+# pyiqa rounds its window to float32: 6e-8 of moments of up to 255^2, over C2 and more.
+WINDOW_IN_FLOAT32 = 5e-6
+# Of 192 px with five scales, MS_SSIM(test_y_channel=False). Its powers add up to 1.0001.
+PUBLISHED = {"phase": 0.98293666, "contrast": 0.88731718, "both": 0.93680192}
+
+
+def of_pyiqa(a, b):
+    x, y = (torch.from_numpy(z).permute(0, 3, 1, 2).double() / 255 for z in (a, b))
+    return similarity_module().MS_SSIM(test_y_channel=False)(x, y).numpy()
+
+
+@pytest.mark.parametrize("name", PAIRS)
+def test_agrees_with_pyiqa_at_five_scales(name):
+    a, b = PAIRS[name](192)
+    (actual,) = ms_ssim(a, b)
+    assert actual == pytest.approx(PUBLISHED[name] ** (1 / sum(WEIGHTS)), abs=1e-6), PROVENANCE
+    assert of_pyiqa(a, b) == pytest.approx(PUBLISHED[name], abs=1e-6)
+
+
+def test_agrees_with_pyiqa_scale_by_scale_at_128():
+    """Four scales, by the functions of pyiqa and the weights as they are stated."""
+    a, b = PAIRS["both"](128)
+    ssim = similarity_module().ssim
+    x, y = (torch.from_numpy(z).permute(0, 3, 1, 2).double() for z in (a, b))
+    values = []
+    for _ in range(4):
+        whole, structure = ssim(x, y, get_cs=True, data_range=255)
+        values.append(float(structure))
+        x, y = (torch.nn.functional.avg_pool2d(z, 2) for z in (x, y))
+    values[-1] = float(whole)
+    expected = np.prod(np.power(values, scale_weights(128)))
+    assert ms_ssim(a, b)[0] == pytest.approx(expected, abs=WINDOW_IN_FLOAT32)
+
+
+def by_scikit_image(a, b):
+    """Return one pair's value by SSIM of scikit-image without its luminance: of images whose means
+    are made equal there is no other way to its components."""
+    x, y = (z[0].astype(np.float64) for z in (a, b))
+    logs = 0.0
+    for weight in scale_weights(128):
+        value = structural_similarity(
+            x, y, gaussian_weights=True, sigma=1.5, use_sample_covariance=False,
+            data_range=255, channel_axis=-1,
+        )  # fmt: skip
+        logs += weight * np.log(value)
+        x, y = (block_reduce(z, (2, 2, 1), np.mean) for z in (x, y))
+    return float(np.exp(logs))
+
+
+def test_agrees_with_scikit_image_where_luminance_is_one():
+    """Windows whose means agree have a luminance of 1: stripes of two pixels against none."""
+    a = np.full((1, 128, 128, 3), 128, np.uint8)
+    fine = a.copy()
+    fine[:, ::2, ::2] += 20
+    fine[:, 1::2, 1::2] += 20
+    fine[:, ::2, 1::2] -= 20
+    fine[:, 1::2, ::2] -= 20
+    # Windows of 11 px do not average a chequered pattern away, but for 1e-3 of a level.
+    assert ms_ssim(a, fine)[0] == pytest.approx(by_scikit_image(a, fine), abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("side", "scales"), [(1, 1), (21, 1), (22, 2), (87, 3), (88, 4), (128, 4), (176, 5), (999, 5)]
+)
+def test_as_many_scales_as_have_a_whole_window(side, scales):
+    weights = scale_weights(side)
+    assert len(weights) == scales
+    assert sum(weights) == pytest.approx(1, abs=1e-15)
+    assert np.divide(weights, WEIGHTS[:scales]) == pytest.approx(1 / sum(WEIGHTS[:scales]))
+
+
+def test_coarse_scales_count():
+    """Fine noise costs less than the same energy in coarse waves, other than by SSIM alone."""
+    a = disc(column=64)
+    near, far = ms_ssim(a, disc(column=65))[0], ms_ssim(a, disc(column=72))[0]
+    assert 1 > near > far > 0
+
+
+def test_an_image_does_not_depend_on_its_company():
+    a, b = (np.concatenate([pattern(48, k) for k in phases]) for phases in ((0, 1), (0.2, 1.1)))
+    together = ms_ssim(a, b)
+    assert together.tolist() == [ms_ssim(a[i : i + 1], b[i : i + 1])[0] for i in range(2)]
+    assert together.tolist() == ms_ssim(b, a).tolist()
+
+
+def test_an_odd_row_has_no_partner():
+    a, b = PAIRS["phase"](45)
+    value = ms_ssim(a, b)[0]
+    a[:, 44:], b[:, 44:] = 0, 0  # known by the first scale alone
+    assert value != ms_ssim(a, b)[0]
+    assert ms_ssim(a[:, :, :44], b[:, :, :44])[0] > 0
