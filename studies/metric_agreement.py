@@ -1,4 +1,4 @@
-"""Where the metrics of a run agree about the order of its methods, and where they do not.
+"""Agreement of the metrics of a run about the order of its methods.
 
     bench score DIR --metrics ms-ssim,cw-ssim,flip,silhouette-distance
     python -m studies.metric_agreement DIR [--metrics ssim,lpips] [-o metric-agreement.csv]
@@ -53,12 +53,12 @@ def read_values(directory: Path) -> pd.DataFrame:
     rows = pd.concat(tables).drop_duplicates(["condition", "class", "method", "metric"])
     competing = rows["method"].map(role).isin(["", "floor"])
     rows = rows[competing & (rows["method"] != BEST_RECONSTRUCTION)]
-    signs = rows["metric"].map(lambda metric: 1.0 if higher_is_better(metric) else -1.0)
-    rounded = [
-        round(value, decimals(metric))
-        for value, metric in zip(rows["failures_as_blank"], rows["metric"], strict=True)
+    pairs = zip(map(str, rows["metric"]), rows["failures_as_blank"], strict=True)
+    signed = [
+        round(value, decimals(metric)) * (1 if higher_is_better(metric) else -1)
+        for metric, value in pairs
     ]
-    rows = rows.assign(value=signs * rounded)
+    rows = rows.assign(value=signed)
     keys = ["condition", "class", "method"]
     values = rows.pivot(index=keys, columns="metric", values="value")
     return values.reindex(pd.MultiIndex.from_frame(rows[keys].drop_duplicates()))  # as in the files
@@ -94,9 +94,8 @@ def main() -> None:
     for (condition, class_name), cell in pairs.groupby(["condition", "class"], sort=False):  # type: ignore[misc]
         names = list(dict.fromkeys(cell["metric"]))
         taus = cell.pivot(index="metric", columns="other", values="tau")
-        print(
-            f"\n{class_name}, {condition_in_words(condition)}, {cell['methods'].iloc[0]} methods\n"
-        )
+        where = f"{class_name}, {condition_in_words(str(condition))}"
+        print(f"\n{where}, {cell['methods'].iloc[0]} methods\n")
         body = [[a, *("" if a == b else f"{taus.loc[a, b]:.2f}" for b in names)] for a in names]
         print(markdown(["", *names], body), end="")
     text = pairs.to_csv(index=False, quoting=csv.QUOTE_MINIMAL, lineterminator="\n")
