@@ -58,7 +58,7 @@ def neighbourhoods(
 
 def main() -> None:
     """Print a line for each number of neighbours."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("directory", type=Path)
     run = read_scored(parser.parse_args().directory)
     features = run.features[EXTRACTOR]

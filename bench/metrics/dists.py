@@ -156,7 +156,7 @@ def dists(
     return load_dists(torch.float32 if single else torch.float64).distance(a, b)
 
 
-@functools.lru_cache(maxsize=1)
+@functools.lru_cache(maxsize=2)
 def load_dists(dtype: torch.dtype) -> Dists:
-    """Return a `Dists` of the installed weights; the last is kept. Raises as `dists`."""
+    """Return a `Dists` of the installed weights; the last two are kept. Raises as `dists`."""
     return Dists(find_dists_weights(), find_lpips_weights("vgg"), dtype)

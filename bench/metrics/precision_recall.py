@@ -9,7 +9,7 @@ images for all clouds and has a recall near 0, whatever its precision.
 Variant: k = 10 in place of the paper's 3, which is for 50,000 independent images. The sets here
 have 20 views of each of a few dozen objects, and of the 3 nearest neighbours of a true image 91 %
 show its own object, so that even true images of 12 chairs have a precision of .17 against true
-images of 12 others (k = 10: .60). Values for other k, other features or other numbers of images
+images of 12 others (k = 10: .61). Values for other k, other features or other numbers of images
 must not be compared.
 """
 
