@@ -30,10 +30,10 @@ HALVINGS = 20
 
 
 class Neighbourhood(NamedTuple):
-    """The share of own objects among k neighbours, and the precision between halves, 0 to 1."""
+    """The share of the own object among k neighbours, and the precision between halves, 0 to 1."""
 
     k: int
-    own: float
+    own_object: float
     between_halves: float
 
 
@@ -43,13 +43,13 @@ def neighbourhoods(
     """Return both shares for each k, of features [n, d] and the object of each row [n]."""
     distances = cdist(features, features)
     np.fill_diagonal(distances, np.inf)
-    own = objects[np.argsort(distances, axis=1)] == objects[:, None]
+    alike = objects[np.argsort(distances, axis=1)] == objects[:, None]
     names, rng = np.unique(objects), np.random.default_rng(0)
     halves = [np.isin(objects, rng.permutation(names)[::2]) for _ in range(HALVINGS)]
     return [
         Neighbourhood(
             k,
-            float(own[:, :k].mean()),
+            float(alike[:, :k].mean()),
             float(np.mean([share_within(features[h], features[~h], k) for h in halves])),
         )
         for k in ks
@@ -65,7 +65,7 @@ def main() -> None:
     images = features.images(GROUND_TRUTH, "", run.records["class"].iloc[0])
     values = features.of(GROUND_TRUTH, "", run.records["class"].iloc[0], images)
     for line in neighbourhoods(values.astype(np.float64), np.array([obj for obj, _ in images])):
-        print(f"k {line.k:2}: own object {line.own:.3f}, between halves {line.between_halves:.3f}")
+        print(f"k {line.k:2}: own object {line.own_object:.3f}, between halves {line.between_halves:.3f}")
 
 
 if __name__ == "__main__":

@@ -12,6 +12,6 @@ def test_views_of_an_object_are_each_others_neighbours():
     objects = np.repeat(np.arange(8), 5)
     features = 100.0 * objects[:, None] + rng.uniform(0, 1, (40, 2))
     near, far = neighbourhoods(features, objects, (4, 8))
-    assert (near.own, near.between_halves) == (1, 0)
-    assert far.own == pytest.approx(0.5)
+    assert (near.own_object, near.between_halves) == (1, 0)
+    assert far.own_object == pytest.approx(0.5)
     assert far.between_halves > 0.4
