@@ -65,7 +65,9 @@ def main() -> None:
     images = features.images(GROUND_TRUTH, "", run.records["class"].iloc[0])
     values = features.of(GROUND_TRUTH, "", run.records["class"].iloc[0], images)
     for line in neighbourhoods(values.astype(np.float64), np.array([obj for obj, _ in images])):
-        print(f"k {line.k:2}: own object {line.own_object:.3f}, between halves {line.between_halves:.3f}")
+        print(
+            f"k {line.k:2}: own object {line.own_object:.3f}, between halves {line.between_halves:.3f}"
+        )
 
 
 if __name__ == "__main__":
