@@ -41,7 +41,7 @@ from threadpoolctl import threadpool_limits
 from bench.catalogue.methods import find_method
 from bench.catalogue.metrics import EXTRACTORS
 from bench.metrics.frechet import JackknifeMoments, frechet_distance, left_out_distances
-from bench.metrics.image_scores import scores
+from bench.metrics.image_scores import FURTHER_SCORES, scores
 from bench.metrics.inception_weights import WeightsUnavailable
 from bench.metrics.silhouette import foreground, silhouette_iou
 from bench.metrics.structural_similarity import ssim_per_image, ssim_per_image_and_mask
@@ -158,6 +158,12 @@ def report_scores(watch: Watch, pair: tuple[UInt8Images, UInt8Images], rounds: i
         "silhouette-iou": lambda: silhouette_iou(truth, drawn),
         "foreground": lambda: foreground(truth),
     }
+    for name, score in FURTHER_SCORES.items():
+        try:
+            score(truth[:1], drawn[:1])
+        except WeightsUnavailable:
+            continue
+        works[name] = partial(score, truth, drawn)
     for source in EXTRACTORS:
         try:
             extract = source.load(str(source.weights(None)))
