@@ -66,7 +66,8 @@ def main() -> None:
     values = features.of(GROUND_TRUTH, "", run.records["class"].iloc[0], images)
     for line in neighbourhoods(values.astype(np.float64), np.array([obj for obj, _ in images])):
         print(
-            f"k {line.k:2}: own object {line.own_object:.3f}, between halves {line.between_halves:.3f}"
+            f"k {line.k:2}: own object {line.own_object:.3f}, "
+            f"between halves {line.between_halves:.3f}"
         )
 
 
