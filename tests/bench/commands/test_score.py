@@ -177,7 +177,8 @@ def test_images_that_are_the_same_under_all_conditions_are_measured_once(finishe
 def test_a_run_takes_metrics_on_request(arguments, copied, command):
     """No job is done again; table, report, output and what the run repeats have the metric."""
     records = (copied / "records.parquet").read_bytes()
-    options = ("--metrics", "silhouette-distance", "--format", "csv", "--out", copied)
+    asked = "silhouette-distance,fd-effnet,alexnet-recall"
+    options = ("--metrics", asked, "--format", "csv", "--out", copied)
     status, out, err = command(*arguments, *options)
     assert status == 0, err
     assert "0 jobs done" in err
@@ -185,7 +186,9 @@ def test_a_run_takes_metrics_on_request(arguments, copied, command):
     assert (copied / "tables" / "metric_silhouette-distance.csv").is_file()
     page = (copied / "report.html").read_text()
     assert "mean distance in px between drawn and true outline" in page
-    assert read_config(copied / "manifest.json")["metrics"] == "silhouette-distance"
+    assert "features of EfficientNet-Lite0" in page
+    assert "fewer than 11 pictures" in page  # of alexnet-recall
+    assert read_config(copied / "manifest.json")["metrics"] == asked
     assert (copied / "records.parquet").read_bytes() == records
 
 
