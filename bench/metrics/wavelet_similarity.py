@@ -78,8 +78,8 @@ def _bands(image: NDArray[np.uint8], filters: Floats) -> NDArray[np.complex128]:
     height, width = filters.shape[1:]
     spectrum = np.fft.fft2(image.transpose(2, 0, 1))
     # Of the low frequencies alone the inverse transform is the filtered image at fewer places.
-    rows, columns = (np.fft.fftfreq(n, 1 / n).astype(int) for n in (height, width))
-    low = spectrum[:, rows[:, None], columns] * (height * width / spectrum[0].size)
+    low = spectrum[:, _frequencies(height)[:, None], _frequencies(width)]
+    low *= height * width / spectrum[0].size
     return np.fft.ifft2(low[:, None] * filters)
 
 
@@ -107,9 +107,7 @@ def _filters(height: int, width: int) -> Floats:
     at 1 - LEVELS; the one before cuts the corners.
     """
     shrink = 2 ** (LEVELS - 1)
-    rows, columns = (
-        np.fft.fftfreq(n // shrink, shrink / n) / (n / 2) for n in (height, width)
-    )  # 1 is the frequency of two pixels
+    rows, columns = (_frequencies(n // shrink) / (n / 2) for n in (height, width))  # 1: two pixels
     radius = np.hypot(rows[:, None], columns)
     radius[0, 0] = 2 / width  # no logarithm of 0: the mean of an image is stopped anyway
     octave = np.log2(radius)
@@ -121,6 +119,11 @@ def _filters(height: int, width: int) -> Floats:
     scale = 2 * 2**order * factorial(order) / np.sqrt(ORIENTATIONS * factorial(2 * order))
     turned = angle - np.pi * np.arange(ORIENTATIONS)[:, None, None] / ORIENTATIONS
     return scale * np.maximum(np.cos(turned), 0.0) ** order * radial
+
+
+def _frequencies(count: int) -> NDArray[np.intp]:
+    """Return the whole frequencies of a transform of so many values, in its order."""
+    return (np.arange(count) + count // 2) % count - count // 2
 
 
 def _rise(octave: Floats) -> Floats:
