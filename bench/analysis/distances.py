@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.analysis.cells import CellKey
-from bench.analysis.intervals import debiased, distance_interval, jackknife_interval
+from bench.analysis.intervals import clipped, debiased, distance_interval, jackknife_interval
 from bench.catalogue.methods import FLOOR, known_method
-from bench.catalogue.metrics import KERNEL_METRICS
+from bench.catalogue.metrics import KERNEL_METRICS, value_range
 from bench.metrics.frechet import JackknifeMoments, centred_to_frechet, left_out_distances
 from bench.metrics.kernel_distance import kernel_distance, left_out_kernel_distances
+from bench.metrics.precision_recall import NEIGHBOURS, left_out_shares, share_within
 from bench.records.features import Features, ImageKey
 from bench.records.record import GROUND_TRUTH
 from data_prep.arrays import Floats
@@ -99,7 +101,7 @@ class FeatureDistances:
 
 
 class SetDistance(NamedTuple):
-    """A kind of distance between images of a cell and the true ones of the same views.
+    """A kind of distance between images of a cell and the true ones of the same views, or a share.
 
     Attributes
     ----------
@@ -109,11 +111,14 @@ class SetDistance(NamedTuple):
         Returns the 95 % interval from the distance and those without each block of objects.
     debiased : callable
         Returns the distance as it would be with infinitely many objects, from the same two.
+    fewest : int
+        The fewest images that have a distance.
     """
 
     between: Callable[[FeatureDistances, CellKey, Sequence[ImageKey]], Distance]
     interval: Callable[[float, Floats], tuple[float, float]]
     debiased: Callable[[float, Floats], float]
+    fewest: int = 2
 
 
 def _kernel(features: FeatureDistances, cell: CellKey, shown: Sequence[ImageKey]) -> Distance:
@@ -122,14 +127,41 @@ def _kernel(features: FeatureDistances, cell: CellKey, shown: Sequence[ImageKey]
     return Distance(kernel_distance(x, y), left_out_kernel_distances(x, y, objects, objects))
 
 
+def _share(
+    metric: str, features: FeatureDistances, cell: CellKey, shown: Sequence[ImageKey]
+) -> Distance:
+    x, y = features.filled(cell, shown), features.of(GROUND_TRUTH, "", cell[2], shown)
+    if metric == RECALL:
+        x, y = y, x
+    objects = np.array([obj for obj, _ in shown])
+    return Distance(share_within(x, y), left_out_shares(x, y, objects, objects))
+
+
+def _unbiased(value: float, leave_one_out: Floats) -> float:
+    """Return NaN: the estimate has no bias that the jackknife would take away."""
+    del value, leave_one_out
+    return float("nan")
+
+
+def _share_interval(metric: str, value: float, leave_one_out: Floats) -> tuple[float, float]:
+    return clipped(jackknife_interval(value, [leave_one_out]), value_range(metric))
+
+
 FRECHET = SetDistance(FeatureDistances.distance, distance_interval, debiased)
 KERNEL = SetDistance(
     _kernel,
     lambda value, leave_one_out: jackknife_interval(value, [leave_one_out]),
-    lambda value, leave_one_out: float("nan"),  # the estimate has no bias
+    _unbiased,
 )
+PRECISION, RECALL = "alexnet-precision", "alexnet-recall"
+SHARES = {
+    metric: SetDistance(
+        partial(_share, metric), partial(_share_interval, metric), _unbiased, NEIGHBOURS + 1
+    )
+    for metric in (PRECISION, RECALL)
+}
 
 
 def set_distance(metric: str) -> SetDistance:
     """Return the kind of distance that a set metric is."""
-    return KERNEL if metric in KERNEL_METRICS else FRECHET
+    return KERNEL if metric in KERNEL_METRICS else SHARES.get(metric, FRECHET)

@@ -175,8 +175,9 @@ def distance_rows(
 def _distance(cell: CellKey, features: FeatureDistances, distance: SetDistance) -> _Value:
     _, condition, class_name = cell
     drawn = features.images(*cell)
-    if len(drawn) < 2:
-        return _Value(note="fewer than two images")
+    if len(drawn) < distance.fewest:
+        fewest = "two" if distance.fewest == 2 else distance.fewest
+        return _Value(note=f"fewer than {fewest} images")
     value, leave_one_out = distance.between(features, cell, drawn)
     wanted = set(features.images(GROUND_TRUTH, "", class_name)) - set(drawn)
     missing = wanted & set(features.images(FLOOR, condition, class_name)) if wanted else wanted

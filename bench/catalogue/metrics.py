@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 from bench.catalogue.lookup import find
 from bench.judges import JUDGE_WEIGHTS, VIEWS_WEIGHTS
 from bench.metrics.inception_weights import WeightsUnavailable, find_weights
+from bench.metrics.learned_weights import find_dists_weights, find_efficientnet_weights
 from bench.metrics.lpips_weights import find_lpips_weights
 
 if TYPE_CHECKING:  # `bench list` answers at once
@@ -47,6 +48,7 @@ FURTHER_METRICS = {
     "ms-ssim": "ssim at four scales, multiplied; 1 is identical",
     "cw-ssim": "ssim of complex wavelets, which hardly notices small shifts; 1 is identical",
     "flip": "difference seen when flipping between both images; 0 is identical",
+    "dists": "structure and texture of the features of VGG16; 0 is identical",
     "silhouette-distance": "mean distance in px between drawn and true outline; 0 is identical",
 }
 FURTHER_VERSION = 1  # raise when a change alters one of their values
@@ -66,6 +68,9 @@ RANGES = {
     "cw-ssim": (0.0, 1.0),
     "flip": (0.0, 1.0),
     "silhouette-distance": (0.0, math.hypot(128, 128)),
+    "dists": (0.0, math.inf),
+    "alexnet-precision": (0.0, 1.0),
+    "alexnet-recall": (0.0, 1.0),
     "class-confidence": (0.0, 1.0),
     "retrieval": (0.0, 1.0),
 }
@@ -88,26 +93,46 @@ KERNEL_METRICS = {
     "kid": ("fid", "kernel distance on the features of fid, unbiased for few images"),
     "kd-views": ("fd-views", "kernel distance on the features of fd-views"),
     "kd-alexnet": ("fd-alexnet", "kernel distance on the features of fd-alexnet"),
+    "kd-effnet": ("fd-effnet", "kernel distance on the features of fd-effnet"),
+}
+NEIGHBOUR_METRICS = {
+    "alexnet-precision": (
+        "fd-alexnet",
+        "share of the images that lie among true ones, by the features of fd-alexnet, k = 10",
+    ),
+    "alexnet-recall": (
+        "fd-alexnet",
+        "share of the true images that lie among those drawn; near 0 after mode collapse, k = 10",
+    ),
 }
 # Image metrics that the network of an extractor computes on its way to the features.
 LEARNED_METRICS = {"lpips": "fd-alexnet"}
-DISTANCES_OF_IMAGES = ("lpips", "flip", "silhouette-distance")
+DISTANCES_OF_IMAGES = ("lpips", "dists", "flip", "silhouette-distance")
+FURTHER_SETS = ("fd-effnet", "kd-effnet", *NEIGHBOUR_METRICS)  # metrics of sets that no suite has
 JUDGE = "judge"
 Extractor = Callable[["NDArray[np.uint8]"], "NDArray[np.float32]"]
 
 
 @dataclass(frozen=True)
-class FeatureSource:
-    """An extractor of features of images, which gives its name to a metric of sets.
+class WeightsSource:
+    """A metric with weights.
 
     `weights` finds the file to load, given the option of the command line; it raises
-    WeightsUnavailable where there is none, and then its metrics are skipped. `load` takes that
-    path.
-    `version` is raised by hand when a change alters the features.
+    WeightsUnavailable where there is none, and then the metric is skipped.
     """
 
     id: str
     weights: Callable[[str | None], Path]
+
+
+@dataclass(frozen=True)
+class FeatureSource(WeightsSource):
+    """An extractor of features of images, which gives its name to a metric of sets.
+
+    `load` takes the path that `weights` finds. `version` is raised by hand when a change alters the
+    features.
+    """
+
     load: Callable[[str], Extractor]
     version: int
     about: str
@@ -160,6 +185,12 @@ def _alexnet(weights: str) -> Extractor:
     return lambda images: network.encode(images).features.numpy()
 
 
+def _efficientnet(weights: str) -> Extractor:
+    from bench.metrics.efficientnet import load_efficientnet
+
+    return load_efficientnet(Path(weights)).features
+
+
 def _judge(weights: str) -> Extractor:
     from bench.judges.judge import judge, load_judge_network
     from learning.convolution import fold_normalisation
@@ -172,6 +203,16 @@ def _judge(weights: str) -> Extractor:
 def _installed_alexnet(chosen: str | None) -> Path:
     del chosen
     return find_lpips_weights()
+
+
+def _installed_efficientnet(chosen: str | None) -> Path:
+    del chosen
+    return find_efficientnet_weights()
+
+
+def _installed_dists(chosen: str | None) -> Path:
+    del chosen
+    return find_dists_weights()
 
 
 def _bundled_judge(chosen: str | None) -> Path:
@@ -217,7 +258,15 @@ SET_METRICS = (
         1,
         "features of AlexNet, trained on photographs: mean of the last convolution",
     ),
+    FeatureSource(
+        "fd-effnet",
+        _installed_efficientnet,
+        _efficientnet,
+        1,
+        "features of EfficientNet-Lite0, trained on photographs: mean of the last convolution",
+    ),
 )
+DISTS = WeightsSource("dists", _installed_dists)
 
 
 EXTRACTORS = (
@@ -239,8 +288,8 @@ def find_extractor(extractor_id: str) -> FeatureSource:
 
 def extractor_of(metric: str) -> str:
     """Return the id of the extractor behind a set metric or a learned image metric."""
-    if metric in KERNEL_METRICS:
-        return KERNEL_METRICS[metric][0]
+    if source := (KERNEL_METRICS | NEIGHBOUR_METRICS).get(metric):
+        return source[0]
     return LEARNED_METRICS.get(metric, metric)
 
 
@@ -258,7 +307,9 @@ def value_range(metric: str) -> tuple[float, float]:
 
 def higher_is_better(metric: str) -> bool:
     """Return whether more of a metric of the tables is better."""
-    return metric == "retrieval" or (is_mean(metric) and metric not in DISTANCES_OF_IMAGES)
+    if metric == "retrieval" or metric in NEIGHBOUR_METRICS:
+        return True
+    return is_mean(metric) and metric not in DISTANCES_OF_IMAGES
 
 
 def column(metric: str) -> str:

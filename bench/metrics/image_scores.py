@@ -16,11 +16,20 @@ from bench.metrics.thin_parts import thin_scores_of
 from bench.metrics.wavelet_similarity import cw_ssim
 
 Score = Callable[[NDArray[np.uint8], NDArray[np.uint8]], NDArray[np.float64]]
+
+
+def _dists(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> NDArray[np.float64]:
+    from bench.metrics.dists import dists  # imports torch
+
+    return dists(truth, images, single=True)
+
+
 # Metrics that no suite has: `bench run --metrics` and `bench score` take them of kept images.
 FURTHER_SCORES: Mapping[str, Score] = {
     "ms-ssim": ms_ssim,
     "cw-ssim": cw_ssim,
     "flip": flip,
+    "dists": _dists,
     "silhouette-distance": silhouette_distance,
 }
 

@@ -140,7 +140,7 @@ class Lpips:
 
         Raises ValueError for another type or shape, and for sides below the trunk's least.
         """
-        _require_images(images, self._trunk.least)
+        require_images(images, self._trunk.least)
         for i, (known, seen) in enumerate(self._last):
             if np.array_equal(known, images):
                 self._last.append(self._last.pop(i))
@@ -208,7 +208,7 @@ def lpips(
     if a.shape != b.shape:
         raise ValueError(f"stacks of images must have the same shape, got {a.shape} and {b.shape}")
     for images in (a, b):
-        _require_images(images, TRUNKS[net].least)
+        require_images(images, TRUNKS[net].least)
     dtype = torch.float32 if single else torch.float64
     network = load_lpips(find_lpips_weights(net), net, dtype)
     parts = [
@@ -218,7 +218,8 @@ def lpips(
     return np.concatenate([np.empty(0), *parts])
 
 
-def _require_images(images: NDArray[np.uint8], least: int) -> None:
+def require_images(images: NDArray[np.uint8], least: int) -> None:
+    """Raise ValueError for anything but uint8 [N, H, W, 3], and for a side below `least` px."""
     shape = f"{images.dtype} {list(images.shape)}"
     if images.dtype != np.uint8 or images.ndim != 4 or images.shape[3] != 3:
         raise ValueError(f"images must be uint8 [N, H, W, 3], got {shape}")

@@ -22,6 +22,7 @@ from bench.catalogue.metrics import (
     FURTHER_METRICS,
     IMAGE_METRICS,
     KERNEL_METRICS,
+    NEIGHBOUR_METRICS,
     RECOGNITION_METRICS,
     SET_METRICS,
     is_mean,
@@ -280,10 +281,10 @@ def _meanings(
 ) -> tuple[tuple[str, tuple[tuple[str, str], ...]], ...]:
     known = {c.id: f"{condition_words(c.id)}; {c.source}" for c in CONDITIONS}
     distances = {m.id: f"Fréchet distance, lower is better: {m.about}" for m in SET_METRICS}
-    kernel = {metric: about for metric, (_, about) in KERNEL_METRICS.items()}
+    kernel = {m: about for m, (_, about) in (KERNEL_METRICS | NEIGHBOUR_METRICS).items()}
     metrics = IMAGE_METRICS | distances | kernel | RECOGNITION_METRICS | CONTROL_METRICS
     further = {
-        m: FURTHER_METRICS.get(m, "of another package")
+        m: (FURTHER_METRICS | metrics).get(m, "of another package")
         for m in manifest.get("request", {}).get("metrics", ())
     }
     measured = (

@@ -264,13 +264,14 @@ def extractor(name: str) -> Extractor:
     return source.load(str(source.weights(None)))
 
 
-def _of_constants(name: str, a: UInt8Images, b: UInt8Images) -> float:
+def of_constants(name: str, a: UInt8Images, b: UInt8Images) -> float:
     """Return the squared distance of the features of two images."""
     features = extractor(name)
     return float(((features(a[:1])[0].astype(float) - features(b[:1])[0].astype(float)) ** 2).sum())
 
 
-def _rounding_of(name: str, a: UInt8Images, b: UInt8Images) -> float:
+def rounding_of(name: str, a: UInt8Images, b: UInt8Images) -> float:
+    """Return the rounding of a distance of the features of two stacks of images."""
     features = extractor(name)
     return rounding(features(a), features(b))
 
@@ -290,54 +291,25 @@ def _on_networks(words: str, value: OfNetwork, within: OfNetwork) -> dict[str, M
     return stated | {JUDGE: UNIT_CODES}
 
 
-_SAME = "0, not less, of 6 images"
+SAME = "0, not less, of 6 images"
 
 NETWORK_CASES = cases(
     "features of images",
-    ("identical-pictures", lambda: twice(boxes()), _on_networks(_SAME, 0.0, _rounding_of)),
+    ("identical-pictures", lambda: twice(boxes()), _on_networks(SAME, 0.0, rounding_of)),
     ("pictures-in-reverse", lambda: (boxes(), boxes()[::-1]),
-     _on_networks(_SAME, 0.0, largest_move(0.0, 64, 6, FLOAT32_FEATURES))),
+     _on_networks(SAME, 0.0, largest_move(0.0, 64, 6, FLOAT32_FEATURES))),
     ("white-pictures", lambda: twice(flat(255, 3)),
-     _on_networks(_SAME, 0.0, largest_move(0.0, 64, 3, FLOAT32_FEATURES))),
+     _on_networks(SAME, 0.0, largest_move(0.0, 64, 3, FLOAT32_FEATURES))),
     ("white-pictures-against-black", lambda: (flat(255, 3), flat(0, 3)),
      _on_networks("nothing varies: the squared distance of two feature vectors",
-                  _of_constants,
+                  of_constants,
                   lambda name, a, b: largest_move(
-                      math.sqrt(_of_constants(name, a, b)), 64, 3, FLOAT32_FEATURES))),
+                      math.sqrt(of_constants(name, a, b)), 64, 3, FLOAT32_FEATURES))),
     ("colour-against-its-grey", lambda: (boxes(), grey(boxes())),
      near("0: of colour only the luma counts", 0.0, "fd-views-grey",
-          within=functools.partial(_rounding_of, "fd-views-grey"))),
+          within=functools.partial(rounding_of, "fd-views-grey"))),
     ("noise-and-one-pixel", lambda: (flat(255, 2), np.concatenate([noise(5), speck(255, 0, 0)])),
      {JUDGE: UNIT_CODES}),
-)  # fmt: skip
-
-
-_WHITE_BLACK = 0.78644050453  # float64, computed apart by the original's rule (version 0.1)
-_LPIPS_SINGLE = 1e-5  # its error in float32
-_ON_ALEXNET = functools.partial(_rounding_of, "fd-alexnet")
-
-ALEXNET_CASES = (
-    *cases_of("lpips", "distances by AlexNet",
-        ("lpips-identical", lambda: twice(noise(5)), Near("0", 0.0)),
-        ("lpips-white-against-black", lambda: (flat(255), flat(0)),
-         Near("that of the original", _WHITE_BLACK, _LPIPS_SINGLE)),
-        ("lpips-swapped", lambda: (flat(0), flat(255)),
-         Near("symmetric", _WHITE_BLACK, _LPIPS_SINGLE)),
-        ("lpips-no-images", lambda: twice(flat(0, 0)), Near("no values", lambda a, b: np.empty(0))),
-        ("lpips-in-0-to-1", lambda: (flat(255) / 255, flat(0) / 255),
-         Refused(ValueError, "images must be uint8 [N, H, W, 3], got float64")),
-        ("lpips-another-size", lambda: (flat(0, side=64), flat(0)),
-         Refused(ValueError, "must have the same shape")),
-        ("lpips-too-small", lambda: twice(flat(0, side=30)),
-         Refused(ValueError, "of 31 x 31 pixels or more")),
-    ),
-    *cases_of("fd-alexnet", "distances by AlexNet",
-        ("alexnet-identical", lambda: twice(boxes()), Near(_SAME, 0.0, _ON_ALEXNET)),
-        ("alexnet-one-image", lambda: (flat(0), flat(255)),
-         Refused(TooFewSamples, "[1, 256]")),
-        ("alexnet-in-0-to-1", lambda: twice(boxes() / 255),
-         Refused(ValueError, "images must be uint8")),
-    ),
 )  # fmt: skip
 
 

@@ -1,6 +1,6 @@
 """Metrics at the edges of their domain: cases by metrics, and the value or refusal of each.
 
-The cases are those of `image_cases`, `similarity_cases` and `feature_cases`.
+The cases are those of `image_cases`, `similarity_cases`, `feature_cases` and `learned_cases`.
 """
 
 from __future__ import annotations
@@ -19,19 +19,20 @@ from bench.metrics.frechet import frechet_distance
 from bench.metrics.image_scores import FURTHER_SCORES, scores
 from bench.metrics.inception_weights import WeightsUnavailable
 from bench.metrics.peak_signal_to_noise import psnr
+from bench.metrics.precision_recall import share_within
 from bench.metrics.silhouette import silhouette_iou
 from bench.metrics.structural_similarity import ssim_per_image
 from bench.metrics.thin_parts import thin_scores
 from bench.running.isolation import one_thread
 from bench.suites.stability.expectations import Kind
 from bench.suites.stability.feature_cases import (
-    ALEXNET_CASES,
     ANGLE_CASES,
     FRECHET_CASES,
     NETWORK_CASES,
     extractor,
 )
 from bench.suites.stability.image_cases import INPUT_CASES, SILHOUETTE_CASES, SSIM_CASES, THIN_CASES
+from bench.suites.stability.learned_cases import ALEXNET_CASES, LEARNED_CASES
 from bench.suites.stability.metric_cases import (
     FD_VIEWS,
     FRECHET,
@@ -56,10 +57,11 @@ CASES = (
     + SIMILARITY_CASES
     + NETWORK_CASES
     + ALEXNET_CASES
+    + LEARNED_CASES
     + FRECHET_CASES
     + ANGLE_CASES
 )
-DISTANCES = (FRECHET, *FD_VIEWS, "fd-alexnet")
+DISTANCES = (FRECHET, *FD_VIEWS, "fd-alexnet", "fd-effnet")
 Metric = Callable[[Any, Any], Any]  # of the two arrays of a case
 
 
@@ -149,6 +151,15 @@ def _lpips(truth: UInt8Images, images: UInt8Images) -> Floats:
     return lpips(truth, images, single=True)
 
 
+def _precision(truth: UInt8Images, images: UInt8Images) -> float:
+    features = extractor("fd-alexnet")
+    return share_within(features(images), features(truth))
+
+
+def _recall(truth: UInt8Images, images: UInt8Images) -> float:
+    return _precision(images, truth)
+
+
 def _between(name: str, truth: UInt8Images, images: UInt8Images) -> float:
     features = extractor(name)
     return frechet_distance(features(truth), features(images))
@@ -179,6 +190,9 @@ METRICS: Mapping[str, Metric] = {
     "fd-views-grey": functools.partial(_between, "fd-views-grey"),
     "lpips": _lpips,
     "fd-alexnet": functools.partial(_between, "fd-alexnet"),
+    "fd-effnet": functools.partial(_between, "fd-effnet"),
+    "alexnet-precision": _precision,
+    "alexnet-recall": _recall,
     JUDGE: _code_lengths,
     "azimuth-error-deg": azimuth_error_deg,
     "elevation-error-deg": elevation_error_deg,

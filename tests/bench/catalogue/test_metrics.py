@@ -1,21 +1,27 @@
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 import torch
 from safetensors.torch import save_file
 
 import bench.catalogue.metrics
+from bench.analysis.distances import SHARES
 from bench.catalogue.metrics import (
     FURTHER_METRICS,
+    FURTHER_SETS,
     IMAGE_METRICS,
     JUDGE,
     LEARNED_METRICS,
+    NEIGHBOUR_METRICS,
     UNDEFINED,
     WeightsUnavailable,
     column,
     extractor_of,
     find_extractor,
+    higher_is_better,
     is_mean,
     value_range,
 )
@@ -53,7 +59,20 @@ def test_metrics_on_request_are_means_of_no_suite():
         assert column(metric) not in Record.__dataclass_fields__
         assert is_mean(metric)
     assert value_range("silhouette-distance") == (0, pytest.approx(181.0193, abs=1e-4))
+    assert value_range("dists") == value_range("fd-effnet") == (0, math.inf)
     assert value_range("flip") == value_range("ms-ssim") == (0, 1)
+
+
+def test_shares_are_of_no_suite_and_more_is_better():
+    assert list(SHARES) == list(NEIGHBOUR_METRICS)
+    for metric in NEIGHBOUR_METRICS:
+        assert (extractor_of(metric), value_range(metric)) == ("fd-alexnet", (0, 1))
+        assert higher_is_better(metric)
+        assert not is_mean(metric)
+    asked = {m for suite in SUITES for m in (*suite.set_metrics, *suite.class_metrics)}
+    assert not asked & set(FURTHER_SETS)
+    assert not higher_is_better("dists")
+    assert not higher_is_better("kd-effnet")
 
 
 def test_grey_features_do_not_see_colour():

