@@ -153,9 +153,8 @@ def visible(depth: Floats, reach: float, tolerance: float) -> NDArray[np.bool_]:
     Hidden is a point that lies `tolerance` behind what nearer points close when they are dilated
     and eroded by `reach` pixels.
     """
-    side = 2 * int(np.ceil(min(reach, MOST_PX))) + 1
-    far = np.finfo(np.float64).max
-    border = side // 2
+    border = int(np.ceil(min(max(reach, 1.0), MOST_PX)))
+    side, far = 2 * border + 1, np.finfo(np.float64).max
     padded = np.pad(np.minimum(depth, far), border, constant_values=far)
     closed = ndimage.maximum_filter(ndimage.minimum_filter(padded, side), side)
     return np.isfinite(depth) & (depth <= closed[border:-border, border:-border] + tolerance)
