@@ -69,7 +69,7 @@ def solution(samples: Floats32, width: np.float32) -> Floats32:
 
     Raises StageFailure("gauss", ...) where rounding leaves the system without a solution.
     """
-    inverse = _inverse_cube(samples, samples, width)
+    inverse = inverse_cube(samples, samples, width)
     parts = [(samples[:, axis, None] - samples[:, axis]) * inverse for axis in range(3)]
     kernel = np.concatenate(parts, axis=1)  # K as a matrix [N, 3 N]: all x, then all y, then all z
     gram = kernel @ kernel.T
@@ -94,7 +94,7 @@ def indicator(
     for first in range(0, len(places), CHUNK):
         part = slice(first, first + CHUNK)
         flux = places[part] @ vectors.T - constant
-        values[part] = (flux * _inverse_cube(places[part], samples, width)).sum(axis=1)
+        values[part] = (flux * inverse_cube(places[part], samples, width)).sum(axis=1)
     return values
 
 
@@ -133,7 +133,7 @@ def surface(samples: Floats32, vectors: Floats32, width: np.float32, reach: floa
     return in_grey(vertices[used], corners.reshape(-1, 3))
 
 
-def _inverse_cube(places: Floats32, samples: Floats32, width: np.float32) -> Floats32:
+def inverse_cube(places: Floats32, samples: Floats32, width: np.float32) -> Floats32:
     """Return 1 / (4 pi r^3), [M, N]."""
     square = (places**2).sum(axis=1)[:, None] - 2 * (places @ samples.T)
     square += (samples**2).sum(axis=1)

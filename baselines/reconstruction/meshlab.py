@@ -27,7 +27,7 @@ class MeshLab:
     cannot be loaded.
     """
 
-    def __init__(self, points: Points) -> None:
+    def __init__(self, points: Points, normals: Points | None = None) -> None:
         try:
             import pymeshlab
         except ImportError as error:  # its wheel needs libGL and libOpenGL from the system
@@ -35,7 +35,10 @@ class MeshLab:
 
         self._types: Any = pymeshlab  # its names come from a compiled module
         self._meshes = self._types.MeshSet(verbose=False)
-        self._meshes.add_mesh(self._types.Mesh(vertex_matrix=points.astype(np.float64)))
+        arrays = {"vertex_matrix": points.astype(np.float64)}
+        if normals is not None:
+            arrays["v_normals_matrix"] = normals.astype(np.float64)
+        self._meshes.add_mesh(self._types.Mesh(**arrays))
 
     def _apply(self, name: str, **parameters: Any) -> None:
         try:
@@ -97,15 +100,17 @@ class MeshLab:
             resolution=resolution,
         )
 
-    def screened_poisson(self, depth: int) -> None:
+    def screened_poisson(self, depth: int, weight: float) -> None:
         """Reconstruct by screened Poisson on an octree of `depth` levels, from oriented normals.
 
+        `weight` is that of the points against the normals (MeshLab's own is 4).
         On one thread: with more, the mesh changes from run to run. Points without a normal (those
         that no face uses, after `close_holes`) are left out.
         """
         self._apply(
             "generate_surface_reconstruction_screened_poisson",
             depth=depth,
+            pointweight=weight,
             preclean=True,
             threads=1,
         )

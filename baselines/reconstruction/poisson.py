@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from baselines.reconstruction.meshlab import MeshLab
 from baselines.reconstruction.stages import (
     DrawsReconstruction,
     Reconstruction,
@@ -28,6 +29,9 @@ from baselines.reconstruction.stages import (
 from baselines.reconstruction.surface import closed_surface, reconstruction
 from data_prep.failures import StageFailure
 from data_prep.scene import Mesh, PointCloud, Points
+
+POINT_WEIGHT = 4.0  # MeshLab's
+REACH = 1.0
 
 
 @dataclass(frozen=True)
@@ -51,25 +55,35 @@ class Poisson(DrawsReconstruction):
         return trimmed_poisson(cloud.points, self.depth)
 
 
-def trimmed_poisson(points: Points, depth: int) -> Reconstruction:
+def trimmed_poisson(
+    points: Points,
+    depth: int,
+    normals: Points | None = None,
+    weight: float = POINT_WEIGHT,
+    reach: float = REACH,
+) -> Reconstruction:
     """Return the trimmed reconstruction from points [N, 3].
+
+    normals  outward [N, 3]; None takes those of the mesh of `closed_surface`
+    weight   of the points against the normals
+    reach    of the surface from the points, in spacings
 
     Raises StageFailure as `Poisson.prepare`.
     """
-    meshlab = closed_surface(points)
-    run("poisson", lambda: meshlab.screened_poisson(depth))
+    meshlab = closed_surface(points) if normals is None else MeshLab(points, normals)
+    run("poisson", lambda: meshlab.screened_poisson(depth, weight))
     whole = reconstruction("poisson", meshlab)
-    return Reconstruction(trimmed(whole.mesh, points), whole.notes)
+    return Reconstruction(trimmed(whole.mesh, points, reach), whole.notes)
 
 
-def trimmed(mesh: Mesh, points: Points) -> Mesh:
-    """Return the faces of `mesh` whose vertices all lie within the spacing of points [N, 3].
+def trimmed(mesh: Mesh, points: Points, reach: float = REACH) -> Mesh:
+    """Return the faces of `mesh` whose vertices all lie within `reach` spacings of points [N, 3].
 
     N is above 10. Raises StageFailure("trim", ...) where no face is left.
     """
-    reach = spacing(points)
+    farthest = reach * spacing(points)
     distance, _ = cKDTree(points).query(mesh.vertices)
-    keep = np.all(np.asarray(distance)[mesh.faces] <= reach, axis=1)
+    keep = np.all(np.asarray(distance)[mesh.faces] <= farthest, axis=1)
     if not keep.any():
-        raise StageFailure("trim", f"no face within {reach:.3g} of the points")
+        raise StageFailure("trim", f"no face within {farthest:.3g} of the points")
     return kept_faces(mesh, keep)

@@ -218,6 +218,11 @@ EXPECTED: Mapping[str, Mapping[str, Expectation]] = {
         **dict.fromkeys(("noise-1", "noise-2"), _INSIDE),
         "turned": Changes(1.0, "its grid is not turned with the cloud"),
     },
+    "wnnc-poisson": _USED_POINTS
+    | {
+        "collinear": Fails("winding: "),
+        **dict.fromkeys(("float16", "turned", "millimetres"), _CHAOS),
+    },
     "open3d-poisson": _USED_POINTS
     | {
         **_at_least(5, "tangent planes"),
@@ -253,6 +258,12 @@ EXPECTED: Mapping[str, Mapping[str, Expectation]] = {
             _REPEATED,
             Changes(1.0, "the nearest other point is at no distance, and discs are the smallest"),
         ),
+    },
+    "splat-fill": _POINTS
+    | {
+        **_at_least(1, "images"),
+        **dict.fromkeys(_SHIFTS, _BLANK),
+        **dict.fromkeys(_REPEATED, _EXACT),
     },
     "true-mesh": {},
     "true-mesh@grey": {},

@@ -98,7 +98,8 @@ class FakeMeshLab:
         type(self).options = (*options, *flags.values())
         self._stage(f"apss {resolution}", 1)
 
-    def screened_poisson(self, depth: int) -> None:
+    def screened_poisson(self, depth: int, weight: float) -> None:
+        assert weight == 4  # MeshLab's own
         self._stage(f"poisson {depth}", 1)
 
     def normals(self) -> np.ndarray:

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 import torch
 
-from baselines.splat_net.surfels import FLATTENED, HOPS, NEIGHBOURS, Surfels, find_surfels, stack
+from baselines.neighbourhoods import NEIGHBOURS
+from baselines.splat_net.surfels import FLATTENED, HOPS, Surfels, find_surfels, stack
 
 from .conftest import make_cloud
 

@@ -1,0 +1,191 @@
+"""Projected points filled to an image by pull and push: what images alone can do.
+
+No surface is reconstructed and nothing is trained. Grossman and Dally (Point sample rendering,
+1998) and Marroquim, Kraus and Cavalcanti (Efficient point-based rendering using image
+reconstruction, 2007) fill the gaps between projected points from coarser images:
+
+Samples  The nearest point of each pixel, as bright as its normal says: the light of the scene
+         shines along the view. Normals are those of the points' neighbourhoods.
+Hidden   A point is hidden where the nearer ones close in on it: where the image of nearness,
+         dilated and eroded by some spacings of the points, is nearer than it.
+Pull     Coarser and coarser images, each pixel the mean of its samples, until none is empty.
+Push     From the coarsest to the finest, a pixel that has too few samples takes from the coarser.
+Outline  The pixels that a disc beside the points cannot reach, likewise (an alpha shape in the
+         image), eroded by somewhat less, for the last points lie within the outline. Its edge is a
+         pixel wide.
+
+Noisy points, by the estimate of `baselines.reconstruction.noise`, are first moved onto planes of
+their neighbourhoods, and the sparsest left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from baselines.neighbourhoods import fit_planes
+from baselines.reconstruction.denoised import (
+    DENSITY_NEIGHBOURS,
+    LEFT_OUT,
+    MOST_LEFT_OUT,
+    NOISY,
+)
+from baselines.reconstruction.noise import even_sample, noise_scale
+from baselines.reconstruction.smoothing import dense_part
+from baselines.reconstruction.stages import check_points, spacing
+from data_prep.arrays import Floats
+from data_prep.rendering.camera import CAMERA_DISTANCE, FOCAL_PX, camera_to_world, project
+from data_prep.scene import IMAGE_SIZE, NEUTRAL_GREY, Images, PointCloud, View
+
+GAMMA = 2.2  # of the scene's shading: data_prep/rendering/mesh.frag
+MOST_POINTS = 8192
+HOPS = 2  # of the neighbourhoods that normals are those of
+ROUNDS = 3  # of smoothing
+SMOOTHING, FEWEST_HOPS, MOST_HOPS = 4.0, 2, 12  # hops for a noise of one spacing
+CLOSING = 1.5  # radius of the disc that closes the outline, in spacings of the points
+MARGIN = 0.2  # of the outline about the outermost points, in spacings
+COVERING = 1.5  # reach of what hides, in spacings
+BEHIND = 0.5  # depth from which on a point is hidden, in spacings
+MOST_PX = 16.0  # a lone point must not paint the image
+
+
+@dataclass(frozen=True, eq=False)
+class OrientedPoints:
+    """Points [N, 3] with unit normals [N, 3] of either sign, and their spacing."""
+
+    points: Floats
+    normals: Floats
+    spacing: float
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class SplatFill:
+    """A renderer by projected points and pull-push; `closing` is in spacings of the points."""
+
+    closing: float = CLOSING
+
+    def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> OrientedPoints:
+        """Smooth noisy points and find the normals; no randomness, and no order of the points.
+
+        Raises StageFailure("input", ...) for an empty cloud or a non-finite point.
+        """
+        del rng
+        check_points(cloud.points, 1, "images")
+        points = np.unique(cloud.points, axis=0)
+        points = points[:: -(-len(points) // MOST_POINTS)]
+        noise = noise_scale(points)
+        between = spacing(points)
+        note = f"noise: {noise:.3f}"
+        exact = points.astype(np.float64)
+        if noise > NOISY * spacing(even_sample(points)):
+            exact = _smoothed(exact, noise, between)
+            note += f"; smoothed: {ROUNDS} times, {len(exact)} of {len(points)} kept"
+        (planes,) = fit_planes(exact, (HOPS,))
+        return OrientedPoints(exact, planes.normals, between, (note,))
+
+    def draw(
+        self, state: OrientedPoints, views: Sequence[View], rng: np.random.Generator | None = None
+    ) -> Images:
+        """Project and fill the points; no randomness."""
+        del rng
+        images = np.empty((len(views), IMAGE_SIZE, IMAGE_SIZE, 3), np.float32)
+        for i, view in enumerate(views):
+            images[i] = self._paint(state, view)[..., None]
+        return images
+
+    def _paint(self, state: OrientedPoints, view: View) -> Floats:
+        depth, brightness = _nearest(state, view)
+        if not np.isfinite(depth).any():
+            return np.ones(depth.shape)
+        to_px = FOCAL_PX / CAMERA_DISTANCE
+        between = state.spacing * to_px
+        coverage = outline(np.isfinite(depth), self.closing * between, MARGIN * between)
+        shown = visible(depth, COVERING * between, BEHIND * state.spacing)
+        filled = pull_push(np.where(shown, brightness, 0.0), shown.astype(np.float64))
+        return 1 - coverage + coverage * filled
+
+
+def _smoothed(points: Floats, noise: float, between: float) -> Floats:
+    hops = int(np.clip(round(SMOOTHING * (noise / between) ** 2), FEWEST_HOPS, MOST_HOPS))
+    for _ in range(ROUNDS):
+        (planes,) = fit_planes(points, (hops,))
+        points = planes.flattened
+    return dense_part(points, 1 - min(LEFT_OUT * noise, MOST_LEFT_OUT), DENSITY_NEIGHBOURS)
+
+
+def _nearest(state: OrientedPoints, view: View) -> tuple[Floats, Floats]:
+    """Return depth and brightness of the nearest point of each pixel; depth is inf without one."""
+    pixels, depth = project(state.points, view)
+    within = ((pixels >= 0) & (pixels < IMAGE_SIZE)).all(axis=1)
+    seen = np.flatnonzero((depth > 0.05 * CAMERA_DISTANCE) & within)
+    order = seen[np.argsort(-depth[seen], kind="stable")]  # the nearest is written last
+    column, row = pixels[order].astype(np.intp).T
+    cosine = np.abs(state.normals[order] @ camera_to_world(view)[:3, 2]).clip(0, 1)
+    depths = np.full((IMAGE_SIZE, IMAGE_SIZE), np.inf)
+    brightness = np.ones((IMAGE_SIZE, IMAGE_SIZE))
+    depths[row, column] = depth[order]
+    brightness[row, column] = NEUTRAL_GREY[0] / 255 * cosine ** (1 / GAMMA)
+    return depths, brightness
+
+
+def outline(occupied: NDArray[np.bool_], radius: float, margin: float) -> Floats:
+    """Return how much of each pixel [S, S] lies within the outline of the occupied ones, 0..1.
+
+    The outline is `margin` beyond what a disc of `radius`, both in pixels, cannot reach.
+    """
+    radius = min(max(radius, 1.0), MOST_PX)
+    margin = min(max(margin, 0.5), radius)  # a lone point is a pixel
+    border = int(np.ceil(radius)) + 1
+    empty = np.pad(~occupied, border, constant_values=True)
+    near = ndimage.distance_transform_edt(empty) <= radius
+    depth = ndimage.distance_transform_edt(near)[border:-border, border:-border]
+    return np.clip(depth - (radius - margin), 0.0, 1.0)
+
+
+def visible(depth: Floats, reach: float, tolerance: float) -> NDArray[np.bool_]:
+    """Return where the points of a depth image [S, S] (inf: none) are not hidden by nearer ones.
+
+    Hidden is a point that lies `tolerance` behind what nearer points close when they are dilated
+    and eroded by `reach` pixels.
+    """
+    border = int(np.ceil(min(max(reach, 1.0), MOST_PX)))
+    side, far = 2 * border + 1, np.finfo(np.float64).max
+    padded = np.pad(np.minimum(depth, far), border, constant_values=far)
+    closed = ndimage.maximum_filter(ndimage.minimum_filter(padded, side), side)
+    return np.isfinite(depth) & (depth <= closed[border:-border, border:-border] + tolerance)
+
+
+def pull_push(values: Floats, weights: Floats) -> Floats:
+    """Return an image [S, S] that keeps values of weight 1 and fills the others from coarser ones.
+
+    S is a power of two; weights are 0 or 1, and one of them at least is 1.
+    """
+    levels = [(values * weights, weights)]
+    while len(levels[-1][0]) > 1:
+        total, weight = (_sums_of_four(part) for part in levels[-1])
+        scale = 1 / np.maximum(weight, 1.0)  # a pixel is full with one sample
+        levels.append((total * scale, weight * scale))
+    total, weight = levels.pop()
+    image = total / weight
+    for total, weight in reversed(levels):
+        image = total + (1 - weight) * _doubled(image)
+    return image
+
+
+def _sums_of_four(image: Floats) -> Floats:
+    half = len(image) // 2
+    return image.reshape(half, 2, half, 2).sum(axis=(1, 3))
+
+
+def _doubled(image: Floats) -> Floats:
+    """Return an image of twice the side, interpolated linearly between pixel centres."""
+    for _ in range(2):  # rows, then columns
+        padded = np.pad(image, ((1, 1), (0, 0)), mode="edge")
+        between = np.stack([padded[:-2] + 3 * image, padded[2:] + 3 * image], axis=1) / 4
+        image = between.reshape(-1, image.shape[1]).T
+    return image
