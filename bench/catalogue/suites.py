@@ -279,6 +279,8 @@ STABILITY = StabilitySuite(
         "denoised-bpa",
         "denoised-alpha",
         "denoised-poisson",
+        "alpha-wrap",
+        "denoised-wrap",
         "pgr",
         "pc2pix",
         "pc2pix@bf16",
