@@ -157,6 +157,16 @@ PARAMETERS = (
         "of the kernel, in spacings of the points",
     ),
     Parameter(
+        "pgr",
+        "cell",
+        "baselines.reconstruction.gauss:ParametricGauss",
+        "cell_px",
+        0.5,
+        4,
+        False,
+        "side of a grid cell, in pixels at the origin",
+    ),
+    Parameter(
         "open3d-poisson",
         "depth",
         "baselines.reconstruction.open3d_poisson:Open3dPoisson",

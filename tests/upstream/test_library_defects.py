@@ -297,7 +297,7 @@ def pymeshlab_ball_pivoting_depends_on_the_order() -> str:
 
 @defect(r"^crash: the worker died \(SIGSEGV\)$", "baselines.reconstruction.alpha_wrap.SPECK")
 def pymeshlab_alpha_wrap_of_points_crashes() -> str:
-    """The alpha wrap of points without faces: a segmentation fault, where CGAL itself wraps them."""
+    """The alpha wrap of points without faces: a segmentation fault. CGAL can wrap points."""
     meshlab = MeshLab(box())
     meshlab.alpha_wrap(0.1, 0.01)
     return f"{meshlab.face_count} faces"

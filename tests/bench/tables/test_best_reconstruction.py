@@ -56,9 +56,13 @@ def test_every_ranking_is_of_what_there_is():
 
 
 def test_methods_say_whether_they_reconstruct():
-    """Those that are ranked, and one that is measured by itself."""
+    """Those that are ranked, and some that are not yet or are measured by themselves."""
     reconstructions = {method.id for method in CATALOGUE if method.kind == "reconstruction"}
-    assert reconstructions == set(RANKING["2048"]) | {"open3d-poisson"}
+    assert reconstructions == set(RANKING["2048"]) | {
+        "open3d-poisson",
+        "alpha-wrap",
+        "denoised-wrap",
+    }
 
 
 def test_the_row_has_the_values_of_the_chosen_method(directory):
