@@ -28,6 +28,7 @@ from scipy.spatial import cKDTree
 
 from baselines.reconstruction.denoised import cleaned
 from baselines.reconstruction.stages import DrawsReconstruction, Reconstruction, in_grey
+from baselines.reconstruction.surface_fit import FOOTPRINT
 from data_prep.arrays import Floats32
 from data_prep.failures import StageFailure
 from data_prep.scene import Mesh, PointCloud
@@ -35,16 +36,21 @@ from data_prep.scene import Mesh, PointCloud
 MOST_POINTS = 2500
 RAISED_DIAGONAL = 1.05
 REACH = 2.0  # of the surface from the samples, in spacings
-CELL = 0.03  # of the grid; a pixel covers 0.017 at the origin
-MOST_CELLS = 67  # along the longest side of the cloud's box: 2 in cells of 0.03
+CELL_PX = 1.74  # side of a cell of the grid, in pixels at the origin
+LARGEST = 2.01  # longest side of a box that has such cells; larger ones have larger cells
 CHUNK = 1024  # places at a time: 10 MB for each array of places x samples
 
 
 @dataclass(frozen=True)
 class ParametricGauss(DrawsReconstruction):
-    """The parametric Gauss reconstruction; `width` is the kernel's, in spacings of the points."""
+    """The parametric Gauss reconstruction.
+
+    `width` is the kernel's, in spacings of the points, `cell_px` the side of a cell of the grid, in
+    pixels at the origin.
+    """
 
     width: float = 1.0
+    cell_px: float = CELL_PX
 
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> Reconstruction:
         """Reconstruct the surface; no randomness, and the order of the points does not matter.
@@ -59,7 +65,8 @@ class ParametricGauss(DrawsReconstruction):
         width = self.width * clean.spacing
         samples = clean.points.astype(np.float32)
         vectors = solution(samples, np.float32(width))
-        mesh = surface(samples, vectors, np.float32(width), reach=REACH * clean.spacing)
+        cell = self.cell_px * FOOTPRINT
+        mesh = surface(samples, vectors, np.float32(width), REACH * clean.spacing, cell)
         return Reconstruction(mesh, (*clean.notes, f"width: {width:.3f}"))
 
 
@@ -98,15 +105,19 @@ def indicator(
     return values
 
 
-def surface(samples: Floats32, vectors: Floats32, width: np.float32, reach: float) -> Mesh:
+def surface(
+    samples: Floats32, vectors: Floats32, width: np.float32, reach: float, cell: float
+) -> Mesh:
     """Return the level set through the samples, up to `reach` from them; its faces turn outwards.
+
+    `cell` is the side of the grid's cells, which are larger where the samples' box is.
 
     Raises StageFailure("marching-cubes", ...) where there is none.
     """
     from skimage.measure import marching_cubes
 
     level = float(indicator(samples, samples, vectors, width).mean())
-    cell = max(CELL, float(np.ptp(samples, axis=0).max()) / MOST_CELLS)
+    cell *= max(1.0, float(np.ptp(samples, axis=0).max()) / LARGEST)
     margin = reach + 3 * cell
     low = samples.min(axis=0) - margin
     shape = np.ceil((samples.max(axis=0) + margin - low) / cell).astype(int) + 1

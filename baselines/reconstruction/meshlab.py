@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from data_prep.arrays import Floats
 from data_prep.failures import MissingDependency
 from data_prep.rendering.opengl import REMEDY
 from data_prep.scene import Mesh, Points
@@ -27,7 +28,13 @@ class MeshLab:
     cannot be loaded.
     """
 
-    def __init__(self, points: Points, normals: Points | None = None) -> None:
+    def __init__(
+        self,
+        points: Points | Floats,
+        *,
+        normals: Points | None = None,
+        faces: NDArray[np.integer] | None = None,
+    ) -> None:
         try:
             import pymeshlab
         except ImportError as error:  # its wheel needs libGL and libOpenGL from the system
@@ -35,9 +42,11 @@ class MeshLab:
 
         self._types: Any = pymeshlab  # its names come from a compiled module
         self._meshes = self._types.MeshSet(verbose=False)
-        arrays = {"vertex_matrix": points.astype(np.float64)}
+        arrays: dict[str, NDArray[Any]] = {"vertex_matrix": points.astype(np.float64)}
         if normals is not None:
             arrays["v_normals_matrix"] = normals.astype(np.float64)
+        if faces is not None:
+            arrays["face_matrix"] = faces.astype(np.int32)
         self._meshes.add_mesh(self._types.Mesh(**arrays))
 
     def _apply(self, name: str, **parameters: Any) -> None:
@@ -113,6 +122,18 @@ class MeshLab:
             pointweight=weight,
             preclean=True,
             threads=1,
+        )
+
+    def alpha_wrap(self, radius: float, offset: float) -> None:
+        """Wrap the faces by a closed surface at the distance `offset` (Portaneri et al. 2022).
+
+        It is carved from outside by a ball of `radius`; both are in the units of the points. The
+        mesh must have faces, and two different vertices: on points alone CGAL ends the process.
+        """
+        self._apply(
+            "generate_alpha_wrap",
+            alpha=self._types.PureValue(radius),
+            offset=self._types.PureValue(offset),
         )
 
     @property

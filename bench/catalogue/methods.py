@@ -214,6 +214,18 @@ METHODS = (
         identity=partial(loaders.versions, "embreex", "pymeshlab", "scipy"),
     ),
     _reconstruction(
+        "alpha-wrap",
+        "alpha_wrap:AlphaWrap",
+        source="alpha wrapping of the points as they are (Portaneri et al. 2022)",
+        identity=partial(loaders.versions, "embreex", "pymeshlab", "scipy"),
+    ),
+    _reconstruction(
+        "denoised-wrap",
+        "alpha_wrap:DenoisedWrap",
+        source="alpha wrapping of points smoothed as their noise asks for",
+        identity=partial(loaders.versions, "embreex", "pymeshlab", "scipy"),
+    ),
+    _reconstruction(
         "pgr",
         "gauss:ParametricGauss",
         source="parametric Gauss reconstruction (Lin et al. 2022)",

@@ -268,6 +268,8 @@ STABILITY = StabilitySuite(
         "denoised-bpa",
         "denoised-alpha",
         "denoised-poisson",
+        "alpha-wrap",
+        "denoised-wrap",
         "pgr",
         "wnnc-poisson",
         "pc2pix",

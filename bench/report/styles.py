@@ -29,7 +29,7 @@ FLOOR_DASHES: tuple[Dashes, ...] = ((0, (6, 3)), (0, (2, 2)))
 # The families of most plots: these eight differ in hue, marker and dashes at once.
 COMMON_FAMILIES = (
     *("surface-apss", "splat-net", "pc2pix", "splat"),
-    *("alpha-shape", "denoised-alpha", "surface-fit", "denoised-bpa"),
+    *("alpha-shape", "denoised-alpha", "surface-fit", "denoised-wrap"),
 )
 
 

@@ -30,6 +30,7 @@ NETWORKS = (
 METHODS = (*SURFACES, *NETWORKS, "splat", "true-mesh", *FLOORS)
 ORDERLESS = (
     *("denoised-alpha", "denoised-bpa", "denoised-poisson", "pgr", "surface-fit"),
+    *("alpha-wrap", "denoised-wrap"),
     *("splat-net@tiny", "splat"),
 )
 VIEWS = [View(10, 20), View(370, 20), View(-100, -40), View(0, 90), View(30, -90)]
@@ -117,6 +118,8 @@ FEW = "where the camera looks, a cube each; normals need at least 11"
         ("alpha-shape", np.full((50, 3), 0.3), "delaunay", "QH"),
         ("alpha-shape", PLANE, "delaunay", "QH"),
         ("alpha-shape", [*np.eye(3), [1, 1, 1]], "alpha-shape", "no triangle fits a ball"),
+        ("alpha-wrap", TEN_PLACES, "input", f"10 of 50 {FEW_DIFFERENT}"),
+        ("denoised-wrap", TEN_PLACES, "input", f"10 of 50 {FEW_DIFFERENT}"),
         ("denoised-alpha", TEN_PLACES, "input", f"10 of 50 {FEW_DIFFERENT}"),
         ("denoised-alpha", AWAY, "input", f"0 of 50 {FEW_DIFFERENT}"),
         ("denoised-alpha", PLANE, "delaunay", "QH"),

@@ -295,6 +295,14 @@ def pymeshlab_ball_pivoting_depends_on_the_order() -> str:
     return "{} faces, {} of the same points in reverse".format(*counts)
 
 
+@defect(r"^crash: the worker died \(SIGSEGV\)$", "baselines.reconstruction.alpha_wrap.SPECK")
+def pymeshlab_alpha_wrap_of_points_crashes() -> str:
+    """The alpha wrap of points without faces: a segmentation fault. CGAL can wrap points."""
+    meshlab = MeshLab(box())
+    meshlab.alpha_wrap(0.1, 0.01)
+    return f"{meshlab.face_count} faces"
+
+
 TRIANGLE = np.array(((-1.0, -1.0, 0.0), (1.0, -1.0, 0.0), (0.0, 1.0, 0.0)))
 WHITE = (1.0, 1.0, 1.0, 1.0)
 SIDE = 32  # pixels

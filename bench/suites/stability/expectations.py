@@ -211,6 +211,8 @@ EXPECTED: Mapping[str, Mapping[str, Expectation]] = {
         "collinear": Fails("ball-pivoting: no faces"),
         **dict.fromkeys(("float16", "turned", "millimetres"), _CHAOS),
     },
+    "alpha-wrap": _USED_POINTS,
+    "denoised-wrap": _USED_POINTS,
     "pgr": _USED_POINTS
     | {
         **dict.fromkeys(("collinear", "two-clusters", "scale-1e-3"), Fails("marching-cubes: ")),

@@ -60,7 +60,7 @@ def test_the_equations() -> None:
 
 
 def test_a_sphere() -> None:
-    mesh = surface(*sphere(), WIDTH, reach=0.1)
+    mesh = surface(*sphere(), WIDTH, reach=0.1, cell=0.03)
     radii = np.linalg.norm(mesh.vertices.astype(np.float64), axis=1)
     # The level passes the samples; between them chi waves with the spacing, by less than a tenth.
     assert np.abs(radii - RADIUS).max() < SPACING / 10
