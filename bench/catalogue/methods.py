@@ -34,6 +34,7 @@ def _network(
     load: Callable[[str], Renderer] | None = None,
     trained_on: TrainedOn = "chairs",
     color: Color = "invented",
+    learned_in_3d: bool = False,
 ) -> Method:
     """Return a network with bundled weights; `load` where it is not loaded as usual."""
     return Method(
@@ -46,6 +47,7 @@ def _network(
         trained_on=trained_on,
         kind="network",
         color=color,
+        learned_in_3d=learned_in_3d,
     )
 
 
@@ -156,6 +158,16 @@ METHODS = (
         trained_on="13 classes",
         source="splat-net fed with the nearest depth alone, as Z2P is; a short training "
         "(baselines/splat_net/weights/depth.md)",
+    ),
+    _network(
+        "occupancy-net",
+        package=loaders.OCCUPANCY_NET,
+        weights="all",
+        trained_on="13 classes",
+        color="none",
+        learned_in_3d=True,
+        source="an occupancy network on three planes (Peng et al. 2020), trained on the clouds of "
+        "splat-net@all (baselines/occupancy_net/weights/all.md)",
     ),
     _reconstruction(
         "surface-apss",
@@ -311,7 +323,11 @@ COST_VARIANTS = (
     ),
 )
 BUNDLED = (*METHODS, *COST_VARIANTS)
-WITH_WEIGHTS_FILE = {"pc2pix": loaders.PC2PIX, "splat-net": loaders.SPLAT_NET}
+WITH_WEIGHTS_FILE = {
+    "pc2pix": loaders.PC2PIX,
+    "splat-net": loaders.SPLAT_NET,
+    "occupancy-net": loaders.OCCUPANCY_NET,
+}
 # The first two stand where the id of a method stands: they are no ids for methods of others.
 OUR_FAMILIES = {"ground-truth", BEST_RECONSTRUCTION} | {method.family for method in BUNDLED}
 FLOOR = "blank"
@@ -321,8 +337,8 @@ FLOORS = tuple(method.id for method in METHODS if method.role == "floor")
 def find_method(method_id: str) -> Method:
     """Return the method with this id, or a variant of one.
 
-    `pc2pix@FILE.safetensors` and `splat-net@FILE.safetensors` have weights of your own,
-    `METHOD@PARAMETER=VALUE` is a method with one parameter set
+    `pc2pix@FILE.safetensors`, `splat-net@FILE.safetensors` and `occupancy-net@FILE.safetensors`
+    have weights of your own, `METHOD@PARAMETER=VALUE` is a method with one parameter set
     (`bench.catalogue.parameters.PARAMETERS`).
 
     Raises BadInput for an unknown id (naming the nearest), an unknown parameter or value, weights

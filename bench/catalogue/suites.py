@@ -286,6 +286,7 @@ STABILITY = StabilitySuite(
         "splat-net",
         "splat-net@bf16",
         "splat-net@tiny",
+        "occupancy-net",
         "splat",
         "true-mesh",
         "constant",

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 import torch
 
+from baselines.occupancy_net.train import OccupancyNetConfig
 from baselines.splat_net.train import SplatNetConfig
 from baselines.splat_net.weights import load_weights
 from bench.catalogue.methods import find_method
@@ -55,6 +56,7 @@ def test_cuda_where_there_is_none(command, tmp_path):
         (training_options.AutoencoderOptions, AutoencoderConfig),
         (training_options.GanOptions, GanConfig),
         (training_options.SplatNetOptions, SplatNetConfig),
+        (training_options.OccupancyNetOptions, OccupancyNetConfig),
         (training_options.DecoderOptions, DecoderConfig),
     ],
 )
