@@ -72,12 +72,12 @@ def level_set(values: NDArray[np.float32], level: float, half_extent: float) -> 
 def _evaluated(occupancy: Occupancy, nodes: Tensor, half_extent: float) -> Tensor:
     """Return values on the nodes of a grid where `nodes` holds, and zeros elsewhere."""
     cell = 2 * half_extent / (len(nodes) - 1)
-    found = occupancy(nodes.nonzero() * cell - half_extent)
-    bad = int((~found.isfinite()).sum())
+    logits = occupancy(nodes.nonzero() * cell - half_extent)
+    bad = int((~logits.isfinite()).sum())
     if bad:
-        raise StageFailure("occupancy", f"{bad} of {len(found)} values are not finite")
+        raise StageFailure("occupancy", f"{bad} of {len(logits)} values are not finite")
     values = torch.zeros(nodes.shape)
-    values[nodes] = found
+    values[nodes] = logits
     return values
 
 

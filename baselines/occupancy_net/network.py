@@ -44,7 +44,7 @@ class OccupancyConfig:
 DEFAULT = OccupancyConfig()
 
 
-class Block(nn.Module):
+class ResidualLayers(nn.Module):
     """Two layers of a perceptron, with a skip past them."""
 
     def __init__(self, width_in: int, width: int) -> None:
@@ -140,14 +140,16 @@ class OccupancyNet(nn.Module):
         self.config = config
         channels, place = config.widths[0], 3 + 6 * len(FREQUENCIES)
         self.enter = nn.Linear(place, 2 * channels)
-        self.start = Block(2 * channels, channels)
-        self.rounds = nn.ModuleList(Block(2 * channels, channels) for _ in range(config.rounds))
+        self.start = ResidualLayers(2 * channels, channels)
+        self.rounds = nn.ModuleList(
+            ResidualLayers(2 * channels, channels) for _ in range(config.rounds)
+        )
         self.crowd = nn.Parameter(torch.zeros(channels))
         self.planes = PlaneNetwork(config.widths)
         self.at_place = nn.Linear(place, config.hidden)
         self.at_planes = nn.Linear(len(AXES) * channels, config.hidden)
         self.blocks = nn.Sequential(
-            *(Block(config.hidden, config.hidden) for _ in range(config.blocks))
+            *(ResidualLayers(config.hidden, config.hidden) for _ in range(config.blocks))
         )
         self.answer = nn.Linear(config.hidden, 1)
 
