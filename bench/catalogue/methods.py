@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Literal
 from bench.catalogue import loaders  # no package that is slow to import: `bench list` needs this
 from bench.catalogue.lookup import family_of, find, variant_of
 from bench.catalogue.method import Method
-from bench.catalogue.networks import COST_VARIANTS, NETWORKS
+from bench.catalogue.networks import COST_VARIANTS, NETWORK_METHODS
 from bench.catalogue.parameters import find_setting
 from bench.catalogue.reconstruction import BEST_RECONSTRUCTION
 from data_prep import plugins
@@ -51,7 +51,7 @@ def _reconstruction(
 _reference = partial(Method, kind="reference", version=1)
 
 METHODS = (
-    *NETWORKS,
+    *NETWORK_METHODS,
     _reconstruction(
         "surface-apss",
         "surface:SurfaceApss",

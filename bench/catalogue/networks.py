@@ -39,7 +39,7 @@ def _network(
 
 _splat_net = partial(_network, package=loaders.SPLAT_NET)
 
-NETWORKS = (
+NETWORK_METHODS = (
     _network(
         "pc2pix",
         source="paper, section 3; bundled weights, objective paired (pc2pix/weights/chair.md)",
