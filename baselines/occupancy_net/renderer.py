@@ -34,6 +34,7 @@ class OccupancyNetRenderer(DrawsReconstruction):
     def __init__(
         self, weights: OccupancyWeights, *, device: str = "cpu", level: float = LEVEL
     ) -> None:
+        self.weights = weights
         self.device = torch.device(device)
         self.network = weights.network.to(self.device)
         self.logit = float(np.log(level / (1 - level)))
