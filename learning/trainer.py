@@ -80,3 +80,34 @@ class NetworkTrainer:
             for group in groups:
                 group["lr"] = rate
         optimizer.step()
+
+
+class CooledTrainer(NetworkTrainer):
+    """A trainer whose learning rate is constant, then falls to nothing over the last steps.
+
+    The configuration has `learning_rate`, `steps` and `cool_down`, the number of these last steps.
+    """
+
+    def steps_left(self) -> int:
+        """Return how many steps are still to be taken."""
+        return self.config.steps - int(self.steps_done)
+
+    def rate(self, done: int) -> float:
+        """Return the learning rate of the step after `done` steps."""
+        left = self.config.steps - done
+        return self.config.learning_rate * min(1.0, left / max(1, self.config.cool_down))
+
+    def independent_steps(self, steps: int) -> int:
+        """Return the number of steps before the last `cool_down`."""
+        return max(0, steps - self.config.cool_down)
+
+    def learning_rates(self, steps: int) -> str:
+        """Return the whole schedule in words."""
+        last = f"{self.rate(steps - 1):g} at step {steps}"
+        constant = min(steps, self.config.steps - max(1, self.config.cool_down) + 1)
+        if constant < 1:
+            return f"falling linearly from {self.rate(0):g} at step 1 to {last}"
+        rate = f"{self.config.learning_rate:g}"
+        if constant == steps:
+            return rate
+        return f"{rate} up to step {constant}, then falling linearly to {last}"

@@ -59,7 +59,7 @@ PAGES = (
     REPOSITORY / "README.md",
     *sorted((REPOSITORY / "docs").glob("*.md")),
     *sorted((REPOSITORY / "pc2pix" / "weights").glob("*.md")),  # model cards
-    *sorted((REPOSITORY / "baselines" / "splat_net" / "weights").glob("*.md")),
+    *sorted((REPOSITORY / "baselines").glob("*/weights/*.md")),
 )
 BEGIN, END = "<!-- numbers:", "<!-- end -->"
 CATALOGUE, GAP = "catalogue", "–"

@@ -40,7 +40,7 @@ PAGES = [
     *(README, REPOSITORY / "CONTRIBUTING.md", HISTORY),
     *sorted(DOCS.glob("*.md")),
     *sorted((REPOSITORY / "pc2pix" / "weights").glob("*.md")),
-    *sorted((REPOSITORY / "baselines" / "splat_net" / "weights").glob("*.md")),
+    *sorted((REPOSITORY / "baselines").glob("*/weights/*.md")),
 ]
 COMMANDS = [  # of whole pages, then of those on parts that the reader writes
     pytest.param(command, page in (README, TUTORIAL), id=f"{page.stem}-{i}")

@@ -78,6 +78,6 @@ def wrapped(points: Points | Floats, radius: float, offset: float) -> Reconstruc
     Raises StageFailure("alpha-wrap", ...) where MeshLab refuses or there is no face.
     """
     vertices = (points.astype(np.float64)[:, None] + SPECK).reshape(-1, 3)
-    meshlab = MeshLab(vertices, np.arange(len(vertices)).reshape(-1, 3))
+    meshlab = MeshLab(vertices, faces=np.arange(len(vertices)).reshape(-1, 3))
     run("alpha-wrap", lambda: meshlab.alpha_wrap(max(radius, FOOTPRINT), offset))
     return reconstruction("alpha-wrap", meshlab)

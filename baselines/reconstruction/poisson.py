@@ -70,7 +70,7 @@ def trimmed_poisson(
 
     Raises StageFailure as `Poisson.prepare`.
     """
-    meshlab = closed_surface(points) if normals is None else MeshLab(points, normals)
+    meshlab = closed_surface(points) if normals is None else MeshLab(points, normals=normals)
     run("poisson", lambda: meshlab.screened_poisson(depth, weight))
     whole = reconstruction("poisson", meshlab)
     return Reconstruction(trimmed(whole.mesh, points, reach), whole.notes)

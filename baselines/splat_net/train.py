@@ -43,16 +43,13 @@ from data_prep.failures import BadInput
 from data_prep.scene import View
 from learning import training_loop
 from learning.averaging import take_statistics, update
-from learning.clouds import add_noise, draw_points
+from learning.clouds import MAX_NOISE, degrade
 from learning.processes import ONE, Processes
-from learning.trainer import NetworkTrainer, Part
+from learning.trainer import CooledTrainer, Part
 
 Seen = tuple[Tensor, Tensor]  # channels [B, C, S, S], and points [B, 3, N] as the camera sees them
 HEADS: tuple[Material, ...] = ("colour", "grey")
 VIEWS_TOGETHER = 2  # of a cloud, in a step
-POINTS_SEEN = (2048, 2048, 1024, 512, 512)  # one of these for all clouds of a step
-MAX_NOISE = 0.12  # standard deviation, in radii of the unit sphere: a little beyond the paper's
-CLEAN_SHARE = 0.4
 SHEET_CLOUDS = 8
 
 
@@ -129,7 +126,7 @@ def train_splat_net(
     return training_loop.train(build, config, arrays, out_dir, device, on_progress)
 
 
-class _SplatNetTrainer(NetworkTrainer):
+class _SplatNetTrainer(CooledTrainer):
     kind = KIND
     config: SplatNetConfig
 
@@ -174,7 +171,7 @@ class _SplatNetTrainer(NetworkTrainer):
     def take_step(self) -> dict[str, Tensor]:
         self.network.train()
         self.judge.train()
-        if self._left() <= self.config.cool_down:
+        if self.steps_left() <= self.config.cool_down:
             take_statistics(self.network, self.average)
         seen, truth, noise = self._draw_batch()
         with self.autocast():
@@ -193,32 +190,10 @@ class _SplatNetTrainer(NetworkTrainer):
             clean, noisy = self.objective.patch_weight
             weight = clean + (noisy - clean) * noise.to(self.device) / MAX_NOISE
             total = total + (weight * patches).mean()
-        self.minimise(total, self.adam, self._rate(int(self.steps_done)))
+        self.minimise(total, self.adam, self.rate(int(self.steps_done)))
         self.steps_done += 1
         update(self.average, self.network, self.config.ema_decay, int(self.steps_done))
         return {name: value.detach() for name, value in terms.items()}
-
-    def _left(self) -> int:
-        return self.config.steps - int(self.steps_done)
-
-    def _rate(self, done: int) -> float:
-        """Return the learning rate of the step after `done` steps."""
-        left = self.config.steps - done
-        return self.config.learning_rate * min(1.0, left / max(1, self.config.cool_down))
-
-    def independent_steps(self, steps: int) -> int:
-        """Return the number of steps before the last `cool_down`."""
-        return max(0, steps - self.config.cool_down)
-
-    def learning_rates(self, steps: int) -> str:
-        last = f"{self._rate(steps - 1):g} at step {steps}"
-        constant = min(steps, self.config.steps - max(1, self.config.cool_down) + 1)
-        if constant < 1:
-            return f"falling linearly from {self._rate(0):g} at step 1 to {last}"
-        rate = f"{self.config.learning_rate:g}"
-        if constant == steps:
-            return rate
-        return f"{rate} up to step {constant}, then falling linearly to {last}"
 
     def _judge(self, drawn: Tensor, real: Tensor) -> tuple[Tensor, Tensor]:
         """Take a step of the judge; return its error, and how false [B] it finds drawn images.
@@ -253,10 +228,7 @@ class _SplatNetTrainer(NetworkTrainer):
         points = self.clouds[objects]
         noise = torch.zeros(clouds)
         if self.config.augment:
-            which = int(torch.randint(len(POINTS_SEEN), (), generator=self.random))
-            points = draw_points(points, POINTS_SEEN[which], self.random)
-            clean = points
-            points = add_noise(clean, MAX_NOISE, CLEAN_SHARE, self.random)
+            points, clean = degrade(points, self.random)
             noise = (points - clean).std(dim=(1, 2))
         scene = self._scene(points, objects, order[:, :VIEWS_TOGETHER], mirrored)
         return *scene, noise.repeat_interleave(VIEWS_TOGETHER)

@@ -41,7 +41,7 @@ class Family:
         return tuple(name for name, least, most in self.trained if not least <= value <= most)
 
 
-# Of `splat-net` the constants of baselines/splat_net/train.py; of `pc2pix` its bundled weights
+# Of `splat-net` the constants of learning/clouds.py; of `pc2pix` its bundled weights
 # (pc2pix/weights/chair.md): it was shown at most 1,024 points, and of more it sees 1,024 at a time.
 FAMILIES = (
     Family(

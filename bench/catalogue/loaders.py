@@ -74,6 +74,12 @@ class NetworkPackage:
 
 PC2PIX = NetworkPackage("pc2pix", ("torch",), 4, "bench train gan")
 SPLAT_NET = NetworkPackage("baselines.splat_net", ("torch", "scipy"), 2, "bench train splat-net")
+OCCUPANCY_NET = NetworkPackage(
+    "baselines.occupancy_net",
+    ("embreex", "scikit-image", "torch"),
+    1,
+    "bench train occupancy-net",
+)
 
 
 def unfolded(device: str) -> Renderer:

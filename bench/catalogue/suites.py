@@ -278,6 +278,7 @@ STABILITY = StabilitySuite(
         "splat-net",
         "splat-net@bf16",
         "splat-net@tiny",
+        "occupancy-net",
         "splat",
         "splat-fill",
         "true-mesh",

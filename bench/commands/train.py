@@ -22,6 +22,7 @@ from bench.training.options import (
     AutoencoderOptions,
     DecoderOptions,
     GanOptions,
+    OccupancyNetOptions,
     SplatNetOptions,
 )
 
@@ -120,6 +121,23 @@ def splat_net_command(options: SplatNetOptions) -> None:
     from bench.training.networks import train_splat_net
 
     print_once(train_splat_net(options))
+
+
+@app.command("occupancy-net")
+@options_from_dataclass(
+    OccupancyNetOptions,
+    TRAIN_OPTIONS
+    | {
+        "augment": "Train on clouds with noise and with fewer points.",
+        "cool_down": "Steps at the end over which the learning rate falls to zero.",
+        "learning_rate": "Learning rate of Adam.",
+    },
+)
+def occupancy_net_command(options: OccupancyNetOptions) -> None:
+    """Train the occupancy network on labelled places; the shapes have to be closed."""
+    from bench.training.networks import train_occupancy_net
+
+    print_once(train_occupancy_net(options))
 
 
 @app.command("decoder")

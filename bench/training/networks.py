@@ -13,6 +13,8 @@ from typing import Any, TypeVar
 
 import torch
 
+from baselines.occupancy_net import train as occupancy_net
+from baselines.occupancy_net import weights as occupancy_net_weights
 from baselines.splat_net import train as splat_net
 from baselines.splat_net import weights as splat_net_weights
 from baselines.splat_net.network import NETWORKS, NetworkConfig
@@ -22,9 +24,11 @@ from bench.training.options import (
     AutoencoderOptions,
     DecoderOptions,
     GanOptions,
+    OccupancyNetOptions,
     SplatNetOptions,
     TrainingOptions,
 )
+from data_prep.datasets.occupancy_set import occupancy_set
 from data_prep.datasets.registry import ProceduralObject, SceneObject, open_dataset
 from data_prep.datasets.training_set import add_surfaces, training_clouds, training_set
 from data_prep.failures import BadInput
@@ -107,6 +111,21 @@ def train_splat_net(options: SplatNetOptions) -> Path:
     if is_first():
         splat_net_weights.export(checkpoint, weights, "colour")
         splat_net_weights.export(checkpoint, grey_beside(weights), "grey")
+    return weights
+
+
+def train_occupancy_net(options: OccupancyNetOptions) -> Path:
+    """Train occupancy-net; return the exported weights file."""
+    _set_threads(options)
+    data = occupancy_set(training_objects(options), quiet=not is_first())
+    config = _config(occupancy_net.OccupancyNetConfig, options)
+    with _progress("occupancy-net") as show:
+        checkpoint = occupancy_net.train_occupancy_net(
+            data, config, options.out, device=options.device, on_progress=show
+        )
+    weights = options.out / "weights.safetensors"
+    if is_first():
+        occupancy_net_weights.export(checkpoint, weights)
     return weights
 
 

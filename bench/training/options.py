@@ -96,6 +96,18 @@ class SplatNetOptions(TrainingOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
+class OccupancyNetOptions(TrainingOptions):
+    """The options of occupancy-net; see `baselines.occupancy_net.train.OccupancyNetConfig`."""
+
+    augment: bool = True
+    steps: int = 8000
+    cool_down: int = 3000
+    batch: int = 6
+    learning_rate: float = 1e-3
+    out: Path = Path("training/occupancy-net")
+
+
+@dataclass(frozen=True, kw_only=True)
 class DecoderOptions(TrainingOptions):
     """The options of the decoder of trained weights, which learns from procedural train chairs."""
 

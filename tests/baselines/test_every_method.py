@@ -25,13 +25,13 @@ SURFACES = tuple(  # Open3D is an extra
 )
 NETWORKS = (
     *("pc2pix", "pc2pix@acgan", "splat-net", "splat-net@tiny"),
-    *("splat-net@all", "points2pix", "depth-net"),
+    *("splat-net@all", "points2pix", "depth-net", "occupancy-net"),
 )
 METHODS = (*SURFACES, *NETWORKS, "splat", "true-mesh", *FLOORS)
 ORDERLESS = (
     *("denoised-alpha", "denoised-bpa", "denoised-poisson", "pgr", "surface-fit"),
     *("alpha-wrap", "denoised-wrap"),
-    *("splat-net@tiny", "splat"),
+    *("splat-net@tiny", "splat", "occupancy-net"),
 )
 VIEWS = [View(10, 20), View(370, 20), View(-100, -40), View(0, 90), View(30, -90)]
 

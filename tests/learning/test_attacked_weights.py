@@ -14,7 +14,7 @@ from learning.weights import card_of, file_sha256, objective_of, read_safetensor
 
 from .weight_files import KINDS, load_decoder, whole
 
-CHECKED = ("pc2pix", "decoder", "splat-net")  # tensor by tensor, and by the header
+CHECKED = ("pc2pix", "decoder", "splat-net", "occupancy-net")  # tensor by tensor, and by the header
 DEEP = "[" * 100_000
 
 
@@ -152,6 +152,10 @@ INPUTS = ("windows", "normals", "density", "flattened", "far")  # within splat-n
         ("splat-net", "flattened", None, "expected true or false"),
         ("splat-net", "far", False, "has shape"),
         ("splat-net", "more", 1, "more"),
+        ("occupancy-net", "resolution", 9, "resolution 9 with 2 levels"),
+        ("occupancy-net", "widths", [4, 10**9], "sizes"),
+        ("occupancy-net", "blocks", True, "sizes"),
+        ("occupancy-net", "hidden", 6, "has shape"),
     ],
 )
 def test_networks_that_nobody_has_trained(tmp_path, monkeypatch, name, where, value, text):

@@ -10,6 +10,7 @@ from functools import partial
 import pytest
 import torch
 
+from baselines.occupancy_net import weights as occupancy_net
 from baselines.splat_net import weights as splat_net
 from data_prep.failures import BadInput
 from learning import checkpoint
@@ -24,9 +25,10 @@ EXPORTS = {
     "gan": (pc2pix.export, "average.generator.conv.weight"),
     "decoder": (pc2pix.export_decoder, "decoder.layers.1.weight"),
     "splat-net": (partial(splat_net.export, head="grey"), "average.lift.0.weight"),
+    "occupancy-net": (occupancy_net.export, "average.planes.code.weight"),
 }
-OBJECTIVES = {"gan": "acgan-code", "decoder": "", "splat-net": "l1-patch"}
-OF = {"pc2pix": pc2pix, "splat-net": splat_net}
+OBJECTIVES = {"gan": "acgan-code", "decoder": "", "splat-net": "l1-patch", "occupancy-net": ""}
+OF = {"pc2pix": pc2pix, "splat-net": splat_net, "occupancy-net": occupancy_net}
 
 
 @pytest.fixture(scope="module")
@@ -101,7 +103,8 @@ def test_bundled_weights_load_and_are_small(kind, name):
     module = OF[kind]
     loaded = module.load_weights(name)
     assert re.fullmatch("[0-9a-f]{64}", loaded.sha256)
-    most = {"pc2pix": 10e6, "splat-net": 6e6 if name == "chair-large" else 4e6}[kind]
+    small = 6e6 if name == "chair-large" else 4e6
+    most = {"pc2pix": 10e6, "splat-net": small, "occupancy-net": 4e6}[kind]
     assert (module.FOLDER / f"{name}.safetensors").stat().st_size < most
     titles = [card.read_text().splitlines()[0] for card in module.FOLDER.glob("*.md")]
     assert sum(f"`{name}`" in title for title in titles) == 1

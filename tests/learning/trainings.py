@@ -8,11 +8,14 @@ from typing import Any
 import numpy as np
 import torch
 
+from baselines.occupancy_net.network import OccupancyConfig
+from baselines.occupancy_net.train import OccupancyNetConfig, train_occupancy_net
 from baselines.splat_net.network import NetworkConfig
 from baselines.splat_net.train import SplatNetConfig, train_splat_net
 from bench.judges.views import Labels
 from bench.training import judge as train_judge
 from bench.training import views as train_views
+from data_prep.datasets.occupancy_set import OccupancySet
 from data_prep.datasets.training_set import SurfaceSet, TrainingSet
 from learning import training_loop
 from learning.training_loop import Cadence, seeded
@@ -29,6 +32,7 @@ CADENCE = Cadence(log=1, sheet=4, checkpoint=2)
 TINY = ModelConfig(width=0.0625, latent_dim=4)
 PAIRED = ModelConfig(width=0.0625, latent_dim=4, encoder="pointnet", azimuth="sine-cosine")
 SMALL = NetworkConfig(widths=(4, 6, 8, 10, 12))
+SMALL_OCCUPANCY = OccupancyConfig(resolution=8, widths=(4, 6), hidden=5, blocks=1)
 
 
 def make_clouds(count=3, points=2048):
@@ -82,6 +86,18 @@ def start_splat_net(out_dir, on_progress, **changes):
     defaults = {"network": SMALL, "batch": 4, "cool_down": 2, "cadence": CADENCE}
     config = SplatNetConfig(**defaults | changes)
     return train_splat_net(make_surfaces(), config, out_dir, on_progress=on_progress)
+
+
+def make_occupancy(objects=3, queries=60):
+    """Clouds, and places at random that are inside where x > 0."""
+    places = np.random.default_rng(4).uniform(-1, 1, (objects, queries, 3)).astype(np.float32)
+    return OccupancySet(make_clouds(objects), places, places[..., 0] > 0)
+
+
+def start_occupancy_net(out_dir, on_progress, **changes):
+    defaults = {"network": SMALL_OCCUPANCY, "batch": 2, "cool_down": 2, "cadence": CADENCE}
+    config = OccupancyNetConfig(**defaults | changes)
+    return train_occupancy_net(make_occupancy(), config, out_dir, on_progress=on_progress)
 
 
 def start_judge(out_dir, on_progress, **changes):
@@ -139,6 +155,7 @@ TRAININGS = {
     "splat-net": Training(
         start_splat_net, "splat-net", {"objective": "l1-patch", "warm_up": 1}, (3 * 128, 3 * 128)
     ),
+    "occupancy-net": Training(start_occupancy_net, "occupancy-net", {}, (3 * 128, 2 * 128)),
     "judge": Training(start_judge, "judge", {}, sheet=None, lengthens=False),
     "views": Training(start_views, "views", {}, sheet=None, lengthens=False),
 }

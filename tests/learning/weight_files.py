@@ -13,6 +13,8 @@ from typing import Any
 
 import torch
 
+from baselines.occupancy_net import weights as occupancy_net
+from baselines.occupancy_net.network import OccupancyConfig, OccupancyNet
 from baselines.splat_net import weights as splat_net
 from baselines.splat_net.network import NetworkConfig, SplatNet
 from bench.judges.judge import JudgeNetwork, load_judge_network
@@ -60,6 +62,12 @@ def write_splat_net(path: Path) -> None:
     write_atomically(path, without_counters(SplatNet(config).state_dict()), header)
 
 
+def write_occupancy_net(path: Path) -> None:
+    config = OccupancyConfig(resolution=8, widths=(4, 6), hidden=5, blocks=1)
+    header = {"format": occupancy_net.FORMAT, "network": json.dumps(asdict(config))}
+    write_atomically(path, OccupancyNet(config).state_dict(), header | {"training": "{}"})
+
+
 def write_views(path: Path) -> None:
     path.write_bytes(to_file(ViewsNetwork(Labels(("car",), ("car/van",), ("ladder",)))))
 
@@ -84,6 +92,9 @@ KINDS = {
     "pc2pix": Kind(write_pc2pix, pc2pix.load_weights, "code_mean", "model"),
     "decoder": Kind(write_decoder, load_decoder, "layers.0.bias", "model"),
     "splat-net": Kind(write_splat_net, splat_net.load_weights, "last.bias", "network"),
+    "occupancy-net": Kind(
+        write_occupancy_net, occupancy_net.load_weights, "answer.bias", "network"
+    ),
     "judge": Kind(
         lambda path: write_atomically(path, JudgeNetwork().state_dict(), {}),
         load_judge_network,

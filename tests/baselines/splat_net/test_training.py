@@ -17,8 +17,6 @@ from baselines.splat_net.network import NetworkConfig, composite
 from baselines.splat_net.projection import cameras, project
 from baselines.splat_net.surfels import find_surfels, stack
 from baselines.splat_net.train import (
-    MAX_NOISE,
-    POINTS_SEEN,
     VIEWS_TOGETHER,
     SplatNetConfig,
     _SplatNetTrainer,
@@ -26,6 +24,7 @@ from baselines.splat_net.train import (
 )
 from data_prep.failures import BadInput
 from data_prep.scene import View
+from learning.clouds import MAX_NOISE, POINTS_SEEN
 from learning.image_losses import weighted_error
 from tests.learning.trainings import CADENCE, SMALL, make_surfaces
 

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import pytest
 
-from baselines.splat_net.train import MAX_NOISE, POINTS_SEEN
 from bench.catalogue.families import FAMILIES, families_of
 from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
@@ -15,6 +14,7 @@ from data_prep.clouds.conditions import (
     UnevenDensity,
 )
 from data_prep.scene import CLOUD_SIZE
+from learning.clouds import MAX_NOISE, POINTS_SEEN
 
 BY_ID = {family.id: family for family in FAMILIES}
 

@@ -14,7 +14,7 @@ def test_every_method_says_what_it_was_trained_on():
     trained = {method.id: method.trained_on for method in BUNDLED}
     assert {name for name, on in trained.items() if on == "13 classes"} == {
         *("pc2pix@all", "splat-net@all", "splat-net@all-grey"),
-        *("points2pix", "points2pix@l1-patch", "depth-net"),
+        *("points2pix", "points2pix@l1-patch", "depth-net", "occupancy-net"),
     }
     learned = {name for name, on in trained.items() if on != "nothing"}
     assert learned == {m.id for m in BUNDLED if m.kind == "network"} | {"constant"}
@@ -29,6 +29,7 @@ def test_every_method_says_its_kind_and_its_colours():
         assert (method.kind == "reference") == (role(method.id) != "")
         assert method.color
     assert [m.id for m in BUNDLED if m.kind == "splat"] == ["splat"]
+    assert [m.id for m in BUNDLED if m.learned_in_3d] == ["occupancy-net"]
     assert [m.id for m in BUNDLED if m.color == "true"] == ["true-mesh"]
     assert FLOORS == ("constant", "blank")
     variant = find_method("surface-apss@resolution=64")

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 import torch
 
+from baselines.occupancy_net.train import OccupancyNetConfig
 from baselines.splat_net.train import SplatNetConfig
 from baselines.splat_net.weights import load_weights
 from bench.catalogue.methods import find_method
@@ -55,6 +56,7 @@ def test_cuda_where_there_is_none(command, tmp_path):
         (training_options.AutoencoderOptions, AutoencoderConfig),
         (training_options.GanOptions, GanConfig),
         (training_options.SplatNetOptions, SplatNetConfig),
+        (training_options.OccupancyNetOptions, OccupancyNetConfig),
         (training_options.DecoderOptions, DecoderConfig),
     ],
 )
@@ -140,3 +142,28 @@ def test_splat_net_refuses_nonsense(command, tmp_path, options, problem):
     assert (status, said) == (2, "")
     assert f"bench: {problem}" in err.splitlines()[-1]
     assert not (out / "weights.safetensors").exists()
+
+
+def test_occupancy_net_from_the_command_line_to_a_method(command, tmp_path):
+    out = tmp_path / "trained"
+    options = ("--objects", "2", "--batch", "2", "--steps", "2", "--cool-down", "1")
+    status, said, err = command("train", "occupancy-net", *options, "--out", str(out))
+    assert (status, said) == (0, f"{out / 'weights.safetensors'}\n"), err
+    method = find_method(f"occupancy-net@{out / 'weights.safetensors'}")
+    weights = method.load("cpu").weights
+    assert weights.card["learning_rates"] == "0.001"  # the last step is at full rate
+    assert method.identity().endswith(weights.sha256)
+
+
+def test_occupancy_net_is_not_trained_on_sheets(command, tmp_path):
+    sheet = "ply\nformat ascii 1.0\nelement vertex 3\n"
+    sheet += "".join(f"property float {axis}\n" for axis in "xyz")
+    sheet += "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    (tmp_path / "chair").mkdir()
+    (tmp_path / "chair" / "0.ply").write_text(f"{sheet}0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n")
+    options = ("--dataset", f"folder:{tmp_path}", "--steps", "1", "--out", str(tmp_path / "x"))
+    status, said, err = command("train", "occupancy-net", *options)
+    assert (status, said) == (2, "")
+    last = err.splitlines()[-1]
+    assert last.startswith("bench: chair/0")
+    assert "inside and outside cannot be told apart at" in last

@@ -1,0 +1,60 @@
+"""occupancy-net as a method of the benchmark: an occupancy on a grid, and its level set in grey."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from baselines.occupancy_net.level_set import level_set, sample_grid
+from baselines.occupancy_net.network import HALF_EXTENT
+from baselines.occupancy_net.weights import OccupancyWeights
+from baselines.reconstruction.stages import DrawsReconstruction, Reconstruction
+from baselines.reconstruction.subset import used_points
+from data_prep.scene import PointCloud
+
+MOST_POINTS = 2048  # as many as it was shown in training
+PLACES_TOGETHER = 2**15  # a bound on memory
+LEVEL = 0.5  # probability of being inside
+
+
+class OccupancyNetRenderer(DrawsReconstruction):
+    """A `data_prep.scene.Renderer` of the surface that the network sees in a cloud.
+
+    Parameters
+    ----------
+    weights : OccupancyWeights
+        Trained network of `baselines.occupancy_net.weights.load_weights`; moved to `device`.
+    device : str
+        PyTorch's name of the device.
+    level : float
+        Probability at which the surface lies, between 0 and 1.
+    """
+
+    def __init__(
+        self, weights: OccupancyWeights, *, device: str = "cpu", level: float = LEVEL
+    ) -> None:
+        self.weights = weights
+        self.device = torch.device(device)
+        self.network = weights.network.to(self.device)
+        self.logit = float(np.log(level / (1 - level)))
+
+    @torch.inference_mode()
+    def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> Reconstruction:
+        """Find the surface; no randomness, and the order of the points does not matter.
+
+        Raises StageFailure: `input` (no point is in sight, or one is not finite), `occupancy` (a
+        value is not finite) or `marching-cubes` (nothing is inside).
+        """
+        del rng
+        points, notes = used_points(cloud, 1, MOST_POINTS, "occupancy networks")
+        seen = torch.from_numpy(points)
+        planes = self.network.encode(seen[None].to(self.device))
+
+        def occupancy(places: Tensor) -> Tensor:
+            parts = places.split(PLACES_TOGETHER)
+            logits = [self.network.occupancy(planes, p[None].to(self.device))[0] for p in parts]
+            return torch.cat(logits).cpu()
+
+        values = sample_grid(occupancy, seen, HALF_EXTENT, self.logit)
+        return Reconstruction(level_set(values.numpy(), self.logit, HALF_EXTENT), notes)

@@ -1,0 +1,173 @@
+"""The networks among the methods, as a literal table."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+from bench.catalogue import loaders  # no package that is slow to import: `bench list` needs this
+from bench.catalogue.method import Color, Method, TrainedOn
+
+if TYPE_CHECKING:
+    from data_prep.scene import Renderer
+
+
+def _network(
+    method_id: str,
+    source: str,
+    weights: str = loaders.BUNDLED,
+    package: loaders.NetworkPackage = loaders.PC2PIX,
+    load: Callable[[str], Renderer] | None = None,
+    trained_on: TrainedOn = "chairs",
+    color: Color = "invented",
+) -> Method:
+    """Return a network with bundled weights; `load` where it is not loaded as usual."""
+    return Method(
+        method_id,
+        load=load or partial(package.load, weights),
+        identity=partial(package.identity, weights),
+        version=package.version,
+        source=source,
+        weights_file=partial(package.file, weights),
+        trained_on=trained_on,
+        kind="network",
+        color=color,
+    )
+
+
+_splat_net = partial(_network, package=loaders.SPLAT_NET)
+
+NETWORK_METHODS = (
+    _network(
+        "pc2pix",
+        source="paper, section 3; bundled weights, objective paired (pc2pix/weights/chair.md)",
+    ),
+    _network(
+        "pc2pix@acgan",
+        source="paper, section 3; the paper's objective (pc2pix/weights/chair-acgan.md)",
+        weights="chair-acgan",
+    ),
+    _network(
+        "pc2pix@all",
+        trained_on="13 classes",
+        source="one network for all 13 classes, objective paired (pc2pix/weights/all.md)",
+        weights="all",
+    ),
+    _network(
+        "pc2pix@widened",
+        source="pc2pix trained on chairs that vary more (pc2pix/weights/chair-widened.md)",
+        weights="chair-widened",
+    ),
+    _network(
+        "pc2pix@bf16",
+        source="pc2pix in bfloat16: twice as fast where the processor has it",
+        load=partial(loaders.PC2PIX.load, loaders.BUNDLED, precision="bfloat16"),
+    ),
+    _splat_net(
+        "splat-net",
+        weights="chair",
+        source="a U-Net over the projected points; bundled weights "
+        "(baselines/splat_net/weights/chair.md)",
+    ),
+    _splat_net(
+        "splat-net@grey",
+        weights="chair-grey",
+        color="none",
+        source="splat-net in neutral grey: no colour is made up",
+    ),
+    _splat_net(
+        "splat-net@all",
+        weights="all",
+        trained_on="13 classes",
+        source="splat-net trained on shapes of all 13 classes that vary more "
+        "(baselines/splat_net/weights/all.md)",
+    ),
+    _splat_net(
+        "splat-net@all-grey",
+        weights="all-grey",
+        color="none",
+        trained_on="13 classes",
+        source="splat-net@all in neutral grey",
+    ),
+    _splat_net(
+        "splat-net@bf16",
+        weights="chair",
+        source="splat-net in bfloat16",
+        load=partial(loaders.SPLAT_NET.load, "chair", precision="bfloat16"),
+    ),
+    _splat_net(
+        "splat-net@tiny",
+        weights="chair-tiny",
+        source="splat-net without normals, of half the width "
+        "(baselines/splat_net/weights/chair-tiny.md)",
+    ),
+    _splat_net(
+        "points2pix",
+        weights="points2pix",
+        trained_on="13 classes",
+        source="the U-Net of pix2pix with a code of the cloud (Milz et al. 2019); its own loss, a "
+        "short training (baselines/splat_net/weights/points2pix.md)",
+    ),
+    _splat_net(
+        "points2pix@l1-patch",
+        weights="points2pix-l1-patch",
+        trained_on="13 classes",
+        source="points2pix trained with the loss of splat-net",
+    ),
+    _splat_net(
+        "depth-net",
+        weights="depth",
+        trained_on="13 classes",
+        source="splat-net fed with the nearest depth alone, as Z2P is; a short training "
+        "(baselines/splat_net/weights/depth.md)",
+    ),
+    replace(
+        _network(
+            "occupancy-net",
+            package=loaders.OCCUPANCY_NET,
+            weights="all",
+            trained_on="13 classes",
+            color="none",
+            source="an occupancy network on three planes (Peng et al. 2020), trained on the clouds "
+            "of splat-net@all (baselines/occupancy_net/weights/all.md)",
+        ),
+        learned_in_3d=True,
+    ),
+)
+# Methods that nobody would draw with, but whose cost is measured beside the others.
+COST_VARIANTS = (
+    _network(
+        "pc2pix@unfolded",
+        load=loaders.unfolded,
+        source="pc2pix as it was trained, without the inference engine",
+    ),
+    _network(
+        "pc2pix@one-by-one",
+        load=loaders.one_by_one,
+        source="pc2pix, a call for each view",
+    ),
+    _network(
+        "pc2pix@paper",
+        load=loaders.widened,
+        source="the bundled pc2pix at the paper's width: same images, the paper's cost",
+    ),
+    _network(
+        "pc2pix@paper-bf16",
+        load=partial(loaders.widened, precision="bfloat16"),
+        source="the same in bfloat16",
+    ),
+    _splat_net(
+        "splat-net@no-normals",
+        weights="chair-no-normals",
+        source="splat-net without normals and flattened points: no neighbours are sought "
+        "(baselines/splat_net/weights/chair-no-normals.md)",
+    ),
+    _splat_net(
+        "splat-net@large",
+        weights="chair-large",
+        source="splat-net one and a half times as wide "
+        "(baselines/splat_net/weights/chair-large.md)",
+    ),
+)

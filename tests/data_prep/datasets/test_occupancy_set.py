@@ -1,0 +1,111 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from data_prep.datasets.occupancy_set import (
+    BALL,
+    draw_queries,
+    labels,
+    make_occupancy_set,
+    winding_numbers,
+)
+from data_prep.datasets.procedural import WidenedObject
+from data_prep.failures import BadInput
+from data_prep.randomness import generator
+from data_prep.scene import CLOUD_SIZE, Mesh
+from data_prep.shapes.solids import box, join, lathe, loft
+from tests.data_prep.shapes.solid_checks import winding
+
+GREY = (120, 120, 120)
+BOX = join([box((0.1, 0.2, 0.3), (0.4, 0.6, 0.8), GREY)])
+PLACES = np.random.default_rng(0).uniform(-1, 1, (4000, 3)).astype(np.float32)
+
+
+def test_the_inside_of_a_box():
+    inside = (np.abs(PLACES - (0.1, 0.2, 0.3)) < (0.2, 0.3, 0.4)).all(axis=1)
+    np.testing.assert_array_equal(winding_numbers(BOX, PLACES), inside)
+    assert inside.any()
+
+
+def test_the_inside_of_a_sphere():
+    """Places between the balls inside and outside the facets of 64 x 64 are left out."""
+    turn = np.linspace(0.001, np.pi - 0.001, 64)
+    ball = lathe(0.8 * np.stack([np.sin(turn), np.cos(turn)], axis=1), GREY, sides=64)
+    radius = np.linalg.norm(PLACES, axis=1)
+    clear = np.abs(radius - 0.8) > 0.8 * (1 - np.cos(np.pi / 32))
+    found = winding_numbers(join([ball]), PLACES)
+    np.testing.assert_array_equal(found[clear], (radius < 0.8)[clear])
+
+
+def test_solids_that_overlap_are_counted_and_a_hole_is_outside():
+    """Two boxes, one sunk into the other, beside a ring."""
+    other = box((0.3, 0.2, 0.3), (0.4, 0.4, 0.4), GREY)
+    angle = np.arange(12) * (np.pi / 6)
+    around = np.stack([np.cos(angle), 0 * angle, np.sin(angle)], axis=1)
+    square = ((0.2, -0.1), (0.4, -0.1), (0.4, 0.1), (0.2, 0.1))
+    rings = np.stack([r * around + (-0.5, h - 0.5, 0) for r, h in square], axis=1)
+    ring = loft(rings, GREY, closed=True)
+    mesh = join([box((0.1, 0.2, 0.3), (0.4, 0.6, 0.8), GREY), other, ring])
+    first, second = (
+        (np.abs(PLACES - c) < s).all(axis=1)
+        for c, s in (((0.1, 0.2, 0.3), (0.2, 0.3, 0.4)), ((0.3, 0.2, 0.3), (0.2, 0.2, 0.2)))
+    )
+    found = winding_numbers(mesh, PLACES)
+    apart = np.abs(PLACES - (-0.5, -0.5, 0)).max(axis=1) > 0.45
+    np.testing.assert_array_equal(found[apart], (first * 1 + second)[apart])
+    assert found.max() == 2
+    middle = np.array([[-0.5, -0.5, 0.0], [-0.2, -0.5, 0.01]], np.float32)
+    np.testing.assert_array_equal(winding_numbers(mesh, middle), [0, 1])
+
+
+def test_widened_shapes_have_the_inside_that_solid_angles_give():
+    for name in ("chair", "vessel"):
+        mesh = WidenedObject(name, 3).load()
+        places = draw_queries(mesh, 300, np.random.default_rng(0))
+        exact = winding(places.astype(np.float64), mesh)
+        np.testing.assert_allclose(winding_numbers(mesh, places), exact, rtol=0, atol=1e-6)
+
+
+def test_half_of_the_places_lie_near_the_surface_and_the_others_in_a_ball():
+    mesh = join([box((0, 0, 0), (1.0, 1.0, 1.0), GREY)])
+    places = draw_queries(mesh, 4000, np.random.default_rng(0))
+    assert places.shape == (4000, 3)
+    assert places.dtype == np.float32
+    distance = np.abs(np.abs(places).max(axis=1) - 0.5)
+    # near are all offsets of the first scale, 0.683 of the second, and 0.6 of 4.85 of the ball
+    share = (1 + 0.683) / 4 + 0.6 / 4.85 / 2
+    assert abs((distance < 0.05).mean() - share) < 4 * np.sqrt(share * (1 - share) / 4000)
+    far = np.linalg.norm(places, axis=1) > 0.5 * np.sqrt(3) + 0.15
+    assert np.linalg.norm(places[far], axis=1).max() < BALL
+    # of the ball, 1 - (1.016 / 1.05)^3 lie in its outermost shell: 0.094 of half the places
+    shell = np.linalg.norm(places, axis=1) > 0.5 * np.sqrt(3) + 0.15
+    assert abs(shell.mean() - 0.047) < 4 * np.sqrt(0.047 / 4000)
+    # in random order
+    assert abs((distance[:2000] < 0.05).mean() - (distance[2000:] < 0.05).mean()) < 0.06
+
+
+def test_a_set_has_the_clouds_of_other_trainings_and_labels_of_its_places():
+    objects = [WidenedObject("lamp", i) for i in range(2)]
+    calls = []
+    made = make_occupancy_set(objects, 50, lambda: calls.append("done"))
+    assert calls == ["done"] * 2
+    assert made.clouds.shape == (2, CLOUD_SIZE, 3)
+    for i, obj in enumerate(objects):
+        cloud = obj.cloud(generator(0, "training cloud", "lamp", f"widened-0000{i}"))
+        other = obj.cloud(generator("training cloud", 0, "lamp", f"widened-0000{i}"))
+        assert made.clouds[i].tobytes() == other.points.tobytes()
+        assert made.clouds[i].tobytes() != cloud.points.tobytes()
+        np.testing.assert_array_equal(made.inside[i], winding_numbers(obj.load(), made.queries[i]))
+    alone = make_occupancy_set(objects[1:], 50)
+    for field in ("clouds", "queries", "inside"):
+        assert getattr(alone, field)[0].tobytes() == getattr(made, field)[1].tobytes()
+
+
+def test_a_mesh_without_an_inside_is_refused():
+    sheet = Mesh(BOX.vertices, BOX.faces[2:], BOX.face_colors[2:])  # a box without a side's half
+    inwards = Mesh(BOX.vertices, BOX.faces[:, ::-1], BOX.face_colors)
+    for mesh in (sheet, inwards):
+        with pytest.raises(BadInput, match=r"chair/7: inside and outside .* [0-9]+% of the points"):
+            labels(mesh, PLACES, "chair/7")
+    np.testing.assert_array_equal(labels(BOX, PLACES, ""), winding_numbers(BOX, PLACES) > 0)
