@@ -20,10 +20,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
-from bench.catalogue.reconstruction import BEST_RECONSTRUCTION
 from scipy.stats import kendalltau
 
 from bench.analysis.comparison import decimals
+from bench.catalogue.chosen import CHOSEN
 from bench.catalogue.methods import role
 from bench.catalogue.metrics import higher_is_better
 from bench.tables.table import TABLES
@@ -52,7 +52,7 @@ def read_values(directory: Path) -> pd.DataFrame:
         raise BadInput(f"{directory}: no tables; start the run again with its command")
     rows = pd.concat(tables).drop_duplicates(["condition", "class", "method", "metric"])
     competing = rows["method"].map(role).isin(["", "floor"])
-    rows = rows[competing & (rows["method"] != BEST_RECONSTRUCTION)]
+    rows = rows[competing & (~rows["method"].isin(CHOSEN))]
     pairs = zip(map(str, rows["metric"]), rows["failures_as_blank"], strict=True)
     signed = [
         round(value, decimals(metric)) * (1 if higher_is_better(metric) else -1)
