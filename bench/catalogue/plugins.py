@@ -94,8 +94,9 @@ def find_metric(metric_id: str) -> ImageMetric | SetMetric:
         return _further(metric_id)
     if metric_id not in metric_ids():
         if metric_id in OUR_METRICS:
-            shown = "the suites that have it show it already; leave it"
-            raise BadInput(f"metric '{metric_id}': {shown}")
+            raise BadInput(
+                f"metric '{metric_id}': the suites that have it show it already; leave it"
+            )
         raise unknown(metric_id, (*FURTHER_METRICS, *metric_ids()), "metric")
     if metric_id in entry_point_names(plugins.EXTRACTORS):
         type_, named = SetMetric, "bench.catalogue.plugins.SetMetric"
