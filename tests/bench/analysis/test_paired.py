@@ -204,7 +204,9 @@ def test_two_runs(command, two_runs):
     assert status == 0
     folder = second / "comparisons" / "first-second"
     assert err.endswith(f"written to {folder}\n")
-    assert out.startswith(f"# {second} against {first}\n")
+    assert out.startswith(
+        f"# {second} against {first}, scored against the true mesh in its colours\n"
+    )
     assert (folder / "differences.md").read_text() + "\n" == out
     for row in rows_of(folder):
         expected = 0.01 if row["method_a"] == "splat" else 0.0
