@@ -5,17 +5,20 @@ No surface is reconstructed and nothing is trained. Grossman and Dally (Point sa
 reconstruction, 2007) fill the gaps between projected points from coarser images:
 
 Samples  The nearest point of each pixel, as bright as its normal says: the light of the scene
-         shines along the view. Normals are those of the points' neighbourhoods.
+         shines along the view. Normals are those of the points' neighbourhoods. A sample weighs the
+         more the more it faces the camera.
 Hidden   A point is hidden where the nearer ones close in on it: where the image of nearness,
          dilated and eroded by some spacings of the points, is nearer than it.
 Pull     Coarser and coarser images, each pixel the mean of its samples, until none is empty.
-Push     From the coarsest to the finest, a pixel that has too few samples takes from the coarser.
+Push     From the coarsest to the finest, a pixel whose samples weigh less than 1 takes the rest
+         from the coarser one.
 Outline  The pixels that a disc beside the points cannot reach, likewise (an alpha shape in the
          image), eroded by somewhat less, for the last points lie within the outline. Its edge is a
          pixel wide.
 
 Noisy points, by the estimate of `baselines.reconstruction.noise`, are first moved onto planes of
-their neighbourhoods, and the sparsest left out.
+their neighbourhoods, and the sparsest left out. How the constants were chosen:
+docs/reconstruction.md.
 """
 
 from __future__ import annotations
@@ -43,31 +46,31 @@ from data_prep.scene import IMAGE_SIZE, NEUTRAL_GREY, Images, PointCloud, View
 
 GAMMA = 2.2  # of the scene's shading: data_prep/rendering/mesh.frag
 MOST_POINTS = 8192
-HOPS = 2  # of the neighbourhoods that normals are those of
-ROUNDS = 3  # of smoothing
+HOPS = 4  # of the neighbourhoods that normals are those of
+ROUNDS = 2  # of smoothing
 SMOOTHING, FEWEST_HOPS, MOST_HOPS = 4.0, 2, 12  # hops for a noise of one spacing
 CLOSING = 1.5  # radius of the disc that closes the outline, in spacings of the points
-MARGIN = 0.2  # of the outline about the outermost points, in spacings
+MARGIN = 0.25  # of the outline about the outermost points, in spacings
 COVERING = 1.5  # reach of what hides, in spacings
 BEHIND = 0.5  # depth from which on a point is hidden, in spacings
+LEAST_SHARE = 1e-3
+SHARE = 0.25  # of a pixel that a sample facing the camera fills: four neighbours fill one
 MOST_PX = 16.0  # a lone point must not paint the image
 
 
 @dataclass(frozen=True, eq=False)
 class OrientedPoints:
-    """Points [N, 3] with unit normals [N, 3] of either sign, and their spacing."""
+    """Points [N, 3] with unit normals [N, 3] of either sign, their spacing, and notes."""
 
     points: Floats
     normals: Floats
     spacing: float
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class SplatFill:
-    """A renderer by projected points and pull-push; `closing` is in spacings of the points."""
-
-    closing: float = CLOSING
+    """A renderer by projected points and pull-push, in neutral grey."""
 
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> OrientedPoints:
         """Smooth noisy points and find the normals; no randomness, and no order of the points.
@@ -80,13 +83,13 @@ class SplatFill:
         points = points[:: -(-len(points) // MOST_POINTS)]
         noise = noise_scale(points)
         between = spacing(points)
-        note = f"noise: {noise:.3f}"
+        notes: tuple[str, ...] = (f"noise: {noise:.3f}",)
         exact = points.astype(np.float64)
         if noise > NOISY * spacing(even_sample(points)):
             exact = _smoothed(exact, noise, between)
-            note += f"; smoothed: {ROUNDS} times, {len(exact)} of {len(points)} kept"
+            notes += (f"smoothed: {ROUNDS} times, {len(exact)} of {len(points)} kept",)
         (planes,) = fit_planes(exact, (HOPS,))
-        return OrientedPoints(exact, planes.normals, between, (note,))
+        return OrientedPoints(exact, planes.normals, between, notes)
 
     def draw(
         self, state: OrientedPoints, views: Sequence[View], rng: np.random.Generator | None = None
@@ -95,19 +98,22 @@ class SplatFill:
         del rng
         images = np.empty((len(views), IMAGE_SIZE, IMAGE_SIZE, 3), np.float32)
         for i, view in enumerate(views):
-            images[i] = self._paint(state, view)[..., None]
+            images[i] = _paint(state, view)[..., None]
         return images
 
-    def _paint(self, state: OrientedPoints, view: View) -> Floats:
-        depth, brightness = _nearest(state, view)
-        if not np.isfinite(depth).any():
-            return np.ones(depth.shape)
-        to_px = FOCAL_PX / CAMERA_DISTANCE
-        between = state.spacing * to_px
-        coverage = outline(np.isfinite(depth), self.closing * between, MARGIN * between)
-        shown = visible(depth, COVERING * between, BEHIND * state.spacing)
-        filled = pull_push(np.where(shown, brightness, 0.0), shown.astype(np.float64))
-        return 1 - coverage + coverage * filled
+
+def _paint(state: OrientedPoints, view: View) -> Floats:
+    depth, cosine = _nearest(state, view)
+    if not np.isfinite(depth).any():
+        return np.ones(depth.shape)
+    between = state.spacing * FOCAL_PX / CAMERA_DISTANCE
+    coverage = outline(np.isfinite(depth), CLOSING * between, MARGIN * between)
+    shown = visible(depth, COVERING * between, BEHIND * state.spacing)
+    # Obliquely a patch covers few pixels, and most oblique normals are wrong ones, of edges. Never
+    # nothing: an image of oblique points alone has to be filled too.
+    weight = shown * np.maximum(SHARE * cosine, LEAST_SHARE)
+    filled = pull_push(NEUTRAL_GREY[0] / 255 * cosine ** (1 / GAMMA), weight)
+    return 1 - coverage + coverage * filled
 
 
 def _smoothed(points: Floats, noise: float, between: float) -> Floats:
@@ -119,7 +125,10 @@ def _smoothed(points: Floats, noise: float, between: float) -> Floats:
 
 
 def _nearest(state: OrientedPoints, view: View) -> tuple[Floats, Floats]:
-    """Return depth and brightness of the nearest point of each pixel; depth is inf without one."""
+    """Return depth and cosine of the nearest point of each pixel; depth is inf without one.
+
+    The cosine is that of the angle between normal and line of sight.
+    """
     pixels, depth = project(state.points, view)
     within = ((pixels >= 0) & (pixels < IMAGE_SIZE)).all(axis=1)
     seen = np.flatnonzero((depth > 0.05 * CAMERA_DISTANCE) & within)
@@ -127,10 +136,10 @@ def _nearest(state: OrientedPoints, view: View) -> tuple[Floats, Floats]:
     column, row = pixels[order].astype(np.intp).T
     cosine = np.abs(state.normals[order] @ camera_to_world(view)[:3, 2]).clip(0, 1)
     depths = np.full((IMAGE_SIZE, IMAGE_SIZE), np.inf)
-    brightness = np.ones((IMAGE_SIZE, IMAGE_SIZE))
+    cosines = np.ones((IMAGE_SIZE, IMAGE_SIZE))
     depths[row, column] = depth[order]
-    brightness[row, column] = NEUTRAL_GREY[0] / 255 * cosine ** (1 / GAMMA)
-    return depths, brightness
+    cosines[row, column] = cosine
+    return depths, cosines
 
 
 def outline(occupied: NDArray[np.bool_], radius: float, margin: float) -> Floats:
@@ -163,12 +172,13 @@ def visible(depth: Floats, reach: float, tolerance: float) -> NDArray[np.bool_]:
 def pull_push(values: Floats, weights: Floats) -> Floats:
     """Return an image [S, S] that keeps values of weight 1 and fills the others from coarser ones.
 
-    S is a power of two; weights are 0 or 1, and one of them at least is 1.
+    S is a power of two; weights are in 0..1, and one of them at least is above 0. What a weight
+    lacks to 1 comes from the coarser image.
     """
     levels = [(values * weights, weights)]
     while len(levels[-1][0]) > 1:
         total, weight = (_sums_of_four(part) for part in levels[-1])
-        scale = 1 / np.maximum(weight, 1.0)  # a pixel is full with one sample
+        scale = 1 / np.maximum(weight, 1.0)  # no pixel is more than full
         levels.append((total * scale, weight * scale))
     total, weight = levels.pop()
     image = total / weight

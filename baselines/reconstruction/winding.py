@@ -42,9 +42,7 @@ WEIGHT = 10.0  # of the points against the normals
 
 @dataclass(frozen=True)
 class WindingPoisson(DrawsReconstruction):
-    """Screened Poisson from winding-number normals; `rounds` are those of the orientation."""
-
-    rounds: int = ROUNDS
+    """Screened Poisson from winding-number normals, trimmed."""
 
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> Reconstruction:
         """Reconstruct the surface; no randomness, and the order of the points does not matter.
@@ -56,14 +54,14 @@ class WindingPoisson(DrawsReconstruction):
         """
         del rng
         clean = cleaned(cloud, 1.0, MOST_POINTS)
-        normals = outward_normals(clean.points, self.rounds)
+        normals = outward_normals(clean.points)
         depth = NOISY_DEPTH if clean.noise else CLEAN_DEPTH
         result = trimmed_poisson(clean.points, depth, normals, WEIGHT, REACH)
         return Reconstruction(result.mesh, (*clean.notes, *result.notes))
 
 
 @np.errstate(divide="ignore", invalid="ignore", over="ignore")
-def outward_normals(points: Points, rounds: int = ROUNDS) -> Floats32:
+def outward_normals(points: Points) -> Floats32:
     """Return outward unit normals [N, 3] of different points [N, 3], N > 1.
 
     Raises StageFailure("winding", ...) where the vectors vanish or are not finite.
@@ -73,7 +71,7 @@ def outward_normals(points: Points, rounds: int = ROUNDS) -> Floats32:
     samples = ((exact - exact.mean(axis=0)) / spacing(points)).astype(np.float32)
     cube, fifth, near = _kernels(samples)
     vectors = np.zeros_like(samples)
-    for width in np.linspace(WIDEST, NARROWEST, rounds, dtype=np.float32):
+    for width in np.linspace(WIDEST, NARROWEST, ROUNDS, dtype=np.float32):
         near.cut_off(cube, fifth, width)
         step = _transposed(cube, samples, 0.5 - _field(cube, samples, vectors))
         response = _field(cube, samples, step)

@@ -27,11 +27,11 @@ NETWORKS = (
     *("pc2pix", "pc2pix@acgan", "splat-net", "splat-net@tiny"),
     *("splat-net@all", "points2pix", "depth-net", "occupancy-net"),
 )
-METHODS = (*SURFACES, *NETWORKS, "splat", "true-mesh", *FLOORS)
+METHODS = (*SURFACES, *NETWORKS, "splat", "splat-fill", "true-mesh", *FLOORS)
 ORDERLESS = (
     *("denoised-alpha", "denoised-bpa", "denoised-poisson", "pgr", "surface-fit"),
-    *("alpha-wrap", "denoised-wrap"),
-    *("splat-net@tiny", "splat", "occupancy-net"),
+    *("alpha-wrap", "denoised-wrap", "wnnc-poisson"),
+    *("splat-net@tiny", "splat", "splat-fill", "occupancy-net"),
 )
 VIEWS = [View(10, 20), View(370, 20), View(-100, -40), View(0, 90), View(30, -90)]
 
@@ -127,6 +127,8 @@ FEW = "where the camera looks, a cube each; normals need at least 11"
         ("denoised-poisson", LINE, "ball-pivoting", "no faces"),
         ("denoised-poisson", TEN_PLACES, "input", f"10 of 50 {FEW_DIFFERENT}"),
         ("pgr", np.full((50, 3), 0.3), "input", f"1 of 50 {FEW_DIFFERENT}"),
+        ("wnnc-poisson", LINE, "winding", "no direction"),
+        ("wnnc-poisson", TEN_PLACES, "input", f"10 of 50 {FEW_DIFFERENT}"),
         ("poisson", LINE, "ball-pivoting", "no faces"),
         ("poisson", np.full((50, 3), 0.3), "poisson", ""),
         ("surface-apss", np.full((50, 3), 0.3), "apss", "no faces"),
@@ -162,7 +164,7 @@ for name in sys.argv[1:]:
     found[name] = hashlib.sha256(images.tobytes()).hexdigest()
 print(json.dumps(found))
 """
-ANY_THREADS = (*SURFACES, "splat", "true-mesh")  # networks sum in another order
+ANY_THREADS = (*SURFACES, "splat", "splat-fill", "true-mesh")  # networks sum in another order
 
 
 @pytest.mark.slow
