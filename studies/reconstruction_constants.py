@@ -111,7 +111,10 @@ class Clouds:
     def mesh(self, setting: str) -> Mesh:
         """Return the mesh by a setting. Raises StageFailure as the method does."""
         kind, *constants = setting.split(":")
-        clean, values = self.clean, [float(constant) for constant in constants]
+        clean = self.clean
+        values = [
+            float(text) if text[0] != "s" else float(text[1:]) * clean.spacing for text in constants
+        ]
         if kind == "wrap":
             return wrapped(clean.points, values[0] * clean.spacing, values[1]).mesh
         if kind == "alpha":
