@@ -54,7 +54,7 @@ COLUMNS = (
 
 
 @dataclass(frozen=True)
-class Scene:
+class ScoredObject:
     """An object with its views and true images, in colour and in grey."""
 
     object: SceneObject
@@ -74,13 +74,13 @@ class Scene:
         return PointCloud(perturbation.apply(sampled, generator(0, condition, *self.names)).points)
 
 
-def scene_of(thing: SceneObject, network: Lpips) -> Scene:
+def scene_of(obj: SceneObject, network: Lpips) -> ScoredObject:
     """Return the scene of an object, with the views that a run with seed 0 has."""
-    views = thing.views(VIEWS, generator(0, "views", thing.class_name, thing.object_id))
-    mesh = thing.load()
+    views = obj.views(VIEWS, generator(0, "views", obj.class_name, obj.object_id))
+    mesh = obj.load()
     coloured, unpainted = render(mesh, views), render(grey(mesh), views)
     encoded = network.encode(coloured), network.encode(unpainted)
-    return Scene(thing, views, (coloured, unpainted), encoded)
+    return ScoredObject(obj, views, (coloured, unpainted), encoded)
 
 
 def validation_objects(chairs: int, others: int) -> list[SceneObject]:
@@ -111,7 +111,10 @@ class Clouds:
     def mesh(self, setting: str) -> Mesh:
         """Return the mesh by a setting. Raises StageFailure as the method does."""
         kind, *constants = setting.split(":")
-        clean, values = self.clean, [float(constant) for constant in constants]
+        clean = self.clean
+        values = [
+            float(text) if text[0] != "s" else float(text[1:]) * clean.spacing for text in constants
+        ]
         if kind == "wrap":
             return wrapped(clean.points, values[0] * clean.spacing, values[1]).mesh
         if kind == "alpha":
@@ -123,7 +126,7 @@ class Clouds:
 
 
 def row(
-    scene: Scene, clouds: Clouds, condition: str, setting: str, network: Lpips
+    scene: ScoredObject, clouds: Clouds, condition: str, setting: str, network: Lpips
 ) -> tuple[object, ...]:
     """Return the values of `COLUMNS`, means over the views; a failure is a white image."""
     start = time.perf_counter()
@@ -151,13 +154,13 @@ def measure(
     network = load_lpips(find_lpips_weights())
     for obj in objects:
         names_of = (obj.class_name, obj.object_id)
-        todo = [(c, s) for c in conditions for s in settings if (*names_of, c, s) not in done]
-        scene = scene_of(obj, network) if todo else None
-        for condition in dict.fromkeys(condition for condition, _ in todo):
+        missing = [(c, s) for c in conditions for s in settings if (*names_of, c, s) not in done]
+        scene = scene_of(obj, network) if missing else None
+        for condition in dict.fromkeys(condition for condition, _ in missing):
             assert scene is not None
             clouds = Clouds(scene.cloud(condition))
             _ = clouds.clean  # its time is not a setting's
-            for setting in [s for c, s in todo if c == condition]:
+            for setting in [s for c, s in missing if c == condition]:
                 yield row(scene, clouds, condition, setting, network)
 
 

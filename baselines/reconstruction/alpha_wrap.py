@@ -26,7 +26,8 @@ from data_prep.arrays import Floats
 from data_prep.scene import PointCloud, Points
 
 BALL = 2.0  # radius, in spacings of the cloud
-OFFSET = 0.005  # of the surface from the points: a third of a pixel's footprint
+OFFSET = 0.14  # of the surface from the points, in spacings: a third of a pixel at 2,048 points
+LEAST_OFFSET = FOOTPRINT / 10
 # A triangle in place of each point, centred on it: CGAL ends the process on points alone.
 SPECK = 1e-4 * np.array([[-1, -1, 0], [1, -1, 0], [0, 2, 0]]) / 2
 
@@ -45,7 +46,8 @@ class AlphaWrap(DrawsReconstruction):
         """
         del rng
         points, notes = used_points(cloud, NORMAL_NEIGHBOURS + 1, MOST_POINTS, "surfaces")
-        result = wrapped(points, self.ball * spacing(points), OFFSET)
+        between = spacing(points)
+        result = wrapped(points, self.ball * between, OFFSET * between)
         return Reconstruction(result.mesh, (*notes, *result.notes))
 
 
@@ -66,18 +68,24 @@ class DenoisedWrap(DrawsReconstruction):
         """
         del rng
         clean = cleaned(cloud, self.strength)
-        result = wrapped(clean.points, self.ball * clean.spacing, OFFSET)
+        result = wrapped(clean.points, self.ball * clean.spacing, OFFSET * clean.spacing)
         return Reconstruction(result.mesh, (*clean.notes, *result.notes))
 
 
 def wrapped(points: Points | Floats, radius: float, offset: float) -> Reconstruction:
     """Return the wrap of points [N, 3], N > 0, in neutral grey.
 
-    The ball has `radius`, or a pixel's footprint where that is more.
+    The ball has `radius`, or a pixel's footprint where that is more, and the surface is at the
+    distance `offset`, or a tenth of a footprint.
 
     Raises StageFailure("alpha-wrap", ...) where MeshLab refuses or there is no face.
     """
     vertices = (points.astype(np.float64)[:, None] + SPECK).reshape(-1, 3)
+<<<<<<< HEAD
     meshlab = MeshLab(vertices, faces=np.arange(len(vertices)).reshape(-1, 3))
     run("alpha-wrap", lambda: meshlab.alpha_wrap(max(radius, FOOTPRINT), offset))
+=======
+    meshlab = MeshLab(vertices, np.arange(len(vertices)).reshape(-1, 3))
+    run("alpha-wrap", lambda: meshlab.alpha_wrap(max(radius, FOOTPRINT), max(offset, LEAST_OFFSET)))
+>>>>>>> wrap
     return reconstruction("alpha-wrap", meshlab)

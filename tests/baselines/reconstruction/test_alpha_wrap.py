@@ -5,8 +5,8 @@ import pytest
 from scipy.spatial import cKDTree
 
 from baselines.reconstruction.alpha_wrap import OFFSET, AlphaWrap, DenoisedWrap, wrapped
+from baselines.reconstruction.stages import spacing
 from baselines.reconstruction.surface_fit import FOOTPRINT
-from data_prep.failures import StageFailure
 from data_prep.scene import Mesh, PointCloud
 from tests.baselines.clouds import RADIUS, chair_cloud, faces_of_edges, lattice_sphere
 
@@ -37,16 +37,19 @@ def test_sheets_and_lines_become_slabs_and_rods() -> None:
     flat = np.random.default_rng(0).uniform(-0.5, 0.5, (2048, 3)) * [1, 1, 0]
     slab = AlphaWrap().prepare(PointCloud(flat)).mesh
     assert (faces_of_edges(slab.faces) == 2).all()
-    np.testing.assert_allclose(np.ptp(slab.vertices[:, 2]), 2 * OFFSET, rtol=0.01)
-    assert volume(slab) == pytest.approx(2 * OFFSET, rel=0.1)  # of a square of side 1
-    rod = AlphaWrap().prepare(PointCloud(np.linspace(-0.5, 0.5, 500)[:, None] * [1, 0, 0])).mesh
+    thickness = 2 * OFFSET * spacing(flat)
+    np.testing.assert_allclose(np.ptp(slab.vertices[:, 2]), thickness, rtol=0.01)
+    assert volume(slab) == pytest.approx(thickness, rel=0.1)  # of a square of side 1
+    rod = wrapped(np.linspace(-0.5, 0.5, 500)[:, None] * [1, 0, 0], 0.1, 0.005).mesh
     np.testing.assert_allclose(np.ptp(rod.vertices, axis=0), [1.01, 0.01, 0.01], atol=1e-3)
 
 
-def test_the_ball_is_no_smaller_than_a_pixels_footprint() -> None:
+def test_nothing_is_finer_than_the_image() -> None:
     points = lattice_sphere(2048) * 0.1
-    finest = wrapped(points, 1e-9, OFFSET).mesh
-    np.testing.assert_array_equal(finest.faces, wrapped(points, FOOTPRINT, OFFSET).mesh.faces)
+    finest = wrapped(points, 1e-9, 1e-9).mesh
+    expected = wrapped(points, FOOTPRINT, FOOTPRINT / 10).mesh
+    np.testing.assert_array_equal(finest.faces, expected.faces)
+    np.testing.assert_array_equal(finest.vertices, expected.vertices)
 
 
 @pytest.mark.parametrize("points", [np.eye(3)[:1], np.eye(3)[:2]], ids=["one", "two"])
@@ -79,8 +82,3 @@ def test_noisy_points_are_smoothed_first() -> None:
 def test_many_points_are_thinned() -> None:
     result = AlphaWrap().prepare(PointCloud(lattice_sphere(20_000)))
     assert result.notes == ("input: 6667 of 20000 points used",)
-
-
-def test_what_meshlab_refuses_is_a_failure_of_the_stage() -> None:
-    with pytest.raises(StageFailure, match="alpha-wrap: "):
-        wrapped(lattice_sphere(), 0.1, -1.0)
