@@ -81,11 +81,6 @@ def wrapped(points: Points | Floats, radius: float, offset: float) -> Reconstruc
     Raises StageFailure("alpha-wrap", ...) where MeshLab refuses or there is no face.
     """
     vertices = (points.astype(np.float64)[:, None] + SPECK).reshape(-1, 3)
-<<<<<<< HEAD
     meshlab = MeshLab(vertices, faces=np.arange(len(vertices)).reshape(-1, 3))
-    run("alpha-wrap", lambda: meshlab.alpha_wrap(max(radius, FOOTPRINT), offset))
-=======
-    meshlab = MeshLab(vertices, np.arange(len(vertices)).reshape(-1, 3))
     run("alpha-wrap", lambda: meshlab.alpha_wrap(max(radius, FOOTPRINT), max(offset, LEAST_OFFSET)))
->>>>>>> wrap
     return reconstruction("alpha-wrap", meshlab)
