@@ -67,11 +67,11 @@ def test_a_cloud_out_of_sight_is_white() -> None:
 
 def test_noisy_points_are_smoothed() -> None:
     noisy = lattice_sphere() + np.random.default_rng(0).normal(scale=0.08, size=(2048, 3))
-    state = SplatFill().prepare(PointCloud(noisy))
+    state = SplatFill().prepare(PointCloud(noisy.astype(np.float32)))
     assert state.notes[1].startswith("smoothed: ")
     radii = np.linalg.norm(state.points, axis=1)
     assert radii.std() < 0.08 / 2
-    assert len(SplatFill().prepare(PointCloud(lattice_sphere())).notes) == 1
+    assert len(SplatFill().prepare(PointCloud(lattice_sphere().astype(np.float32))).notes) == 1
 
 
 def test_the_outline_closes_gaps_that_the_disc_cannot_enter() -> None:
