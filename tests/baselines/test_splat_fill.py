@@ -110,8 +110,8 @@ def test_pull_push_keeps_full_pixels_and_fills_the_others() -> None:
     np.testing.assert_array_equal(filled[full], values[full])
     assert values[full].min() <= filled.min()
     assert filled.max() <= values[full].max()
-    weights = rng.random((32, 32)) * full
+    weights = np.where(full, rng.random((32, 32)), 0.0)
     np.testing.assert_allclose(pull_push(np.full((32, 32), 0.6), weights), 0.6, atol=1e-12)
-    lone = np.zeros((32, 32))
+    lone = np.zeros((32, 32), np.float64)
     lone[3, 7] = 0.01
-    np.testing.assert_allclose(pull_push(0.25 * (lone > 0), lone), 0.25, atol=1e-12)
+    np.testing.assert_allclose(pull_push(np.where(lone > 0, 0.25, 0.0), lone), 0.25, atol=1e-12)
