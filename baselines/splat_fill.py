@@ -111,7 +111,7 @@ def _paint(state: OrientedPoints, view: View) -> Floats:
     shown = visible(depth, COVERING * between, BEHIND * state.spacing)
     # Obliquely a patch covers few pixels, and most oblique normals are wrong ones, of edges. Never
     # nothing: an image of oblique points alone has to be filled too.
-    weight = shown * np.maximum(SHARE * cosine, LEAST_SHARE)
+    weight = np.where(shown, np.maximum(SHARE * cosine, LEAST_SHARE), 0.0)
     filled = pull_push(NEUTRAL_GREY[0] / 255 * cosine ** (1 / GAMMA), weight)
     return 1 - coverage + coverage * filled
 

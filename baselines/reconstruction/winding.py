@@ -120,7 +120,7 @@ def _field(cube: Floats32, samples: Floats32, vectors: Floats32) -> Floats32:
 def _transposed(cube: Floats32, samples: Floats32, values: Floats32) -> Floats32:
     """Return the vectors [N, 3] that the transpose of `_field` makes of values [N]."""
     sums = cube @ np.hstack([samples * values[:, None], values[:, None]])
-    return samples * sums[:, 3:] - sums[:, :3]
+    return (samples * sums[:, 3:] - sums[:, :3]).astype(np.float32)
 
 
 def _descent(cube: Floats32, fifth: Floats32, samples: Floats32, vectors: Floats32) -> Floats32:
@@ -134,7 +134,8 @@ def _descent(cube: Floats32, fifth: Floats32, samples: Floats32, vectors: Floats
     sums = fifth @ np.hstack([vectors, flux, outer, samples * flux])
     along = (samples * sums[:, :3]).sum(axis=1, keepdims=True) - sums[:, 3:4]
     mixed = (sums[:, 4:13].reshape(-1, 3, 3) @ samples[:, :, None])[:, :, 0]
-    return cube @ vectors - 3 * (sums[:, 13:] - mixed + samples * along)
+    result = cube @ vectors - 3 * (sums[:, 13:] - mixed + samples * along)
+    return result.astype(np.float32)
 
 
 def _unit(vectors: Floats32) -> Floats32:

@@ -54,8 +54,6 @@ class Method:
     color : str
         The colours of its images: "none" (grey), "invented" (guessed by a network) or "true" (of
         the mesh); "" means unknown.
-    learned_in_3d : bool
-        Whether a network learned a surface in space and draws that, instead of learning images.
 
     Raises
     ------
@@ -75,7 +73,6 @@ class Method:
     reconstruction: Literal["", "paper", "other"] = ""
     kind: Kind = ""
     color: Color = ""
-    learned_in_3d: bool = False
 
     def __post_init__(self) -> None:
         if self.reconstruction and self.kind not in ("", "reconstruction"):

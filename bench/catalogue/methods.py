@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from bench.catalogue import loaders  # no package that is slow to import: `bench list` needs this
 from bench.catalogue.chosen import CHOSEN
@@ -22,9 +22,6 @@ from data_prep import plugins
 from data_prep.failures import BadInput, unknown
 from data_prep.files.safe_read import is_regular_file
 from data_prep.plugins import entry_point_names, load_entry_point
-
-if TYPE_CHECKING:
-    pass
 
 
 def _reconstruction(
@@ -48,33 +45,30 @@ def _reconstruction(
     )
 
 
-_reference = partial(Method, kind="reference", version=1)
+_MESHLAB = partial(loaders.versions, "embreex", "pymeshlab")
+_paper_chain = partial(_reconstruction, version=2, identity=_MESHLAB, chain="paper")
+_untrained = partial(Method, version=1, trained_on="nothing")
+_splat = partial(
+    _untrained, kind="splat", color="none", identity=partial(loaders.versions, "scipy")
+)
+_reference = partial(_untrained, kind="reference", identity=loaders.versions)
 
 METHODS = (
     *NETWORK_METHODS,
-    _reconstruction(
+    _paper_chain(
         "surface-apss",
         "surface:SurfaceApss",
-        version=2,
         source="paper's SR; filter script of roatienza/pc2pix@23b7b46d",
-        identity=partial(loaders.versions, "embreex", "pymeshlab"),
-        chain="paper",
     ),
-    _reconstruction(
+    _paper_chain(
         "surface-fit",
         "surface_fit:SurfaceFit",
-        version=2,
         source="the paper's SR on a grid no finer than the image can show",
-        identity=partial(loaders.versions, "embreex", "pymeshlab"),
-        chain="paper",
     ),
-    _reconstruction(
+    _paper_chain(
         "surface-bpa",
         "surface:SurfaceBpa",
-        version=2,
         source="the paper's SR without its last step: ball pivoting and holes closed",
-        identity=partial(loaders.versions, "embreex", "pymeshlab"),
-        chain="paper",
     ),
     _reconstruction(
         "poisson",
@@ -138,44 +132,30 @@ METHODS = (
         source="screened Poisson as a first script with Open3D does it; extra [open3d]",
         identity=loaders.open3d_identity,
     ),
-    Method(
+    _splat(
         "splat",
         load=partial(loaders.renderer, "baselines.splat:Splat"),
-        identity=partial(loaders.versions, "scipy"),
-        version=1,
         source="depth-buffered discs: what a viewer shows",
-        trained_on="nothing",
-        kind="splat",
-        color="none",
     ),
-    Method(
+    _splat(
         "splat-fill",
         load=partial(loaders.renderer, "baselines.splat_fill:SplatFill"),
-        identity=partial(loaders.versions, "scipy"),
-        version=1,
         source="projected points filled by pull-push (Marroquim et al. 2007)",
-        trained_on="nothing",
-        kind="splat",
-        color="none",
     ),
     _reference(
         "true-mesh",
         load=partial(loaders.renderer, "baselines.reference:TrueMesh"),
-        identity=loaders.versions,
         source="the ceiling: the mesh behind the cloud",
         sees_mesh=True,
         sees_cloud=False,
-        trained_on="nothing",
         color="true",
     ),
     _reference(
         "true-mesh@grey",
         load=partial(loaders.renderer, "baselines.reference:TrueMesh", coloured=False),
-        identity=loaders.versions,
         source="the mesh behind the cloud in neutral grey: a ceiling for what has no colour",
         sees_mesh=True,
         sees_cloud=False,
-        trained_on="nothing",
         color="none",
     ),
     _reference(
@@ -190,10 +170,8 @@ METHODS = (
     _reference(
         "blank",
         load=partial(loaders.renderer, "baselines.reference:Blank"),
-        identity=loaders.versions,
         source="the floor: white images; failures are scored as these",
         sees_cloud=False,
-        trained_on="nothing",
         color="none",
     ),
 )

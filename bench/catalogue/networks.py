@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -123,17 +122,14 @@ NETWORK_METHODS = (
         source="splat-net fed with the nearest depth alone, as Z2P is; a short training "
         "(baselines/splat_net/weights/depth.md)",
     ),
-    replace(
-        _network(
-            "occupancy-net",
-            package=loaders.OCCUPANCY_NET,
-            weights="all",
-            trained_on="13 classes",
-            color="none",
-            source="an occupancy network on three planes (Peng et al. 2020), trained on the clouds "
-            "of splat-net@all (baselines/occupancy_net/weights/all.md)",
-        ),
-        learned_in_3d=True,
+    _network(
+        "occupancy-net",
+        package=loaders.OCCUPANCY_NET,
+        weights="all",
+        trained_on="13 classes",
+        color="none",
+        source="an occupancy network on three planes (Peng et al. 2020), trained on the clouds "
+        "of splat-net@all (baselines/occupancy_net/weights/all.md)",
     ),
 )
 # Methods that nobody would draw with, but whose cost is measured beside the others.

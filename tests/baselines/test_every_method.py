@@ -127,7 +127,6 @@ FEW = "where the camera looks, a cube each; normals need at least 11"
         ("denoised-poisson", LINE, "ball-pivoting", "no faces"),
         ("denoised-poisson", TEN_PLACES, "input", f"10 of 50 {FEW_DIFFERENT}"),
         ("pgr", np.full((50, 3), 0.3), "input", f"1 of 50 {FEW_DIFFERENT}"),
-        ("wnnc-poisson", LINE, "winding", "no direction"),
         ("wnnc-poisson", TEN_PLACES, "input", f"10 of 50 {FEW_DIFFERENT}"),
         ("poisson", LINE, "ball-pivoting", "no faces"),
         ("poisson", np.full((50, 3), 0.3), "poisson", ""),

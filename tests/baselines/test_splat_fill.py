@@ -67,11 +67,11 @@ def test_a_cloud_out_of_sight_is_white() -> None:
 
 def test_noisy_points_are_smoothed() -> None:
     noisy = lattice_sphere() + np.random.default_rng(0).normal(scale=0.08, size=(2048, 3))
-    state = SplatFill().prepare(PointCloud(noisy))
+    state = SplatFill().prepare(PointCloud(noisy.astype(np.float32)))
     assert state.notes[1].startswith("smoothed: ")
     radii = np.linalg.norm(state.points, axis=1)
     assert radii.std() < 0.08 / 2
-    assert len(SplatFill().prepare(PointCloud(lattice_sphere())).notes) == 1
+    assert len(SplatFill().prepare(PointCloud(lattice_sphere().astype(np.float32))).notes) == 1
 
 
 def test_the_outline_closes_gaps_that_the_disc_cannot_enter() -> None:
@@ -110,8 +110,8 @@ def test_pull_push_keeps_full_pixels_and_fills_the_others() -> None:
     np.testing.assert_array_equal(filled[full], values[full])
     assert values[full].min() <= filled.min()
     assert filled.max() <= values[full].max()
-    weights = rng.random((32, 32)) * full
+    weights = np.where(full, rng.random((32, 32)), 0.0)
     np.testing.assert_allclose(pull_push(np.full((32, 32), 0.6), weights), 0.6, atol=1e-12)
-    lone = np.zeros((32, 32))
+    lone = np.zeros((32, 32), np.float64)
     lone[3, 7] = 0.01
-    np.testing.assert_allclose(pull_push(0.25 * (lone > 0), lone), 0.25, atol=1e-12)
+    np.testing.assert_allclose(pull_push(np.where(lone > 0, 0.25, 0.0), lone), 0.25, atol=1e-12)

@@ -28,8 +28,7 @@ def test_every_method_says_its_kind_and_its_colours():
         assert (method.kind == "reconstruction") == (method.reconstruction != "")
         assert (method.kind == "reference") == (role(method.id) != "")
         assert method.color
-    assert [m.id for m in BUNDLED if m.kind == "splat"] == ["splat"]
-    assert [m.id for m in BUNDLED if m.learned_in_3d] == ["occupancy-net"]
+    assert [m.id for m in BUNDLED if m.kind == "splat"] == ["splat", "splat-fill"]
     assert [m.id for m in BUNDLED if m.color == "true"] == ["true-mesh"]
     assert FLOORS == ("constant", "blank")
     variant = find_method("surface-apss@resolution=64")
