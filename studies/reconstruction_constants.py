@@ -115,12 +115,13 @@ class Clouds:
         values = [
             float(text) if text[0] != "s" else float(text[1:]) * clean.spacing for text in constants
         ]
-        if kind == "wrap":
-            return wrapped(clean.points, values[0] * clean.spacing, values[1]).mesh
-        if kind == "alpha":
-            return alpha_mesh(clean.points, values[0] * clean.spacing)
-        if kind == "poisson":
-            return trimmed_poisson(clean.points, int(values[0])).mesh
+        match kind, values:
+            case "wrap", [ball, offset]:
+                return wrapped(clean.points, ball * clean.spacing, offset).mesh
+            case "alpha", [ball]:
+                return alpha_mesh(clean.points, ball * clean.spacing)
+            case "poisson", [depth]:
+                return trimmed_poisson(clean.points, int(depth)).mesh
         renderer = find_method(setting).load("cpu")
         return renderer.prepare(self.cloud, np.random.default_rng(0)).mesh
 

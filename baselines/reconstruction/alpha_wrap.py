@@ -27,7 +27,7 @@ from data_prep.scene import PointCloud, Points
 
 BALL = 2.0  # radius, in spacings of the cloud
 OFFSET = 0.14  # of the surface from the points, in spacings: a third of a pixel at 2,048 points
-LEAST_OFFSET = FOOTPRINT / 10
+LEAST_OFFSET = FOOTPRINT / 4  # a line of points is a rod half a pixel thick
 # A triangle in place of each point, centred on it: CGAL ends the process on points alone.
 SPECK = 1e-4 * np.array([[-1, -1, 0], [1, -1, 0], [0, 2, 0]]) / 2
 
@@ -76,7 +76,7 @@ def wrapped(points: Points | Floats, radius: float, offset: float) -> Reconstruc
     """Return the wrap of points [N, 3], N > 0, in neutral grey.
 
     The ball has `radius`, or a pixel's footprint where that is more, and the surface is at the
-    distance `offset`, or a tenth of a footprint.
+    distance `offset`, or a quarter of a footprint where that is more.
 
     Raises StageFailure("alpha-wrap", ...) where MeshLab refuses or there is no face.
     """
