@@ -141,4 +141,4 @@ def _descent(cube: Floats32, fifth: Floats32, samples: Floats32, vectors: Floats
 def _unit(vectors: Floats32) -> Floats32:
     """Return vectors [N, 3] with length 1; those of no length as they are."""
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return vectors / np.where(length > 0, length, 1)
+    return (vectors / np.where(length > 0, length, 1)).astype(np.float32, copy=False)
