@@ -15,7 +15,7 @@ from data_prep.scene import PointCloud
 
 MOST_POINTS = 2048  # as many as it was shown in training
 PLACES_TOGETHER = 2**15  # a bound on memory
-LEVEL = 0.5  # probability of being inside
+LEVEL = 0.4  # probability of being inside; chosen on validation objects
 
 
 class OccupancyNetRenderer(DrawsReconstruction):

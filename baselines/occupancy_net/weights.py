@@ -30,7 +30,9 @@ if TYPE_CHECKING:
     from baselines.occupancy_net.network import OccupancyConfig, OccupancyNet
 
 FOLDER = Path(__file__).parent / "weights"
-BUNDLED: dict[str, str] = {}  # name -> sha256 of weights/<name>.safetensors
+BUNDLED: dict[str, str] = {  # name -> sha256 of weights/<name>.safetensors
+    "all": "4050b55af22160f2296d15ea2e249b0adc2818d20eb4cb6d660d51d776e3ddb9",
+}
 KIND = "occupancy-net"  # of the checkpoints of its training
 FORMAT = "occupancy-net-weights-1"
 REMEDY = "write the file again with baselines.occupancy_net.weights.export"

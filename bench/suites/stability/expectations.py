@@ -87,6 +87,10 @@ _SOME_BLANK = Fails("draw: . of 4 images are blank")
 _CHAOS = Changes(0.5, "another order or a rounding error, and the surface has its spikes elsewhere")
 _UNIT = Changes(1.0, "coordinates are taken as they are, and the camera stands where it does")
 _FEW_IN_SIGHT = Either((Draws(), _SOME_BLANK), "few points are in sight")
+_HARDLY_A_CLOUD = Either(
+    (Draws(), _SOME_BLANK, Fails("marching-cubes: no surface")),
+    "points that are no object have no inside, or a small one that no pixel shows",
+)
 _WRONG_NORMALS = Changes(1.0, "ten neighbours are fewer places, and normals go wrong")
 _OFF = Fails("encode: the code lies ")
 _FINITE_ONLY = dict.fromkeys(_NOT_FINITE, Fails("input: 1 of 2048 points are not finite"))
@@ -257,6 +261,21 @@ EXPECTED: Mapping[str, Mapping[str, Expectation]] = {
     "depth-net": _SPLAT_NET,
     "splat-net@bf16": _SPLAT_NET,
     "splat-net@tiny": _SPLAT_NET,
+    "occupancy-net": {
+        "0-points": Fails("input: 0 points; occupancy networks need"),
+        **dict.fromkeys(
+            ("1-points", "2-points", "3-points", "4-points", "16-points", "all-equal", "int"),
+            _HARDLY_A_CLOUD,
+        ),
+        **dict.fromkeys(
+            (*_LARGE, *_SHIFTS), Fails(r"input: 0 of \d+ points are different and nearer")
+        ),
+        **_FINITE_ONLY,
+        **dict.fromkeys(_FAR, Agrees(0.1)),  # the far point is left out
+        **dict.fromkeys(_SMALL, _UNIT),
+        **dict.fromkeys(("noise-5", "noise-10"), _FEW_IN_SIGHT),
+        "turned": Changes(1.0, "its planes are not turned with the cloud"),
+    },
     "splat": _POINTS
     | {
         **dict.fromkeys(_SHIFTS, _BLANK),
