@@ -119,6 +119,7 @@ SUITES = (
             "denoised-alpha",
             "denoised-bpa",
             "denoised-poisson",
+            "denoised-wrap@ball=1.5",
             "denoised-wrap",
             *(f"denoised-wrap@ball={spacings}" for spacings in (3, 4)),
             "wnnc-poisson",
