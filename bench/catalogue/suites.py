@@ -32,8 +32,8 @@ ROBUSTNESS = Suite(
     about="the paper's Tables 3 and 4: fewer points and noise, on chairs",
     methods=(
         "surface-apss",
+        "alpha-wrap",
         "denoised-wrap",
-        "splat-fill",
         "occupancy-net",
         "pc2pix",
         "pc2pix@acgan",
@@ -86,7 +86,7 @@ SUITES = (
         about="the same chairs, clouds and views in neutral grey: drawing without colour",
         methods=(  # that make up no colour
             "surface-apss",
-            "denoised-alpha",
+            "alpha-wrap",
             "denoised-wrap",
             "splat-fill",
             "occupancy-net",
@@ -119,6 +119,8 @@ SUITES = (
             "denoised-alpha",
             "denoised-bpa",
             "denoised-poisson",
+            "alpha-wrap",
+            "denoised-wrap@ball=1.5",
             "denoised-wrap",
             *(f"denoised-wrap@ball={spacings}" for spacings in (3, 4)),
             "wnnc-poisson",
@@ -169,7 +171,7 @@ SUITES = (
         about="the paper's Table 5: one network for all classes, class by class",
         methods=(
             "surface-apss",
-            "denoised-alpha",
+            "alpha-wrap",
             "denoised-wrap",
             "occupancy-net",
             "pc2pix@all",
@@ -212,7 +214,7 @@ SUITES = (
         id="beyond-training",
         about="beyond what networks were trained on: where they fall behind, on chairs",
         methods=(
-            *("surface-apss", "denoised-alpha", "denoised-bpa", "denoised-wrap", "splat-fill"),
+            *("surface-apss", "denoised-bpa", "alpha-wrap", "denoised-wrap", "splat-fill"),
             *("occupancy-net", "pc2pix", "splat-net", "blank"),
         ),
         conditions=(  # each the worse the later, see bench/catalogue/families.py
