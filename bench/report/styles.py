@@ -31,10 +31,11 @@ COMMON_FAMILIES = (
     *("surface-apss", "splat-net", "pc2pix", "splat"),
     *("alpha-shape", "denoised-alpha", "surface-fit", "denoised-wrap"),
 )
-# The next ones, in an order that gives the methods of a default run a hue each. The rows that choose
-# a method have a place here so that a new family does not change their style.
+# The next ones, in an order that gives the methods of a default run a hue each. Rows that choose a
+# method have a place here so that a new family does not change their style.
 FURTHER_FAMILIES = (
-    *("poisson", "pgr", "occupancy-net", "best-reconstruction", "best-learned-3d", "splat-fill"),
+    *("poisson", "pgr", "occupancy-net", "best-reconstruction", "alpha-wrap", "splat-fill"),
+    *("surface-bpa", "denoised-bpa", "denoised-poisson", "best-learned-3d"),
 )
 
 

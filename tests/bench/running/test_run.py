@@ -450,7 +450,7 @@ def test_a_machine_without_opengl(tmp_path):
 def test_defaults_are_those_of_the_suite():
     protocol, skipped = protocol_of(SUITES[0], Options("chair-robustness"), dict)
     assert tuple(protocol.methods) == (
-        *("surface-apss", "denoised-wrap", "splat-fill", "occupancy-net"),
+        *("surface-apss", "alpha-wrap", "denoised-wrap", "occupancy-net"),
         *("pc2pix", "pc2pix@acgan", "splat-net", "splat-net@grey"),
         *("true-mesh", "true-mesh@grey", "constant", "blank"),
     )
