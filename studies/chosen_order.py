@@ -43,7 +43,7 @@ def main() -> None:
             .drop(list(FLOORS), level="method", errors="ignore")
         )
         for condition, cell in values.groupby("condition", sort=False):
-            ordered = in_order(cell.droplevel("condition"))
+            ordered = in_order(cell.reset_index("condition", drop=True))
             print(f'"{condition}": "{" ".join(map(str, ordered.index))}",')
             print(ordered.round(4).T.to_string(), end="\n\n")
 

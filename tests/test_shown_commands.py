@@ -112,6 +112,7 @@ def run(words: list[str]) -> tuple[int, str, str]:
 
 def test_they_run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "100")  # pytest-xdist sets 80
     Path("examples").mkdir()
     for copy in ("examples/chair.ply", "stool.ply"):
         Path(copy).write_bytes((REPOSITORY / "examples" / "chair.ply").read_bytes())

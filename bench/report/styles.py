@@ -31,6 +31,12 @@ COMMON_FAMILIES = (
     *("surface-apss", "splat-net", "pc2pix", "splat"),
     *("alpha-shape", "denoised-alpha", "surface-fit", "denoised-wrap"),
 )
+# The next ones, in an order that gives the methods of a default run a hue each. Rows that choose a
+# method have a place here so that a new family does not change their style.
+FURTHER_FAMILIES = (
+    *("poisson", "pgr", "occupancy-net", "best-reconstruction", "alpha-wrap", "splat-fill"),
+    *("surface-bpa", "denoised-bpa", "denoised-poisson", "best-learned-3d"),
+)
 
 
 @dataclass(frozen=True)
@@ -55,7 +61,8 @@ def method_styles(methods: Iterable[str]) -> dict[str, MethodStyle]:
     marker, values of a parameter in nothing. Families of other packages follow ours in the order
     of `methods`. Floors are dashed lines.
     """
-    variants: dict[str, list[str]] = {family: [] for family in COMMON_FAMILIES}
+    ours = (*COMMON_FAMILIES, *FURTHER_FAMILIES)
+    variants: dict[str, list[str]] = {family: [] for family in ours}
     for bundled in BUNDLED:
         variants.setdefault(bundled.family, []).append(bundled.id)
     floors = 0

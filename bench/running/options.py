@@ -39,7 +39,6 @@ class Options:
     dataset: str = "procedural"
     methods: tuple[str, ...] | None = None
     conditions: tuple[str, ...] | None = None
-    metrics: tuple[str, ...] | None = None  # beside those of the suite
     limit: int | None = None
     budget: float | None = None  # seconds
     views: int | None = None
@@ -52,6 +51,7 @@ class Options:
     ray: str | None = None
     inception_weights: str | None = None
     truth: Truth | None = None
+    metrics: tuple[str, ...] | None = None  # beside those of the suite
 
     @property
     def request(self) -> dict[str, Any]:

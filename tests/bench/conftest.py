@@ -19,14 +19,16 @@ BENCH = (sys.executable, "-c", "from bench.cli import main; main()")
 
 
 def start_run(arguments, directory, code=BENCH[-1], **environment):
-    """Start the command line in a session of its own, without weights for fid."""
+    """Start the command line in a session of its own, 100 columns wide, without fid's weights."""
     return subprocess.Popen(
         [*BENCH[:-1], code, *arguments, "--out", str(directory)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
-        env=os.environ | {"XDG_CACHE_HOME": str(directory.parent)} | environment,
+        env=os.environ
+        | {"XDG_CACHE_HOME": str(directory.parent), "COLUMNS": "100"}  # pytest-xdist sets 80
+        | environment,
     )
 
 

@@ -205,7 +205,8 @@ SECONDS = {GROUND_TRUTH: 45.0, "pc2pix": 180.0, "blank": 0.0}
 
 def test_plan_has_jobs_hours_disk_time_and_memory(tmp_path):
     lines = plan_text(make_run(tmp_path), SECONDS).splitlines()
-    assert lines[0] == r"# Plan of chair-robustness on folder:a\|b"
+    title = r"# Plan of chair-robustness on folder:a\|b, against the true mesh in its colours"
+    assert lines[0] == title
     assert "| ground-truth | 8 | 0 | 45 | 0.1 | 1 |" in lines
     assert "| pc2pix | 16 | 0 | 180 | 0.8 | 2 |" in lines
     assert "| **all** | 32 | 0 | 101 | 0.9 | 4 |" in lines

@@ -138,7 +138,9 @@ def test_metrics_on_request_are_those_of_the_kept_images(copied):
     assert value["true-mesh", "2048"] == 0
     assert value["blank", "2048"] == pytest.approx(np.hypot(128, 128))
     assert 0 < value["splat", "2048"] < value["splat", "noise-0.10"] < 181
-    assert table.title.endswith("0 is identical (lower is better)")
+    assert table.title.endswith(
+        "0 is identical (lower is better); against the true mesh in its colours"
+    )
     text = (copied / "tables" / "metric_silhouette-distance.md").read_text()
     assert "(lower is better)" in text
     assert "181.02" in text
@@ -189,7 +191,7 @@ def test_a_run_takes_metrics_on_request(arguments, copied, command):
     page = (copied / "report.html").read_text()
     assert "mean distance in px between drawn and true outline" in page
     assert "features of EfficientNet-Lite0" in page
-    assert "fewer than 11 pictures" in page  # of alexnet-recall
+    assert "fewer than 11 images" in page  # of alexnet-recall
     assert read_config(copied / "manifest.json")["metrics"] == asked
     assert (copied / "records.parquet").read_bytes() == records
 
@@ -304,15 +306,18 @@ def test_learned_judges_are_those_of_their_functions(copied):
     for metric in ("dists", "fd-effnet"):
         assert value[metric, "true-mesh", "2048"] == pytest.approx(0, abs=1e-4)
         assert value[metric, "blank", "2048"] == value[metric, "blank", "noise-0.10"] > 0.1
-    assert [table.title.rpartition(" (")[2] for table in tables] == ["lower is better)"] * 3
+    directions = [table.title.rpartition(" (")[2] for table in tables]
+    assert directions == ["lower is better); against the true mesh in its colours"] * 3
 
 
 def test_shares_need_more_images_than_neighbours(copied):
     tables = score(copied, [find_metric(name) for name in ("alexnet-precision", "alexnet-recall")])
     for table in tables:
-        assert {row.note for row in table.rows} == {"fewer than 11 pictures"}
+        assert {row.note for row in table.rows} == {"fewer than 11 images"}
         assert all(np.isnan(row.value) for row in table.rows)
-        assert table.title.endswith("k = 10 (higher is better)")
+        assert table.title.endswith(
+            "k = 10 (higher is better); against the true mesh in its colours"
+        )
 
 
 class Stored:

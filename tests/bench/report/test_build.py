@@ -149,7 +149,8 @@ def test_costs_are_the_records_times(of_random_values, document):
 def test_head_counts_images(document):
     description = [one.text for one in document.one("p", class_="outcomes").all("span")]
     assert description == ["58 images ok", "6 images failed", "fid skipped"]
-    assert document.one("p", class_="line").text == "4 chairs × 2 views · 4 methods"
+    line = document.one("p", class_="line").text
+    assert line == "4 chairs × 2 views · 4 methods · true mesh in its colours"
     facts = document.one("dl", class_="facts")
     by_term = {d.one("dt").text: d.one("dd").text for d in facts.all("div")}
     assert by_term["finished"] == "2026-01-01 00:00:00 UTC"

@@ -16,8 +16,9 @@ from report_parser import parse
 from bench.analysis.comparison import NAN, Comparison, Estimate, Quality
 from bench.analysis.scores import QualityRow
 from bench.catalogue.lookup import family_of
+from bench.catalogue.methods import role
 from bench.catalogue.metrics import higher_is_better
-from bench.catalogue.suites import TableSpec
+from bench.catalogue.suites import ROBUSTNESS, TableSpec
 from bench.report.inline import COLOURS
 from bench.report.legend import legend
 from bench.report.pareto import cost_plots
@@ -396,6 +397,13 @@ def test_a_family_has_one_colour_and_marker_in_every_plot():
     assert styles["splat"] == styles["splat@spread=2"]
     assert styles["blank"].marker == ""
     assert method_styles(["pc2pix@acgan"]) == {"pc2pix@acgan": styles["pc2pix@acgan"]}
+
+
+def test_methods_of_a_default_run_differ_in_hue():
+    competing = [method for method in ROBUSTNESS.methods if not role(method)]
+    styles = method_styles([*competing, "best-reconstruction"])
+    hues = {family_of(method): style.colour for method, style in styles.items()}
+    assert len(set(hues.values())) == len(hues) >= 6
 
 
 def test_directions_of_metrics():

@@ -100,8 +100,8 @@ def test_an_extension_that_is_stopped_leaves_the_outputs_and_goes_on(
     assert (again.objects, again.done, again.reused) == (3, 2, 22)
     wide = read_manifest(copied)
     # Neither has all: in the order of the suite, and then the others.
-    network = f"pc2pix@{tiny_weights}"
-    assert wide["methods"] == ["splat", "true-mesh", "constant", "blank", network]
+    others = ["splat", f"pc2pix@{tiny_weights}"]
+    assert wide["methods"] == ["true-mesh", "constant", "blank", *others]
     assert wide["request"]["methods"] == wide["methods"]
     assert (wide["objects"], wide["conditions"]) == (manifest["objects"], manifest["conditions"])
     old, new = (set((d / TABLE).read_text().splitlines()) for d in (finished[0], copied))

@@ -56,7 +56,8 @@ def test_a_shard_has_its_objects_and_tables_of_them(made):
     assert read_manifest(made[0])["shard"] == "1/2"
 
 
-def test_merged_shards_are_the_run_in_one_piece(finished, made, tmp_path, command):
+def test_merged_shards_are_the_run_in_one_piece(finished, made, tmp_path, command, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "100")  # pytest-xdist sets 80
     whole = tmp_path / "whole"
     status, out, err = command("merge", *made[::-1], "--out", whole)
     assert status == 0

@@ -450,9 +450,9 @@ def test_a_machine_without_opengl(tmp_path):
 def test_defaults_are_those_of_the_suite():
     protocol, skipped = protocol_of(SUITES[0], Options("chair-robustness"), dict)
     assert tuple(protocol.methods) == (
-        *("surface-apss", "alpha-shape", "denoised-alpha", "pc2pix", "pc2pix@acgan"),
-        *("splat-net", "splat-net@grey"),
-        *("splat", "true-mesh", "true-mesh@grey", "constant", "blank"),
+        *("surface-apss", "alpha-wrap", "denoised-wrap", "occupancy-net"),
+        *("pc2pix", "pc2pix@acgan", "splat-net", "splat-net@grey"),
+        *("true-mesh", "true-mesh@grey", "constant", "blank"),
     )
     assert protocol.conditions == ("2048", "1024", "512", "noise-0.05", "noise-0.10")
     assert (protocol.views, protocol.seed, len(protocol.objects)) == (20, 0, 24)
