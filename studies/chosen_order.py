@@ -37,11 +37,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="The best that learn nothing, by condition.")
     parser.add_argument("directories", type=Path, nargs="+")
     for directory in parser.parse_args().directories:
-        values = (
-            read_values(directory)
-            .xs(AVERAGE, level="class")
-            .drop(list(FLOORS), level="method", errors="ignore")
-        )
+        values = pd.DataFrame(read_values(directory).xs(AVERAGE, level="class"))
+        values = values.drop(list(FLOORS), level="method", errors="ignore")
         for condition, cell in values.groupby("condition", sort=False):
             ordered = in_order(cell.reset_index("condition", drop=True))
             print(f'"{condition}": "{" ".join(map(str, ordered.index))}",')
