@@ -295,6 +295,7 @@ def test_some_objects_now_and_the_others_later(
 ):
     """Ctrl-C, a budget, no limit: each start goes on from where the last one came, what it leaves
     is a run of the objects that are complete, and the end is that of a run never stopped."""
+    monkeypatch.setenv("COLUMNS", "100")  # pytest-xdist sets 80
     directory = tmp_path / "run"
     options = finished_options(tiny_weights, directory)
     first = run(options, publish, partial(Interrupted, partial_table))
