@@ -29,22 +29,22 @@ def marks(table):
 
 def test_the_best_is_of_those_that_compete():
     rows = [
-        row("splat", 0.5004), row("surface-apss", 0.4996), row("pc2pix", 0.4),
+        row("splat-net", 0.5004), row("surface-apss", 0.4996), row("pc2pix", 0.4),
         row("true-mesh", 1.0), row("true-mesh@grey", 0.95), row("constant", 0.9),
     ]  # fmt: skip
     (table,) = tables_of(*rows)
-    best = ["splat", "surface-apss"]  # the same as printed: 0.500
+    best = ["splat-net", "surface-apss"]  # the same as printed: 0.500
     assert marks(table) == {r.method: ["best" if r.method in best else ""] for r in rows}
     assert table.higher
     (lower,) = tables_of(*(row(r.method, r.value, metric="fd-views") for r in rows))
     assert [name for name, mark in marks(lower).items() if mark == ["best"]] == ["pc2pix"]
-    (alone,) = tables_of(row("splat", 0.5), row("blank", 0.4))
-    assert marks(alone) == {"splat": [""], "blank": [""]}
+    (alone,) = tables_of(row("splat-net", 0.5), row("blank", 0.4))
+    assert marks(alone) == {"splat-net": [""], "blank": [""]}
 
 
 def test_outcomes_of_a_line_are_those_of_its_images():
     cases = {
-        "splat": ({}, ("ok",)),
+        "depth-net": ({}, ("ok",)),
         "surface-apss": ({"n_ok": 3, "note": "1 x timeout: 3 s"}, ("failed", "ok")),
         "pc2pix@acgan": ({"n_ok": 0, "note": "4 x timeout: 3 s"}, ("failed",)),
         "pc2pix": ({"note": "skipped: weights"}, ("skipped",)),
@@ -78,17 +78,17 @@ def test_several_classes_are_lines_and_methods_columns():
         row(method, 0.25 if class_name == "lamp" else 0.75, condition, class_name)
         for class_name in ("chair", "lamp", "average")
         for condition in ("2048", "512")
-        for method in ("splat", "poisson")
+        for method in ("splat-net", "poisson")
     ]
     rows[0] = replace(rows[0], n_ok=2, note="2 x crash")
     first, second = tables_of(*rows)
     assert first.caption == "ssim, at 2048 (higher is better)"
-    assert [name for name, _ in first.columns] == ["splat", "poisson"]
+    assert [name for name, _ in first.columns] == ["splat-net", "poisson"]
     assert [(line.name, line.tags.class_name) for line in first.lines] == [
         (name, name) for name in ("chair", "lamp", "average")
     ]
     assert [cell.text for cell in first.lines[1].cells] == ["0.250", "0.250"]
-    assert first.notes == ("splat at chair: 2 x crash",)
+    assert first.notes == ("splat-net at chair: 2 x crash",)
     assert (first.unfolded, second.unfolded) == (True, False)
     assert second.tags.condition == "512"
     made = quality_table(TableSpec("images", "t", "T"), [r for r in rows if r.condition == "2048"])
