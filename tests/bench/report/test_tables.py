@@ -94,7 +94,7 @@ def test_several_classes_are_lines_and_methods_columns():
     made = quality_table(TableSpec("images", "t", "T"), [r for r in rows if r.condition == "2048"])
     lines = made.to_markdown().splitlines()
     start = lines.index("## ssim")  # not in the paper's layout, and no class in the heading
-    assert lines[start + 2] == "| class | splat | poisson |"
+    assert lines[start + 2] == "| class | splat-net | poisson |"
     assert not any("paper's layout" in line for line in lines)
 
 
