@@ -567,13 +567,13 @@ def similarity(a: NDArray[Any], b: NDArray[Any], **options: Any) -> str:
         return f"ssim {float(structural_similarity(a, b, gaussian_weights=True, **options))}"
 
 
-@defect(r"^ssim 1\.0$", "bench.metrics.structural_similarity._require_images")
+@defect(r"^ssim 1\.0$", "bench.metrics.structural_similarity.require_images")
 def skimage_guesses_the_range() -> str:
     """Black and white in int64: the range is guessed from the type, and they are alike."""
     return similarity(np.zeros((16, 16), np.int64), np.full((16, 16), 255, np.int64))
 
 
-@defect(r"^ssim nan$", "bench.metrics.structural_similarity._require_images")
+@defect(r"^ssim nan$", "bench.metrics.structural_similarity.require_images")
 def skimage_accepts_a_nan_pixel() -> str:
     """A NaN pixel: SSIM is NaN, and nothing is reported."""
     broken = np.full((16, 16), 0.5)
