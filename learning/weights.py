@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Generator, Iterable, Mapping
+from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from data_prep.failures import BadInput
 from data_prep.files.atomic_write import atomic_write
@@ -20,6 +20,8 @@ from data_prep.files.safe_read import is_regular_file, open_file
 
 if TYPE_CHECKING:
     from torch import Tensor, nn
+
+NetworkT = TypeVar("NetworkT", bound="nn.Module")
 
 MOST_BYTES = 2**32  # of weights or a checkpoint; pc2pix at the paper's width has one of 1.2 GB
 MOST_HEADER_BYTES = 2**24
@@ -231,6 +233,23 @@ def check_tensors(
             raise BadInput(f"{path}: {key} is of {tensors[key].dtype}, not {types}; {remedy}")
         if not tensors[key].isfinite().all():
             raise BadInput(f"{path}: {key} is not finite; {remedy}")
+
+
+def checked_network(
+    path: Path, tensors: Mapping[str, Tensor], build: Callable[[], NetworkT], remedy: str
+) -> NetworkT:
+    """Return the network that `build` makes, with the tensors of a file, in evaluation mode.
+
+    Raises BadInput as `check_tensors`, before the network takes memory.
+    """
+    import torch
+
+    with torch.device("meta"):  # shapes without memory: the file has yet to prove its size
+        expected = expected_shapes(build())
+    check_tensors(path, tensors, expected, remedy)
+    network = build()
+    fill_network(network, tensors)
+    return network
 
 
 def fill_network(network: nn.Module, tensors: Mapping[str, Tensor]) -> None:

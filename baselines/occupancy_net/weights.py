@@ -6,6 +6,7 @@ safetensors header says how it was made. PyTorch is imported by what handles ten
 
 from __future__ import annotations
 
+import functools
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -13,10 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from learning.weights import (
-    check_tensors,
-    expected_shapes,
+    checked_network,
     file_sha256,
-    fill_network,
     find_file,
     halved,
     read_weights,
@@ -85,8 +84,6 @@ def load_weights(name_or_path: str | Path = "all") -> OccupancyWeights:
     Raises BadInput as `find_weights`, and where the file is no safetensors file or of another
     format, or tensors are missing, superfluous, of the wrong shape or not finite.
     """
-    import torch
-
     from baselines.occupancy_net.network import OccupancyNet
 
     path = find_weights(name_or_path)
@@ -94,11 +91,7 @@ def load_weights(name_or_path: str | Path = "all") -> OccupancyWeights:
     with understanding_header(path, REMEDY):
         config = network_config(json.loads(header["network"]))
         card = {**json.loads(header["training"])}
-    with torch.device("meta"):  # shapes without memory: the file has yet to prove its size
-        expected = expected_shapes(OccupancyNet(config))
-    check_tensors(path, tensors, expected, REMEDY)
-    network = OccupancyNet(config)
-    fill_network(network, tensors)
+    network = checked_network(path, tensors, functools.partial(OccupancyNet, config), REMEDY)
     return OccupancyWeights(network, {"network": asdict(config), **card}, file_sha256(path))
 
 

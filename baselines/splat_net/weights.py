@@ -7,6 +7,7 @@ handles tensors only.
 
 from __future__ import annotations
 
+import functools
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
@@ -15,10 +16,8 @@ from typing import TYPE_CHECKING, Any
 
 from data_prep.failures import BadInput
 from learning.weights import (
-    check_tensors,
-    expected_shapes,
+    checked_network,
     file_sha256,
-    fill_network,
     find_file,
     halved,
     read_weights,
@@ -110,8 +109,6 @@ def load_weights(name_or_path: str | Path = "chair") -> SplatNetWeights:
     Raises BadInput as `find_weights`, and where the file is no safetensors file or of another
     format, or tensors are missing, superfluous, of the wrong shape or not finite.
     """
-    import torch
-
     from baselines.splat_net.points2pix import build
 
     path = find_weights(name_or_path)
@@ -121,11 +118,7 @@ def load_weights(name_or_path: str | Path = "chair") -> SplatNetWeights:
         card = {**json.loads(header["training"])}
         if len(config.heads) != 1:
             raise ValueError(f"heads {config.heads}, expected one")
-    with torch.device("meta"):  # shapes without memory: the file has yet to prove its size
-        expected = expected_shapes(build(config))
-    check_tensors(path, tensors, expected, REMEDY)
-    network = build(config)
-    fill_network(network, tensors)
+    network = checked_network(path, tensors, functools.partial(build, config), REMEDY)
     return SplatNetWeights(network, {"network": asdict(config), **card}, file_sha256(path))
 
 
