@@ -12,7 +12,7 @@ from torch.nn import functional
 
 from baselines.reconstruction.stages import in_grey
 from data_prep.failures import StageFailure
-from data_prep.scene import Mesh, Points
+from data_prep.scene import Mesh
 
 COARSEST = 32  # cells a side of the grid whose nodes are all evaluated
 DOUBLINGS = 2  # to 128 cells: with a box of 2.2 one is as wide as a pixel of the image
@@ -81,9 +81,9 @@ def _evaluated(occupancy: Occupancy, nodes: Tensor, half_extent: float) -> Tenso
     return values
 
 
-def _cells_around(points: Points | Tensor, cells: int, half_extent: float) -> Tensor:
+def _cells_around(points: Tensor, cells: int, half_extent: float) -> Tensor:
     """Return the cells [cells, cells, cells] that points lie in, and their neighbours."""
-    place = (torch.as_tensor(points) / half_extent + 1) * (cells / 2)
+    place = (points / half_extent + 1) * (cells / 2)
     x, y, z = place.clamp(0, cells - 1).long().T
     around = torch.zeros(1, 1, cells, cells, cells)
     around[0, 0, x, y, z] = 1.0

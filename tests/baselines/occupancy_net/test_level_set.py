@@ -32,7 +32,7 @@ def test_the_level_set_of_a_ball(level):
     np.testing.assert_allclose(radius, 0.6 - level / 40, rtol=0, atol=CELL**2 / 4.8 + 1e-5)
     assert (mesh.face_colors == NEUTRAL_GREY).all()
     a, b, c = (mesh.vertices[mesh.faces[:, i]].astype(np.float64) for i in range(3))
-    volume = abs((a * np.cross(b, c)).sum()) / 6
+    volume = (a * np.cross(b, c)).sum() / 6  # above 0: faces turn outwards
     assert volume == pytest.approx(4 / 3 * np.pi * (0.6 - level / 40) ** 3, rel=1e-3)
 
 
