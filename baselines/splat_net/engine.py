@@ -11,7 +11,7 @@ import functools
 import torch
 from torch import Tensor, nn
 
-from baselines.splat_net.network import PLANES, Block, SplatNet
+from baselines.splat_net.network import PLANES, Block, SplatNet, shading_of
 from baselines.splat_net.window import Windows, whole_images
 from learning.convolution import Convolution, Precision, dtype_of, normalisation
 
@@ -42,15 +42,18 @@ class FoldedSplatNet:
     def __call__(
         self, channels: Tensor, windows: Windows | None = None, points: Tensor | None = None
     ) -> Tensor:
-        """Return images float32 [P, h, w, 3] in 0..1 by the first head.
+        """Return images float32 [P, h, w, 3] in 0..1 by the albedo, or else by the first head.
 
         The channels [P, C, h, w] are of `dtype` and of windows, or of whole images without
         `windows`. `points` are not used.
         """
         layers = self.for_one if len(channels) == 1 else self.for_many
         windows = windows or whole_images(range(len(channels)), self.size)
-        planes = layers(channels, windows).float().sigmoid_()
+        output, albedo = layers(channels, windows)
+        planes = output.float().sigmoid_()
         alpha, missing = planes[:, 0], planes[:, 1:].expand(-1, 3, -1, -1)
+        if albedo is not None:
+            missing = 1 - shading_of(1 - missing) * albedo.float().sigmoid()[:, :, None, None]
         white = alpha.new_ones(())
         images = torch.empty((*alpha.shape, 3), device=planes.device)
         for image, colour in zip(images.unbind(3), missing.unbind(1), strict=True):
@@ -90,6 +93,7 @@ class _Layers:
                 blocks = [_folded(block, inner, dtype) for block in level]  # type: ignore[attr-defined]
                 self.up.append((below, blocks))
             self.last = _last(network, [group, widths[0], size, size], dtype)
+            self.albedo = network.albedo if "albedo" in network.config.heads else None
 
     @functools.cached_property
     def empty(self) -> Tensor:
@@ -99,7 +103,11 @@ class _Layers:
         """
         return _channels_last(self.down[0][0](self.first(self.nothing)))
 
-    def __call__(self, channels: Tensor, windows: Windows) -> Tensor:
+    def __call__(self, channels: Tensor, windows: Windows) -> tuple[Tensor, Tensor | None]:
+        """Return the planes of windows, and the albedo [P, 3] of a network that has one.
+
+        Both are before the sigmoid; covers are negated, see `_last`.
+        """
         below = windows.below()
         x = self.first(channels)
         passed = []
@@ -110,6 +118,7 @@ class _Layers:
                 x = _channels_first(below.paste(_channels_last(x), self.empty))
             x = block(x)
         x = self.middle(x)
+        albedo = None if self.albedo is None else self.albedo(x.mean(dim=(2, 3)).float())
         for lift, blocks in self.up:
             y = passed.pop()
             if not passed:
@@ -118,7 +127,7 @@ class _Layers:
             for block in blocks:
                 y = block(y)
             x = y
-        return self.last(x)
+        return self.last(x), albedo
 
 
 def _channels_last(x: Tensor) -> Tensor:
@@ -148,7 +157,7 @@ def _folded(block: nn.Module, like: list[int], dtype: torch.dtype) -> Convolutio
 
 
 def _last(network: SplatNet, like: list[int], dtype: torch.dtype) -> Convolution:
-    """Return the convolution to alpha and the first head, negated.
+    """Return the convolution to alpha and to the first head, which is negated.
 
     1 - s(x) = s(-x) is wanted, s the sigmoid.
     """

@@ -1,9 +1,11 @@
 """The network: a U-Net over the projected points.
 
-It predicts how much of a pixel is covered (alpha) and what covers it apart; the image is their
-composite on white. What covers it has a head for each material: the object's own colours, which are
-a guess, or the neutral grey that reconstructions are rendered in. Both are trained at once, on one
-trunk; bundled weights have one of them.
+It predicts how much of a pixel is covered (alpha) and, apart from it, what covers it; the image is
+their composite on white. A head for each material tells what covers a pixel: "grey" in the neutral
+grey that reconstructions are rendered in, "colour" in colours of its own at every pixel. The light
+shines along the view, so the grey image is the shading of any material. A cloud has no colours, and
+"albedo" guesses one colour for the whole image, which the shading of "grey" is multiplied with.
+Heads are trained together, on one trunk; a file of weights has the heads of one image.
 """
 
 from __future__ import annotations
@@ -18,12 +20,19 @@ from torch.nn import functional
 
 from baselines.splat_net.projection import ALL_INPUTS, Inputs
 from data_prep.failures import BadInput
+from data_prep.scene import NEUTRAL_GREY
 
 SMALLEST = 16  # the image's side over that of the narrowest level: sizes must be its multiples
-Material = Literal["colour", "grey"]
+Material = Literal["colour", "grey", "albedo"]
 Body = Literal["splat-net", "points2pix"]
 BODIES: tuple[Body, ...] = get_args(Body)
-PLANES: dict[Material, int] = {"colour": 3, "grey": 1}
+PLANES: dict[Material, int] = {"colour": 3, "grey": 1, "albedo": 3}
+NEUTRAL = NEUTRAL_GREY[0] / 255  # a grey pixel over it is the shading, 0..1
+# In training, and of a file of weights: a colour for each pixel, or one for the image.
+COLOUR_HEADS: dict[str, tuple[Material, ...]] = {
+    "pixel": ("colour", "grey"),
+    "image": ("grey", "albedo"),
+}
 
 
 @dataclass(frozen=True)
@@ -43,11 +52,18 @@ class NetworkConfig:
     def __post_init__(self) -> None:
         if len(self.widths) != 5 or min(self.widths) < 1:
             raise BadInput(f"widths {self.widths}: expected five numbers, each at least 1")
+        if "albedo" in self.heads and (self.heads, self.body) != (("grey", "albedo"), "splat-net"):
+            raise BadInput(
+                f"heads {self.heads} of {self.body}: an albedo goes with the head grey of splat-net"
+            )
 
     @property
     def outputs(self) -> int:
-        """Return the number of output planes: one for alpha, and those of each head."""
-        return 1 + sum(PLANES[head] for head in self.heads)
+        """Return the number of planes of the last convolution: alpha, and those of each head.
+
+        The albedo has none: it is the same at every pixel.
+        """
+        return 1 + sum(PLANES[head] for head in self.heads if head != "albedo")
 
 
 DEFAULT = NetworkConfig()
@@ -102,9 +118,13 @@ class SplatNet(nn.Module):
             for a, _ in reversed(pairs)
         )
         self.last = nn.Conv2d(widths[0], config.outputs, 3, padding=1)
+        if "albedo" in config.heads:
+            self.albedo = nn.Linear(widths[-1], PLANES["albedo"])
 
     def forward(self, channels: Tensor, points: Tensor | None = None) -> Tensor:
-        """Return alpha and the heads' planes [P, outputs, S, S], before the sigmoid.
+        """Return alpha and the heads' planes [P, planes, S, S], before the sigmoid.
+
+        Planes of the albedo have one value an image.
 
         channels  [P, C, S, S] of `project`
         points    not used: all that is known of them is projected
@@ -114,18 +134,32 @@ class SplatNet(nn.Module):
         for level in self.down:
             passed.append(x)
             x = level(x)
-        x = self.middle(x)
+        x = middle = self.middle(x)
         for lift, level in zip(self.lift, self.up, strict=True):
             x = functional.interpolate(lift(x), scale_factor=2.0, mode="nearest")
             x = level(x + passed.pop())
-        return self.last(x)
+        planes = self.last(x)
+        if "albedo" not in self.config.heads:
+            return planes
+        # a wrong guess of the colour must not change the shape: nothing is learned from it here
+        albedo = self.albedo(middle.detach().mean(dim=(2, 3))).to(planes)[:, :, None, None]
+        return torch.cat([planes, albedo.expand(-1, -1, *planes.shape[2:])], dim=1)
 
 
 def composite(output: Tensor, heads: tuple[Material, ...]) -> tuple[Tensor, list[Tensor]]:
     """Return alpha [P, 1, S, S] and an image on white [P, 3 or 1, S, S] for each head.
 
-    All lie in 0..1.
+    All lie in 0..1. No gradient of an image by the albedo reaches alpha or the shading.
     """
     planes = torch.sigmoid(output.float())
     alpha, *covers = planes.split([1, *(PLANES[head] for head in heads)], dim=1)
-    return alpha, [1 + alpha * (cover - 1) for cover in covers]
+    images = [1 + alpha * (cover - 1) for cover in covers]
+    if "albedo" in heads:
+        grey, albedo = covers
+        images[1] = 1 + alpha.detach() * (albedo * shading_of(grey.detach()) - 1)
+    return alpha, images
+
+
+def shading_of(cover: Tensor) -> Tensor:
+    """Return the shading, cos(t)^(1/2.2) for a tilt t, of what covers a grey pixel; both 0..1."""
+    return (cover / NEUTRAL).clamp(max=1.0)

@@ -1,6 +1,8 @@
 """Initial weights of a training: the colour and the grey file as one network.
 
-A training exports its network twice, each with one head; the trained network has both. Inputs that
+A training exports its network twice, each for one image; the trained network has the heads of both.
+A network with one colour for the image starts from any, and learns the colour anew where the file
+has none. Inputs that
 the new network lacks are cut out of the first layer; new inputs are not used yet. A wider network
 draws as the narrower one did: its additional channels are random, and no earlier channel uses them
 yet.
@@ -15,14 +17,15 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from baselines.splat_net.network import NetworkConfig, SplatNet
+from baselines.splat_net.network import COLOUR_HEADS, NetworkConfig, SplatNet
 from baselines.splat_net.projection import Inputs
-from baselines.splat_net.weights import BUNDLED, load_weights
+from baselines.splat_net.weights import BUNDLED, SplatNetWeights, load_weights
 from data_prep.failures import BadInput
 from learning import training_loop
 
 GREY = "-grey"  # stands at the end of the name of the file with that head
 HEAD = ("last.weight", "last.bias")
+GREY_ROWS = [0, 4]  # of both heads: alpha, and grey after the three planes in colour
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,20 +49,18 @@ def read_start(name_or_path: str, config: NetworkConfig, seed: int = 0) -> Start
     is wider than `config` at any level.
     """
     colour = load_weights(name_or_path)
-    grey = load_weights(_grey_of(name_or_path))
-    if (colour.network.config.heads, grey.network.config.heads) != (("colour",), ("grey",)):
-        raise _not_one_training(name_or_path, "the heads are not colour and grey")
-    state = colour.network.state_dict()
-    for key, other in grey.network.state_dict().items():
-        colour_part, grey_part = state[key], other
-        if key in HEAD:  # alpha comes before the materials
-            state[key], colour_part, grey_part = (
-                torch.cat([colour_part, other[1:]]),
-                colour_part[:1],
-                other[:1],
+    if colour.network.config.heads == COLOUR_HEADS["image"]:
+        state, sha256 = colour.network.state_dict(), colour.sha256
+        if "colour" in config.heads:
+            raise BadInput(
+                f"--start {name_or_path}: has one colour for the image; leave --colours out"
             )
-        if not torch.equal(colour_part, grey_part):
-            raise _not_one_training(name_or_path, f"{key} differs")
+    else:
+        grey = load_weights(_grey_of(name_or_path))
+        state, sha256 = _both(name_or_path, colour, grey), f"{colour.sha256} {grey.sha256}"
+        if "colour" not in config.heads:
+            state |= {key: state[key][GREY_ROWS] for key in HEAD}
+    state = {key: part for key, part in state.items() if key.split(".")[0] in _parts(config)}
     read = colour.network.config
     if (read.body, config.body) != ("splat-net", "splat-net"):
         raise BadInput(
@@ -74,7 +75,33 @@ def read_start(name_or_path: str, config: NetworkConfig, seed: int = 0) -> Start
     state["first.conv.weight"] = _arranged(state["first.conv.weight"], read.inputs, config.inputs)
     network = training_loop.seeded(seed, lambda: SplatNet(config))
     _fill(network, state)
-    return Start(network.eval().requires_grad_(False), f"{colour.sha256} {grey.sha256}")
+    return Start(network.eval().requires_grad_(False), sha256)
+
+
+def _parts(config: NetworkConfig) -> set[str]:
+    """Return the names of the modules of a configuration's network."""
+    with torch.device("meta"):
+        return {name for name, _ in SplatNet(config).named_children()}
+
+
+def _both(
+    name_or_path: str, colour: SplatNetWeights, grey: SplatNetWeights
+) -> dict[str, Tensor]:
+    """Return the state with both heads. Raises BadInput where they are not of one training."""
+    if (colour.network.config.heads, grey.network.config.heads) != (("colour",), ("grey",)):
+        raise _not_one_training(name_or_path, "the heads are not colour and grey")
+    state = colour.network.state_dict()
+    for key, other in grey.network.state_dict().items():
+        colour_part, grey_part = state[key], other
+        if key in HEAD:  # alpha comes before the materials
+            state[key], colour_part, grey_part = (
+                torch.cat([colour_part, other[1:]]),
+                colour_part[:1],
+                other[:1],
+            )
+        if not torch.equal(colour_part, grey_part):
+            raise _not_one_training(name_or_path, f"{key} differs")
+    return dict(state)
 
 
 def _fill(network: SplatNet, narrow: Mapping[str, Tensor]) -> None:
@@ -83,6 +110,8 @@ def _fill(network: SplatNet, narrow: Mapping[str, Tensor]) -> None:
     The first channels of each layer are those of `narrow`, and do not depend on the others.
     """
     for key, target in network.state_dict().items():  # the tensors themselves, no copies
+        if key not in narrow:  # a head that the file does not have
+            continue
         known = narrow[key]
         if known.dim() == 4:  # kernels [out, in, height, width]
             target[: len(known), known.shape[1] :] = 0

@@ -23,17 +23,14 @@ from baselines.splat_net.losses import (
     COVERAGE_WEIGHT,
     GREY_WEIGHT,
     OBJECTIVES,
+    TILT_WEIGHT,
     PatchJudge,
     Truth,
     coverage_error,
     judge_error,
+    tilt_error,
 )
-from baselines.splat_net.network import (
-    DEFAULT,
-    Material,
-    NetworkConfig,
-    composite,
-)
+from baselines.splat_net.network import COLOUR_HEADS, DEFAULT, NetworkConfig, composite
 from baselines.splat_net.points2pix import Network, build
 from baselines.splat_net.projection import Projection, cameras
 from baselines.splat_net.surfels import find_surfels, stack
@@ -48,7 +45,6 @@ from learning.processes import ONE, Processes
 from learning.trainer import CooledTrainer, Part
 
 Seen = tuple[Tensor, Tensor]  # channels [B, C, S, S], and points [B, 3, N] as the camera sees them
-HEADS: tuple[Material, ...] = ("colour", "grey")
 VIEWS_TOGETHER = 2  # of a cloud, in a step
 SHEET_CLOUDS = 8
 
@@ -91,9 +87,10 @@ class SplatNetConfig:
                 f"batch {self.batch}: {VIEWS_TOGETHER} views of a cloud are drawn together; use a "
                 f"multiple of {VIEWS_TOGETHER}"
             )
-        if self.network.heads != HEADS:
+        if self.network.heads not in COLOUR_HEADS.values():
             raise BadInput(
-                f"heads {self.network.heads}: both materials are trained at once; use {HEADS}"
+                f"heads {self.network.heads}: colours and grey are trained at once; use "
+                + " or ".join(map(str, COLOUR_HEADS.values()))
             )
 
 
@@ -141,6 +138,8 @@ class _SplatNetTrainer(CooledTrainer):
         super().__init__(config, device, processes)
         self.data, self.batch = data, config.batch
         self.objective = OBJECTIVES[config.objective]
+        # Then the image in colour teaches the colour alone, and the grey one everything else.
+        self.one_colour = config.network.heads == COLOUR_HEADS["image"]
         self.clouds = torch.from_numpy(data.seen.clouds)
         network, judge = training_loop.seeded(
             config.seed,
@@ -176,13 +175,19 @@ class _SplatNetTrainer(CooledTrainer):
         seen, truth, noise = self._draw_batch()
         with self.autocast():
             output = self.network(*seen)
-        _, (colour, grey) = composite(output, HEADS)
+        colour, grey = self._images(output)
         terms = {
             "colour": self.objective.image_error(colour, truth.colour, truth.coverage),
             "grey": self.objective.image_error(grey, truth.grey, truth.coverage),
             "coverage": coverage_error(output[:, :1].float(), truth.coverage),
         }
-        total = terms["colour"] + GREY_WEIGHT * terms["grey"] + COVERAGE_WEIGHT * terms["coverage"]
+        total = terms["colour"] + COVERAGE_WEIGHT * terms["coverage"]
+        total = total + (1.0 if self.one_colour else GREY_WEIGHT) * terms["grey"]
+        if self.objective.tilts:
+            place = 1 if self.one_colour else -1
+            cover = output[:, place, None].float().sigmoid()
+            terms["tilt"] = tilt_error(cover, truth.grey, truth.coverage)
+            total = total + TILT_WEIGHT * terms["tilt"]
         if self.objective.patch_weight:
             judged = self.objective.judged
             error, patches = self._judge(judged(colour, grey), judged(truth.colour, truth.grey))
@@ -194,6 +199,12 @@ class _SplatNetTrainer(CooledTrainer):
         self.steps_done += 1
         update(self.average, self.network, self.config.ema_decay, int(self.steps_done))
         return {name: value.detach() for name, value in terms.items()}
+
+    def _images(self, output: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the images in colour [B, 3, S, S] and in grey [B, 1, S, S] of an output."""
+        images = composite(output, self.config.network.heads)[1]
+        by_channels = {image.shape[1]: image for image in images}
+        return by_channels[3], by_channels[1]
 
     def _judge(self, drawn: Tensor, real: Tensor) -> tuple[Tensor, Tensor]:
         """Take a step of the judge; return its error, and how false [B] it finds drawn images.
@@ -289,7 +300,7 @@ class _SplatNetTrainer(CooledTrainer):
         nowhere = torch.zeros(count, dtype=torch.bool)
         shown, truth = self._scene(self.clouds[objects], objects, views, nowhere)
         output = self.average(*shown)
-        _, (colour, grey) = composite(output, HEADS)
+        colour, grey = self._images(output)
         rows = torch.stack([truth.colour, colour, grey.expand_as(colour)])  # [3, K, 3, S, S]
         rows = rows.permute(0, 3, 1, 4, 2).flatten(2, 3).flatten(0, 1)
         return (rows * 255).round().byte().cpu().numpy()

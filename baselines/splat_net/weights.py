@@ -75,7 +75,9 @@ def find_weights(name_or_path: str | Path) -> Path:
 
 
 def export(checkpoint_path: Path, path: Path, head: Material) -> str:
-    """Write a checkpoint's weights with one of its heads, atomically, and return the sha256.
+    """Write a checkpoint's weights for the image of one head, atomically; return the sha256.
+
+    For the albedo the file has the shading, too: the head "grey".
 
     Raises BadInput where the checkpoint is of something else or has no such head, or a weight does
     not fit float16.
@@ -90,13 +92,16 @@ def export(checkpoint_path: Path, path: Path, head: Material) -> str:
             f"{checkpoint_path}: has no head {head!r}; give one of {', '.join(network.heads)}"
         )
     tensors = without_counters(sub_state(state, "average"))
-    first = 1 + sum(PLANES[h] for h in network.heads[: network.heads.index(head)])
-    rows = [0, *range(first, first + PLANES[head])]
+    heads: tuple[Material, ...] = ("grey", "albedo") if head == "albedo" else (head,)
+    first = 1 + sum(PLANES[h] for h in network.heads[: network.heads.index(heads[0])])
+    rows = [0, *range(first, first + PLANES[heads[0]])]
     tensors |= {key: tensors[key][rows] for key in ("last.weight", "last.bias")}
+    if head != "albedo":
+        tensors = {key: value for key, value in tensors.items() if not key.startswith("albedo.")}
     stored = halved(tensors, checkpoint_path, "export an earlier checkpoint")
     header = {
         "format": FORMAT,
-        "network": json.dumps(asdict(replace(network, heads=(head,)))),
+        "network": json.dumps(asdict(replace(network, heads=heads))),
         "training": training_header(config, step, ["network"]),
     }
     write_atomically(path, stored, header)
@@ -116,8 +121,8 @@ def load_weights(name_or_path: str | Path = "chair") -> SplatNetWeights:
     with understanding_header(path, REMEDY):
         config = network_config(json.loads(header["network"]))
         card = {**json.loads(header["training"])}
-        if len(config.heads) != 1:
-            raise ValueError(f"heads {config.heads}, expected one")
+        if len(config.heads) != 1 and config.heads != ("grey", "albedo"):
+            raise ValueError(f"heads {config.heads}, expected one, or grey and albedo")
     network = checked_network(path, tensors, functools.partial(build, config), REMEDY)
     return SplatNetWeights(network, {"network": asdict(config), **card}, file_sha256(path))
 

@@ -104,7 +104,8 @@ def gan_command(options: GanOptions) -> None:
             "Default: random weights.",
             convert=expand_file,
         ),
-        "objective": "Loss: l1, l1-patch or pix2pix; see docs/training.md.",
+        "colours": "One colour for the image, whatever the shape, or one for each pixel.",
+        "objective": "Loss: l1, l1-patch, relief or pix2pix; see docs/training.md.",
         "without": OptionSpec(
             "Inputs to leave out, comma-separated: normals, density, flattened, far, discs. "
             "Default: none.",

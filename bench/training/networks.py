@@ -17,7 +17,7 @@ from baselines.occupancy_net import train as occupancy_net
 from baselines.occupancy_net import weights as occupancy_net_weights
 from baselines.splat_net import train as splat_net
 from baselines.splat_net import weights as splat_net_weights
-from baselines.splat_net.network import NETWORKS, NetworkConfig
+from baselines.splat_net.network import COLOUR_HEADS, NETWORKS, Material, NetworkConfig
 from baselines.splat_net.start import grey_beside, read_start
 from bench.training.options import (
     DEFAULT_OBJECTS,
@@ -88,6 +88,8 @@ def train_splat_net(options: SplatNetOptions) -> Path:
             f"--network: unknown '{options.network}'; choose one of {', '.join(NETWORKS)}"
         )
     network = do_without(NETWORKS[options.network], options.without)
+    if network.body == "splat-net":
+        network = replace(network, heads=COLOUR_HEADS[options.colours])
     start = None
     if options.start is not None:
         start = read_start(options.start, network, options.seed)
@@ -109,7 +111,8 @@ def train_splat_net(options: SplatNetOptions) -> Path:
         )
     weights = options.out / "weights.safetensors"
     if is_first():
-        splat_net_weights.export(checkpoint, weights, "colour")
+        colour: Material = "albedo" if "albedo" in network.heads else "colour"
+        splat_net_weights.export(checkpoint, weights, colour)
         splat_net_weights.export(checkpoint, grey_beside(weights), "grey")
     return weights
 

@@ -79,9 +79,12 @@ class SplatNetOptions(TrainingOptions):
         Inputs to leave out, see `bench.training.networks.do_without`.
     start : str or None
         Weights to start from, see `baselines.splat_net.start.read_start`; None: random ones.
+    colours : str
+        One colour for the image, or one for each pixel; points2pix has these always.
     """
 
     network: str = "default"
+    colours: Literal["image", "pixel"] = "image"
     views: int = 8
     start: str | None = None
     objective: str = "l1"
