@@ -12,6 +12,7 @@ from .conftest import lived_in
 
 BOTH = NetworkConfig(widths=(8, 12, 16, 20, 24))
 GREY = NetworkConfig(widths=(8, 12, 16, 20, 24), heads=("grey",))
+ALBEDO = NetworkConfig(widths=(8, 12, 16, 20, 24), heads=("grey", "albedo"))
 # Sums of up to 9 x 24 float32 products in another order, through 20 layers: some 1e-6.
 CLOSE = 1e-5
 
@@ -23,13 +24,14 @@ def inputs(config, count, size=128):
 
 
 def drawn(network, channels):
-    """Return the images of the first head."""
+    """Return the images by the albedo, or else by the first head."""
     with torch.no_grad():
-        _, (image, *_) = composite(network(channels), network.config.heads)
+        _, images = composite(network(channels), network.config.heads)
+    image = images["albedo" in network.config.heads]
     return image.expand(-1, 3, -1, -1).permute(0, 2, 3, 1)
 
 
-@pytest.fixture(params=[BOTH, GREY], ids=["both", "grey"])
+@pytest.fixture(params=[BOTH, GREY, ALBEDO], ids=["both", "grey", "albedo"])
 def network(request):
     return lived_in(request.param)
 

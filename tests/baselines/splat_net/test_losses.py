@@ -11,7 +11,9 @@ from baselines.splat_net.losses import (
     PatchJudge,
     coverage_error,
     judge_error,
+    tilt_error,
 )
+from baselines.splat_net.network import NEUTRAL
 from learning.image_losses import FOREGROUND_WEIGHT, structural_similarity
 
 image_error = OBJECTIVES["l1"].image_error
@@ -116,3 +118,42 @@ def test_a_judge_is_bounded():
     for place in (0, 2, 4):
         kernel = judge.eval()[place].weight.flatten(1)
         assert torch.linalg.matrix_norm(kernel, 2).item() == pytest.approx(1, abs=0.02)
+
+
+def shaded(tilt_deg: float) -> float:
+    """Return the grey of a face tilted away from the view."""
+    return NEUTRAL * math.cos(math.radians(tilt_deg)) ** (1 / 2.2)
+
+
+def test_tilt_error_of_planes_is_nearly_the_difference_of_their_angles() -> None:
+    whole = torch.ones(1, 1, 8, 8, dtype=torch.float64)
+    for true, drawn in ((20.0, 40.0), (40.0, 60.0), (60.0, 80.0)):
+        error = tilt_error(whole * shaded(drawn), whole * shaded(true), whole).item()
+        # sqrt(1 - cos t) = sqrt(2) sin(t / 2), whose slope falls from .0123 to .0087 a degree
+        # between 0 and 90 degrees
+        assert 0.0087 < error / 20 < 0.0124
+        assert error == pytest.approx(
+            abs(
+                math.sqrt(1 - math.cos(math.radians(drawn)) + 0.01)
+                - math.sqrt(1 - math.cos(math.radians(true)) + 0.01)
+            )
+        )
+
+
+def test_a_crease_that_is_missing_counts_where_brightness_hardly_does() -> None:
+    whole = torch.ones(1, 1, 4, 8, dtype=torch.float64)
+    true = whole * shaded(0)
+    true[..., 4:] = shaded(30)
+    flat = whole * shaded(0)
+    step = math.sqrt(1 - math.cos(math.radians(30)) + 0.01) - math.sqrt(0.01)
+    # half of the pixels are wrong, and one of seven differences across; none of those down
+    assert tilt_error(flat, true, whole).item() == pytest.approx(step / 2 + step / 7)
+
+
+def test_tilts_are_compared_in_pixels_that_are_covered_whole() -> None:
+    coverage = torch.ones(1, 1, 4, 4, dtype=torch.float64)
+    coverage[..., 2:] = 0.5
+    true, drawn = coverage * shaded(10), coverage * shaded(10)
+    drawn[..., 2:] = 0.1
+    assert tilt_error(drawn, true, coverage) == 0
+    assert tilt_error(drawn, true, torch.zeros_like(coverage)) == 0

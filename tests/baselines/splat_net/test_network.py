@@ -1,13 +1,21 @@
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import pytest
 import torch
 
-from baselines.splat_net.network import NETWORKS, NetworkConfig, composite
+from baselines.splat_net.network import (
+    COLOUR_HEADS,
+    NETWORKS,
+    NEUTRAL,
+    NetworkConfig,
+    composite,
+    shading_of,
+)
 from baselines.splat_net.points2pix import build
-from baselines.splat_net.train import HEADS
+
 from data_prep.failures import BadInput
 from tests.learning.trainings import SMALL
 
@@ -67,7 +75,13 @@ def sum_of_layers():
 
 
 @pytest.mark.parametrize(
-    ("size", "heads", "planes"), [(16, ("colour",), 4), (64, ("grey",), 2), (256, HEADS, 5)]
+    ("size", "heads", "planes"),
+    [
+        (16, ("colour",), 4),
+        (64, ("grey",), 2),
+        (256, COLOUR_HEADS["pixel"], 5),
+        (16, COLOUR_HEADS["image"], 5),
+    ],
 )
 def test_outputs_of_many_sizes_and_heads(size, heads, planes):
     network = lived_in(NetworkConfig(widths=SMALL.widths, heads=heads))
@@ -81,3 +95,31 @@ def test_outputs_of_many_sizes_and_heads(size, heads, planes):
 def test_widths_that_are_none(widths):
     with pytest.raises(BadInput, match="expected five numbers, each at least 1"):
         NetworkConfig(widths=widths)
+
+
+def test_an_albedo_is_one_colour_times_the_shading_of_grey() -> None:
+    output = torch.tensor([0.3, -0.4, 1.0, 0.0, -2.0]).reshape(1, 5, 1, 1)
+    alpha, cover, red, green, blue = torch.sigmoid(output).flatten().tolist()
+    _, (grey, colour) = composite(output, ("grey", "albedo"))
+    assert grey.item() == pytest.approx(1 + alpha * (cover - 1))
+    shading = cover / NEUTRAL
+    expected = [1 + alpha * (part * shading - 1) for part in (red, green, blue)]
+    assert colour.flatten().tolist() == pytest.approx(expected)
+    assert shading_of(torch.tensor([NEUTRAL, 0.99])).tolist() == [1.0, 1.0]  # never more than all
+
+
+def test_a_guess_of_the_colour_teaches_the_colour_alone() -> None:
+    network = lived_in(NetworkConfig(widths=SMALL.widths, heads=COLOUR_HEADS["image"]))
+    network.train()
+    output = network(torch.rand(2, network.config.inputs.channels, 16, 16))
+    composite(output, network.config.heads)[1][1].sum().backward()
+    taught = {name for name, p in network.named_parameters() if p.grad is not None and p.grad.any()}
+    assert taught == {"albedo.weight", "albedo.bias"}
+
+
+def test_an_albedo_without_a_shading_is_refused() -> None:
+    for heads in (("albedo",), ("albedo", "grey"), ("colour", "albedo")):
+        with pytest.raises(BadInput, match="an albedo goes with the head grey"):
+            NetworkConfig(heads=heads)
+    with pytest.raises(BadInput, match="of points2pix: an albedo goes with"):
+        dataclasses.replace(NETWORKS["points2pix"], heads=("grey", "albedo"))

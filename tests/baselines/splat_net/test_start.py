@@ -5,7 +5,13 @@ import dataclasses
 import pytest
 import torch
 
-from baselines.splat_net.network import DEFAULT, POINTS2PIX, NetworkConfig
+from baselines.splat_net.network import (
+    COLOUR_HEADS,
+    DEFAULT,
+    POINTS2PIX,
+    NetworkConfig,
+    composite,
+)
 from baselines.splat_net.projection import ALL_INPUTS, Inputs, cameras, project
 from baselines.splat_net.start import read_start
 from baselines.splat_net.surfels import find_surfels, stack
@@ -16,7 +22,7 @@ from data_prep.failures import BadInput
 from data_prep.scene import View
 from learning import checkpoint
 from learning.weights import file_sha256
-from tests.learning.trainings import SMALL
+from tests.learning.trainings import SMALL, make_surfaces
 
 from .conftest import make_cloud
 
@@ -177,3 +183,31 @@ def test_a_head_that_is_missing_or_the_wrong_one(files) -> None:
     grey.write_bytes(files.read_bytes())
     with pytest.raises(BadInput, match="the heads are not colour and grey"):
         read_start(str(files), SMALL)
+
+
+def test_one_colour_for_the_image_starts_from_any_file(files, tmp_path) -> None:
+    config = dataclasses.replace(SMALL, heads=COLOUR_HEADS["image"])
+    both, one = read_start(str(files), SMALL).network, read_start(str(files), config).network
+    channels = _seen(SMALL.inputs)
+    with torch.no_grad():
+        expected = composite(both(channels), SMALL.heads)[1][1]
+        grey, colour = composite(one(channels), config.heads)[1]
+    assert torch.equal(grey, expected)
+    assert torch.isfinite(colour).all()
+
+
+def test_a_file_with_one_colour_comes_back_and_has_none_for_each_pixel(tmp_path) -> None:
+    config = dataclasses.replace(SMALL, heads=COLOUR_HEADS["image"])
+    trained = train_splat_net(
+        make_surfaces(), SplatNetConfig(config, steps=2, cool_down=1, batch=4), tmp_path / "out"
+    )
+    path = tmp_path / "weights.safetensors"
+    export(trained, path, "albedo")
+    start = read_start(str(path), config)
+    assert start.sha256 == file_sha256(path)
+    state = checkpoint.sub_state(checkpoint.load(trained, KIND)[0], "average")
+    for name in ("last.weight", "albedo.weight"):
+        assert torch.equal(start.network.state_dict()[name], state[name].half().float())
+    assert read_start(str(path), dataclasses.replace(SMALL, heads=("grey",))).network
+    with pytest.raises(BadInput, match="one colour for the image; leave --colours out"):
+        read_start(str(path), SMALL)

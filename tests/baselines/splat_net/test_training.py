@@ -225,7 +225,7 @@ def test_bad_configurations_are_refused(tmp_path):
     for batch in (0, -VIEWS_TOGETHER, VIEWS_TOGETHER + 1):
         with pytest.raises(BadInput, match=f"batch {batch}: .* multiple of {VIEWS_TOGETHER}"):
             SplatNetConfig(batch=batch)
-    with pytest.raises(BadInput, match="both materials are trained at once"):
+    with pytest.raises(BadInput, match="colours and grey are trained at once"):
         SplatNetConfig(network=NetworkConfig(heads=("grey",)))
     few = make_surfaces(objects=2, views=VIEWS_TOGETHER - 1)
     with pytest.raises(BadInput, match=f"at least {VIEWS_TOGETHER} are drawn together; render"):
