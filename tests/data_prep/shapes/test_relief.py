@@ -39,7 +39,10 @@ def test_equal_streams_give_equal_objects():
 def test_the_dataset_has_relief_in_the_train_split_alone():
     dataset = open_dataset("procedural:relief")
     (first,) = dataset.objects("chair", 1, 9, "train")
-    assert (first.object_id, first.fingerprint()) == ("relief-00000", "procedural-1/chair/relief-00000")
+    assert (first.object_id, first.fingerprint()) == (
+        "relief-00000",
+        "procedural-1/chair/relief-00000",
+    )
     assert dataset.objects("chair", 1, 9, "validation") == (
         ProceduralObject("chair", "validation", 0),
     )
@@ -79,9 +82,7 @@ def test_grey_light_and_dark_objects(drawn):
 def test_light_and_dark_are_what_they_say():
     rng = np.random.default_rng(0)
     mesh = join([box((0, 0, 0), (1, 1, 1), (100, 120, 140))])
-    made = np.array(
-        [relief._with_extreme_colours(mesh, rng).face_colors[0] for _ in range(1000)]
-    )
+    made = np.array([relief._with_extreme_colours(mesh, rng).face_colors[0] for _ in range(1000)])
     luma = made @ (0.299, 0.587, 0.114) / 255
     for extreme in (luma > 0.75, luma < 0.35):
         assert abs(extreme.mean() - 0.16) < 5 * np.sqrt(0.16 * 0.84 / 1000)
