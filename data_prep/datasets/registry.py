@@ -65,7 +65,8 @@ def open_dataset(spec: str) -> Dataset:
     measured once per version of the protocol: no training, study or default uses it.
     `procedural:novel-families` has chairs of structures that no other split draws,
     `procedural:widened` a train split that varies more than the classes do, `procedural:relief`
-    one with bevels, panels and free closed forms besides. Raises BadInput for an unknown kind, a missing folder, and what the kind cannot use.
+    one with bevels, panels and free closed forms besides. Raises BadInput for an unknown kind, a
+    missing folder, and what the kind cannot use.
     """
     if spec in _EMBEDDED:
         return _EMBEDDED[spec](spec)

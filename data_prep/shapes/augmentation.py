@@ -169,7 +169,8 @@ def deformed(
 ) -> list[Part]:
     """Return all parts deformed together, in faces small enough to bend.
 
-    `split` divides vertices and faces until no edge is longer than a length. Raises Degenerate as `draw_widened` says.
+    `split` divides vertices and faces until no edge is longer than a length. Raises Degenerate as
+    `draw_widened` says.
     """
     every = np.concatenate([part.vertices for part in parts])
     low, high = every.min(axis=0), every.max(axis=0)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -128,8 +129,8 @@ def _bar(rings: Floats, width: float, rng: np.random.Generator) -> Floats:
     lined = chance(rng, 0.4) and len(rings) < 16
     depth, bevel = uniform(rng, (0.02, 0.08)), uniform(rng, (0.05, 0.3))
     made = [_shrunk(rings[0], bevel)]
-    for first, second in zip(rings[:-1], rings[1:], strict=True):
-        made.append(first + (0.12 if first is rings[0] else 0.0) * (second - first))
+    for first, second in pairwise(rings):
+        made.append(first + (0.12 if len(made) == 1 else 0.0) * (second - first))
         if lined:
             made += [
                 _shrunk(first + place * (second - first), share)
@@ -214,7 +215,9 @@ def _panels(rings: Floats, width: float, part: Part, rng: np.random.Generator) -
             first, second = 0.68 * filled / columns * along, 0.68 * filled / rows * across
             if round_ones:
                 sizes = [np.linalg.norm(side) for side in (first, second)]
-                first, second = (min(sizes) / s * side for s, side in zip(sizes, (first, second)))
+                first, second = (
+                    min(sizes) / s * side for s, side in zip(sizes, (first, second), strict=True)
+                )
             outline = shape[:, :1] * first + shape[:, 1:] * second
             made.append(
                 loft(

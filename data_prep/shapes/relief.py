@@ -27,7 +27,7 @@ from data_prep.shapes.free_forms import free_form
 from data_prep.shapes.palettes import LIGHTEST
 from data_prep.shapes.random_choices import chance, pick, uniform
 from data_prep.shapes.shape_class import ShapeClass
-from data_prep.shapes.solids import Color, Part, join
+from data_prep.shapes.solids import Color, join
 
 KINDS = {"carved": 0.275, "free": 0.3, "widened": 0.425}
 MOST_FACES = 6000  # of a mesh: more take too long to render
