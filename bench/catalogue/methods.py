@@ -175,7 +175,7 @@ METHODS = (
         color="none",
     ),
 )
-RECOMMENDED = "splat-net@all-grey"  # for a cloud of an unknown object: docs/trade.md
+RECOMMENDED = "splat-net@grey"  # for a cloud of an unknown object: docs/trade.md
 BUNDLED = (*METHODS, *COST_VARIANTS)
 WITH_WEIGHTS_FILE = {
     "pc2pix": loaders.PC2PIX,
