@@ -15,7 +15,6 @@ from baselines.splat_net.network import (
     shading_of,
 )
 from baselines.splat_net.points2pix import build
-
 from data_prep.failures import BadInput
 from tests.learning.trainings import SMALL
 
