@@ -17,7 +17,7 @@ from torch import Tensor
 
 from baselines.splat_net.network import NetworkConfig, SplatNet
 from baselines.splat_net.projection import Inputs
-from baselines.splat_net.weights import BUNDLED, load_weights
+from baselines.splat_net.weights import BUNDLED, find_weights, read_file
 from data_prep.failures import BadInput
 from learning import training_loop
 
@@ -42,11 +42,10 @@ def read_start(name_or_path: str, config: NetworkConfig, seed: int = 0) -> Start
                   "FILE-grey.safetensors"
     seed          of the channels that `config` has more of
 
-    Raises BadInput as `load_weights`; where the two are not of one training; and where the network
+    Raises BadInput as `find_weights` and `read_file`; where the two are not of one training; and where the network
     is wider than `config` at any level.
     """
-    colour = load_weights(name_or_path)
-    grey = load_weights(_grey_of(name_or_path))
+    colour, grey = (read_file(find_weights(n)) for n in (name_or_path, _grey_of(name_or_path)))
     if (colour.network.config.heads, grey.network.config.heads) != (("colour",), ("grey",)):
         raise _not_one_training(name_or_path, "the heads are not colour and grey")
     state = colour.network.state_dict()
