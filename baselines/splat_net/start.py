@@ -42,8 +42,8 @@ def read_start(name_or_path: str, config: NetworkConfig, seed: int = 0) -> Start
                   "FILE-grey.safetensors"
     seed          of the channels that `config` has more of
 
-    Raises BadInput as `find_weights` and `read_file`; where the two are not of one training; and where the network
-    is wider than `config` at any level.
+    Raises BadInput as `find_weights` and `read_file`; where the two are not of one training; and
+    where the network is wider than `config` at any level.
     """
     colour, grey = (read_file(find_weights(n)) for n in (name_or_path, _grey_of(name_or_path)))
     if (colour.network.config.heads, grey.network.config.heads) != (("colour",), ("grey",)):

@@ -58,9 +58,7 @@ def cast(
     return images
 
 
-def surface_maps(
-    mesh: Mesh, views: Sequence[View], size: int = IMAGE_SIZE
-) -> NDArray[np.float32]:
+def surface_maps(mesh: Mesh, views: Sequence[View], size: int = IMAGE_SIZE) -> NDArray[np.float32]:
     """Return the planes MAPS of a mesh in images, float32 [V, 5, size, size].
 
     Camera and samples are those of `cast`. The planes are zero where no sample meets the mesh.
