@@ -49,6 +49,7 @@ OWN_DATASETS = (
     ("procedural:sealed", "parametric shapes, the split for final numbers: choose nothing by it"),
     ("procedural:novel-families", "chairs of structures that no other split has"),
     ("procedural:widened", "for training: shapes that vary more than their classes do"),
+    ("procedural:relief", "for training: widened shapes with relief, and free closed forms"),
     ("folder:PATH", "your meshes; sub-folders are classes"),
     ("shapenet:PATH", "ShapeNetCore v1 or v2, split by all.csv if it has that file"),
     ("modelnet:PATH", "ModelNet10 or 40, split by folders or by lists"),

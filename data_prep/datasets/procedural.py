@@ -78,11 +78,50 @@ class WidenedObject(MeshObject):
         return draw_widened(CLASSES[self.class_name], self.random_numbers())[0]
 
 
+@dataclass(frozen=True)
+class ReliefObject(MeshObject):
+    """Object `index` of the shapes for training that have relief (`data_prep.shapes.relief`)."""
+
+    class_name: str
+    index: int
+
+    @property
+    def object_id(self) -> str:
+        """Return an id such as "relief-00007"."""
+        return f"relief-{self.index:05d}"
+
+    def fingerprint(self) -> str:
+        """Return class, number and version of the procedure."""
+        return f"procedural-{PROCEDURAL_VERSION}/{self.class_name}/{self.object_id}"
+
+    def random_numbers(self) -> np.random.Generator:
+        """Return a new stream of the random numbers that decide the object."""
+        return generator("procedural", self.class_name, "relief", self.index)
+
+    def load(self) -> Mesh:
+        """Draw the object."""
+        from data_prep.shapes.relief import draw_relief
+
+        return draw_relief(CLASSES[self.class_name], self.random_numbers())[0]
+
+
 def _widened(class_name: str, split: Split, index: int) -> MeshObject:
     """Return a widened object of the train split, or an object of `procedural` of another split."""
     if split == "train":
         return WidenedObject(class_name, index)
     return ProceduralObject(class_name, split, index)
+
+
+def _relief(class_name: str, split: Split, index: int) -> MeshObject:
+    """Return an object with relief of the train split, or one of `procedural` of another split."""
+    if split == "train":
+        return ReliefObject(class_name, index)
+    return ProceduralObject(class_name, split, index)
+
+
+def relief_dataset(spec: str) -> Dataset:
+    """Return all classes of the catalogue with a train split with relief, which is measured."""
+    return replace(procedural_dataset(spec, "train"), infinite=_relief)
 
 
 def widened_dataset(spec: str) -> Dataset:

@@ -16,6 +16,7 @@ from data_prep.datasets.procedural import (
     PROCEDURAL_VERSION,
     ProceduralObject,
     procedural_dataset,
+    relief_dataset,
     widened_dataset,
 )
 from data_prep.datasets.shapenet import is_shapenet, shapenet_dataset
@@ -46,6 +47,7 @@ _EMBEDDED: Mapping[str, Callable[[str], Dataset]] = {
     "procedural:sealed": partial(procedural_dataset, measured="sealed"),
     "procedural:novel-families": partial(procedural_dataset, measured="novel-families"),
     "procedural:widened": widened_dataset,
+    "procedural:relief": relief_dataset,
 }
 _STORED: Mapping[str, Callable[[str, Path], Dataset]] = {
     "folder": folder_dataset,
@@ -62,8 +64,9 @@ def open_dataset(spec: str) -> Dataset:
     Choices are made on `procedural:validation`. `procedural:sealed` is for final numbers alone,
     measured once per version of the protocol: no training, study or default uses it.
     `procedural:novel-families` has chairs of structures that no other split draws,
-    `procedural:widened` a train split that varies more than the classes do. Raises BadInput
-    for an unknown kind, a missing folder, and what the kind cannot use.
+    `procedural:widened` a train split that varies more than the classes do, `procedural:relief`
+    one with bevels, panels and free closed forms besides. Raises BadInput for an unknown kind, a
+    missing folder, and what the kind cannot use.
     """
     if spec in _EMBEDDED:
         return _EMBEDDED[spec](spec)

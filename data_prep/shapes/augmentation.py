@@ -6,10 +6,11 @@ untouched. All is decided by the random stream.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 from trimesh.remesh import subdivide_to_size
 
 from data_prep.arrays import Floats
@@ -37,6 +38,8 @@ COLOUR_SOURCES = {"kept": 0.4, "material": 0.35, "any": 0.25}
 # them a network paints whatever it is given.
 PAINTS = {"by part": 0.45, "one colour": 0.15, "none": 0.4}
 
+Split = Callable[[Floats, NDArray[np.int32], float], tuple[Floats, NDArray[np.int32]]]
+
 
 class Degenerate(Exception):
     """A drawn shape that is flat, folded or inside out: not to be trained on."""
@@ -61,16 +64,21 @@ def draw_widened(shapes: ShapeClass, rng: np.random.Generator) -> tuple[Mesh, in
 def _draw(shapes: ShapeClass, rng: np.random.Generator) -> Mesh:
     if chance(rng, PLAIN):
         return shapes.draw(rng).mesh()
+    parts = varied_parts(shapes, rng)
+    if chance(rng, 0.8):
+        parts = deformed(parts, draw_deformation(rng))
+    return painted(normalise(join(parts)), rng)
+
+
+def varied_parts(shapes: ShapeClass, rng: np.random.Generator) -> list[Part]:
+    """Return parts of a class: exchanged, some left out, thicker or thinner, of other colours."""
     exchanged = shapes.name == "chair" and chance(rng, 0.3)
     parts = exchanged_chair(rng) if exchanged else list(shapes.draw(rng).parts)
     if chance(rng, 0.3):
         parts = without_some(parts, rng)
     if chance(rng, 0.5):
         parts = thickened(parts, np.exp(uniform(rng, (-0.5, 0.7))))
-    parts = recoloured(parts, rng)
-    if chance(rng, 0.8):
-        parts = deformed(parts, draw_deformation(rng))
-    return painted(normalise(join(parts)), rng)
+    return recoloured(parts, rng)
 
 
 def exchanged_chair(rng: np.random.Generator) -> list[Part]:
@@ -156,15 +164,18 @@ def painted(mesh: Mesh, rng: np.random.Generator) -> Mesh:
     return mesh
 
 
-def deformed(parts: Sequence[Part], deformation: Deformation) -> list[Part]:
+def deformed(
+    parts: Sequence[Part], deformation: Deformation, split: Split = subdivide_to_size
+) -> list[Part]:
     """Return all parts deformed together, in faces small enough to bend.
 
-    Raises Degenerate as `draw_widened` says.
+    `split` divides vertices and faces until no edge is longer than a length. Raises Degenerate as
+    `draw_widened` says.
     """
     every = np.concatenate([part.vertices for part in parts])
     low, high = every.min(axis=0), every.max(axis=0)
     centre, half = (low + high) / 2, (high - low).max() / 2
-    fine = [subdivide_to_size((p.vertices - centre) / half, p.faces, EDGE) for p in parts]
+    fine = [split((p.vertices - centre) / half, p.faces, EDGE) for p in parts]
     if (
         deformation.smallest_stretch(np.concatenate([triangles[0] for triangles in fine]))
         < LEAST_STRETCH

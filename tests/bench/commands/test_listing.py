@@ -50,7 +50,8 @@ BY_SECTION = {
     ],
     "datasets": [
         *("procedural", "procedural:validation", "procedural:sealed"),
-        *("procedural:novel-families", "procedural:widened", "folder:PATH"),
+        *("procedural:novel-families", "procedural:widened"),
+        *("procedural:relief", "folder:PATH"),
         *("shapenet:PATH", "modelnet:PATH", "exported:PATH", "paper:PATH"),
     ],
 }
