@@ -84,9 +84,7 @@ def _parts(config: NetworkConfig) -> set[str]:
         return {name for name, _ in SplatNet(config).named_children()}
 
 
-def _both(
-    name_or_path: str, colour: SplatNetWeights, grey: SplatNetWeights
-) -> dict[str, Tensor]:
+def _both(name_or_path: str, colour: SplatNetWeights, grey: SplatNetWeights) -> dict[str, Tensor]:
     """Return the state with both heads. Raises BadInput where they are not of one training."""
     if (colour.network.config.heads, grey.network.config.heads) != (("colour",), ("grey",)):
         raise _not_one_training(name_or_path, "the heads are not colour and grey")
