@@ -17,13 +17,13 @@ from torch import Tensor
 
 from baselines.splat_net.surfels import FLATTENED, HOPS, Surfels
 from baselines.splat_net.window import Box, Windows, whole_images
-from data_prep.rendering.camera import CAMERA_DISTANCE, FOCAL_PX, camera_to_world
+from data_prep.rendering.camera import CAMERA_DISTANCE, FARTHEST, FOCAL_PX, camera_to_world
+from data_prep.rendering.raycast import MAPS, MOST_NEARNESS
 from data_prep.scene import IMAGE_SIZE, View
 
 NEAREST = 0.05 * CAMERA_DISTANCE  # what is nearer than this, the mesh renderer cuts off as well
 DENSITY_WINDOWS = (1, 3, 9)  # sides in pixels, at 128 px
 EMPTY = 1e4  # depth where there is no point
-FARTHEST = CAMERA_DISTANCE + 1.25  # nearness 0: the far end of the unit sphere, and room for noise
 
 
 @dataclass(frozen=True)
@@ -38,6 +38,8 @@ class Inputs:
     far        depth of the farthest point in the widest window
     noise      the median variation of the whole cloud at each scale, which says how noisy it is:
                the same wherever a point is near
+    meshes     methods that reconstruct a mesh of the cloud: its maps
+               (`data_prep.rendering.raycast.surface_maps`) follow the channels of the points
     """
 
     windows: tuple[int, ...] = (3, 7)
@@ -46,6 +48,7 @@ class Inputs:
     flattened: bool = True
     far: bool = True
     noise: bool = False
+    meshes: tuple[str, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -67,12 +70,18 @@ class Inputs:
                 if self.normals
             ),
             *(f"noise {i}" for i in HOPS if self.noise),
+            *(f"mesh {name} {what}" for name in self.meshes for what in MAPS),
         )
 
     @property
     def channels(self) -> int:
         """Return the number of channels."""
         return len(self.names)
+
+    @property
+    def of_points(self) -> int:
+        """Return the number of channels before those of meshes."""
+        return self.channels - len(MAPS) * len(self.meshes)
 
     @property
     def surfaces(self) -> bool:
@@ -100,15 +109,24 @@ class Projection:
     surfels  with one leading dimension: P, or 1 where all cameras see the same cloud
     cameras  [P, 3, 4]
     size     of the images, a multiple of 16
+    maps     those of `inputs.meshes`, [P, 5 * meshes, S, S]; None where there are no meshes
     points   [P, 3, N], in the camera's frame
 
     Points behind the camera or off the image are not seen.
     """
 
     def __init__(
-        self, surfels: Surfels, cameras: Tensor, inputs: Inputs, size: int = IMAGE_SIZE
+        self,
+        surfels: Surfels,
+        cameras: Tensor,
+        inputs: Inputs,
+        size: int = IMAGE_SIZE,
+        maps: Tensor | None = None,
     ) -> None:
         self.inputs, self.size = inputs, size
+        if (maps is None) == bool(inputs.meshes):
+            raise ValueError(f"meshes {inputs.meshes}: give their maps, and no others")
+        self.maps = None if maps is None else maps.permute(0, 2, 3, 1)
         self.points = points = _to_camera(surfels.points, cameras)
         self.seen = _Pixels(points, size)
         moved = surfels.flattened.unbind(-2) if inputs.flattened else ()
@@ -126,7 +144,7 @@ class Projection:
     def boxes(self) -> list[Box]:
         """Return for each image the box beyond which all channels are zero.
 
-        Where no point is seen the box is around the middle.
+        Where neither a point nor a mesh is seen the box is around the middle.
         """
         every = [self.seen, *self.flattened]
         seen = torch.cat([some.seen for some in every], dim=1)
@@ -134,12 +152,19 @@ class Projection:
         columns = torch.cat([some.column for some in every], dim=1)
         reach = _reach(self.inputs, self.size)
         ends = []
-        for place in (rows, columns):
+        for dim, place in enumerate((rows, columns), 1):
             first = torch.where(seen, place, torch.inf).amin(dim=1)
             last = torch.where(seen, place, -torch.inf).amax(dim=1)
-            none = first > last
-            first, last = (torch.where(none, self.size / 2, end).int() for end in (first, last))
-            ends += [(first - reach).clamp(min=0), (last + 1 + reach).clamp(max=self.size)]
+            start, end = first.floor() - reach, last.floor() + 1 + reach
+            if self.maps is not None:
+                lines = (self.maps != 0).any(dim=3).any(dim=3 - dim)  # with something of a mesh
+                at = torch.arange(self.size, device=lines.device)
+                start = start.minimum(torch.where(lines, at, torch.inf).amin(dim=1))
+                end = end.maximum(torch.where(lines, at + 1, -torch.inf).amax(dim=1))
+            none = start > end
+            start = torch.where(none, self.size // 2 - reach, start).int()
+            end = torch.where(none, self.size // 2 + 1 + reach, end).int()
+            ends += [start.clamp(min=0), end.clamp(max=self.size)]
         return [Box(*box) for box in torch.stack(ends, dim=1).tolist()]
 
     def whole(self) -> Tensor:
@@ -156,7 +181,8 @@ class Projection:
         inputs, size = self.inputs, self.size
         nearest = windows.cut(self.nearest)
         whole = torch.empty((*nearest.shape, inputs.channels), dtype=dtype, device=nearest.device)
-        normals = inputs.channels - len(HOPS) * (4 * inputs.normals + inputs.noise)  # the first
+        own = inputs.of_points
+        normals = own - len(HOPS) * (4 * inputs.normals + inputs.noise)  # the first
         # first one after the other: planes that are written one by one with gaps take longer
         count, *shape = nearest.shape
         apart = torch.empty((count, normals, *shape), device=nearest.device)
@@ -190,7 +216,9 @@ class Projection:
         if self.noise is not None:
             near = (_depth_of(widest) < EMPTY)[..., None]
             of_images = self.noise[torch.tensor(windows.numbers, device=near.device)]
-            whole[..., -len(HOPS) :] = near * of_images[:, None, None]
+            whole[..., own - len(HOPS) : own] = near * of_images[:, None, None]
+        if self.maps is not None:
+            whole[..., own:] = windows.cut(self.maps)
         return whole.permute(0, 3, 1, 2)
 
 
@@ -326,7 +354,7 @@ def _depth_of(nearest: Tensor) -> Tensor:
 
 
 def _nearness(depth: Tensor, out: Tensor) -> None:
-    torch.mul(depth, -0.5, out=out).add_(FARTHEST / 2).clamp_(0.0, 1.5)
+    torch.mul(depth, -0.5, out=out).add_(FARTHEST / 2).clamp_(0.0, MOST_NEARNESS)
 
 
 def _attributes(surfels: Surfels, cameras: Tensor, points: Tensor) -> tuple[Tensor, Tensor]:

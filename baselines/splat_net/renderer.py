@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import torch
@@ -109,7 +109,6 @@ class SplatNetRenderer:
         surfels = stack([find_surfels(cloud.points, workers, surfaces=self.inputs.surfaces)])
         return Surfels(*(value.to(self.device) for value in vars(surfels).values()))
 
-    @torch.inference_mode()
     def draw(
         self, state: Surfels, views: Sequence[View], rng: np.random.Generator | None = None
     ) -> Images:
@@ -135,11 +134,20 @@ class SplatNetRenderer:
             At the stage "draw", where the network gives NaN or infinity.
         """
         del rng
+
+        def project(some: Sequence[View]) -> Projection:
+            return Projection(state, cameras(some).to(self.device), self.inputs, self.size)
+
+        return self.draw_projected(project, views, views_at_once(len(state)))
+
+    @torch.inference_mode()
+    def draw_projected(
+        self, project: Callable[[Sequence[View]], Projection], views: Sequence[View], most: int
+    ) -> Images:
+        """Return images of what `project` gives for at most `most` of the views at a time."""
         images = np.ones((len(views), self.size, self.size, 3), np.float32)
-        most = views_at_once(len(state))
         for start in range(0, len(views), most):
-            at = cameras(views[start : start + most]).to(self.device)
-            seen = Projection(state, at, self.inputs, self.size)
+            seen = project(views[start : start + most])
             some = images[start : start + most]
             boxes = dict(enumerate(self.boxes(seen)))
             self._draw(seen, boxes, some)

@@ -19,7 +19,7 @@ from torch import Tensor
 
 from baselines.splat_net.network import COLOUR_HEADS, NetworkConfig, SplatNet
 from baselines.splat_net.projection import Inputs
-from baselines.splat_net.weights import BUNDLED, SplatNetWeights, load_weights
+from baselines.splat_net.weights import BUNDLED, SplatNetWeights, find_weights, read_file
 from data_prep.failures import BadInput
 from learning import training_loop
 
@@ -45,10 +45,10 @@ def read_start(name_or_path: str, config: NetworkConfig, seed: int = 0) -> Start
                   "FILE-grey.safetensors"
     seed          of the channels that `config` has more of
 
-    Raises BadInput as `load_weights`; where the two are not of one training; and where the network
-    is wider than `config` at any level.
+    Raises BadInput as `find_weights` and `read_file`; where the two are not of one training; and
+    where the network is wider than `config` at any level.
     """
-    colour = load_weights(name_or_path)
+    colour = read_file(find_weights(name_or_path))
     if colour.network.config.heads == COLOUR_HEADS["image"]:
         state, sha256 = colour.network.state_dict(), colour.sha256
         if "colour" in config.heads:
@@ -56,7 +56,7 @@ def read_start(name_or_path: str, config: NetworkConfig, seed: int = 0) -> Start
                 f"--start {name_or_path}: has one colour for the image; leave --colours out"
             )
     else:
-        grey = load_weights(_grey_of(name_or_path))
+        grey = read_file(find_weights(_grey_of(name_or_path)))
         state, sha256 = _both(name_or_path, colour, grey), f"{colour.sha256} {grey.sha256}"
         if "colour" not in config.heads:
             state |= {key: state[key][GREY_ROWS] for key in HEAD}

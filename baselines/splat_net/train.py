@@ -13,6 +13,7 @@ import functools
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -111,16 +112,23 @@ def train_splat_net(
     Raises BadInput where `out_dir` holds a run of another configuration or other data, or objects
     have fewer than VIEWS_TOGETHER views; TrainingDiverged where a loss stops being finite.
     """
-    if data.seen.azimuth_deg.shape[1] < VIEWS_TOGETHER:
+    build = functools.partial(_SplatNetTrainer, data, config, start=start)
+    return training_loop.train(build, config, surface_arrays(data), out_dir, device, on_progress)
+
+
+def surface_arrays(data: SurfaceSet) -> list[NDArray[Any]]:
+    """Return the arrays of a set, by which a later start knows it again.
+
+    Raises BadInput where objects have fewer than VIEWS_TOGETHER views.
+    """
+    seen = data.seen
+    if seen.azimuth_deg.shape[1] < VIEWS_TOGETHER:
         raise BadInput(
-            f"{data.seen.azimuth_deg.shape[1]} views of an object: at least {VIEWS_TOGETHER} are "
+            f"{seen.azimuth_deg.shape[1]} views of an object: at least {VIEWS_TOGETHER} are "
             "drawn together; render more"
         )
-    seen = data.seen
     arrays = [seen.images, seen.azimuth_deg, seen.elevation_deg, seen.clouds]
-    arrays += [data.coverage, data.grey]
-    build = functools.partial(_SplatNetTrainer, data, config, start=start)
-    return training_loop.train(build, config, arrays, out_dir, device, on_progress)
+    return [*arrays, data.coverage, data.grey]
 
 
 class _SplatNetTrainer(CooledTrainer):
@@ -156,6 +164,8 @@ class _SplatNetTrainer(CooledTrainer):
             self.judge.parameters(), lr=config.judge_lr, betas=(0.5, 0.999), fused=True
         )
         self.searchers = ThreadPoolExecutor(torch.get_num_threads())
+        count = min(SHEET_CLOUDS, len(self.clouds))
+        self.shown = torch.arange(count) * len(self.clouds) // count  # objects of the sheets
 
     def parts(self) -> dict[str, Part]:
         return {
@@ -276,16 +286,24 @@ class _SplatNetTrainer(CooledTrainer):
             },
         )
         at = cameras(looks).to(self.device)
-        projection = Projection(together, at, self.config.network.inputs)
+        flip = (signs < 0).to(self.device)[:, None, None, None]
+        maps = self._maps(rows, columns, flip)
+        projection = Projection(together, at, self.config.network.inputs, maps=maps)
 
         def scaled(images_of_all: NDArray[np.uint8]) -> Tensor:
             taken = torch.from_numpy(images_of_all[rows, columns]).to(self.device).float() / 255
             taken = taken.unsqueeze(1) if taken.dim() == 3 else taken.permute(0, 3, 1, 2)
-            flip = (signs < 0).to(self.device)[:, None, None, None]
             return torch.where(flip, taken.flip(3), taken)
 
         truth = Truth(scaled(seen.images), scaled(self.data.grey), scaled(self.data.coverage))
         return (projection.whole(), projection.points), truth
+
+    def _maps(
+        self, objects: NDArray[np.int64], views: NDArray[np.int64], mirrored: Tensor
+    ) -> Tensor | None:
+        """Return None: a subclass has maps of meshes of B objects from views, some mirrored."""
+        del objects, views, mirrored
+        return None
 
     @torch.no_grad()
     def sheet(self) -> NDArray[np.uint8]:
@@ -294,8 +312,7 @@ class _SplatNetTrainer(CooledTrainer):
         The three rows are the truth, the image in colour and the image in grey; the points are
         without noise.
         """
-        count = min(SHEET_CLOUDS, len(self.clouds))
-        objects = torch.arange(count) * len(self.clouds) // count
+        objects, count = self.shown, len(self.shown)
         views = (torch.arange(count) % self.data.seen.azimuth_deg.shape[1])[:, None]
         nowhere = torch.zeros(count, dtype=torch.bool)
         shown, truth = self._scene(self.clouds[objects], objects, views, nowhere)

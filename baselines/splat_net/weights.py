@@ -50,6 +50,7 @@ FORMAT = "splat-net-weights-2"  # of the first, networks had a code of the whole
 REMEDY = "write the file again with baselines.splat_net.weights.export"
 MOST_WIDTH = 4096
 MOST_WINDOW = 63
+MOST_MESHES, MOST_NAME = 8, 60
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +75,7 @@ def find_weights(name_or_path: str | Path) -> Path:
     return find_file(name_or_path, FOLDER, BUNDLED)
 
 
-def export(checkpoint_path: Path, path: Path, head: Material) -> str:
+def export(checkpoint_path: Path, path: Path, head: Material, kind: str = KIND) -> str:
     """Write a checkpoint's weights for the image of one head, atomically; return the sha256.
 
     For the albedo the file has the shading, too: the head "grey".
@@ -85,7 +86,7 @@ def export(checkpoint_path: Path, path: Path, head: Material) -> str:
     from baselines.splat_net.network import PLANES
     from learning import checkpoint
 
-    state, step, config = checkpoint.load(checkpoint_path, KIND)
+    state, step, config = checkpoint.load(checkpoint_path, kind)
     network = network_config(config["network"])
     if head not in network.heads:
         raise BadInput(
@@ -111,12 +112,23 @@ def export(checkpoint_path: Path, path: Path, head: Material) -> str:
 def load_weights(name_or_path: str | Path = "all") -> SplatNetWeights:
     """Return the weights of a bundled name or a path.
 
-    Raises BadInput as `find_weights`, and where the file is no safetensors file or of another
-    format, or tensors are missing, superfluous, of the wrong shape or not finite.
+    Raises BadInput as `find_weights` and `read_file`, and for a network that sees meshes.
+    """
+    path = find_weights(name_or_path)
+    weights = read_file(path)
+    if weights.network.config.inputs.meshes:
+        raise BadInput(f"{path}: the network sees meshes; use it as fused-net@{path}")
+    return weights
+
+
+def read_file(path: Path) -> SplatNetWeights:
+    """Return the weights of a file.
+
+    Raises BadInput where it is no safetensors file or of another format, or tensors are missing,
+    superfluous, of the wrong shape or not finite.
     """
     from baselines.splat_net.points2pix import build
 
-    path = find_weights(name_or_path)
     tensors, header = read_weights(path, FORMAT, REMEDY)
     with understanding_header(path, REMEDY):
         config = network_config(json.loads(header["network"]))
@@ -135,7 +147,9 @@ def network_config(fields: Mapping[str, Any]) -> NetworkConfig:
     from baselines.splat_net.network import BODIES, PLANES, NetworkConfig
     from baselines.splat_net.projection import Inputs
 
-    inputs = Inputs(**{**fields["inputs"], "windows": tuple(fields["inputs"]["windows"])})
+    given = fields["inputs"]
+    meshes = tuple(given.get("meshes", ()))  # files of before there were any have none
+    inputs = Inputs(**{**given, "windows": tuple(given["windows"]), "meshes": meshes})
     tuples = {name: tuple(fields[name]) for name in ("widths", "heads")}  # lists in JSON
     config = NetworkConfig(**{**fields, **tuples, "inputs": inputs})
     if not all(type(n) is int and n <= MOST_WIDTH for n in config.widths):  # True is an int, too
@@ -146,6 +160,9 @@ def network_config(fields: Mapping[str, Any]) -> NetworkConfig:
     odd = {w for w in inputs.windows if type(w) is int and w % 2 and 0 < w <= MOST_WINDOW}
     if not odd or list(inputs.windows) != sorted(odd):
         raise ValueError(f"windows {inputs.windows}, expected odd numbers that rise")
+    named = {name for name in meshes if isinstance(name, str) and len(name) <= MOST_NAME}
+    if len(named) != len(meshes) or len(meshes) > MOST_MESHES:
+        raise ValueError(f"meshes {meshes}, expected different names")
     if not config.heads or not set(config.heads) <= set(PLANES):
         raise ValueError(f"heads {config.heads}")
     if config.body not in BODIES:

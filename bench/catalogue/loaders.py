@@ -82,6 +82,26 @@ OCCUPANCY_NET = NetworkPackage(
 )
 
 
+@dataclass(frozen=True)
+class FusedNetPackage(NetworkPackage):
+    """The package of fused-net, which depends on the methods whose meshes it sees.
+
+    A change of the meshes of denoised-wrap raises its version, too.
+    """
+
+    def _identity(self, sha256: str) -> str:
+        occupancy = OCCUPANCY_NET.identity("all")
+        return f"{super()._identity(sha256)}; occupancy-net {OCCUPANCY_NET.version}: {occupancy}"
+
+
+FUSED_NET = FusedNetPackage(
+    "baselines.fused_net",
+    ("embreex", "pymeshlab", "scikit-image", "scipy", "torch"),
+    1,
+    "bench train fused-net",
+)
+
+
 def unfolded(device: str) -> Renderer:
     """Return the bundled pc2pix without the inference engine."""
     from pc2pix.renderer import Pc2pixRenderer

@@ -180,10 +180,11 @@ BUNDLED = (*METHODS, *COST_VARIANTS)
 WITH_WEIGHTS_FILE = {
     "pc2pix": loaders.PC2PIX,
     "splat-net": loaders.SPLAT_NET,
+    "fused-net": loaders.FUSED_NET,
     "occupancy-net": loaders.OCCUPANCY_NET,
 }
 # The first ones stand where the id of a method stands: they are no ids for methods of others.
-OUR_FAMILIES = {"ground-truth", *CHOSEN} | {method.family for method in BUNDLED}
+OUR_FAMILIES = {"ground-truth", *CHOSEN, *WITH_WEIGHTS_FILE} | {m.family for m in BUNDLED}
 FLOOR = "blank"
 FLOORS = tuple(method.id for method in METHODS if method.role == "floor")
 
@@ -191,8 +192,8 @@ FLOORS = tuple(method.id for method in METHODS if method.role == "floor")
 def find_method(method_id: str) -> Method:
     """Return the method with this id, or a variant of one.
 
-    `pc2pix@FILE.safetensors`, `splat-net@FILE.safetensors` and `occupancy-net@FILE.safetensors`
-    have weights of your own, `METHOD@PARAMETER=VALUE` is a method with one parameter set
+    `pc2pix@FILE.safetensors` and the like (WITH_WEIGHTS_FILE) have weights of your own,
+    `METHOD@PARAMETER=VALUE` is a method with one parameter set
     (`bench.catalogue.parameters.PARAMETERS`).
 
     Raises BadInput for an unknown id (naming the nearest), an unknown parameter or value, weights

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -21,6 +22,7 @@ from bench.commands.options import (
 from bench.training.options import (
     AutoencoderOptions,
     DecoderOptions,
+    FusedNetOptions,
     GanOptions,
     OccupancyNetOptions,
     SplatNetOptions,
@@ -51,6 +53,11 @@ TRAIN_OPTIONS: dict[str, str | OptionSpec] = {
     "threads": "CPU threads. Default: PyTorch's choice.",
 }
 VIEWS = "Images of each object."
+START = OptionSpec(
+    "Weights to start from: a bundled name, or a file with the grey one beside it. "
+    "Default: random weights.",
+    convert=expand_file,
+)
 
 
 @app.command("autoencoder")
@@ -99,11 +106,7 @@ def gan_command(options: GanOptions) -> None:
         "augment": "Train on clouds with noise and with fewer points.",
         "network": "Network: tiny, default, large, depth (the nearest depth alone) or points2pix.",
         "views": VIEWS,
-        "start": OptionSpec(
-            "Weights to start from: a bundled name, or a file with the grey one beside it. "
-            "Default: random weights.",
-            convert=expand_file,
-        ),
+        "start": START,
         "colours": "One colour for the image, whatever the shape, or one for each pixel.",
         "objective": "Loss: l1, l1-patch, relief or pix2pix; see docs/training.md.",
         "without": OptionSpec(
@@ -112,7 +115,7 @@ def gan_command(options: GanOptions) -> None:
             convert=lambda text: names(text) or (),
             default=None,
         ),
-        "warm_up": "Steps at the start without the patch discriminator (l1-patch only).",
+        "warm_up": "Steps at the start without the patch discriminator (l1-patch and relief only).",
         "cool_down": "Steps at the end over which the learning rate falls to zero.",
         "learning_rate": "Learning rate of Adam.",
     },
@@ -122,6 +125,34 @@ def splat_net_command(options: SplatNetOptions) -> None:
     from bench.training.networks import train_splat_net
 
     print_once(train_splat_net(options))
+
+
+@app.command("fused-net")
+@options_from_dataclass(
+    FusedNetOptions,
+    TRAIN_OPTIONS
+    | {
+        "augment": "Train on clouds with noise and with fewer points.",
+        "network": "Network: tiny, default or large, as of splat-net.",
+        "meshes": OptionSpec(
+            "Methods whose meshes it sees, comma-separated: denoised-wrap, occupancy-net.",
+            convert=lambda text: names(text) or (),
+            default="denoised-wrap,occupancy-net",
+        ),
+        "views": VIEWS,
+        "start": replace(START, help=f"Splat-net's weights. {START.help}"),
+        "objective": "Loss: l1, l1-patch, relief or pix2pix; see docs/training.md.",
+        "steps": "Steps in total, with those done before a resume; 0: only compute the meshes.",
+        "warm_up": "Steps at the start without the patch discriminator (l1-patch and relief only).",
+        "cool_down": "Steps at the end over which the learning rate falls to zero.",
+        "learning_rate": "Learning rate of Adam.",
+    },
+)
+def fused_net_command(options: FusedNetOptions) -> None:
+    """Train splat-net that also sees meshes; write weights in colour and in grey."""
+    from bench.training.networks import train_fused_net
+
+    print_once(train_fused_net(options))
 
 
 @app.command("occupancy-net")

@@ -13,6 +13,10 @@ from typing import Any, TypeVar
 
 import torch
 
+from baselines.fused_net import train as fused_net
+from baselines.fused_net.data import FOLDER, fused_set, occupancy_weights
+from baselines.fused_net.weights import KIND as FUSED_NET
+from baselines.fused_net.weights import check_meshes
 from baselines.occupancy_net import train as occupancy_net
 from baselines.occupancy_net import weights as occupancy_net_weights
 from baselines.splat_net import train as splat_net
@@ -23,6 +27,7 @@ from bench.training.options import (
     DEFAULT_OBJECTS,
     AutoencoderOptions,
     DecoderOptions,
+    FusedNetOptions,
     GanOptions,
     OccupancyNetOptions,
     SplatNetOptions,
@@ -30,7 +35,12 @@ from bench.training.options import (
 )
 from data_prep.datasets.occupancy_set import occupancy_set
 from data_prep.datasets.registry import ProceduralObject, SceneObject, open_dataset
-from data_prep.datasets.training_set import add_surfaces, training_clouds, training_set
+from data_prep.datasets.training_set import (
+    SurfaceSet,
+    add_surfaces,
+    training_clouds,
+    training_set,
+)
 from data_prep.failures import BadInput
 from data_prep.progress import progress
 from learning.processes import is_first
@@ -83,11 +93,7 @@ def train_gan(options: GanOptions) -> Path:
 def train_splat_net(options: SplatNetOptions) -> Path:
     """Train splat-net; return the exported weights file, beside which `weights-grey` stands."""
     _set_threads(options)
-    if options.network not in NETWORKS:
-        raise BadInput(
-            f"--network: unknown '{options.network}'; choose one of {', '.join(NETWORKS)}"
-        )
-    network = do_without(NETWORKS[options.network], options.without)
+    network = do_without(_find_network(options.network), options.without)
     if network.body == "splat-net":
         network = replace(network, heads=COLOUR_HEADS[options.colours])
     start = None
@@ -96,10 +102,7 @@ def train_splat_net(options: SplatNetOptions) -> Path:
     config = _config(
         splat_net.SplatNetConfig, options, network=network, start=start.sha256 if start else None
     )
-    objects = training_objects(options)
-    views = training_set(objects, options.views, quiet=not is_first())
-    with progress("silhouettes", len(objects), quiet=not is_first()) as advance:
-        data = add_surfaces(views, objects, lambda: advance(0))
+    data = _surfaces(training_objects(options), options.views)
     with _progress("splat-net") as show:
         checkpoint = splat_net.train_splat_net(
             data,
@@ -109,12 +112,50 @@ def train_splat_net(options: SplatNetOptions) -> Path:
             device=options.device,
             on_progress=show,
         )
-    weights = options.out / "weights.safetensors"
-    if is_first():
-        colour: Material = "albedo" if "albedo" in network.heads else "colour"
-        splat_net_weights.export(checkpoint, weights, colour)
-        splat_net_weights.export(checkpoint, grey_beside(weights), "grey")
-    return weights
+    return _export_both(checkpoint, options.out, network, splat_net_weights.KIND)
+
+
+def train_fused_net(options: FusedNetOptions) -> Path:
+    """Train fused-net; return the exported weights file, beside which `weights-grey` stands.
+
+    With no steps return the folder of the maps, which a later start takes from there.
+    """
+    _set_threads(options)
+    check_meshes(options.meshes, "--meshes")
+    network = _find_network(options.network)
+    inputs = replace(network.inputs, meshes=options.meshes)
+    network = replace(network, inputs=inputs, heads=COLOUR_HEADS["image"])
+    start = read_start(options.start, network, options.seed) if options.start else None
+    config = _config(
+        fused_net.FusedNetConfig,
+        options,
+        network=network,
+        start=start.sha256 if start else None,
+        occupancy=occupancy_weights(options.meshes),
+    )
+    objects = training_objects(options)
+    surfaces = _surfaces(objects, options.views)
+    with progress("meshes", len(objects), quiet=not is_first()) as advance:
+        data = fused_set(
+            surfaces,
+            objects,
+            options.meshes,
+            options.out,
+            augment=options.augment,
+            on_progress=lambda: advance(0),
+        )
+    if not options.steps:
+        return options.out / FOLDER
+    with _progress("fused-net") as show:
+        checkpoint = fused_net.train_fused_net(
+            data,
+            config,
+            options.out,
+            start=start.network if start else None,
+            device=options.device,
+            on_progress=show,
+        )
+    return _export_both(checkpoint, options.out, network, FUSED_NET)
 
 
 def train_occupancy_net(options: OccupancyNetOptions) -> Path:
@@ -186,6 +227,29 @@ def training_objects(options: TrainingOptions) -> tuple[SceneObject, ...]:
     if not objects:
         raise BadInput(f"--objects {options.objects}: must be at least 1")
     return objects
+
+
+def _find_network(name: str) -> NetworkConfig:
+    if name not in NETWORKS:
+        raise BadInput(f"--network: unknown '{name}'; choose one of {', '.join(NETWORKS)}")
+    return NETWORKS[name]
+
+
+def _surfaces(objects: Sequence[SceneObject], views: int) -> SurfaceSet:
+    """Return clouds and images of objects; show progress on stderr."""
+    seen = training_set(objects, views, quiet=not is_first())
+    with progress("silhouettes", len(objects), quiet=not is_first()) as advance:
+        return add_surfaces(seen, objects, lambda: advance(0))
+
+
+def _export_both(checkpoint: Path, out: Path, network: NetworkConfig, kind: str) -> Path:
+    """Write the weights in colour, and in grey beside them; return the file in colour."""
+    weights = out / "weights.safetensors"
+    if is_first():
+        colour: Material = "albedo" if "albedo" in network.heads else "colour"
+        splat_net_weights.export(checkpoint, weights, colour, kind)
+        splat_net_weights.export(checkpoint, grey_beside(weights), "grey", kind)
+    return weights
 
 
 def _config(kind: Callable[..., Config], options: TrainingOptions, **further: Any) -> Config:

@@ -99,6 +99,37 @@ class SplatNetOptions(TrainingOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
+class FusedNetOptions(TrainingOptions):
+    """The options of fused-net; see `baselines.fused_net.train.FusedNetConfig`.
+
+    Attributes
+    ----------
+    network : str
+        A key of `baselines.splat_net.network.NETWORKS`.
+    meshes : tuple of str
+        Methods whose meshes it sees, of `baselines.fused_net.weights.MESHES`.
+    start : str or None
+        Weights of splat-net to start from, see `baselines.splat_net.start.read_start`; None:
+        random ones.
+    steps : int
+        0: compute the maps of the meshes and train nothing.
+    """
+
+    network: str = "default"
+    meshes: tuple[str, ...] = ("denoised-wrap", "occupancy-net")
+    views: int = 4
+    start: str | None = None
+    objective: str = "l1"
+    augment: bool = True
+    steps: int = 4000
+    warm_up: int = 0
+    cool_down: int = 2000
+    batch: int = 24
+    learning_rate: float = 1e-3
+    out: Path = Path("training/fused-net")
+
+
+@dataclass(frozen=True, kw_only=True)
 class OccupancyNetOptions(TrainingOptions):
     """The options of occupancy-net; see `baselines.occupancy_net.train.OccupancyNetConfig`."""
 

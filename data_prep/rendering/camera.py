@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from data_prep.scene import IMAGE_SIZE, View
 
 CAMERA_DISTANCE = 4.0
+FARTHEST = CAMERA_DISTANCE + 1.25  # nearness 0: the far end of the unit sphere, and room for noise
 FIELD_OF_VIEW_RAD = 2.0 * math.atan(16.0 / 58.0)
 FOCAL_PX = IMAGE_SIZE / 2 / math.tan(FIELD_OF_VIEW_RAD / 2)
 

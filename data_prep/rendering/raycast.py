@@ -8,7 +8,8 @@ built once a mesh, and the time of a view depends on its pixels (`studies.ray_sp
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -16,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from data_prep.failures import MissingDependency
-from data_prep.rendering.camera import FOCAL_PX, camera_to_world, project
+from data_prep.rendering.camera import FARTHEST, FOCAL_PX, camera_to_world, project
 from data_prep.rendering.opengl import FAR, NEAR
 from data_prep.scene import IMAGE_SIZE, Mesh, View
 
@@ -27,6 +28,8 @@ ALL = slice(None)
 # Where OpenGL takes the 4 samples of a pixel, as (column, row from the top): the standard pattern
 # of hardware and of Mesa's llvmpipe (lp_sample_pos_4x), which OpenGL counts from below.
 OPENGL = ((0.375, 0.875), (0.875, 0.625), (0.125, 0.375), (0.625, 0.125))
+MAPS = ("coverage", "nearness", "normal x", "normal y", "normal z")  # planes of `surface_maps`
+MOST_NEARNESS = 1.5
 
 
 def cast(
@@ -46,29 +49,93 @@ def cast(
 
     Raises ValueError for non-finite vertices, MissingDependency where embreex is not installed.
     """
+    images = np.full((len(views), size, size, 3), WHITE, dtype=np.uint8)
+    for i, seen in _look(mesh, views, samples, size):
+        colors = mesh.face_colors.take(seen.faces, axis=0)
+        shades = _shades(seen.normals, camera_to_world(views[i])[:3, 2])
+        darkness = WHITE - np.floor(colors * shades[:, None] + np.float32(0.5))
+        images[i][seen.window] = np.floor(WHITE + 0.5 - seen.mean(darkness))
+    return images
+
+
+def surface_maps(mesh: Mesh, views: Sequence[View], size: int = IMAGE_SIZE) -> NDArray[np.float32]:
+    """Return the planes MAPS of a mesh in images, float32 [V, 5, size, size].
+
+    Camera and samples are those of `cast`. The planes are zero where no sample meets the mesh.
+
+    coverage   share of a pixel's samples that meet the mesh
+    nearness   mean over these of (FARTHEST - depth) / 2, in 0..MOST_NEARNESS
+    normal     their mean normal in the camera's frame (+X right, +Y up, +Z to the camera); each is
+               turned so that z, the cosine that shades, is not negative
+
+    Raises ValueError for non-finite vertices, MissingDependency where embreex is not installed.
+    """
+    maps = np.zeros((len(views), len(MAPS), size, size), dtype=np.float32)
+    for i, seen in _look(mesh, views, OPENGL, size):
+        nearness = ((FARTHEST - seen.depths.astype(np.float64)) / 2).clip(0, MOST_NEARNESS)
+        normals = _unit(seen.normals) @ camera_to_world(views[i])[:3, :3]
+        normals[normals[:, 2] < 0] *= -1
+        covered = seen.mean(np.ones((len(normals), 1)))
+        sums = seen.mean(np.column_stack([nearness, normals]))
+        means = np.divide(sums, covered, out=np.zeros_like(sums), where=covered > 0)
+        planes = np.concatenate([covered, means], axis=-1)
+        maps[i][:, *seen.window] = planes.transpose(2, 0, 1)
+    return maps
+
+
+@dataclass(frozen=True, eq=False)
+class _Hits:
+    """The H samples of an image that meet the mesh.
+
+    window  rows and columns of the image that have samples
+    shape   rows, columns and samples of a pixel
+    pixels  pixel in the window of each, [H]
+    faces   face that each meets, [H]
+    normals of these, of any length but 0 and either sign, [H, 3]
+    depths  along the axis of view, [H]
+    """
+
+    window: tuple[slice, slice]
+    shape: tuple[int, int, int]
+    pixels: NDArray[np.int64]
+    faces: NDArray[np.int64]
+    normals: NDArray[np.float32]
+    depths: NDArray[np.float32]
+
+    def mean(self, values: NDArray[Any]) -> NDArray[np.float64]:
+        """Return the sum of values [H, C] over the samples, over the number of all [R, C', C]."""
+        height, width, samples = self.shape
+        total = [np.bincount(self.pixels, plane, height * width) for plane in values.T]
+        return (np.stack(total, -1) / samples).reshape(height, width, -1)
+
+
+def _look(
+    mesh: Mesh, views: Sequence[View], samples: ArrayLike, size: int
+) -> Iterator[tuple[int, _Hits]]:
+    """Yield the number of each view that can see a mesh, and what its samples meet.
+
+    Raises ValueError for non-finite vertices, MissingDependency where embreex is not installed.
+    """
     if not np.isfinite(mesh.vertices).all():
         raise ValueError("cast: the mesh has non-finite vertices")
-    images = np.full((len(views), size, size, 3), WHITE, dtype=np.uint8)
     if len(mesh.faces) == 0 or len(views) == 0:
-        return images
+        return
     scene = _scene(mesh)
     corners = _corners(mesh.vertices)
     rays = _rays(np.asarray(samples, dtype=np.float64), size)
-    for image, view in zip(images, views, strict=True):
-        pose = camera_to_world(view)
+    for i, view in enumerate(views):
         window = _window(corners, view, size)
         start, rows, columns = (NEAR, ALL, ALL) if window is None else (0.0, *window)
         local = rays[rows, columns]
         if local.size:
-            image[rows, columns] = _pixels(scene, mesh.face_colors, local, pose, start)
-    return images
+            yield i, _hits(scene, local, camera_to_world(view), start, (rows, columns))
 
 
-@lru_cache(maxsize=1)
+@lru_cache(maxsize=2)
 def _scene(mesh: Mesh) -> Any:
     """Return Embree's scene of a mesh; the first call of its `run` builds a tree of the faces.
 
-    The last scene is kept, since views of a mesh may come in several calls.
+    The last two are kept: views of a mesh may come in several calls, or those of two by turns.
     """
     try:
         from embreex.mesh_construction import TriangleMesh
@@ -123,14 +190,14 @@ def _span(places: NDArray[np.float64], size: int) -> slice:
     return slice(int(low), int(high))
 
 
-def _pixels(
+def _hits(
     scene: Any,
-    face_colors: NDArray[np.uint8],
     local: NDArray[np.float32],
     pose: NDArray[np.float64],
     start: float,
-) -> NDArray[np.float64]:
-    """Return the pixels [R, C, 3] of rays [R, C, S, 3] that begin at a depth, in whole numbers."""
+    window: tuple[slice, slice],
+) -> _Hits:
+    """Return what rays [R, C, S, 3] of a window meet that begin at the depth `start`."""
     turn, eye = pose[:3, :3].astype(np.float32), pose[:3, 3].astype(np.float32)
     directions = local.reshape(-1, 3) @ turn.T
     starts = np.broadcast_to(eye, directions.shape)
@@ -138,16 +205,29 @@ def _pixels(
         starts = starts + np.float32(start) * directions
     met = scene.run(starts, directions, dists=FAR - start, output=True)
     hits = np.flatnonzero(met["primID"] >= 0)
-    colors = face_colors.take(met["primID"].take(hits), axis=0)
-    shades = _shades(met["Ng"].take(hits, axis=0), pose[:3, 2])
-    darkness = WHITE - np.floor(colors * shades[:, None] + np.float32(0.5))
     height, width, samples, _ = local.shape
-    total = [np.bincount(hits // samples, channel, height * width) for channel in darkness.T]
-    return np.floor(WHITE + 0.5 - np.stack(total, -1) / samples).reshape(height, width, 3)
+    return _Hits(
+        window,
+        (height, width, samples),
+        hits // samples,
+        met["primID"].take(hits),
+        met["Ng"].take(hits, axis=0),
+        met["tfar"].take(hits) + np.float32(start),
+    )
 
 
 def _shades(normals: NDArray[np.float32], axis: NDArray[np.float64]) -> NDArray[np.float32]:
     """Return the factors of the colours of facets, from normals [N, 3] of any length but 0."""
-    exact = normals.astype(np.float64)  # 32 bits may not hold the square of a length
-    cosines = np.abs(exact @ axis) / np.sqrt(np.einsum("ij,ij->i", exact, exact))
+    exact = normals.astype(np.float64)
+    cosines = np.abs(exact @ axis) / _lengths(exact)
     return cosines.astype(np.float32) ** np.float32(1 / GAMMA)
+
+
+def _unit(normals: NDArray[np.float32]) -> NDArray[np.float64]:
+    exact = normals.astype(np.float64)
+    return exact / _lengths(exact)[:, None]
+
+
+def _lengths(exact: NDArray[np.float64]) -> NDArray[np.float64]:
+    # of 64 bits: 32 may not hold the square of a length
+    return np.sqrt(np.einsum("ij,ij->i", exact, exact))

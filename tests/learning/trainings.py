@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import torch
 
+from baselines.fused_net.data import FusedSet
+from baselines.fused_net.train import FusedNetConfig, train_fused_net
 from baselines.occupancy_net.network import OccupancyConfig
 from baselines.occupancy_net.train import OccupancyNetConfig, train_occupancy_net
 from baselines.splat_net.network import NetworkConfig
@@ -32,6 +34,7 @@ CADENCE = Cadence(log=1, sheet=4, checkpoint=2)
 TINY = ModelConfig(width=0.0625, latent_dim=4)
 PAIRED = ModelConfig(width=0.0625, latent_dim=4, encoder="pointnet", azimuth="sine-cosine")
 SMALL = NetworkConfig(widths=(4, 6, 8, 10, 12))
+SMALL_FUSED = replace(SMALL, inputs=replace(SMALL.inputs, meshes=("denoised-wrap",)))
 SMALL_OCCUPANCY = OccupancyConfig(resolution=8, widths=(4, 6), hidden=5, blocks=1)
 
 
@@ -86,6 +89,21 @@ def start_splat_net(out_dir, on_progress, **changes):
     defaults = {"network": SMALL, "batch": 4, "cool_down": 2, "cadence": CADENCE}
     config = SplatNetConfig(**defaults | changes)
     return train_splat_net(make_surfaces(), config, out_dir, on_progress=on_progress)
+
+
+def make_fused(objects=3, views=2):
+    """Objects with whole clouds but for the first, of 512 points; images and maps at random."""
+    shape = (objects, views, 5, 128, 128)
+    maps = np.random.default_rng(5).integers(0, 253, shape, dtype=np.uint8)
+    counts, noise = np.full(objects, 2048), np.linspace(0, 0.1, objects, dtype=np.float32)
+    counts[0] = 512
+    return FusedSet(make_surfaces(objects, views), counts, noise, maps)
+
+
+def start_fused_net(out_dir, on_progress, **changes):
+    defaults = {"network": SMALL_FUSED, "batch": 4, "cool_down": 2, "cadence": CADENCE}
+    config = FusedNetConfig(**defaults | changes)
+    return train_fused_net(make_fused(), config, out_dir, on_progress=on_progress)
 
 
 def make_occupancy(objects=3, queries=60):
@@ -155,6 +173,7 @@ TRAININGS = {
     "splat-net": Training(
         start_splat_net, "splat-net", {"objective": "l1-patch", "warm_up": 1}, (3 * 128, 3 * 128)
     ),
+    "fused-net": Training(start_fused_net, "fused-net", {}, (2 * 128, 3 * 128)),
     "occupancy-net": Training(start_occupancy_net, "occupancy-net", {}, (3 * 128, 2 * 128)),
     "judge": Training(start_judge, "judge", {}, sheet=None, lengthens=False),
     "views": Training(start_views, "views", {}, sheet=None, lengthens=False),

@@ -16,7 +16,7 @@ from data_prep.failures import MissingDependency
 from data_prep.rendering import raycast as rays
 from data_prep.rendering.camera import FOCAL_PX, project
 from data_prep.rendering.opengl import FAR, NEAR, render
-from data_prep.rendering.raycast import OPENGL, cast
+from data_prep.rendering.raycast import OPENGL, cast, surface_maps
 from data_prep.scene import Mesh, View
 from studies.noise_floor import MIRRORED, grid
 
@@ -230,3 +230,79 @@ def test_opengl_draws_the_same_chairs(index):
     assert differing(OPENGL) < 1e-3
     assert differing(MIRRORED) > 0.008
     assert differing(grid(4)) > 0.008
+
+
+GREY = 181  # of a colour that shows the cosine alone
+
+
+def plate(normal, offset=0.0):
+    """A square of side 10 across the view of View(0, 0) (camera at z = -4) with this normal."""
+    normal = np.array(normal) / np.linalg.norm(normal)
+    right = np.cross(normal, [0.0, 1.0, 0.0])
+    right *= 5 / np.linalg.norm(right)
+    up = np.cross(right, normal)
+    middle = offset * normal
+    corners = [middle - right - up, middle + right - up, middle + right + up, middle - right + up]
+    return triangles(corners, [[0, 1, 2], [0, 2, 3]])
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_maps_of_a_tilted_plate(side):
+    """Its normal towards the camera, whichever way its faces look, and its depth at each pixel."""
+    normal = np.array([0.3, 0.4, -np.sqrt(0.75)])
+    mesh = plate(side * normal, side * 0.25)
+    (maps,) = surface_maps(mesh, [View(0, 0)])
+    assert maps.dtype == np.float32
+    assert maps.shape == (5, 128, 128)
+    part = maps[:, 40:88, 40:88]
+    assert (part[0] == 1).all()
+    # the camera of the front looks along +z: its right is -x, and towards it is -z
+    for plane, expected in zip(part[2:], (-0.3, 0.4, np.sqrt(0.75)), strict=True):
+        np.testing.assert_allclose(plane, expected, atol=1e-6)
+    # along the ray through a pixel, at (column, row) / focal length times the depth
+    rows, columns = (np.mgrid[40:88, 40:88] + 0.5 - 64) / FOCAL_PX
+    depth = (0.25 + 4 * normal[2]) / (normal[2] - normal[0] * columns - normal[1] * rows)
+    # the samples' mean is as far as 1/16 px from the middle
+    np.testing.assert_allclose(part[1], (5.25 - depth) / 2, atol=2e-3)
+
+
+def test_maps_of_a_ball():
+    ball = trimesh.creation.icosphere(subdivisions=6, radius=0.8)
+    mesh = Mesh(ball.vertices, ball.faces, np.full((len(ball.faces), 3), 150, np.uint8))
+    for maps in surface_maps(mesh, VIEWS):
+        # a circle of this radius in pixels
+        radius = FOCAL_PX * np.tan(np.arcsin(0.8 / 4))
+        assert maps[0].sum() == pytest.approx(np.pi * radius**2, rel=2e-3)
+        assert maps[1, 63:65, 63:65].mean() == pytest.approx((5.25 - 3.2) / 2, abs=1e-3)
+        row, column = 64, 64 + 20
+        x = 20.5 / FOCAL_PX
+        # the nearer of the two crossings of the ray (x, ., -1) * depth with the ball around -4
+        a, b, c = x**2 + 1, -8.0, 16 - 0.8**2
+        depth = (-b - np.sqrt(b**2 - 4 * a * c)) / (2 * a)
+        normal = np.array([x * depth, 0, 4 - depth]) / 0.8
+        np.testing.assert_allclose(maps[2:, row, column], normal, atol=0.02)
+        assert (maps[:, maps[0] == 0] == 0).all()
+        assert set(np.unique(maps[0])) == {0, 0.25, 0.5, 0.75, 1}
+
+
+def test_maps_agree_with_images():
+    """A pixel of `cast` in grey is coverage times cos^(1/2.2), where facets are not mixed."""
+    mesh = ProceduralObject("chair", "validation", 1).load()
+    mesh = Mesh(mesh.vertices, mesh.faces, np.full((len(mesh.faces), 3), GREY, np.uint8))
+    for size in (128, 64):
+        images, maps = cast(mesh, VIEWS, size=size), surface_maps(mesh, VIEWS, size)
+        shading = maps[:, 4] ** (1 / 2.2)
+        flat = np.abs((maps[:, 2:] ** 2).sum(axis=1) - 1) < 1e-6
+        assert flat.mean() > 0.09
+        drawn = 255 + maps[:, 0] * (GREY * shading - 255)
+        assert np.abs(images[..., 0] - drawn)[flat].max() <= 1
+        assert ((images[..., 0] == 255) == (maps[:, 0] == 0)).all()
+
+
+def test_maps_of_nothing_and_of_what_cannot_be_drawn():
+    empty = Mesh(np.empty((0, 3)), np.empty((0, 3), int), np.empty((0, 3)))
+    assert (surface_maps(empty, VIEWS) == 0).all()
+    assert surface_maps(empty, VIEWS).shape == (4, 5, 128, 128)
+    assert surface_maps(empty, []).shape == (0, 5, 128, 128)
+    with pytest.raises(ValueError, match="non-finite vertices"):
+        surface_maps(triangles([[0, 0, np.nan], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]), VIEWS)

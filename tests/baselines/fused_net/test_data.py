@@ -1,0 +1,130 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from baselines.fused_net import data as fused_data
+from baselines.fused_net.data import decode, encode, fused_set, mirror, occupancy_weights
+from baselines.occupancy_net.weights import BUNDLED
+from data_prep.datasets.registry import ProceduralObject
+from data_prep.datasets.training_set import SurfaceSet, make_training_set
+from data_prep.failures import BadInput
+from data_prep.rendering.raycast import surface_maps
+from data_prep.scene import Mesh, View
+from learning.clouds import POINTS_SEEN
+
+from .conftest import Failing, Truth
+
+OBJECTS = [ProceduralObject("chair", "train", i) for i in range(5)]
+MESHES = ("denoised-wrap", "occupancy-net")
+
+
+@pytest.fixture(scope="module")
+def surfaces():
+    seen = make_training_set(OBJECTS, 2, 0)
+    return SurfaceSet(seen, *np.zeros((2, 5, 2, 128, 128), np.uint8))
+
+
+@pytest.fixture
+def truth(monkeypatch):
+    method = Truth()
+    monkeypatch.setattr(fused_data, "reconstructors", lambda names: dict.fromkeys(names, method))
+    return method
+
+
+def test_bytes_are_the_maps_to_a_rounding():
+    mesh = ProceduralObject("chair", "validation", 0).load()
+    maps = np.concatenate([surface_maps(mesh, [View(30, 20), View(-70, 0)])] * 2, axis=1)
+    back = decode(torch.from_numpy(encode(maps))).numpy()
+    assert back.shape == maps.shape == (2, 10, 128, 128)
+    np.testing.assert_array_equal(back[:, ::5], maps[:, ::5])  # coverage
+    assert (back[maps == 0] == 0).all()
+    np.testing.assert_allclose(back, maps, rtol=0, atol=0.5 / 127 + 1e-6)
+
+
+def test_a_mirrored_map_is_that_of_the_mirrored_mesh():
+    """But for samples, whose pattern has no mirror symmetry, at edges."""
+    mesh = ProceduralObject("car", "validation", 0).load()
+    flipped = Mesh(mesh.vertices * np.float32([-1, 1, 1]), mesh.faces, mesh.face_colors)
+    maps = torch.from_numpy(surface_maps(mesh, [View(35, 20)]))
+    there = torch.from_numpy(surface_maps(flipped, [View(-35, 20)]))
+    inside = (mirror(maps)[:, 0] == 1) & (there[:, 0] == 1)
+    assert inside.float().mean() > 0.1
+    apart = (mirror(maps) - there).abs().amax(dim=1)[inside]
+    assert apart.quantile(0.5) < 1e-3
+    assert (maps.flip(3) - there).abs().amax(dim=1)[inside].quantile(0.5) > 0.1
+    assert torch.equal(mirror(mirror(maps)), maps)
+
+
+def test_clouds_are_degraded_each_by_its_own_chance(surfaces, truth, tmp_path):
+    data = fused_set(surfaces, OBJECTS, MESHES[:1], tmp_path)
+    assert set(data.counts.tolist()) <= set(POINTS_SEEN)
+    assert len(set(data.counts.tolist())) > 1
+    assert (data.noise == 0).any()
+    assert (data.noise > 0.01).any()
+    for i, (cloud, count) in enumerate(zip(data.surfaces.seen.clouds, data.counts, strict=True)):
+        assert (cloud[count:] == 0).all()
+        if data.noise[i] == 0:  # points of the object
+            rows = {tuple(row) for row in surfaces.seen.clouds[i]}
+            assert {tuple(row) for row in cloud[:count]} < rows | {tuple(cloud[0])}
+    # neither the other objects nor their order matter
+    fewer = replace(
+        surfaces, seen=replace(surfaces.seen, **{k: v[[3]] for k, v in vars(surfaces.seen).items()})
+    )
+    alone = fused_set(fewer, OBJECTS[3:4], MESHES[:1], tmp_path / "alone")
+    np.testing.assert_array_equal(alone.surfaces.seen.clouds[0], data.surfaces.seen.clouds[3])
+    assert (alone.counts[0], alone.noise[0]) == (data.counts[3], data.noise[3])
+    np.testing.assert_array_equal(alone.maps[0], data.maps[3])
+    whole = fused_set(surfaces, OBJECTS, MESHES[:1], tmp_path / "whole", augment=False)
+    np.testing.assert_array_equal(whole.surfaces.seen.clouds, surfaces.seen.clouds)
+    assert (whole.counts == 2048).all()
+    assert (whole.noise == 0).all()
+
+
+def test_maps_are_kept_and_those_of_others_refused(surfaces, truth, tmp_path, monkeypatch):
+    monkeypatch.setattr(fused_data, "TOGETHER", 2)
+    done = []
+    data = fused_set(surfaces, OBJECTS, MESHES, tmp_path, on_progress=lambda: done.append(1))
+    assert len(done) == 5
+    assert truth.calls == 5 * 2
+    names = [path.name for path in sorted((tmp_path / "maps").iterdir())]
+    assert names == ["000000.safetensors", "000002.safetensors", "000004.safetensors"]
+    seen = surfaces.seen
+    angles = View(seen.azimuth_deg[4, 1], seen.elevation_deg[4, 1])
+    (expected,) = surface_maps(truth.prepare(None).mesh, [angles])
+    for part in (data.maps[4, 1, :5], data.maps[4, 1, 5:]):
+        np.testing.assert_array_equal(part, encode(expected))
+    truth.calls = 0
+    (tmp_path / "maps" / names[1]).unlink()
+    again = fused_set(surfaces, OBJECTS, MESHES, tmp_path)
+    assert truth.calls == 2 * 2
+    np.testing.assert_array_equal(again.maps, data.maps)
+
+    refused = pytest.raises(BadInput, match=r"000000.*are of other clouds, views, meshes")
+    turned = replace(surfaces, seen=replace(seen, azimuth_deg=seen.azimuth_deg + 1))
+    with refused:
+        fused_set(turned, OBJECTS, MESHES, tmp_path)
+    with refused:
+        fused_set(surfaces, OBJECTS, MESHES[::-1], tmp_path)
+    with refused:
+        fused_set(surfaces, OBJECTS, MESHES, tmp_path, augment=False)
+    with monkeypatch.context() as patch, refused:
+        patch.setitem(fused_data.OCCUPANCY_WEIGHTS, "all", "other")
+        fused_set(surfaces, OBJECTS, MESHES, tmp_path)
+
+
+def test_a_mesh_that_fails_gives_empty_maps(surfaces, tmp_path, monkeypatch):
+    methods = {"denoised-wrap": Failing(), "occupancy-net": Truth()}
+    monkeypatch.setattr(fused_data, "reconstructors", lambda names: methods)
+    data = fused_set(surfaces, OBJECTS, MESHES, tmp_path)
+    maps = decode(torch.from_numpy(data.maps))
+    assert (maps[:, :, :5] == 0).all()
+    assert (maps[:, :, 5] == 1).any(dim=-1).any(dim=-1).all()
+
+
+def test_the_weights_of_occupancy_net_count_where_its_mesh_is_seen():
+    assert occupancy_weights(MESHES) == BUNDLED["all"]
+    assert occupancy_weights(MESHES[:1]) == ""

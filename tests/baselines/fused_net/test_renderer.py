@@ -1,0 +1,129 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from baselines.fused_net.weights import MESHES
+from baselines.splat_net.network import SplatNet
+from baselines.splat_net.projection import Projection, cameras
+from baselines.splat_net.renderer import SplatNetRenderer
+from baselines.splat_net.surfels import find_surfels, stack
+from baselines.splat_net.weights import SplatNetWeights
+from baselines.splat_net.window import whole_images
+from data_prep.failures import StageFailure
+from data_prep.rendering.raycast import surface_maps
+from data_prep.scene import PointCloud, View
+
+from .conftest import Failing, Truth, fused, network
+
+VIEWS = [View(20, 10), View(-100, -30), View(0, 80)]
+
+
+def without_meshes(net):
+    """The splat-net that has the other weights of a fused network."""
+    inputs = replace(net.config.inputs, meshes=())
+    plain = SplatNet(replace(net.config, inputs=inputs))
+    state = net.state_dict()
+    state["first.conv.weight"] = state["first.conv.weight"][:, : inputs.channels]
+    plain.load_state_dict(state)
+    return SplatNetRenderer(SplatNetWeights(plain.eval(), {}, ""))
+
+
+def draw(renderer, cloud, views=VIEWS):
+    return renderer.draw(renderer.prepare(cloud), views)
+
+
+def test_with_weights_of_zero_for_the_meshes_it_draws_as_splat_net(cloud):
+    net = network(MESHES)
+    with torch.no_grad():
+        net.first.conv.weight[:, net.config.inputs.of_points :] = 0
+    image = draw(fused(net, dict.fromkeys(MESHES, Truth())), cloud)
+    expected = draw(without_meshes(net), cloud)
+    assert expected.std() > 0.03
+    np.testing.assert_allclose(image, expected, rtol=0, atol=1e-5)
+
+
+def test_the_meshes_are_seen_each_in_its_place(cloud):
+    """A mesh in the other's place is another image; without any it is splat-net's."""
+    net = network(MESHES)
+    first, second = MESHES
+    images = [
+        draw(fused(net, {first: a, second: b}), cloud)
+        for a, b in ((Truth(), Failing()), (Failing(), Truth()), (Failing(), Failing()))
+    ]
+    assert np.abs(images[0] - images[1]).max() > 0.02
+    assert np.abs(images[0] - images[2]).max() > 0.02
+    np.testing.assert_allclose(images[2], draw(without_meshes(net), cloud), rtol=0, atol=1e-5)
+
+
+def test_a_mesh_that_fails_is_noted_and_points_that_cannot_be_drawn_are_not(cloud):
+    net = network(MESHES)
+    renderer = fused(net, dict(zip(MESHES, (Failing(), Truth()), strict=True)))
+    notes = renderer.prepare(cloud).notes
+    assert notes == ("denoised-wrap: no mesh, alpha-wrap: no faces", "occupancy-net: known")
+    for points in (np.empty((0, 3)), [[0, 0, np.nan]]):
+        with pytest.raises(StageFailure, match="input: "):
+            renderer.prepare(PointCloud(points))
+
+
+def test_the_real_methods_fail_on_a_point_and_it_is_drawn():
+    renderer = fused(net := network(("denoised-wrap",)), {"denoised-wrap": Truth()})
+    renderer = type(renderer)(SplatNetWeights(net, {}, ""))
+    point = PointCloud([[0.1, 0.0, 0.0]])
+    state = renderer.prepare(point)
+    assert state.notes == ("denoised-wrap: no mesh, input: 1 points; surfaces need at least 11",)
+    np.testing.assert_allclose(
+        renderer.draw(state, VIEWS), draw(without_meshes(net), point), rtol=0, atol=1e-5
+    )
+
+
+@pytest.mark.parametrize("size", [128, 64])
+def test_windows_draw_what_whole_images_do(cloud, size):
+    """The mesh of the whole chair, and a cloud of one half of it: windows enclose both."""
+    half = PointCloud(cloud.points[cloud.points[:, 1] > 0.1])
+    net = network(MESHES[:1])
+    with torch.no_grad():  # white where neither is, or all is drawn whole
+        net.last.bias[0] = -12
+    renderer = fused(net, {MESHES[0]: Truth()}, size=size)
+    state = renderer.prepare(half)
+    images = renderer.draw(state, VIEWS)
+    maps = torch.from_numpy(surface_maps(state.meshes[0], VIEWS, size))
+    seen = Projection(state.surfels, cameras(VIEWS), net.config.inputs, size, maps)
+    for box, of_image in zip(seen.boxes(), maps[:, 0].numpy(), strict=True):
+        rows, columns = of_image.any(axis=1).nonzero()[0], of_image.any(axis=0).nonzero()[0]
+        assert box.top <= rows[0] <= rows[-1] < box.bottom
+        assert box.left <= columns[0] <= columns[-1] < box.right
+        assert of_image[: size // 2].any()
+    whole = renderer.splats.engine(seen.whole(), whole_images(range(3), size)).numpy()
+    assert whole.std() > 0.01
+    np.testing.assert_allclose(images, whole, rtol=0, atol=1.5 / 255)
+
+
+def test_one_view_at_a_time_is_the_same(cloud):
+    renderer = fused(network(MESHES[:1]), {MESHES[0]: Truth()})
+    state = renderer.prepare(cloud)
+    together = renderer.draw(state, VIEWS)
+    for view, image in zip(VIEWS, together, strict=True):
+        np.testing.assert_allclose(renderer.draw(state, [view])[0], image, rtol=0, atol=1e-5)
+    assert renderer.draw(state, []).shape == (0, 128, 128, 3)
+
+
+def test_channels_of_points_are_those_without_meshes(cloud):
+    inputs = network(MESHES).config.inputs
+    plain = replace(inputs, meshes=())
+    assert inputs.names[: plain.channels] == plain.names
+    assert inputs.names[-10:-5] == (
+        *("mesh denoised-wrap coverage", "mesh denoised-wrap nearness"),
+        *(f"mesh denoised-wrap normal {axis}" for axis in "xyz"),
+    )
+    surfels = stack([find_surfels(cloud.points)])
+    maps = torch.rand(len(VIEWS), 10, 128, 128)
+    both = Projection(surfels, cameras(VIEWS), inputs, maps=maps).whole()
+    assert torch.equal(both[:, :-10], Projection(surfels, cameras(VIEWS), plain).whole())
+    assert torch.equal(both[:, -10:], maps)
+    for given, of in ((maps, plain), (None, inputs)):
+        with pytest.raises(ValueError, match="give their maps"):
+            Projection(surfels, cameras(VIEWS), of, maps=given)

@@ -1,0 +1,127 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from baselines.fused_net.data import decode, mirror
+from baselines.fused_net.train import FusedNetConfig, _FusedNetTrainer, train_fused_net
+from baselines.fused_net.weights import KIND, load_weights
+from baselines.splat_net.projection import cameras, project
+from baselines.splat_net.start import read_start
+from baselines.splat_net.surfels import find_surfels, stack
+from baselines.splat_net.weights import export
+from baselines.splat_net.weights import load_weights as load_splat_net
+from data_prep.failures import BadInput
+from data_prep.scene import View
+from tests.learning.trainings import CADENCE, SMALL, SMALL_FUSED, make_fused, make_surfaces
+
+
+def build(data, network_of_start=None, **changes):
+    defaults = {"network": SMALL_FUSED, "batch": 8, "cadence": CADENCE, "cool_down": 2}
+    config = FusedNetConfig(**defaults | changes)
+    return _FusedNetTrainer(data, config, torch.device("cpu"), start=network_of_start)
+
+
+class Batches(_FusedNetTrainer):
+    """A trainer whose batches are clouds, and objects, instead of channels and truth."""
+
+    def _scene(self, points, objects, views, mirrored):
+        return points, objects
+
+
+def test_clouds_of_a_batch_have_the_same_number_of_points():
+    data = make_fused(objects=6)
+    data.counts[1] = 512
+    trainer = Batches(data, build(data).config, torch.device("cpu"))
+    seen = set()
+    for _ in range(30):
+        points, objects, noise = trainer._draw_batch()
+        counts = {int(data.counts[i]) for i in objects}
+        assert counts == {points.shape[1]}
+        seen |= {int(i) for i in objects}
+        expected = np.repeat(data.noise[objects.numpy()], 2)
+        np.testing.assert_array_equal(noise.numpy(), expected)
+        for cloud, i in zip(points.numpy(), objects, strict=True):
+            np.testing.assert_array_equal(cloud, data.surfaces.seen.clouds[i, : len(cloud)])
+    assert seen == set(range(6))
+
+
+def test_a_scene_has_the_maps_of_its_views_mirrored_as_the_image():
+    data = make_fused(views=4)
+    trainer = build(data)
+    objects, views = torch.tensor([2, 2]), torch.tensor([[3, 1], [3, 1]])
+    clouds = torch.from_numpy(data.surfaces.seen.clouds)[objects]
+    (channels, _), truth = trainer._scene(clouds, objects, views, torch.tensor([False, True]))
+    maps = decode(torch.from_numpy(data.maps[2, [3, 1]]))
+    assert torch.equal(channels[:2, -5:], maps)
+    assert torch.equal(channels[2:, -5:], mirror(maps))
+    assert torch.equal(channels[2:, -5], maps[:, 0].flip(2))
+    assert torch.equal(channels[2:, -3], -maps[:, 2].flip(2))
+    assert torch.equal(truth.grey[2:], truth.grey[:2].flip(3))
+    seen = data.surfaces.seen
+    looks = [View(-seen.azimuth_deg[2, i], seen.elevation_deg[2, i]) for i in (3, 1)]
+    surfels = find_surfels(seen.clouds[2] * np.array([-1, 1, 1], np.float32))
+    expected = project(stack([surfels] * 2), cameras(looks), SMALL.inputs)
+    assert torch.equal(channels[2:, :-5], expected)
+
+
+def test_it_starts_as_splat_net_draws_and_learns_from_the_meshes():
+    config = replace(SMALL_FUSED, widths=(16, 32, 64, 128, 160))
+    start = read_start("all", config)
+    data = make_fused()
+    trainer = build(data, start.network, network=config, start=start.sha256)
+    kernel = trainer.network.first.conv.weight
+    assert (kernel[:, -5:] == 0).all()
+    channels = torch.rand(1, config.inputs.channels, 32, 32)
+    other = channels.clone()
+    other[:, -5:] = 0
+    with torch.no_grad():
+        assert torch.equal(trainer.average(channels), trainer.average(other))
+    plain = load_splat_net("all-grey").network.first.conv.weight
+    assert torch.equal(kernel[:, :-5], plain)
+    trainer.take_step()
+    assert (trainer.network.first.conv.weight[:, -5:] != 0).any()
+
+
+def test_sheets_show_clouds_of_the_most_points():
+    trainer = build(make_fused(objects=4))
+    assert trainer.shown.tolist() == [1, 1, 2, 3]
+
+
+def test_files_of_weights_know_their_meshes(tmp_path):
+    config = build(data := make_fused()).config
+    path = train_fused_net(data, replace(config, steps=2, batch=4), tmp_path)
+    export(path, tmp_path / "w.safetensors", "grey", KIND)
+    weights = load_weights(tmp_path / "w.safetensors")
+    assert weights.network.config.inputs.meshes == ("denoised-wrap",)
+    with pytest.raises(BadInput, match=r"w\.safetensors: the network sees meshes; use it as fused"):
+        load_splat_net(tmp_path / "w.safetensors")
+    with pytest.raises(
+        BadInput, match=r"all\.safetensors: the network sees no meshes; use it as splat"
+    ):
+        load_weights(find_splat_net("all"))
+    with pytest.raises(BadInput, match="'nosuch' is neither a bundled name"):
+        load_weights("nosuch")
+
+
+def find_splat_net(name):
+    from baselines.splat_net.weights import find_weights
+
+    return find_weights(name)
+
+
+@pytest.mark.parametrize("meshes", [(), ("poisson",), ("denoised-wrap", "denoised-wrap")])
+def test_meshes_that_it_does_not_have(meshes):
+    network = replace(SMALL, inputs=replace(SMALL.inputs, meshes=meshes))
+    with pytest.raises(BadInput, match="choose from denoised-wrap, occupancy-net, each once"):
+        FusedNetConfig(network=network)
+
+
+def test_too_few_views(tmp_path):
+    data = replace(make_fused(), surfaces=make_surfaces(views=1))
+    config = FusedNetConfig(network=SMALL_FUSED, steps=1)
+    with pytest.raises(BadInput, match="1 views of an object: at least 2"):
+        train_fused_net(data, config, tmp_path)
