@@ -37,6 +37,8 @@ class FusedNetConfig(SplatNetConfig):
     occupancy  checksum of the weights of occupancy-net that make its meshes; "" without these
     """
 
+    steps: int = 4000
+    learning_rate: float = 1e-3
     occupancy: str = ""
 
     def __post_init__(self) -> None:
