@@ -80,7 +80,8 @@ class _FusedNetTrainer(_SplatNetTrainer):
         self.counts = torch.from_numpy(data.counts)
         self.noise = torch.from_numpy(data.noise)
         most = (self.counts == self.counts.max()).nonzero()[:, 0]
-        self.shown = most[torch.arange(len(self.shown)) * len(most) // len(self.shown)]
+        count = min(len(self.shown), len(most))
+        self.shown = most[torch.arange(count) * len(most) // count]
 
     def _draw_batch(self) -> tuple[Seen, Truth, Tensor]:
         """Return the network's input, the truth, and the noise of the clouds [B], for B views."""
