@@ -14,7 +14,7 @@ STEPS = {
     "import data_prep.scene": {"numpy"},
     "pc2pix.draw_cloud, pc2pix.turntable": {"numpy"},
     "import pc2pix.weights, baselines.splat_net.weights, learning.weights": {"numpy"},
-    "import baselines.occupancy_net.weights": {"numpy"},
+    "import baselines.fused_net.weights, baselines.occupancy_net.weights": {"numpy"},
     "import bench.suites.stability.metrics": {"numpy", "pandas"},
 }
 

@@ -92,7 +92,7 @@ def occupancy_weights(meshes: Sequence[str]) -> str:
 def encode(maps: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Return maps [..., 5 * meshes, S, S] as bytes."""
     repeats = maps.shape[-3] // len(MAPS)
-    scales, zeros = (np.tile(of, repeats)[:, None, None] for of in (SCALES, ZEROS))
+    scales, zeros = (np.tile(values, repeats)[:, None, None] for values in (SCALES, ZEROS))
     return np.rint(maps * scales + zeros).astype(np.uint8)
 
 
@@ -100,8 +100,8 @@ def decode(maps: Tensor) -> Tensor:
     """Return the maps, float32, that `encode` has stored as bytes."""
     repeats = maps.shape[-3] // len(MAPS)
     scales, zeros = (
-        torch.from_numpy(np.tile(of, repeats)).to(maps.device)[:, None, None]
-        for of in (SCALES, ZEROS)
+        torch.from_numpy(np.tile(values, repeats)).to(maps.device)[:, None, None]
+        for values in (SCALES, ZEROS)
     )
     return (maps.float() - zeros) / scales
 
@@ -135,8 +135,8 @@ def _all_maps(
             if not path.exists():
                 angles = zip(seen.azimuth_deg[i], seen.elevation_deg[i], strict=True)
                 cloud = PointCloud(seen.clouds[i, : counts[i]])
-                made, _ = reconstruct(cloud, methods)
-                maps[i] = encode(maps_of(made, [View(*pair) for pair in angles]))
+                reconstructed, _ = reconstruct(cloud, methods)
+                maps[i] = encode(maps_of(reconstructed, [View(*pair) for pair in angles]))
             on_progress()
         if not path.exists():
             kept = torch.from_numpy(maps[start : some.stop])
@@ -155,9 +155,9 @@ def _identity(
 
 
 def _read(path: Path, header: dict[str, str], shape: tuple[int, ...]) -> NDArray[np.uint8]:
-    tensors, found = read_safetensors(path)
+    tensors, kept_header = read_safetensors(path)
     maps = tensors.get("maps")
-    if found != header or maps is None or maps.shape != shape or maps.dtype != torch.uint8:
+    if kept_header != header or maps is None or maps.shape != shape or maps.dtype != torch.uint8:
         raise BadInput(
             f"{path}: its maps are of other clouds, views, meshes or weights of occupancy-net; "
             f"use another output directory, or remove {path.parent}"

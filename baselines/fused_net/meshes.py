@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from baselines.occupancy_net.renderer import OccupancyNetRenderer
 from baselines.occupancy_net.weights import load_weights
 from baselines.reconstruction.alpha_wrap import DenoisedWrap
-from baselines.reconstruction.stages import Reconstruction
+from baselines.reconstruction.stages import Reconstruction, in_grey
 from data_prep.failures import StageFailure
 from data_prep.rendering.raycast import surface_maps
 from data_prep.scene import IMAGE_SIZE, Mesh, PointCloud, View
 
 OCCUPANCY = "all"  # the bundled weights of occupancy-net
-NOTHING = Mesh(np.empty((0, 3)), np.empty((0, 3), int), np.empty((0, 3)))
+NOTHING = in_grey(np.empty((0, 3)), np.empty((0, 3), int))
 
 
 class Reconstructor(Protocol):

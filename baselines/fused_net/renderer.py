@@ -57,6 +57,7 @@ class FusedNetRenderer:
         precision: Precision = "float32",
         size: int = IMAGE_SIZE,
     ) -> None:
+        self.weights = weights
         self.splats = SplatNetRenderer(weights, device=device, precision=precision, size=size)
         self.methods = reconstructors(self.splats.inputs.meshes, device)
 

@@ -37,6 +37,8 @@ class FusedNetConfig(SplatNetConfig):
     occupancy  checksum of the weights of occupancy-net that make its meshes; "" without these
     """
 
+    steps: int = 4000
+    learning_rate: float = 1e-3
     occupancy: str = ""
 
     def __post_init__(self) -> None:
@@ -78,7 +80,8 @@ class _FusedNetTrainer(_SplatNetTrainer):
         self.counts = torch.from_numpy(data.counts)
         self.noise = torch.from_numpy(data.noise)
         most = (self.counts == self.counts.max()).nonzero()[:, 0]
-        self.shown = most[torch.arange(len(self.shown)) * len(most) // len(self.shown)]
+        count = min(len(self.shown), len(most))
+        self.shown = most[torch.arange(count) * len(most) // count]
 
     def _draw_batch(self) -> tuple[Seen, Truth, Tensor]:
         """Return the network's input, the truth, and the noise of the clouds [B], for B views."""

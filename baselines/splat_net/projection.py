@@ -181,8 +181,8 @@ class Projection:
         inputs, size = self.inputs, self.size
         nearest = windows.cut(self.nearest)
         whole = torch.empty((*nearest.shape, inputs.channels), dtype=dtype, device=nearest.device)
-        own = inputs.of_points
-        normals = own - len(HOPS) * (4 * inputs.normals + inputs.noise)  # the first
+        of_points = inputs.of_points
+        normals = of_points - len(HOPS) * (4 * inputs.normals + inputs.noise)  # the first
         # first one after the other: planes that are written one by one with gaps take longer
         count, *shape = nearest.shape
         apart = torch.empty((count, normals, *shape), device=nearest.device)
@@ -216,9 +216,9 @@ class Projection:
         if self.noise is not None:
             near = (_depth_of(widest) < EMPTY)[..., None]
             of_images = self.noise[torch.tensor(windows.numbers, device=near.device)]
-            whole[..., own - len(HOPS) : own] = near * of_images[:, None, None]
+            whole[..., of_points - len(HOPS) : of_points] = near * of_images[:, None, None]
         if self.maps is not None:
-            whole[..., own:] = windows.cut(self.maps)
+            whole[..., of_points:] = windows.cut(self.maps)
         return whole.permute(0, 3, 1, 2)
 
 

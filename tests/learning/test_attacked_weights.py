@@ -122,7 +122,14 @@ def test_a_header_that_cannot_be_read(tmp_path, name, text):
 
 
 WRONG_WINDOWS = ([], [4, 7], [7, 3], [3, 3], [True, 7], [3, 65], "37")
-INPUTS = ("windows", "normals", "density", "flattened", "far")  # within splat-net's network
+INPUTS = (
+    "windows",
+    "normals",
+    "density",
+    "flattened",
+    "far",
+    "meshes",
+)  # within splat-net's network
 
 
 @pytest.mark.parametrize(
@@ -151,6 +158,12 @@ INPUTS = ("windows", "normals", "density", "flattened", "far")  # within splat-n
         ("splat-net", "density", 1e9, "expected true or false"),
         ("splat-net", "flattened", None, "expected true or false"),
         ("splat-net", "far", False, "has shape"),
+        ("splat-net", "meshes", ["a"], "has shape"),
+        ("splat-net", "meshes", ["a", "a"], "expected different names"),
+        ("splat-net", "meshes", [1], "expected different names"),
+        ("splat-net", "meshes", [["a"]], "expected different names"),
+        ("splat-net", "meshes", ["a" * 99], "expected different names"),
+        ("splat-net", "meshes", [str(n) for n in range(99)], "expected different names"),
         ("splat-net", "more", 1, "more"),
         ("occupancy-net", "resolution", 9, "resolution 9 with 2 levels"),
         ("occupancy-net", "widths", [4, 10**9], "sizes"),

@@ -25,9 +25,14 @@ EXPORTS = {
     "gan": (pc2pix.export, "average.generator.conv.weight"),
     "decoder": (pc2pix.export_decoder, "decoder.layers.1.weight"),
     "splat-net": (partial(splat_net.export, head="grey"), "average.lift.0.weight"),
+    "fused-net": (
+        partial(splat_net.export, head="grey", kind="fused-net"),
+        "average.first.conv.weight",
+    ),
     "occupancy-net": (occupancy_net.export, "average.planes.code.weight"),
 }
 OBJECTIVES = {"gan": "acgan-code", "decoder": "", "splat-net": "l1-patch", "occupancy-net": ""}
+OBJECTIVES["fused-net"] = "l1"
 OF = {"pc2pix": pc2pix, "splat-net": splat_net, "occupancy-net": occupancy_net}
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 import torch
 
+from baselines.fused_net.train import FusedNetConfig
 from baselines.occupancy_net.train import OccupancyNetConfig
 from baselines.splat_net.train import SplatNetConfig
 from baselines.splat_net.weights import load_weights
@@ -56,6 +57,7 @@ def test_cuda_where_there_is_none(command, tmp_path):
         (training_options.AutoencoderOptions, AutoencoderConfig),
         (training_options.GanOptions, GanConfig),
         (training_options.SplatNetOptions, SplatNetConfig),
+        (training_options.FusedNetOptions, FusedNetConfig),
         (training_options.OccupancyNetOptions, OccupancyNetConfig),
         (training_options.DecoderOptions, DecoderConfig),
     ],
@@ -142,6 +144,50 @@ def test_splat_net_refuses_nonsense(command, tmp_path, options, problem):
     assert (status, said) == (2, "")
     assert f"bench: {problem}" in err.splitlines()[-1]
     assert not (out / "weights.safetensors").exists()
+
+
+def test_fused_net_from_the_command_line_to_a_method(command, tmp_path):
+    """The meshes alone, then steps that start from splat-net; both files are methods."""
+    out = tmp_path / "trained"
+    options = ("--objects", "2", "--views", "2", "--batch", "4", "--cool-down", "1")
+    options = (*options, "--meshes", "denoised-wrap", "--out", str(out))
+    clean = (*options, "--no-augment")
+    status, said, err = command("train", "fused-net", *clean, "--steps", "0")
+    assert (status, said) == (0, f"{out / 'maps'}\n"), err
+    (kept,) = (out / "maps").iterdir()
+    written = kept.stat().st_mtime_ns
+    steps = ("--start", "all", "--steps", "1")
+    status, said, err = command("train", "fused-net", *clean, *steps)
+    assert (status, said) == (0, f"{out / 'weights.safetensors'}\n"), err
+    assert kept.stat().st_mtime_ns == written
+    for name, color in (("weights", 4), ("weights-grey", 2)):
+        method = find_method(f"fused-net@{out / name}.safetensors")
+        renderer = method.load("cpu")
+        assert renderer.weights.network.last.out_channels == color
+        assert tuple(renderer.methods) == ("denoised-wrap",)
+        assert renderer.weights.card["occupancy"] == ""
+        assert renderer.weights.sha256 in method.identity()
+        assert method.identity().endswith(find_method("occupancy-net").identity())
+    # other meshes than those that are kept
+    status, said, err = command("train", "fused-net", *options, "--steps", "0")
+    assert (status, said) == (2, "")
+    assert "are of other clouds, views, meshes or weights" in err.splitlines()[-1]
+
+
+@pytest.mark.parametrize(
+    ("options", "problem"),
+    [
+        ("--meshes poisson", "--meshes: meshes of poisson; choose from denoised-wrap, occupancy"),
+        ("--network huge", "--network: unknown 'huge'; choose one of tiny, default, large"),
+        ("--start nosuch", "weights: 'nosuch' is neither a bundled name"),
+    ],
+)
+def test_fused_net_refuses_nonsense(command, tmp_path, options, problem):
+    out = tmp_path / "x"
+    status, said, err = command("train", "fused-net", *options.split(), "--out", str(out))
+    assert (status, said) == (2, "")
+    assert f"bench: {problem}" in err.splitlines()[-1]
+    assert not out.exists()
 
 
 def test_occupancy_net_from_the_command_line_to_a_method(command, tmp_path):
