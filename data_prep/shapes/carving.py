@@ -43,11 +43,11 @@ def carved(part: Part, rng: np.random.Generator) -> list[Part]:
     if width < THINNEST * np.ptp(part.vertices, axis=0).max():
         return [part]
     carving = _block if block else _column if count == 2 else _bar
-    made = loft(carving(rings, width, rng), part.color)
-    volumes = [signed_volume(solid.vertices, solid.faces) for solid in (made, part)]
+    worked = loft(carving(rings, width, rng), part.color)
+    volumes = [signed_volume(solid.vertices, solid.faces) for solid in (worked, part)]
     if not volumes[0] > LEAST_KEPT * volumes[1]:
         return [part]
-    return [made, *(_panels(rings, width, part, rng) if block and chance(rng, 0.4) else [])]
+    return [worked, *(_panels(rings, width, part, rng) if block and chance(rng, 0.4) else [])]
 
 
 def rings_of(part: Part) -> Floats | None:
@@ -86,14 +86,14 @@ def _block(rings: Floats, width: float, rng: np.random.Generator) -> Floats:
     length = float(np.linalg.norm((rings[1] - rings[0]).mean(axis=0)))
     steps = pick(rng, CORNERS)
     radius = uniform(rng, (0.05, 0.4)) * width
-    made = []
+    rounded = []
     for share, inset in _levels(length, width, rng):
         ring = _drawn_in(rings[0] + (rings[1] - rings[0]) * share, inset)
         if steps:
             longest = 0.45 * np.linalg.norm(ring - np.roll(ring, -1, axis=0), axis=1).min()
             ring = rounded(ring, min(max(radius - inset, 0.3 * radius), longest), steps)
-        made.append(ring)
-    return np.array(made)
+        rounded.append(ring)
+    return np.array(rounded)
 
 
 def _drawn_in(quad: Floats, inset: float) -> Floats:
@@ -128,16 +128,16 @@ def _bar(rings: Floats, width: float, rng: np.random.Generator) -> Floats:
         rings = np.array([rounded(ring, radius, steps) for ring in rings])
     lined = chance(rng, 0.4) and len(rings) < 16
     depth, bevel = uniform(rng, (0.02, 0.08)), uniform(rng, (0.05, 0.3))
-    made = [_shrunk(rings[0], bevel)]
+    bevelled = [_shrunk(rings[0], bevel)]
     for first, second in pairwise(rings):
-        made.append(first + (0.12 if len(made) == 1 else 0.0) * (second - first))
+        bevelled.append(first + (0.12 if len(bevelled) == 1 else 0.0) * (second - first))
         if lined:
-            made += [
+            bevelled += [
                 _shrunk(first + place * (second - first), share)
                 for place, share in ((0.44, 0.0), (0.46, depth), (0.54, depth), (0.56, 0.0))
             ]
-    made += [rings[-2] + 0.88 * (rings[-1] - rings[-2]), _shrunk(rings[-1], bevel)]
-    return np.array(made)
+    bevelled += [rings[-2] + 0.88 * (rings[-1] - rings[-2]), _shrunk(rings[-1], bevel)]
+    return np.array(bevelled)
 
 
 def _levels(length: float, width: float, rng: np.random.Generator) -> list[Level]:
@@ -186,10 +186,10 @@ def _end(length: float, width: float, rng: np.random.Generator) -> list[Level]:
 
 def _panels(rings: Floats, width: float, part: Part, rng: np.random.Generator) -> list[Part]:
     """Return panels or knobs in rows on an end of a block, sunk into it."""
-    there, here = rings if chance(rng, 0.5) else rings[::-1]
-    through = (here - there).mean(axis=0)
+    inner, outer = rings if chance(rng, 0.5) else rings[::-1]
+    through = (outer - inner).mean(axis=0)
     length = float(np.linalg.norm(through))
-    along, across = here[1] - here[0], here[3] - here[0]
+    along, across = outer[1] - outer[0], outer[3] - outer[0]
     normal = np.cross(along, across)
     normal /= np.linalg.norm(normal)
     normal *= np.sign(normal @ through)
@@ -206,7 +206,7 @@ def _panels(rings: Floats, width: float, part: Part, rng: np.random.Generator) -
         red, green, blue = (int(0.6 * value) for value in color)
         color = (red, green, blue)
     shape = polygon(10, 0.5) if round_ones else np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) / 2
-    made = []
+    panels = []
     for column in range(columns):
         for row in range(rows):
             u, v = 0.16 + 0.68 * (column + 0.5) / columns, 0.16 + 0.68 * (row + 0.5) / rows
@@ -219,13 +219,13 @@ def _panels(rings: Floats, width: float, part: Part, rng: np.random.Generator) -
                     min(sizes) / s * side for s, side in zip(sizes, (first, second), strict=True)
                 )
             outline = shape[:, :1] * first + shape[:, 1:] * second
-            made.append(
+            panels.append(
                 loft(
                     [centre - sunk * normal + outline, centre + height * normal + taper * outline],
                     color,
                 )
             )
-    return made
+    return panels
 
 
 def carve_some(parts: Sequence[Part], rng: np.random.Generator, most: int = 8) -> list[Part]:
@@ -237,10 +237,10 @@ def carve_some(parts: Sequence[Part], rng: np.random.Generator, most: int = 8) -
     order = sorted(range(len(parts)), key=lambda i: -float(np.prod(np.sort(sizes[i])[1:])))
     seed = int(rng.integers(2**32))
     share = uniform(rng, (0.5, 1.0))
-    made: dict[int, list[Part]] = {}
+    worked: dict[int, list[Part]] = {}
     for i in order[:most]:
         key = [seed, len(parts[i].vertices), *(int(1e6 * s) for s in sizes[i])]
         own = np.random.default_rng(key)
         if chance(own, share):
-            made[i] = carved(parts[i], own)
-    return [solid for i, part in enumerate(parts) for solid in made.get(i, [replace(part)])]
+            worked[i] = carved(parts[i], own)
+    return [solid for i, part in enumerate(parts) for solid in worked.get(i, [replace(part)])]
