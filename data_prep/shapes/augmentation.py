@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +39,7 @@ COLOUR_SOURCES = {"kept": 0.4, "material": 0.35, "any": 0.25}
 # them a network paints whatever it is given.
 PAINTS = {"by part": 0.45, "one colour": 0.15, "none": 0.4}
 
-Split = Callable[[Floats, NDArray[np.int32], float], tuple[Floats, NDArray[np.int32]]]
+Split = Callable[[Floats, NDArray[np.int32], float], Any]  # (vertices, faces) of a mesh
 
 
 class Degenerate(Exception):

@@ -86,14 +86,14 @@ def _block(rings: Floats, width: float, rng: np.random.Generator) -> Floats:
     length = float(np.linalg.norm((rings[1] - rings[0]).mean(axis=0)))
     steps = pick(rng, CORNERS)
     radius = uniform(rng, (0.05, 0.4)) * width
-    rounded = []
+    worked = []
     for share, inset in _levels(length, width, rng):
         ring = _drawn_in(rings[0] + (rings[1] - rings[0]) * share, inset)
         if steps:
             longest = 0.45 * np.linalg.norm(ring - np.roll(ring, -1, axis=0), axis=1).min()
             ring = rounded(ring, min(max(radius - inset, 0.3 * radius), longest), steps)
-        rounded.append(ring)
-    return np.array(rounded)
+        worked.append(ring)
+    return np.array(worked)
 
 
 def _drawn_in(quad: Floats, inset: float) -> Floats:
@@ -210,8 +210,8 @@ def _panels(rings: Floats, width: float, part: Part, rng: np.random.Generator) -
     for column in range(columns):
         for row in range(rows):
             u, v = 0.16 + 0.68 * (column + 0.5) / columns, 0.16 + 0.68 * (row + 0.5) / rows
-            centre = (1 - u) * (1 - v) * here[0] + u * (1 - v) * here[1]
-            centre = centre + u * v * here[2] + (1 - u) * v * here[3]
+            centre = (1 - u) * (1 - v) * outer[0] + u * (1 - v) * outer[1]
+            centre = centre + u * v * outer[2] + (1 - u) * v * outer[3]
             first, second = 0.68 * filled / columns * along, 0.68 * filled / rows * across
             if round_ones:
                 sizes = [np.linalg.norm(side) for side in (first, second)]
@@ -240,7 +240,7 @@ def carve_some(parts: Sequence[Part], rng: np.random.Generator, most: int = 8) -
     worked: dict[int, list[Part]] = {}
     for i in order[:most]:
         key = [seed, len(parts[i].vertices), *(int(1e6 * s) for s in sizes[i])]
-        own = np.random.default_rng(key)
-        if chance(own, share):
-            worked[i] = carved(parts[i], own)
+        part_rng = np.random.default_rng(key)
+        if chance(part_rng, share):
+            worked[i] = carved(parts[i], part_rng)
     return [solid for i, part in enumerate(parts) for solid in worked.get(i, [replace(part)])]

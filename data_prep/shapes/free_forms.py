@@ -72,7 +72,7 @@ def body(rng: np.random.Generator, color: Color) -> list[Part]:
     outlines[..., 0] = uniform(rng, (0.35, 0.8)) * widths[:, None] * section[:, 0]
     outlines[..., 1] = floor[:, None] + (top - floor)[:, None] * section[:, 1]
     outlines[..., 1] *= uniform(rng, (0.4, 1.0))
-    made = [prism(2, outlines, places, color)]
+    solids = [prism(2, outlines, places, color)]
     if chance(rng, 0.4):
         height = outlines[..., 1].max()
         cabin = np.stack([outlines[count // 2], outlines[count // 2] * (0.85, 1.0)])
@@ -80,8 +80,8 @@ def body(rng: np.random.Generator, color: Color) -> list[Part]:
         length, middle = uniform(rng, (0.2, 0.5)), uniform(rng, (-0.3, 0.3))
         rings = [cabin[1] * (0.8, 0.75) + (0, 0.25 * height * 0.75), *cabin[::-1], cabin[1]]
         at = np.array([-1.0, -0.6, 0.5, 1.0]) * length + middle
-        made.append(prism(2, np.array(rings), at, color))
-    return made
+        solids.append(prism(2, np.array(rings), at, color))
+    return solids
 
 
 def _section(rng: np.random.Generator) -> Floats:
@@ -200,11 +200,11 @@ def free_form(rng: np.random.Generator) -> list[Part]:
     count = pick(rng, COUNTS)
     forms = [_standing(rng, colors[i % len(colors)]) for i in range(count)]
     arrangement = pick(rng, ARRANGEMENTS)
-    made = forms[0]
+    combined = forms[0]
     for form in forms[1:]:
-        made = _added(made, form, arrangement, rng)
+        combined = _added(combined, form, arrangement, rng)
     stretched = np.exp(rng.uniform(-0.5, 0.5, 3))
-    return [Part(part.vertices * stretched, part.faces, part.color) for part in made]
+    return [Part(part.vertices * stretched, part.faces, part.color) for part in combined]
 
 
 def _standing(rng: np.random.Generator, color: Color) -> list[Part]:
@@ -229,10 +229,10 @@ def _moved(parts: list[Part], offset: Floats, scale: float) -> list[Part]:
 
 
 def _added(
-    made: list[Part], form: list[Part], arrangement: str, rng: np.random.Generator
+    combined: list[Part], form: list[Part], arrangement: str, rng: np.random.Generator
 ) -> list[Part]:
     """Return an object and one more form, which overlaps it a little."""
-    low, high = _bounds(made)
+    low, high = _bounds(combined)
     middle, extent = (low + high) / 2, high - low
     scale = uniform(rng, (0.3, 1.0)) * float(extent.max())
     half = scale * np.ptp(np.stack(_bounds(form)), axis=0) / 2
@@ -247,9 +247,9 @@ def _added(
     if arrangement == "mirrored" and chance(rng, 0.6):
         # On both sides of the plane x = 0, on which the first form is centred.
         offset[0] = extent[0] / 2 + half[0] - overlap * 2 * min(half[0], extent[0] / 2)
-        return [*made, *pair(*_moved(form, offset, scale))]
+        return [*combined, *pair(*_moved(form, offset, scale))]
     if arrangement == "mirrored":
         axis = 1 + int(rng.integers(2))
     reach = extent[axis] / 2 + half[axis] - overlap * 2 * min(half[axis], extent[axis] / 2)
     offset[axis] = middle[axis] + way * reach
-    return [*made, *_moved(form, offset, scale)]
+    return [*combined, *_moved(form, offset, scale)]

@@ -133,7 +133,7 @@ def split_long_edges(
 def _divided(faces: NDArray[np.int32], middle: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return faces divided at the middles of their edges [F, 3], -1 where an edge stays whole."""
     number = (middle >= 0).sum(axis=1)
-    made = [faces[number == 0].astype(np.int64)]
+    pieces = [faces[number == 0].astype(np.int64)]
     # Turned so that the edge that differs from the others comes first or last.
     starts = {1: np.argmax(middle >= 0, axis=1), 2: np.argmin(middle >= 0, axis=1) + 1, 3: None}
     for halved, start in starts.items():
@@ -147,5 +147,5 @@ def _divided(faces: NDArray[np.int32], middle: NDArray[np.int64]) -> NDArray[np.
             2: [(ab, b, bc), (a, ab, bc), (a, bc, c)],
             3: [(a, ab, ca), (ab, b, bc), (bc, c, ca), (ab, bc, ca)],
         }[halved]
-        made += [np.stack(triangle, axis=1) for triangle in corners]
-    return np.concatenate(made)
+        pieces += [np.stack(triangle, axis=1) for triangle in corners]
+    return np.concatenate(pieces)
