@@ -112,7 +112,7 @@ def gan_command(options: GanOptions) -> None:
             convert=lambda text: names(text) or (),
             default=None,
         ),
-        "warm_up": "Steps at the start without the patch discriminator (l1-patch only).",
+        "warm_up": "Steps at the start in which the patch discriminator only learns (not with l1).",
         "cool_down": "Steps at the end over which the learning rate falls to zero.",
         "learning_rate": "Learning rate of Adam.",
     },
