@@ -15,7 +15,7 @@ from learning.image_losses import FOREGROUND_WEIGHT, weighted_error
 STRUCTURE_WEIGHT = 0.5
 COVERAGE_WEIGHT = 0.1
 GREY_WEIGHT = 0.5
-TILT_WEIGHT = 0.2
+TILT_WEIGHT = 0.3
 WHOLE = 254.5 / 255  # coverage of a pixel whose samples are all of the object
 # The true grey has 8 bits: at a tilt of 0 the next grey level is a tilt of some 10 degrees.
 FLAT = 0.01
@@ -71,8 +71,8 @@ OBJECTIVES = {
         (0.05, 0.2), "l1, and hinge losses of patches in grey (after Isola et al. 2017)"
     ),
     "relief": SplatNetObjective(
-        (0.05, 0.4),
-        "l1-patch, with more weight of patches under noise, and the error of tilts",
+        (0.1, 0.2),
+        "l1-patch, with more weight of patches on clean clouds, and the error of tilts",
         tilts=True,
     ),
     "pix2pix": SplatNetObjective(

@@ -55,7 +55,7 @@ class SplatNetConfig:
     """The configuration of a training.
 
     objective  a key of `baselines.splat_net.losses.OBJECTIVES`
-    warm_up    steps before the judge of patches takes part
+    warm_up    steps in which the judge of patches learns and its verdict does not count
     cool_down  last steps, over which the learning rate falls to nothing, and networks normalise as
                they will when they draw (`learning.averaging.take_statistics`)
     batch      images a step, a multiple of VIEWS_TOGETHER
@@ -219,17 +219,14 @@ class _SplatNetTrainer(CooledTrainer):
     def _judge(self, drawn: Tensor, real: Tensor) -> tuple[Tensor, Tensor]:
         """Take a step of the judge; return its error, and how false [B] it finds drawn images.
 
-        Both are zero before it takes part, so that losses.csv has the same columns from first to
-        last step.
+        That is zero in the warm-up: a judge that has learned nothing would only disturb.
         """
-        if int(self.steps_done) < self.config.warm_up:
-            return torch.zeros((), device=drawn.device), torch.zeros(
-                len(drawn), device=drawn.device
-            )
         with self.autocast():
             judged = self.judge(torch.cat([real, drawn.detach()])).float()
         error = judge_error(*judged.chunk(2))
         self.minimise(error, self.judge_adam)
+        if int(self.steps_done) < self.config.warm_up:
+            return error.detach(), torch.zeros(len(drawn), device=drawn.device)
         self.judge.requires_grad_(False)
         with self.autocast():
             patches = -self.judge(drawn).float().mean(dim=(1, 2, 3))

@@ -63,13 +63,17 @@ def test_bfloat16_trains_on_what_float32_sees(data, tmp_path):
         assert float(other[name]) == pytest.approx(float(value), rel=0.05)
 
 
-def test_before_the_judge_takes_part_the_objective_is_l1(data):
+def test_in_the_warm_up_the_judge_learns_and_the_objective_is_l1(data):
     """And losses.csv has the same columns before and after."""
     plain, patches = build(data), build(data, objective="l1-patch", warm_up=2)
+    untaught = {key: value.clone() for key, value in patches.judge.state_dict().items()}
     for _ in range(2):
         expected, actual = plain.take_step(), patches.take_step()
-        assert actual == expected | {"judge": 0, "patches": 0}
+        assert {name: actual[name] for name in expected} == expected
+        assert actual["judge"] > 0
+        assert actual["patches"] == 0
         assert list(actual) == ["colour", "grey", "coverage", "judge", "patches"]
+    assert not torch.equal(patches.judge[0].bias, untaught["0.bias"])
     expected, last = plain.take_step(), patches.take_step()
     assert list(last) == list(actual)
     assert {name: last[name] for name in expected} == expected  # measured before this step
