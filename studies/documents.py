@@ -15,7 +15,7 @@ combinations; further `field=value` choose among the lines; `intervals=no` leave
 difference is called better, worse or not decided, after Holm's correction; a method on the frontier
 and one worse than a white image are called so.
 
-`marks=a-pc2pix.csv,a-splat-net.csv` puts these three words beside values: what the
+`marks=a-pc2pix.csv,a-splat-net@chair.csv` puts these three words beside values: what the
 comparison of a row's method in those files says at the same metric, condition and class. A method
 without a comparison has no word. `marks=FILE;class:all` looks under another class.
 

@@ -44,7 +44,7 @@ DODGE = 0.09  # of a step, between neighbouring methods
 CONDITION_PLACES = {"2048": 0.0, "1024": 1.0, "512": 2.0, "noise-0.05": 3.6, "noise-0.10": 4.6}
 CONDITION_TICKS = ("2,048", "1,024\npoints", "512", "5 %", "10 %")
 NOISE_MIDDLE = 4.1
-UNLIKE = "splat-net@tiny"
+CHAIR, TINY = "splat-net@chair", "splat-net@chair-tiny"
 SHARES = ("outliers", "noise", "missing")
 CLASSES = (
     *("airplane", "bench", "cabinet", "car", "chair", "display", "lamp", "loudspeaker", "rifle"),
@@ -260,7 +260,7 @@ def _draw_costs(axis: Any, lines: Sequence[Mapping[str, str]], methods: Sequence
     for method in methods:
         axis.plot([], [], linestyle="none", label=method, **point(styles[method], 6.0))
     for line in competing:
-        if line["method"] == UNLIKE:  # its marker is that of its family
+        if line["method"] == TINY:  # its marker is that of its family
             at = number(line["cost_ms"]), number(line["value"])
             axis.annotate("tiny", at, (-5, 4), textcoords="offset points", fontsize=8, ha="right")
     axis.set_xscale("log")
@@ -335,28 +335,27 @@ def draw_view_costs(methods: Sequence[str]) -> Figure:
     return figure
 
 
-CHAIR_METHODS = ("splat-net", "splat-net@grey", "best-reconstruction", "pc2pix", "surface-apss")
-REAL_METHODS = ("splat-net@all-grey", "splat-net", "best-reconstruction", "pc2pix", "surface-apss")
+OTHERS = ("best-reconstruction", "pc2pix", "surface-apss", FLOOR)
+CHAIR_METHODS = (CHAIR, f"{CHAIR}-grey", *OTHERS)
+REAL_METHODS = ("splat-net@grey", CHAIR, *OTHERS)
 FIGURES: Mapping[str, Callable[[], Figure]] = {
-    "known-chairs": partial(draw_conditions, ["sealed.csv"], [*CHAIR_METHODS, FLOOR]),
-    "novel-families-curves": partial(
-        draw_conditions, ["novel-families.csv"], [*CHAIR_METHODS, FLOOR]
-    ),
+    "known-chairs": partial(draw_conditions, ["sealed.csv"], CHAIR_METHODS),
+    "novel-families-curves": partial(draw_conditions, ["novel-families.csv"], CHAIR_METHODS),
     "real-chairs-curves": partial(
         draw_conditions,
         ["real-chairs-20.csv", "real-chairs-20-networks.csv"],
-        [*REAL_METHODS, FLOOR],
+        REAL_METHODS,
     ),
     "real-meshes": partial(
         draw_classes,
         {
-            "splat-net@all-grey": "real-meshes-4-splat-net@all-grey.csv",
-            "splat-net": "real-meshes-4-splat-net.csv",
+            "splat-net@grey": "real-meshes-4-splat-net@grey.csv",
+            CHAIR: "real-meshes-4-splat-net@chair.csv",
         },
         "2048",
     ),
     "thirteen-classes": partial(
-        draw_classes, {"splat-net": "thirteen-classes-splat-net.csv"}, "2048"
+        draw_classes, {CHAIR: "thirteen-classes-splat-net@chair.csv"}, "2048"
     ),
     "table5": partial(
         draw_paper_classes, "thirteen-classes.csv", "fd-views", ["surface-apss", "pc2pix@all"]
@@ -364,16 +363,15 @@ FIGURES: Mapping[str, Callable[[], Figure]] = {
     "frontier": partial(
         draw_frontier,
         [
-            *("splat-net", "splat-net@tiny", "denoised-alpha", "alpha-shape"),
+            *(CHAIR, TINY, "denoised-alpha", "alpha-shape"),
             *("pc2pix", "pgr", "surface-fit", "surface-apss", "splat"),
         ],
     ),
     "beyond": partial(
-        draw_families, "beyond-networks.csv", ["splat-net", "pc2pix", "surface-apss", FLOOR]
+        draw_families, "beyond-networks.csv", [CHAIR, "pc2pix", "surface-apss", FLOOR]
     ),
     "amortised": partial(
-        draw_view_costs,
-        ["surface-apss", "surface-fit", "pc2pix", "pc2pix@paper", "splat-net", "splat-net@tiny"],
+        draw_view_costs, ["surface-apss", "surface-fit", "pc2pix", "pc2pix@paper", CHAIR, TINY]
     ),
 }
 

@@ -22,8 +22,7 @@ from bench.analysis.comparison import decimals, milliseconds
 from bench.analysis.paper import AVERAGE
 from bench.catalogue.chosen import BEST_RECONSTRUCTION
 from bench.catalogue.condition_names import condition_words
-from bench.catalogue.costs import view_costs_ms
-from bench.catalogue.lookup import family_of
+from bench.catalogue.costs import cost_of, view_costs_ms
 from bench.catalogue.methods import FLOOR, RECOMMENDED, role
 from bench.catalogue.metrics import higher_is_better
 from bench.report.page import bundled, rendered
@@ -121,7 +120,7 @@ def board(numbers: Path = NUMBERS, groups: Sequence[ResultGroup] = GROUPS) -> Bo
             for metric in HEADLINE:
                 of_column = values[group.name, metric]
                 cells.append(_cell(metric, method, of_column, verdicts.get(metric, "")))
-        cost = costs.get(method, costs.get(family_of(method))) if method not in references else None
+        cost = cost_of(method, costs) if method not in references else None
         cells += [
             BoardCell(f"{ranks[method]:.1f}", ranks[method]) if method in ranks else EMPTY,
             BoardCell(milliseconds(cost), cost) if cost else EMPTY,

@@ -33,7 +33,7 @@ from studies.tables import markdown
 
 TURN, ROUNDING = "turn", "rounding"
 METHODS = {
-    TURN: ("pc2pix", "pc2pix@acgan", "splat-net", "splat", "constant", "blank"),
+    TURN: ("pc2pix", "pc2pix@acgan", "splat-net@chair", "splat", "constant", "blank"),
     ROUNDING: ("surface-apss",),
 }
 Moves = dict[tuple[str, str, str], NDArray[np.float64]]  # by change, method and metric: [chairs]

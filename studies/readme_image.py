@@ -30,7 +30,7 @@ from studies.images import draw_all
 METHODS = {
     BEST_RECONSTRUCTION: "denoised-alpha",
     "pc2pix": "pc2pix",
-    "splat-net": "splat-net@all-grey",
+    "splat-net": "splat-net@grey",
 }
 CONDITION_TITLES = {"2048": "2,048 points", "noise-0.10": "noise 10 %"}
 VIEW = View(azimuth_deg=30, elevation_deg=20)

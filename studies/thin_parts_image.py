@@ -26,7 +26,7 @@ from data_prep.randomness import generator
 from studies.images import draw_all
 from studies.readme_image import CONDITION_TITLES, DPI, VIEW
 
-METHODS = ("denoised-alpha", "pc2pix", "splat-net")
+METHODS = ("denoised-alpha", "pc2pix", "splat-net@chair")
 SHOWN = 2
 MARGIN_PX = 3
 SIZE_IN = (8.0, 2.7)

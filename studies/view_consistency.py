@@ -76,7 +76,7 @@ from studies.silhouette_motion import (
 from studies.tables import markdown
 
 CLASS, SPLIT, RUN_SEED = "chair", "test", 0
-METHODS = ("splat-net", "pc2pix", "surface-apss", "splat")
+METHODS = ("splat-net@chair", "pc2pix", "surface-apss", "splat")
 SHOWN_CONDITIONS = ("2048", "512", "noise-0.05")
 STEP_DEG, ELEVATION_DEG = 5, 20.0
 VIEWS = tuple(View((a + 180) % 360 - 180.0, ELEVATION_DEG) for a in range(0, 360, STEP_DEG))

@@ -17,7 +17,7 @@ __all__ = ["load"]
 
 
 def load(
-    name_or_path: str | Path = "chair",
+    name_or_path: str | Path = "all",
     *,
     device: str = "cpu",
     precision: Precision = "float32",
@@ -29,6 +29,7 @@ def load(
     ----------
     name_or_path : str or Path
         A bundled name (`baselines.splat_net.weights.BUNDLED`) or the path of an exported file.
+        The default is the network for objects of any kind.
     device : str
         PyTorch's name of the device, "cpu" or "cuda" for example.
     precision : {"float32", "bfloat16"}

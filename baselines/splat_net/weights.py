@@ -103,7 +103,7 @@ def export(checkpoint_path: Path, path: Path, head: Material) -> str:
     return file_sha256(path)
 
 
-def load_weights(name_or_path: str | Path = "chair") -> SplatNetWeights:
+def load_weights(name_or_path: str | Path = "all") -> SplatNetWeights:
     """Return the weights of a bundled name or a path.
 
     Raises BadInput as `find_weights`, and where the file is no safetensors file or of another

@@ -6,10 +6,14 @@ It is read from `results/docs/frontier.csv`, which a checkout has and the wheel 
 from __future__ import annotations
 
 import csv
+from collections.abc import Mapping
 from pathlib import Path
+
+from bench.catalogue.lookup import family_of
 
 FRONTIER = Path(__file__).resolve().parents[2] / "results" / "docs" / "frontier.csv"
 CLEAN = "2048"
+MEASURED = {"splat-net": "splat-net@chair"}  # of one size: by family, what was measured for it
 
 
 def view_costs_ms(path: Path = FRONTIER) -> dict[str, float]:
@@ -25,3 +29,10 @@ def view_costs_ms(path: Path = FRONTIER) -> dict[str, float]:
             for row in csv.DictReader(file)
             if (row["condition"], row["views"]) == (CLEAN, "1") and row["cost_ms"]
         }
+
+
+def cost_of(method_id: str, costs: Mapping[str, float]) -> float | None:
+    """Return the cost of a method, or that of its family for one that was not measured itself."""
+    family = family_of(method_id)
+    stand_ins = (method_id, family, MEASURED.get(family, family))
+    return next((costs[id_] for id_ in stand_ins if id_ in costs), None)

@@ -41,14 +41,14 @@ class Family:
         return tuple(name for name, least, most in self.trained if not least <= value <= most)
 
 
-# Of `splat-net` the constants of learning/clouds.py; of `pc2pix` its bundled weights
+# Of `splat-net@chair` the constants of learning/clouds.py; of `pc2pix` its bundled weights
 # (pc2pix/weights/chair.md): it was shown at most 1,024 points, and of more it sees 1,024 at a time.
 FAMILIES = (
     Family(
         "points",
         "points",
         ((2048, "2048"), (1024, "1024"), (512, "512"), (256, "256"), (128, "128")),
-        trained=(("splat-net", 512, 2048), ("pc2pix", 256, 2048)),
+        trained=(("splat-net@chair", 512, 2048), ("pc2pix", 256, 2048)),
         logarithmic=True,
     ),
     Family(
@@ -59,7 +59,7 @@ FAMILIES = (
             *((0.05, "noise-0.05"), (0.10, "noise-0.10")),
             *((0.15, "noise-0.15"), (0.20, "noise-0.20")),
         ),
-        trained=(("splat-net", 0.0, 0.12), ("pc2pix", 0.0, 0.10)),
+        trained=(("splat-net@chair", 0.0, 0.12), ("pc2pix", 0.0, 0.10)),
     ),
     Family(
         "outliers",
@@ -68,19 +68,19 @@ FAMILIES = (
             (0.0, "2048"),
             *((0.01, "outliers-0.01"), (0.05, "outliers-0.05"), (0.10, "outliers-0.10")),
         ),
-        trained=(("splat-net", 0.0, 0.0), ("pc2pix", 0.0, 0.0)),
+        trained=(("splat-net@chair", 0.0, 0.0), ("pc2pix", 0.0, 0.0)),
     ),
     Family(
         "missing",
         "missing on one side: share of the points",
         ((0.0, "2048"), (0.25, "missing-0.25"), (0.50, "missing-0.50")),
-        trained=(("splat-net", 0.0, 0.0), ("pc2pix", 0.0, 0.0)),
+        trained=(("splat-net@chair", 0.0, 0.0), ("pc2pix", 0.0, 0.0)),
     ),
     Family(  # of 1,024 points all: beside them stands the stride
         "density",
         "density: densest end to sparsest, of 1,024 points",
         ((1.0, "1024"), (3.0, "density-3"), (10.0, "density-10")),
-        trained=(("splat-net", 1.0, 1.0), ("pc2pix", 1.0, 1.0)),
+        trained=(("splat-net@chair", 1.0, 1.0), ("pc2pix", 1.0, 1.0)),
         logarithmic=True,
     ),
 )

@@ -17,7 +17,7 @@ def find(wanted: str, table: Sequence[Entry], kind: str) -> Entry:
 
 
 def family_of(method_id: str) -> str:
-    """Return the id of a method without its variant: "splat-net" of "splat-net@all"."""
+    """Return the id of a method without its variant: "splat-net" of "splat-net@grey"."""
     return method_id.partition("@")[0]
 
 

@@ -66,40 +66,39 @@ NETWORK_METHODS = (
     ),
     _splat_net(
         "splat-net",
-        weights="chair",
-        source="a U-Net over the projected points; bundled weights "
-        "(baselines/splat_net/weights/chair.md)",
+        weights="all",
+        trained_on="13 classes",
+        source="a U-Net over the projected points: one network for objects of any kind, trained on "
+        "shapes of all 13 classes that vary more (baselines/splat_net/weights/all.md)",
     ),
     _splat_net(
         "splat-net@grey",
-        weights="chair-grey",
-        color="none",
-        source="splat-net in neutral grey: no colour is made up",
-    ),
-    _splat_net(
-        "splat-net@all",
-        weights="all",
-        trained_on="13 classes",
-        source="splat-net trained on shapes of all 13 classes that vary more "
-        "(baselines/splat_net/weights/all.md)",
-    ),
-    _splat_net(
-        "splat-net@all-grey",
         weights="all-grey",
         color="none",
         trained_on="13 classes",
-        source="splat-net@all in neutral grey",
+        source="splat-net in neutral grey: no colour is made up",
     ),
     _splat_net(
-        "splat-net@bf16",
+        "splat-net@chair",
         weights="chair",
-        source="splat-net in bfloat16",
+        source="splat-net trained on chairs (baselines/splat_net/weights/chair.md)",
+    ),
+    _splat_net(
+        "splat-net@chair-grey",
+        weights="chair-grey",
+        color="none",
+        source="splat-net@chair in neutral grey",
+    ),
+    _splat_net(
+        "splat-net@chair-bf16",
+        weights="chair",
+        source="splat-net@chair in bfloat16",
         load=partial(loaders.SPLAT_NET.load, "chair", precision="bfloat16"),
     ),
     _splat_net(
-        "splat-net@tiny",
+        "splat-net@chair-tiny",
         weights="chair-tiny",
-        source="splat-net without normals, of half the width "
+        source="splat-net@chair without normals, of half the width "
         "(baselines/splat_net/weights/chair-tiny.md)",
     ),
     _splat_net(
@@ -129,7 +128,7 @@ NETWORK_METHODS = (
         trained_on="13 classes",
         color="none",
         source="an occupancy network on three planes (Peng et al. 2020), trained on the clouds "
-        "of splat-net@all (baselines/occupancy_net/weights/all.md)",
+        "of splat-net (baselines/occupancy_net/weights/all.md)",
     ),
 )
 # Methods that nobody would draw with, but whose cost is measured beside the others.
@@ -155,15 +154,15 @@ COST_VARIANTS = (
         source="the same in bfloat16",
     ),
     _splat_net(
-        "splat-net@no-normals",
+        "splat-net@chair-no-normals",
         weights="chair-no-normals",
-        source="splat-net without normals and flattened points: no neighbours are sought "
+        source="splat-net@chair without normals and flattened points: no neighbours are sought "
         "(baselines/splat_net/weights/chair-no-normals.md)",
     ),
     _splat_net(
-        "splat-net@large",
+        "splat-net@chair-large",
         weights="chair-large",
-        source="splat-net one and a half times as wide "
+        source="splat-net@chair one and a half times as wide "
         "(baselines/splat_net/weights/chair-large.md)",
     ),
 )

@@ -73,7 +73,7 @@ Values of single objects repeat to the last digit in the environment that they w
 is left is the rounding of the file. Elsewhere they move farther than the mean of 24:
 
 * The turn by 0.1 degree, by `studies.object_noise` on 24 chairs x 20 views at 2048 and noise-0.10
-  (both networks, `splat-net`, `splat`, `constant`, `blank`): the largest move of a chair was
+  (both networks, `splat-net@chair`, `splat`, `constant`, `blank`): the largest move of a chair was
   0.00071 (ssim), 0.000076 (luminance), 0.00033 (contrast), 0.00061 (structure), 0.059 dB (psnr),
   0.0017 (ssim-object), 0.0015 (silhouette-iou), 0.30 (thin-recall), 0.12 (thin-precision) and
   0.0033 (lpips). Three times that is allowed. Few views of a chair show thin parts: these two say

@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 
 from bench.catalogue.chosen import BEST_RECONSTRUCTION, CHOSEN
-from bench.catalogue.costs import view_costs_ms
+from bench.catalogue.costs import cost_of, view_costs_ms
 from bench.catalogue.method import Method
 from bench.catalogue.methods import COST_VARIANTS, METHODS, RECOMMENDED, plugin_ids
 from bench.catalogue.metrics import (
@@ -126,14 +126,14 @@ def _methods(width: int, costs: Mapping[str, float]) -> Iterator[str]:
     )
     if costs:
         yield from wrapped(
-            "one view: of a new cloud of 2048 points, by results/docs/frontier.csv; ~: as the "
-            "method without its variant",
+            "one view: of a new cloud of 2048 points, by results/docs/frontier.csv; ~: as "
+            "another of its family, of the same size",
             width,
         )
 
 
 def _cost(method: Method, costs: Mapping[str, float]) -> str:
-    cost = costs.get(method.id, costs.get(method.family))
+    cost = cost_of(method.id, costs)
     if cost is None:
         return "-"
     number = f"{cost:.0f}" if cost >= 100 else f"{cost:.3g}"

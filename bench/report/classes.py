@@ -18,6 +18,7 @@ from bench.analysis.paper import (
     network_of,
 )
 from bench.analysis.scores import QualityRow
+from bench.catalogue.lookup import family_of
 from bench.catalogue.methods import role
 from bench.catalogue.metrics import higher_is_better
 from bench.metrics.structural_similarity import ssim_per_image
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
 
 MOST_ACROSS = 8  # images in a row: with so few, two blocks of classes stand side by side
 DISTANCES = (PAPER_METRIC, "fd-views")  # the first that has a value is shown
+SPLAT_NET = "splat-net"
 NAMES = {SURFACE: "SR"}
 
 
@@ -66,8 +68,9 @@ def write_class_figures(
     folder = directory / FIGURES
     methods, condition = ordered(item.method for item in cells), cells[0].condition
     network = network_of(methods)
+    splat_net = next((m for m in methods if family_of(m) == SPLAT_NET), None)
     best = best_methods(headline.rows, condition)
-    wanted = ordered([SURFACE, network, *best.values(), "splat-net", "splat"])
+    wanted = ordered([SURFACE, network, *best.values(), splat_net, "splat"])
     shown = [method for method in wanted if method in methods]
     save(images_figure(shown, condition, best, artifacts), folder / "classes.png")
     if network is not None and SURFACE in methods:

@@ -120,7 +120,7 @@ _REMARK = (
 
 
 def shown_in_training(family: Family) -> str:
-    """Return the range that networks were trained on: "splat-net 512 to 2048"."""
+    """Return the range that networks were trained on: "splat-net@chair 512 to 2048"."""
     return ", ".join(
         f"{name} {least:g}" + (f" to {most:g}" if most > least else " only")
         for name, least, most in family.trained

@@ -24,14 +24,14 @@ SURFACES = tuple(  # Open3D is an extra
     m.id for m in BUNDLED if m.kind == "reconstruction" and m.id != "open3d-poisson"
 )
 NETWORKS = (
-    *("pc2pix", "pc2pix@acgan", "splat-net", "splat-net@tiny"),
-    *("splat-net@all", "points2pix", "depth-net", "occupancy-net"),
+    *("pc2pix", "pc2pix@acgan", "splat-net@chair", "splat-net@chair-tiny"),
+    *("splat-net", "points2pix", "depth-net", "occupancy-net"),
 )
 METHODS = (*SURFACES, *NETWORKS, "splat", "splat-fill", "true-mesh", *FLOORS)
 ORDERLESS = (
     *("denoised-alpha", "denoised-bpa", "denoised-poisson", "pgr", "surface-fit"),
     *("alpha-wrap", "denoised-wrap", "wnnc-poisson"),
-    *("splat-net@tiny", "splat", "splat-fill", "occupancy-net"),
+    *("splat-net@chair-tiny", "splat", "splat-fill", "occupancy-net"),
 )
 VIEWS = [View(10, 20), View(370, 20), View(-100, -40), View(0, 90), View(30, -90)]
 

@@ -33,9 +33,9 @@ def test_curves_are_the_values_of_the_file_and_up_is_better(figures):
     for axis, metric in ((similarity, "ssim-object"), (distance, "lpips")):
         values = {
             line["condition"]: float(line["value"])
-            for line in read_lines(["sealed.csv"], {"method": "splat-net", "metric": metric})
+            for line in read_lines(["sealed.csv"], {"method": "splat-net@chair", "metric": metric})
         }
-        assert curves(axis)["splat-net"] == [values[c] for c in ("2048", "1024", "512")]
+        assert curves(axis)["splat-net@chair"] == [values[c] for c in ("2048", "1024", "512")]
     low, high = similarity.get_ylim()
     assert low < high
     low, high = distance.get_ylim()
@@ -44,7 +44,7 @@ def test_curves_are_the_values_of_the_file_and_up_is_better(figures):
 
 def test_differences_are_hollow_where_nothing_is_decided(figures):
     axis, _ = figures["thirteen-classes"].axes
-    lines = read_lines(["thirteen-classes-splat-net.csv"], {"metric": "ssim-object"})
+    lines = read_lines(["thirteen-classes-splat-net@chair.csv"], {"metric": "ssim-object"})
     points = [line for line in axis.get_lines() if len(line.get_xdata()) == 1]
     assert [p.get_xdata()[0] for p in points] == [float(line["difference"]) for line in lines]
     filled = [p.get_markerfacecolor() == p.get_color() for p in points]

@@ -96,4 +96,4 @@ def test_it_is_made_of_the_results_of_the_project_and_loads_nothing():
     html = fragment()
     assert html.count("<tr") > 12
     assert not re.search(r"(src|href)=", html)
-    assert '<span class="name">splat-net@all-grey</span> <small>recommended</small>' in html
+    assert '<span class="name">splat-net@grey</span> <small>recommended</small>' in html

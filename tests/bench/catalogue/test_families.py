@@ -37,7 +37,7 @@ def test_a_family_goes_from_what_networks_know_to_what_they_do_not(family):
     assert list(family.values) in (rising, rising[::-1])
     assert not family.logarithmic or rising[0] > 0
     assert family.unseen_by(family.values[0]) == ()
-    assert family.unseen_by(family.values[-1]) == ("splat-net", "pc2pix")
+    assert family.unseen_by(family.values[-1]) == ("splat-net@chair", "pc2pix")
 
 
 def test_the_suite_has_all_families():
@@ -53,8 +53,8 @@ def test_what_networks_were_not_shown():
     shown = {family.id: (low, high) for family in FAMILIES for _, low, high in family.trained[:1]}
     assert shown["points"] == (min(POINTS_SEEN), max(POINTS_SEEN))
     assert shown["noise"] == (0, MAX_NOISE)
-    assert points.unseen_by(256) == ("splat-net",)
-    assert points.unseen_by(255) == points.unseen_by(4096) == ("splat-net", "pc2pix")
+    assert points.unseen_by(256) == ("splat-net@chair",)
+    assert points.unseen_by(255) == points.unseen_by(4096) == ("splat-net@chair", "pc2pix")
     assert noise.unseen_by(0.11) == ("pc2pix",)
     assert noise.unseen_by(0.10) == ()
 

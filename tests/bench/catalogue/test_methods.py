@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import inspect
 from dataclasses import replace
 
 import pytest
 
+from baselines import splat_net
 from bench.catalogue.methods import BUNDLED, FLOORS, METHODS, RECOMMENDED, Method, find_method, role
 from data_prep.failures import BadInput
 
@@ -13,7 +15,7 @@ from data_prep.failures import BadInput
 def test_every_method_says_what_it_was_trained_on():
     trained = {method.id: method.trained_on for method in BUNDLED}
     assert {name for name, on in trained.items() if on == "13 classes"} == {
-        *("pc2pix@all", "splat-net@all", "splat-net@all-grey"),
+        *("pc2pix@all", "splat-net", "splat-net@grey"),
         *("points2pix", "points2pix@l1-patch", "depth-net", "occupancy-net"),
     }
     learned = {name for name, on in trained.items() if on != "nothing"}
@@ -50,3 +52,31 @@ def test_what_draws_an_unknown_object_knows_more_than_chairs():
     method = find_method(RECOMMENDED)
     assert method in METHODS
     assert (method.trained_on, method.color) == ("13 classes", "none")
+
+
+def test_splat_net_is_one_network_for_any_object_and_that_of_chairs_says_so():
+    networks = {m.id: m for m in BUNDLED if m.family == "splat-net"}
+    of_chairs = {name for name in networks if name.startswith("splat-net@chair")}
+    assert set(networks) - of_chairs == {"splat-net", "splat-net@grey"}
+    assert {networks[name].trained_on for name in of_chairs} == {"chairs"}
+    files = {name: method.weights_file().stem for name, method in networks.items()}
+    assert {name: files[name] for name in ("splat-net", "splat-net@grey", "splat-net@chair")} == {
+        "splat-net": "all",
+        "splat-net@grey": "all-grey",
+        "splat-net@chair": "chair",
+    }
+    assert inspect.signature(splat_net.load).parameters["name_or_path"].default == "all"
+
+
+@pytest.mark.parametrize(
+    ("old", "near"),
+    [
+        ("splat-net@all", "splat-net"),
+        ("splat-net@all-grey", "splat-net@grey"),
+        ("splat-net@tiny", "splat-net@chair-tiny"),
+        ("splat-net@large", "splat-net@chair-large"),
+    ],
+)
+def test_an_id_of_an_earlier_version_is_refused_with_the_nearest(old, near):
+    with pytest.raises(BadInput, match=f"unknown method '{old}': did you mean '{near}'"):
+        find_method(old)

@@ -27,14 +27,17 @@ def test_a_truth_that_is_the_suites_own_changes_nothing(suite):
 
 
 def test_methods_of_colours_and_the_twin_of_the_ceiling_are_left_out_with_reasons():
-    methods = ("splat-net", "splat-net@grey", "true-mesh", "true-mesh@grey", "constant", "blank")
+    methods = (
+        *("splat-net@chair", "splat-net@chair-grey", "true-mesh", "true-mesh@grey"),
+        *("constant", "blank"),
+    )
     suite = replace(ROBUSTNESS, methods=methods)
     assert left_out_in_grey(suite) == {
-        "splat-net": "makes up colours",
+        "splat-net@chair": "makes up colours",
         "true-mesh@grey": "is true-mesh in grey",
     }
     assert with_truth(suite, "grey").methods == (
-        *("splat-net@grey", "true-mesh", "constant", "blank"),
+        *("splat-net@chair-grey", "true-mesh", "constant", "blank"),
     )
     alone = replace(ROBUSTNESS, methods=("true-mesh@grey", "blank"))
     assert left_out_in_grey(alone) == {}

@@ -86,10 +86,10 @@ def test_the_command_and_python_draw_a_cloud_alone_alike_by_a_network_of_all_cla
     np.save(tmp_path / "cloud.npy", points)
     status, out, err = command("render", tmp_path / "cloud.npy")
     assert (status, out) == (0, f"{tmp_path / 'cloud.png'}\n")
-    assert err == "drawn by splat-net@all-grey; 'bench list' has others\n"
+    assert err == "drawn by splat-net@grey; 'bench list' has others\n"
     image = read(tmp_path / "cloud.png")
     assert np.array_equal(bench.draw_cloud(points, azimuth_deg=30, elevation_deg=20), image)
-    assert np.array_equal(bench.draw_cloud(points, method="splat-net@all-grey"), image)
+    assert np.array_equal(bench.draw_cloud(points, method="splat-net@grey"), image)
     assert (image < 255).any()
 
 
@@ -110,15 +110,15 @@ def test_what_of_the_file_is_not_drawn_and_what_knows_chairs_only_is_a_line_each
         "property list uchar int vertex_indices\nend_header\n"
         "0 0 0 255\n4 0 0 255\n0 2 0 255\nnan 0 0 255\n3 0 1 2\n3 0 1 2\n"
     )
-    drawn = ("render", path, "--drop-invalid", "--method", "blank,splat-net,splat", "-o", out)
+    drawn = ("render", path, "--drop-invalid", "--method", "blank,splat-net@chair,splat", "-o", out)
     status, printed, err = command(*drawn)
     assert (status, printed) == (0, f"{out}\n")
     assert [line for line in err.splitlines() if not line.startswith("drawing: ")] == [
         f"note: {path}: its colours are not used; only the coordinates of its points are",
         f"note: {path}: its 2 faces are not used; only the coordinates of its points are",
         f"note: {path}: 1 of 4 points are left out, they are not finite",
-        "note: splat-net: trained on chairs, other objects may look like them; "
-        "splat-net@all-grey knows 13 classes",
+        "note: splat-net@chair: trained on chairs, other objects may look like them; "
+        "splat-net@grey knows 13 classes",
     ]
 
 

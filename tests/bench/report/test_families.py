@@ -19,7 +19,7 @@ from bench.report.styles import method_styles
 from ..builders import make_job, make_truth, write_artifact
 
 METRICS = ("ssim", "fd-views")
-METHODS = ("surface-apss", "splat-net", "pc2pix", "true-mesh", "constant", "blank")
+METHODS = ("surface-apss", "splat-net@chair", "pc2pix", "true-mesh", "constant", "blank")
 
 
 def value(method, metric, step):
@@ -80,7 +80,7 @@ def test_lines_are_the_values_and_their_intervals():
     axes = figure(every_curve()).axes
     for axis, (family, metric) in zip(axes, product(FAMILIES, METRICS), strict=True):
         places = [math.log2(v) if family.logarithmic else v for v in family.values]
-        for method in ("surface-apss", "splat-net", "pc2pix", "constant", "blank"):
+        for method in ("surface-apss", "splat-net@chair", "pc2pix", "constant", "blank"):
             x, y = curve(axis, method).get_xydata().T
             assert x.tolist() == places
             expected = [value(method, metric, i) for i in range(len(places))]
@@ -103,20 +103,20 @@ def test_the_worst_stands_at_the_right():
 
 def test_bands_are_what_networks_were_shown():
     points, noise, outliers, *_ = figure(every_curve(metrics=("ssim",))).axes
-    own, other = "splat-net was trained here", "pc2pix was trained here"
+    own, other = "splat-net@chair was trained here", "pc2pix was trained here"
     # room of 0.03 of the axis goes to bands that reach its first step, or are one value
     assert bands(points) == {own: pytest.approx((9, 11.12)), other: pytest.approx((8, 11.12))}
     shown = [*bands(noise)[own], *bands(noise)[other]]
     assert shown == pytest.approx([-0.006, 0.12, -0.006, 0.1])
     assert bands(outliers)[own] == pytest.approx((-0.003, 0.003))
-    for patch, method in zip(points.patches[:2], ("splat-net", "pc2pix"), strict=True):
+    for patch, method in zip(points.patches[:2], ("splat-net@chair", "pc2pix"), strict=True):
         hue = mpl.colors.to_rgb(curve(points, method).get_color())
         assert patch.get_facecolor()[:3] == pytest.approx(hue)
 
 
 def test_each_is_named_once_and_bands_of_other_networks_are_not_drawn():
     (legend,) = figure(every_curve()).legends
-    networks = {"splat-net", "pc2pix"}
+    networks = {"splat-net@chair", "pc2pix"}
     trained = {f"{name} was trained here" for name in networks}
     names = [text.get_text() for text in legend.get_texts()]
     assert sorted(names) == sorted(

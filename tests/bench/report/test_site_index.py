@@ -229,20 +229,20 @@ def test_a_run_without_scored_objects_is_left_out(tmp_path, capsys):
 
 def test_the_best_of_a_family_stands_for_it_where_its_plain_method_is_missing():
     ranked = [
-        "splat-net@tiny",
-        "splat-net@all-grey",
+        "splat-net@chair-tiny",
+        "splat-net@grey",
         "pc2pix@all",
         "pc2pix",
-        "splat-net@bf16",
+        "splat-net@chair-bf16",
         "blank",
     ]
-    kinds = row_kinds(ranked, {name: name for name in ranked}, {"splat-net@all-grey"})
+    kinds = row_kinds(ranked, {name: name for name in ranked}, {"splat-net@grey"})
     assert kinds == {
-        "splat-net@tiny": "",
-        "splat-net@all-grey": "",
+        "splat-net@chair-tiny": "",
+        "splat-net@grey": "",
         "pc2pix@all": "variant",
         "pc2pix": "",
-        "splat-net@bf16": "variant",
+        "splat-net@chair-bf16": "variant",
         "blank": "reference",
     }
 

@@ -42,7 +42,7 @@ def asked(tmp_path):
     weights = tmp_path / "views.safetensors"
     weights.write_bytes(b"weights")
     protocol = make_protocol(
-        methods=("splat-net", "blank"),
+        methods=("splat-net@chair", "blank"),
         features=(("fd-views", str(weights)),),
         environment=MACHINE,
     )
@@ -69,7 +69,7 @@ def test_a_machine_meets_its_own_requirements_which_are_plain_values(asked):
         ({"versions": {"torch": "0.1"}}, r"versions: torch is 2\..*, not 0\.1; make it"),
         ({"versions": {"unheard-of": "1"}}, "versions: unheard-of is None, not 1"),
         ({"code": {"bench": "abc"}}, r"code: bench is [0-9a-f]{16}, not abc"),
-        ({"identities": {"splat-net": "x"}}, "methods: splat-net is .*, not x"),
+        ({"identities": {"splat-net@chair": "x"}}, "methods: splat-net@chair is .*, not x"),
         ({"identities": {"pc2pix@/none.safetensors": "x"}}, "methods: .*none.safetensors: no"),
         ({"weights": {"/none": "x"}}, "weights: /none is no such file"),
     ],

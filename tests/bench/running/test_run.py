@@ -452,7 +452,7 @@ def test_defaults_are_those_of_the_suite():
     protocol, skipped = protocol_of(SUITES[0], Options("chair-robustness"), dict)
     assert tuple(protocol.methods) == (
         *("surface-apss", "alpha-wrap", "denoised-wrap", "occupancy-net"),
-        *("pc2pix", "pc2pix@acgan", "splat-net", "splat-net@grey"),
+        *("pc2pix", "pc2pix@acgan", "splat-net@chair", "splat-net@chair-grey"),
         *("true-mesh", "true-mesh@grey", "constant", "blank"),
     )
     assert protocol.conditions == ("2048", "1024", "512", "noise-0.05", "noise-0.10")

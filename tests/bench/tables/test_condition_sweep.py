@@ -56,7 +56,7 @@ def test_csv_is_tidy():
 
 
 def test_csv_says_what_nobody_was_shown():
-    one, both = "splat-net", "splat-net pc2pix"
+    one, both = "splat-net@chair", "splat-net@chair pc2pix"
     for family, unseen_by in (
         ("noise", ["", "", "", both, both]),
         ("points", ["", "", "", one, both]),
@@ -88,8 +88,8 @@ def test_where_it_crosses(crossover, message):
 
 def test_what_training_has_shown():
     message = {family.id: shown_in_training(family) for family in FAMILIES}
-    assert message["points"] == "splat-net 512 to 2048, pc2pix 256 to 2048"
-    assert message["missing"] == "splat-net 0 only, pc2pix 0 only"
+    assert message["points"] == "splat-net@chair 512 to 2048, pc2pix 256 to 2048"
+    assert message["missing"] == "splat-net@chair 0 only, pc2pix 0 only"
 
 
 def test_grids():
@@ -118,7 +118,7 @@ def test_grids():
         ("+0.100", "", "", 0.1),
         ("+0.300", "+0.200 to +0.400", "ahead", 0.3),
     ]
-    assert noise.remark == "In training: splat-net 0 to 0.12, pc2pix 0 to 0.1."
+    assert noise.remark == "In training: splat-net@chair 0 to 0.12, pc2pix 0 to 0.1."
     assert [name for name, _ in ends.columns] == ["from", "to", "first", "second", "ssim"]
     assert [[c.text for c in line.cells] for line in ends.lines] == [
         ["2048", "noise-0.10", "splat-net", "pc2pix", "no value, then splat-net; none within"],
