@@ -15,7 +15,7 @@ condition). Methods that cost no less than a better one are left out.
 
 What it gains is judged by leaving out one object at a time: table and threshold are those of the
 other objects, and the choice for a cloud depends on its own estimates. `single` is the best method
-that is within the budget at all conditions, `oracle` takes the best one within the budget for each
+that is within the budget at all conditions that have such a one, `oracle` takes the best one within the budget for each
 cloud; `closed` is the share of the gap between both that `auto` closes. `over` is the share of
 clouds whose method costs more at their condition than the budget, because they were taken for
 others; `refused` that of clouds for which no method is within the budget.
@@ -228,14 +228,15 @@ def _affordable(costs: Costs, cloud: ScoredCloud, method: str, budget_ms: float 
 def _best_single(
     clouds: Sequence[ScoredCloud], within: Mapping[str, Sequence[str]]
 ) -> str | None:
-    """Return the best method of all clouds that is within the budget at all conditions."""
-    always = [m for m in clouds[0].scores if all(m in methods for methods in within.values())]
-    means = {m: float(np.mean([cloud.scores[m] for cloud in clouds])) for m in always}
-    return max(means, key=lambda m: means[m]) if means else None
+    """Return the best method that is within the budget at all conditions that have such a one."""
+    possible = [cloud for cloud in clouds if within[cloud.condition]]
+    always = [m for m in clouds[0].scores if all(m in within[cloud.condition] for cloud in possible)]
+    means = {m: float(np.mean([cloud.scores[m] for cloud in possible])) for m in always}
+    return max(means, key=lambda m: means[m]) if possible and means else None
 
 
 def _number(value: float, digits: int) -> str:
-    return "" if np.isnan(value) else f"{value:.{digits}f}"
+    return "" if np.isnan(value) else f"{round(value, digits) + 0.0:.{digits}f}"  # no minus zero
 
 
 def source_text(table: AutoTable, about: Sequence[str]) -> str:

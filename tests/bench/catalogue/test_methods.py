@@ -8,7 +8,16 @@ from dataclasses import replace
 import pytest
 
 from baselines import splat_net
-from bench.catalogue.methods import BUNDLED, FLOORS, METHODS, RECOMMENDED, Method, find_method, role
+from bench.catalogue.methods import (
+    BUNDLED,
+    FLOORS,
+    METHODS,
+    RECOMMENDED,
+    RECOMMENDED_IN_COLOUR,
+    Method,
+    find_method,
+    role,
+)
 from data_prep.failures import BadInput
 
 
@@ -16,10 +25,10 @@ def test_every_method_says_what_it_was_trained_on():
     trained = {method.id: method.trained_on for method in BUNDLED}
     assert {name for name, on in trained.items() if on == "13 classes"} == {
         *("pc2pix@all", "splat-net", "splat-net@grey"),
-        *("points2pix", "points2pix@l1-patch", "depth-net", "occupancy-net"),
+        *("points2pix", "points2pix@l1-patch", "depth-net", "occupancy-net", "auto"),
     }
     learned = {name for name, on in trained.items() if on != "nothing"}
-    assert learned == {m.id for m in BUNDLED if m.kind == "network"} | {"constant"}
+    assert learned == {m.id for m in BUNDLED if m.kind == "network"} | {"constant", "auto"}
     assert None not in trained.values()
     assert find_method("splat@spread=1.5").trained_on == "nothing"
 
@@ -52,6 +61,9 @@ def test_what_draws_an_unknown_object_knows_more_than_chairs():
     method = find_method(RECOMMENDED)
     assert method in METHODS
     assert (method.trained_on, method.color) == ("13 classes", "none")
+    coloured = find_method(RECOMMENDED_IN_COLOUR)
+    assert (coloured.trained_on, coloured.color) == ("13 classes", "invented")
+    assert coloured.family == method.family
 
 
 def test_splat_net_is_one_network_for_any_object_and_that_of_chairs_says_so():
