@@ -149,7 +149,7 @@ def threshold(clouds: Sequence[ScoredCloud]) -> float:
     """Return the noise in spacings that tells noisy from clean clouds with the fewest errors."""
     noise = np.array([cloud.estimate.noise / cloud.estimate.spacing for cloud in clouds])
     clean = np.array([cloud.clean for cloud in clouds])
-    values = np.sort(noise)
+    values = np.unique(noise)
     tried = (values[:-1] + values[1:]) / 2
     errors = [int(((noise > value) == clean).sum()) for value in tried]
     best = tried[np.array(errors) == min(errors)]
@@ -230,9 +230,11 @@ def _best_single(
 ) -> str | None:
     """Return the best method that is within the budget at all conditions that have such a one."""
     possible = [cloud for cloud in clouds if within[cloud.condition]]
+    if not possible:
+        return None
     always = [m for m in clouds[0].scores if all(m in within[cloud.condition] for cloud in possible)]
     means = {m: float(np.mean([cloud.scores[m] for cloud in possible])) for m in always}
-    return max(means, key=lambda m: means[m]) if possible and means else None
+    return max(means, key=lambda m: means[m]) if means else None
 
 
 def _number(value: float, digits: int) -> str:

@@ -33,6 +33,16 @@ def test_every_method_says_what_it_was_trained_on():
     assert find_method("splat@spread=1.5").trained_on == "nothing"
 
 
+def test_the_card_of_each_network_says_the_same():
+    for method in BUNDLED:
+        if method.weights_file is None:
+            continue
+        weights = method.weights_file()
+        cards = [card.read_text() for card in weights.parent.glob("*.md")]
+        (card,) = (text for text in cards if f"`{weights.name}`" in text.split("| trained on |")[1])
+        assert f"| trained on | {method.trained_on} |" in card, method.id
+
+
 def test_every_method_says_its_kind_and_its_colours():
     for method in BUNDLED:
         assert (method.kind == "network") == (method.weights_file is not None)
