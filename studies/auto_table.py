@@ -15,10 +15,10 @@ condition). Methods that cost no less than a better one are left out.
 
 What it gains is judged by leaving out one object at a time: table and threshold are those of the
 other objects, and the choice for a cloud depends on its own estimates. `single` is the best method
-that is within the budget at all conditions that have such a one, `oracle` takes the best one within the budget for each
-cloud; `closed` is the share of the gap between both that `auto` closes. `over` is the share of
-clouds whose method costs more at their condition than the budget, because they were taken for
-others; `refused` that of clouds for which no method is within the budget.
+that is within the budget at all conditions that have such a one, `oracle` takes the best one within
+the budget for each cloud; `closed` is the share of the gap between both that `auto` closes. `over`
+is the share of clouds whose method costs more at their condition than the budget, because they were
+taken for others; `refused` that of clouds for which no method is within the budget.
 
 Writes bench/catalogue/auto_table.py, results/docs/auto.csv and results/docs/auto-costs.csv.
 """
@@ -28,6 +28,7 @@ from __future__ import annotations
 import argparse
 import csv
 import io
+import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -52,6 +53,7 @@ RESULTS = REPOSITORY / "results" / "docs"
 COSTS = RESULTS / "auto-costs.csv"
 BUDGETS_MS: tuple[float | None, ...] = (5, 20, 50, 200, 1000, None)
 METRICS = ("ssim", "lpips")
+WIDTH = 99
 COST_FIELDS = ("condition", "views", "method", "cost_ms")
 GAIN_FIELDS = (
     *("budget", "single", "single_score", "auto_score", "oracle_score"),
@@ -156,9 +158,7 @@ def threshold(clouds: Sequence[ScoredCloud]) -> float:
     return round(float(np.median(best)), 3)
 
 
-def _cells(
-    clouds: Sequence[ScoredCloud], costs: Costs
-) -> dict[int, tuple[Candidate, ...]]:
+def _cells(clouds: Sequence[ScoredCloud], costs: Costs) -> dict[int, tuple[Candidate, ...]]:
     cells = {}
     for points in sorted({cloud.estimate.points for cloud in clouds}, reverse=True):
         of_cell = [cloud for cloud in clouds if cloud.estimate.points == points]
@@ -183,9 +183,7 @@ def worth_their_cost(candidates: Iterable[Candidate]) -> tuple[Candidate, ...]:
     return tuple(kept)
 
 
-def gain(
-    clouds: Sequence[ScoredCloud], costs: Costs, budget_ms: float | None
-) -> dict[str, object]:
+def gain(clouds: Sequence[ScoredCloud], costs: Costs, budget_ms: float | None) -> dict[str, object]:
     """Return the row of a budget: what `auto` gains where each object is left out of its table."""
     within = {
         cloud.condition: [m for m in cloud.scores if _affordable(costs, cloud, m, budget_ms)]
@@ -225,14 +223,14 @@ def _affordable(costs: Costs, cloud: ScoredCloud, method: str, budget_ms: float 
     return budget_ms is None or costs[cloud.condition, method] <= budget_ms
 
 
-def _best_single(
-    clouds: Sequence[ScoredCloud], within: Mapping[str, Sequence[str]]
-) -> str | None:
+def _best_single(clouds: Sequence[ScoredCloud], within: Mapping[str, Sequence[str]]) -> str | None:
     """Return the best method that is within the budget at all conditions that have such a one."""
     possible = [cloud for cloud in clouds if within[cloud.condition]]
     if not possible:
         return None
-    always = [m for m in clouds[0].scores if all(m in within[cloud.condition] for cloud in possible)]
+    always = [
+        m for m in clouds[0].scores if all(m in within[cloud.condition] for cloud in possible)
+    ]
     means = {m: float(np.mean([cloud.scores[m] for cloud in possible])) for m in always}
     return max(means, key=lambda m: means[m]) if means else None
 
@@ -246,7 +244,7 @@ def source_text(table: AutoTable, about: Sequence[str]) -> str:
     lines = [
         '"""The measured table of `auto`. `python -m studies.auto_table` writes this file.',
         "",
-        *about,
+        *(line for text in about for line in textwrap.wrap(text, WIDTH)),
         '"""',
         "",
         "from bench.catalogue.auto import AutoTable, Candidate",
@@ -271,12 +269,10 @@ def about_run(run: ScoredRun, clouds: Sequence[ScoredCloud]) -> list[str]:
     m = run.manifest
     return [
         f"Scores: `bench run --suite {m['suite']} --dataset {m['dataset']} --truth grey`, "
-        f"{len(m['objects'])} objects,",
-        f"{m['views']} views each, at {', '.join(m['conditions'])}.",
-        "Candidates:",
-        *(f"    {method}" for method in clouds[0].scores),
-        "The score is the mean of `ssim` and 1 - `lpips`, more is better. The cost is of one view",
-        "of a new cloud in milliseconds, on one thread of one machine",
+        f"{len(m['objects'])} objects, {m['views']} views each, at {', '.join(m['conditions'])}.",
+        f"Candidates: {', '.join(clouds[0].scores)}.",
+        "The score is the mean of `ssim` and 1 - `lpips`, more is better. The cost is of one view "
+        "of a new cloud in milliseconds, on one thread of one machine "
         "(results/docs/auto-costs.csv). Methods that cost no less than a better one are left out.",
     ]
 

@@ -1,8 +1,8 @@
 """The choice of a method for a cloud by measured scores and costs, within a budget.
 
-`auto` is the method that chooses, `auto@50ms` chooses among those that draw one image of a new cloud
-in that time. A cloud is clean or noisy and has a number of points; `bench.catalogue.auto_table` has
-the score and the cost of each method on such clouds.
+`auto` is the method that chooses, `auto@50ms` chooses among those that draw one image of a new
+cloud in that time. A cloud is clean or noisy and has a number of points;
+`bench.catalogue.auto_table` has the score and the cost of each method on such clouds.
 """
 
 from __future__ import annotations

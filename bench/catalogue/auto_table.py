@@ -1,20 +1,12 @@
 """The measured table of `auto`. `python -m studies.auto_table` writes this file.
 
-Scores: `bench run --suite thirteen-classes --dataset procedural:validation --truth grey`, 39 objects,
-2 views each, at 2048, 1024, 512, 256, noise-0.05, noise-0.10.
-Candidates:
-    alpha-wrap
-    denoised-wrap
-    occupancy-net
-    splat-net@grey
-    alpha-shape
-    denoised-alpha
-    splat-fill
-    splat
-    surface-bpa
-The score is the mean of `ssim` and 1 - `lpips`, more is better. The cost is of one view
-of a new cloud in milliseconds, on one thread of one machine
-(results/docs/auto-costs.csv). Methods that cost no less than a better one are left out.
+Scores: `bench run --suite thirteen-classes --dataset procedural:validation --truth grey`, 39
+objects, 2 views each, at 2048, 1024, 512, 256, noise-0.05, noise-0.10.
+Candidates: alpha-wrap, denoised-wrap, occupancy-net, splat-net@grey, alpha-shape, denoised-alpha,
+splat-fill, splat, surface-bpa.
+The score is the mean of `ssim` and 1 - `lpips`, more is better. The cost is of one view of a new
+cloud in milliseconds, on one thread of one machine (results/docs/auto-costs.csv). Methods that
+cost no less than a better one are left out.
 """
 
 from bench.catalogue.auto import AutoTable, Candidate

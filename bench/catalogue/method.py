@@ -50,7 +50,8 @@ class Method:
         it, "other" for another one, "" for none.
     kind : str
         "reconstruction", "network", "splat", "choice" (of another method for each cloud) or
-        "reference" (blank, constant and true-mesh); "" means unknown. A method with a `reconstruction` is of kind "reconstruction".
+        "reference" (blank, constant and true-mesh); "" means unknown. A method with a
+        `reconstruction` is of kind "reconstruction".
     color : str
         The colours of its images: "none" (grey), "invented" (guessed by a network) or "true" (of
         the mesh); "" means unknown.

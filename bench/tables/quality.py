@@ -204,7 +204,9 @@ def all_methods(rows: Sequence[QualityRow]) -> Iterator[Block]:
     )
     trained = {row.method: _training(row, markdown.code(row.objective)) for row in rows}
     yield "\n".join(
-        f"{markdown.code(method)}: {training}.  " for method, training in trained.items() if training
+        f"{markdown.code(method)}: {training}.  "
+        for method, training in trained.items()
+        if training
     )
     by_class = len({row.class_name for row in rows}) > 1
     attribute = "condition" if by_class else "class_name"

@@ -81,12 +81,11 @@ def check_cloud_name(path: Path) -> None:
     if path.suffix.lower() in MESH_SUFFIXES:
         raise BadInput(
             f"{path}: {path.suffix} is a mesh, not a point cloud; save points of its surface "
-            "(docs/rendering.md, \"Files\"), and give that file"
+            '(docs/rendering.md, "Files"), and give that file'
         )
     name = path.suffix or "a name without a suffix"
     raise BadInput(
-        f"{path}: {name} is not supported as a point cloud; use one of "
-        + ", ".join(CLOUD_SUFFIXES)
+        f"{path}: {name} is not supported as a point cloud; use one of " + ", ".join(CLOUD_SUFFIXES)
     )
 
 

@@ -58,7 +58,9 @@ def test_the_threshold_has_the_fewest_errors():
 
 
 def test_what_costs_no_less_than_a_better_one_is_left_out():
-    candidates = [Candidate(*c) for c in (("a", 0.5, 3), ("b", 0.6, 3), ("c", 0.4, 1), ("d", 0.7, 9))]
+    candidates = [
+        Candidate(*c) for c in (("a", 0.5, 3), ("b", 0.6, 3), ("c", 0.4, 1), ("d", 0.7, 9))
+    ]
     assert [c.method for c in worth_their_cost(candidates)] == ["d", "b", "c"]
 
 
@@ -97,13 +99,15 @@ def test_costs_are_those_of_one_view(tmp_path):
     path.write_text("condition,views,method,cost_ms\n512,1,splat,8\n512,20,splat,90\n512,1,x,\n")
     other.write_text("condition,views,method,cost_ms\n512,1,splat,7\n2048,1,splat,9\n")
     assert read_costs([path, other]) == {("512", "splat"): 8.0, ("2048", "splat"): 9.0}
-    with pytest.raises(BadInput, match="no cost of slow at 2048,512,noise-0.05; measure them, 'ben"):
+    with pytest.raises(
+        BadInput, match=r"no cost of slow at 2048,512,noise-0\.05; measure them, 'ben"
+    ):
         check_costs(CLOUDS, {key: cost for key, cost in COSTS.items() if key[1] == "quick"})
 
 
 def test_the_module_has_the_table():
     names: dict[str, object] = {}
     text = source_text(FITTED, ["About it."])
-    exec(text, names)  # noqa: S102
+    exec(text, names)
     assert names["TABLE"] == FITTED
     assert text.startswith('"""The measured table of `auto`. `python -m studies.auto_table` writes')

@@ -87,7 +87,7 @@ def test_a_budget_is_a_time(text, budget_ms):
 
 @pytest.mark.parametrize("text", ["", "50", "0ms", "-5ms", "2m", "fast", "1e3ms", "nanms"])
 def test_other_text_is_no_budget(text):
-    with pytest.raises(BadInput, match="give a time over 0 with its unit, as in 50ms or 0.2s"):
+    with pytest.raises(BadInput, match=r"give a time over 0 with its unit, as in 50ms or 0\.2s"):
         find_method(f"auto@{text or ' '}")
 
 
@@ -99,7 +99,9 @@ def test_the_id_of_a_budget():
 
 
 def test_the_table_has_methods_in_grey_that_know_any_object():
-    everything = [m for cells in (TABLE.clean, TABLE.noisy) for cell in cells.values() for m in cell]
+    everything = [
+        m for cells in (TABLE.clean, TABLE.noisy) for cell in cells.values() for m in cell
+    ]
     methods = [find_method(candidate.method) for candidate in everything]
     assert {method.color for method in methods} == {"none"}
     assert {method.trained_on for method in methods} <= {"nothing", "13 classes"}
@@ -121,7 +123,9 @@ def test_results_depend_on_the_table_and_on_the_methods_within_the_budget():
         assert f"{method} {find_method(method).version}: {find_method(method).identity()}" in (
             everything
         )
-    assert not any(f"{method} " in cheap for method in set(TABLE.methods()) - set(TABLE.methods(20)))
+    assert not any(
+        f"{method} " in cheap for method in set(TABLE.methods()) - set(TABLE.methods(20))
+    )
 
 
 def test_the_estimate_of_a_cloud():

@@ -115,11 +115,11 @@ def test_what_of_the_file_is_not_drawn_and_what_knows_chairs_only_is_a_line_each
     assert (status, printed) == (0, f"{out}\n")
     assert [line for line in err.splitlines() if not line.startswith("drawing: ")] == [
         f"note: {path}: its colours are not used; only the coordinates of its points are",
-        f"note: {path}: its 2 faces are not used; only the coordinates of its points are; of a mesh "
-        "give points of its surface",
+        f"note: {path}: its 2 faces are not used; only the coordinates of its points are; "
+        "of a mesh give points of its surface",
         f"note: {path}: 1 of 4 points are left out, they are not finite",
-        "note: splat-net@chair was trained on chairs and may draw a chair whatever the cloud is; for "
-        "other objects leave out the method",
+        "note: splat-net@chair was trained on chairs and may draw a chair whatever the cloud is; "
+        "for other objects leave out the method",
     ]
 
 
