@@ -1,6 +1,6 @@
 """Images of bare points by pc2pix, in one call; `pc2pix.load` does more than that.
 
-The bundled network knows chairs only. `bench.draw_cloud` draws any object.
+The network is that of 13 classes. `bench.draw_cloud` draws with better ones for an unknown object.
 """
 
 from __future__ import annotations
@@ -18,6 +18,8 @@ from data_prep.scene import View
 if TYPE_CHECKING:
     from pc2pix.renderer import Pc2pixRenderer
 
+DEFAULT = "all"  # for a cloud of an unknown object
+
 
 def draw_cloud(
     points: ArrayLike,
@@ -28,7 +30,7 @@ def draw_cloud(
     front: str | None = None,
     renderer: Pc2pixRenderer | None = None,
 ) -> NDArray[np.uint8]:
-    """Return an image of points in any units and anywhere, drawn as a chair.
+    """Return an image of points in any units and anywhere.
 
     The same points give the same image.
 
@@ -44,7 +46,8 @@ def draw_cloud(
         Axes of the points that point up and to the front, "z" or "-x" say. The front is "-z" where
         it is not given, or "-y" where z is up.
     renderer : Pc2pixRenderer, optional
-        A renderer of `pc2pix.load`; without one the bundled weights `chair`, read once a process.
+        A renderer of `pc2pix.load`; without one the bundled weights of 13 classes, read once a
+        process. The weights of chairs draw a chair whatever the cloud is.
 
     Returns
     -------
@@ -113,7 +116,7 @@ def _draw(
 
 @functools.cache
 def bundled() -> Pc2pixRenderer:
-    """Return the renderer with the bundled weights `chair`, the same one at each call."""
+    """Return the renderer with the bundled weights of 13 classes, the same one at each call."""
     import pc2pix
 
-    return pc2pix.load()
+    return pc2pix.load(DEFAULT)

@@ -19,7 +19,7 @@ PAGE = Path(__file__).parents[1] / "docs" / "rendering.md"
 BENCH = (sys.executable, "-c", "from bench.cli import main; main()")
 FRAMES = {
     **dict.fromkeys(("chair.png", "pc2pix.png", "splat.png", "sheet.png", "lying.png"), 1),
-    **dict.fromkeys(("images/chair.png", "large.png"), 1),
+    **dict.fromkeys(("coloured.png", "budget.png", "images/chair.png", "large.png"), 1),
     "turntable.gif": 36,
 }
 TILES = {"sheet.png": (3, 2), "turntable.gif": (4, 1)}  # columns, rows; of all others one image

@@ -51,6 +51,8 @@ class QualityRow:
     note               why there is no value, or the reasons of the failures and how many existing
                        images have no value; for the best reconstruction first which method it is
     debiased           a Fréchet distance without the bias of few objects (`intervals.debiased`)
+    trained_on         the objects that a network was trained on; "nothing" for methods that are not
+                       trained, empty where it is unknown
     objective          what the weights of a network were trained with; empty for other methods
     """
 
@@ -68,6 +70,7 @@ class QualityRow:
     failures_as_blank: float
     note: str
     debiased: float = NAN
+    trained_on: str = ""
     objective: str = ""
 
     @property

@@ -8,6 +8,7 @@ from __future__ import annotations
 import importlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
 from data_prep.failures import MissingDependency
@@ -144,6 +145,25 @@ def renderer(class_path: str, device: str, **fields: float) -> Renderer:
     return getattr(importlib.import_module(module), name)(**fields)
 
 
+def auto(budget_ms: float | None, device: str) -> Renderer:
+    """Return the renderer that chooses a method for each cloud; the others load when chosen."""
+    from bench.catalogue.auto_renderer import AutoRenderer
+    from bench.catalogue.auto_table import TABLE
+    from bench.catalogue.methods import find_method
+
+    return AutoRenderer(TABLE, budget_ms, lambda method: find_method(method).load(device))
+
+
+def auto_identity(budget_ms: float | None) -> str:
+    """Return the table, and the versions and identities of the methods that it may choose."""
+    from bench.catalogue.auto_table import TABLE
+    from bench.catalogue.methods import find_method
+
+    methods = [find_method(method) for method in TABLE.methods(budget_ms)]
+    chosen = "; ".join(f"{m.id} {m.version}: {m.identity()}" for m in methods)
+    return f"{versions('scipy')}, table {sha256(repr(TABLE).encode()).hexdigest()}; {chosen}"
+
+
 def constant(device: str) -> Renderer:
     """Return the renderer of the bundled image."""
     del device
@@ -154,8 +174,6 @@ def constant(device: str) -> Renderer:
 
 def constant_identity() -> str:
     """Return the checksum of the bundled image."""
-    from hashlib import sha256
-
     from baselines.constant import read_image
 
     # Of its pixels, not of its file, which another PNG writer may pack differently.

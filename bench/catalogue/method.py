@@ -13,7 +13,7 @@ from data_prep.failures import BadInput
 if TYPE_CHECKING:
     from data_prep.scene import Renderer
 
-Kind = Literal["", "reconstruction", "network", "splat", "reference"]
+Kind = Literal["", "reconstruction", "network", "splat", "choice", "reference"]
 TrainedOn = Literal["chairs", "13 classes", "nothing"]
 Color = Literal["", "none", "invented", "true"]
 
@@ -49,8 +49,9 @@ class Method:
         The chain that makes a surface of the points: "paper" for the paper's chain or a part of
         it, "other" for another one, "" for none.
     kind : str
-        "reconstruction", "network", "splat" or "reference" (blank, constant and true-mesh); ""
-        means unknown. A method with a `reconstruction` is of kind "reconstruction".
+        "reconstruction", "network", "splat", "choice" (of another method for each cloud) or
+        "reference" (blank, constant and true-mesh); "" means unknown. A method with a
+        `reconstruction` is of kind "reconstruction".
     color : str
         The colours of its images: "none" (grey), "invented" (guessed by a network) or "true" (of
         the mesh); "" means unknown.

@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import Literal
 
 from bench.catalogue import loaders  # no package that is slow to import: `bench list` needs this
+from bench.catalogue.auto import AUTO, budget_ms_of
+from bench.catalogue.auto_table import TABLE
 from bench.catalogue.chosen import CHOSEN
 from bench.catalogue.lookup import family_of, find, variant_of
 from bench.catalogue.method import Method
@@ -174,8 +176,19 @@ METHODS = (
         sees_cloud=False,
         color="none",
     ),
+    _untrained(
+        AUTO,
+        load=partial(loaders.auto, None),
+        identity=partial(loaders.auto_identity, None),
+        source="the best method for the cloud, by its noise and its number of points; auto@50ms: "
+        "of those that draw an image of a new cloud in 50 ms",
+        trained_on="13 classes",  # its networks
+        kind="choice",
+        color="none",
+    ),
 )
 RECOMMENDED = "splat-net@grey"  # for a cloud of an unknown object: docs/trade.md
+RECOMMENDED_IN_COLOUR = "splat-net"  # the same where colours are asked for
 BUNDLED = (*METHODS, *COST_VARIANTS)
 WITH_WEIGHTS_FILE = {
     "pc2pix": loaders.PC2PIX,
@@ -194,9 +207,10 @@ def find_method(method_id: str) -> Method:
 
     `pc2pix@FILE.safetensors` and the like (WITH_WEIGHTS_FILE) have weights of your own,
     `METHOD@PARAMETER=VALUE` is a method with one parameter set
-    (`bench.catalogue.parameters.PARAMETERS`).
+    (`bench.catalogue.parameters.PARAMETERS`), `auto@50ms` chooses within a budget.
 
-    Raises BadInput for an unknown id (naming the nearest), an unknown parameter or value, weights
+    Raises BadInput for an unknown id (naming the nearest), an unknown parameter or value, a budget
+    that is none or that no method meets (naming the cheapest), weights
     that are missing or in another format, and where another package announces a method that it does
     not have.
     """
@@ -222,11 +236,24 @@ def find_method(method_id: str) -> Method:
     for method in BUNDLED:
         if method.id == method_id:
             return method
+    if family == AUTO:
+        return _within_budget(method_id, budget_ms_of(weights))
     if method_id in plugin_ids():
         return _plugin(method_id)
     if package and suffix:
         raise BadInput(f"{weights}: weights are .safetensors files; '{package.command}' writes one")
     raise unknown(method_id, [*(method.id for method in BUNDLED), *plugin_ids()], "method")
+
+
+def _within_budget(method_id: str, budget_ms: float) -> Method:
+    TABLE.methods(budget_ms)  # raises BadInput for a budget that no method meets
+    return replace(
+        find(AUTO, METHODS, "method"),
+        id=method_id,
+        load=partial(loaders.auto, budget_ms),
+        identity=partial(loaders.auto_identity, budget_ms),
+        source=f"the best method for the cloud that draws an image of it in {budget_ms:g} ms",
+    )
 
 
 @cache

@@ -38,6 +38,7 @@ KINDS = {  # of methods, with the heads of their sections
     "network": "networks",
     "reconstruction": "reconstructions",
     "splat": "projections",
+    "choice": "a choice for each cloud",
     "reference": "reference methods",
 }
 NAME, FACT = 25, 10  # columns of a name, of a fact about it

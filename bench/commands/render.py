@@ -13,6 +13,7 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
+from bench.catalogue.auto import budget_ms_of
 from bench.catalogue.methods import RECOMMENDED
 from bench.commands.options import (
     DEVICE,
@@ -184,9 +185,19 @@ def _finished(drawn: Mapping[Wanted, Drawn], options: RenderOptions) -> NDArray[
     return draw_sheet(tiles, columns_of(len(tiles)), SHEET_SCALE)
 
 
+def _budget_ms(text: str | None) -> float | None:
+    return None if text is None else budget_ms_of(text)
+
+
 RENDER_OPTIONS: dict[str, str | OptionSpec] = {
-    "method": OptionSpec(
-        "Method, see 'bench list'; several, comma-separated, make a sheet.", default=RECOMMENDED
+    "method": "Method, see 'bench list'; several, comma-separated, make a sheet. Default: "
+    f"{RECOMMENDED}, for any object.",
+    "budget": OptionSpec(
+        "Time for one image of a new cloud, which chooses the method by measured costs and the "
+        "cloud. Default: no limit.",
+        metavar="50ms|0.2s",
+        kind=str | None,
+        convert=_budget_ms,
     ),
     "out": OptionSpec(
         "Image file, .png; or a turntable, .gif, .webp, .apng; of several clouds a folder, where "
@@ -198,7 +209,8 @@ RENDER_OPTIONS: dict[str, str | OptionSpec] = {
     "frames": "Images of a turntable, from the azimuth all around. Default: 36.",
     "size": "Width and height in pixels, 16 to 2048, resampled. Default: 128, as drawn.",
     "background": "White, or transparent pixels (.png, .apng or .webp).",
-    "colour": "The method's colours; or, with --method splat, those of the file.",
+    "colour": "The method's colours; those that a network invents; or, with --method splat, those "
+    "of the file.",
     "up": "Axis of the file that points up, -x to z; z for most scans. Default: y.",
     "front": "Axis of the file to the front. Default: -z, or -y where z is up.",
     "points": "Points at most, chosen at random. Default: all.",
@@ -234,8 +246,8 @@ def render_clouds(
     count = len(result.images) + result.without_image
     if result.without_image and count > 1:
         print(f"bench: {result.without_image} of {count} clouds have no image", file=sys.stderr)
-    if result.images and (options.out is None or options.method == (RECOMMENDED,)):
-        methods = visible(", ".join(options.method))
+    if result.images and (options.out is None or options.method is None):
+        methods = visible(", ".join(options.methods))
         print(f"drawn by {methods}; 'bench list' has others", file=sys.stderr)
     for image in result.images:
         print(image)

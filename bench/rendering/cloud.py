@@ -13,7 +13,7 @@ from bench.catalogue.methods import Method, find_method
 from bench.catalogue.suites import Limits
 from bench.rendering.orientation_hint import looks_lying
 from bench.running.isolation import WorkerFailure, run_tasks
-from bench.running.work import draw, load_renderer, reason_of
+from bench.running.work import RenderedViews, draw, load_renderer, reason_of
 from data_prep.clouds.normalise import normalise_points
 from data_prep.clouds.orientations import upright
 from data_prep.failures import BadInput, MissingDependency
@@ -137,6 +137,8 @@ def _unused(contents: CloudContents, with_colors: bool) -> Iterator[str]:
     for i, part in enumerate(parts):
         remedy = i == 0 and contents.has_colors and not with_colors
         more = "; '--method splat --colour file' draws its colours" if remedy else ""
+        if part.endswith("faces"):
+            more += "; of a mesh give points of its surface"
         yield f"{part} are not used; only the coordinates of its points are{more}"
 
 
@@ -280,6 +282,13 @@ def draw_cloud(
     data_prep.failures.BadInput
         For an unknown method, for one that cannot be loaded, and for colours that it does not draw.
     """
+    drawn = _draw(cloud, drawing, colors)
+    return drawn if isinstance(drawn, Failed) else drawn.images
+
+
+def _draw(
+    cloud: PointCloud, drawing: Drawing, colors: PointColors | None
+) -> RenderedViews | Failed:
     if colors is not None:
         check_draws_colours(drawing.method)
     renderer: Renderer | None = None
@@ -291,14 +300,13 @@ def draw_cloud(
 
             renderer = Splat(colors=colors)
         method = find_method(drawing.method)
-        drawn = draw(method, renderer, cloud, drawing.views, rng, drawing.batch)
+        return draw(method, renderer, cloud, drawing.views, rng, drawing.batch)
     except MissingDependency:
         raise
     except (Exception, SystemExit) as error:
         if renderer is None and isinstance(error, BadInput):  # unusable weights, for example
             raise
         return Failed(reason_of(error))
-    return drawn.images
 
 
 def check_draws_colours(method_id: str) -> None:
@@ -318,4 +326,8 @@ def _load_and_draw(task: tuple[CloudFile, Wanted]) -> tuple[Drawn, Notes]:
         return error, ()
     if isinstance(wanted, Dots):
         return draw_dots(loaded.cloud.points, wanted.views), loaded.notes
-    return draw_cloud(loaded.cloud, wanted, loaded.colors), loaded.notes
+    drawn = _draw(loaded.cloud, wanted, loaded.colors)
+    if isinstance(drawn, Failed):
+        return drawn, loaded.notes
+    chosen = (f"{file.path}: {drawn.notes}",) * (find_method(wanted.method).kind == "choice")
+    return drawn.images, (*loaded.notes, *chosen)

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bench.catalogue.methods import RECOMMENDED
+from bench.rendering.choice import methods_to_draw, note_on_chairs
 from bench.rendering.cloud import find_drawer
 from bench.running.work import draw, load_renderer
 from data_prep.clouds.normalise import cloud_of_points
@@ -15,20 +19,66 @@ from data_prep.randomness import generator
 from data_prep.scene import View
 
 
+class DrawOptions(TypedDict, total=False):
+    """The options of `draw_cloud` and `turntable`, as `DrawRequest` explains them."""
+
+    up: str
+    front: str | None
+    method: str | None
+    colour: bool
+    budget_ms: float | None
+    device: str
+
+
+@dataclass(frozen=True)
+class DrawRequest:
+    """The options of `draw_cloud` and `turntable` with their defaults.
+
+    Attributes
+    ----------
+    up, front : str
+        Axes of the points that point up and to the front, such as "z" or "-x". The default of
+        `front` is "-z", or "-y" where z is up.
+    method : str or None
+        Id of a method, see `bench list`. None: one within the budget, or without a budget one
+        that knows objects of 13 classes.
+    colour : bool
+        Whether that one draws in colours that it makes up; else in grey.
+    budget_ms : float or None
+        Most milliseconds for one image of a new cloud, by costs measured on one machine.
+    device : str
+        "auto", "cpu" or "cuda", for networks.
+    """
+
+    up: str = "y"
+    front: str | None = None
+    method: str | None = None
+    colour: bool = False
+    budget_ms: float | None = None
+    device: str = "auto"
+
+    def draw(self, points: ArrayLike, views: Sequence[View]) -> NDArray[np.uint8]:
+        """Return the images, uint8 [V, 128, 128, 3]. Raises as `draw_cloud`."""
+        named = (self.method,) if self.method is not None else ()
+        (method_id,) = methods_to_draw(named, self.colour, self.budget_ms)
+        method = find_drawer(method_id)
+        cloud = cloud_of_points(points, self.up, self.front)
+        renderer = load_renderer(method_id, self.device)
+        _note_once(note_on_chairs((method_id,)))
+        return draw(method, renderer, cloud, views, generator("render")).images
+
+
 def draw_cloud(
     points: ArrayLike,
     azimuth_deg: float = 30.0,
     elevation_deg: float = 20.0,
-    *,
-    up: str = "y",
-    front: str | None = None,
-    method: str = RECOMMENDED,
-    device: str = "auto",
+    **options: Unpack[DrawOptions],
 ) -> NDArray[np.uint8]:
     """Return an image of points in any units and anywhere, as `bench render` draws it.
 
     The method runs in this process, where a native library may crash or hang; the default is a
-    network. Its weights are read once a process.
+    network. Its weights are read once a process. A line on stderr names a method that was trained
+    on chairs alone, once a process.
 
     Parameters
     ----------
@@ -38,13 +88,8 @@ def draw_cloud(
         0 is the front, 90 the side of +X (see `data_prep.scene`).
     elevation_deg : float
         -90..90; the networks were trained within -40..40.
-    up, front : str
-        Axes of the points that point up and to the front, such as "z" or "-x". The default of
-        `front` is "-z", or "-y" where z is up.
-    method : str
-        Id of a method, see `bench list`. The default knows 13 classes and draws in grey.
-    device : str
-        "auto", "cpu" or "cuda", for networks.
+    **options
+        `up`, `front`, `method`, `colour`, `budget_ms` and `device` of `DrawRequest`.
 
     Returns
     -------
@@ -55,31 +100,28 @@ def draw_cloud(
     ------
     data_prep.failures.BadInput
         For a cloud without points, without extent or with points that are not finite, for an
-        unknown axis or method, and for unusable weights. It is a ValueError.
+        unknown axis or method, for unusable weights, for a budget below the cheapest method, and
+        for a method with a budget. It is a ValueError.
     ValueError
         For `points` that are no array [N, 3] of real numbers, and for an angle out of its range.
     data_prep.failures.StageFailure
         Where the method cannot draw this cloud.
     """
-    return _draw(points, [View(azimuth_deg, elevation_deg)], up, front, method, device)[0]
+    return DrawRequest(**options).draw(points, [View(azimuth_deg, elevation_deg)])[0]
 
 
 def turntable(
     points: ArrayLike,
     frames: int = 36,
     elevation_deg: float = 20.0,
-    *,
-    up: str = "y",
-    front: str | None = None,
-    method: str = RECOMMENDED,
-    device: str = "auto",
+    **options: Unpack[DrawOptions],
 ) -> NDArray[np.uint8]:
     """Return images of points from all around, in equal steps; the cloud is prepared once.
 
     Parameters
     ----------
-    points, elevation_deg, up, front, method, device
-        As in `draw_cloud`.
+    points, elevation_deg, **options
+        As in `draw_cloud`; a budget is for the first image.
     frames : int
         Number of images, at least 1; the first has azimuth 0.
 
@@ -96,18 +138,10 @@ def turntable(
     if frames < 1:
         raise ValueError(f"frames must be at least 1, got {frames}")
     views = [View(360 * i / frames, elevation_deg) for i in range(frames)]
-    return _draw(points, views, up, front, method, device)
+    return DrawRequest(**options).draw(points, views)
 
 
-def _draw(
-    points: ArrayLike,
-    views: Sequence[View],
-    up: str,
-    front: str | None,
-    method_id: str,
-    device: str,
-) -> NDArray[np.uint8]:
-    method = find_drawer(method_id)
-    cloud = cloud_of_points(points, up, front)
-    renderer = load_renderer(method_id, device)
-    return draw(method, renderer, cloud, views, generator("render")).images
+@cache
+def _note_once(note: str | None) -> None:
+    if note:
+        print(f"note: {note}", file=sys.stderr)

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from bench.catalogue.methods import RECOMMENDED, find_method
+from bench.rendering.choice import methods_to_draw, note_on_chairs
 from bench.rendering.cloud import CloudFile, Notes, check_draws_colours, make_view
 from bench.rendering.files import MOVING, check_opacity, moves
 from bench.rendering.finish import LEAST_SIZE, MOST_SIZE
@@ -28,7 +28,7 @@ class RenderOptions:
     Attributes
     ----------
     method : tuple of str
-        Methods; several make a sheet.
+        Methods; several make a sheet. None: one within the budget, or the recommended one.
     out : Path or None
         An image, or a turntable by its name; None: beside the cloud, with its name and .png. Of
         several clouds the folder of the images.
@@ -41,21 +41,25 @@ class RenderOptions:
     background : str
         "white", or "transparent" for an image with an opacity.
     colour : str
-        "method", or "file" for points in the colours of the file.
+        "method" for the method's colours, "invented" for those that a network makes up, or "file"
+        for points in the colours of the file.
+    budget : float or None
+        Most milliseconds for one image of a new cloud, which choose the method.
     up : str or None
         As in `bench.rendering.cloud.CloudFile`; None: y, and a note where z looks right.
     front, points, drop_invalid, as_is
         See `bench.rendering.cloud.CloudFile`.
     """
 
-    method: tuple[str, ...] = (RECOMMENDED,)
+    method: tuple[str, ...] | None = None
     out: Path | None = None
     azimuth: float = 30.0
     elevation: float = 20.0
     frames: int | None = None
     size: int | None = None
     background: Literal["white", "transparent"] = "white"
-    colour: Literal["method", "file"] = "method"
+    colour: Literal["method", "invented", "file"] = "method"
+    budget: float | None = None
     up: str | None = None
     front: str | None = None
     points: int | None = None
@@ -65,8 +69,8 @@ class RenderOptions:
 
     @property
     def methods(self) -> tuple[str, ...]:
-        """Return the methods, each once."""
-        return tuple(dict.fromkeys(self.method))
+        """Return the methods, each once, or the one that is meant. Raises BadInput for none."""
+        return methods_to_draw(self.method or (), self.colour == "invented", self.budget)
 
 
 def check(options: RenderOptions, out: Path) -> None:
@@ -138,10 +142,6 @@ def notes_on(options: RenderOptions) -> Notes:
             f"methods draw {IMAGE_SIZE} x {IMAGE_SIZE} pixels; resampled to {options.size} x "
             f"{options.size} (Lanczos), which adds no detail"
         )
-    chairs = [name for name in options.methods if find_method(name).trained_on == "chairs"]
-    if chairs:
-        notes.append(
-            f"{', '.join(chairs)}: trained on chairs, other objects may look like them; "
-            f"{RECOMMENDED} knows {find_method(RECOMMENDED).trained_on}"
-        )
+    if of_chairs := note_on_chairs(options.methods):
+        notes.append(of_chairs)
     return tuple(notes)

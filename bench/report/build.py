@@ -304,9 +304,10 @@ def _meanings(
 
 def _source(method: str) -> str:
     try:
-        return find_method(method).source
+        known = find_method(method)
     except BadInput as error:
         return f"no longer there: {error}"
+    return f"{known.source}; trained on {known.trained_on or 'unknown objects'}"
 
 
 def table_group(table: Table[Any], folded: bool = True) -> TableGroup:

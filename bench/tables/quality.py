@@ -16,7 +16,7 @@ from bench.analysis.paper import PAPER_METHODS, Published, published_value
 from bench.analysis.scored import ScoredRun
 from bench.analysis.scores import QualityRow, image_rows, recognition_rows, set_rows
 from bench.catalogue.chosen import CHOSEN
-from bench.catalogue.methods import role
+from bench.catalogue.methods import known_method, role
 from bench.catalogue.metrics import JUDGE, higher_is_better
 from bench.catalogue.suite_types import TableSpec
 from bench.records.record import GROUND_TRUTH
@@ -87,6 +87,7 @@ def annotated(rows: Iterable[QualityRow], run: ScoredRun, published: Published) 
         replace(
             row,
             paper=published_value(published, row.class_name, row.metric, row.condition, row.method),
+            trained_on=_trained_on(row.method),
             objective=objectives.get(row.method, ""),
         )
         for row in rows
@@ -201,10 +202,11 @@ def all_methods(rows: Sequence[QualityRow]) -> Iterator[Block]:
         "All methods: value [95 % interval over objects] n_ok/n images. Where images are "
         "missing, *b* is the value with a blank image in place of each."
     )
-    trained = {row.method: row.objective for row in rows if row.objective}
+    trained = {row.method: _training(row, markdown.code(row.objective)) for row in rows}
     yield "\n".join(
-        f"{markdown.code(method)}: weights trained with {markdown.code(objective)}.  "
-        for method, objective in trained.items()
+        f"{markdown.code(method)}: {training}.  "
+        for method, training in trained.items()
+        if training
     )
     by_class = len({row.class_name for row in rows}) > 1
     attribute = "condition" if by_class else "class_name"
@@ -296,8 +298,20 @@ def _cell(row: QualityRow, best: Mapping[tuple[str, str], float]) -> Cell:
 
 
 def _about(rows: Sequence[QualityRow]) -> str:
-    parts = [role(rows[0].method), rows[0].objective and f"trained with {rows[0].objective}"]
+    parts = [role(rows[0].method), _training(rows[0], rows[0].objective)]
     return ", ".join(part for part in parts if part)
+
+
+def _trained_on(method_id: str) -> str:
+    method = known_method(method_id)
+    return (method and method.trained_on) or ""
+
+
+def _training(row: QualityRow, objective: str) -> str:
+    """Return what a network was trained on and with, as far as it is known; empty for others."""
+    parts = [f" on {row.trained_on}"] if row.trained_on not in ("", "nothing") else []
+    parts += [f" with {objective}"] if row.objective else []
+    return "trained" + ",".join(parts) if parts else ""
 
 
 def _outcomes(rows: Sequence[QualityRow]) -> tuple[str, ...]:

@@ -20,6 +20,7 @@ from data_prep.files.atomic_write import write_whole
 from data_prep.files.cloud_contents import CloudContents, CloudPoints, NotACloud, colors_of
 from data_prep.files.cloud_ply import read_ply
 from data_prep.files.cloud_text import read_pts, read_text
+from data_prep.files.meshes import SUFFIXES as MESH_SUFFIXES
 from data_prep.files.safe_read import MIB, read_file, shown
 from data_prep.files.scans import SCAN_SUFFIXES, read_scan
 from data_prep.scene import Points
@@ -75,12 +76,17 @@ def read_cloud(path: Path, with_colors: bool = False) -> CloudContents:
 
 def check_cloud_name(path: Path) -> None:
     """Raise BadInput for the name of a file in another format."""
-    if path.suffix.lower() not in CLOUD_SUFFIXES:
-        name = path.suffix or "a name without a suffix"
+    if path.suffix.lower() in CLOUD_SUFFIXES:
+        return
+    if path.suffix.lower() in MESH_SUFFIXES:
         raise BadInput(
-            f"{path}: {name} is not supported as a point cloud; use one of "
-            + ", ".join(CLOUD_SUFFIXES)
+            f"{path}: {path.suffix} is a mesh, not a point cloud; save points of its surface "
+            '(docs/rendering.md, "Files"), and give that file'
         )
+    name = path.suffix or "a name without a suffix"
+    raise BadInput(
+        f"{path}: {name} is not supported as a point cloud; use one of " + ", ".join(CLOUD_SUFFIXES)
+    )
 
 
 def save_ply(points: Points, path: Path) -> None:

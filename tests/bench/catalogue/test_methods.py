@@ -8,7 +8,16 @@ from dataclasses import replace
 import pytest
 
 from baselines import splat_net
-from bench.catalogue.methods import BUNDLED, FLOORS, METHODS, RECOMMENDED, Method, find_method, role
+from bench.catalogue.methods import (
+    BUNDLED,
+    FLOORS,
+    METHODS,
+    RECOMMENDED,
+    RECOMMENDED_IN_COLOUR,
+    Method,
+    find_method,
+    role,
+)
 from data_prep.failures import BadInput
 
 
@@ -16,12 +25,22 @@ def test_every_method_says_what_it_was_trained_on():
     trained = {method.id: method.trained_on for method in BUNDLED}
     assert {name for name, on in trained.items() if on == "13 classes"} == {
         *("pc2pix@all", "splat-net", "splat-net@grey"),
-        *("points2pix", "points2pix@l1-patch", "depth-net", "occupancy-net"),
+        *("points2pix", "points2pix@l1-patch", "depth-net", "occupancy-net", "auto"),
     }
     learned = {name for name, on in trained.items() if on != "nothing"}
-    assert learned == {m.id for m in BUNDLED if m.kind == "network"} | {"constant"}
+    assert learned == {m.id for m in BUNDLED if m.kind == "network"} | {"constant", "auto"}
     assert None not in trained.values()
     assert find_method("splat@spread=1.5").trained_on == "nothing"
+
+
+def test_the_card_of_each_network_says_the_same():
+    for method in BUNDLED:
+        if method.weights_file is None:
+            continue
+        weights = method.weights_file()
+        cards = [card.read_text() for card in weights.parent.glob("*.md")]
+        (card,) = (text for text in cards if f"`{weights.name}`" in text.split("| trained on |")[1])
+        assert f"| trained on | {method.trained_on} |" in card, method.id
 
 
 def test_every_method_says_its_kind_and_its_colours():
@@ -52,6 +71,9 @@ def test_what_draws_an_unknown_object_knows_more_than_chairs():
     method = find_method(RECOMMENDED)
     assert method in METHODS
     assert (method.trained_on, method.color) == ("13 classes", "none")
+    coloured = find_method(RECOMMENDED_IN_COLOUR)
+    assert (coloured.trained_on, coloured.color) == ("13 classes", "invented")
+    assert coloured.family == method.family
 
 
 def test_splat_net_is_one_network_for_any_object_and_that_of_chairs_says_so():

@@ -30,7 +30,7 @@ BY_SECTION = {
     "suites": [suite.id for suite in (*SUITES, LATENT, STABILITY, SPEED)],
     "methods": [
         method.id
-        for kind in ("network", "reconstruction", "splat", "reference")
+        for kind in ("network", "reconstruction", "splat", "choice", "reference")
         for method in METHODS
         if method.kind == kind
     ],
@@ -79,7 +79,8 @@ def test_methods_have_sections_stars_and_what_they_know():
     assert sorted(BY_SECTION["methods"]) == sorted(method.id for method in METHODS)
     lines = list(section_lines("methods"))
     heads = [line for line in lines if re.fullmatch(r" \S.*", line)]
-    assert heads == [" networks", " reconstructions", " projections", " reference methods"]
+    kinds = ["networks", "reconstructions", "projections", "a choice for each cloud"]
+    assert heads == [f" {kind}" for kind in (*kinds, "reference methods")]
     stars = {line.split()[1] for line in lines if line.startswith("* ")} - {"recommended:"}
     assert RECOMMENDED in stars
     assert {m.kind for m in METHODS if m.id in stars} == {"network", "reconstruction"}

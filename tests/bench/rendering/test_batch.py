@@ -122,7 +122,7 @@ def test_what_cannot_be_drawn_into_a_folder_is_refused_before_anything_is_drawn(
     for arguments, problem in (
         ((clouds, other, "-o", out), both),
         ((cloud, tmp_path / "gone.ply", "-o", out), f"{tmp_path}/gone.ply: no such file; check"),
-        ((cloud, tmp_path / "a.obj", "-o", out), f"{tmp_path}/a.obj: .obj is not supported as a "),
+        ((cloud, tmp_path / "a.obj", "-o", out), f"{tmp_path}/a.obj: .obj is a mesh, not a "),
         ((nothing, "-o", out), f"{nothing}: no clouds in this folder; give one with .ply, "),
         ((cloud, other), f"{cloud}: one of several clouds; give a folder for the images, -o "),
         ((clouds, "-o", tmp_path / "x.gif"), f"{tmp_path}/x.gif: one name for several clouds; "),

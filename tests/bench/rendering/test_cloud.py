@@ -115,10 +115,11 @@ def test_what_of_the_file_is_not_drawn_and_what_knows_chairs_only_is_a_line_each
     assert (status, printed) == (0, f"{out}\n")
     assert [line for line in err.splitlines() if not line.startswith("drawing: ")] == [
         f"note: {path}: its colours are not used; only the coordinates of its points are",
-        f"note: {path}: its 2 faces are not used; only the coordinates of its points are",
+        f"note: {path}: its 2 faces are not used; only the coordinates of its points are; "
+        "of a mesh give points of its surface",
         f"note: {path}: 1 of 4 points are left out, they are not finite",
-        "note: splat-net@chair: trained on chairs, other objects may look like them; "
-        "splat-net@grey knows 13 classes",
+        "note: splat-net@chair was trained on chairs and may draw a chair whatever the cloud is; "
+        "for other objects leave out the method",
     ]
 
 
@@ -432,7 +433,11 @@ def test_files_that_are_no_clouds(refused, tmp_path, monkeypatch):
         (".", ".: a folder; give a folder for the images, -o FOLDER"),
         ("gone.ply", "gone.ply: no such file; check its name"),
         ("gone/gone.ply", "gone/gone.ply: no such file; check its name"),
-        ("points.obj", "points.obj: .obj is not supported as a point cloud; use one of .ply, .npy"),
+        (
+            "points.obj",
+            "points.obj: .obj is a mesh, not a point cloud; save points of its surface "
+            '(docs/rendering.md, "Files"), and give that file',
+        ),
         ("a\nb", "a\\nb: a name without a suffix is not supported as a point cloud; use one of "),
     ):
         assert refused("render", name).startswith(problem)

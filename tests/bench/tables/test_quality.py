@@ -358,11 +358,11 @@ def test_csv_to_the_letter():
     rows = (row, replace(row, value=np.inf, note='a, "b"'))
     assert quality_table(SPEC, rows).to_csv() == (
         "suite,method,condition,class,metric,value,ci_low,ci_high,n_ok,n,paper,failures_as_blank,"
-        "note,debiased,objective\n"
+        "note,debiased,trained_on,objective\n"
         f"chair-robustness,splat,2048,chair,ssim,0.420000,{low:.6f},{high:.6f},5,8,0.700000,"
-        "0.270000,2 x apss: no faces; 1 x timeout: 120 s,,\n"
+        "0.270000,2 x apss: no faces; 1 x timeout: 120 s,,nothing,\n"
         f"chair-robustness,splat,2048,chair,ssim,,{low:.6f},{high:.6f},5,8,0.700000,"
-        '0.270000,"a, ""b""",,\n'
+        '0.270000,"a, ""b""",,nothing,\n'
     )
 
 
@@ -432,7 +432,7 @@ def test_markdown_of_names_from_a_file_system():
     assert f"| {method} | - 0/1 |" in lines
     reason = r"no \*faces\*\\n\* other: \[a\](b)\\u202e"
     assert f"* {method} at 2048: 1 x {reason}" in lines
-    assert "``" in next(line for line in lines if "weights trained with" in line)
+    assert "``" in next(line for line in lines if ": trained with" in line)
 
 
 def test_tables_come_from_records_and_features(tmp_path):
@@ -524,9 +524,11 @@ def test_tables_say_what_weights_were_trained_with():
     table = markdown_table(markdown_records(), objectives={"pc2pix": "paired"})
     objectives = {row.method: row.objective for row in table.rows}
     assert objectives == {"surface-apss": "", "pc2pix": "paired", "blank": ""}
-    assert "`pc2pix`: weights trained with `paired`.  \n" in table.to_markdown()
+    trained_on = {row.method: row.trained_on for row in table.rows}
+    assert trained_on == {"surface-apss": "nothing", "pc2pix": "chairs", "blank": "nothing"}
+    assert "`pc2pix`: trained on chairs, with `paired`.  \n" in table.to_markdown()
     _, *lines = table.to_csv().splitlines()
-    assert all(line.endswith(",paired") == (",pc2pix," in line) for line in lines)
+    assert all(line.endswith(",chairs,paired") == (",pc2pix," in line) for line in lines)
 
 
 def test_without_the_package_lpips_and_its_distances_are_skipped(tmp_path):

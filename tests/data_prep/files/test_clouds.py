@@ -262,7 +262,11 @@ BROKEN = {
     "long.xyz": (b"1 2 3\n1 2 " + b"3" * 70000, "line 2 is longer than 65536 bytes"),
     "cloud.obj": (
         b"v 1 2 3\n",
-        r"\.obj is not supported as a point cloud; use one of \.ply, \.npy, \.xyz, \.txt, \.csv",
+        r'\.obj is a mesh, not a point cloud; save points of its surface \(docs/rendering\.md, "F',
+    ),
+    "cloud.doc": (
+        b"1 2 3\n",
+        r"\.doc is not supported as a point cloud; use one of \.ply, \.npy, \.xyz, \.txt, \.csv",
     ),
     "cloud": (b"1 2 3\n", "a name without a suffix is not supported as a point cloud; use one of"),
 }
