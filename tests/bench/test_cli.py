@@ -63,7 +63,7 @@ def run_refused(command, *arguments):
         (
             ("--dataset", "shapenet"),
             "unknown dataset 'shapenet': did you mean 'shapenet:PATH'? there are procedural, "
-            "folder:PATH, shapenet:PATH, modelnet:PATH, exported:PATH and 5 more; see 'bench list'",
+            "folder:PATH, shapenet:PATH, modelnet:PATH, exported:PATH and 6 more; see 'bench list'",
         ),
         (("--dataset", "folder:"), "unknown dataset 'folder:': did you mean 'folder:PATH'? "),
         (("--dataset", "/meshes"), "unknown dataset '/meshes': did you mean 'folder:/meshes'? "),

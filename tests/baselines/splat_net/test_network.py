@@ -109,7 +109,7 @@ def test_an_albedo_is_one_colour_times_the_shading_of_grey() -> None:
 
 def test_a_guess_of_the_colour_teaches_the_colour_alone() -> None:
     network = lived_in(NetworkConfig(widths=SMALL.widths, heads=COLOUR_HEADS["image"]))
-    network.train()
+    network.train().requires_grad_(True)
     output = network(torch.rand(2, network.config.inputs.channels, 16, 16))
     composite(output, network.config.heads)[1][1].sum().backward()
     taught = {name for name, p in network.named_parameters() if p.grad is not None and p.grad.any()}

@@ -104,11 +104,11 @@ def test_splat_net_from_the_command_line_to_a_method(command, tmp_path):
     assert (status, said) == (0, f"{out / 'weights.safetensors'}\n"), err
     status, _, err = command("train", "splat-net", *options, "--steps", "3")
     assert status == 0, err
-    for name, planes in (("weights", 4), ("weights-grey", 2)):
+    for name, heads in (("weights", ("grey", "albedo")), ("weights-grey", ("grey",))):
         method = find_method(f"splat-net@{out / name}.safetensors")
         renderer = method.load("cpu")
         network = renderer.weights.network
-        assert network.last.out_channels == planes
+        assert network.config.heads == heads
         # the nearest and the farthest; tiny has neither normals nor flattened points
         assert network.config.inputs.channels == 2
         assert renderer.weights.card["steps"] == 3
@@ -122,8 +122,7 @@ def test_splat_net_from_the_command_line_to_a_method(command, tmp_path):
     assert status == 0, err
     found = load_weights(said.strip())
     assert found.network.config.inputs.channels == 1
-    files = [out / f"{name}.safetensors" for name in ("weights", "weights-grey")]
-    assert found.card["start"] == " ".join(file_sha256(file) for file in files)
+    assert found.card["start"] == file_sha256(out / "weights.safetensors")
 
 
 @pytest.mark.parametrize(
@@ -160,10 +159,10 @@ def test_fused_net_from_the_command_line_to_a_method(command, tmp_path):
     status, said, err = command("train", "fused-net", *clean, *steps)
     assert (status, said) == (0, f"{out / 'weights.safetensors'}\n"), err
     assert kept.stat().st_mtime_ns == written
-    for name, color in (("weights", 4), ("weights-grey", 2)):
+    for name, heads in (("weights", ("grey", "albedo")), ("weights-grey", ("grey",))):
         method = find_method(f"fused-net@{out / name}.safetensors")
         renderer = method.load("cpu")
-        assert renderer.weights.network.last.out_channels == color
+        assert renderer.weights.network.config.heads == heads
         assert tuple(renderer.methods) == ("denoised-wrap",)
         assert renderer.weights.card["occupancy"] == ""
         assert renderer.weights.sha256 in method.identity()

@@ -326,7 +326,7 @@ def test_a_reader_of_another_package_that_fails_is_named(monkeypatch, tmp_path, 
     with pytest.raises(BadInput, match="no such folder"):
         open_dataset(f"made:{tmp_path}/gone")
     with pytest.raises(
-        BadInput, match=r"unknown dataset 'other:x'.* and 6 more; see 'bench list'$"
+        BadInput, match=r"unknown dataset 'other:x'.* and 7 more; see 'bench list'$"
     ):
         open_dataset("other:x")
     assert datasets.is_dataset("made:x")
@@ -338,7 +338,7 @@ def test_unknown_datasets(spec: str) -> None:
     with pytest.raises(
         BadInput,
         match=r"^unknown dataset '.*': (did you mean '.*'\? )?there are procedural, folder:PATH, "
-        r"shapenet:PATH, modelnet:PATH, exported:PATH and 5 more; see 'bench list'$",
+        r"shapenet:PATH, modelnet:PATH, exported:PATH and 6 more; see 'bench list'$",
     ):
         open_dataset(spec)
 
