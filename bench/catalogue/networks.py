@@ -130,6 +130,15 @@ NETWORK_METHODS = (
         source="an occupancy network on three planes (Peng et al. 2020), trained on the clouds "
         "of splat-net (baselines/occupancy_net/weights/all.md)",
     ),
+    _network(
+        "fused-net",
+        package=loaders.FUSED_NET,
+        weights="all-grey",
+        trained_on="13 classes",
+        color="none",
+        source="splat-net that also sees the meshes of denoised-wrap and occupancy-net "
+        "(baselines/fused_net/weights/all-grey.md)",
+    ),
 )
 # Methods that nobody would draw with, but whose cost is measured beside the others.
 COST_VARIANTS = (

@@ -25,13 +25,13 @@ SURFACES = tuple(  # Open3D is an extra
 )
 NETWORKS = (
     *("pc2pix", "pc2pix@acgan", "splat-net@chair", "splat-net@chair-tiny"),
-    *("splat-net", "points2pix", "depth-net", "occupancy-net"),
+    *("splat-net", "points2pix", "depth-net", "occupancy-net", "fused-net"),
 )
 METHODS = (*SURFACES, *NETWORKS, "splat", "splat-fill", "true-mesh", *FLOORS)
 ORDERLESS = (
     *("denoised-alpha", "denoised-bpa", "denoised-poisson", "pgr", "surface-fit"),
     *("alpha-wrap", "denoised-wrap", "wnnc-poisson"),
-    *("splat-net@chair-tiny", "splat", "splat-fill", "occupancy-net"),
+    *("splat-net@chair-tiny", "splat", "splat-fill", "occupancy-net", "fused-net"),
 )
 VIEWS = [View(10, 20), View(370, 20), View(-100, -40), View(0, 90), View(30, -90)]
 
