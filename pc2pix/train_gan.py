@@ -97,7 +97,7 @@ def train_gan(
     which is all that export needs. `start` has the generator that belongs to it. Under `torchrun`
     all processes train together, each with `config.batch` images a step (`learning.processes`).
     Raises BadInput where `out_dir` holds a run of another configuration, encoder or data, and
-    finite or explodes.
+    TrainingDiverged where a loss stops being finite or explodes.
     """
     if replace(encoder.config, azimuth=config.model.azimuth) != config.model:
         raise BadInput(
