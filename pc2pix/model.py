@@ -207,8 +207,8 @@ def take_scaled_codes(generator: Generator, scale: Tensor, shift: Tensor) -> Non
         Factors and offsets of the numbers of a code.
     """
     kernel = generator.dense.weight[:, NOISE_DIM : NOISE_DIM + generator.config.latent_dim]
-    generator.dense.bias += kernel @ shift.to(kernel.device)
-    kernel *= scale.to(kernel.device)
+    generator.dense.bias.add_(kernel @ shift.to(kernel.device))
+    kernel.mul_(scale.to(kernel.device))
 
 
 # Discriminator: paper Table 2

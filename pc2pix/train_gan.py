@@ -78,7 +78,9 @@ KIND = GAN
 SHEET_IMAGES = 8
 ENCODE_BATCH = 32
 WARM_UP_RATE = 4.0  # times the learning rate: a regression bears more than a game of two
-MIN_CODE_STD = 1e-6  # a dimension that never varies is centred, not blown up
+# A number of the code that never varies, or hardly beside the others, is centred, not blown up.
+MIN_CODE_STD = 1e-6
+MIN_CODE_SHARE = 1e-3
 
 
 def train_gan(
@@ -148,7 +150,8 @@ class _GanTrainer(NetworkTrainer):
             self.encoder = decorrelated(encoder, codes)
             codes = encode_clouds(self.encoder, data.clouds, device)
         self.code_mean = codes.mean(dim=0)
-        self.code_std = codes.std(dim=0, correction=0).clamp(min=MIN_CODE_STD)
+        std = codes.std(dim=0, correction=0)
+        self.code_std = std.clamp(min=max(MIN_CODE_SHARE * float(std.max()), MIN_CODE_STD))
         self.codes = (codes - self.code_mean) / self.code_std  # [N, d], of the encoder as given
         generator, discriminator = training_loop.seeded(
             config.seed, lambda: (Generator(config.model), Discriminator(config.model))
@@ -376,6 +379,8 @@ class _GanTrainer(NetworkTrainer):
         # of the last step's resolution
         stage = stage_after(max(0, int(self.steps_done) - 1), self.config.grow)
         generator, outputs = self.average["generator"], self.average["small"]
+        assert isinstance(generator, Generator)
+        assert isinstance(outputs, torch.nn.ModuleList)
         fake = draw(generator, outputs, stage, inputs)
         fake = functional.interpolate(fake, scale_factor=2.0**stage.halvings)
         rows = torch.stack([self._images(objects, views), fake])  # [2, B, 3, H, W]
