@@ -5,6 +5,7 @@ The paper's section 3.1 outlines it; the details are those of roatienza/pc2pix@2
 
 from __future__ import annotations
 
+import copy
 from itertools import pairwise
 
 import torch
@@ -139,6 +140,22 @@ class PointNet(nn.Module):
 def build_encoder(config: ModelConfig) -> Encoder | PointNet:
     """Return the encoder that a configuration asks for, freshly initialised."""
     return Encoder(config) if config.encoder == "paper" else PointNet(config)
+
+
+@torch.no_grad()
+def decorrelated(encoder: Encoder | PointNet, codes: Tensor) -> Encoder | PointNet:
+    """Return the encoder with its codes rotated to the principal axes of `codes` [N, latent_dim].
+
+    Numbers of a code that are alike over the clouds make as many axes of tiny variance. The
+    rotation is a part of the last layer; axes come in the order of their variance, largest first.
+    """
+    rotated = copy.deepcopy(encoder)
+    axes = torch.linalg.eigh(torch.cov(codes.double().T)).eigenvectors.T.flip(0)  # [d, d]
+    last = rotated.dense if isinstance(rotated, Encoder) else rotated.code
+    axes = axes.to(last.weight.device)
+    last.weight.copy_(axes @ last.weight.double())
+    last.bias.copy_(axes @ last.bias.double())
+    return rotated
 
 
 class Decoder(nn.Module):

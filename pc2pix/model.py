@@ -40,6 +40,7 @@ __all__ = [
     "build_encoder",
     "channels_last",
     "sine_cosine",
+    "take_scaled_codes",
 ]
 
 NOISE_DIM = 128  # z ~ U(-1, 1)
@@ -178,14 +179,36 @@ class Generator(nn.Module):
         Tensor, [B, 3, 128, 128]
             Images in [-1, 1].
         """
-        azimuth = azimuth01 if self.config.azimuth == "scalar" else sine_cosine(azimuth01)
-        x = torch.cat([noise, code, elevation01, azimuth], dim=1)  # [B, 128 + d + 2 or 3]
-        x = self.dense(x)  # [B, 16 c0]
-        x = x.unflatten(1, (4, 4, -1)).permute(0, 3, 1, 2)  # [B, c0, 4, 4]
+        x = self.first(noise, code, elevation01, azimuth01)  # [B, c0, 4, 4]
         for block in self.blocks:
             x = block(x)  # [B, c1, 8, 8] ... [B, c5, 128, 128]
-        x = functional.relu(self.bn(x))
-        return torch.tanh(self.conv(x))  # [B, 3, 128, 128]
+        return self.last(x)  # [B, 3, 128, 128]
+
+    def first(self, noise: Tensor, code: Tensor, elevation01: Tensor, azimuth01: Tensor) -> Tensor:
+        """Map the inputs of `forward` to the features of the first block, [B, c0, 4, 4]."""
+        azimuth = azimuth01 if self.config.azimuth == "scalar" else sine_cosine(azimuth01)
+        x = torch.cat([noise, code, elevation01, azimuth], dim=1)  # [B, 128 + d + 2 or 3]
+        return self.dense(x).unflatten(1, (4, 4, -1)).permute(0, 3, 1, 2)
+
+    def last(self, x: Tensor) -> Tensor:
+        """Map the features of the last block [B, c5, 128, 128] to images [B, 3, 128, 128]."""
+        return torch.tanh(self.conv(functional.relu(self.bn(x))))
+
+
+@torch.no_grad()
+def take_scaled_codes(generator: Generator, scale: Tensor, shift: Tensor) -> None:
+    """Change a generator in place so that of a code y it draws what it drew of scale * y + shift.
+
+    Parameters
+    ----------
+    generator : Generator
+        Generator to change, on the CPU or a GPU.
+    scale, shift : Tensor, [latent_dim]
+        Factors and offsets of the numbers of a code.
+    """
+    kernel = generator.dense.weight[:, NOISE_DIM : NOISE_DIM + generator.config.latent_dim]
+    generator.dense.bias.add_(kernel @ shift.to(kernel.device))
+    kernel.mul_(scale.to(kernel.device))
 
 
 # Discriminator: paper Table 2
@@ -308,8 +331,11 @@ class Discriminator(nn.Module):
         DiscriminatorOutput
             Answers about the B images.
         """
-        x = images
-        for block in self.blocks[:-1]:
+        return self.judge_features(images, 0)
+
+    def judge_features(self, x: Tensor, first: int) -> DiscriminatorOutput:
+        """Judge images by the input of block `first`, which for block 0 is the images."""
+        for block in self.blocks[first:-1]:
             x = block(x)  # [B, c1, 64, 64] ... [B, c4, 8, 8]
         code = x.permute(0, 2, 3, 1).flatten(1)  # [B, 64 c4]
         for layer in self.code_hidden:

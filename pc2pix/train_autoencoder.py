@@ -24,7 +24,7 @@ from learning import checkpoint, training_loop
 from learning.clouds import draw_points
 from learning.processes import ONE, Processes
 from learning.trainer import NetworkTrainer, Part
-from pc2pix.augment import PLAIN_POINTS, degrade, take_evenly
+from pc2pix.augment import degrade, take_evenly
 from pc2pix.losses import chamfer
 from pc2pix.model import LITE, Decoder, Encoder, ModelConfig, PointNet, build_encoder
 from pc2pix.training_data import AutoencoderData
@@ -111,10 +111,7 @@ class _AutoencoderTrainer(NetworkTrainer):
         which = torch.randint(len(self.clouds), (self.batch,), generator=self.random)
         whole = draw_points(self.clouds[which], CLOUD_SIZE, self.random)
         size = self.encoder.cloud_size
-        # the order is random already: the first rows are a random selection
-        fed = (
-            degrade(whole, self.random) if self.config.augment else whole[:, : size or PLAIN_POINTS]
-        )
+        fed = degrade(whole, self.random) if self.config.augment else whole
         if size is not None:
             fed = take_evenly(fed, size)
         return fed.to(self.device), whole.to(self.device)

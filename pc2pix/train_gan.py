@@ -5,9 +5,13 @@ the real one of the same cloud and view but the heads of the discriminator. Ours
 step draws the clouds and views of its real images, mirrored at random, with a reconstruction
 term; the encoder is trained with the rest; the first `warm_up` steps leave the discriminator out.
 
+The paper's objective can grow its images (`pc2pix.growth`), or start from weights; then the first
+`warm_up` steps train the discriminator alone, so that a fresh one does not spoil the generator.
+
 Departures from roatienza/pc2pix@23b7b46d, each for a reason:
-- Codes are whitened per dimension over the training set. Raw codes have a standard deviation of
-  about 0.1 beside z ~ U(-1, 1); mean and deviation travel with the weights.
+- Codes are whitened over the training set. Raw codes have a standard deviation of about 0.1 beside
+  z ~ U(-1, 1); mean and deviation travel with the weights. Those of a frozen encoder are rotated to
+  their principal axes first, in its last layer: else nearly all numbers say the same.
 - Fake conditions use codes of training clouds only. The script that wrote the original's code file
   ran over train and test shapes, so test codes conditioned its training.
 - Fake images of the discriminator's step are made with BatchNorm's batch statistics, as in the
@@ -22,13 +26,14 @@ from __future__ import annotations
 import copy
 import functools
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
+from torch.nn import functional
 
 from data_prep.failures import BadInput
 from learning import training_loop
@@ -37,6 +42,17 @@ from learning.clouds import draw_points
 from learning.processes import ONE, Processes
 from learning.trainer import NetworkTrainer, Part
 from pc2pix.augment import PLAIN_POINTS, Scene, degrade, mirror, take_evenly
+from pc2pix.autoencoder import decorrelated
+from pc2pix.gan_config import GanConfig
+from pc2pix.growth import (
+    Stage,
+    draw,
+    judge,
+    shrink,
+    small_inputs,
+    small_outputs,
+    stage_after,
+)
 from pc2pix.losses import (
     OBJECTIVES,
     Conditioning,
@@ -46,61 +62,25 @@ from pc2pix.losses import (
     reconstruction_error,
 )
 from pc2pix.model import (
-    LITE,
     NOISE_DIM,
     Discriminator,
     DiscriminatorOutput,
     Encoder,
     Generator,
-    ModelConfig,
     PointNet,
     channels_last,
+    take_scaled_codes,
 )
 from pc2pix.training_data import GanData
-from pc2pix.weights import GAN
+from pc2pix.weights import GAN, Weights
 
 KIND = GAN
 SHEET_IMAGES = 8
 ENCODE_BATCH = 32
 WARM_UP_RATE = 4.0  # times the learning rate: a regression bears more than a game of two
-MIN_CODE_STD = 1e-6  # a dimension that never varies is centred, not blown up
-
-
-@dataclass(frozen=True)
-class GanConfig:
-    """The configuration, with the paper's defaults but for width and number of steps.
-
-    objective  a key of `pc2pix.losses.OBJECTIVES`
-    steps      pairs of one discriminator and one generator step (chair: 406,560 in the original)
-    warm_up    steps of these without the discriminator, by reconstruction alone (`paired` only)
-    augment    encode clouds with fewer points and noise (`pc2pix.augment.degrade`)
-    precision  bfloat16 is mixed precision: weights, spectral norms, BN statistics and losses stay
-               float32
-    """
-
-    model: ModelConfig = LITE
-    objective: str = "acgan-code"
-    steps: int = 20_000
-    warm_up: int = 0
-    batch: int = 32
-    augment: bool = False
-    generator_lr: float = 1e-4
-    discriminator_lr: float = 2e-4
-    ema_decay: float = 0.999
-    precision: training_loop.Precision = "float32"
-    seed: int = 0
-    cadence: training_loop.Cadence = training_loop.DEFAULT_CADENCE
-
-    def __post_init__(self) -> None:
-        if self.objective not in OBJECTIVES:
-            raise BadInput(
-                f"objective: unknown {self.objective!r}; choose one of {', '.join(OBJECTIVES)}"
-            )
-        if self.warm_up and not OBJECTIVES[self.objective].reconstruction_weight:
-            raise BadInput(
-                f"warm_up {self.warm_up}: objective {self.objective} has no reconstruction term to "
-                "warm up with; use 0, or the objective paired"
-            )
+# A number of the code that never varies, or hardly beside the others, is centred, not blown up.
+MIN_CODE_STD = 1e-6
+MIN_CODE_SHARE = 1e-3
 
 
 def train_gan(
@@ -109,16 +89,17 @@ def train_gan(
     config: GanConfig,
     out_dir: Path,
     *,
+    start: Weights | None = None,
     device: str = "cpu",
     on_progress: training_loop.OnProgress = lambda report: None,
 ) -> Path:
     """Train to `config.steps`, continuing a run in `out_dir`, and return the checkpoint's path.
 
     `encoder` is frozen, or with `paired` where training starts; it is stored in the checkpoint,
-    which is all that export needs. Under `torchrun` all processes train together, each with
-    `config.batch` images a step (`learning.processes`). Raises BadInput where `out_dir` holds a
-    run of another configuration, encoder or data, and TrainingDiverged where a loss stops being
-    finite or explodes.
+    which is all that export needs. `start` has the generator that belongs to it. Under `torchrun`
+    all processes train together, each with `config.batch` images a step (`learning.processes`).
+    Raises BadInput where `out_dir` holds a run of another configuration, encoder or data, and
+    TrainingDiverged where a loss stops being finite or explodes.
     """
     if replace(encoder.config, azimuth=config.model.azimuth) != config.model:
         raise BadInput(
@@ -127,7 +108,7 @@ def train_gan(
         )
     arrays = [data.images, data.azimuth_deg, data.elevation_deg, data.clouds]
     arrays += [tensor.cpu().numpy() for tensor in encoder.state_dict().values()]
-    build = functools.partial(_GanTrainer, data, encoder, config)
+    build = functools.partial(_GanTrainer, data, encoder, config, start=start)
     return training_loop.train(build, config, arrays, out_dir, device, on_progress)
 
 
@@ -152,6 +133,8 @@ class _GanTrainer(NetworkTrainer):
         config: GanConfig,
         device: torch.device,
         processes: Processes = ONE,
+        *,
+        start: Weights | None = None,
     ) -> None:
         super().__init__(config, device, processes)
         self.batch = config.batch
@@ -163,8 +146,12 @@ class _GanTrainer(NetworkTrainer):
         self.elevation01, self.azimuth01 = torch.from_numpy(angles.astype(np.float32))  # [N, V]
         self.encoder = encoder.to(device)
         codes = encode_clouds(encoder, data.clouds, device)
+        if start is None and not self.paired:
+            self.encoder = decorrelated(encoder, codes)
+            codes = encode_clouds(self.encoder, data.clouds, device)
         self.code_mean = codes.mean(dim=0)
-        self.code_std = codes.std(dim=0, correction=0).clamp(min=MIN_CODE_STD)
+        std = codes.std(dim=0, correction=0)
+        self.code_std = std.clamp(min=max(MIN_CODE_SHARE * float(std.max()), MIN_CODE_STD))
         self.codes = (codes - self.code_mean) / self.code_std  # [N, d], of the encoder as given
         generator, discriminator = training_loop.seeded(
             config.seed, lambda: (Generator(config.model), Discriminator(config.model))
@@ -172,11 +159,26 @@ class _GanTrainer(NetworkTrainer):
         self.generator, self.discriminator = generator.to(device), discriminator.to(device)
         channels_last(self.generator)
         channels_last(self.discriminator)
-        if self.paired:
+        self.small_inputs = self.small_outputs = torch.nn.ModuleList()
+        if config.grow:
+            self.small_outputs, self.small_inputs = training_loop.seeded(
+                config.seed, lambda: (small_outputs(config.model), small_inputs(config.model))
+            )
+            channels_last(self.small_outputs.to(device))
+            channels_last(self.small_inputs.to(device))
+        if start is not None:
+            self.generator.load_state_dict(start.generator.state_dict())
+            # its encoder may have been trained on since its codes were whitened
+            shift = (self.code_mean - start.code_mean) / start.code_std
+            take_scaled_codes(self.generator, self.code_std / start.code_std, shift)
+        elif self.paired:
             # z starts unheard: reconstruction would have to unlearn it, number by number
             torch.nn.init.zeros_(self.generator.dense.weight[:, :NOISE_DIM])
         self.encoder.requires_grad_(self.paired)
-        self.drawing = torch.nn.ModuleDict({"generator": self.generator, "encoder": self.encoder})
+        self.drawing = torch.nn.ModuleDict(
+            {"generator": self.generator, "encoder": self.encoder, "small": self.small_outputs}
+        )
+        self.judging = torch.nn.ModuleList([self.discriminator, self.small_inputs])
         self.average = copy.deepcopy(self.drawing).eval().requires_grad_(False)
         betas = (0.5, 0.999)
         self.generator_adam = torch.optim.Adam(
@@ -186,13 +188,14 @@ class _GanTrainer(NetworkTrainer):
             fused=True,
         )
         self.discriminator_adam = torch.optim.Adam(
-            self.discriminator.parameters(), lr=config.discriminator_lr, betas=betas, fused=True
+            self.judging.parameters(), lr=config.discriminator_lr, betas=betas, fused=True
         )
 
     def parts(self) -> dict[str, Part]:
         return {
             "drawing": self.drawing,
             "discriminator": self.discriminator,
+            "small_inputs": self.small_inputs,
             "average": self.average,
             "generator_adam": self.generator_adam,
             "discriminator_adam": self.discriminator_adam,
@@ -238,7 +241,8 @@ class _GanTrainer(NetworkTrainer):
 
     def take_step(self) -> dict[str, Tensor]:
         self.generator.train()
-        self.discriminator.train()
+        self.small_outputs.train()
+        self.judging.train()
         losses = self._take_paired_step() if self.paired else self._take_papers_step()
         self._update_average()
         return losses
@@ -247,14 +251,25 @@ class _GanTrainer(NetworkTrainer):
         real_images, real = self._draw_real()
         noise, fake = self._draw_fake()
         with self.autocast(), torch.no_grad():
-            fake_images = self.generator(noise, *fake)
+            fake_images = self._draw(noise, fake)
+        real_images = shrink(real_images, self.stage)
         on_discriminator = self._train_discriminator(real_images, real, fake_images, fake)
+        if self.steps_done < self.config.warm_up:
+            return on_discriminator | _absent("g")
         noise, fake = self._draw_fake()
         with self.autocast():
-            fake_images = self.generator(noise, *fake)
+            fake_images = self._draw(noise, fake)
         terms = self._judge_drawn(fake_images, fake)
         self._train_generator(terms["g_total"])
         return on_discriminator | _detached(terms)
+
+    @property
+    def stage(self) -> Stage:
+        """Return the resolution of the next step."""
+        return stage_after(int(self.steps_done), self.config.grow)
+
+    def _draw(self, noise: Tensor, condition: Conditioning) -> Tensor:
+        return draw(self.generator, self.small_outputs, self.stage, (noise, *condition))
 
     def _take_paired_step(self) -> dict[str, Tensor]:
         scene = self._draw_scene()
@@ -268,9 +283,7 @@ class _GanTrainer(NetworkTrainer):
         total = self.objective.reconstruction_weight * error
         if self.steps_done < self.config.warm_up:
             self._train_generator(total)
-            # the same columns in losses.csv from the first step to the last
-            absent = [f"{who}_{term}" for who in "dg" for term in LossTerms._fields]
-            return {"reconstruction": error.detach(), **dict.fromkeys(absent, error.new_zeros(()))}
+            return {"reconstruction": error.detach()} | _absent("dg")
         condition = Conditioning(code.detach(), *angles)
         on_discriminator = self._train_discriminator(
             scene.images, condition, drawn.detach(), condition
@@ -304,12 +317,15 @@ class _GanTrainer(NetworkTrainer):
         mean, std = self.code_mean.to(codes.device), self.code_std.to(codes.device)
         return (codes - mean) / std
 
+    def _judge(self, images: Tensor) -> DiscriminatorOutput:
+        return judge(self.discriminator, self.small_inputs, self.stage, images)
+
     def _train_discriminator(
         self, real_images: Tensor, real: Conditioning, fake_images: Tensor, fake: Conditioning
     ) -> dict[str, Tensor]:
         with self.autocast():
             # one batch of both halves, as in the original: u moves once
-            judged = self.discriminator(torch.cat([real_images, fake_images.float()]))
+            judged = self._judge(torch.cat([real_images, fake_images.float()]))
         halves = zip(*(t.float().chunk(2) for t in judged), strict=True)
         on_real, on_fake = (DiscriminatorOutput(*half) for half in halves)
         terms = discriminator_loss(on_real, on_fake, real, fake, self.objective)
@@ -319,10 +335,10 @@ class _GanTrainer(NetworkTrainer):
     def _judge_drawn(self, drawn: Tensor, condition: Conditioning) -> dict[str, Tensor]:
         """Return the terms of Eq. 7 for drawn images."""
         # gradients pass through the discriminator, but its own would be thrown away
-        self.discriminator.requires_grad_(False)
+        self.judging.requires_grad_(False)
         with self.autocast():
-            judged = self.discriminator(drawn)
-        self.discriminator.requires_grad_(True)
+            judged = self._judge(drawn)
+        self.judging.requires_grad_(True)
         judged = DiscriminatorOutput(*(t.float() for t in judged))
         terms = generator_loss(judged, condition, self.objective)
         return {f"g_{name}": value for name, value in terms._asdict().items()}
@@ -333,13 +349,16 @@ class _GanTrainer(NetworkTrainer):
         self.minimise(total, self.generator_adam, rate)
 
     def _update_average(self) -> None:
+        # what is new at a resolution is random at first, so the average has to forget it
+        steps = self.stage.steps_before + 1
         self.steps_done += 1
-        update(self.average, self.drawing, self.config.ema_decay, int(self.steps_done))
+        update(self.average, self.drawing, self.config.ema_decay, steps)
 
     def learning_rates(self, steps: int) -> str:
         config = self.config
         rate, warm = config.generator_lr, min(config.warm_up, steps)
-        generator = [f"generator {WARM_UP_RATE * rate:g} up to step {warm}"] if warm else []
+        warm_rate = WARM_UP_RATE * rate if self.paired else 0.0
+        generator = [f"generator {warm_rate:g} up to step {warm}"] if warm else []
         if steps > warm:
             generator.append(f"{'then' if warm else 'generator'} {rate:g}")
             generator.append(f"discriminator {config.discriminator_lr:g}")
@@ -356,10 +375,25 @@ class _GanTrainer(NetworkTrainer):
         points = points if size is None else take_evenly(points, size)
         code = self._whiten(self.average["encoder"](points.to(self.device)))
         angles = self.elevation01[objects, views, None], self.azimuth01[objects, views, None]
-        fake = self.average["generator"](noise, code, *(a.to(self.device) for a in angles))
+        inputs = (noise, code, *(a.to(self.device) for a in angles))
+        # of the last step's resolution
+        stage = stage_after(max(0, int(self.steps_done) - 1), self.config.grow)
+        generator, outputs = self.average["generator"], self.average["small"]
+        assert isinstance(generator, Generator)
+        assert isinstance(outputs, torch.nn.ModuleList)
+        fake = draw(generator, outputs, stage, inputs)
+        fake = functional.interpolate(fake, scale_factor=2.0**stage.halvings)
         rows = torch.stack([self._images(objects, views), fake])  # [2, B, 3, H, W]
         rows = rows.permute(0, 3, 1, 4, 2).flatten(2, 3).flatten(0, 1)  # [2 H, B W, 3]
         return ((rows + 1) * 127.5).round().clamp(0, 255).byte().cpu().numpy()
+
+
+def _absent(networks: str) -> dict[str, Tensor]:
+    """Return zeros for the terms of networks ("d", "g") that a step leaves out.
+
+    So losses.csv has the same columns from the first step to the last.
+    """
+    return {f"{who}_{term}": torch.zeros(()) for who in networks for term in LossTerms._fields}
 
 
 def _detached(terms: Mapping[str, Tensor]) -> dict[str, Tensor]:

@@ -45,7 +45,7 @@ NETWORK_METHODS = (
     ),
     _network(
         "pc2pix@acgan",
-        source="paper, section 3; the paper's objective (pc2pix/weights/chair-acgan.md)",
+        source="paper, section 3; the paper's objective alone (pc2pix/weights/chair-acgan.md)",
         weights="chair-acgan",
     ),
     _network(

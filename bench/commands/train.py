@@ -87,8 +87,16 @@ def autoencoder_command(options: AutoencoderOptions) -> None:
         "views": VIEWS,
         "objective": "Loss: acgan-code, acgan-paper or paired; see docs/training.md.",
         "azimuth": "Input of the azimuth: one number, as in the paper, or sine and cosine.",
-        "warm_up": "Steps at the start without the discriminator (paired only).",
+        "start": OptionSpec(
+            "Weights to start from, instead of an autoencoder: a bundled name, or a file. "
+            "Default: random weights.",
+            convert=expand_file,
+        ),
+        "warm_up": "Steps at the start without the discriminator (paired), or that train it alone "
+        "(with --start).",
+        "grow": "Steps at 32 px, and as many at 64 px, before those at 128 px.",
         "generator_lr": "Learning rate of Adam.",
+        "discriminator_lr": "Learning rate of Adam for the discriminator.",
     },
 )
 def gan_command(options: GanOptions) -> None:

@@ -75,14 +75,24 @@ def train_autoencoder(options: AutoencoderOptions) -> Path:
 def train_gan(options: GanOptions) -> Path:
     """Train the rendering GAN on a trained autoencoder; return the exported weights file."""
     _set_threads(options)
-    encoder = autoencoder.load_encoder(options.autoencoder)
+    start = None if options.start is None else load_weights(options.start)
+    if start is None:
+        encoder = autoencoder.load_encoder(options.autoencoder)
+        model = replace(encoder.config, azimuth=options.azimuth)
+    else:
+        encoder, model = start.encoder, start.generator.config
+    config = _config(gan.GanConfig, options, model=model, start=start.sha256 if start else None)
     views = training_set(training_objects(options), options.views, quiet=not is_first())
-    model = replace(encoder.config, azimuth=options.azimuth)
-    config = _config(gan.GanConfig, options, model=model)
     data = gan.GanData(views.images, views.azimuth_deg, views.elevation_deg, views.clouds)
     with _progress("gan") as show:
         checkpoint = gan.train_gan(
-            data, encoder, config, options.out, device=options.device, on_progress=show
+            data,
+            encoder,
+            config,
+            options.out,
+            start=start,
+            device=options.device,
+            on_progress=show,
         )
     weights = options.out / "weights.safetensors"
     if is_first():

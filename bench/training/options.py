@@ -55,15 +55,25 @@ class AutoencoderOptions(TrainingOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class GanOptions(TrainingOptions):
-    """The options of the GAN; see `pc2pix.train_gan.GanConfig`. The autoencoder sets its sizes."""
+    """The options of the GAN; see `pc2pix.train_gan.GanConfig`. The autoencoder sets its sizes.
+
+    Attributes
+    ----------
+    start : str or None
+        Weights to start from, which stand for the autoencoder, too, and set the form of the
+        azimuth; None: random ones.
+    """
 
     autoencoder: Path = Path("training/autoencoder/checkpoint.safetensors")
     views: int = 8
     objective: str = "acgan-code"
     azimuth: Literal["scalar", "sine-cosine"] = "scalar"
+    start: str | None = None
     steps: int = 20_000
     warm_up: int = 0
+    grow: int = 0
     generator_lr: float = 1e-4
+    discriminator_lr: float = 2e-4
     out: Path = Path("training/gan")
 
 

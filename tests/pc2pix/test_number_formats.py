@@ -43,8 +43,10 @@ def test_float32_is_what_the_renderer_draws_and_every_layer_is_watched(name, poi
     renderer = Pc2pixRenderer(weights)
     state = renderer.prepare(PointCloud(points))
     # the renderer encodes a large cloud's parts one by one: float32 sums in another order, values
-    # up to 3, some ten roundings of 2^-23 of that
-    np.testing.assert_allclose(actual.code, state[0].numpy(), rtol=0, atol=3e-6)
+    # up to 3, some ten roundings of 2^-23 of that; rotated codes are sums of numbers up to 600
+    # standard deviations of the smallest large
+    atol = 3e-6 if name == "chair" else 3e-5
+    np.testing.assert_allclose(actual.code, state[0].numpy(), rtol=0, atol=atol)
     # the renderer's kernels lie in another order in memory: float32 sums differ by some 1e-6
     np.testing.assert_allclose(actual.images, renderer.draw(state, VIEWS), rtol=0, atol=1e-5)
 

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import replace
 
@@ -16,7 +17,7 @@ from pc2pix.train_autoencoder import AutoencoderConfig
 from pc2pix.train_gan import GanConfig, _GanTrainer
 from pc2pix.training_data import AutoencoderData, GanData
 from pc2pix.weights import export, load_weights
-from tests.learning.trainings import PAIRED, TINY, TRAININGS, make_clouds
+from tests.learning.trainings import PAIRED, TINY, TRAININGS, make_clouds, make_set
 
 
 def test_non_finite_weights_are_never_saved(tmp_path):
@@ -38,13 +39,32 @@ def test_load_encoder(gan_checkpoint, tmp_path):
         train_autoencoder.load_encoder(gan_checkpoint)
 
 
-def test_codes_are_whitened(gan_data, gan_checkpoint):
-    state, _, _ = checkpoint.load(gan_checkpoint, "gan")
-    encoder = seeded(0, lambda: Encoder(TINY))
-    codes = train_gan.encode_clouds(encoder, gan_data.clouds, torch.device("cpu"))
+def many_objects():
+    """More objects than a code has numbers: the codes of fewer lie on a plane."""
+    seen = make_set(objects=12)
+    return GanData(seen.images, seen.azimuth_deg, seen.elevation_deg, seen.clouds)
+
+
+def test_codes_of_a_frozen_encoder_are_whitened(tmp_path):
+    data = many_objects()
+    given = seeded(0, lambda: Encoder(TINY)).eval()
+    before = copy.deepcopy(given.state_dict())
+    config = GanConfig(model=TINY, steps=1, batch=2)
+    state, _, _ = checkpoint.load(train_gan.train_gan(data, given, config, tmp_path), "gan")
+    assert all(torch.equal(value, before[key]) for key, value in given.state_dict().items())
+    encoder = Encoder(TINY)
+    encoder.load_state_dict(checkpoint.sub_state(state, "average.encoder"))
+    raw, codes = (
+        train_gan.encode_clouds(network, data.clouds, torch.device("cpu"))
+        for network in (given, encoder)
+    )
+    # a rotation: distances are kept, and variances are sorted
+    torch.testing.assert_close(torch.pdist(codes), torch.pdist(raw), rtol=1e-4, atol=1e-6)
+    assert (state["code_std"].diff() < 0).all()
     whitened = (codes - state["code_mean"]) / state["code_std"]
     assert whitened.mean(0).abs().max() < 1e-4  # float32, 1e-7 over a spread of 1e-2
-    assert (whitened.std(0, correction=0) - 1).abs().max() < 1e-4
+    covariance = torch.cov(whitened.T, correction=0)
+    torch.testing.assert_close(covariance, torch.eye(4), rtol=0, atol=2e-3)
 
 
 @pytest.mark.parametrize(
@@ -83,6 +103,12 @@ def test_bad_configurations_are_refused(gan_data, tmp_path):
         train_gan.train_gan(gan_data, Encoder(TINY), GanConfig(), tmp_path)
     with pytest.raises(BadInput, match="warm_up 5: objective acgan-code has no reconstruction"):
         GanConfig(warm_up=5)
+    for changes in ({"objective": "paired"}, {"start": "sha"}):
+        with pytest.raises(BadInput, match="grow 5: only the paper's objective, from random"):
+            GanConfig(grow=5, **changes)
+    for grow in (-1, 5):
+        with pytest.raises(BadInput, match=f"grow {grow}: leaves no steps of 10 at 128 px"):
+            GanConfig(grow=grow, steps=10)
 
 
 def paired_trainer(data, **changes):
@@ -134,3 +160,69 @@ def test_the_reconstruction_term_pulls_a_drawn_image_to_the_real_one(gan_data):
     trainer = paired_trainer(single, warm_up=99, generator_lr=1e-3)
     errors = [trainer.take_step()["reconstruction"] for _ in range(60)]
     assert np.mean(errors[-5:]) < 0.25 * np.mean(errors[:5])
+
+
+def grow(gan_data, folder, steps):
+    config = GanConfig(model=TINY, objective="acgan-paper", grow=2, batch=2, steps=steps)
+    return train_gan.train_gan(gan_data, seeded(0, lambda: Encoder(TINY)), config, folder)
+
+
+def test_a_grown_training_goes_on_exactly_and_exports_the_ordinary_generator(gan_data, tmp_path):
+    whole, cut = tmp_path / "whole", tmp_path / "cut"
+    grow(gan_data, whole, 7)
+    grow(gan_data, cut, 5)
+    grow(gan_data, cut, 7)
+    states = [checkpoint.load(f / checkpoint.FILE_NAME, "gan")[0] for f in (whole, cut)]
+    assert states[0].keys() == states[1].keys()
+    assert all(torch.equal(states[0][key], states[1][key]) for key in states[0])
+    export(whole / checkpoint.FILE_NAME, tmp_path / "w.safetensors")
+    generator = load_weights(tmp_path / "w.safetensors").generator
+    assert torch.equal(generator.conv.bias, states[0]["average.generator.conv.bias"])
+
+
+def test_a_new_resolution_is_averaged_from_its_own_start(gan_data):
+    config = GanConfig(model=TINY, objective="acgan-paper", grow=50, batch=2, steps=200)
+    trainer = _GanTrainer(gan_data, Encoder(TINY), config, torch.device("cpu"))
+    trainer.steps_done.fill_(100)
+    bias, average = trainer.generator.conv.bias, trainer.average["generator"].conv.bias
+    trainer.take_step()
+    # the first step of a memory that is short at first: 2 / 11 of what was there before
+    torch.testing.assert_close(average, bias * 9 / 11)
+
+
+@pytest.fixture(scope="module")
+def start(weights_file):
+    return load_weights(weights_file)
+
+
+def started_trainer(data, start, **changes):
+    config = GanConfig(model=TINY, objective="acgan-paper", batch=2, start=start.sha256, **changes)
+    return _GanTrainer(data, start.encoder, config, torch.device("cpu"), start=start)
+
+
+def test_a_training_starts_from_weights_with_codes_whitened_anew(start):
+    data = many_objects()
+    odd = replace(start, code_mean=start.code_mean + 0.1, code_std=torch.full((4,), 0.3))
+    trainer = started_trainer(data, odd)
+    raw = train_gan.encode_clouds(start.encoder, data.clouds, torch.device("cpu"))
+    torch.testing.assert_close(trainer.codes * trainer.code_std + trainer.code_mean, raw)
+    assert trainer.codes.mean(0).abs().max() < 1e-4
+    inputs = torch.zeros(12, 128), torch.full((12, 1), 0.3), torch.full((12, 1), 0.7)
+    expected = start.generator(inputs[0], (raw - odd.code_mean) / odd.code_std, *inputs[1:])
+    drawn = trainer.average["generator"](inputs[0], trainer.codes, *inputs[1:])
+    torch.testing.assert_close(drawn, expected, rtol=0, atol=1e-5)
+    assert not torch.equal(drawn[0], drawn[1])
+
+
+def test_the_discriminator_warms_up_before_a_generator_that_starts_from_weights(gan_data, start):
+    trainer = started_trainer(gan_data, start, warm_up=2)
+    judged = trainer.discriminator.real.weight.detach().clone()
+    weight = trainer.generator.dense.weight.detach().clone()
+    for step in (1, 2, 3):
+        losses = trainer.take_step()
+        assert not torch.equal(trainer.discriminator.real.weight, judged)
+        assert torch.equal(trainer.generator.dense.weight, weight) == (step <= 2)
+        assert (float(losses["g_total"]) == 0) == (step <= 2)
+        assert float(losses["d_total"]) > 0
+    expected = "generator 0 up to step 2, then 0.0001, discriminator 0.0002"
+    assert trainer.learning_rates(3) == expected

@@ -244,14 +244,8 @@ EXPECTED: Mapping[str, Mapping[str, Expectation]] = {
     "pc2pix@all": _PC2PIX | {"noise-2": _OFF},
     # The code changes in its seventh digit, and bfloat16 has three: single pixels move by more.
     "pc2pix@bf16": _PC2PIX | dict.fromkeys(("all-equal", "azimuth+180"), Agrees(EXACT_MEAN)),
-    "pc2pix@acgan": _PC2PIX
-    | {
-        "noise-2": _OFF,
-        "azimuth+180": Changes(1.0, "the azimuth is one number, with a jump at 180"),
-        "shuffled": Changes(1.0, "the paper's encoder goes along the order of the points"),
-        # Its encoder takes 2,048 points, so that every cloud is repeated up to that number.
-        **dict.fromkeys(_REPEATED, _EXACT),
-    },
+    # Its code is small sums of large numbers, so that rounded points move it by more.
+    "pc2pix@acgan": _PC2PIX | {"noise-2": _OFF, "millimetres": Agrees(2.0)},
     "pc2pix@widened": _PC2PIX,
     "splat-net@chair": _SPLAT_NET,
     "splat-net@chair-grey": _SPLAT_NET,

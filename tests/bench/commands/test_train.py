@@ -20,6 +20,7 @@ from learning.weights import file_sha256
 from pc2pix.train_autoencoder import AutoencoderConfig
 from pc2pix.train_decoder import DecoderConfig
 from pc2pix.train_gan import GanConfig
+from pc2pix.weights import load_weights as load_gan_weights
 
 
 def test_a_training_that_diverged_is_one_line(command, tmp_path):
@@ -187,6 +188,20 @@ def test_fused_net_refuses_nonsense(command, tmp_path, options, problem):
     assert (status, said) == (2, "")
     assert f"bench: {problem}" in err.splitlines()[-1]
     assert not out.exists()
+
+
+def test_the_gan_goes_on_from_weights_to_a_method(command, tmp_path):
+    out = tmp_path / "trained"
+    options = ("--objects", "2", "--views", "1", "--batch", "2", "--steps", "1", "--out", str(out))
+    options = ("--start", "chair", "--objective", "acgan-paper", "--warm-up", "1", *options)
+    status, said, err = command("train", "gan", *options)
+    assert (status, said) == (0, f"{out / 'weights.safetensors'}\n"), err
+    weights = find_method(f"pc2pix@{out / 'weights.safetensors'}").load("cpu").weights
+    started = load_gan_weights("chair")
+    assert weights.card["start"] == started.sha256
+    assert weights.card["model"] == started.card["model"]  # the azimuth is not the default's
+    assert weights.card["learning_rates"] == "generator 0 up to step 1"
+    assert torch.equal(weights.encoder.code.weight, started.encoder.code.weight)
 
 
 def test_occupancy_net_from_the_command_line_to_a_method(command, tmp_path):

@@ -1,0 +1,64 @@
+"""The configuration of a training of the GAN."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from data_prep.failures import BadInput
+from learning import training_loop
+from pc2pix.growth import HALVINGS
+from pc2pix.losses import OBJECTIVES
+from pc2pix.model import LITE, ModelConfig
+
+
+@dataclass(frozen=True)
+class GanConfig:
+    """The configuration, with the paper's defaults but for width and number of steps.
+
+    objective  a key of `pc2pix.losses.OBJECTIVES`
+    steps      pairs of one discriminator and one generator step (chair: 406,560 in the original)
+    warm_up    first steps that train one network alone: the generator by reconstruction (`paired`),
+               or the discriminator, before a generator that starts from weights
+    grow       steps at 32 px, and as many at 64 px, before those at 128 px
+    start      checksum of the weights that generator and encoder start from; None: random ones
+    augment    encode clouds with fewer points and noise (`pc2pix.augment.degrade`)
+    precision  bfloat16 is mixed precision: weights, spectral norms, BN statistics and losses stay
+               float32
+    """
+
+    model: ModelConfig = LITE
+    objective: str = "acgan-code"
+    steps: int = 20_000
+    warm_up: int = 0
+    grow: int = 0
+    start: str | None = None
+    batch: int = 32
+    augment: bool = False
+    generator_lr: float = 1e-4
+    discriminator_lr: float = 2e-4
+    ema_decay: float = 0.999
+    precision: training_loop.Precision = "float32"
+    seed: int = 0
+    cadence: training_loop.Cadence = training_loop.DEFAULT_CADENCE
+
+    def __post_init__(self) -> None:
+        if self.objective not in OBJECTIVES:
+            raise BadInput(
+                f"objective: unknown {self.objective!r}; choose one of {', '.join(OBJECTIVES)}"
+            )
+        paired = OBJECTIVES[self.objective].reconstruction_weight > 0
+        if self.warm_up and not paired and self.start is None:
+            raise BadInput(
+                f"warm_up {self.warm_up}: objective {self.objective} has no reconstruction term to "
+                "warm up with; use 0, the objective paired, or weights to start from"
+            )
+        if self.grow and (paired or self.start is not None):
+            raise BadInput(
+                f"grow {self.grow}: only the paper's objective, from random weights, grows its "
+                "images; use 0"
+            )
+        if self.grow < 0 or (self.grow and HALVINGS * self.grow >= self.steps):
+            raise BadInput(
+                f"grow {self.grow}: leaves no steps of {self.steps} at 128 px; use more steps, or "
+                "from 0 up to less than half of them"
+            )
