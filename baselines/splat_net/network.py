@@ -54,8 +54,8 @@ class NetworkConfig:
             raise BadInput(f"widths {self.widths}: expected five numbers, each at least 1")
         if "albedo" in self.heads and (self.heads, self.body) != (("grey", "albedo"), "splat-net"):
             raise BadInput(
-                f"heads {self.heads} of {self.body}: an albedo goes with the head grey of splat-net; "
-                "use ('grey', 'albedo')"
+                f"heads {self.heads} of {self.body}: an albedo goes with the head grey of "
+                "splat-net; use ('grey', 'albedo')"
             )
 
     @property
