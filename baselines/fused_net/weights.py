@@ -16,7 +16,9 @@ if TYPE_CHECKING:
     from baselines.splat_net.weights import SplatNetWeights
 
 FOLDER = Path(__file__).parent / "weights"
-BUNDLED: dict[str, str] = {}  # name -> sha256 of weights/<name>.safetensors
+BUNDLED: dict[str, str] = {  # name -> sha256 of weights/<name>.safetensors
+    "all-grey": "e0f287d441e456b3d741993d3a3731a73122689638c06c0e37d20639842ce4a0",
+}
 KIND = "fused-net"  # of the checkpoints of its training
 MESHES = ("denoised-wrap", "occupancy-net")  # methods whose meshes it can see
 
