@@ -23,8 +23,8 @@ from data_prep.clouds.conditions import CONDITIONS
 from data_prep.datasets.objects import SceneObject
 from data_prep.datasets.registry import open_dataset
 from data_prep.randomness import generator
-from studies.images import draw_all
-from studies.readme_image import CONDITION_TITLES, DPI, VIEW
+from studies.images import CONDITION_TITLES, VIEW, draw_all
+from studies.readme_image import DPI
 
 METHODS = ("denoised-alpha", "pc2pix", "splat-net@chair")
 SHOWN = 2
