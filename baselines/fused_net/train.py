@@ -23,7 +23,7 @@ from baselines.splat_net.train import (
     VIEWS_TOGETHER,
     Seen,
     SplatNetConfig,
-    _SplatNetTrainer,
+    SplatNetTrainer,
     surface_arrays,
 )
 from learning import training_loop
@@ -64,7 +64,7 @@ def train_fused_net(
     return training_loop.train(build, config, arrays, out_dir, device, on_progress)
 
 
-class _FusedNetTrainer(_SplatNetTrainer):
+class _FusedNetTrainer(SplatNetTrainer):
     kind = KIND
 
     def __init__(

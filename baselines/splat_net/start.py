@@ -2,10 +2,9 @@
 
 A training exports its network twice, each for one image; the trained network has the heads of both.
 A network with one colour for the image starts from any, and learns the colour anew where the file
-has none. Inputs that
-the new network lacks are cut out of the first layer; new inputs are not used yet. A wider network
-draws as the narrower one did: its additional channels are random, and no earlier channel uses them
-yet.
+has none. Inputs that the new network lacks are cut out of the first layer; new inputs are not used
+yet. A wider network draws as the narrower one did: its additional channels are random, and no
+earlier channel uses them yet.
 """
 
 from __future__ import annotations
@@ -60,7 +59,6 @@ def read_start(name_or_path: str, config: NetworkConfig, seed: int = 0) -> Start
         state, sha256 = _both(name_or_path, colour, grey), f"{colour.sha256} {grey.sha256}"
         if "colour" not in config.heads:
             state |= {key: state[key][GREY_ROWS] for key in HEAD}
-    state = {key: part for key, part in state.items() if key.split(".")[0] in _parts(config)}
     read = colour.network.config
     if (read.body, config.body) != ("splat-net", "splat-net"):
         raise BadInput(
@@ -76,12 +74,6 @@ def read_start(name_or_path: str, config: NetworkConfig, seed: int = 0) -> Start
     network = training_loop.seeded(seed, lambda: SplatNet(config))
     _fill(network, state)
     return Start(network.eval().requires_grad_(False), sha256)
-
-
-def _parts(config: NetworkConfig) -> set[str]:
-    """Return the names of the modules of a configuration's network."""
-    with torch.device("meta"):
-        return {name for name, _ in SplatNet(config).named_children()}
 
 
 def _both(name_or_path: str, colour: SplatNetWeights, grey: SplatNetWeights) -> dict[str, Tensor]:

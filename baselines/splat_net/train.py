@@ -112,7 +112,7 @@ def train_splat_net(
     Raises BadInput where `out_dir` holds a run of another configuration or other data, or objects
     have fewer than VIEWS_TOGETHER views; TrainingDiverged where a loss stops being finite.
     """
-    build = functools.partial(_SplatNetTrainer, data, config, start=start)
+    build = functools.partial(SplatNetTrainer, data, config, start=start)
     return training_loop.train(build, config, surface_arrays(data), out_dir, device, on_progress)
 
 
@@ -131,7 +131,9 @@ def surface_arrays(data: SurfaceSet) -> list[NDArray[Any]]:
     return [*arrays, data.coverage, data.grey]
 
 
-class _SplatNetTrainer(CooledTrainer):
+class SplatNetTrainer(CooledTrainer):
+    """The trainer of splat-net; fused-net's draws its batches from other clouds."""
+
     kind = KIND
     config: SplatNetConfig
 
@@ -168,6 +170,7 @@ class _SplatNetTrainer(CooledTrainer):
         self.shown = torch.arange(count) * len(self.clouds) // count  # objects of the sheets
 
     def parts(self) -> dict[str, Part]:
+        """Return networks, optimisers and the random generator."""
         return {
             "network": self.network,
             "judge": self.judge,
@@ -178,6 +181,7 @@ class _SplatNetTrainer(CooledTrainer):
         }
 
     def take_step(self) -> dict[str, Tensor]:
+        """Take a step of the network and of its judge, and return the terms of the loss."""
         self.network.train()
         self.judge.train()
         if self.steps_left() <= self.config.cool_down:
@@ -212,9 +216,8 @@ class _SplatNetTrainer(CooledTrainer):
 
     def _images(self, output: Tensor) -> tuple[Tensor, Tensor]:
         """Return the images in colour [B, 3, S, S] and in grey [B, 1, S, S] of an output."""
-        images = composite(output, self.config.network.heads)[1]
-        by_channels = {image.shape[1]: image for image in images}
-        return by_channels[3], by_channels[1]
+        first, second = composite(output, self.config.network.heads)[1]
+        return (second, first) if self.one_colour else (first, second)
 
     def _judge(self, drawn: Tensor, real: Tensor) -> tuple[Tensor, Tensor]:
         """Take a step of the judge; return its error, and how false [B] it finds drawn images.

@@ -58,6 +58,17 @@ START = OptionSpec(
     "Default: random weights.",
     convert=expand_file,
 )
+COOLED_OPTIONS: dict[str, str | OptionSpec] = {
+    "augment": "Train on clouds with noise and with fewer points.",
+    "cool_down": "Steps at the end over which the learning rate falls to zero.",
+    "learning_rate": "Learning rate of Adam.",
+}
+U_NET_OPTIONS: dict[str, str | OptionSpec] = COOLED_OPTIONS | {
+    "views": VIEWS,
+    "start": START,
+    "objective": "Loss: l1, l1-patch, relief or pix2pix; see docs/training.md.",
+    "warm_up": "Steps at the start in which the patch discriminator only learns (not with l1).",
+}
 
 
 @app.command("autoencoder")
@@ -110,22 +121,16 @@ def gan_command(options: GanOptions) -> None:
 @options_from_dataclass(
     SplatNetOptions,
     TRAIN_OPTIONS
+    | U_NET_OPTIONS
     | {
-        "augment": "Train on clouds with noise and with fewer points.",
         "network": "Network: tiny, default, large, depth (the nearest depth alone) or points2pix.",
-        "views": VIEWS,
-        "start": START,
         "colours": "One colour for the image, whatever the shape, or one for each pixel.",
-        "objective": "Loss: l1, l1-patch, relief or pix2pix; see docs/training.md.",
         "without": OptionSpec(
             "Inputs to leave out, comma-separated: normals, density, flattened, far, discs. "
             "Default: none.",
             convert=lambda text: names(text) or (),
             default=None,
         ),
-        "warm_up": "Steps at the start in which the patch discriminator only learns (not with l1).",
-        "cool_down": "Steps at the end over which the learning rate falls to zero.",
-        "learning_rate": "Learning rate of Adam.",
     },
 )
 def splat_net_command(options: SplatNetOptions) -> None:
@@ -139,21 +144,16 @@ def splat_net_command(options: SplatNetOptions) -> None:
 @options_from_dataclass(
     FusedNetOptions,
     TRAIN_OPTIONS
+    | U_NET_OPTIONS
     | {
-        "augment": "Train on clouds with noise and with fewer points.",
         "network": "Network: tiny, default or large, as of splat-net.",
         "meshes": OptionSpec(
             "Methods whose meshes it sees, comma-separated: denoised-wrap, occupancy-net.",
             convert=lambda text: names(text) or (),
             default="denoised-wrap,occupancy-net",
         ),
-        "views": VIEWS,
         "start": replace(START, help=f"Splat-net's weights. {START.help}"),
-        "objective": "Loss: l1, l1-patch, relief or pix2pix; see docs/training.md.",
         "steps": "Steps in total, with those done before a resume; 0: only compute the meshes.",
-        "warm_up": "Steps at the start in which the patch discriminator only learns (not with l1).",
-        "cool_down": "Steps at the end over which the learning rate falls to zero.",
-        "learning_rate": "Learning rate of Adam.",
     },
 )
 def fused_net_command(options: FusedNetOptions) -> None:
@@ -166,12 +166,7 @@ def fused_net_command(options: FusedNetOptions) -> None:
 @app.command("occupancy-net")
 @options_from_dataclass(
     OccupancyNetOptions,
-    TRAIN_OPTIONS
-    | {
-        "augment": "Train on clouds with noise and with fewer points.",
-        "cool_down": "Steps at the end over which the learning rate falls to zero.",
-        "learning_rate": "Learning rate of Adam.",
-    },
+    TRAIN_OPTIONS | COOLED_OPTIONS,
 )
 def occupancy_net_command(options: OccupancyNetOptions) -> None:
     """Train the occupancy network on labelled places; the shapes have to be closed."""

@@ -106,9 +106,7 @@ def train_splat_net(options: SplatNetOptions) -> Path:
     network = do_without(_find_network(options.network), options.without)
     if network.body == "splat-net":
         network = replace(network, heads=COLOUR_HEADS[options.colours])
-    start = None
-    if options.start is not None:
-        start = read_start(options.start, network, options.seed)
+    start = read_start(options.start, network, options.seed) if options.start else None
     config = _config(
         splat_net.SplatNetConfig, options, network=network, start=start.sha256 if start else None
     )

@@ -78,63 +78,64 @@ class GanOptions(TrainingOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SplatNetOptions(TrainingOptions):
-    """The options of splat-net; see `baselines.splat_net.train.SplatNetConfig`.
+class UNetOptions(TrainingOptions):
+    """The options that splat-net and fused-net share.
 
     Attributes
     ----------
     network : str
         A key of `baselines.splat_net.network.NETWORKS`.
+    start : str or None
+        Weights of splat-net to start from, see `baselines.splat_net.start.read_start`; None:
+        random ones.
+    """
+
+    network: str = "default"
+    views: int
+    start: str | None = None
+    objective: str = "l1"
+    augment: bool = True
+    warm_up: int = 0
+    cool_down: int = 2000
+    batch: int = 24
+    learning_rate: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class SplatNetOptions(UNetOptions):
+    """The options of splat-net; see `baselines.splat_net.train.SplatNetConfig`.
+
+    Attributes
+    ----------
     without : tuple of str
         Inputs to leave out, see `bench.training.networks.do_without`.
-    start : str or None
-        Weights to start from, see `baselines.splat_net.start.read_start`; None: random ones.
     colours : str
         One colour for the image, or one for each pixel; points2pix has these always.
     """
 
-    network: str = "default"
     colours: Literal["image", "pixel"] = "image"
-    views: int = 8
-    start: str | None = None
-    objective: str = "l1"
     without: tuple[str, ...] = ()
-    augment: bool = True
+    views: int = 8
     steps: int = 8000
-    warm_up: int = 0
-    cool_down: int = 2000
-    batch: int = 24
     learning_rate: float = 2e-3
     out: Path = Path("training/splat-net")
 
 
 @dataclass(frozen=True, kw_only=True)
-class FusedNetOptions(TrainingOptions):
+class FusedNetOptions(UNetOptions):
     """The options of fused-net; see `baselines.fused_net.train.FusedNetConfig`.
 
     Attributes
     ----------
-    network : str
-        A key of `baselines.splat_net.network.NETWORKS`.
     meshes : tuple of str
         Methods whose meshes it sees, of `baselines.fused_net.weights.MESHES`.
-    start : str or None
-        Weights of splat-net to start from, see `baselines.splat_net.start.read_start`; None:
-        random ones.
     steps : int
         0: compute the maps of the meshes and train nothing.
     """
 
-    network: str = "default"
     meshes: tuple[str, ...] = ("denoised-wrap", "occupancy-net")
     views: int = 4
-    start: str | None = None
-    objective: str = "l1"
-    augment: bool = True
     steps: int = 4000
-    warm_up: int = 0
-    cool_down: int = 2000
-    batch: int = 24
     learning_rate: float = 1e-3
     out: Path = Path("training/fused-net")
 

@@ -15,7 +15,7 @@ from baselines.splat_net.network import (
 from baselines.splat_net.projection import ALL_INPUTS, Inputs, cameras, project
 from baselines.splat_net.start import read_start
 from baselines.splat_net.surfels import find_surfels, stack
-from baselines.splat_net.train import KIND, SplatNetConfig, _SplatNetTrainer, train_splat_net
+from baselines.splat_net.train import KIND, SplatNetConfig, SplatNetTrainer, train_splat_net
 from baselines.splat_net.weights import BUNDLED, export
 from bench.training.networks import do_without
 from data_prep.failures import BadInput
@@ -76,7 +76,7 @@ def _seen(inputs: Inputs) -> torch.Tensor:
 def test_training_goes_on_from_it(data, files, tmp_path) -> None:
     start = read_start(str(files), SMALL)
     config = SplatNetConfig(network=SMALL, steps=1, cool_down=1, batch=4, start=start.sha256)
-    trainer = _SplatNetTrainer(data, config, torch.device("cpu"), start=start.network)
+    trainer = SplatNetTrainer(data, config, torch.device("cpu"), start=start.network)
     for part in (trainer.network, trainer.average):
         state = part.state_dict()
         assert all(torch.equal(state[k], v) for k, v in start.network.state_dict().items())

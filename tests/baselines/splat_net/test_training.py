@@ -12,14 +12,15 @@ from baselines.splat_net.losses import (
     GREY_WEIGHT,
     STRUCTURE_WEIGHT,
     coverage_error,
+    tilt_error,
 )
-from baselines.splat_net.network import NetworkConfig, composite
+from baselines.splat_net.network import COLOUR_HEADS, NetworkConfig, composite
 from baselines.splat_net.projection import cameras, project
 from baselines.splat_net.surfels import find_surfels, stack
 from baselines.splat_net.train import (
     VIEWS_TOGETHER,
     SplatNetConfig,
-    _SplatNetTrainer,
+    SplatNetTrainer,
     train_splat_net,
 )
 from data_prep.failures import BadInput
@@ -36,7 +37,7 @@ def configure(**changes):
     return SplatNetConfig(**{**defaults, **changes})
 
 
-def build(data, kind=_SplatNetTrainer, **changes):
+def build(data, kind=SplatNetTrainer, **changes):
     return kind(data, configure(**changes), torch.device("cpu"))
 
 
@@ -145,7 +146,33 @@ def test_what_is_minimised_is_the_weighted_sum_of_the_terms(data):
     torch.testing.assert_close(trainer.network.last.weight.grad, expected, rtol=1e-4, atol=1e-6)
 
 
-class Batches(_SplatNetTrainer):
+@pytest.mark.parametrize("heads", COLOUR_HEADS.values())
+def test_the_error_of_tilts_is_minimised_with_the_others(data, heads):
+    """Of what covers a pixel in grey; one colour for the image leaves everything else to grey."""
+    network = dataclasses.replace(SMALL, heads=heads)
+    trainer = build(data, objective="relief", network=network, seed=1, warm_up=1)
+    trainer.adam = torch.optim.SGD(trainer.network.parameters(), lr=0.0)
+    before = {key: value.clone() for key, value in trainer.state().items()}
+    seen, truth, _ = trainer._draw_batch()
+    output = trainer.network.train()(*seen)
+    images = dict(zip(heads, composite(output, heads)[1], strict=True))
+    one = "albedo" in heads
+    cover = output[:, [1 if one else 4]].sigmoid()
+    tilt = tilt_error(cover, truth.grey, truth.coverage)
+    total = coverage_error(output[:, :1], truth.coverage) * COVERAGE_WEIGHT + 0.3 * tilt
+    colour = images["albedo" if one else "colour"]
+    for drawn, real, weight in (
+        (colour, truth.colour, 1),
+        (images["grey"], truth.grey, 1 if one else GREY_WEIGHT),
+    ):
+        total = total + weight * weighted_error(drawn, real, truth.coverage > 0, STRUCTURE_WEIGHT)
+    (expected,) = torch.autograd.grad(total, trainer.network.last.weight)
+    trainer.restore(before)
+    assert trainer.take_step()["tilt"].item() == pytest.approx(tilt.item(), rel=1e-5)
+    torch.testing.assert_close(trainer.network.last.weight.grad, expected, rtol=1e-4, atol=1e-6)
+
+
+class Batches(SplatNetTrainer):
     """A trainer whose batches are clouds as they are projected, their views, and their noise."""
 
     def _scene(self, points, objects, views, mirrored):
