@@ -17,7 +17,7 @@ from torch import Tensor
 
 from baselines.fused_net.data import FusedSet, decode, mirror
 from baselines.fused_net.weights import KIND, check_meshes
-from baselines.splat_net.losses import Truth
+from baselines.splat_net.losses import FeatureMaps, Truth
 from baselines.splat_net.points2pix import Network
 from baselines.splat_net.train import (
     VIEWS_TOGETHER,
@@ -52,6 +52,7 @@ def train_fused_net(
     out_dir: Path,
     *,
     start: Network | None = None,
+    features: FeatureMaps | None = None,
     device: str = "cpu",
     on_progress: training_loop.OnProgress = lambda report: None,
 ) -> Path:
@@ -60,7 +61,7 @@ def train_fused_net(
     Arguments and errors are those of `baselines.splat_net.train.train_splat_net`.
     """
     arrays = [*surface_arrays(data.surfaces), data.counts, data.noise, data.maps]
-    build = functools.partial(_FusedNetTrainer, data, config, start=start)
+    build = functools.partial(_FusedNetTrainer, data, config, start=start, features=features)
     return training_loop.train(build, config, arrays, out_dir, device, on_progress)
 
 
@@ -74,8 +75,9 @@ class _FusedNetTrainer(SplatNetTrainer):
         device: torch.device,
         processes: Processes = ONE,
         start: Network | None = None,
+        features: FeatureMaps | None = None,
     ) -> None:
-        super().__init__(data.surfaces, config, device, processes, start)
+        super().__init__(data.surfaces, config, device, processes, start, features)
         self.maps = data.maps
         self.counts = torch.from_numpy(data.counts)
         self.noise = torch.from_numpy(data.noise)

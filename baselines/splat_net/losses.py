@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import torch
@@ -19,6 +20,8 @@ TILT_WEIGHT = 0.3
 WHOLE = 254.5 / 255  # coverage of a pixel whose samples are all of the object
 # The true grey has 8 bits: at a tilt of 0 the next grey level is a tilt of some 10 degrees.
 FLAT = 0.01
+NO_LENGTH = 1e-6
+FeatureMaps = Callable[[Tensor], Sequence[Tensor]]  # of images [B, 3, S, S] in 0..255
 
 
 @dataclass(frozen=True)
@@ -34,6 +37,7 @@ class SplatNetObjective:
                   colours rewards guesses, in blotches; without, colours that the shape does not
                   decide become the median of those that are possible
     tilts         the error of tilts counts, too (`tilt_error`)
+    features      weight of the distance of deep features (`feature_error`)
     """
 
     patch_weight: tuple[float, float] | None
@@ -41,6 +45,7 @@ class SplatNetObjective:
     plain: bool = False
     colours: bool = False
     tilts: bool = False
+    features: float = 0.0
 
     def image_error(self, drawn: Tensor, real: Tensor, coverage: Tensor) -> Tensor:
         """Return the error of images [B, C, S, S], given coverage [B, 1, S, S] in 0..1; a scalar.
@@ -74,6 +79,12 @@ OBJECTIVES = {
         (0.1, 0.2),
         "l1-patch, with more weight of patches on clean clouds, and the error of tilts",
         tilts=True,
+    ),
+    "perceptual": SplatNetObjective(
+        (0.1, 0.2),
+        "relief, and the distance of features of EfficientNet-Lite0 (after Johnson et al. 2016)",
+        tilts=True,
+        features=2.0,
     ),
     "pix2pix": SplatNetObjective(
         (0.01, 0.01),
@@ -125,6 +136,26 @@ def tilt_error(cover: Tensor, grey: Tensor, coverage: Tensor) -> Tensor:
         differences = (error[at[1]] - error[at[0]]).abs()
         total = total + (both * differences).sum() / both.sum().clamp(min=1)
     return total
+
+
+def feature_error(drawn: Tensor, real: Tensor, maps: FeatureMaps) -> Tensor:
+    """Return the mean squared distance of deep features, each pixel's of length 1; a scalar.
+
+    That is LPIPS without its heads (Zhang et al. 2018). Grey images [B, 1, S, S] in 0..1.
+    """
+    with torch.no_grad():
+        targets = maps(255 * real.expand(-1, 3, -1, -1))
+    errors = [
+        (_directions(a) - _directions(b)).square().sum(dim=1).mean()
+        for a, b in zip(maps(255 * drawn.expand(-1, 3, -1, -1)), targets, strict=True)
+    ]
+    return torch.stack(errors).mean()
+
+
+def _directions(features: Tensor) -> Tensor:
+    """Return features [B, C, h, w] of length 1; those of length 0 stay."""
+    features = features.float()
+    return features / (torch.linalg.vector_norm(features, dim=1, keepdim=True) + NO_LENGTH)
 
 
 def _tilt(grey: Tensor) -> Tensor:

@@ -25,9 +25,11 @@ from baselines.splat_net.losses import (
     GREY_WEIGHT,
     OBJECTIVES,
     TILT_WEIGHT,
+    FeatureMaps,
     PatchJudge,
     Truth,
     coverage_error,
+    feature_error,
     judge_error,
     tilt_error,
 )
@@ -101,18 +103,20 @@ def train_splat_net(
     out_dir: Path,
     *,
     start: Network | None = None,
+    features: FeatureMaps | None = None,
     device: str = "cpu",
     on_progress: training_loop.OnProgress = lambda report: None,
 ) -> Path:
     """Train to `config.steps`, continuing a run in `out_dir`, and return the checkpoint's path.
 
-    start  a network of `config.network` whose weights training starts from, where `config.start`
-           names them
+    start     a network of `config.network` whose weights training starts from, where
+              `config.start` names them
+    features  maps that the objective compares, where it compares some
 
     Raises BadInput where `out_dir` holds a run of another configuration or other data, or objects
     have fewer than VIEWS_TOGETHER views; TrainingDiverged where a loss stops being finite.
     """
-    build = functools.partial(SplatNetTrainer, data, config, start=start)
+    build = functools.partial(SplatNetTrainer, data, config, start=start, features=features)
     return training_loop.train(build, config, surface_arrays(data), out_dir, device, on_progress)
 
 
@@ -144,9 +148,11 @@ class SplatNetTrainer(CooledTrainer):
         device: torch.device,
         processes: Processes = ONE,
         start: Network | None = None,
+        features: FeatureMaps | None = None,
     ) -> None:
         super().__init__(config, device, processes)
         self.data, self.batch = data, config.batch
+        self.features = features
         self.objective = OBJECTIVES[config.objective]
         # Then the image in colour teaches the colour alone, and the grey one everything else.
         self.one_colour = config.network.heads == COLOUR_HEADS["image"]
@@ -202,6 +208,13 @@ class SplatNetTrainer(CooledTrainer):
             cover = output[:, place, None].float().sigmoid()
             terms["tilt"] = tilt_error(cover, truth.grey, truth.coverage)
             total = total + TILT_WEIGHT * terms["tilt"]
+        if self.objective.features:
+            assert self.features is not None, "the objective compares features"
+            # One view of each cloud: features of all would take longer than the network itself.
+            some = slice(None, None, VIEWS_TOGETHER)
+            with self.autocast():
+                terms["features"] = feature_error(grey[some], truth.grey[some], self.features)
+            total = total + self.objective.features * terms["features"]
         if self.objective.patch_weight:
             judged = self.objective.judged
             error, patches = self._judge(judged(colour, grey), judged(truth.colour, truth.grey))

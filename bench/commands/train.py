@@ -66,7 +66,7 @@ COOLED_OPTIONS: dict[str, str | OptionSpec] = {
 U_NET_OPTIONS: dict[str, str | OptionSpec] = COOLED_OPTIONS | {
     "views": VIEWS,
     "start": START,
-    "objective": "Loss: l1, l1-patch, relief or pix2pix; see docs/training.md.",
+    "objective": "Loss: l1, l1-patch, relief, perceptual or pix2pix; see docs/training.md.",
     "warm_up": "Steps at the start in which the patch discriminator only learns (not with l1).",
 }
 

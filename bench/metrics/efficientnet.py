@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -33,6 +33,7 @@ BATCH = 10  # images in one call: another number may move a feature by rounding
 LEAST = 32  # px: five strides of 2
 OFFSET, SCALE = 127.0, 128.0
 EPSILON = 1e-3  # of BatchNorm
+COMPARED = (1, 3, 5)  # blocks whose outputs trainings compare: the first ones of 32, 16 and 8 px
 STAGES = ((1, 1), (2, 2), (2, 2), (3, 2), (3, 1), (4, 2), (1, 1))  # blocks, stride of the first
 
 
@@ -86,16 +87,35 @@ class EfficientNet:
         parts = [self._encode(images[i : i + BATCH]) for i in range(0, len(images), BATCH)]
         return torch.cat([torch.empty(0, len(self._head.bias)), *parts]).numpy()
 
+    def first_maps(self, images: Tensor) -> list[Tensor]:
+        """Return maps of images [N, 3, H, W] in 0..255 after the stem and after three halvings.
+
+        Gradients reach the images: trainings compare such maps.
+        """
+        x = images.to(self.dtype, memory_format=torch.channels_last)
+        x = self._stem((x - OFFSET) / SCALE)
+        maps = [x]
+        for i, layers in enumerate(self._blocks[: COMPARED[-1] + 1]):
+            x = _block(layers, x)
+            if i in COMPARED:
+                maps.append(x)
+        return maps
+
     def _encode(self, images: NDArray[np.uint8]) -> Tensor:
         # A copy by NumPy: torch refuses negative strides, those of mirrored images.
         x = torch.from_numpy(images.copy()).permute(0, 3, 1, 2).to(self.dtype)
         x = self._stem((x - OFFSET) / SCALE)
         for layers in self._blocks:
-            y = x
-            for layer in layers:
-                y = layer(y)
-            x = x + y if x.shape == y.shape else y
+            x = _block(layers, x)
         return self._head(x).mean(dim=(2, 3)).float()
+
+
+def _block(layers: Iterable[Layer], x: Tensor) -> Tensor:
+    """Return an inverted bottleneck of x, with a skip where the shapes are equal."""
+    y = x
+    for layer in layers:
+        y = layer(y)
+    return x + y if x.shape == y.shape else y
 
 
 def _layer(

@@ -21,8 +21,12 @@ from baselines.occupancy_net import train as occupancy_net
 from baselines.occupancy_net import weights as occupancy_net_weights
 from baselines.splat_net import train as splat_net
 from baselines.splat_net import weights as splat_net_weights
+from baselines.splat_net.losses import OBJECTIVES, FeatureMaps
 from baselines.splat_net.network import COLOUR_HEADS, NETWORKS, Material, NetworkConfig
 from baselines.splat_net.start import grey_beside, read_start
+from bench.metrics.efficientnet import load_efficientnet
+from bench.metrics.inception_weights import WeightsUnavailable
+from bench.metrics.learned_weights import find_efficientnet_weights
 from bench.training.options import (
     DEFAULT_OBJECTS,
     AutoencoderOptions,
@@ -103,6 +107,7 @@ def train_gan(options: GanOptions) -> Path:
 def train_splat_net(options: SplatNetOptions) -> Path:
     """Train splat-net; return the exported weights file, beside which `weights-grey` stands."""
     _set_threads(options)
+    features = _features(options.objective)
     network = do_without(_find_network(options.network), options.without)
     if network.body == "splat-net":
         network = replace(network, heads=COLOUR_HEADS[options.colours])
@@ -117,6 +122,7 @@ def train_splat_net(options: SplatNetOptions) -> Path:
             config,
             options.out,
             start=start.network if start else None,
+            features=features,
             device=options.device,
             on_progress=show,
         )
@@ -130,6 +136,7 @@ def train_fused_net(options: FusedNetOptions) -> Path:
     """
     _set_threads(options)
     check_meshes(options.meshes, "--meshes")
+    features = _features(options.objective)
     network = _find_network(options.network)
     inputs = replace(network.inputs, meshes=options.meshes)
     network = replace(network, inputs=inputs, heads=COLOUR_HEADS["image"])
@@ -160,6 +167,7 @@ def train_fused_net(options: FusedNetOptions) -> Path:
             config,
             options.out,
             start=start.network if start else None,
+            features=features,
             device=options.device,
             on_progress=show,
         )
@@ -241,6 +249,20 @@ def _find_network(name: str) -> NetworkConfig:
     if name not in NETWORKS:
         raise BadInput(f"--network: unknown '{name}'; choose one of {', '.join(NETWORKS)}")
     return NETWORKS[name]
+
+
+def _features(objective: str) -> FeatureMaps | None:
+    """Return the maps that an objective compares, None where it compares none.
+
+    Raises BadInput where the package with their weights is absent or another.
+    """
+    chosen = OBJECTIVES.get(objective)
+    if chosen is None or not chosen.features:
+        return None
+    try:
+        return load_efficientnet(find_efficientnet_weights()).first_maps
+    except WeightsUnavailable as error:
+        raise BadInput(f"--objective {objective}: {error}") from error
 
 
 def _surfaces(objects: Sequence[SceneObject], views: int) -> SurfaceSet:

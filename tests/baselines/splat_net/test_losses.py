@@ -10,6 +10,7 @@ from baselines.splat_net.losses import (
     STRUCTURE_WEIGHT,
     PatchJudge,
     coverage_error,
+    feature_error,
     judge_error,
     tilt_error,
 )
@@ -157,3 +158,24 @@ def test_tilts_are_compared_in_pixels_that_are_covered_whole() -> None:
     drawn[..., 2:] = 0.1
     assert tilt_error(drawn, true, coverage) == 0
     assert tilt_error(drawn, true, torch.zeros_like(coverage)) == 0
+
+
+def test_features_are_compared_by_their_directions() -> None:
+    """One map turns by an angle between the images, the other is the same whatever its length."""
+
+    def maps(images: torch.Tensor) -> list[torch.Tensor]:
+        assert images.shape == (2, 3, 4, 4)
+        angle = images[:, :1] / 255
+        turned = torch.cat([angle.cos(), angle.sin()], dim=1)
+        longer = images[:, :1] * torch.tensor([3.0, 4.0]).reshape(1, 2, 1, 1)
+        return [5 * turned, longer]
+
+    real, drawn = torch.full((2, 1, 4, 4), 0.2), torch.full((2, 1, 4, 4), 0.7, requires_grad=True)
+    error = feature_error(drawn, real, maps)
+    # Two directions at an angle t are 2 sin(t / 2) apart; two maps count alike.
+    assert error.item() == pytest.approx((2 * math.sin(0.25)) ** 2 / 2, rel=1e-5)
+    error.backward()
+    assert drawn.grad is not None
+    assert drawn.grad.sum().item() == pytest.approx(2 * math.sin(0.5) / 2, rel=1e-5)
+    assert feature_error(real, real, maps).item() == 0
+    assert feature_error(torch.zeros_like(real), torch.zeros_like(real), maps).item() == 0

@@ -10,8 +10,10 @@ import torch
 from baselines.splat_net.losses import (
     COVERAGE_WEIGHT,
     GREY_WEIGHT,
+    OBJECTIVES,
     STRUCTURE_WEIGHT,
     coverage_error,
+    feature_error,
     tilt_error,
 )
 from baselines.splat_net.network import COLOUR_HEADS, NetworkConfig, composite
@@ -37,8 +39,8 @@ def configure(**changes):
     return SplatNetConfig(**{**defaults, **changes})
 
 
-def build(data, kind=SplatNetTrainer, **changes):
-    return kind(data, configure(**changes), torch.device("cpu"))
+def build(data, kind=SplatNetTrainer, features=None, **changes):
+    return kind(data, configure(**changes), torch.device("cpu"), features=features)
 
 
 def test_sheets_change_nothing(data):
@@ -144,6 +146,31 @@ def test_what_is_minimised_is_the_weighted_sum_of_the_terms(data):
     trainer.restore(before)
     trainer.take_step()
     torch.testing.assert_close(trainer.network.last.weight.grad, expected, rtol=1e-4, atol=1e-6)
+
+
+def test_the_distance_of_features_is_minimised_with_the_others(data):
+    """That of the first view of each cloud, in grey."""
+
+    def maps(images):
+        bright = images[:, :1] / 255
+        return [torch.cat([bright, 1 - bright], dim=1)[..., ::step] for step in (1, 2)]
+
+    kept = {}
+    for objective in ("relief", "perceptual"):
+        trainer = build(data, objective=objective, network=SMALL, seed=1, warm_up=1, features=maps)
+        trainer.adam = torch.optim.SGD(trainer.network.parameters(), lr=0.0)
+        before = {key: value.clone() for key, value in trainer.state().items()}
+        terms = trainer.take_step()
+        kept[objective] = trainer.network.last.weight.grad.clone()
+    trainer.restore(before)
+    seen, truth, _ = trainer._draw_batch()
+    _, (_, grey) = composite(trainer.network.train()(*seen), ("colour", "grey"))
+    distance = feature_error(grey[::VIEWS_TOGETHER], truth.grey[::VIEWS_TOGETHER], maps)
+    assert terms["features"].item() == pytest.approx(distance.item(), rel=1e-5)
+    weight = OBJECTIVES["perceptual"].features
+    (added,) = torch.autograd.grad(weight * distance, trainer.network.last.weight)
+    assert added.abs().max() > 1e-3
+    torch.testing.assert_close(kept["perceptual"] - kept["relief"], added, rtol=1e-4, atol=1e-5)
 
 
 @pytest.mark.parametrize("heads", COLOUR_HEADS.values())

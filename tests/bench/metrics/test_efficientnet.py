@@ -93,10 +93,23 @@ def test_the_network_as_modules(double):
     assert [t.shape for t in named.values()] == [t.shape for t in stored]
     network.load_state_dict(dict(zip(named, stored, strict=True)))
     images = noise(3, 2, 64, 96, 3)
-    x = (torch.from_numpy(images).permute(0, 3, 1, 2).double() - 127) / 128
-    with torch.inference_mode():
+    pixels = torch.from_numpy(images).permute(0, 3, 1, 2).double()
+    x = (pixels - 127) / 128
+    with torch.no_grad():
         expected = network.eval().double()(x).mean(dim=(2, 3)).numpy()
     np.testing.assert_allclose(double.features(images), expected, rtol=0, atol=1e-6)
+
+    compared = double.first_maps(pixels.requires_grad_())
+    assert [tuple(m.shape[1:]) for m in compared] == [
+        *((32, 32, 48), (24, 16, 24), (40, 8, 12), (80, 4, 6))
+    ]
+    # After the stem and its ReLU6, and after the first block of each of three stages of stride 2.
+    for ours, layers in zip(compared, (2, 4, 6, 8), strict=True):
+        torch.testing.assert_close(ours, network[:layers](x), rtol=0, atol=1e-6)
+    (gradient,) = torch.autograd.grad(compared[-1].sum(), pixels)
+    theirs = pixels.detach().clone().requires_grad_()
+    (expected,) = torch.autograd.grad(network[:8]((theirs - 127) / 128).sum(), theirs)
+    torch.testing.assert_close(gradient, expected, rtol=0, atol=1e-6)
 
 
 def test_each_image_by_itself(double):
