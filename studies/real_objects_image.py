@@ -18,7 +18,7 @@ from data_prep.datasets.registry import open_dataset
 from data_prep.shapes.catalogue import CLASSES
 from studies.images import CONDITION_TITLES, draw_row
 
-METHODS = ("denoised-wrap", "occupancy-net", "splat-net@grey", "fused-net")
+METHODS = ("denoised-wrap", "occupancy-net", "splat-net@grey", "fused-net@grey")
 ROWS = 10
 SIZE_IN = (8.3, 9.2)
 DPI = 160

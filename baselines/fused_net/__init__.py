@@ -17,7 +17,7 @@ __all__ = ["load"]
 
 
 def load(
-    name_or_path: str | Path = "all-grey",
+    name_or_path: str | Path = "all",
     *,
     device: str = "cpu",
     precision: Precision = "float32",

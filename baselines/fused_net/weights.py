@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 FOLDER = Path(__file__).parent / "weights"
 BUNDLED: dict[str, str] = {  # name -> sha256 of weights/<name>.safetensors
+    "all": "279694f1ac1bcb182e88f34c17e9e466d1e658945bad5113a5f65b0354597552",
     "all-grey": "e0f287d441e456b3d741993d3a3731a73122689638c06c0e37d20639842ce4a0",
 }
 KIND = "fused-net"  # of the checkpoints of its training
@@ -32,7 +33,7 @@ def find_weights(name_or_path: str | Path) -> Path:
     return find_file(name_or_path, FOLDER, BUNDLED)
 
 
-def load_weights(name_or_path: str | Path = "all-grey") -> SplatNetWeights:
+def load_weights(name_or_path: str | Path = "all") -> SplatNetWeights:
     """Return the weights of a bundled name or a path.
 
     Raises BadInput as `find_weights` and `baselines.splat_net.weights.read_file`, and for a network

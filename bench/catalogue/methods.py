@@ -187,8 +187,8 @@ METHODS = (
         color="none",
     ),
 )
-RECOMMENDED = "splat-net@grey"  # for a cloud of an unknown object: docs/trade.md
-RECOMMENDED_IN_COLOUR = "splat-net"  # the same where colours are asked for
+RECOMMENDED = "fused-net@grey"  # for a cloud of an unknown object: docs/trade.md
+RECOMMENDED_IN_COLOUR = "fused-net"  # the same where colours are asked for
 BUNDLED = (*METHODS, *COST_VARIANTS)
 WITH_WEIGHTS_FILE = {
     "pc2pix": loaders.PC2PIX,

@@ -79,6 +79,20 @@ NETWORK_METHODS = (
         source="splat-net in neutral grey: no colour is made up",
     ),
     _splat_net(
+        "splat-net@tiny",
+        weights="all-tiny",
+        trained_on="13 classes",
+        source="splat-net without normals, of half the width "
+        "(baselines/splat_net/weights/all-tiny.md)",
+    ),
+    _splat_net(
+        "splat-net@tiny-grey",
+        weights="all-tiny-grey",
+        color="none",
+        trained_on="13 classes",
+        source="splat-net@tiny in neutral grey",
+    ),
+    _splat_net(
         "splat-net@chair",
         weights="chair",
         source="splat-net trained on chairs (baselines/splat_net/weights/chair.md)",
@@ -133,11 +147,18 @@ NETWORK_METHODS = (
     _network(
         "fused-net",
         package=loaders.FUSED_NET,
+        weights="all",
+        trained_on="13 classes",
+        source="splat-net that also sees the meshes of denoised-wrap and occupancy-net "
+        "(baselines/fused_net/weights/all.md)",
+    ),
+    _network(
+        "fused-net@grey",
+        package=loaders.FUSED_NET,
         weights="all-grey",
         trained_on="13 classes",
         color="none",
-        source="splat-net that also sees the meshes of denoised-wrap and occupancy-net "
-        "(baselines/fused_net/weights/all-grey.md)",
+        source="fused-net in neutral grey: no colour is made up",
     ),
 )
 # Methods that nobody would draw with, but whose cost is measured beside the others.

@@ -248,7 +248,9 @@ def render_clouds(
         print(f"bench: {result.without_image} of {count} clouds have no image", file=sys.stderr)
     if result.images and (options.out is None or options.method is None):
         methods = visible(", ".join(options.methods))
-        print(f"drawn by {methods}; 'bench list' has others", file=sys.stderr)
+        by_default = options.method is None and options.budget is None
+        faster = "--budget 50ms is faster, " if by_default else ""
+        print(f"drawn by {methods}; {faster}'bench list' has others", file=sys.stderr)
     for image in result.images:
         print(image)
     if result.without_image:

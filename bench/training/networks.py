@@ -107,7 +107,7 @@ def train_gan(options: GanOptions) -> Path:
 def train_splat_net(options: SplatNetOptions) -> Path:
     """Train splat-net; return the exported weights file, beside which `weights-grey` stands."""
     _set_threads(options)
-    features = _features(options.objective)
+    features = compared_features(options.objective)
     network = do_without(_find_network(options.network), options.without)
     if network.body == "splat-net":
         network = replace(network, heads=COLOUR_HEADS[options.colours])
@@ -136,7 +136,7 @@ def train_fused_net(options: FusedNetOptions) -> Path:
     """
     _set_threads(options)
     check_meshes(options.meshes, "--meshes")
-    features = _features(options.objective)
+    features = compared_features(options.objective)
     network = _find_network(options.network)
     inputs = replace(network.inputs, meshes=options.meshes)
     network = replace(network, inputs=inputs, heads=COLOUR_HEADS["image"])
@@ -251,16 +251,18 @@ def _find_network(name: str) -> NetworkConfig:
     return NETWORKS[name]
 
 
-def _features(objective: str) -> FeatureMaps | None:
-    """Return the maps that an objective compares, None where it compares none.
+def compared_features(
+    objective: str, find: Callable[[], Path] = find_efficientnet_weights
+) -> FeatureMaps | None:
+    """Return the maps that an objective compares; None where it compares none, or is unknown.
 
-    Raises BadInput where the package with their weights is absent or another.
+    Raises BadInput where the package with the weights, whose file `find` returns, is absent.
     """
     chosen = OBJECTIVES.get(objective)
     if chosen is None or not chosen.features:
         return None
     try:
-        return load_efficientnet(find_efficientnet_weights()).first_maps
+        return load_efficientnet(find()).first_maps
     except WeightsUnavailable as error:
         raise BadInput(f"--objective {objective}: {error}") from error
 

@@ -25,7 +25,7 @@ SURFACES = tuple(  # Open3D is an extra
 )
 NETWORKS = (
     *("pc2pix", "pc2pix@acgan", "splat-net@chair", "splat-net@chair-tiny"),
-    *("splat-net", "points2pix", "depth-net", "occupancy-net", "fused-net"),
+    *("splat-net", "splat-net@tiny", "points2pix", "depth-net", "occupancy-net", "fused-net"),
 )
 METHODS = (*SURFACES, *NETWORKS, "splat", "splat-fill", "true-mesh", *FLOORS)
 ORDERLESS = (

@@ -251,12 +251,17 @@ EXPECTED: Mapping[str, Mapping[str, Expectation]] = {
     "splat-net@chair-grey": _SPLAT_NET,
     "splat-net": _SPLAT_NET,
     "splat-net@grey": _SPLAT_NET,
+    "splat-net@tiny": _SPLAT_NET,
+    "splat-net@tiny-grey": _SPLAT_NET,
     "points2pix": _SPLAT_NET,
     "points2pix@l1-patch": _SPLAT_NET,
     "depth-net": _SPLAT_NET,
     # A mesh that cannot be made is left out. A turn changes the mesh of occupancy-net by more than
     # a grey level, and the points, which turn with the cloud, make up for some of it.
-    "fused-net": _SPLAT_NET | {"turned": Changes(0.5, "occupancy-net's planes are not turned")},
+    **dict.fromkeys(
+        ("fused-net", "fused-net@grey"),
+        _SPLAT_NET | {"turned": Changes(0.5, "occupancy-net's planes are not turned")},
+    ),
     "splat-net@chair-bf16": _SPLAT_NET,
     "splat-net@chair-tiny": _SPLAT_NET,
     "occupancy-net": {

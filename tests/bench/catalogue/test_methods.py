@@ -24,8 +24,9 @@ from data_prep.failures import BadInput
 def test_every_method_says_what_it_was_trained_on():
     trained = {method.id: method.trained_on for method in BUNDLED}
     assert {name for name, on in trained.items() if on == "13 classes"} == {
-        *("pc2pix@all", "splat-net", "splat-net@grey"),
-        *("points2pix", "points2pix@l1-patch", "depth-net", "occupancy-net", "fused-net", "auto"),
+        *("pc2pix@all", "splat-net", "splat-net@grey", "splat-net@tiny", "splat-net@tiny-grey"),
+        *("points2pix", "points2pix@l1-patch", "depth-net", "occupancy-net"),
+        *("fused-net", "fused-net@grey", "auto"),
     }
     learned = {name for name, on in trained.items() if on != "nothing"}
     assert learned == {m.id for m in BUNDLED if m.kind == "network"} | {"constant", "auto"}
@@ -79,7 +80,9 @@ def test_what_draws_an_unknown_object_knows_more_than_chairs():
 def test_splat_net_is_one_network_for_any_object_and_that_of_chairs_says_so():
     networks = {m.id: m for m in BUNDLED if m.family == "splat-net"}
     of_chairs = {name for name in networks if name.startswith("splat-net@chair")}
-    assert set(networks) - of_chairs == {"splat-net", "splat-net@grey"}
+    assert set(networks) - of_chairs == {
+        *("splat-net", "splat-net@grey", "splat-net@tiny", "splat-net@tiny-grey"),
+    }
     assert {networks[name].trained_on for name in of_chairs} == {"chairs"}
     files = {name: method.weights_file().stem for name, method in networks.items()}
     assert {name: files[name] for name in ("splat-net", "splat-net@grey", "splat-net@chair")} == {
@@ -95,7 +98,6 @@ def test_splat_net_is_one_network_for_any_object_and_that_of_chairs_says_so():
     [
         ("splat-net@all", "splat-net"),
         ("splat-net@all-grey", "splat-net@grey"),
-        ("splat-net@tiny", "splat-net@chair-tiny"),
         ("splat-net@large", "splat-net@chair-large"),
     ],
 )

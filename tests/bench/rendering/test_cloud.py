@@ -86,10 +86,10 @@ def test_the_command_and_python_draw_a_cloud_alone_alike_by_a_network_of_all_cla
     np.save(tmp_path / "cloud.npy", points)
     status, out, err = command("render", tmp_path / "cloud.npy")
     assert (status, out) == (0, f"{tmp_path / 'cloud.png'}\n")
-    assert err == "drawn by splat-net@grey; 'bench list' has others\n"
+    assert err == "drawn by fused-net@grey; --budget 50ms is faster, 'bench list' has others\n"
     image = read(tmp_path / "cloud.png")
     assert np.array_equal(bench.draw_cloud(points, azimuth_deg=30, elevation_deg=20), image)
-    assert np.array_equal(bench.draw_cloud(points, method="splat-net@grey"), image)
+    assert np.array_equal(bench.draw_cloud(points, method="fused-net@grey"), image)
     assert (image < 255).any()
 
 

@@ -226,7 +226,7 @@ def test_the_option_leaves_out_methods_that_make_up_colours_unless_they_are_aske
     assert capfd.readouterr().err == (
         "--truth grey leaves out pc2pix, pc2pix@acgan, splat-net@chair (makes up colours); "
         "true-mesh@grey (is true-mesh in grey): give --methods for them, or for networks in grey "
-        "like splat-net@grey\n"
+        "like fused-net@grey\n"
     )
     asked = replace(options, methods=("splat-net@chair", "true-mesh@grey"))
     protocol, _ = protocol_of(SUITES[0], asked, dict)
