@@ -21,7 +21,7 @@ def test_only_an_objective_that_compares_features_asks_for_their_weights() -> No
     for name in OBJECTIVES.keys() - {"perceptual"}:
         assert compared_features(name, _absent) is None
     assert compared_features("unknown", _absent) is None
-    with pytest.raises(BadInput, match="--objective perceptual: the package .* install it"):
+    with pytest.raises(BadInput, match=r"--objective perceptual: the package .* install it"):
         compared_features("perceptual", _absent)
 
 
