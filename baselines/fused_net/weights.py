@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 FOLDER = Path(__file__).parent / "weights"
 BUNDLED: dict[str, str] = {  # name -> sha256 of weights/<name>.safetensors
-    "all": "279694f1ac1bcb182e88f34c17e9e466d1e658945bad5113a5f65b0354597552",
-    "all-grey": "e0f287d441e456b3d741993d3a3731a73122689638c06c0e37d20639842ce4a0",
+    "all": "e5be7a567f234de205fa6ac03598604c5f51b0fb19e1cf56082234adba13bb33",
+    "all-grey": "bb4d03c1b3594fee5d69278ea889ffa4bc84b923a1a3cfbe0906c02088cc6b0a",
 }
 KIND = "fused-net"  # of the checkpoints of its training
 MESHES = ("denoised-wrap", "occupancy-net")  # methods whose meshes it can see
