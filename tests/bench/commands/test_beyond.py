@@ -14,6 +14,7 @@ from bench.records.journal import read_manifest
 from bench.report.build import read_page
 from bench.running.options import Options
 from bench.tables.build import make_outputs, write_outputs
+from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 
 from ..builders import write_run
 
@@ -83,7 +84,8 @@ def test_tables_and_report_have_titles_of_their_own(written):
         for metric in SUITE.condition_sweep
     ]
     assert page.tables[0].title == (
-        "Beyond what the networks were trained on; against the true mesh in its colours; protocol 1"
+        "Beyond what the networks were trained on; against the true mesh in its colours; "
+        f"protocol {PROTOCOL_VERSION}"
     )
     assert [len(page.tables), len(page.tables[0].tables)] == [4, 1 + 3]
 
