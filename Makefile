@@ -59,8 +59,9 @@ release: libraries | $(VENV)/bin/python
 	$(RELEASE)/env/bin/python -m pip install --quiet $(PIP_ARGS) -c constraints.txt $(RELEASE)/*.whl
 	cd $(RELEASE) && set -e; for command in --version "list methods" "doctor --install" \
 	    "run --suite chair-robustness --limit 2 --out run" "check run"; do env/bin/bench $$command; done
-	du -h $(RELEASE)/*.whl
-	du -sh $(RELEASE)/env
+	git clone --quiet "file://$(CURDIR)" $(RELEASE)/clone
+	git clone --quiet --depth 1 "file://$(CURDIR)" $(RELEASE)/shallow-clone
+	du -sh $(RELEASE)/*
 
 version:
 	@test -n "$(VERSION)" || { echo "give the version: make version VERSION=1.0.0" >&2; exit 2; }
