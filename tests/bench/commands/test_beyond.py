@@ -53,7 +53,8 @@ def test_leads_follow_from_the_records(written):
 def test_table_and_check_know_the_leads(written, command, monkeypatch):
     """The golden values are of a method that the run does not have."""
     manifest = read_manifest(written)
-    protocol = {name: manifest[name] for name in ("dataset", "views", "seed")} | {"objects": 3}
+    names = ("protocol", "dataset", "views", "seed")
+    protocol = {name: manifest[name] for name in names} | {"objects": 3}
     none = {"method": "none", "condition": "none", "class": "chair", "metric": "ssim", "value": 0.5}
     golden = pd.DataFrame([protocol | none])
     monkeypatch.setattr(bench.checking.golden, "golden", lambda suite: golden)
