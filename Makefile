@@ -2,6 +2,8 @@
 #
 #   make test-all                      the slow tests too
 #   make docs                         docs/ as a site, in build/docs
+#   make release                       the wheel, installed and run in an environment of its own
+#   make version VERSION=1.0.0         one version and the date of today wherever they stand
 #   make bench ARGS="--limit 12"       further options for `bench run`
 #   make bench PIP_ARGS="..."          further options for pip, an index of CPU-only torch say
 
@@ -10,8 +12,9 @@ VENV := .venv
 PIP := $(VENV)/bin/python -m pip --disable-pip-version-check
 ARGS ?=
 PIP_ARGS ?=
+DATE ?= $(shell date +%F)
 
-.PHONY: bench test test-all docs install libraries test-libraries clean
+.PHONY: bench test test-all docs install libraries test-libraries release version clean
 
 bench: install
 	$(VENV)/bin/bench run --suite chair-robustness $(ARGS)
@@ -46,6 +49,26 @@ libraries:
 
 test-libraries:
 	@sh .ci/libraries tests
+
+# The environment and the folder of the run hold nothing but the wheel: it needs no checkout.
+RELEASE := build/release
+release: libraries | $(VENV)/bin/python
+	rm -rf build/lib $(RELEASE)
+	$(PIP) wheel --quiet --no-deps -w $(RELEASE) .
+	$(PYTHON) -m venv $(RELEASE)/env
+	$(RELEASE)/env/bin/python -m pip install --quiet $(PIP_ARGS) -c constraints.txt $(RELEASE)/*.whl
+	cd $(RELEASE) && set -e; for command in --version "list methods" "doctor --install" \
+	    "run --suite chair-robustness --limit 2 --out run" "check run"; do env/bin/bench $$command; done
+	git clone --quiet "file://$(CURDIR)" $(RELEASE)/clone
+	git clone --quiet --depth 1 "file://$(CURDIR)" $(RELEASE)/shallow-clone
+	du -sh $(RELEASE)/*
+
+version:
+	@test -n "$(VERSION)" || { echo "give the version: make version VERSION=1.0.0" >&2; exit 2; }
+	sed -i 's/^version = .*/version = "$(VERSION)"/' pyproject.toml
+	sed -i -E 's/^( *version:) .*/\1 $(VERSION)/; s/^(date-released:) .*/\1 $(DATE)/' CITATION.cff
+	sed -i -E 's/^(  year:) .*/\1 $(firstword $(subst -, ,$(DATE)))/' CITATION.cff
+	sed -i -E 's/^## \[$(VERSION)\] - .*/## [$(VERSION)] - $(DATE)/' CHANGELOG.md
 
 clean:
 	rm -rf $(VENV) .tox build *.egg-info

@@ -17,6 +17,7 @@ from bench.catalogue.methods import FLOOR
 from bench.catalogue.metrics import IMAGE_METRICS, is_mean
 from bench.catalogue.suite_types import TRUTHS
 from bench.records.journal import PROTOCOL
+from data_prep.datasets.protocol_version import PROTOCOL_VERSION, refuse_other_version
 from data_prep.failures import BadInput
 
 SAME_TRUTH = 0.005  # of that ssim: graphics drivers differ by less, objects by more
@@ -50,13 +51,13 @@ def methods_of_run(
     Raises BadInput where there are not two methods, for methods and metrics that the run does not
     have, and for a run without scores.
     """
-    run = read_scored(directory)
+    run = read_scored(directory, older=True)
     if len(set(methods)) != 2:
         raise BadInput("one run is compared by two methods; give --methods a,b or a second folder")
     chosen_rows = _chosen_rows(run)
     available = [*run.manifest["methods"], *chosen_rows]
     _refuse_unknown("--methods", methods, available)
-    remarks: list[str] = []
+    remarks = _of_older_protocol(run)
     chosen = _metrics([run], metrics, remarks)
     a, b = methods
     compared = _compare(run, methods, chosen)
@@ -81,15 +82,15 @@ def runs(
     the runs did not see the same objects from the same views, naming what differs; where they have
     no method or condition in common; and as `methods_of_run`.
     """
-    a, b = read_scored(first), read_scored(second)
-    refuse_other_protocol(a, b)
+    a, b = read_scored(first, older=True), read_scored(second, older=True)
+    _refuse_two_protocols(a, b)
     if a.suite.truth != b.suite.truth:
         raise BadInput(
             f"different truths: {first} is scored against {TRUTHS[a.suite.truth]}, {second} "
             f"against {TRUTHS[b.suite.truth]}; give both the same --truth"
         )
     _refuse_other_objects(a, b)
-    remarks: list[str] = []
+    remarks = _of_older_protocol(a)
     common = {
         name: _common(name, a.manifest[name], b.manifest[name], remarks)
         for name in ("methods", "conditions")
@@ -191,14 +192,20 @@ def _refuse_unknown(option: str, wanted: Sequence[str], known: Sequence[str]) ->
             )
 
 
-def refuse_other_protocol(a: ScoredRun, b: ScoredRun) -> None:
-    """Raise BadInput, naming both, for runs of two versions of the protocol."""
-    of_a, of_b = a.manifest[PROTOCOL], b.manifest[PROTOCOL]
-    if of_a != of_b:
-        raise BadInput(
-            f"different protocols: {a.directory} has {of_a}, {b.directory} has {of_b}; run both "
-            "with one version ('bench --protocol')"
-        )
+def _refuse_two_protocols(*scored: ScoredRun) -> None:
+    """Raise BadInput for runs of two versions of the protocol, naming one that is not ours."""
+    if len({run.manifest[PROTOCOL] for run in scored}) > 1:
+        for run in scored:
+            refuse_other_version(run.directory, run.manifest[PROTOCOL])
+
+
+def _of_older_protocol(run: ScoredRun) -> list[str]:
+    """Return the remark on a comparison within an older version of the protocol."""
+    # The records of one version compare with each other whatever the code measures now.
+    version = run.manifest[PROTOCOL]
+    if version == PROTOCOL_VERSION:
+        return []
+    return [f"All is of protocol {version}; this version has protocol {PROTOCOL_VERSION}."]
 
 
 class _SeenView(NamedTuple):

@@ -61,9 +61,12 @@ class ScoredRun:
         return self._compared[tuple(metrics)]
 
 
-def read_scored(directory: Path) -> ScoredRun:
-    """Return a finished run whose images were scored. Raises BadInput for anything else."""
-    run = scored_run(directory, read_finished(directory))
+def read_scored(directory: Path, older: bool = False) -> ScoredRun:
+    """Return a finished run whose images were scored. Raises BadInput for anything else.
+
+    A run of an `older` version of the protocol is allowed where that is true.
+    """
+    run = scored_run(directory, read_finished(directory, older))
     if not run.manifest["objects"]:
         raise BadInput(f"{directory}: a run without objects; start it again with its command")
     return run

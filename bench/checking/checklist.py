@@ -33,7 +33,7 @@ from bench.checking.evidence import (
 )
 from bench.judges.answers import found, why_no_retrieval
 from bench.records.features import Features
-from bench.records.journal import PROTOCOL, read_finished
+from bench.records.journal import read_finished
 from bench.records.record import GROUND_TRUTH
 from bench.tables import markdown
 from bench.tables.grid import BOLD, Cell, Grid, grid
@@ -93,7 +93,6 @@ def _refuse_misfits(manifests: Mapping[Path, Mapping[str, Any]]) -> None:
         features = manifest.get("feature_identity", {}).items()
         for what, of_suite, value in (
             ("schema", "", manifest.get("schema_version")),
-            (PROTOCOL, "", manifest[PROTOCOL]),
             ("dataset", "", manifest.get("dataset")),
             ("seed", "", manifest.get("seed")),
             ("objects", suite, manifest.get("objects")),

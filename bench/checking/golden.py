@@ -37,11 +37,12 @@ from bench.suites.stability.tables import read_outcomes
 from bench.tables.build import class_orderings, condition_sweep, tables
 from bench.tables.published import golden, golden_path
 from bench.tables.table import TABLES, Table, table_files
+from data_prep.datasets.protocol_version import PROTOCOL_VERSION, refuse_other_version
 from data_prep.failures import BadInput
 from data_prep.files.atomic_write import write_whole
 
 CELL = ["method", "condition", "class", "metric"]
-PROTOCOL = ["dataset", "objects", "views", "seed"]
+PROTOCOL = ["protocol", "dataset", "objects", "views", "seed"]
 
 
 @dataclass(frozen=True)
@@ -202,6 +203,7 @@ def _refuse_other_protocol(run: ScoredRun) -> None:
             f"--suite {suite.id}' and give its folder"
         )
     wanted = {
+        "protocol": PROTOCOL_VERSION,
         "dataset": default.dataset,
         "objects": objects,
         "views": suite.views,
@@ -222,6 +224,7 @@ def _refuse_other_protocol(run: ScoredRun) -> None:
 
 def _protocol(manifest: dict[str, Any]) -> dict[str, Any]:
     return {
+        "protocol": manifest["protocol"],
         "dataset": manifest["dataset"],
         "objects": len(manifest["objects"]),
         "views": manifest["views"],
@@ -242,13 +245,15 @@ def _is_whole(
     """
     have = _protocol(manifest)
     want = {name: expected[name].iloc[0] for name in PROTOCOL}
+    path = golden_path(manifest["suite"])
+    refuse_other_version(path, int(want["protocol"]), "write it with 'bench check DIR --bless'")
     compared = [name for name in PROTOCOL if objects is None or name != "objects"]
     other = [f"{n} {have[n]} (golden: {want[n]})" for n in compared if have[n] != want[n]]
     whole = have["objects"] == want["objects"]
     if objects is not None:
         if objects.protocol != want:
             raise BadInput(
-                f"{golden_path(manifest['suite'])}: of another protocol than the golden values by "
+                f"{path}: of another protocol than the golden values by "
                 "object beside it; restore both with git, or write them with "
                 "'bench check DIR --bless'"
             )

@@ -110,7 +110,7 @@ def checksum(images: NDArray[np.uint8] | None) -> str:
 class GoldenObjects:
     """The golden values of a suite by object.
 
-    protocol     dataset, objects, views and seed of their run
+    protocol     its version, dataset, objects, views and seed of their run
     environment  of their run, see `environment_of`
     lines        as in the file; the columns KEY and IMAGES are text
     """
@@ -178,6 +178,7 @@ def read_objects(suite: str) -> GoldenObjects | None:
         raise BadInput(f"{path}: golden values by object are damaged; {remedy}") from error
     text = dict.fromkeys([*KEY, IMAGES], str)
     lines = pd.read_csv(csv, dtype=text, keep_default_na=False, na_values=[""])
+    protocol = {"protocol": 1} | protocol  # the first version was not written down
     return GoldenObjects(protocol, environment, lines.fillna({IMAGES: ""}))
 
 

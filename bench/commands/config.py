@@ -17,7 +17,7 @@ from bench.records.journal import PROTOCOL
 from bench.records.record import SCHEMA_VERSION
 from bench.running.options import Options
 from bench.running.protocol import name_of, objects_of
-from data_prep.datasets.protocol_version import PROTOCOL_VERSION
+from data_prep.datasets.protocol_version import refuse_other_version
 from data_prep.datasets.registry import open_dataset
 from data_prep.failures import BadInput, unknown
 from data_prep.files.safe_read import MIB, read_text
@@ -93,15 +93,13 @@ def _repeated(path: Path, manifest: Mapping[str, Any]) -> Mapping[str, Any]:
 
     Raises BadInput for a run of another version of the protocol or of the schema.
     """
-    for name, version, ours in (
-        (PROTOCOL, manifest.get(PROTOCOL, 1), PROTOCOL_VERSION),
-        ("schema", manifest.get("schema_version"), SCHEMA_VERSION),
-    ):
-        if version != ours:
-            raise BadInput(
-                f"{path}: of {name} {version}, this version has {ours} and would measure something "
-                "else; use the version that made it, or state the options in a TOML file"
-            )
+    instead = "state the options in a TOML file"
+    refuse_other_version(path, manifest.get(PROTOCOL, 1), instead)
+    if (schema := manifest.get("schema_version")) != SCHEMA_VERSION:
+        raise BadInput(
+            f"{path}: of schema {schema}, this version has {SCHEMA_VERSION} and would measure "
+            f"something else; use the version that made it, or {instead}"
+        )
     request = manifest[REQUEST]
     if request.get("suite") not in JOB_SUITES:
         return request

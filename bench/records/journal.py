@@ -20,14 +20,15 @@ import json
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
-from hashlib import sha256
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
 from bench.records.artifacts import artifact_sha256
 from bench.records.job import Job, Result
-from bench.records.record import SCHEMA_VERSION, Record
+from bench.records.journal_line import counts, to_line, to_result
+from bench.records.record import SCHEMA_VERSION
+from data_prep.datasets.protocol_version import refuse_other_version
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.files.atomic_write import atomic_write, sync_folder, write_whole
 from data_prep.files.safe_read import MIB, read_file
@@ -36,7 +37,6 @@ MANIFEST = "manifest.json"
 JOURNAL = "journal"
 SET_ASIDE = "set-aside"
 MOST_BYTES = 64 * MIB  # of a manifest: one line an object
-_FIELDS = Record.__dataclass_fields__.keys()
 FIXED = ("suite", "dataset", "views", "seed", "device")  # one directory, one value of each
 PROTOCOL = "protocol"  # its version
 SHARD = "shard"  # one value, too; manifests from before there were shards have none
@@ -83,7 +83,7 @@ class JournalIndex:
                 line = shard.read(length)
         except OSError as error:
             raise BadInput(f"{path}: cannot be read ({error.strerror}); run again") from error
-        result = _to_result(line) if _counts(line) else None
+        result = to_result(line) if counts(line) else None
         if result is None or result.key != key:
             raise BadInput(f"{path}: the line at byte {offset} has changed; run again")
         return result
@@ -95,11 +95,11 @@ class JournalIndex:
         """
         damage: list[str] = []
         for number, offset, line in _lines(shard):
-            if not _counts(line):
+            if not counts(line):
                 torn = not line.endswith(b"\n")
                 problem = "was cut short by the end of its run" if torn else "is damaged"
                 damage.append(f"{shard}: line {number} {problem}; its job is done again")
-            elif (result := _to_result(line)) is not None:
+            elif (result := to_result(line)) is not None:
                 self.add(result, shard, offset, len(line))
         return damage
 
@@ -241,22 +241,23 @@ def _holds_run(directory: Path) -> bool:
     return False
 
 
-def read_finished(directory: Path) -> dict[str, Any]:
+def read_finished(directory: Path, older: bool = False) -> dict[str, Any]:
     """Return the manifest of a finished run.
 
     Raises BadInput as `read_manifest`, and where the run is not finished: its records may then be
     those of another run.
     """
-    manifest = read_manifest(directory)
+    manifest = read_manifest(directory, older)
     if manifest.get("finished") is None:
         raise BadInput(f"{directory}: the run is not finished; start it again with its command")
     return manifest
 
 
-def read_manifest(directory: Path) -> dict[str, Any]:
+def read_manifest(directory: Path, older: bool = False) -> dict[str, Any]:
     """Return the manifest of a run.
 
-    Raises BadInput where there is no run, and for one that is damaged or of a newer version.
+    Raises BadInput where there is no run, and for one that is damaged, of a newer schema or of
+    another version of the protocol, but for an earlier one with `older`.
     """
     path = directory / MANIFEST
     if not directory.exists():
@@ -280,7 +281,9 @@ def read_manifest(directory: Path) -> dict[str, Any]:
         raise BadInput(
             f"{path}: not a manifest (no {', '.join(lacking)}); move it away and run again"
         )
-    return {PROTOCOL: 1} | manifest  # the first version was not written down at first
+    manifest = {PROTOCOL: 1} | manifest  # the first version was not written down at first
+    refuse_other_version(directory, manifest[PROTOCOL], older=older)
+    return manifest
 
 
 def write_manifest(directory: Path, manifest: Mapping[str, Any]) -> None:
@@ -304,19 +307,6 @@ def set_aside(directory: Path) -> Path | None:
             return directory.rename(target)
         except OSError as error:
             raise _not_writable(directory.parent, error) from error
-
-
-def to_line(result: Result) -> bytes:
-    """Return a result as a line of the journal: the checksum of its JSON, the JSON, a line feed."""
-    body = json.dumps(
-        {
-            "key": result.key,
-            "artifact_sha256": result.artifact_sha256,
-            "records": [asdict(record) for record in result.records],
-        },
-        ensure_ascii=False,
-    ).encode()
-    return sha256(body).hexdigest().encode() + b" " + body + b"\n"
 
 
 def _files(folder: Path) -> list[Path]:
@@ -360,23 +350,6 @@ def _lines(file: Path) -> Iterator[tuple[int, int, bytes]]:
             offset += len(line)
 
 
-def _counts(line: bytes) -> bool:
-    checksum, _, body = line.removesuffix(b"\n").partition(b" ")
-    return sha256(body).hexdigest().encode() == checksum
-
-
-def _to_result(line: bytes) -> Result | None:
-    """Return the result in a line that counts; None for a line of another schema."""
-    values = json.loads(line.partition(b" ")[2])
-    # The key of a line of another schema is no job's any more: keys depend on the schema.
-    if any(record.keys() != _FIELDS for record in values["records"]):
-        return None
-    records = tuple(Record(**record) for record in values["records"])
-    sha = values["artifact_sha256"]
-    reason = records[0].reason if records and sha is None else ""
-    return Result(values["key"], records, sha, reason)
-
-
 def _replace_file(file: Path, directory: Path) -> tuple[Path, Path | None]:
     """Write the good lines into a new journal file, then archive the damaged one.
 
@@ -384,10 +357,10 @@ def _replace_file(file: Path, directory: Path) -> tuple[Path, Path | None]:
     """
     archived, repaired = file.parent / SET_ASIDE / file.name, _next_file(directory)
     try:
-        if any(_counts(line) for _, _, line in _lines(file)):
+        if any(counts(line) for _, _, line in _lines(file)):
             with atomic_write(repaired) as new, new.open("wb") as output:
                 for _, _, line in _lines(file):
-                    if _counts(line):
+                    if counts(line):
                         output.write(line.removesuffix(b"\n") + b"\n")
         else:
             repaired = None

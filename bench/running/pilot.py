@@ -18,7 +18,7 @@ import numpy as np
 
 from bench.catalogue.suites import Limits
 from bench.records.job import Job
-from bench.records.journal import to_line
+from bench.records.journal_line import to_line
 from bench.running.isolation import WorkerFailure, run_tasks
 from bench.running.plan import plan
 from bench.running.protocol import Protocol, name_of

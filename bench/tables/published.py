@@ -47,7 +47,10 @@ def golden(suite: str) -> pd.DataFrame:
     path = golden_path(suite)
     if not path.is_file():
         raise BadInput(f"{path}: no golden values for '{suite}'; run from a checkout that has them")
-    return pd.read_csv(path, dtype={"condition": str}, keep_default_na=False)
+    values = pd.read_csv(path, dtype={"condition": str}, keep_default_na=False)
+    if "protocol" not in values:  # the first version was not written down
+        values.insert(0, "protocol", 1)
+    return values
 
 
 def seed_spreads() -> dict[tuple[str, str, str], float]:

@@ -26,7 +26,7 @@ from data_prep.clouds.conditions import RandomSubset
 from data_prep.clouds.orientations import OURS
 from data_prep.datasets.dataset import Dataset, DatasetListing
 from data_prep.datasets.grey import is_grey
-from data_prep.datasets.protocol_version import PROTOCOL_VERSION
+from data_prep.datasets.protocol_version import refuse_other_version
 from data_prep.failures import BadInput
 from data_prep.files.checksums import file_sha256
 from data_prep.files.clouds import load_points
@@ -177,11 +177,10 @@ def exported_dataset(spec: str, root: Path) -> Dataset:
     listing = DatasetListing()
     seed = None
     for where, name, row in _rows(root, OBJECTS):
-        if row["protocol"] != str(PROTOCOL_VERSION):
-            raise BadInput(
-                f"{where}: of protocol {shown(row['protocol'])}, this is {PROTOCOL_VERSION}; "
-                "export it again, or use the version that made it ('bench --protocol')"
-            )
+        version = row["protocol"]
+        refuse_other_version(
+            where, int(version) if version.isdecimal() else version, "export it again"
+        )
         seed = row["seed"] if seed is None else seed
         if row["seed"] != seed or not seed.isdecimal():
             raise BadInput(

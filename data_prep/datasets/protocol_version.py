@@ -2,9 +2,41 @@
 
 from __future__ import annotations
 
+from data_prep.failures import BadInput
+
 # Add one when tables of two commits can no longer be compared. The sealed split is then another.
 CHANGES = {
     1: "procedural chairs and classes of version 1; 20 views an object; the conditions of Tables 3 "
     "and 4; SSIM, LPIPS, outlines, thin parts, and distances of features",
 }
 PROTOCOL_VERSION = max(CHANGES)
+
+
+def refuse_other_version(
+    where: object,
+    version: object,
+    instead: str = "run again with another --out or --fresh",
+    older: bool = False,
+) -> None:
+    """Raise BadInput where something is of another version of the protocol than this code.
+
+    Parameters
+    ----------
+    where : object
+        The folder or file, as the message names it.
+    version : object
+        Its version, as it was read.
+    instead : str
+        The remedy beside the use of the release that fits.
+    older : bool
+        Whether a version before that of this code is allowed.
+    """
+    number = isinstance(version, int)
+    if version == PROTOCOL_VERSION or (older and number and version < PROTOCOL_VERSION):
+        return
+    newer = number and version > PROTOCOL_VERSION
+    release = "update pc2pix-bench" if newer else "check out the release that made it"
+    raise BadInput(
+        f"{where}: of protocol {version!r}, this version has protocol {PROTOCOL_VERSION} "
+        f"('bench --protocol'); {release}, or {instead}"
+    )

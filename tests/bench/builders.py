@@ -32,6 +32,7 @@ from bench.running.options import Options
 from bench.running.protocol import Protocol, find_methods
 from bench.tables.build import write_outputs
 from data_prep.clouds.conditions import CONDITIONS, Unchanged
+from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from data_prep.files.atomic_write import write_whole
 from data_prep.scene import View
 
@@ -210,7 +211,7 @@ def write_artifact(job: Job, seed=0, **arrays) -> str:
 def make_manifest(**changes):
     return {
         "schema_version": SCHEMA_VERSION,
-        "protocol": 1,
+        "protocol": PROTOCOL_VERSION,
         "suite": SUITE,
         "dataset": "procedural",
         "views": 2,

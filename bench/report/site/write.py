@@ -18,7 +18,6 @@ from threadpoolctl import threadpool_limits
 from bench.analysis.comparison import Comparison, pooled
 from bench.analysis.leaderboard import over_conditions
 from bench.analysis.ranks import ranking
-from bench.analysis.run_pairs import refuse_other_protocol
 from bench.analysis.scored import ScoredRun, scored_run
 from bench.catalogue.metrics import is_mean
 from bench.records.journal import FIXED, MANIFEST, PROTOCOL, SHARD, TRUTH, read_finished
@@ -49,7 +48,7 @@ def write_site(directories: Sequence[Path], out: Path) -> int:
 
     A folder with the same records as another is a copy of that run: it is named, and not counted
     again. Raises BadInput where the folder is there already, a folder is given twice, a run is of
-    another protocol than the first, or is no run whose images were scored.
+    another version of the protocol, or is no run whose images were scored.
     """
     if out.exists():
         raise BadInput(f"{out}: is there already; give a new folder with --out")
@@ -57,8 +56,6 @@ def write_site(directories: Sequence[Path], out: Path) -> int:
         if directory.resolve() in (other.resolve() for other in directories[:i]):
             raise BadInput(f"{directory}: given twice; give each folder once")
     scored = [scored_run(directory, read_finished(directory)) for directory in directories]
-    for run in scored[1:]:
-        refuse_other_protocol(scored[0], run)
     with_copies = _with_copies(scored)
     for run, copies in with_copies:
         for copy in copies:

@@ -25,6 +25,7 @@ from bench.analysis.paired import (
     sign_flip_p,
 )
 from bench.records.journal import read_manifest, write_manifest
+from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 
 from ..builders import write_run
 from ..conftest import on_terminal
@@ -353,15 +354,19 @@ def test_what_one_run_cannot_be_asked(command, two_runs, arguments, message):
     assert message in err
 
 
-def test_runs_of_two_versions_of_the_protocol_are_refused(command, two_runs):
+def test_runs_of_one_older_protocol_are_compared_and_of_two_refused(command, two_runs):
     first, second = two_runs
-    write_manifest(second, read_manifest(second) | {"protocol": 2})
-    status, _, err = command("compare", str(first), str(second))
-    assert status == 2
-    assert err == (
-        f"bench: different protocols: {first} has 1, {second} has 2; run both with one version "
-        "('bench --protocol')\n"
-    )
+    older = PROTOCOL_VERSION - 1
+    write_manifest(second, read_manifest(second) | {"protocol": older})
+    for runs in ((first, second), (second, first)):
+        status, out, err = command("compare", *runs)
+        assert (status, out, err.count("\n")) == (2, "", 1)
+        assert f"{second}: of protocol {older}, this version has protocol {older + 1} " in err
+    write_manifest(first, read_manifest(first) | {"protocol": older})
+    remark = f"All is of protocol {older}; this version has protocol {older + 1}."
+    for arguments in ((first, second), (first, "--methods", "splat,blank")):
+        status, out, _ = command("compare", *arguments)
+        assert (status, remark in out) == (0, True)
 
 
 def test_runs_against_two_truths_are_refused_and_of_one_the_title_has_it(command, two_runs):

@@ -70,7 +70,7 @@ def test_regressions_of_the_headline_come_first(run, command):
 def test_golden_values_are_the_tables_with_tolerances(run):
     frame = golden(SUITE)
     assert list(frame.columns) == [
-        *("dataset", "objects", "views", "seed"),
+        *("protocol", "dataset", "objects", "views", "seed"),
         *("method", "condition", "class", "metric", "value", "tolerance", "reason"),
     ]
     names = ("table3_ssim", "table4_fid", "table_detail", "table_control")

@@ -26,6 +26,7 @@ from bench.records.parquet import JobRow, artifacts_of, read_jobs, write_jobs
 from bench.rendering.sheet import LABEL_HEIGHT, MARGIN, PROBLEM_GROUND
 from bench.tables.build import write_outputs
 from bench.tables.published import golden
+from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from data_prep.failures import BadInput
 
 from ..builders import SUITE, make_job, write_artifact, write_run
@@ -410,6 +411,16 @@ def test_means_and_objects_are_of_one_protocol(part, golden_results, command):
         f"bench: {golden_results}/golden/{SUITE}.csv: of another protocol than the golden values "
         "by object beside it; restore both with git, or write them with 'bench check DIR --bless'\n"
     )
+
+
+def test_golden_values_of_an_older_protocol_are_not_compared(part, golden_results, command):
+    path = golden_results / "golden" / f"{SUITE}.csv"
+    frame = pd.read_csv(path, dtype={"condition": str})
+    frame.assign(protocol=PROTOCOL_VERSION - 1).to_csv(path, index=False)
+    status, out, err = command("check", part)
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert f"{path}: of protocol {PROTOCOL_VERSION - 1}, this version has protocol " in err
+    assert "write it with 'bench check DIR --bless'" in err
 
 
 def test_nothing_is_blessed_without_its_images(run, golden_results, command):

@@ -14,6 +14,7 @@ from bench.records.journal import read_manifest
 from bench.report.build import read_page
 from bench.running.options import Options
 from bench.tables.build import make_outputs, write_outputs
+from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 
 from ..builders import write_run
 
@@ -52,7 +53,8 @@ def test_leads_follow_from_the_records(written):
 def test_table_and_check_know_the_leads(written, command, monkeypatch):
     """The golden values are of a method that the run does not have."""
     manifest = read_manifest(written)
-    protocol = {name: manifest[name] for name in ("dataset", "views", "seed")} | {"objects": 3}
+    names = ("protocol", "dataset", "views", "seed")
+    protocol = {name: manifest[name] for name in names} | {"objects": 3}
     none = {"method": "none", "condition": "none", "class": "chair", "metric": "ssim", "value": 0.5}
     golden = pd.DataFrame([protocol | none])
     monkeypatch.setattr(bench.checking.golden, "golden", lambda suite: golden)
@@ -83,7 +85,8 @@ def test_tables_and_report_have_titles_of_their_own(written):
         for metric in SUITE.condition_sweep
     ]
     assert page.tables[0].title == (
-        "Beyond what the networks were trained on; against the true mesh in its colours; protocol 1"
+        "Beyond what the networks were trained on; against the true mesh in its colours; "
+        f"protocol {PROTOCOL_VERSION}"
     )
     assert [len(page.tables), len(page.tables[0].tables)] == [4, 1 + 3]
 

@@ -105,7 +105,10 @@ def test_objects_that_options_cannot_choose_are_refused(repeated):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"protocol": 0}, "manifest.json: of protocol 0, this version has 1 and would measure"),
+        (
+            {"protocol": 0},
+            "that made it, or state the options in a TOML file",
+        ),
         ({"schema_version": 3}, "manifest.json: of schema 3, this version has 4 and would measure"),
     ],
 )

@@ -410,7 +410,7 @@ def test_manifests_from_before_versions_of_the_protocol_are_of_the_first(tmp_pat
     manifest = make_manifest()
     del manifest["protocol"]
     write_manifest(tmp_path, manifest)
-    assert read_manifest(tmp_path) == make_manifest()
+    assert read_manifest(tmp_path, older=True) == make_manifest(protocol=1)
 
 
 def test_old_runs_are_renamed_not_deleted(tmp_path):

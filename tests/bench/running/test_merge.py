@@ -14,6 +14,7 @@ from bench.records.journal import open_journal, read_index, read_manifest, write
 from bench.records.parquet import read_jobs, write_jobs
 from bench.running.shards import Shard
 from bench.tables.build import tables
+from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from data_prep.failures import BadInput
 
 from ..builders import assert_equal_runs, file_bytes, finished_options
@@ -62,7 +63,8 @@ def test_merged_shards_are_the_run_in_one_piece(finished, made, tmp_path, comman
     status, out, err = command("merge", *made[::-1], "--out", whole)
     assert status == 0
     assert out.startswith(
-        "ssim-object and lpips: 3 of 3 objects; against the true mesh in its colours; protocol 1\n"
+        "ssim-object and lpips: 3 of 3 objects; against the true mesh in its colours; "
+        f"protocol {PROTOCOL_VERSION}\n"
     )
     assert "21 jobs of 2 shards, 21 copied now" in err  # as the run counts them
     assert_equal_runs(whole, finished[0])

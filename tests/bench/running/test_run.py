@@ -33,6 +33,7 @@ from bench.running.schedule import Budget
 from bench.running.shards import Shard
 from bench.running.status import run_status
 from bench.tables.build import tables
+from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from data_prep.failures import BadInput, MissingDependency
 
 from ..builders import EXTRACTORS, assert_equal_runs, file_bytes, finished_options
@@ -126,8 +127,8 @@ def test_what_is_printed(finished):
     directory, done = finished
     title, *shown, report, tables = done.stdout.splitlines()
     assert (
-        title
-        == "ssim-object and lpips: 3 of 3 objects; against the true mesh in its colours; protocol 1"
+        title == "ssim-object and lpips: 3 of 3 objects; against the true mesh in its colours; "
+        f"protocol {PROTOCOL_VERSION}"
     )
     assert any(line.startswith("splat ") for line in shown)
     assert len(shown) < 38
@@ -304,7 +305,7 @@ def test_some_objects_now_and_the_others_later(
     interim_table = (directory / "tables" / "headline.md").read_text()
     truth = "against the true mesh in its colours"
     assert interim_table.startswith(
-        f"# ssim-object and lpips: 1 of 3 objects; {truth}; protocol 1\n"
+        f"# ssim-object and lpips: 1 of 3 objects; {truth}; protocol {PROTOCOL_VERSION}\n"
     )
     assert set(records(directory)["object"]) == {"test-0000"}
 
@@ -315,7 +316,8 @@ def test_some_objects_now_and_the_others_later(
     status, out, err = command("table", directory)
     assert (status, err) == (0, "")
     assert out.startswith(
-        "ssim-object and lpips: 2 of 3 objects; against the true mesh in its colours; protocol 1\n"
+        "ssim-object and lpips: 2 of 3 objects; against the true mesh in its colours; "
+        f"protocol {PROTOCOL_VERSION}\n"
     )
     assert {row.n for table in tables(read_scored(directory)) for row in table.rows} == {4}
 

@@ -23,7 +23,9 @@ STORED = Path(__file__).parents[1] / "data" / "run-of-schema-4"
 
 
 @pytest.fixture
-def stored(tmp_path):
+def stored(tmp_path, monkeypatch):
+    # As the release of its protocol reads it: this is about the form of records.
+    monkeypatch.setattr("data_prep.datasets.protocol_version.PROTOCOL_VERSION", 1)
     return Path(shutil.copytree(STORED, tmp_path / "run"))
 
 

@@ -14,6 +14,7 @@ import data_prep
 from data_prep.clouds.orientations import PAPER
 from data_prep.datasets import procedural as dataset_procedural
 from data_prep.datasets import registry as datasets
+from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from data_prep.datasets.registry import (
     Dataset,
     DatasetReader,
@@ -71,15 +72,16 @@ def test_the_sealed_split_is_another_in_each_version_of_the_protocol(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     dataset = open_dataset("procedural:sealed")
-    assert ids(dataset, "chair", 2) == ["sealed-1-0000", "sealed-1-0001"]
+    prefix = f"sealed-{PROTOCOL_VERSION}-"
+    assert ids(dataset, "chair", 2) == [f"{prefix}0000", f"{prefix}0001"]
     sealed = ProceduralObject("chair", "sealed", 3)
     before = digest(sealed.load())
     # Without the salt it would be drawn by whoever writes down its name.
     assert before != digest(CLASSES["chair"].draw(generator(*NAME)).mesh())
-    assert sealed.fingerprint() == "procedural-1/chair/sealed-1-0003"
-    monkeypatch.setattr(dataset_procedural, "PROTOCOL_VERSION", 2)
+    assert sealed.fingerprint() == f"procedural-1/chair/{prefix}0003"
+    monkeypatch.setattr(dataset_procedural, "PROTOCOL_VERSION", PROTOCOL_VERSION + 1)
     assert digest(sealed.load()) != before
-    assert sealed.fingerprint() == "procedural-1/chair/sealed-2-0003"
+    assert sealed.fingerprint() == f"procedural-1/chair/sealed-{PROTOCOL_VERSION + 1}-0003"
 
 
 NAME = ("procedural", "chair", "sealed", 3)
