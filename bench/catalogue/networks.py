@@ -79,20 +79,6 @@ NETWORK_METHODS = (
         source="splat-net in neutral grey: no colour is made up",
     ),
     _splat_net(
-        "splat-net@tiny",
-        weights="all-tiny",
-        trained_on="13 classes",
-        source="splat-net without normals, of half the width "
-        "(baselines/splat_net/weights/all-tiny.md)",
-    ),
-    _splat_net(
-        "splat-net@tiny-grey",
-        weights="all-tiny-grey",
-        color="none",
-        trained_on="13 classes",
-        source="splat-net@tiny in neutral grey",
-    ),
-    _splat_net(
         "splat-net@chair",
         weights="chair",
         source="splat-net trained on chairs (baselines/splat_net/weights/chair.md)",
@@ -114,6 +100,20 @@ NETWORK_METHODS = (
         weights="chair-tiny",
         source="splat-net@chair without normals, of half the width "
         "(baselines/splat_net/weights/chair-tiny.md)",
+    ),
+    _splat_net(
+        "splat-net@tiny",
+        weights="all-tiny",
+        trained_on="13 classes",
+        source="splat-net without normals, of half the width "
+        "(baselines/splat_net/weights/all-tiny.md)",
+    ),
+    _splat_net(
+        "splat-net@tiny-grey",
+        weights="all-tiny-grey",
+        color="none",
+        trained_on="13 classes",
+        source="splat-net@tiny in neutral grey",
     ),
     _splat_net(
         "points2pix",
