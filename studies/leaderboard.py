@@ -44,7 +44,10 @@ from studies.documents import VERDICTS
 NUMBERS = Path(__file__).parents[1] / "results" / "docs"
 FULL = "2048"
 CHAIRS = ("procedural-networks.csv", "beyond-networks.csv")
-MESHES = ("real-meshes-4.csv", "real-meshes-4-pc2pix.csv", "real-meshes.csv")
+MESHES = (
+    *("real-meshes-coloured.csv", "real-meshes-4.csv"),
+    *("real-meshes-4-pc2pix.csv", "real-meshes.csv"),
+)
 COSTS = "frontier.csv"
 NAMED = {
     RECOMMENDED,
@@ -85,8 +88,8 @@ KNOWN = "chairs of the generator that the networks were trained with"
 REAL = "real meshes, mean of 13 classes"
 GROUPS = (
     ResultGroup("known chairs", KNOWN, CHAIRS, FULL),
-    ResultGroup("real objects", REAL, MESHES, FULL, "real-meshes-4-"),
-    ResultGroup("real, noise 10 %", REAL, MESHES, "noise-0.10", "real-meshes-4-"),
+    ResultGroup("real objects", REAL, MESHES, FULL, "real-meshes-coloured-"),
+    ResultGroup("real, noise 10 %", REAL, MESHES, "noise-0.10", "real-meshes-coloured-"),
 )
 
 

@@ -96,7 +96,7 @@ def test_it_is_made_of_the_results_of_the_project_and_loads_nothing():
     html = fragment()
     assert html.count("<tr") > 12
     assert not re.search(r"(src|href)=", html)
-    assert '<span class="name">splat-net@grey</span> <small>recommended</small>' in html
+    assert '<span class="name">fused-net</span> <small>recommended in colours</small>' in html
     kinds = {row.name: row.kind for row in board().rows}
-    assert kinds["splat-net"] == kinds["splat-net@chair"] == ""
+    assert kinds["splat-net@grey"] == kinds["splat-net@chair"] == ""
     assert kinds["splat-net@chair-grey"] == "variant"

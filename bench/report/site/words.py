@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from itertools import groupby
 
-from bench.catalogue.methods import RECOMMENDED, known_method, role
+from bench.catalogue.methods import RECOMMENDED, RECOMMENDED_IN_COLOUR, known_method, role
 from bench.catalogue.metrics import IMAGE_METRICS, higher_is_better
 
 _ROLES = {"ceiling": "reference: the true mesh", "floor": "reference: sees no cloud"}
@@ -21,6 +21,8 @@ def method_words(method_id: str) -> str:
     """Return what a reader has to know beside the name of a method; empty for most."""
     if method_id == RECOMMENDED:
         return "recommended"
+    if method_id == RECOMMENDED_IN_COLOUR:
+        return "recommended in colours"
     return _ROLES.get(role(method_id), "")
 
 
