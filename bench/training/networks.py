@@ -264,7 +264,9 @@ def compared_features(
     try:
         return load_efficientnet(find()).first_maps
     except WeightsUnavailable as error:
-        raise BadInput(f"--objective {objective}: {error}") from error
+        raise BadInput(
+            f"--objective {objective}: {error}; or choose --objective relief, which compares none"
+        ) from error
 
 
 def _surfaces(objects: Sequence[SceneObject], views: int) -> SurfaceSet:
