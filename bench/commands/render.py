@@ -248,7 +248,8 @@ def render_clouds(
         print(f"bench: {result.without_image} of {count} clouds have no image", file=sys.stderr)
     if result.images and (options.out is None or options.method is None):
         methods = visible(", ".join(options.methods))
-        by_default = options.method is None and options.budget is None
+        # The methods that a budget chooses from draw in grey.
+        by_default = options.method is options.budget is None and options.colour != "invented"
         faster = "--budget 50ms is faster, " if by_default else ""
         print(f"drawn by {methods}; {faster}'bench list' has others", file=sys.stderr)
     for image in result.images:
