@@ -252,7 +252,12 @@ EXPECTED: Mapping[str, Mapping[str, Expectation]] = {
     "splat-net": _SPLAT_NET,
     "splat-net@grey": _SPLAT_NET,
     "splat-net@tiny": _SPLAT_NET,
-    "splat-net@tiny-grey": _SPLAT_NET,
+    # In grey it leaves a few points to cover less of a pixel than shows.
+    "splat-net@tiny-grey": _SPLAT_NET
+    | dict.fromkeys(
+        ("1-points", "2-points", "3-points", "4-points", "16-points", "all-equal", "int", *_LARGE),
+        _SOME_BLANK,
+    ),
     "points2pix": _SPLAT_NET,
     "points2pix@l1-patch": _SPLAT_NET,
     "depth-net": _SPLAT_NET,
