@@ -38,5 +38,5 @@ def view_costs_ms(path: Path = FRONTIER) -> dict[str, float]:
 def cost_of(method_id: str, costs: Mapping[str, float]) -> float | None:
     """Return the cost of a method, or for one that was not measured that of its like or family."""
     family = family_of(method_id)
-    stand_ins = (method_id, MEASURED.get(method_id), family, MEASURED.get(family))
+    stand_ins = (method_id, MEASURED.get(method_id, ""), family, MEASURED.get(family, ""))
     return next((costs[id_] for id_ in stand_ins if id_ in costs), None)
