@@ -53,6 +53,14 @@ def turned(views: Sequence[View]) -> tuple[View, ...]:
     return tuple(replace(view, azimuth_deg=view.azimuth_deg + TURN_DEG) for view in views)
 
 
+def row_titles(methods: Sequence[str]) -> list[str]:
+    """Return the titles of the columns of `draw_row`, given those of the methods."""
+    titles = ["truth"]
+    for condition in CONDITION_TITLES.values():
+        titles += [f"cloud,\n{condition}", *methods]
+    return titles
+
+
 def draw_row(shape: SceneObject, renderers: Sequence[Renderer]) -> Iterator[UInt8Images]:
     """Yield the row of an object in a sheet, image by image [H, W, 3].
 

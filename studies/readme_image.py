@@ -15,7 +15,7 @@ from bench.catalogue.chosen import BEST_RECONSTRUCTION
 from bench.running.work import load_renderer
 from bench.tables.figure import image_grid, save
 from data_prep.datasets.registry import open_dataset
-from studies.images import CONDITION_TITLES, draw_row
+from studies.images import draw_row, row_titles
 
 # denoised-alpha was best on validation chairs at both conditions (docs/reconstruction.md)
 METHODS = {
@@ -36,10 +36,7 @@ def main() -> None:
     (chair,) = open_dataset("procedural").objects("chair", 1, 1)
     (bench,) = open_dataset(f"folder:{options.meshes}").objects("bench", 1, 1)
     renderers = [load_renderer(method, "cpu") for method in METHODS.values()]
-    titles = ["truth"]
-    for condition in CONDITION_TITLES.values():
-        names = [name.replace("-", "\n", name == BEST_RECONSTRUCTION) for name in METHODS]
-        titles += [f"cloud,\n{condition}", *names]
+    titles = row_titles([name.replace("-", "\n", name == BEST_RECONSTRUCTION) for name in METHODS])
     shapes = {"chair": chair, "real bench": bench}
     rows = [(label, draw_row(shape, renderers)) for label, shape in shapes.items()]
     save(image_grid(titles, rows, SIZE_IN, "antialiased"), options.out, dpi=DPI)

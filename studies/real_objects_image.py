@@ -16,7 +16,7 @@ from bench.tables.figure import image_grid, save
 from data_prep.datasets.grey import GreyObject
 from data_prep.datasets.registry import open_dataset
 from data_prep.shapes.catalogue import CLASSES
-from studies.images import CONDITION_TITLES, draw_row
+from studies.images import draw_row, row_titles
 
 METHODS = ("denoised-wrap", "occupancy-net", "splat-net@grey", "fused-net@grey")
 ROWS = 10
@@ -32,9 +32,7 @@ def main() -> None:
     options = parser.parse_args()
     dataset = open_dataset(f"folder:{options.meshes}")
     renderers = [load_renderer(method, "cpu") for method in METHODS]
-    titles = ["truth"]
-    for condition in CONDITION_TITLES.values():
-        titles += [f"cloud,\n{condition}", *(name.replace("-", "-\n") for name in METHODS)]
+    titles = row_titles([name.replace("-", "-\n") for name in METHODS])
     rows = []
     known = [class_name for class_name in dataset.classes if class_name in CLASSES]
     for class_name in known[:ROWS]:

@@ -252,7 +252,7 @@ EXPECTED: Mapping[str, Mapping[str, Expectation]] = {
     "splat-net": _SPLAT_NET,
     "splat-net@grey": _SPLAT_NET,
     "splat-net@tiny": _SPLAT_NET,
-    # In grey it leaves a few points to cover less of a pixel than shows.
+    # A few points, or few in sight of a camera among them, cover too little of a pixel to show.
     "splat-net@tiny-grey": _SPLAT_NET
     | dict.fromkeys(
         ("1-points", "2-points", "3-points", "4-points", "16-points", "all-equal", "int", *_LARGE),
