@@ -133,20 +133,24 @@ def draw_conditions(
 
 @drawing()
 def draw_classes(
-    files: Mapping[str, str], condition: str, metrics: Sequence[str] = ("ssim-object", "lpips")
+    file: str,
+    methods: Sequence[str],
+    condition: str,
+    metrics: Sequence[str] = ("ssim-object", "lpips"),
 ) -> Figure:
-    """Draw differences to the best reconstruction by class, so that right is better.
+    """Draw differences of methods to the best reconstruction by class, so that right is better.
 
-    `files` has a comparison for each method. A hollow point is not decided.
+    `file` has their comparisons. A hollow point is not decided.
     """
     figure, axes = panels(1, len(metrics), (WIDTH_IN, 5.2), sharey=True)
-    styles = method_styles(files)
+    styles = method_styles(methods)
     rows = {name: float(place) for place, name in enumerate((*CLASSES, "all"))}
     rows["all"] += 0.5  # beyond a line
     for axis, metric in zip(axes[0], metrics, strict=True):
-        for number_of, (method, file) in enumerate(files.items()):
-            shift = 0.3 * (number_of - (len(files) - 1) / 2)
-            _draw_class_points(axis, file, (metric, condition), rows, shift, styles[method])
+        for number_of, method in enumerate(methods):
+            shift = 0.3 * (number_of - (len(methods) - 1) / 2)
+            wanted = {"metric": metric, "condition": condition, "method_b": method}
+            _draw_class_points(axis, read_lines([file], wanted), rows, shift, styles[method])
             axis.plot([], [], linestyle="none", label=method, **point(styles[method]))
         axis.axvline(0, color=SOFT, linewidth=1)
         axis.axhline(len(CLASSES) - 0.25, color=RULE, linewidth=0.8)
@@ -169,14 +173,12 @@ def draw_classes(
 
 def _draw_class_points(
     axis: Any,
-    file: str,
-    cell: tuple[str, str],
+    lines: Iterable[Mapping[str, str]],
     rows: Mapping[str, float],
     shift: float,
     style: MethodStyle,
 ) -> None:
-    metric, condition = cell
-    for line in read_lines([file], {"metric": metric, "condition": condition}):
+    for line in lines:
         y, value = rows[line["class"]] + shift, number(line["difference"])
         low, high = number(line["ci_low"]), number(line["ci_high"])
         if not math.isnan(low):
@@ -336,26 +338,23 @@ def draw_view_costs(methods: Sequence[str]) -> Figure:
 
 
 OTHERS = ("best-reconstruction", "pc2pix", "surface-apss", FLOOR)
-CHAIR_METHODS = (CHAIR, f"{CHAIR}-grey", *OTHERS)
-REAL_METHODS = ("splat-net@grey", CHAIR, *OTHERS)
+CHAIR_METHODS = (CHAIR, "splat-net", "fused-net", *OTHERS)
+REAL_METHODS = ("fused-net@grey", "splat-net@grey", "occupancy-net", *OTHERS)
 FIGURES: Mapping[str, Callable[[], Figure]] = {
     "known-chairs": partial(draw_conditions, ["sealed.csv"], CHAIR_METHODS),
     "novel-families-curves": partial(draw_conditions, ["novel-families.csv"], CHAIR_METHODS),
-    "real-chairs-curves": partial(
-        draw_conditions,
-        ["real-chairs-20.csv", "real-chairs-20-networks.csv"],
-        REAL_METHODS,
-    ),
+    "real-chairs-curves": partial(draw_conditions, ["real-chairs.csv"], REAL_METHODS),
     "real-meshes": partial(
         draw_classes,
-        {
-            "splat-net@grey": "real-meshes-4-splat-net@grey.csv",
-            CHAIR: "real-meshes-4-splat-net@chair.csv",
-        },
+        "real-meshes-grey-differences.csv",
+        ["fused-net@grey", "splat-net@grey"],
         "2048",
     ),
     "thirteen-classes": partial(
-        draw_classes, {CHAIR: "thirteen-classes-splat-net@chair.csv"}, "2048"
+        draw_classes,
+        "thirteen-classes-differences.csv",
+        ["fused-net@grey", "splat-net@grey"],
+        "2048",
     ),
     "table5": partial(
         draw_paper_classes, "thirteen-classes.csv", "fd-views", ["surface-apss", "pc2pix@all"]
@@ -364,11 +363,13 @@ FIGURES: Mapping[str, Callable[[], Figure]] = {
         draw_frontier,
         [
             *(CHAIR, TINY, "denoised-alpha", "alpha-shape"),
-            *("pc2pix", "pgr", "surface-fit", "surface-apss", "splat"),
+            *("fused-net", "pc2pix", "surface-fit", "surface-apss", "splat"),
         ],
     ),
     "beyond": partial(
-        draw_families, "beyond-networks.csv", [CHAIR, "pc2pix", "surface-apss", FLOOR]
+        draw_families,
+        "beyond-training.csv",
+        ["fused-net", CHAIR, "pc2pix", "surface-apss", FLOOR],
     ),
     "amortised": partial(
         draw_view_costs, ["surface-apss", "surface-fit", "pc2pix", "pc2pix@paper", CHAIR, TINY]

@@ -40,20 +40,12 @@ from bench.report.site.board import (
 from bench.report.site.site_run import HEADLINE
 from bench.report.site.words import method_words, metric_words, trained_on
 from studies.documents import VERDICTS
+from studies.measurements import differences_of
 
 NUMBERS = Path(__file__).parents[1] / "results" / "docs"
 FULL = "2048"
-CHAIRS = ("procedural-networks.csv", "beyond-networks.csv")
-MESHES = (
-    *("real-meshes-coloured.csv", "real-meshes-4.csv"),
-    *("real-meshes-4-pc2pix.csv", "real-meshes.csv"),
-)
 COSTS = "frontier.csv"
-NAMED = {
-    RECOMMENDED,
-    "splat-net@grey",
-    "splat-net@chair",
-}  # by the front page: never hidden as variants
+NAMED = {RECOMMENDED, "splat-net@grey"}  # by the front page: never hidden as variants
 MARK = "<!-- leaderboard -->"
 
 Line = Mapping[str, str]
@@ -65,18 +57,15 @@ class ResultGroup:
 
     Attributes
     ----------
-    files : tuple of str
-        Tables of values; the first with a line for a method counts.
-    against_best : str
-        Beginning of the names of the comparisons with the best reconstruction, each of which ends
-        in the id of a method; empty without comparisons.
+    measurement : str
+        The name of the measurement (`studies.measurements`), whose values and comparisons with the
+        best reconstruction are shown.
     """
 
     name: str
     objects: str
-    files: tuple[str, ...]
+    measurement: str
     condition: str
-    against_best: str = ""
 
     @property
     def title(self) -> str:
@@ -87,9 +76,9 @@ class ResultGroup:
 KNOWN = "chairs of the generator that the networks were trained with"
 REAL = "real meshes, mean of 13 classes"
 GROUPS = (
-    ResultGroup("known chairs", KNOWN, CHAIRS, FULL),
-    ResultGroup("real objects", REAL, MESHES, FULL, "real-meshes-coloured-"),
-    ResultGroup("real, noise 10 %", REAL, MESHES, "noise-0.10", "real-meshes-coloured-"),
+    ResultGroup("known chairs", KNOWN, "known-chairs-grey", FULL),
+    ResultGroup("real objects", REAL, "real-meshes-grey", FULL),
+    ResultGroup("real, noise 10 %", REAL, "real-meshes-grey", "noise-0.10"),
 )
 
 
@@ -99,18 +88,18 @@ def board(numbers: Path = NUMBERS, groups: Sequence[ResultGroup] = GROUPS) -> Bo
     Methods are sorted by the mean of their places in the columns that they have values in; weights
     that are no method of the package are left out. Raises OSError where a file is missing.
     """
-    lines = {name: _read(numbers / name) for name in {f for g in groups for f in g.files}}
+    lines = {g.name: _read(numbers / f"{g.measurement}.csv") for g in groups}
     found_methods = dict.fromkeys(
-        line["method"] for group in groups for name in group.files for line in lines[name]
+        line["method"] for of_group in lines.values() for line in of_group
     )
     methods = [
         method
         for method in found_methods
-        if any(_value(lines, group, metric, method) for group in groups for metric in HEADLINE)
+        if any(_value(lines[g.name], g, metric, method) for g in groups for metric in HEADLINE)
         and not method.endswith(".safetensors")
     ]
     values = {
-        (group.name, metric): {m: _value(lines, group, metric, m) for m in methods}
+        (group.name, metric): {m: _value(lines[group.name], group, metric, m) for m in methods}
         for group in groups
         for metric in HEADLINE
     }
@@ -123,8 +112,7 @@ def board(numbers: Path = NUMBERS, groups: Sequence[ResultGroup] = GROUPS) -> Bo
     for place, method in enumerate(ordered, 1):
         cells = []
         for group in groups:
-            differences = numbers / f"{group.against_best}{method}.csv"
-            verdicts = _verdicts(differences, group) if group.against_best else {}
+            verdicts = _verdicts(numbers / differences_of(group.measurement), group, method)
             for metric in HEADLINE:
                 of_column = values[group.name, metric]
                 cells.append(_cell(metric, method, of_column, verdicts.get(metric, "")))
@@ -170,18 +158,13 @@ def _read(path: Path) -> tuple[Line, ...]:
         return tuple(csv.DictReader(file))
 
 
-def _value(
-    lines: Mapping[str, Sequence[Line]], group: ResultGroup, metric: str, method: str
-) -> float | None:
+def _value(lines: Sequence[Line], group: ResultGroup, metric: str, method: str) -> float | None:
     """Return a method's value, the mean over classes of several; None without one."""
     wanted = {"method": method, "metric": metric, "condition": group.condition}
-    for name in group.files:
-        of_cell = [line for line in lines[name] if wanted.items() <= line.items()]
-        average = [line for line in of_cell if line["class"] == AVERAGE]
-        texts = [line["failures_as_blank"] or line["value"] for line in average or of_cell]
-        if texts and all(texts):
-            return float(np.mean([float(text) for text in texts]))
-    return None
+    of_cell = [line for line in lines if wanted.items() <= line.items()]
+    average = [line for line in of_cell if line["class"] == AVERAGE]
+    texts = [line["failures_as_blank"] or line["value"] for line in average or of_cell]
+    return float(np.mean([float(text) for text in texts])) if texts and all(texts) else None
 
 
 def _mean_places(
@@ -201,12 +184,15 @@ def _mean_places(
     return {m: 1 + (len(places) - 1) * float(np.mean(p)) for m, p in places.items()}
 
 
-def _verdicts(path: Path, group: ResultGroup) -> dict[str, str]:
-    """Return the outcome of a comparison by metric, of all classes together."""
-    if not path.is_file():
-        return {}
-    lines = [line for line in _read(path) if line["condition"] == group.condition]
-    return {line["metric"]: VERDICTS[line["ahead"]] for line in lines if line["class"] == "all"}
+def _verdicts(path: Path, group: ResultGroup, method: str) -> dict[str, str]:
+    """Return the outcome of a comparison by metric, of all classes together if several."""
+    of_method = [
+        line
+        for line in _read(path)
+        if (line["method_b"], line["condition"]) == (method, group.condition)
+    ]
+    together = [line for line in of_method if line["class"] == "all"] or of_method
+    return {line["metric"]: VERDICTS[line["ahead"]] for line in together}
 
 
 def _cell(

@@ -11,18 +11,13 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from bench.catalogue.chosen import BEST_RECONSTRUCTION
+from bench.catalogue.methods import RECOMMENDED
 from bench.running.work import load_renderer
 from bench.tables.figure import image_grid, save
 from data_prep.datasets.registry import open_dataset
 from studies.images import draw_row, row_titles
 
-# denoised-alpha was best on validation chairs at both conditions (docs/reconstruction.md)
-METHODS = {
-    BEST_RECONSTRUCTION: "denoised-alpha",
-    "pc2pix": "pc2pix",
-    "splat-net": "splat-net@grey",
-}
+METHODS = {"denoised-\nwrap": "denoised-wrap", "pc2pix": "pc2pix", "fused-net\n@grey": RECOMMENDED}
 SIZE_IN = (8.3, 2.3)  # 830 px wide on GitHub
 DPI = 200
 
@@ -36,7 +31,7 @@ def main() -> None:
     (chair,) = open_dataset("procedural").objects("chair", 1, 1)
     (bench,) = open_dataset(f"folder:{options.meshes}").objects("bench", 1, 1)
     renderers = [load_renderer(method, "cpu") for method in METHODS.values()]
-    titles = row_titles([name.replace("-", "\n", name == BEST_RECONSTRUCTION) for name in METHODS])
+    titles = row_titles(list(METHODS))
     shapes = {"chair": chair, "real bench": bench}
     rows = [(label, draw_row(shape, renderers)) for label, shape in shapes.items()]
     save(image_grid(titles, rows, SIZE_IN, "antialiased"), options.out, dpi=DPI)

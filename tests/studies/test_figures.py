@@ -44,7 +44,10 @@ def test_curves_are_the_values_of_the_file_and_up_is_better(figures):
 
 def test_differences_are_hollow_where_nothing_is_decided(figures):
     axis, _ = figures["thirteen-classes"].axes
-    lines = read_lines(["thirteen-classes-splat-net@chair.csv"], {"metric": "ssim-object"})
+    of_network = {"metric": "ssim-object", "method_b": "fused-net@grey"}
+    of_other = {"metric": "ssim-object", "method_b": "splat-net@grey"}
+    file = ["thirteen-classes-differences.csv"]
+    lines = read_lines(file, of_network) + read_lines(file, of_other)
     points = [line for line in axis.get_lines() if len(line.get_xdata()) == 1]
     assert [p.get_xdata()[0] for p in points] == [float(line["difference"]) for line in lines]
     filled = [p.get_markerfacecolor() == p.get_color() for p in points]

@@ -16,8 +16,8 @@ VALUES = {  # ssim-object and lpips
     "blank": (0.5, 0.6),
     "pc2pix@mine.safetensors": (1.0, 0.0),
 }
-KNOWN = ResultGroup("known", "chairs", ("known.csv", "more.csv"), "2048")
-REAL = ResultGroup("real", "meshes", ("real.csv",), "noise-0.10", "real-against-")
+KNOWN = ResultGroup("known", "chairs", "known", "2048")
+REAL = ResultGroup("real", "meshes", "real", "noise-0.10")
 HEAD = "method,condition,class,metric,value,failures_as_blank\n"
 
 
@@ -30,10 +30,11 @@ def numbers(tmp_path) -> Path:
             for metric, value in zip(("ssim-object", "lpips"), of_method, strict=True)
         )
 
-    known = {method: of_method for method, of_method in VALUES.items() if method != "splat"}
-    (tmp_path / "known.csv").write_text(HEAD + lines("2048", "chair", known))
-    more = {"splat": VALUES["splat"], "blank": (0.0, 0.0)}  # of blank the first file counts
-    (tmp_path / "more.csv").write_text(HEAD + lines("2048", "chair", more))
+    (tmp_path / "known.csv").write_text(HEAD + lines("2048", "chair", VALUES))
+    compared = "metric,condition,class,method_b,ahead\n"
+    (tmp_path / "known-differences.csv").write_text(
+        f"{compared}lpips,2048,chair,splat,a\nlpips,noise-0.10,chair,splat,b\n"
+    )
     of_classes = {method: of_method for method, of_method in VALUES.items() if "@all" not in method}
     (tmp_path / "real.csv").write_text(
         HEAD
@@ -41,9 +42,9 @@ def numbers(tmp_path) -> Path:
         + lines("noise-0.10", "sofa", of_classes, 0.1)
         + lines("2048", "sofa", of_classes, 0.5)
     )
-    (tmp_path / "real-against-pc2pix.csv").write_text(
-        "metric,condition,class,ahead\nlpips,noise-0.10,all,b\nlpips,noise-0.10,car,a\n"
-        "ssim-object,noise-0.10,all,tie\n"
+    (tmp_path / "real-differences.csv").write_text(
+        f"{compared}lpips,noise-0.10,all,pc2pix,b\nlpips,noise-0.10,car,pc2pix,a\n"
+        "ssim-object,noise-0.10,all,pc2pix,tie\nlpips,noise-0.10,all,splat,a\n"
     )
     (tmp_path / "frontier.csv").write_text(
         "condition,views,metric,method,cost_ms\n2048,1,lpips,pc2pix,21.26\n2048,20,lpips,pc2pix,99\n"
@@ -68,11 +69,12 @@ def test_rows_hold_what_the_files_hold(numbers):
     assert [cell.text for cell in blank[:2]] == [".500", ".600"]
     assert [cell.caveat for cell in splat[:2]] == ["worse than blank", ""]
     assert [cell.beneath for cell in best[:4]] == ["", "", "not decided", "better"]
+    assert [cell.beneath for cell in splat[:4]] == ["", "worse", "", "worse"]
 
 
 def test_a_missing_file_is_named(numbers):
-    (numbers / "more.csv").unlink()
-    with pytest.raises(FileNotFoundError, match=r"more\.csv"):
+    (numbers / "known.csv").unlink()
+    with pytest.raises(FileNotFoundError, match=r"known\.csv"):
         board(numbers, (KNOWN,))
 
 
@@ -96,7 +98,7 @@ def test_it_is_made_of_the_results_of_the_project_and_loads_nothing():
     html = fragment()
     assert html.count("<tr") > 12
     assert not re.search(r"(src|href)=", html)
-    assert '<span class="name">fused-net</span> <small>recommended in colours</small>' in html
+    assert '<span class="name">fused-net@grey</span> <small>recommended</small>' in html
     kinds = {row.name: row.kind for row in board().rows}
-    assert kinds["splat-net@grey"] == kinds["splat-net@chair"] == ""
+    assert kinds["fused-net@grey"] == kinds["splat-net@grey"] == ""
     assert kinds["splat-net@chair-grey"] == "variant"

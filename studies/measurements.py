@@ -1,0 +1,178 @@
+"""The runs that the documentation quotes, each with the files in `results/docs` made of it.
+
+    python -m studies.measurements                      # the command of every run
+    python -m studies.measurements NAME [--meshes PATH] [--out DIR] [--workers N]
+
+Carries out the run, or goes on with the one in DIR, and writes `results/docs/NAME.csv`, its tables
+of quality, and `NAME-differences.csv`: networks against the best reconstruction, object by object,
+as `bench compare` does. PATH is the folder of real meshes that `bench data verify` knows.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+import subprocess
+import sys
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from bench.analysis.run_pairs import methods_of_run
+from bench.analysis.scored import ScoredRun, read_scored
+from bench.catalogue.chosen import BEST_RECONSTRUCTION
+from bench.tables.build import tables
+from bench.tables.differences import differences_table
+from data_prep.files.atomic_write import write_whole
+
+NUMBERS = Path(__file__).parents[1] / "results" / "docs"
+FIRST = ("ssim", "ssim-object", "lpips")
+RUN_COLUMNS = ("run_a", "run_b")  # where the run lay
+CHAIRS = "--suite chair-robustness"
+GREY_CHAIRS = "--suite chair-robustness-grey"
+CLASSES = "--suite thirteen-classes"
+MESHES = "--dataset folder:PATH"
+ON_MESHES = f"{CLASSES} {MESHES} --conditions 2048,512,noise-0.05,noise-0.10 --views 4"
+# Beside the methods of the suite: the opponent that learns in 3D, and the grey twin.
+KNOWN = (
+    "surface-apss,alpha-wrap,denoised-wrap,occupancy-net,pc2pix,pc2pix@acgan,splat-net,"
+    "splat-net@chair,splat-net@chair-grey,fused-net,true-mesh,constant,blank"
+)
+OF_CHAIRS = (
+    *("splat-net@chair", "splat-net@chair-grey", "splat-net", "fused-net"),
+    *("occupancy-net", "pc2pix"),
+)
+OPPONENTS = "surface-apss,alpha-wrap,denoised-wrap,occupancy-net"
+GREY = "splat-net@grey,fused-net@grey"
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """A run and its part in the documentation.
+
+    Attributes
+    ----------
+    options : str
+        The options of `bench run`, with PATH for the folder of real meshes.
+    compared : tuple of str
+        Methods that are compared with the best reconstruction.
+    metrics : tuple of str
+        The metrics of the table of values; empty for all of the run.
+    """
+
+    options: str
+    compared: tuple[str, ...] = ()
+    metrics: tuple[str, ...] = ()
+
+
+MEASUREMENTS: Mapping[str, Measurement] = {
+    "sealed": Measurement(
+        f"{CHAIRS} --dataset procedural:sealed --limit 100 --methods {KNOWN}", OF_CHAIRS
+    ),
+    "novel-families": Measurement(
+        f"{CHAIRS} --dataset procedural:novel-families --limit 50 --methods {KNOWN}", OF_CHAIRS
+    ),
+    "known-chairs-grey": Measurement(
+        f"{GREY_CHAIRS} --conditions 2048,noise-0.10 "
+        f"--methods {OPPONENTS},pc2pix,splat-net@chair-grey,{GREY},blank",
+        ("splat-net@chair-grey", "splat-net@grey", "fused-net@grey", "occupancy-net"),
+    ),
+    "thirteen-classes": Measurement(CLASSES, ("splat-net@grey", "fused-net@grey", "occupancy-net")),
+    "real-chairs": Measurement(
+        f"{GREY_CHAIRS} {MESHES} --methods {OPPONENTS},pc2pix,splat-net@chair-grey,{GREY},blank",
+        ("splat-net@chair-grey", "splat-net@grey", "fused-net@grey", "occupancy-net", "pc2pix"),
+    ),
+    "real-meshes-grey": Measurement(
+        f"{ON_MESHES} --truth grey --methods {OPPONENTS},pc2pix@all,splat-net@chair-grey,"
+        f"splat-net@tiny-grey,{GREY},blank",
+        (
+            *("splat-net@grey", "splat-net@tiny-grey", "splat-net@chair-grey"),
+            *("fused-net@grey", "occupancy-net", "pc2pix@all"),
+        ),
+        FIRST,
+    ),
+    "real-meshes-coloured": Measurement(
+        f"{ON_MESHES} --methods alpha-wrap,denoised-wrap,occupancy-net,pc2pix@all,splat-net,"
+        "splat-net@tiny,splat-net@grey,fused-net,blank",
+        ("splat-net", "splat-net@tiny", "splat-net@grey", "fused-net", "occupancy-net"),
+        FIRST,
+    ),
+    "beyond-training": Measurement("--suite beyond-training --limit 12"),
+}
+
+
+def differences_of(name: str) -> str:
+    """Return the name of the file of a measurement's comparisons with the best reconstruction."""
+    return f"{name}-differences.csv"
+
+
+def values(run: ScoredRun, metrics: Iterable[str]) -> str:
+    """Return the tables of quality of a run as one CSV file, of the given metrics or of all."""
+    rows = [row for table in tables(run) for row in _rows(table.to_csv())]
+    wanted = set(metrics)
+    return _written([row for row in rows if not wanted or row["metric"] in wanted])
+
+
+def differences(directory: Path, methods: Iterable[str]) -> str:
+    """Return the comparisons of methods with the best reconstruction as one CSV file."""
+    rows: list[dict[str, str]] = []
+    for method in methods:
+        pair = methods_of_run(directory, (BEST_RECONSTRUCTION, method), FIRST)
+        rows += _rows(differences_table(pair).to_csv())
+    return _written([{k: v for k, v in row.items() if k not in RUN_COLUMNS} for row in rows])
+
+
+def _rows(text: str) -> list[dict[str, str]]:
+    return list(csv.DictReader(io.StringIO(text)))
+
+
+def _written(rows: list[dict[str, str]]) -> str:
+    file = io.StringIO()
+    writer = csv.DictWriter(file, rows[0], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return file.getvalue()
+
+
+def command(name: str, meshes: Path | None = None) -> list[str]:
+    """Return the arguments of `bench` that carry out a run, without its folder."""
+    options = MEASUREMENTS[name].options.split()
+    return ["run", *(o.replace("PATH", str(meshes or "PATH")) for o in options)]
+
+
+def measure(name: str, out: Path, meshes: Path | None, more: Iterable[str] = ()) -> None:
+    """Carry out a run and write its files.
+
+    Raises subprocess.CalledProcessError where the run fails; it has said why.
+    """
+    arguments = [*command(name, meshes), "--out", str(out), *more]
+    subprocess.run([Path(sys.executable).with_name("bench"), *arguments], check=True)
+    measurement = MEASUREMENTS[name]
+    texts = {f"{name}.csv": values(read_scored(out), measurement.metrics)}
+    if measurement.compared:
+        texts[differences_of(name)] = differences(out, measurement.compared)
+    for file, text in texts.items():
+        write_whole(NUMBERS / file, text.encode())
+
+
+def main() -> None:
+    """Carry out a run, or print the commands of all."""
+    parser = argparse.ArgumentParser(description="Runs that the documentation quotes.")
+    parser.add_argument("name", nargs="?", choices=list(MEASUREMENTS))
+    parser.add_argument("--meshes", type=Path, help="the folder of real meshes")
+    parser.add_argument("--out", type=Path, help="default: results/runs/NAME")
+    parser.add_argument("--workers", type=int, default=2)
+    options = parser.parse_args()
+    if options.name is None:
+        for name in MEASUREMENTS:
+            print(f"{name}: bench {' '.join(command(name))}")
+        return
+    if "PATH" in MEASUREMENTS[options.name].options and options.meshes is None:
+        parser.error(f"{options.name}: give --meshes, the folder of real meshes")
+    out = options.out or Path("results/runs") / options.name
+    measure(options.name, out, options.meshes, ["--workers", str(options.workers)])
+
+
+if __name__ == "__main__":
+    main()

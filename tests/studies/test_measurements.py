@@ -1,0 +1,72 @@
+"""Measurements of the documentation: what their runs and files hold."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+
+import pytest
+
+from bench.catalogue.chosen import BEST_RECONSTRUCTION
+from bench.catalogue.methods import find_method
+from data_prep.datasets.protocol_version import PROTOCOL_VERSION
+from studies import measurements
+from studies.measurements import FIRST, MEASUREMENTS, NUMBERS, command, differences_of
+
+SMALL = measurements.Measurement(
+    "--suite chair-robustness --methods alpha-wrap,splat,blank --conditions 2048 --limit 2 "
+    "--views 2",
+    ("splat",),
+    ("lpips", "ssim"),
+)
+
+
+def lines(path: Path) -> list[dict[str, str]]:
+    return list(csv.DictReader(io.StringIO(path.read_text())))
+
+
+@pytest.mark.parametrize("name", MEASUREMENTS)
+def test_files_are_of_this_protocol_and_of_the_methods_that_their_run_measures(name):
+    options = MEASUREMENTS[name].options.split()
+    rows = lines(NUMBERS / f"{name}.csv")
+    assert {row["protocol"] for row in rows} == {str(PROTOCOL_VERSION)}
+    assert {row["suite"] for row in rows} == {options[options.index("--suite") + 1]}
+    measured = {row["method"] for row in rows}
+    if "--methods" in options:
+        asked = options[options.index("--methods") + 1].split(",")
+        assert all(find_method(method).id == method for method in asked)
+        assert measured >= set(asked)
+    pairs = lines(NUMBERS / differences_of(name)) if MEASUREMENTS[name].compared else []
+    assert {row["method_b"] for row in pairs} == set(MEASUREMENTS[name].compared)
+    assert {row["method_a"] for row in pairs} <= {BEST_RECONSTRUCTION}
+
+
+@pytest.mark.slow
+def test_a_run_becomes_its_files(tmp_path, monkeypatch):
+    monkeypatch.setattr(measurements, "MEASUREMENTS", {"small": SMALL})
+    monkeypatch.setattr(measurements, "NUMBERS", tmp_path)
+    run = tmp_path / "run"
+    measurements.measure("small", run, None)
+    values = lines(tmp_path / "small.csv")
+    assert [(row["method"], row["metric"]) for row in values] == [
+        (method, metric)
+        for metric in ("ssim", "lpips")
+        for method in ("alpha-wrap", BEST_RECONSTRUCTION, "splat", "blank")
+    ]
+    of_run = lines(run / "tables" / "table3_ssim.csv")
+    assert values[:4] == [row for row in of_run if row["metric"] == "ssim"]
+    pairs = lines(tmp_path / "small-differences.csv")
+    assert [row["metric"] for row in pairs] == list(FIRST)
+    value = {(row["method"], row["metric"]): float(row["value"]) for row in values}
+    for row in pairs:
+        if row["metric"] != "ssim-object":  # paired means of two objects of as many views
+            ours, best = (value[m, row["metric"]] for m in ("splat", BEST_RECONSTRUCTION))
+            # both printed with six decimals
+            assert float(row["difference"]) == pytest.approx(ours - best, abs=1.5e-6)
+    assert "run_a" not in pairs[0]
+
+
+def test_the_folder_of_meshes_stands_in_the_command():
+    assert "folder:PATH" in command("real-meshes-grey")
+    assert "folder:/meshes" in command("real-meshes-grey", Path("/meshes"))
