@@ -37,7 +37,7 @@ ON_MESHES = f"{CLASSES} {MESHES} --conditions 2048,512,noise-0.05,noise-0.10 --v
 # Beside the methods of the suite: the opponent that learns in 3D, and the grey twin.
 KNOWN = (
     "surface-apss,alpha-wrap,denoised-wrap,occupancy-net,pc2pix,pc2pix@acgan,splat-net,"
-    "splat-net@chair,splat-net@chair-grey,fused-net,true-mesh,constant,blank"
+    "splat-net@chair,splat-net@chair-grey,fused-net,true-mesh,true-mesh@grey,constant,blank"
 )
 OF_CHAIRS = (
     *("splat-net@chair", "splat-net@chair-grey", "splat-net", "fused-net"),
@@ -75,7 +75,7 @@ MEASUREMENTS: Mapping[str, Measurement] = {
     ),
     "known-chairs-grey": Measurement(
         f"{GREY_CHAIRS} --conditions 2048,noise-0.10 "
-        f"--methods {OPPONENTS},pc2pix,splat-net@chair-grey,{GREY},blank",
+        f"--methods {OPPONENTS},pc2pix,pc2pix@all,splat-net@chair-grey,{GREY},blank",
         ("splat-net@chair-grey", "splat-net@grey", "fused-net@grey", "occupancy-net"),
     ),
     "thirteen-classes": Measurement(CLASSES, ("splat-net@grey", "fused-net@grey", "occupancy-net")),
@@ -84,7 +84,7 @@ MEASUREMENTS: Mapping[str, Measurement] = {
         ("splat-net@chair-grey", "splat-net@grey", "fused-net@grey", "occupancy-net", "pc2pix"),
     ),
     "real-meshes-grey": Measurement(
-        f"{ON_MESHES} --truth grey --methods {OPPONENTS},pc2pix@all,splat-net@chair-grey,"
+        f"{ON_MESHES} --truth grey --methods {OPPONENTS},pc2pix,pc2pix@all,splat-net@chair-grey,"
         f"splat-net@tiny-grey,{GREY},blank",
         (
             *("splat-net@grey", "splat-net@tiny-grey", "splat-net@chair-grey"),

@@ -40,6 +40,7 @@ ROBUSTNESS = Suite(
         "splat-net@chair",
         "fused-net",
         "true-mesh",
+        "true-mesh@grey",
         "constant",
         "blank",
     ),
