@@ -48,7 +48,7 @@ GREY = "splat-net@grey,fused-net@grey"
 
 
 @dataclass(frozen=True)
-class Measurement:
+class QuotedRun:
     """A run and its part in the documentation.
 
     Attributes
@@ -66,24 +66,24 @@ class Measurement:
     metrics: tuple[str, ...] = ()
 
 
-MEASUREMENTS: Mapping[str, Measurement] = {
-    "sealed": Measurement(
+MEASUREMENTS: Mapping[str, QuotedRun] = {
+    "sealed": QuotedRun(
         f"{CHAIRS} --dataset procedural:sealed --limit 100 --methods {KNOWN}", OF_CHAIRS
     ),
-    "novel-families": Measurement(
+    "novel-families": QuotedRun(
         f"{CHAIRS} --dataset procedural:novel-families --limit 50 --methods {KNOWN}", OF_CHAIRS
     ),
-    "known-chairs-grey": Measurement(
+    "known-chairs-grey": QuotedRun(
         f"{GREY_CHAIRS} --conditions 2048,noise-0.10 "
         f"--methods {OPPONENTS},pc2pix,pc2pix@all,splat-net@chair-grey,{GREY},blank",
         ("splat-net@chair-grey", "splat-net@grey", "fused-net@grey", "occupancy-net"),
     ),
-    "thirteen-classes": Measurement(CLASSES, ("splat-net@grey", "fused-net@grey", "occupancy-net")),
-    "real-chairs": Measurement(
+    "thirteen-classes": QuotedRun(CLASSES, ("splat-net@grey", "fused-net@grey", "occupancy-net")),
+    "real-chairs": QuotedRun(
         f"{GREY_CHAIRS} {MESHES} --methods {OPPONENTS},pc2pix,splat-net@chair-grey,{GREY},blank",
         ("splat-net@chair-grey", "splat-net@grey", "fused-net@grey", "occupancy-net", "pc2pix"),
     ),
-    "real-meshes-grey": Measurement(
+    "real-meshes-grey": QuotedRun(
         f"{ON_MESHES} --truth grey --methods {OPPONENTS},pc2pix,pc2pix@all,splat-net@chair-grey,"
         f"splat-net@tiny-grey,{GREY},blank",
         (
@@ -92,13 +92,13 @@ MEASUREMENTS: Mapping[str, Measurement] = {
         ),
         FIRST,
     ),
-    "real-meshes-coloured": Measurement(
+    "real-meshes-coloured": QuotedRun(
         f"{ON_MESHES} --methods alpha-wrap,denoised-wrap,occupancy-net,pc2pix@all,splat-net,"
         "splat-net@tiny,splat-net@grey,fused-net,blank",
         ("splat-net", "splat-net@tiny", "splat-net@grey", "fused-net", "occupancy-net"),
         FIRST,
     ),
-    "beyond-training": Measurement("--suite beyond-training --limit 12"),
+    "beyond-training": QuotedRun("--suite beyond-training --limit 12"),
 }
 
 

@@ -14,7 +14,7 @@ from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from studies import measurements
 from studies.measurements import FIRST, MEASUREMENTS, NUMBERS, command, differences_of
 
-SMALL = measurements.Measurement(
+SMALL = measurements.QuotedRun(
     "--suite chair-robustness --methods alpha-wrap,splat,blank --conditions 2048 --limit 2 "
     "--views 2",
     ("splat",),

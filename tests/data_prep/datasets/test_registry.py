@@ -93,6 +93,7 @@ OPENS_IT = {  # its definition, and the list of datasets
     ),
     *("data_prep/datasets/protocol_version.py", "bench/commands/listing.py"),
     "studies/figures.py",  # draws the stored results, and opens no dataset
+    "studies/measurements.py",  # the final measurement of a version of the protocol
 }
 
 
