@@ -225,8 +225,8 @@ def test_the_option_leaves_out_methods_that_make_up_colours_unless_they_are_aske
     assert {find_method(m).color for m in protocol.methods if m != "constant"} == {"none", "true"}
     assert capfd.readouterr().err == (
         "--truth grey leaves out pc2pix, pc2pix@acgan, splat-net, splat-net@chair, fused-net "
-        "(makes up colours); true-mesh@grey (is true-mesh in grey): give --methods for them, or for "
-        "networks in grey like fused-net@grey\n"
+        "(makes up colours); true-mesh@grey (is true-mesh in grey): give --methods for them, or "
+        "for networks in grey like fused-net@grey\n"
     )
     asked = replace(options, methods=("splat-net@chair", "true-mesh@grey"))
     protocol, _ = protocol_of(SUITES[0], asked, dict)
