@@ -24,6 +24,7 @@ from bench.analysis.scored import ScoredRun, read_scored
 from bench.catalogue.chosen import BEST_RECONSTRUCTION
 from bench.tables.build import tables
 from bench.tables.differences import differences_table
+from bench.tables.table import TABLES
 from data_prep.files.atomic_write import write_whole
 
 NUMBERS = Path(__file__).parents[1] / "results" / "docs"
@@ -54,11 +55,14 @@ class QuotedRun:
         Methods that are compared with the best reconstruction.
     metrics : tuple of str
         The metrics of the table of values; empty for all of the run.
+    copied : tuple of (str, str)
+        Further tables of the run, each with the name of its file.
     """
 
     options: str
     compared: tuple[str, ...] = ()
     metrics: tuple[str, ...] = ()
+    copied: tuple[tuple[str, str], ...] = ()
 
 
 MEASUREMENTS: Mapping[str, QuotedRun] = {
@@ -79,7 +83,11 @@ MEASUREMENTS: Mapping[str, QuotedRun] = {
         f"--methods {OPPONENTS},pc2pix,pc2pix@all,splat-net@chair-grey,{GREY},blank",
         ("splat-net@chair-grey", "splat-net@grey", "fused-net@grey", "occupancy-net"),
     ),
-    "thirteen-classes": QuotedRun(CLASSES, ("splat-net@grey", "fused-net@grey", "occupancy-net")),
+    "thirteen-classes": QuotedRun(
+        CLASSES,
+        ("splat-net@grey", "fused-net@grey", "occupancy-net"),
+        copied=(("table5_orderings", "thirteen-classes-orderings"),),
+    ),
     "real-chairs": QuotedRun(
         f"{GREY_CHAIRS} {MESHES} --methods {OPPONENTS},pc2pix,splat-net@chair-grey,{GREY},blank",
         ("splat-net@chair-grey", "splat-net@grey", "fused-net@grey", "occupancy-net", "pc2pix"),
@@ -99,7 +107,12 @@ MEASUREMENTS: Mapping[str, QuotedRun] = {
         ("splat-net", "splat-net@tiny", "splat-net@grey", "fused-net", "occupancy-net"),
         FIRST,
     ),
-    "beyond-training": QuotedRun("--suite beyond-training --limit 8"),
+    "beyond-training": QuotedRun(
+        "--suite beyond-training --limit 8", copied=(("crossings", "crossings"),)
+    ),
+    "speed-accuracy": QuotedRun(
+        "--suite speed-accuracy", metrics=FIRST, copied=(("frontier", "frontier"),)
+    ),
 }
 
 
@@ -147,12 +160,14 @@ def measure(name: str, out: Path, meshes: Path | None, more: Iterable[str] = ())
 
     Raises subprocess.CalledProcessError where the run fails; it has said why.
     """
+    measurement = MEASUREMENTS[name]
     arguments = [*command(name, meshes), "--out", str(out), *more]
     subprocess.run([Path(sys.executable).with_name("bench"), *arguments], check=True)
-    measurement = MEASUREMENTS[name]
     texts = {f"{name}.csv": values(read_scored(out), measurement.metrics)}
     if measurement.compared:
         texts[differences_of(name)] = differences(out, measurement.compared)
+    for table, file in measurement.copied:
+        texts[f"{file}.csv"] = (out / TABLES / f"{table}.csv").read_text(encoding="utf-8")
     for file, text in texts.items():
         write_whole(NUMBERS / file, text.encode())
 

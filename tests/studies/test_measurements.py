@@ -19,6 +19,7 @@ SMALL = measurements.QuotedRun(
     "--views 2",
     ("splat",),
     ("lpips", "ssim"),
+    (("headline", "first"),),
 )
 
 
@@ -65,6 +66,7 @@ def test_a_run_becomes_its_files(tmp_path, monkeypatch):
             # both printed with six decimals
             assert float(row["difference"]) == pytest.approx(ours - best, abs=1.5e-6)
     assert "run_a" not in pairs[0]
+    assert (tmp_path / "first.csv").read_text() == (run / "tables" / "headline.csv").read_text()
 
 
 def test_the_folder_of_meshes_stands_in_the_command():
