@@ -5,7 +5,8 @@
 
 Carries out the run, or goes on with the one in DIR, and writes `results/docs/NAME.csv`, its tables
 of quality, and `NAME-differences.csv`: networks against the best reconstruction, object by object,
-as `bench compare` does. PATH is the folder of real meshes that `bench data verify` knows.
+as `bench compare` does, and further tables of the run that pages quote. PATH is the folder of real
+meshes that `bench data verify` knows.
 """
 
 from __future__ import annotations
