@@ -213,7 +213,7 @@ SUITES = (
         id="beyond-training",
         about="beyond what networks were trained on: where they fall behind, on chairs",
         methods=(
-            *("surface-apss", "alpha-wrap", "denoised-wrap"),
+            *("surface-apss", "denoised-alpha", "alpha-wrap", "denoised-wrap"),
             *("pc2pix", "splat-net@chair", "fused-net", "blank"),
         ),
         conditions=(  # each the worse the later, see bench/catalogue/families.py
