@@ -188,7 +188,10 @@ def main() -> None:
     if "PATH" in MEASUREMENTS[options.name].options and options.meshes is None:
         parser.error(f"{options.name}: give --meshes, the folder of real meshes")
     out = options.out or Path("results/runs") / options.name
-    measure(options.name, out, options.meshes, ["--workers", str(options.workers)])
+    try:
+        measure(options.name, out, options.meshes, ["--workers", str(options.workers)])
+    except subprocess.CalledProcessError as failed:  # the run has said why
+        sys.exit(failed.returncode)
 
 
 if __name__ == "__main__":

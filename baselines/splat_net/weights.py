@@ -34,8 +34,8 @@ if TYPE_CHECKING:
 
 FOLDER = Path(__file__).parent / "weights"
 BUNDLED: dict[str, str] = {  # name -> sha256 of weights/<name>.safetensors
-    "all": "5f2253d8618b5c2810eec53302e9343cb32d868a8872eca82a541bc5c30c9a5a",
-    "all-grey": "e67c900bd2566f13875e805f5627291ac56d947e4e3bd8fc493321fe85eabdad",
+    "all": "6331efaaab8aadc111f7607c5a19b5396e0dfeb114491bc5ea09a236538a6a12",
+    "all-grey": "0445cfb77209b1c073dd734f0fe6b3307884d28faf3f498a5d50375f5c589416",
     "all-tiny": "43900479f408df098f21ac91efb43c9d3689b04c0a24176db579ae83f8462e5f",
     "all-tiny-grey": "d81ce265948ae583db8aec0a6d9d075a6602b1bcde7ab1db21b5685c17b6010c",
     "chair": "4fd59c7c06567f4c19360be9c1954f8c2b0a16c017614dd8dfb93f59131a677c",
