@@ -69,8 +69,9 @@ def test_a_scene_has_the_maps_of_its_views_mirrored_as_the_image():
 
 
 def test_it_starts_as_splat_net_draws_and_learns_from_the_meshes():
-    config = replace(SMALL_FUSED, widths=(16, 32, 64, 128, 160))
-    start = read_start("chair", config)
+    widths, heads = (16, 32, 64, 128, 160), ("grey", "albedo")
+    config = replace(SMALL_FUSED, widths=widths, heads=heads)
+    start = read_start("all", config)
     data = make_fused()
     trainer = build(data, start.network, network=config, start=start.sha256)
     kernel = trainer.network.first.conv.weight
@@ -80,7 +81,7 @@ def test_it_starts_as_splat_net_draws_and_learns_from_the_meshes():
     other[:, -5:] = 0
     with torch.no_grad():
         assert torch.equal(trainer.average(channels), trainer.average(other))
-    plain = load_splat_net("chair-grey").network.first.conv.weight
+    plain = load_splat_net("all-grey").network.first.conv.weight
     assert torch.equal(kernel[:, :-5], plain)
     trainer.take_step()
     assert (trainer.network.first.conv.weight[:, -5:] != 0).any()
