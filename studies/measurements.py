@@ -109,7 +109,7 @@ MEASUREMENTS: Mapping[str, QuotedRun] = {
         "--suite beyond-training --limit 8", copied=(("crossings", "crossings"),)
     ),
     "speed-accuracy": QuotedRun(
-        "--suite speed-accuracy", metrics=FIRST, copied=(("frontier", "frontier"),)
+        "--suite speed-accuracy --limit 8", metrics=FIRST, copied=(("frontier", "frontier"),)
     ),
 }
 
