@@ -362,8 +362,8 @@ FIGURES: Mapping[str, Callable[[], Figure]] = {
     "frontier": partial(
         draw_frontier,
         [
-            *(CHAIR, TINY, "denoised-alpha", "alpha-shape"),
-            *("fused-net", "pc2pix", "surface-fit", "surface-apss", "splat"),
+            *(CHAIR, TINY, "fused-net", "denoised-wrap", "alpha-wrap", "alpha-shape"),
+            *("pc2pix", "surface-fit", "surface-apss", "splat"),
         ],
     ),
     "beyond": partial(
