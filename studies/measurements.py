@@ -70,12 +70,6 @@ MEASUREMENTS: Mapping[str, QuotedRun] = {
         "fused-net,true-mesh,true-mesh@grey,constant,blank",
         OF_CHAIRS,
     ),
-    "novel-families": QuotedRun(
-        f"{CHAIRS} --dataset procedural:novel-families --limit 30 --methods alpha-wrap,"
-        "denoised-wrap,pc2pix,splat-net,splat-net@chair,splat-net@chair-grey,"
-        "fused-net,blank",
-        OF_CHAIRS,
-    ),
     "known-chairs-grey": QuotedRun(
         f"{GREY_CHAIRS} --conditions 2048,noise-0.10 "
         f"--methods {OPPONENTS},pc2pix,pc2pix@all,splat-net@chair-grey,{GREY},blank",
@@ -85,10 +79,6 @@ MEASUREMENTS: Mapping[str, QuotedRun] = {
         CLASSES,
         ("splat-net@grey", "fused-net@grey", "occupancy-net"),
         copied=(("table5_orderings", "thirteen-classes-orderings"),),
-    ),
-    "real-chairs": QuotedRun(
-        f"{GREY_CHAIRS} {MESHES} --methods {OPPONENTS},pc2pix,splat-net@chair-grey,{GREY},blank",
-        ("splat-net@chair-grey", "splat-net@grey", "fused-net@grey", "occupancy-net", "pc2pix"),
     ),
     "real-meshes-grey": QuotedRun(
         f"{ON_MESHES} --truth grey --methods {OPPONENTS},pc2pix,pc2pix@all,splat-net@chair-grey,"
@@ -105,11 +95,13 @@ MEASUREMENTS: Mapping[str, QuotedRun] = {
         ("splat-net", "splat-net@tiny", "splat-net@grey", "fused-net", "occupancy-net"),
         FIRST,
     ),
-    "beyond-training": QuotedRun(
-        "--suite beyond-training --limit 8", copied=(("crossings", "crossings"),)
-    ),
-    "speed-accuracy": QuotedRun(
-        "--suite speed-accuracy --limit 8", metrics=FIRST, copied=(("frontier", "frontier"),)
+    "costs": QuotedRun(
+        "--suite speed-accuracy --limit 3 --views 5 --conditions 2048 --methods surface-apss,"
+        "surface-fit,alpha-shape,denoised-alpha,alpha-wrap,denoised-wrap,occupancy-net,pc2pix,"
+        "splat-net@chair,splat-net@chair-tiny,splat-net@tiny,splat-net,fused-net,splat,splat-fill,"
+        "blank",
+        metrics=FIRST,
+        copied=(("frontier", "costs"),),
     ),
 }
 

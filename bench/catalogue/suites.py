@@ -190,7 +190,7 @@ SUITES = (
         set_metrics=("fid", "fd-views", "fd-alexnet"),
         control_metrics=(),
         views=10,
-        endless_limit=30,
+        endless_limit=20,
         limits=Limits(time_s=120.0, memory_gib=4.0),
         class_metrics=(
             *("fid", "kid", "fd-views", "kd-views", "fd-alexnet", "kd-alexnet"),
