@@ -1,7 +1,7 @@
 """The runs that the documentation quotes, each with the files in `results/docs` made of it.
 
     python -m studies.measurements                      # the command of every run
-    python -m studies.measurements NAME [--meshes PATH] [--out DIR] [--workers N]
+    python -m studies.measurements NAME [--meshes PATH] [--out DIR] [further options of bench run]
 
 Carries out the run, or goes on with the one in DIR, and writes `results/docs/NAME.csv`, its tables
 of quality, and `NAME-differences.csv`: networks against the best reconstruction, object by object,
@@ -168,8 +168,7 @@ def main() -> None:
     parser.add_argument("name", nargs="?", choices=list(MEASUREMENTS))
     parser.add_argument("--meshes", type=Path, help="the folder of real meshes")
     parser.add_argument("--out", type=Path, help="default: results/runs/NAME")
-    parser.add_argument("--workers", type=int, default=2)
-    options = parser.parse_args()
+    options, more = parser.parse_known_args()
     if options.name is None:
         for name in MEASUREMENTS:
             print(f"{name}: bench {' '.join(command(name))}")
@@ -178,7 +177,7 @@ def main() -> None:
         parser.error(f"{options.name}: give --meshes, the folder of real meshes")
     out = options.out or Path("results/runs") / options.name
     try:
-        measure(options.name, out, options.meshes, ["--workers", str(options.workers)])
+        measure(options.name, out, options.meshes, more)
     except subprocess.CalledProcessError as failed:  # the run has said why
         sys.exit(failed.returncode)
 
