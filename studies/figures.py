@@ -339,11 +339,12 @@ def draw_view_costs(methods: Sequence[str]) -> Figure:
 
 OTHERS = ("best-reconstruction", "pc2pix", "surface-apss", FLOOR)
 CHAIR_METHODS = (CHAIR, "splat-net", "fused-net", *OTHERS)
+NOVEL_METHODS = (CHAIR, f"{CHAIR}-grey", *OTHERS)
 REAL_METHODS = ("fused-net@grey", "splat-net@grey", "occupancy-net", *OTHERS)
 FIGURES: Mapping[str, Callable[[], Figure]] = {
     "known-chairs": partial(draw_conditions, ["sealed.csv"], CHAIR_METHODS),
-    "novel-families-curves": partial(draw_conditions, ["novel-families.csv"], CHAIR_METHODS),
-    "real-chairs-curves": partial(draw_conditions, ["real-chairs.csv"], REAL_METHODS),
+    "novel-families-curves": partial(draw_conditions, ["novel-families.csv"], NOVEL_METHODS),
+    "real-chairs-curves": partial(draw_conditions, ["real-meshes-grey.csv"], REAL_METHODS),
     "real-meshes": partial(
         draw_classes,
         "real-meshes-grey-differences.csv",
@@ -362,14 +363,12 @@ FIGURES: Mapping[str, Callable[[], Figure]] = {
     "frontier": partial(
         draw_frontier,
         [
-            *(CHAIR, TINY, "fused-net", "denoised-wrap", "alpha-wrap", "alpha-shape"),
-            *("pc2pix", "surface-fit", "surface-apss", "splat"),
+            *(CHAIR, TINY, "denoised-alpha", "alpha-shape"),
+            *("pc2pix", "pgr", "surface-fit", "surface-apss", "splat"),
         ],
     ),
     "beyond": partial(
-        draw_families,
-        "beyond-training.csv",
-        ["fused-net", CHAIR, "pc2pix", "surface-apss", FLOOR],
+        draw_families, "beyond-networks.csv", [CHAIR, "pc2pix", "surface-apss", FLOOR]
     ),
     "amortised": partial(
         draw_view_costs, ["surface-apss", "surface-fit", "pc2pix", "pc2pix@paper", CHAIR, TINY]

@@ -44,7 +44,7 @@ from studies.measurements import differences_of
 
 NUMBERS = Path(__file__).parents[1] / "results" / "docs"
 FULL = "2048"
-COSTS = "frontier.csv"
+COSTS = "costs.csv"
 NAMED = {RECOMMENDED, "splat-net@grey"}  # by the front page: never hidden as variants
 MARK = "<!-- leaderboard -->"
 
@@ -142,7 +142,7 @@ def board(numbers: Path = NUMBERS, groups: Sequence[ResultGroup] = GROUPS) -> Bo
 
 _LAST = (
     BoardColumn("mean place", "of the columns that have a value; stretched to all methods"),
-    BoardColumn("ms a view", "a cloud and its first view, on one core of an AMD EPYC"),
+    BoardColumn("ms a view", "a cloud and its first view, on one core of an Intel Xeon"),
     BoardColumn("trained on", "objects that a network was shown", sort="text"),
 )
 

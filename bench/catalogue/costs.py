@@ -13,7 +13,11 @@ from bench.catalogue.lookup import family_of
 
 FRONTIER = Path(__file__).resolve().parents[2] / "results" / "docs" / "frontier.csv"
 CLEAN = "2048"
-MEASURED = {"splat-net@tiny-grey": "splat-net@tiny"}  # of one size; others have their family's
+MEASURED = {  # of one size: by method or family, what was measured for it
+    "splat-net@tiny": "splat-net@chair-tiny",
+    "splat-net@tiny-grey": "splat-net@chair-tiny",
+    "splat-net": "splat-net@chair",
+}
 
 
 def view_costs_ms(path: Path = FRONTIER) -> dict[str, float]:
@@ -33,5 +37,6 @@ def view_costs_ms(path: Path = FRONTIER) -> dict[str, float]:
 
 def cost_of(method_id: str, costs: Mapping[str, float]) -> float | None:
     """Return the cost of a method, or for one that was not measured that of its like or family."""
-    stand_ins = (method_id, MEASURED.get(method_id, ""), family_of(method_id))
+    family = family_of(method_id)
+    stand_ins = (method_id, MEASURED.get(method_id, ""), family, MEASURED.get(family, ""))
     return next((costs[id_] for id_ in stand_ins if id_ in costs), None)
