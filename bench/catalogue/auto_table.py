@@ -16,27 +16,27 @@ TABLE = AutoTable(
     clean={
         2048: (
             Candidate("fused-net@grey", 0.9407, 729.5),
-            Candidate("splat-net@grey", 0.9273, 25.8),
+            Candidate("splat-net@grey", 0.9318, 25.8),
             Candidate("splat-net@tiny-grey", 0.8997, 6.5),
             Candidate("splat", 0.7398, 6.0),
         ),
         1024: (
             Candidate("fused-net@grey", 0.9299, 658.6),
-            Candidate("splat-net@grey", 0.9155, 17.8),
+            Candidate("splat-net@grey", 0.9194, 17.8),
             Candidate("splat-net@tiny-grey", 0.8881, 5.3),
             Candidate("splat", 0.7287, 3.1),
         ),
         512: (
             Candidate("fused-net@grey", 0.9144, 658.2),
             Candidate("occupancy-net", 0.9057, 582.2),
-            Candidate("splat-net@grey", 0.8952, 15.2),
+            Candidate("splat-net@grey", 0.8986, 15.2),
             Candidate("splat-net@tiny-grey", 0.8635, 5.3),
             Candidate("splat", 0.7202, 2.6),
         ),
         256: (
             Candidate("fused-net@grey", 0.8921, 656.2),
             Candidate("occupancy-net", 0.8894, 600.3),
-            Candidate("splat-net@grey", 0.8682, 15.0),
+            Candidate("splat-net@grey", 0.8706, 15.0),
             Candidate("alpha-wrap", 0.8506, 14.8),
             Candidate("denoised-alpha", 0.8241, 9.6),
             Candidate("splat-net@tiny-grey", 0.8233, 4.9),
@@ -46,8 +46,7 @@ TABLE = AutoTable(
     noisy={
         2048: (
             Candidate("fused-net@grey", 0.8711, 1608.2),
-            Candidate("occupancy-net", 0.8473, 1034.7),
-            Candidate("splat-net@grey", 0.8395, 26.0),
+            Candidate("splat-net@grey", 0.8582, 26.0),
             Candidate("splat-net@tiny-grey", 0.794, 7.1),
         ),
     },
