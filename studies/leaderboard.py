@@ -44,7 +44,7 @@ from studies.measurements import differences_of
 
 NUMBERS = Path(__file__).parents[1] / "results" / "docs"
 FULL = "2048"
-COSTS = "costs.csv"
+COSTS = "view-costs.csv"
 NAMED = {RECOMMENDED, "splat-net@grey"}  # by the front page: never hidden as variants
 MARK = "<!-- leaderboard -->"
 

@@ -98,7 +98,7 @@ MEASUREMENTS: Mapping[str, QuotedRun] = {
         "splat-net@chair,splat-net@chair-tiny,splat-net@tiny,splat-net,fused-net,splat,splat-fill,"
         "blank",
         metrics=FIRST,
-        copied=(("frontier", "costs"),),
+        copied=(("frontier", "view-costs"),),
     ),
 }
 

@@ -46,7 +46,7 @@ def numbers(tmp_path) -> Path:
         f"{compared}lpips,noise-0.10,all,pc2pix,b\nlpips,noise-0.10,car,pc2pix,a\n"
         "ssim-object,noise-0.10,all,pc2pix,tie\nlpips,noise-0.10,all,splat,a\n"
     )
-    (tmp_path / "costs.csv").write_text(
+    (tmp_path / "view-costs.csv").write_text(
         "condition,views,metric,method,cost_ms\n2048,1,lpips,pc2pix,21.26\n2048,20,lpips,pc2pix,99\n"
     )
     return tmp_path

@@ -453,8 +453,8 @@ def test_a_machine_without_opengl(tmp_path):
 def test_defaults_are_those_of_the_suite():
     protocol, skipped = protocol_of(SUITES[0], Options("chair-robustness"), dict)
     assert tuple(protocol.methods) == (
-        *("surface-apss", "alpha-wrap", "denoised-wrap", "occupancy-net"),
-        *("pc2pix", "pc2pix@acgan", "splat-net@chair", "splat-net@chair-grey"),
+        *("surface-apss", "alpha-wrap", "denoised-wrap", "pc2pix", "pc2pix@acgan"),
+        *("splat-net", "splat-net@chair", "fused-net"),
         *("true-mesh", "true-mesh@grey", "constant", "blank"),
     )
     assert protocol.conditions == ("2048", "1024", "512", "noise-0.05", "noise-0.10")
