@@ -128,7 +128,7 @@ def board(numbers: Path = NUMBERS, groups: Sequence[ResultGroup] = GROUPS) -> Bo
             BoardRow(place if competes else None, method, tuple(cells), kinds[method], about=about)
         )
     return Board(
-        f"The {len(ranks)} methods measured, by the mean of their places",
+        f"The {len(ranks)} methods measured against the truth in grey, by the mean of their places",
         (*map(_columns, groups), BoardGroup(_LAST)),
         tuple(rows),
         (
