@@ -60,8 +60,12 @@ def folder(tmp_path):
 
 def test_one_command_raises_the_version(folder):
     """The section of that version gets its date; a raised version of one file alone is found."""
+    version = "9.0.0"
+    changelog = folder / "CHANGELOG.md"
+    top = "## [Unreleased]\n"
+    text = changelog.read_text("utf-8")
+    changelog.write_text(text.replace(top, f"{top}\n## [{version}] - unreleased\n"), "utf-8")
     before = {name: (folder / name).read_text("utf-8").splitlines() for name in FILES}
-    (version, _), *_ = sections(folder)
     arguments = ("make", "version", f"VERSION={version}", "DATE=2027-01-31")
     subprocess.run(arguments, cwd=folder, check=True, capture_output=True)
     assert project_version(folder) == version
