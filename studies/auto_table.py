@@ -27,7 +27,6 @@ from __future__ import annotations
 
 import argparse
 import csv
-import io
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -43,6 +42,7 @@ from bench.catalogue.methods import FLOOR, find_method
 from bench.running.plan import plan
 from bench.running.protocol import stored_protocol
 from bench.running.work import cloud_of
+from bench.tables.table import csv_text
 from data_prep.failures import BadInput
 from data_prep.files.atomic_write import write_whole
 from studies.tables import markdown
@@ -278,11 +278,7 @@ def about_run(run: ScoredRun, clouds: Sequence[ScoredCloud]) -> list[str]:
 
 
 def _csv(fields: Sequence[str], rows: Iterable[Mapping[str, object]]) -> bytes:
-    text = io.StringIO()
-    writer = csv.DictWriter(text, fields, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue().encode()
+    return csv_text(fields, ([row[name] for name in fields] for row in rows)).encode()
 
 
 def main() -> None:

@@ -39,10 +39,9 @@ from bench.report.site.board import (
 )
 from bench.report.site.site_run import HEADLINE
 from bench.report.site.words import method_words, metric_words, trained_on
-from studies.documents import VERDICTS
+from studies.documents import NUMBERS, VERDICTS
 from studies.measurements import differences_of
 
-NUMBERS = Path(__file__).parents[1] / "results" / "docs"
 FULL = "2048"
 COSTS = "view-costs.csv"
 NAMED = {RECOMMENDED, "splat-net@grey"}  # by the front page: never hidden as variants

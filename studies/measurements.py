@@ -25,17 +25,14 @@ from bench.analysis.scored import ScoredRun, read_scored
 from bench.catalogue.chosen import BEST_RECONSTRUCTION
 from bench.tables.build import tables
 from bench.tables.differences import differences_table
-from bench.tables.table import TABLES
+from bench.tables.table import TABLES, csv_text
 from data_prep.files.atomic_write import write_whole
+from studies.documents import NUMBERS
 
-NUMBERS = Path(__file__).parents[1] / "results" / "docs"
 FIRST = ("ssim", "ssim-object", "lpips")
 RUN_COLUMNS = ("run_a", "run_b")  # where the run lay
-CHAIRS = "--suite chair-robustness"
-GREY_CHAIRS = "--suite chair-robustness-grey"
 CLASSES = "--suite thirteen-classes"
-MESHES = "--dataset folder:PATH"
-ON_MESHES = f"{CLASSES} {MESHES} --conditions 2048,512,noise-0.05,noise-0.10 --views 4"
+ON_MESHES = f"{CLASSES} --dataset folder:PATH --conditions 2048,512,noise-0.05,noise-0.10 --views 4"
 OPPONENTS = "surface-apss,alpha-wrap,denoised-wrap,occupancy-net"
 GREY = "splat-net@grey,fused-net@grey"
 
@@ -64,11 +61,11 @@ class QuotedRun:
 
 MEASUREMENTS: Mapping[str, QuotedRun] = {
     "sealed": QuotedRun(
-        f"{CHAIRS} --dataset procedural:sealed --limit 76",
+        "--suite chair-robustness --dataset procedural:sealed --limit 76",
         ("splat-net@chair", "splat-net", "fused-net", "pc2pix"),
     ),
     "known-chairs-grey": QuotedRun(
-        f"{GREY_CHAIRS} --conditions 2048,noise-0.10 "
+        "--suite chair-robustness-grey --conditions 2048,noise-0.10 "
         f"--methods {OPPONENTS},pc2pix,pc2pix@all,splat-net@chair-grey,{GREY},blank",
         ("splat-net@chair-grey", "splat-net@grey", "fused-net@grey", "occupancy-net"),
     ),
@@ -129,11 +126,7 @@ def _rows(text: str) -> list[dict[str, str]]:
 
 
 def _written(rows: list[dict[str, str]]) -> str:
-    file = io.StringIO()
-    writer = csv.DictWriter(file, rows[0], lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return file.getvalue()
+    return csv_text(list(rows[0]), (row.values() for row in rows))
 
 
 def command(name: str, meshes: Path | None = None) -> list[str]:

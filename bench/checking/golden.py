@@ -162,7 +162,7 @@ def bless(directory: Path) -> list[Path]:
     _refuse_other_protocol(run)
     protocol = _protocol(manifest)
     lines = golden_lines((row for table in tables(run) for row in table.rows), protocol)
-    # Of 260 objects of thirteen classes, the thumbnails alone would be 3 MB.
+    # Of 260 objects of thirteen classes, the thumbnails alone would be 2 MB.
     by_object = write_objects(run, protocol) if len(run.suite.classes) == 1 else []
     path = golden_path(manifest["suite"])
     write_whole(path, pd.DataFrame(lines).to_csv(index=False, lineterminator="\n").encode())
