@@ -23,8 +23,8 @@ from bench.catalogue.suites import LATENT, SPEED, STABILITY, Suite
 from bench.catalogue.truth import stored_suite
 from bench.judges import VIEWS_WEIGHTS
 from bench.records.features import Features
-from bench.records.journal import read_finished
 from bench.records.parquet import read_features, read_records
+from bench.records.run_folder import read_finished
 from data_prep.failures import BadInput
 from data_prep.files.checksums import file_sha256
 

@@ -19,9 +19,9 @@ from bench.commands.score import score_run_of
 from bench.commands.terminal import Terminal, shown
 from bench.records.artifacts import JobName
 from bench.records.features import ArtifactFeatures
-from bench.records.journal import read_finished, read_manifest
-from bench.records.parquet import artifacts_of, named_records
-from bench.records.record import GROUND_TRUTH, to_frame
+from bench.records.record import GROUND_TRUTH, Record, to_frame
+from bench.records.run_folder import read_finished, read_manifest
+from bench.records.stored_artifacts import Artifact
 from bench.report.build import REPORT, write_report
 from bench.report.classes import write_class_figures
 from bench.report.families import write_beyond_figures
@@ -61,13 +61,16 @@ def partial_table(snapshot: PartialRun) -> Table[QualityRow]:
     # Of the metrics by class only those that are shown: the others would take time.
     shown_by_class = tuple(m for m in suite.class_metrics if m in suite.headline)
     suite = replace(suite, class_metrics=shown_by_class)
-    records = [
-        record
-        for job in snapshot.jobs
-        if job.name.method != GROUND_TRUTH
-        for record in named_records(job.name, snapshot.records(job))
-    ]
-    artifacts = artifacts_of(snapshot.directory, snapshot.jobs)
+    records: list[Record] = []
+    artifacts: dict[JobName, Artifact] = {}
+    for obj in snapshot.plan:
+        drawn = snapshot.store.find([job.key for job in obj.jobs])
+        for job in (obj.truth, *obj.method_jobs):
+            if drawn[job.key].has_images:
+                artifacts[job.name] = Artifact(snapshot.directory, job.key)
+            if job.method != GROUND_TRUTH:
+                read = snapshot.store.records(job.key)
+                records += (replace(record, condition=job.condition) for record in read)
     features = {
         metric: ArtifactFeatures(metric, artifacts, int(manifest["views"]))
         for metric in suite.headline
@@ -141,7 +144,7 @@ def _report(outputs: Outputs) -> None:
 
 
 def _write_figures(
-    directory: Path, suite: Suite, outputs: Outputs, artifacts: Mapping[JobName, Path]
+    directory: Path, suite: Suite, outputs: Outputs, artifacts: Mapping[JobName, Artifact]
 ) -> None:
     classes = suite.table("classes")
     by_class = next((t for t in outputs.tables if classes and t.name == classes.name), None)

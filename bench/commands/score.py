@@ -34,6 +34,7 @@ from bench.metrics.inception_weights import WeightsUnavailable
 from bench.records.artifacts import JobName
 from bench.records.features import ImageKey
 from bench.records.record import GROUND_TRUTH
+from bench.records.stored_artifacts import Artifact
 from bench.report.stored import Sources, open_sources
 from bench.running.work import reason_of
 from bench.tables.quality import quality_table
@@ -151,17 +152,17 @@ def scored(records: pd.DataFrame, sources: Sources, metric: ImageMetric) -> pd.D
     """
     values = pd.Series(np.nan, index=records.index)
     ok = records[records["outcome"] == "ok"]
-    # A method that sees no cloud has one file for all conditions.
-    by_file: dict[Path | None, Floats] = {}
+    # A method that sees no cloud has one artifact for all conditions.
+    by_artifact: dict[Artifact | None, Floats] = {}
     # Object by object: a network need not look at the true images again for each method.
     for cell, group in ok.groupby(["class", "object", "method", "condition"], sort=False):
         class_name, obj, method, condition = map(str, cell)  # type: ignore[arg-type]  # pandas: a tuple
         item = JobName(method, condition, class_name, obj)
-        file = sources.artifacts.get(item)
-        if file not in by_file:
+        artifact = sources.artifacts.get(item)
+        if artifact not in by_artifact:
             drawn, truth = kept_images(sources, item), kept_images(sources, item.truth)
-            by_file[file] = checked_scores(metric, truth, drawn)
-        values[group.index] = by_file[file][group["view"].to_numpy()]
+            by_artifact[artifact] = checked_scores(metric, truth, drawn)
+        values[group.index] = by_artifact[artifact][group["view"].to_numpy()]
     return records.assign(**{column(metric.id): values})
 
 

@@ -29,7 +29,8 @@ from bench.catalogue.metrics import (
 )
 from bench.catalogue.suite_types import TRUTHS, Suite, Truth
 from bench.records.artifacts import JobName
-from bench.records.parquet import read_jobs
+from bench.records.store import STORE
+from bench.records.stored_artifacts import read_jobs
 from bench.report.families import family_curves
 from bench.report.headline import compact_table
 from bench.report.images import cases, extremes, grids, shown_objects
@@ -264,7 +265,7 @@ def _unseen(sources: Sources) -> tuple[str, ...]:
     description = [sources.unseen] if sources.unseen else []
     if not sources.artifacts:
         description.append(
-            "The images of this run are no longer there (its folder artifacts is empty or gone); "
+            f"The images of this run are no longer there (its {STORE} is empty or gone); "
             "its command makes them again."
         )
     return tuple(description)

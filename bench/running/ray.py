@@ -1,9 +1,9 @@
 """Jobs on a Ray cluster: an executor whose workers are Ray's, and the work of a node.
 
 Ray decides where a job is done, and does the jobs of a lost node again elsewhere. A job that fails,
-hangs or ends its process is a result like on one machine, and is not tried again. Only this process
-reads and writes the run's folder: true images come with a job, its artifact goes back as bytes
-(about 0.1 MB for 20 views).
+hangs or ends its process is a result like on one machine, and is not tried again. Only the process
+of the run reads and writes its folder: true images come with a job, and its artifact goes back with
+the result (about 0.1 MB for 20 views).
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ import json
 import logging
 import os
 import socket
-import tempfile
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -24,7 +23,6 @@ from typing import Any
 
 from bench.catalogue.methods import find_method
 from bench.catalogue.suites import Limits
-from bench.records.artifacts import write_artifact
 from bench.records.job import Job, Result, failed
 from bench.running.environment import code_sha256, environment, versions
 from bench.running.executors import JobPool
@@ -83,26 +81,19 @@ class Node:
         self._mismatch = mismatch(requirements, probe)
         self._pool = JobPool(1, 1, limits)
 
-    def run_job(
-        self, job: Job, fingerprint: str, reference: bytes | None
-    ) -> tuple[Result, bytes | None]:
-        """Do a job, and return its result, and its artifact where it has one.
+    def run_job(self, job: Job, fingerprint: str) -> Result:
+        """Do a job and return its result.
 
-        `fingerprint` is that of the object on the machine of the run, `reference` the artifact that
-        the job is scored against. The result of a node that does not meet the requirements, or
-        whose copy of the object differs, is `unusable` and says why.
+        `fingerprint` is that of the object on the machine of the run. The result of a node that
+        does not meet the requirements, or whose copy of the object differs, is `unusable` and says
+        why.
         """
         if mismatch := self._mismatch or _other_object(job.object, fingerprint):
             mismatch = f"node {socket.gethostname()}: {mismatch}"
-            return replace(failed(job, mismatch), unusable=mismatch), None
-        with tempfile.TemporaryDirectory(prefix="pc2pix-bench-") as scratch:
-            artifact, scored = Path(scratch, "artifact.npz"), None
-            if reference is not None:
-                scored = Path(scratch, "reference.npz")
-                scored.write_bytes(reference)
-            self._pool.submit(replace(job, artifact=artifact, reference=scored))
-            (result,) = self._pool.wait_any()
-            return result, artifact.read_bytes() if result.artifact_sha256 else None
+            return replace(failed(job, mismatch), unusable=mismatch)
+        self._pool.submit(job)
+        (result,) = self._pool.wait_any()
+        return result
 
 
 _node: Node | None = None  # of this process, where it is one of Ray's
@@ -110,12 +101,15 @@ _node: Node | None = None  # of this process, where it is one of Ray's
 
 def do_on_node(
     message: tuple[NodeRequirements, Limits], job: Job, fingerprint: str, reference: bytes | None
-) -> tuple[Result, bytes | None]:
-    """Do a job on the node that this process is; Ray calls this for one job after another."""
+) -> Result:
+    """Do a job on the node that this process is; Ray calls this for one job after another.
+
+    `reference` are the true images, which Ray sends once for the jobs of an object.
+    """
     global _node
     if _node is None:
         _node = Node(*message)
-    return _node.run_job(job, fingerprint, reference)
+    return _node.run_job(replace(job, reference=reference), fingerprint)
 
 
 def requirements(protocol: Protocol) -> NodeRequirements:
@@ -287,7 +281,7 @@ class RayPool:
         remote = ray.remote(num_cpus=1, max_retries=NODES_PER_JOB, max_calls=0)  # 0: no end
         self._do = remote(do_on_node)
         self._waiting: dict[Any, Job] = {}
-        self._references: OrderedDict[Path, Any] = OrderedDict()
+        self._references: OrderedDict[str, Any] = OrderedDict()
 
     @property
     def capacity(self) -> int:
@@ -300,25 +294,24 @@ class RayPool:
         return self._capacity
 
     def submit(self, job: Job) -> None:
-        """Start a job. Raises OSError where its ground truth cannot be read."""
-        reference = None if job.reference is None else self._reference(job.reference)
+        """Start a job."""
         ref = self._do.options(num_gpus=int(job.method in self._on_gpu)).remote(
-            self._message, job, fingerprint_of(job.object), reference
+            self._message,
+            replace(job, reference=None),
+            fingerprint_of(job.object),
+            self._reference(job),
         )
         self._waiting[ref] = job
 
     def wait_any(self) -> Iterator[Result]:
-        """Wait until jobs have ended; write their artifacts and yield their results."""
+        """Wait until jobs have ended, and yield the result of each."""
         import ray
 
         ready, _ = ray.wait(list(self._waiting), num_returns=1, fetch_local=False)
         more, _ = ray.wait(list(self._waiting), num_returns=len(self._waiting), timeout=0)
         for ref in dict.fromkeys((*ready, *more)):
             job = self._waiting.pop(ref)
-            result, artifact = _outcome(ref, job)
-            if artifact is not None:
-                write_artifact(job.artifact, artifact)
-            yield result
+            yield _outcome(ref, job)
 
     def close(self) -> None:
         """Stop all jobs that are under way."""
@@ -329,17 +322,19 @@ class RayPool:
         self._waiting.clear()
         self._references.clear()
 
-    def _reference(self, path: Path) -> Any:
+    def _reference(self, job: Job) -> Any:
         import ray
 
-        if path not in self._references:
-            self._references[path] = ray.put(path.read_bytes())
+        if job.reference_key is None:
+            return None
+        if job.reference_key not in self._references:
+            self._references[job.reference_key] = ray.put(job.reference)
             while len(self._references) > REFERENCES_KEPT:
                 self._references.popitem(last=False)
-        return self._references[path]
+        return self._references[job.reference_key]
 
 
-def _outcome(ref: Any, job: Job) -> tuple[Result, bytes | None]:
+def _outcome(ref: Any, job: Job) -> Result:
     import ray
     from ray.exceptions import RayError, RaySystemError, RayTaskError
 
@@ -353,4 +348,4 @@ def _outcome(ref: Any, job: Job) -> tuple[Result, bytes | None]:
         ) from error
     except RayError as error:
         reason = f"crash: its node was lost {NODES_PER_JOB + 1} times ({type(error).__name__})"
-        return failed(job, reason), None
+        return failed(job, reason)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import typing
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -14,22 +14,21 @@ from typing import Any, Generic, TypeVar
 from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
 from bench.records.artifacts import JobName
-from bench.records.job import Job, Result, failed, shares
-from bench.records.journal import (
-    Journal,
-    JournalIndex,
+from bench.records.job import Job, Result, shares
+from bench.records.parquet import write_features, write_records
+from bench.records.run_folder import (
     check_directory,
-    open_journal,
-    read_index,
+    open_folder,
     read_manifest,
+    read_store,
     set_aside,
     write_manifest,
 )
-from bench.records.parquet import JobRow, artifacts_of, write_features, write_jobs, write_records
-from bench.records.record import GROUND_TRUTH, Record
+from bench.records.store import DamagedArtifact, Store
+from bench.records.stored_artifacts import Artifact, StoredArtifacts
 from bench.running.environment import now
 from bench.running.executors import results
-from bench.running.extension import KeptRun, join, pinned_request, refuse_narrowing
+from bench.running.extension import KeptRun, is_complete, join, pinned_request, refuse_narrowing
 from bench.running.factory import ExecutorFactory, executor_factory
 from bench.running.isolation import Executor
 from bench.running.manifest import describe
@@ -37,7 +36,6 @@ from bench.running.options import Options
 from bench.running.plan import Plan, plan
 from bench.running.protocol import Protocol, protocol_of
 from bench.running.schedule import Budget, Schedule, guess_s
-from bench.running.status import undrawn, unscorable
 from data_prep.failures import BadInput
 from data_prep.progress import log
 
@@ -53,14 +51,14 @@ class WrittenRun:
     directory : Path
     suite : str
     artifacts : mapping
-        The artifacts of all jobs that have images, by name: ground truths first.
+        The artifacts of all jobs that have images, by name.
     seconds : dict
         The time that each stage took; later stages add theirs.
     """
 
     directory: Path
     suite: str
-    artifacts: Mapping[JobName, Path]
+    artifacts: Mapping[JobName, Artifact]
     seconds: dict[str, float]
 
 
@@ -73,16 +71,16 @@ class PartialRun:
     directory : Path
     manifest : dict
         Manifest that a run of these objects alone would have.
-    jobs : sequence of JobRow
-        Jobs of the complete objects, ground truths first.
-    records : callable
-        Returns the records of one job.
+    plan : Plan
+        Their jobs.
+    store : Store
+        Has the results.
     """
 
     directory: Path
     manifest: dict[str, Any]
-    jobs: Sequence[JobRow]
-    records: Callable[[JobRow], Sequence[Record]]
+    plan: Plan
+    store: Store
 
 
 class ProgressReporter(typing.Protocol):
@@ -166,22 +164,10 @@ class _PreparedRun:
         """Return whether outputs of the complete objects would lack an object of the kept run."""
         return self.kept is not None and not self.kept.objects <= {*schedule.complete}
 
-    def snapshot(self, schedule: Schedule, journal: Journal) -> PartialRun:
+    def snapshot(self, schedule: Schedule, store: Store) -> PartialRun:
         """Return the run of the objects that are complete."""
         part = self.plan.select(frozenset(schedule.complete))
-        without_truth = unscorable(part, schedule.results)
-
-        def records(row: JobRow) -> Sequence[Record]:
-            if row.key in without_truth:
-                return failed(*without_truth[row.key]).records
-            return journal.index.read(row.key).records
-
-        rows = []
-        for job in (*part.ground_truths, *part.method_jobs):
-            result = schedule.results.get(job.key)  # None: the ground truth has failed
-            rows.append(JobRow(job.key, job.name, result and result.artifact_sha256))
-        objects = [obj.name for obj in part.objects]
-        return PartialRun(self.directory, self.manifest | {"objects": objects}, rows, records)
+        return PartialRun(self.directory, self.manifest | {"objects": part.names}, part, store)
 
 
 def run(
@@ -222,15 +208,15 @@ def run(
         )
     requested, skipped = protocol_of(suite, options)
     protocol, kept = join(options, requested)
-    planned = plan(protocol, options.directory)  # refuses weights that cannot be used
+    planned = plan(protocol)  # refuses weights that cannot be used
     with executor_factory(options, protocol) as factory:
-        budget = make_budget(options.budget, guess_s(planned.objects[0], factory.workers))
+        budget = make_budget(options.budget, guess_s(planned.jobs_per_object, factory.workers))
         if options.budget is not None and not _any_complete(options, planned):
             budget.check()
         manifest = describe(protocol, factory.workers, skipped) | {
             "request": pinned_request(options, protocol),
             "cluster": factory.cluster,
-            "planned": len(planned.objects),  # "objects" are those that are complete, at the end
+            "planned": len(planned),  # "objects" are those that are complete, at the end
         }
         prepared = _PreparedRun(
             options.directory, options.fresh, protocol, planned, manifest, kept, budget, begun
@@ -239,30 +225,37 @@ def run(
 
 
 @contextmanager
-def open_run(directory: Path, manifest: dict[str, Any], fresh: bool = False) -> Iterator[Journal]:
-    """Yield the journal of a run, whose directory is locked for as long as the block lasts.
+def open_run(directory: Path, manifest: dict[str, Any], fresh: bool = False) -> Iterator[Store]:
+    """Yield the store of a run, whose directory is locked for as long as the block lasts.
 
     The manifest is written first, and again where the block ends without an error, with the time
     and what the block has added to it. `fresh` renames an old run first. Raises BadInput where the
     directory holds something else, or more than this run would have, or another process writes
     there.
     """
-    with _locked_journal(directory, manifest, fresh) as journal:
+    with _open_checked(directory, manifest, fresh) as store:
         refuse_narrowing(directory, manifest)
         write_manifest(directory, manifest)
-        yield journal
+        yield store
         write_manifest(directory, manifest | {"finished": now()})
 
 
 @contextmanager
-def _locked_journal(directory: Path, manifest: dict[str, Any], fresh: bool) -> Iterator[Journal]:
+def _open_checked(directory: Path, manifest: dict[str, Any], fresh: bool) -> Iterator[Store]:
     if fresh and (old := set_aside(directory)):
         log(f"the old run is now {old}")
     check_directory(directory, manifest)
-    with open_journal(directory) as journal:
-        yield journal
-        for line in journal.damage:
-            log(line)
+    with open_folder(directory) as store:
+        try:
+            yield store
+        except DamagedArtifact as error:
+            if error.path != store.path:  # of a shard
+                raise
+            count = store.forget_damaged()
+            raise BadInput(
+                f"{store.path}: the images of {count} jobs are missing or altered; run again, "
+                "which draws them anew"
+            ) from error
 
 
 def _carry_out(
@@ -273,24 +266,34 @@ def _carry_out(
 ) -> RunResult[Outputs]:
     directory, planned = prepared.directory, prepared.plan
     seconds: dict[str, float] = {}
-    with _locked_journal(directory, prepared.manifest, prepared.fresh) as journal:
+    with _open_checked(directory, prepared.manifest, prepared.fresh) as store:
         if prepared.kept is None:
             write_manifest(directory, prepared.manifest)
         elif read_manifest(directory) != prepared.kept.manifest:  # it had the lock meanwhile
             raise BadInput(f"{directory}: another run has changed it just now; run again")
-        schedule = Schedule(planned, journal.all_usable(planned.jobs), prepared.budget)
+        schedule = Schedule(planned, store, prepared.budget)
         reused = schedule.total - schedule.left
         with timed("items", seconds):
-            interrupted = _do_jobs(prepared, schedule, journal, factory.start, watch)
-        _check_any_truth(planned, schedule.results)
-        part = None if prepared.narrows(schedule) else prepared.snapshot(schedule, journal)
+            interrupted = _do_jobs(prepared, schedule, store, factory.start, watch)
+        if schedule.undrawn and not schedule.scored:
+            # One bad object among many is a failed record; if none can be drawn, the input is
+            # wrong.
+            reason = schedule.undrawn.removeprefix("input: ")
+            raise BadInput(
+                f"none of the {len(schedule.complete)} objects can be drawn; the first: {reason}"
+            )
+        part = None if prepared.narrows(schedule) else prepared.snapshot(schedule, store)
         outputs = None
         if part is not None:
             write_manifest(directory, part.manifest)  # the tables are of these objects
+            store.list_jobs(
+                (job.key, job.name) for obj in part.plan for job in (obj.truth, *obj.method_jobs)
+            )
             extractors = [metric for metric, _ in prepared.protocol.features]
-            outputs = publish(write_parquet(part, extractors, seconds))
-        timings = (result.timing for result in schedule.results.values())
-        of_workers = shares(timings, factory.workers * (time.perf_counter() - prepared.begun))
+            outputs = publish(write_parquet(part.manifest, directory, store, extractors, seconds))
+        of_workers = shares(
+            schedule.timing, factory.workers * (time.perf_counter() - prepared.begun)
+        )
         if part is not None:
             ending = {
                 "stage_seconds": seconds,
@@ -298,17 +301,16 @@ def _carry_out(
                 "finished": now(),
             }
             write_manifest(directory, part.manifest | ending)
-    without_images = undrawn(planned, schedule.results)
     return RunResult(
         directory,
         outputs,
         objects=len(schedule.complete),
-        planned=len(planned.objects),
+        planned=len(planned),
         interrupted=interrupted,
         done=schedule.total - reused - schedule.left,
         reused=reused,
-        failed=len(without_images),
-        hopeless=_hopeless(planned.select(frozenset(schedule.complete)), without_images),
+        failed=schedule.failures,
+        hopeless=tuple(m for m in prepared.protocol.methods if m not in schedule.working),
         seconds=seconds,
         shares=of_workers,
     )
@@ -316,14 +318,16 @@ def _carry_out(
 
 def _any_complete(options: Options, planned: Plan) -> bool:
     """Return whether an earlier start has completed an object."""
-    index = JournalIndex() if options.fresh else read_index(options.directory)
-    return any(all(job.key in index for job in obj.jobs) for obj in planned.objects)
+    if options.fresh:
+        return False
+    with read_store(options.directory) as store:
+        return not store.is_empty and any(is_complete(obj, store) for obj in planned)
 
 
 def _do_jobs(
     prepared: _PreparedRun,
     schedule: Schedule,
-    journal: Journal,
+    store: Store,
     start: Callable[[int], Executor[Job, Result]],
     watch: Watch,
 ) -> bool:
@@ -336,20 +340,18 @@ def _do_jobs(
     title = prepared.protocol.suite.id
     if reused := schedule.total - schedule.left:
         log(f"{title}: {reused} jobs are there from before")
-    failures = len(undrawn(prepared.plan, schedule.results))
     try:
         with (
             watch(f"{title}, jobs", schedule.left) as reporter,
-            closing(results(schedule.jobs(), schedule.left, journal, start)) as stream,
+            closing(results(schedule.jobs(), schedule.left, store, start)) as stream,
         ):
             for result in stream:
                 before = schedule.left
                 complete = schedule.take(result)
-                ended = before - schedule.left  # with a ground truth all jobs of its object fail
-                failures += ended * (not result.has_images)
-                reporter.on_jobs_done(ended, failures)
+                # With a ground truth all jobs of its object fail.
+                reporter.on_jobs_done(before - schedule.left, schedule.failures)
                 if complete and schedule.scored and not prepared.narrows(schedule):
-                    reporter.on_object_done(partial(prepared.snapshot, schedule, journal))
+                    reporter.on_object_done(partial(prepared.snapshot, schedule, store))
     except KeyboardInterrupt:
         if not schedule.scored:
             raise
@@ -358,20 +360,21 @@ def _do_jobs(
 
 
 def write_parquet(
-    part: PartialRun, extractors: Iterable[str], seconds: dict[str, float]
+    manifest: Mapping[str, Any],
+    directory: Path,
+    store: Store,
+    extractors: Iterable[str],
+    seconds: dict[str, float],
 ) -> WrittenRun:
-    """Write the results of jobs as Parquet files into a directory with a manifest.
+    """Write the results of the jobs that the store lists as Parquet files into a run's folder.
 
     `extractors` are those whose features are in the artifacts. The time is added to `seconds`.
     """
-    artifacts = artifacts_of(part.directory, part.jobs)
     with timed("tables", seconds):
-        rows = [job for job in part.jobs if job.name.method != GROUND_TRUTH]
-        write_records(part.directory, rows, part.records)
-        write_jobs(part.directory, part.jobs)
+        write_records(directory, store.listed_columns())
         for metric in extractors:
-            write_features(part.directory, metric, artifacts)
-    return WrittenRun(part.directory, str(part.manifest["suite"]), artifacts, seconds)
+            write_features(directory, store, metric)
+    return WrittenRun(directory, str(manifest["suite"]), StoredArtifacts(directory), seconds)
 
 
 @contextmanager
@@ -380,21 +383,3 @@ def timed(stage: str, seconds: dict[str, float]) -> Iterator[None]:
     start = time.perf_counter()
     yield
     seconds[stage] = round(seconds.get(stage, 0.0) + time.perf_counter() - start, 1)
-
-
-def _check_any_truth(planned: Plan, done: Mapping[str, Result]) -> None:
-    """Raise BadInput where none of the ground truths could be drawn."""
-    # One bad object among many is a failed record; if none can be drawn, the input is wrong.
-    truths = [done[job.key] for job in planned.ground_truths if job.key in done]
-    if not any(truth.has_images for truth in truths):
-        reason = truths[0].reason.removeprefix("input: ")
-        raise BadInput(f"none of the {len(truths)} objects can be drawn; the first: {reason}")
-
-
-def _hopeless(complete: Plan, undrawn: Set[str]) -> tuple[str, ...]:
-    """Return the methods that have failed on all complete objects that can be drawn."""
-    jobs = [
-        job for obj in complete.objects if obj.truth.key not in undrawn for job in obj.method_jobs
-    ]
-    working = {job.method for job in jobs if job.key not in undrawn}
-    return tuple(dict.fromkeys(job.method for job in jobs if job.method not in working))

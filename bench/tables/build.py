@@ -16,7 +16,7 @@ from bench.analysis.paper import Published
 from bench.analysis.scored import ScoredRun
 from bench.analysis.scores import QualityRow
 from bench.catalogue.suite_types import Suite, TableKind, TableSpec
-from bench.records.journal import PROTOCOL
+from bench.records.run_folder import PROTOCOL
 from bench.tables import markdown
 from bench.tables.classes import class_table
 from bench.tables.condition_sweep import ConditionStep, condition_sweep_table

@@ -15,7 +15,7 @@ from bench.analysis.paper import AVERAGE
 from bench.analysis.scored import ScoredRun
 from bench.analysis.scores import QualityRow, class_rows, image_rows, set_rows
 from bench.catalogue.metrics import is_mean
-from bench.records.journal import PROTOCOL
+from bench.records.run_folder import PROTOCOL
 from bench.tables.grid import Block
 from bench.tables.quality import all_methods, annotated, with_chosen_rows
 from bench.tables.table import Table, columns_of, of_protocol

@@ -19,7 +19,7 @@ from bench.catalogue.suites import SUITES, Suite
 from bench.metrics.frechet import JackknifeMoments, frechet_distance, left_out_distances
 from bench.records.artifacts import JobName, artifact_path
 from bench.records.job import Job
-from bench.records.journal import write_manifest
+from bench.records.run_folder import write_manifest
 from bench.records.parquet import (
     JobRow,
     read_records,

@@ -45,7 +45,7 @@ from bench.commands.publish import partial_table
 from bench.commands.terminal import Terminal
 from bench.judges import views as _loaded_before_forks  # noqa: F401
 from bench.records.job import Job, Result
-from bench.records.journal import JOURNAL, Journal, JournalIndex, open_journal, read_manifest
+from bench.records.run_folder import JOURNAL, Journal, JournalIndex, open_journal, read_manifest
 from bench.running.environment import environment
 from bench.running.options import Options
 from bench.running.run import WrittenRun, run

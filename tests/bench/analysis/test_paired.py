@@ -24,7 +24,7 @@ from bench.analysis.paired import (
     paired_differences,
     sign_flip_p,
 )
-from bench.records.journal import read_manifest, write_manifest
+from bench.records.run_folder import read_manifest, write_manifest
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 
 from ..builders import write_run

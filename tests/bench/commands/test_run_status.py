@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 import torch
 
-from bench.records.journal import open_journal, read_manifest
+from bench.records.run_folder import open_journal, read_manifest
 from bench.records.parquet import read_jobs
 
 

@@ -12,7 +12,7 @@ from hashlib import sha256
 import pytest
 
 from bench.records.job import Result, failed
-from bench.records.journal import (
+from bench.records.run_folder import (
     MANIFEST,
     JournalIndex,
     check_directory,
@@ -274,7 +274,7 @@ def test_a_line_that_has_changed_since_is_no_result(tmp_path, harm):
 HOLD = """
 import sys
 from pathlib import Path
-from bench.records.journal import open_journal
+from bench.records.run_folder import open_journal
 with open_journal(Path(sys.argv[1])):
     print("held", flush=True)
     sys.stdin.read()

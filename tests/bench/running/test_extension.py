@@ -11,7 +11,7 @@ import pytest
 from bench.catalogue.suites import STABILITY, SUITES
 from bench.commands.publish import merge_shards, partial_table, publish, run_suite
 from bench.commands.terminal import Terminal
-from bench.records.journal import read_manifest, write_manifest
+from bench.records.run_folder import read_manifest, write_manifest
 from bench.running.extension import join, joined
 from bench.running.options import Options
 from bench.running.protocol import protocol_of

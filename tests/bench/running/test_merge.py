@@ -10,7 +10,7 @@ import pytest
 
 from bench.analysis.scored import read_scored
 from bench.commands.publish import merge_shards, run_suite
-from bench.records.journal import open_journal, read_index, read_manifest, write_manifest
+from bench.records.run_folder import open_journal, read_index, read_manifest, write_manifest
 from bench.records.parquet import read_jobs, write_jobs
 from bench.running.shards import Shard
 from bench.tables.build import tables

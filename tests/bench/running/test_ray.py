@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.records.journal import read_manifest
+from bench.records.run_folder import read_manifest
 
 from ..builders import assert_equal_runs
 from ..conftest import start_run

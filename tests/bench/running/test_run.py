@@ -24,7 +24,7 @@ from bench.analysis.scored import read_scored
 from bench.catalogue.suites import SUITES
 from bench.commands.publish import partial_table, publish, run_suite
 from bench.commands.terminal import Terminal
-from bench.records.journal import read_manifest
+from bench.records.run_folder import read_manifest
 from bench.records.record import GROUND_TRUTH
 from bench.running.options import Options
 from bench.running.protocol import protocol_of

@@ -12,7 +12,7 @@ import pytest
 
 from bench.analysis.scored import read_scored
 from bench.catalogue.suites import SUITES
-from bench.records.journal import read_manifest
+from bench.records.run_folder import read_manifest
 from bench.running.options import Options
 from bench.running.protocol import protocol_of
 from bench.running.status import run_status

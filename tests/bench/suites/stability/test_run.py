@@ -9,7 +9,7 @@ from matplotlib import image
 
 from bench.analysis.scored import read_scored
 from bench.checking.golden import check
-from bench.records.journal import read_manifest
+from bench.records.run_folder import read_manifest
 from bench.running.options import Options
 from bench.suites.stability.cases import CASES
 from bench.suites.stability.expectations import KINDS
