@@ -288,7 +288,7 @@ def paint(run):
 def rewrite(path, image):
     with np.load(path) as arrays:
         features = {name: arrays[name] for name in arrays if name != "images"}
-    job = replace(make_job(path.parent), artifact=path)
+    job = replace(make_job(), artifact=path)
     write_artifact(job, images=np.stack([image, 255 - image]), **features)
 
 

@@ -44,7 +44,7 @@ def finish(job, seed=0):
 
 
 def jobs_of(directory, *methods):
-    return [make_job(directory, method=method) for method in methods]
+    return [make_job(method=method) for method in methods]
 
 
 def write_journal(directory, *jobs):
@@ -99,7 +99,7 @@ def test_lines_of_an_older_schema_are_passed_over(tmp_path):
 
 
 def test_every_start_that_writes_has_a_file_and_later_results_replace_earlier_ones(tmp_path):
-    job = make_job(tmp_path)
+    job = make_job()
     for seed in (0, 1):
         done = finish(job, seed)
         with open_journal(tmp_path) as journal:
@@ -111,7 +111,7 @@ def test_every_start_that_writes_has_a_file_and_later_results_replace_earlier_on
 
 
 def test_a_result_is_on_disk_before_append_returns(tmp_path, monkeypatch):
-    job = make_job(tmp_path)
+    job = make_job()
     done, synced = finish(job), []
     monkeypatch.setattr(os, "fsync", lambda handle: synced.append(os.fstat(handle)))
     with open_journal(tmp_path) as journal:
@@ -202,7 +202,7 @@ def test_a_damaged_line_is_done_again_and_the_others_stay(tmp_path, change):
     ids=["zeros", "not UTF-8", "deep", "no checksum"],
 )
 def test_a_journal_file_of_rubbish_is_set_aside(tmp_path, contents):
-    job = make_job(tmp_path)
+    job = make_job()
     write_journal(tmp_path, job)
     rubbish, mine = (tmp_path / "journal" / name for name in ("0002.jsonl", "0001-copy.jsonl"))
     rubbish.write_bytes(contents)

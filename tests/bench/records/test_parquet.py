@@ -98,7 +98,7 @@ def test_records_of_another_schema_are_refused(tmp_path, schema, columns, messag
 def test_interrupted_records_leave_the_old_ones(tmp_path):
     write_all(tmp_path, [make_record()])
     old = (tmp_path / "records.parquet").read_bytes()
-    jobs = [JobRow(str(i), make_job(tmp_path, Tetrahedron(str(i))).name, None) for i in range(3)]
+    jobs = [JobRow(str(i), make_job(Tetrahedron(str(i))).name, None) for i in range(3)]
 
     def stopped(row):
         if row.key == "2":
@@ -111,7 +111,7 @@ def test_interrupted_records_leave_the_old_ones(tmp_path):
 
 
 def test_jobs_keep_their_order(tmp_path):
-    items = [make_job(tmp_path, method=method).name for method in ("splat", "blank")]
+    items = [make_job(method=method).name for method in ("splat", "blank")]
     jobs = [JobRow("b", items[0], "0" * 64), JobRow("a", items[1], None)]
     write_jobs(tmp_path, jobs)
     assert read_jobs(tmp_path) == jobs
@@ -125,7 +125,7 @@ def features(tmp_path, objects, methods=("m0", "m1"), conditions=("2048",)):
     for i in range(objects):
         for method in methods:
             for condition in conditions:
-                job = make_job(tmp_path / "artifacts", Tetrahedron(f"o{i:03d}"), method, condition)
+                job = make_job(Tetrahedron(f"o{i:03d}"), method, condition)
                 values = rng.random((2, 5), np.float32)
                 write_artifact(job, images=np.zeros(1), metric=values)
                 jobs.append(job)

@@ -49,9 +49,9 @@ def make_jobs(directory, methods=METHODS, lost=()):
     jobs = []
     for class_name, object_id in product(("car", "lamp", "sofa"), "ab"):
         obj = Tetrahedron(f"{class_name}-{object_id}", class_name)
-        jobs.append(make_truth(directory, obj))
+        jobs.append(make_truth(obj))
         drawn = [method for method in methods if (class_name, method) not in lost]
-        jobs += [make_job(directory, obj, method) for method in drawn]
+        jobs += [make_job(obj, method) for method in drawn]
     return jobs
 
 

@@ -175,8 +175,8 @@ def drawn_files(folder, families, methods, jobs):
 
 def test_files(tmp_path):
     families, artifacts = FAMILIES[3:4], tmp_path / "artifacts"
-    jobs = [make_truth(artifacts)]
-    jobs += [make_job(artifacts, None, m, c) for m in METHODS for c in families[0].conditions[:2]]
+    jobs = [make_truth()]
+    jobs += [make_job(None, m, c) for m in METHODS for c in families[0].conditions[:2]]
     names = {"beyond.png", "beyond.svg"}
     assert drawn_files(tmp_path, families, METHODS, jobs) == names | {"beyond-pictures.png"}
     with Image.open(tmp_path / "figures" / "beyond-pictures.png") as sheet:

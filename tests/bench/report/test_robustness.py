@@ -41,8 +41,8 @@ CURVES = [
 @pytest.fixture
 def jobs(tmp_path):
     a, b = Tetrahedron("a"), Tetrahedron("b")  # splat has failed for b
-    made = [make_truth(tmp_path, a), make_job(tmp_path, a), make_job(tmp_path, a, "blank")]
-    made += [make_truth(tmp_path, b), make_job(tmp_path, b, "blank")]
+    made = [make_truth(a), make_job(a), make_job(a, "blank")]
+    made += [make_truth(b), make_job(b, "blank")]
     return made
 
 
@@ -80,7 +80,7 @@ def test_the_grid_shows_first_images_and_failures(drawn, jobs):
 def test_no_more_than_four_objects_are_shown(drawn, tmp_path):
     jobs = []
     for name in "abcdef":
-        jobs += [make_truth(tmp_path, Tetrahedron(name)), make_job(tmp_path, Tetrahedron(name))]
+        jobs += [make_truth(Tetrahedron(name)), make_job(Tetrahedron(name))]
     _, _, grid = drawn(write_figures, CURVES, jobs=jobs)
     labels = [axis.get_ylabel() for axis in grid.axes if axis.get_ylabel()]
     assert labels == [f"{name}\nsplat" for name in "abcd"]
@@ -96,11 +96,11 @@ def test_the_sheet_of_thin_parts(drawn, tmp_path):
             for leg in range(count):
                 truth[view, 50:90, 40 + 20 * leg : 43 + 20 * leg] = 120
         obj = Tetrahedron(name)
-        jobs += [make_truth(tmp_path, obj), make_job(tmp_path, obj)]
-        jobs += [make_job(tmp_path, obj, "splat", "512"), make_job(tmp_path, obj, "constant")]
+        jobs += [make_truth(obj), make_job(obj)]
+        jobs += [make_job(obj, "splat", "512"), make_job(obj, "constant")]
         for number, job in enumerate(jobs[-4:]):
             write_artifact(job, images=truth // (1 + number))
-    noisy = make_job(tmp_path, Tetrahedron("a"), "splat", "noise-0.05")
+    noisy = make_job(Tetrahedron("a"), "splat", "noise-0.05")
     write_artifact(noisy, images=truth)
     *_, sheet = drawn(write_figures, CURVES, jobs=[*jobs, noisy])
     cells = np.array(sheet.axes).reshape(2, 4)  # truth and method x objects and conditions
@@ -124,7 +124,7 @@ def test_a_sheet_fits_a_page(tmp_path, methods, conditions):
     """Show fewer objects of many methods or conditions, then smaller images."""
     artifacts = {}
     for name in "abcd":
-        job = make_truth(tmp_path, Tetrahedron(name))
+        job = make_truth(Tetrahedron(name))
         write_artifact(job)
         artifacts[job.name] = job.artifact
         for method, condition in product(range(methods), range(conditions)):
@@ -141,6 +141,6 @@ def test_a_sheet_fits_a_page(tmp_path, methods, conditions):
     [([], (), []), (CURVES, ("true-mesh", "blank"), ["robustness.png", "robustness.svg"])],
 )
 def test_without_a_rival_there_is_no_grid(drawn, tmp_path, tables, methods, names):
-    jobs = [make_truth(tmp_path), *(make_job(tmp_path, method=method) for method in methods)]
+    jobs = [make_truth(), *(make_job(method=method) for method in methods)]
     drawn(write_figures, tables, jobs=jobs)
     assert sorted(path.name for path in tmp_path.glob("figures/*")) == names

@@ -40,8 +40,8 @@ def jobs_for(tmp_path):
 
     def make(*objects):
         for obj in objects:
-            write_artifact(make_truth(tmp_path, obj))
-        return [make_job(tmp_path, obj, "blank") for obj in objects]
+            write_artifact(make_truth(obj))
+        return [make_job(obj, "blank") for obj in objects]
 
     return make
 

@@ -90,9 +90,9 @@ def test_weights_that_were_exchanged_and_a_machine_without_opengl(asked):
 
 
 def test_a_job_gives_what_it_gives_at_home(asked, tmp_path):
-    truth = make_truth(tmp_path)
+    truth = make_truth()
     write_artifact(truth)
-    job = make_job(tmp_path, method="blank")
+    job = make_job(method="blank")
     at_home = run_job(job)
     expected = job.artifact.read_bytes()
     job.artifact.unlink()
@@ -114,14 +114,14 @@ def test_a_job_that_fails_or_dies_is_a_result(asked, tmp_path):
     }
     with node(asked) as made:
         for number, (kind, reason) in enumerate(expected.items()):
-            truth = make_truth(tmp_path, kind(str(number)))
+            truth = make_truth(kind(str(number)))
             result, artifact = made.run_job(truth, truth.object.fingerprint(), None)
             assert (result.records[0].reason, result.unusable) == (reason, None)
             assert (artifact is None) == (result.artifact_sha256 is None) == bool(reason)
 
 
 def test_another_dataset_on_a_node_ends_the_run(asked, tmp_path):
-    job = make_truth(tmp_path)
+    job = make_truth()
     with node(asked) as made:
         result, artifact = made.run_job(job, "another", None)
     assert artifact is None
@@ -130,7 +130,7 @@ def test_another_dataset_on_a_node_ends_the_run(asked, tmp_path):
 
 
 def test_a_node_that_does_not_match_does_nothing(asked, tmp_path):
-    job = make_truth(tmp_path)
+    job = make_truth()
     with node(replace(asked, versions={"torch": "0.1"})) as made:
         result, _ = made.run_job(job, job.object.fingerprint(), None)
     assert result.unusable.startswith("node ")

@@ -75,8 +75,8 @@ def measure(tmp_path, monkeypatch):
         method = Method("fake", load or (lambda device: renderer), str, 1, "", sees_mesh=sees_mesh)
         monkeypatch.setattr(bench.running.work, "find_method", lambda method_id: method)
         truth = changes.pop("truth", None)
-        job = make_job(tmp_path, method="fake", **changes)
-        write_artifact(make_truth(tmp_path), seed=1, **({} if truth is None else {"images": truth}))
+        job = make_job(method="fake", **changes)
+        write_artifact(make_truth(), seed=1, **({} if truth is None else {"images": truth}))
         return job, run_job(job)
 
     yield run
@@ -144,8 +144,8 @@ def test_an_image_of_one_colour_is_none_and_one_with_another_pixel_is(measure, l
 
 @pytest.mark.parametrize("floor", ["blank", "constant"])
 def test_a_floor_may_be_blank(tmp_path, floor):
-    write_artifact(make_truth(tmp_path))
-    assert outcomes(run_job(make_job(tmp_path, method=floor))) == {("ok", "")}
+    write_artifact(make_truth())
+    assert outcomes(run_job(make_job(method=floor))) == {("ok", "")}
 
 
 def test_blank_where_the_truth_is_blank_is_an_image(measure):
@@ -268,7 +268,7 @@ def test_time_before_a_failure_counts(measure, clock):
 
 
 def test_the_time_of_the_ground_truth_is_rendering(tmp_path, clock):
-    assert run_job(make_truth(tmp_path, Slow(clock=clock))).timing == JobTiming(rendering=3.0)
+    assert run_job(make_truth(Slow(clock=clock))).timing == JobTiming(rendering=3.0)
 
 
 @pytest.mark.parametrize("sees_mesh", [False, True])
@@ -283,7 +283,7 @@ def test_only_the_ceiling_sees_the_mesh(measure, sees_mesh):
 
 def test_clouds_come_from_seed_object_and_condition_and_not_from_the_method(tmp_path):
     def points(condition="2048", **changes):
-        return cloud_of(make_job(tmp_path, condition=condition, **changes)).points
+        return cloud_of(make_job(condition=condition, **changes)).points
 
     for condition in ("2048", "noise-0.05", "512-random"):
         assert np.array_equal(points(condition), points(condition, method="blank"))
@@ -313,7 +313,7 @@ def test_randomness_comes_from_the_job_alone(measure):
 
 
 def test_the_ground_truth_is_the_mesh(tmp_path):
-    job = make_truth(tmp_path)
+    job = make_truth()
     result = run_job(job)
     expected = render(Tetrahedron().load(), VIEWS)
     assert np.array_equal(read_array(job.artifact), expected)
@@ -323,7 +323,7 @@ def test_the_ground_truth_is_the_mesh(tmp_path):
 
 
 def test_features_are_those_of_the_images(tmp_path):
-    job = make_truth(tmp_path, features=(("fd-views", str(VIEWS_WEIGHTS)),))
+    job = make_truth(features=(("fd-views", str(VIEWS_WEIGHTS)),))
     run_job(job)
     with np.load(job.artifact) as file:
         arrays = dict(file)
@@ -333,7 +333,7 @@ def test_features_are_those_of_the_images(tmp_path):
 
 
 def test_splats_cover_what_the_mesh_covers(tmp_path):
-    jobs = make_truth(tmp_path), make_job(tmp_path)
+    jobs = make_truth(), make_job()
     assert [outcomes(run_job(job)) for job in jobs] == [{("ok", "")}] * 2
     covered, painted = ((read_array(j.artifact) < 255).any(axis=3) for j in jobs)
     assert 0.2 < covered.mean() < 0.8
@@ -343,8 +343,8 @@ def test_splats_cover_what_the_mesh_covers(tmp_path):
 
 def test_the_same_job_gives_the_same_bytes(tmp_path):
     for place in ("one", "two"):
-        run_job(make_truth(tmp_path / place))
-    one, two = (run_job(make_job(tmp_path / place)).artifact_sha256 for place in ("one", "two"))
+        run_job(make_truth())
+    one, two = (run_job(make_job()).artifact_sha256 for place in ("one", "two"))
     assert one == two
 
 
@@ -378,7 +378,7 @@ def test_what_a_method_raises_is_a_record(measure, error, reason):
     [(Refusing(), "input: no such shape; draw one"), (Calling(), "SystemExit: enough")],
 )
 def test_objects_that_cannot_be_loaded(tmp_path, make, obj, reason):
-    write_artifact(make_truth(tmp_path))
+    write_artifact(make_truth())
     assert outcomes(run_job(make(tmp_path, obj))) == {("failed", reason)}
 
 
@@ -398,7 +398,7 @@ def test_a_missing_library_or_unusable_weights_end_the_run(measure):
 
 
 def test_a_missing_ground_truth_is_a_record(tmp_path):
-    ((outcome, reason),) = outcomes(run_job(make_job(tmp_path, method="blank")))
+    ((outcome, reason),) = outcomes(run_job(make_job(method="blank")))
     assert (outcome, reason.split()[0]) == ("failed", "FileNotFoundError:")
 
 

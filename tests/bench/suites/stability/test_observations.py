@@ -12,7 +12,7 @@ from ...builders import make_job, make_record, write_artifact
 
 
 def job_of(directory, case, views=VIEWS, method="splat"):
-    return make_job(directory, Tetrahedron(case), method, case, views=views)
+    return make_job(Tetrahedron(case), method, case, views=views)
 
 
 def done(job, images):
