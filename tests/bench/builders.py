@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sqlite3
+from contextlib import closing, suppress
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
@@ -21,7 +23,7 @@ from bench.records.job import Job, Result
 from bench.records.parquet import read_records, write_features, write_records
 from bench.records.record import GROUND_TRUTH, SCHEMA_VERSION, Record
 from bench.records.run_folder import open_folder, write_manifest
-from bench.records.store import pack_records, unpack_columns
+from bench.records.store import STORE, pack_records, unpack_columns
 from bench.records.stored_artifacts import Artifact
 from bench.running.options import Options
 from bench.running.protocol import Protocol, find_methods
@@ -201,6 +203,15 @@ def make_result(job: Job, records=(), seed=0, **arrays) -> Result:
     """The result of a job, with `make_artifact`."""
     artifact = make_artifact(job, seed, **arrays)
     return Result(job.key, tuple(records), sha256(artifact).hexdigest(), artifact=artifact)
+
+
+def stored_keys(directory: Path) -> set[str]:
+    """The keys of the jobs that are finished in a folder, whose run may go on."""
+    if not (directory / STORE).exists():
+        return set()
+    with closing(sqlite3.connect(directory / STORE)) as database, suppress(sqlite3.Error):
+        return {key for (key,) in database.execute("SELECT key FROM jobs")}
+    return set()  # its tables are being made
 
 
 def store_images(directory: Path, job: Job, seed=0, **arrays) -> Artifact:

@@ -4,10 +4,11 @@
 
 What a small run writes is counted: folders, files, their bytes, renames, what is forced to disk,
 and what SQLite writes into the store (`tests.robustness.sqlite_calls`). Then, for each of these
-calls and each way to fail (no space left, input/output error, SIGKILL), a run fails there and is started again. It has to fail as a user can handle it (OSError or
-BadInput), to leave no half-written file behind (only SIGKILL may), to keep each result that the
-store had acknowledged, and to end with the tables of a run that nobody disturbed. Figures and
-report are left out: they are written as tables are, when all else is.
+calls and each way to fail (no space left, input/output error, SIGKILL), a run fails there and is
+started again. It has to fail as a user can handle it (OSError or BadInput), to leave no
+half-written file behind (only SIGKILL may), to keep each result that the store had acknowledged,
+and to end with the tables of a run that nobody disturbed. Figures and report are left out: they are
+written as tables are, when all else is.
 
 The last transactions of a killed run are cut after each of their bytes: the results that are whole
 count, and no other (`cut_everywhere`). Prints a line for what is wrong, and a summary; the exit
