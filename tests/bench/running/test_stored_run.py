@@ -85,7 +85,6 @@ READERS = ("table", "check", "report", "recommend", "score", "merge")
     [
         *product((without("manifest.json"), newer_manifest), READERS),
         *product((bare_manifest, without("records.parquet")), READERS[:4]),
-        (without("jobs.parquet"), "report"),
     ],
 )
 def test_a_missing_part_is_one_line(stored, command, damage, reader, tmp_path):
