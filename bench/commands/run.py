@@ -22,7 +22,7 @@ from bench.commands.plan import expected_cost
 from bench.commands.publish import Outputs, in_format, print_outputs, run_suite
 from bench.metrics.inception_weights import DOWNLOAD, WEIGHTS_SHA256
 from bench.report.build import REPORT
-from bench.running.options import Options
+from bench.running.options import GPU, Options, metrics_device
 from bench.running.protocol import Protocol, method_identity, protocol_of
 from bench.running.run import RunResult
 from bench.running.status import RunStatus, refuse_small, run_status
@@ -45,7 +45,7 @@ def describe_run(options: Options) -> str:
     status = run_status(options, protocol)
     methods = {}
     for name, method in status.protocol.methods.items():
-        version, libraries, _ = method_identity(method, options.device)
+        version, libraries, _ = method_identity(method, protocol.device)
         methods[name] = f"version {version}" + (f", {libraries}" if libraries else "")
     files = {name: method.weights_file for name, method in status.protocol.methods.items()}
     weights = {method: str(file()) for method, file in files.items() if file}
@@ -72,7 +72,8 @@ def _protocol(suite: Suite, options: Options) -> tuple[Protocol, dict[str, str]]
     if FID not in skipped:
         return protocol, skipped
     features = dict(protocol.features) | {FID: "to be downloaded first"}
-    identity = f"{find_extractor(FID).version} {WEIGHTS_SHA256}"
+    on_gpu = f" {GPU}" * (metrics_device(protocol.device) == GPU)
+    identity = f"{find_extractor(FID).version} {WEIGHTS_SHA256}{on_gpu}"
     protocol = replace(
         protocol,
         features=tuple(

@@ -23,6 +23,7 @@ from bench.metrics.image_scores import scores
 from bench.records.artifacts import read_array, write_artifact
 from bench.records.job import Job, Result, Stopwatch, failed, records_of
 from bench.records.record import GROUND_TRUTH
+from bench.running.options import metrics_device
 from data_prep.datasets.exported import ExportedObject
 from data_prep.failures import BadInput, CannotWrite, MissingDependency, StageFailure
 from data_prep.randomness import generator
@@ -109,7 +110,7 @@ def _learned(job: Job, truth: UInt8Images, images: UInt8Images) -> dict[str, NDA
     weights = dict(job.features).get(LEARNED_METRICS["lpips"])
     if weights is None:
         return {}
-    network = lpips_network(weights)
+    network = lpips_network(weights, metrics_device(job.device))
     return {"lpips": network.distance(network.encode(truth), network.encode(images))}
 
 
@@ -201,7 +202,8 @@ def _write_artifact(job: Job, images: UInt8Images, watch: Stopwatch) -> str:
     arrays: dict[str, NDArray[Any]] = {"images": images}
     with watch.on("metrics"):
         for extractor, weights in job.features:
-            arrays[extractor] = _extractor(extractor, weights)(images)
+            device = metrics_device(job.device)
+            arrays[extractor] = _extractor(extractor, weights, device)(images)
     buffer = io.BytesIO()
     np.savez_compressed(buffer, **arrays)  # type: ignore[arg-type]
     data = buffer.getvalue()
@@ -219,5 +221,5 @@ def load_renderer(method: str, device: str) -> Renderer:
 
 
 @functools.cache
-def _extractor(name: str, weights: str) -> Extractor:
-    return find_extractor(name).load(weights)
+def _extractor(name: str, weights: str, device: str) -> Extractor:
+    return find_extractor(name).load(weights, device)
