@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from data_prep.scene import Images, PointCloud, Renderer, View
     from pc2pix.engine import Precision
 
+GPU = "cuda"
 BUNDLED = "chair"
 TO_PAPER_WIDTH = 4  # the bundled networks have a quarter of it
 

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bench.catalogue.loaders import chosen_device
+from bench.catalogue.loaders import GPU, chosen_device
 from bench.catalogue.lookup import find
 from bench.judges import JUDGE_WEIGHTS, VIEWS_WEIGHTS
 from bench.metrics.inception_weights import WeightsUnavailable, find_weights
@@ -181,6 +181,15 @@ def _views_grey(weights: str, device: str) -> Extractor:
 
     features = _views(weights, device)
     return lambda images: features(np.repeat(greyscale(images)[..., None], 3, axis=-1))
+
+
+def metrics_device(device: str) -> str:
+    """Return the device of the networks of metrics in a run on this device.
+
+    "auto", which `bench.running.options.device_of` leaves where there is no GPU or a cluster draws,
+    is the CPU: all images of a run are to be measured on one device, and nodes of a cluster differ.
+    """
+    return GPU if device == GPU else "cpu"
 
 
 def lpips_network(weights: str, device: str) -> Lpips:

@@ -11,6 +11,7 @@ from typing import Any
 
 from bench.analysis.scored import score, scored_run
 from bench.analysis.scores import QualityRow
+from bench.catalogue.metrics import metrics_device
 from bench.catalogue.plugins import ImageMetric, SetMetric, find_metric
 from bench.catalogue.suites import Suite
 from bench.catalogue.truth import stored_suite
@@ -28,7 +29,7 @@ from bench.report.families import write_beyond_figures
 from bench.report.pareto import write_frontier
 from bench.report.robustness import write_figures
 from bench.running.merge import Merged, merge
-from bench.running.options import Options, device_of, metrics_device
+from bench.running.options import Options, device_of
 from bench.running.run import PartialRun, RunResult, WrittenRun, run, timed
 from bench.tables.build import Outputs, paper_values, write_outputs
 from bench.tables.figure import FIGURES

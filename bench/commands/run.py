@@ -11,8 +11,9 @@ from typing import Annotated
 
 import typer
 
+from bench.catalogue.loaders import GPU
 from bench.catalogue.lookup import find
-from bench.catalogue.metrics import find_extractor
+from bench.catalogue.metrics import find_extractor, metrics_device
 from bench.catalogue.suite_types import TRUTHS
 from bench.catalogue.suites import ALL_SUITES, Suite
 from bench.commands.browser import OpenOption, open_page
@@ -22,7 +23,7 @@ from bench.commands.plan import expected_cost
 from bench.commands.publish import Outputs, in_format, print_outputs, run_suite
 from bench.metrics.inception_weights import DOWNLOAD, WEIGHTS_SHA256
 from bench.report.build import REPORT
-from bench.running.options import GPU, Options, metrics_device
+from bench.running.options import Options
 from bench.running.protocol import Protocol, method_identity, protocol_of
 from bench.running.run import RunResult
 from bench.running.status import RunStatus, refuse_small, run_status

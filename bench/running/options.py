@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 from unicodedata import category, normalize
 
-from bench.catalogue.loaders import chosen_device
+from bench.catalogue.loaders import GPU, chosen_device
 from bench.catalogue.suite_types import Suite, Truth
 from bench.catalogue.suites import SUITES
 from bench.running.environment import cores
@@ -18,7 +18,6 @@ from bench.running.shards import Shard
 from data_prep.datasets.registry import Dataset
 from data_prep.failures import BadInput
 
-GPU = "cuda"
 LOCAL = "local"  # address of a Ray cluster that a run starts on this machine
 # More objects of a class than published datasets have (ShapeNet: 8,509 tables). Procedural classes
 # have no end, and the plan of an object takes 3 ms and 70 kB.
@@ -129,15 +128,6 @@ def _has_driver() -> bool:
     except OSError:
         return False
     return True
-
-
-def metrics_device(device: str) -> str:
-    """Return the device of the networks of metrics in a run on `device_of`'s device.
-
-    An "auto" that is left is the CPU: all images of a run have to be measured on one device, and
-    nodes of a cluster differ.
-    """
-    return GPU if device == GPU else "cpu"
 
 
 def seed_of(dataset: Dataset, options: Options) -> int:

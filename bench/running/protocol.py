@@ -6,18 +6,17 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from bench.catalogue.loaders import GPU
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import FLOOR, RECOMMENDED, Method, find_method
-from bench.catalogue.metrics import WeightsUnavailable, find_extractor
+from bench.catalogue.metrics import WeightsUnavailable, find_extractor, metrics_device
 from bench.catalogue.plugins import plugin_problem
 from bench.catalogue.suites import Suite
 from bench.catalogue.truth import left_out_in_grey, stored_suite, with_truth
 from bench.running.environment import environment
 from bench.running.options import (
-    GPU,
     Options,
     device_of,
-    metrics_device,
     refuse_absent_gpu,
     refuse_counts,
     seed_of,

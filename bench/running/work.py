@@ -18,12 +18,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.catalogue.methods import FLOORS, Method, find_method
-from bench.catalogue.metrics import LEARNED_METRICS, Extractor, find_extractor, lpips_network
+from bench.catalogue.metrics import (
+    LEARNED_METRICS,
+    Extractor,
+    find_extractor,
+    lpips_network,
+    metrics_device,
+)
 from bench.metrics.image_scores import scores
 from bench.records.artifacts import read_array, write_artifact
 from bench.records.job import Job, Result, Stopwatch, failed, records_of
 from bench.records.record import GROUND_TRUTH
-from bench.running.options import metrics_device
 from data_prep.datasets.exported import ExportedObject
 from data_prep.failures import BadInput, CannotWrite, MissingDependency, StageFailure
 from data_prep.randomness import generator

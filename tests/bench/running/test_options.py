@@ -3,7 +3,8 @@ from __future__ import annotations
 import pytest
 import torch
 
-from bench.running.options import Options, device_of, metrics_device, refuse_absent_gpu
+from bench.catalogue.metrics import metrics_device
+from bench.running.options import Options, device_of, refuse_absent_gpu
 from data_prep.failures import BadInput
 
 
