@@ -11,6 +11,7 @@ from typing import Any
 
 from bench.analysis.scored import score, scored_run
 from bench.analysis.scores import QualityRow
+from bench.catalogue.metrics import metrics_device
 from bench.catalogue.plugins import ImageMetric, SetMetric, find_metric
 from bench.catalogue.suites import Suite
 from bench.catalogue.truth import stored_suite
@@ -28,7 +29,7 @@ from bench.report.families import write_beyond_figures
 from bench.report.pareto import write_frontier
 from bench.report.robustness import write_figures
 from bench.running.merge import Merged, merge
-from bench.running.options import Options
+from bench.running.options import Options, device_of
 from bench.running.run import PartialRun, RunResult, WrittenRun, run, timed
 from bench.tables.build import Outputs, paper_values, write_outputs
 from bench.tables.figure import FIGURES
@@ -42,7 +43,8 @@ def run_suite(options: Options) -> RunResult[Outputs]:
 
     Raises BadInput for an error that the user has to fix; finished jobs are kept.
     """
-    further = [find_metric(metric_id) for metric_id in options.metrics or ()]
+    device = metrics_device(device_of(options)) if options.metrics else "cpu"
+    further = [find_metric(metric_id, device) for metric_id in options.metrics or ()]
     if further and options.shard:
         raise BadInput(
             "--metrics: has no meaning for a part of a run; leave it, and give it to 'bench score' "

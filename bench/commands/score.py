@@ -20,6 +20,7 @@ from bench.analysis.cells import image_keys
 from bench.analysis.distances import FRECHET, KERNEL, FeatureDistances, set_distance
 from bench.analysis.scored import ScoredRun, read_scored
 from bench.analysis.scores import QualityRow, RowWithSamples, distance_rows, image_rows
+from bench.catalogue.loaders import chosen_device
 from bench.catalogue.metrics import (
     FURTHER_METRICS,
     FURTHER_SETS,
@@ -29,7 +30,7 @@ from bench.catalogue.metrics import (
 )
 from bench.catalogue.plugins import ImageMetric, SetMetric, find_metric, metric_ids
 from bench.catalogue.suite_types import TableSpec
-from bench.commands.options import RunDirectory, names
+from bench.commands.options import DEVICE, Device, RunDirectory, names
 from bench.metrics.inception_weights import WeightsUnavailable
 from bench.records.artifacts import JobName
 from bench.records.features import ImageKey
@@ -226,8 +227,11 @@ def score_run(
             "of installed packages. Default: all of installed packages."
         ),
     ] = None,
+    device: Annotated[Device, typer.Option(help=DEVICE)] = Device.auto,
 ) -> None:
     """Measure a finished run with further metrics; print their tables."""
+    if device is Device.cuda:
+        chosen_device(device)  # an absent one is refused before anything is read
     chosen = names(metrics) or metric_ids()
     if not chosen:
         raise BadInput(
@@ -235,5 +239,5 @@ def score_run(
             f"{','.join(FURTHER_SETS)}, or "
             "see docs/extending.md"
         )
-    for table in score(directory, [find_metric(metric_id) for metric_id in chosen]):
+    for table in score(directory, [find_metric(metric_id, str(device)) for metric_id in chosen]):
         print(table.to_markdown())

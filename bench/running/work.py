@@ -17,7 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.catalogue.methods import FLOORS, Method, find_method
-from bench.catalogue.metrics import LEARNED_METRICS, Extractor, find_extractor, lpips_network
+from bench.catalogue.metrics import (
+    LEARNED_METRICS,
+    Extractor,
+    find_extractor,
+    lpips_network,
+    metrics_device,
+)
 from bench.metrics.image_scores import scores
 from bench.records.artifacts import pack, unpack
 from bench.records.job import Job, Result, Stopwatch, failed, records_of
@@ -106,7 +112,7 @@ def _learned(job: Job, truth: UInt8Images, images: UInt8Images) -> dict[str, NDA
     weights = dict(job.features).get(LEARNED_METRICS["lpips"])
     if weights is None:
         return {}
-    network = lpips_network(weights)
+    network = lpips_network(weights, metrics_device(job.device))
     return {"lpips": network.distance(network.encode(truth), network.encode(images))}
 
 
@@ -200,10 +206,20 @@ def _with_artifact(
     arrays: dict[str, NDArray[Any]] = {"images": images}
     with watch.on("metrics"):
         for extractor, weights in job.features:
+<<<<<<< HEAD
             arrays[extractor] = _extractor(extractor, weights)(images)
     artifact = pack(arrays)
     checksum = sha256(artifact).hexdigest()
     return Result(job.key, tuple(records), checksum, artifact=artifact)
+=======
+            device = metrics_device(job.device)
+            arrays[extractor] = _extractor(extractor, weights, device)(images)
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **arrays)  # type: ignore[arg-type]
+    data = buffer.getvalue()
+    write_artifact(job.artifact, data)
+    return sha256(data).hexdigest()
+>>>>>>> gpu
 
 
 @functools.cache
@@ -216,5 +232,5 @@ def load_renderer(method: str, device: str) -> Renderer:
 
 
 @functools.cache
-def _extractor(name: str, weights: str) -> Extractor:
-    return find_extractor(name).load(weights)
+def _extractor(name: str, weights: str, device: str) -> Extractor:
+    return find_extractor(name).load(weights, device)

@@ -266,6 +266,19 @@ def test_the_option_leaves_out_methods_that_make_up_colours_unless_they_are_aske
     assert capfd.readouterr().err == ""
 
 
+def test_the_device_is_in_the_key_of_every_job():
+    """Also of a ground truth, which no method draws but the extractors see."""
+    planned = {}
+    for device in ("cpu", "cuda"):  # on nodes of a cluster: this machine may have no GPU
+        options = Options("chair-robustness", limit=1, device=device, ray="10.0.0.1:6379")
+        protocol, _ = protocol_of(SUITES[0], options, dict)
+        marked = {identity.endswith(" cuda") for identity in protocol.feature_identity.values()}
+        assert marked == {device == "cuda"}
+        planned[device] = {job.key for job in plan(protocol, HERE).jobs}
+    assert len(planned["cpu"]) == len(planned["cuda"]) > 1
+    assert not planned["cpu"] & planned["cuda"]
+
+
 @pytest.mark.parametrize(
     ("suite", "truth", "message"),
     [

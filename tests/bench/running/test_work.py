@@ -7,6 +7,7 @@ from hashlib import sha256
 
 import numpy as np
 import pytest
+import torch
 from harness_objects import Calling, Refusing, Tetrahedron
 
 import bench.running.work
@@ -327,8 +328,35 @@ def test_features_are_those_of_the_images(tmp_path):
     with np.load(io.BytesIO(result.artifact)) as file:
         arrays = dict(file)
     assert set(arrays) == {"images", "fd-views"}
-    expected = find_extractor("fd-views").load(str(VIEWS_WEIGHTS))(arrays["images"])
+    expected = find_extractor("fd-views").load(str(VIEWS_WEIGHTS), "cpu")(arrays["images"])
     assert np.array_equal(arrays["fd-views"], expected)
+
+
+def learned_jobs(tmp_path, device):
+    """The jobs of a ground truth and of splats, with the networks that need no download."""
+    names = ("fd-views", "fd-alexnet", "judge")
+    features = tuple((name, str(find_extractor(name).weights(None))) for name in names)
+    options = {"features": features, "device": device}
+    return make_truth(tmp_path, **options), make_job(tmp_path, **options)
+
+
+def test_metrics_of_a_run_without_a_gpu_are_those_of_the_cpu(tmp_path):
+    results = {
+        device: [run_job(job) for job in learned_jobs(tmp_path / device, device)]
+        for device in ("auto", "cpu")
+    }
+    for auto, cpu in zip(results["auto"], results["cpu"], strict=True):
+        assert (auto.reason, auto.artifact_sha256) == ("", cpu.artifact_sha256)
+        assert [r.lpips for r in auto.records] == [r.lpips for r in cpu.records]
+    assert all(0 < (record.lpips or 0) < 1 for record in results["cpu"][1].records)
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="needs a machine without a GPU")
+def test_a_gpu_that_a_node_does_not_have_ends_the_run(tmp_path):
+    """A failed record would count against the method."""
+    for job in learned_jobs(tmp_path, "cuda"):
+        write_artifact(learned_jobs(tmp_path, "cpu")[0])
+        assert (run_job(job).unusable or "").startswith("--device cuda: PyTorch ")
 
 
 def test_splats_cover_what_the_mesh_covers(tmp_path):
