@@ -206,20 +206,11 @@ def _with_artifact(
     arrays: dict[str, NDArray[Any]] = {"images": images}
     with watch.on("metrics"):
         for extractor, weights in job.features:
-<<<<<<< HEAD
-            arrays[extractor] = _extractor(extractor, weights)(images)
+            device = metrics_device(job.device)
+            arrays[extractor] = _extractor(extractor, weights, device)(images)
     artifact = pack(arrays)
     checksum = sha256(artifact).hexdigest()
     return Result(job.key, tuple(records), checksum, artifact=artifact)
-=======
-            device = metrics_device(job.device)
-            arrays[extractor] = _extractor(extractor, weights, device)(images)
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, **arrays)  # type: ignore[arg-type]
-    data = buffer.getvalue()
-    write_artifact(job.artifact, data)
-    return sha256(data).hexdigest()
->>>>>>> gpu
 
 
 @functools.cache

@@ -20,8 +20,8 @@ from report_parser import parse
 from bench.analysis.scored import read_scored
 from bench.catalogue.metrics import CONTROL_METRICS, higher_is_better
 from bench.records.artifacts import artifact_path, read_array
-from bench.records.run_folder import read_manifest, write_manifest
 from bench.records.record import GROUND_TRUTH
+from bench.records.run_folder import read_manifest, write_manifest
 from bench.report.build import read_page, write_report
 from bench.tables.build import make_outputs
 from data_prep.failures import BadInput, CannotWrite

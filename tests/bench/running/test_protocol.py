@@ -274,7 +274,7 @@ def test_the_device_is_in_the_key_of_every_job():
         protocol, _ = protocol_of(SUITES[0], options, dict)
         marked = {identity.endswith(" cuda") for identity in protocol.feature_identity.values()}
         assert marked == {device == "cuda"}
-        planned[device] = {job.key for job in plan(protocol, HERE).jobs}
+        planned[device] = {job.key for job in plan(protocol).jobs}
     assert len(planned["cpu"]) == len(planned["cuda"]) > 1
     assert not planned["cpu"] & planned["cuda"]
 

@@ -332,19 +332,17 @@ def test_features_are_those_of_the_images(tmp_path):
     assert np.array_equal(arrays["fd-views"], expected)
 
 
-def learned_jobs(tmp_path, device):
+def learned_jobs(device):
     """The jobs of a ground truth and of splats, with the networks that need no download."""
     names = ("fd-views", "fd-alexnet", "judge")
     features = tuple((name, str(find_extractor(name).weights(None))) for name in names)
     options = {"features": features, "device": device}
-    return make_truth(tmp_path, **options), make_job(tmp_path, **options)
+    reference = make_artifact(make_truth())
+    return make_truth(**options), make_job(reference=reference, **options)
 
 
-def test_metrics_of_a_run_without_a_gpu_are_those_of_the_cpu(tmp_path):
-    results = {
-        device: [run_job(job) for job in learned_jobs(tmp_path / device, device)]
-        for device in ("auto", "cpu")
-    }
+def test_metrics_of_a_run_without_a_gpu_are_those_of_the_cpu():
+    results = {device: [*map(run_job, learned_jobs(device))] for device in ("auto", "cpu")}
     for auto, cpu in zip(results["auto"], results["cpu"], strict=True):
         assert (auto.reason, auto.artifact_sha256) == ("", cpu.artifact_sha256)
         assert [r.lpips for r in auto.records] == [r.lpips for r in cpu.records]
@@ -352,10 +350,9 @@ def test_metrics_of_a_run_without_a_gpu_are_those_of_the_cpu(tmp_path):
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="needs a machine without a GPU")
-def test_a_gpu_that_a_node_does_not_have_ends_the_run(tmp_path):
+def test_a_gpu_that_a_node_does_not_have_ends_the_run():
     """A failed record would count against the method."""
-    for job in learned_jobs(tmp_path, "cuda"):
-        write_artifact(learned_jobs(tmp_path, "cpu")[0])
+    for job in learned_jobs("cuda"):
         assert (run_job(job).unusable or "").startswith("--device cuda: PyTorch ")
 
 
