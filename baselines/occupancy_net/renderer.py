@@ -39,7 +39,7 @@ class OccupancyNetRenderer(DrawsReconstruction):
         self.network = weights.network.to(self.device)
         self.logit = float(np.log(level / (1 - level)))
 
-    @torch.inference_mode()
+    @exact_inference()
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> Reconstruction:
         """Find the surface; no randomness, and the order of the points does not matter.
 

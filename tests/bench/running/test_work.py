@@ -337,7 +337,7 @@ def learned_jobs(device):
     names = ("fd-views", "fd-alexnet", "judge")
     features = tuple((name, str(find_extractor(name).weights(None))) for name in names)
     options = {"features": features, "device": device}
-    reference = make_artifact(make_truth())
+    reference = run_job(make_truth()).artifact
     return make_truth(**options), make_job(reference=reference, **options)
 
 
