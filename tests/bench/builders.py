@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import sqlite3
+from collections.abc import Iterable
+from contextlib import closing
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
@@ -21,7 +24,7 @@ from bench.records.job import Job, Result
 from bench.records.parquet import read_records, write_features, write_records
 from bench.records.record import GROUND_TRUTH, SCHEMA_VERSION, Record
 from bench.records.run_folder import open_folder, write_manifest
-from bench.records.store import pack_records, unpack_columns
+from bench.records.store import STORE, pack_records, unpack_columns
 from bench.records.stored_artifacts import Artifact
 from bench.running.options import Options
 from bench.running.protocol import Protocol, find_methods
@@ -208,6 +211,22 @@ def store_images(directory: Path, job: Job, seed=0, **arrays) -> Artifact:
     with open_folder(directory) as store:
         store.append(make_result(job, (), seed, **arrays))
     return Artifact(directory, job.key)
+
+
+def damage_images(directory: Path, keys: Iterable[str] | None = None, data=b"altered") -> None:
+    """Alter the artifacts of jobs in the store of a folder, behind its back; of all by default.
+
+    None as `data` removes them.
+    """
+    with closing(sqlite3.connect(directory / STORE)) as connection, connection:
+        if keys is None:
+            keys = [key for (key,) in connection.execute("SELECT key FROM jobs")]
+        for key in keys:
+            where = "WHERE id = (SELECT id FROM jobs WHERE key = ?)"
+            if data is None:
+                connection.execute(f"DELETE FROM artifacts {where}", (key,))
+            else:
+                connection.execute(f"UPDATE artifacts SET data = ? {where}", (data, key))
 
 
 def make_manifest(**changes):

@@ -21,8 +21,8 @@ from bench.checking.objects import environment_of, golden_thumbnails, read_objec
 from bench.checking.thumbnails import ACROSS, SIDE, read_png, thumbnail, to_png
 from bench.checking.tolerances import PRINTED, object_tolerance
 from bench.records.artifacts import artifact_path
-from bench.records.run_folder import read_manifest, write_manifest
 from bench.records.parquet import JobRow, artifacts_of, read_jobs, write_jobs
+from bench.records.run_folder import read_manifest, write_manifest
 from bench.rendering.sheet import LABEL_HEIGHT, MARGIN, PROBLEM_GROUND
 from bench.tables.build import write_outputs
 from bench.tables.published import golden

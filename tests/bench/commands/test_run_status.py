@@ -8,8 +8,8 @@ import pandas as pd
 import pytest
 import torch
 
-from bench.records.run_folder import open_journal, read_manifest
 from bench.records.parquet import read_jobs
+from bench.records.run_folder import open_journal, read_manifest
 
 
 @pytest.mark.parametrize(
