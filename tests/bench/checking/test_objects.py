@@ -281,7 +281,7 @@ def halves(left, right):
 def paint(run):
     """Every artifact gets an image of two colours of its own; all by item."""
     painted = {}
-    for number, (name, artifact) in enumerate(StoredArtifacts(run).items()):
+    for number, (name, artifact) in enumerate([*StoredArtifacts(run).items()]):
         painted[name] = halves((number, 255 - number, 0), (0, number, 255 - number))
         rewrite(run, artifact.key, painted[name])
     return painted
