@@ -124,7 +124,9 @@ def _read_table(
     return table
 
 
-def write_features(directory: Path, store: Store, metric: str) -> None:
+def write_features(
+    directory: Path, store: Store, metric: str, jobs_per_group: int = _ARTIFACTS
+) -> None:
     """Collect one extractor's features of the complete run into one file, whole or not at all.
 
     They are sorted as the records are; only the features of one row group are in memory. Where no
@@ -133,7 +135,7 @@ def write_features(directory: Path, store: Store, metric: str) -> None:
     drawn = (job for job in store.listed(by_name=True) if job.artifact_sha256)
     groups = (
         pa.concat_tables([_feature_table(job, store.artifact(job.key), metric) for job in jobs])
-        for jobs in _row_groups(drawn)
+        for jobs in _row_groups(drawn, jobs_per_group)
     )
     first = next(groups, None)
     if first is None:
@@ -146,10 +148,10 @@ def write_features(directory: Path, store: Store, metric: str) -> None:
             writer.write_table(table)
 
 
-def _row_groups(jobs: Iterable[JobRow]) -> Iterator[list[JobRow]]:
-    """Yield sorted jobs in parts of up to _ARTIFACTS, of one method, condition and class each."""
+def _row_groups(jobs: Iterable[JobRow], most: int) -> Iterator[list[JobRow]]:
+    """Yield sorted jobs in parts of up to `most`, of one method, condition and class each."""
     for _, group in groupby(jobs, lambda job: job.name[:3]):
-        while part := list(islice(group, _ARTIFACTS)):
+        while part := list(islice(group, most)):
             yield part
 
 

@@ -233,8 +233,9 @@ def open_run(directory: Path, manifest: dict[str, Any], fresh: bool = False) -> 
     directory holds something else, or more than this run would have, or another process writes
     there.
     """
-    with _open_checked(directory, manifest, fresh) as store:
+    if not fresh:
         refuse_narrowing(directory, manifest)
+    with _open_checked(directory, manifest, fresh) as store:
         write_manifest(directory, manifest)
         yield store
         write_manifest(directory, manifest | {"finished": now()})

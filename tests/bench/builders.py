@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Iterable
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
@@ -204,6 +204,15 @@ def make_result(job: Job, records=(), seed=0, **arrays) -> Result:
     """The result of a job, with `make_artifact`."""
     artifact = make_artifact(job, seed, **arrays)
     return Result(job.key, tuple(records), sha256(artifact).hexdigest(), artifact=artifact)
+
+
+def stored_keys(directory: Path) -> set[str]:
+    """The keys of the jobs that are finished in a folder, whose run may go on."""
+    if not (directory / STORE).exists():
+        return set()
+    with closing(sqlite3.connect(directory / STORE)) as database, suppress(sqlite3.Error):
+        return {key for (key,) in database.execute("SELECT key FROM jobs")}
+    return set()  # its tables are being made
 
 
 def store_images(directory: Path, job: Job, seed=0, **arrays) -> Artifact:

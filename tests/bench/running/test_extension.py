@@ -20,7 +20,7 @@ from bench.running.shards import Shard
 from bench.suites.procedure import methods_of
 from data_prep.failures import BadInput
 
-from ..builders import file_bytes, finished_options, make_manifest
+from ..builders import file_bytes, finished_options, make_manifest, stored_keys
 
 TABLE = "tables/table3_ssim.csv"
 
@@ -48,14 +48,14 @@ def test_asking_for_less_computes_nothing_and_removes_nothing(
     finished, copied, same_machine, tiny_weights, capsys
 ):
     less = {"methods": ("splat",), "conditions": ("2048",), "limit": 1}
-    before, manifest = every_file(copied / "journal"), read_manifest(copied)
+    before, manifest = stored_keys(copied), read_manifest(copied)
     done = run_suite(finished_options(tiny_weights, copied, **less))
     assert (done.done, done.reused, done.failed, done.objects) == (0, 21, 0, 3)
     assert outputs(copied) == outputs(finished[0])
     assert (copied / "records.parquet").read_bytes() == (
         finished[0] / "records.parquet"
     ).read_bytes()
-    assert every_file(copied / "journal") == before
+    assert stored_keys(copied) == before
     after = read_manifest(copied)
     for name in ("methods", "conditions", "objects", "request"):
         assert after[name] == manifest[name]
