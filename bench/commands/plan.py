@@ -15,6 +15,7 @@ from bench.catalogue.suites import ALL_SUITES, Suite
 from bench.commands.options import RUN_OPTIONS, options_from_dataclass
 from bench.records.record import GROUND_TRUTH
 from bench.records.run_folder import read_store
+from bench.records.store import DamagedArtifact
 from bench.running.options import Options
 from bench.running.pilot import Cost, Sample, mean_costs, run_pilot
 from bench.running.protocol import protocol_of
@@ -41,11 +42,15 @@ def recorded_costs(run: RunStatus) -> dict[MethodCondition, Cost]:
                 if read[place] == ENOUGH or job.key not in drawn:
                     continue
                 if drawn[job.key].has_images:
+                    try:
+                        size_b = float(len(store.artifact(job.key)))
+                    except DamagedArtifact:  # a run finds it, and draws it anew
+                        continue
                     read[place] += 1
                     records = store.records(job.key)  # times of the method alone
                     draw_s = sum(record.draw_s or 0.0 for record in records)
                     seconds = (records[0].prepare_s or 0.0) + draw_s + SCORING_S * len(records)
-                    costs.append((place, Cost(seconds, float(len(store.artifact(job.key))))))
+                    costs.append((place, Cost(seconds, size_b)))
             if min(read.values()) == ENOUGH:
                 break
     return mean_costs(costs, run.left)

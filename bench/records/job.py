@@ -38,7 +38,7 @@ class JobTiming:
 
     def __add__(self, other: JobTiming) -> JobTiming:
         pairs = zip(astuple(self), astuple(other), strict=True)
-        return JobTiming(*(one + more for one, more in pairs))
+        return JobTiming(*(sum(pair) for pair in pairs))
 
 
 NOTHING = JobTiming()

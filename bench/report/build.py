@@ -69,7 +69,7 @@ def write_report(made: Outputs, out: Path | None = None) -> Path:
     """Write the report of a finished run to `out` (default: report.html in its folder).
 
     The same run gives the same bytes. Images that are no longer there, and clouds that cannot be
-    made again, are named as missing. Raises BadInput where the list of jobs cannot be read, and
+    made again, are named as missing. Raises BadInput where the store cannot be read, and
     CannotWrite where `out` cannot be written.
     """
     path = out or made.run.directory / REPORT

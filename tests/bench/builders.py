@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
+from collections.abc import Iterable
 from contextlib import closing, suppress
 from dataclasses import replace
 from hashlib import sha256
@@ -219,6 +220,22 @@ def store_images(directory: Path, job: Job, seed=0, **arrays) -> Artifact:
     with open_folder(directory) as store:
         store.append(make_result(job, (), seed, **arrays))
     return Artifact(directory, job.key)
+
+
+def damage_images(directory: Path, keys: Iterable[str] | None = None, data=b"altered") -> None:
+    """Alter the artifacts of jobs in the store of a folder, behind its back; of all by default.
+
+    None as `data` removes them.
+    """
+    with closing(sqlite3.connect(directory / STORE)) as connection, connection:
+        if keys is None:
+            keys = [key for (key,) in connection.execute("SELECT key FROM jobs")]
+        for key in keys:
+            where = "WHERE id = (SELECT id FROM jobs WHERE key = ?)"
+            if data is None:
+                connection.execute(f"DELETE FROM artifacts {where}", (key,))
+            else:
+                connection.execute(f"UPDATE artifacts SET data = ? {where}", (data, key))
 
 
 def make_manifest(**changes):

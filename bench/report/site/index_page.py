@@ -26,6 +26,8 @@ from bench.report.site.words import joined_names, metric_words
 from bench.report.stored import Sources
 from bench.tables.differences import too_few
 from bench.tables.grid import Grid
+from data_prep.failures import BadInput
+from data_prep.progress import log
 
 INDEX = "index.html"
 MOST_REASONS = 3  # listed for a run; its page has all
@@ -150,11 +152,14 @@ def thumbnails(runs: Sequence[SiteRun]) -> dict[str, PageImage]:
         sources = Sources(StoredArtifacts(run.run.directory), {}, "")
         condition, objects = run.run.manifest["conditions"][0], run.run.manifest["objects"]
         class_name, _, object_id = str(first if first in objects else objects[0]).partition("/")
-        for name, method in run.methods.items():
-            drawn = sources.images(JobName(method.id, condition, class_name, object_id))
-            if name not in images and drawn is not None:
-                words = f"{class_name} {object_id} by {name}, {condition_words(condition)}"
-                images[name] = PageImage(data_uri(drawn[0]), words)
+        try:
+            for name, method in run.methods.items():
+                drawn = sources.images(JobName(method.id, condition, class_name, object_id))
+                if name not in images and drawn is not None:
+                    words = f"{class_name} {object_id} by {name}, {condition_words(condition)}"
+                    images[name] = PageImage(data_uri(drawn[0]), words)
+        except BadInput as error:
+            log(f"{run.name}: no thumbnails, {error}")
     return images
 
 

@@ -9,12 +9,13 @@ from PIL import Image
 
 from bench.analysis.scores import QualityRow
 from bench.catalogue.suites import TableSpec
-from bench.records.artifacts import JobName, read_array
+from bench.records.artifacts import JobName
+from bench.records.stored_artifacts import Artifact
 from bench.report.image_sheets import THIN_TINT, write_images
 from bench.report.robustness import write_figures
 from bench.tables.quality import quality_table
 
-from ..builders import make_job, make_truth, write_artifact
+from ..builders import make_job, make_truth, store_images
 
 NAN = float("nan")
 
@@ -60,7 +61,7 @@ def test_curves_show_the_tables(drawn, jobs, tmp_path):
     assert values == [[0.8, 0.6], [0.7, 0.95], [0.8], [0.5, 0.65], [0.6], [0.4]]
 
 
-def test_the_grid_shows_first_images_and_failures(drawn, jobs):
+def test_the_grid_shows_first_images_and_failures(drawn, jobs, tmp_path):
     _, _, grid = drawn(write_figures, CURVES, jobs=jobs)
     cells = np.array(grid.axes).reshape(2, 2)  # objects x (truth, condition); the floor is left out
     assert [axis.get_title() for axis in cells[0]] == ["ground-truth", "2048"]
@@ -72,7 +73,7 @@ def test_the_grid_shows_first_images_and_failures(drawn, jobs):
         for axis, method in zip(row, ("ground-truth", "splat"), strict=True):
             if axis.images:
                 shown = np.asarray(axis.images[0].get_array())
-                expected = read_array(by_cell[obj, method].artifact)[0]
+                expected = Artifact(tmp_path, by_cell[obj, method].key).read()[0]
                 assert np.array_equal(shown, expected)
     assert sum(len(axis.images) for axis in cells.flat) == 3
 
@@ -99,9 +100,9 @@ def test_the_sheet_of_thin_parts(drawn, tmp_path):
         jobs += [make_truth(obj), make_job(obj)]
         jobs += [make_job(obj, "splat", "512"), make_job(obj, "constant")]
         for number, job in enumerate(jobs[-4:]):
-            write_artifact(job, images=truth // (1 + number))
+            store_images(tmp_path, job, images=truth // (1 + number))
     noisy = make_job(Tetrahedron("a"), "splat", "noise-0.05")
-    write_artifact(noisy, images=truth)
+    store_images(tmp_path, noisy, images=truth)
     *_, sheet = drawn(write_figures, CURVES, jobs=[*jobs, noisy])
     cells = np.array(sheet.axes).reshape(2, 4)  # truth and method x objects and conditions
     titles = ["c\n2048", "c\nnoise-0.05", "a\n2048", "a\nnoise-0.05"]
@@ -125,11 +126,10 @@ def test_a_sheet_fits_a_page(tmp_path, methods, conditions):
     artifacts = {}
     for name in "abcd":
         job = make_truth(Tetrahedron(name))
-        write_artifact(job)
-        artifacts[job.name] = job.artifact
+        artifacts[job.name] = store_images(tmp_path, job)
         for method, condition in product(range(methods), range(conditions)):
             key = JobName(f"plugin-{method}", str(condition), *job.name.object)
-            artifacts[key] = job.artifact
+            artifacts[key] = artifacts[job.name]
     write_images(tmp_path / "sheet.png", artifacts, [str(i) for i in range(conditions)])
     with Image.open(tmp_path / "sheet.png") as sheet:
         assert sheet.width == 800
