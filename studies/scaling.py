@@ -164,7 +164,7 @@ def main() -> None:
     manifest = read_manifest(chosen.sample)
     options = Options(
         suite=manifest["suite"],
-        dataset=str(meshes),
+        dataset=f"folder:{meshes}",
         methods=chosen.methods or tuple(manifest["methods"]),
         conditions=chosen.conditions or tuple(manifest["conditions"]),
         limit=chosen.objects,
