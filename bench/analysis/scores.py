@@ -182,7 +182,8 @@ def _distance(cell: CellKey, features: FeatureDistances, distance: SetDistance) 
         fewest = "two" if distance.fewest == 2 else distance.fewest
         return _Value(note=f"fewer than {fewest} images")
     value, leave_one_out = distance.between(features, cell, drawn)
-    wanted = set(features.images(GROUND_TRUTH, "", class_name)) - set(drawn)
+    true = features.images(GROUND_TRUTH, "", class_name)
+    wanted = set() if drawn == true else set(true) - set(drawn)  # sets of all images take memory
     missing = wanted & set(features.images(FLOOR, condition, class_name)) if wanted else wanted
     with_blank = value
     if missing:

@@ -46,7 +46,7 @@ def left_out_kernel_distances(
     fewer than two rows of a set. Raises as `kernel_distance`.
     """
     names, block = object_blocks(np.concatenate([np.unique(groups_x), np.unique(groups_y)]))
-    count = int(block[-1]) + 1
+    count = int(block.max()) + 1
     member_x, member_y = (block[np.searchsorted(names, groups)] for groups in (groups_x, groups_y))
     sums = _block_sums(x, y, member_x, member_y, count)
     return np.array([_distance(sums, kept) for kept in 1.0 - np.eye(count)])
