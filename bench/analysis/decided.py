@@ -25,12 +25,14 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from bench.analysis.paired import SIGNIFICANCE
+from bench.analysis.scored import ScoredRun
 from bench.analysis.sequences import ConfidenceSequence
 from bench.catalogue.chosen import BEST_RECONSTRUCTION, CHOSEN
 from bench.catalogue.methods import known_method
 from bench.catalogue.metrics import column, higher_is_better
 from bench.catalogue.suites import Suite
 from bench.records.record import Record
+from bench.running.turns import seeded_turns
 
 BOUNDS = {"ssim-object": 0.5, "lpips": 0.25}  # of the differences
 EQUAL = 0.01  # differences that do not matter
@@ -167,6 +169,36 @@ def object_means(records: Iterable[Record], metrics: Sequence[str], blank: str) 
             if value is not None and not math.isnan(value):
                 sums.setdefault((record.method, record.condition, metric), []).append(value)
     return {key: float(np.mean(values)) for key, values in sums.items()}
+
+
+def decided_pairs(run: ScoredRun) -> DecidedPairs | None:
+    """Return the headline pairs of a run after its objects, in their seeded order.
+
+    None where the run has no pair to decide, as a run of reconstructions alone.
+    """
+    metrics = run.measured(run.suite.headline)
+    pairs = headline_pairs(run.suite, run.manifest["methods"], run.manifest["conditions"], metrics)
+    if not pairs:
+        return None
+    means: dict[str, dict[tuple[str, str, str], float]] = {}
+    for comparison in run.compared(metrics):
+        of_condition = [pair for pair in pairs if pair.condition == comparison.condition]
+        wanted = {(m, pair.metric) for pair in of_condition for m in (pair.method, pair.opponent)}
+        for method, metric in sorted(wanted):
+            values = comparison.qualities[metric][method].per_object.tolist()
+            for name, value in zip(comparison.objects, values, strict=True):
+                of_object = means.setdefault(f"{comparison.class_name}/{name}", {})
+                of_object[method, comparison.condition, metric] = value
+    order = seeded_turns(run.manifest["objects"], int(run.manifest["seed"]))
+    decided = DecidedPairs(pairs, classes_of(order))
+    for name in order:
+        decided.add(name.partition("/")[0], means.get(name, {}))
+    return decided
+
+
+def classes_of(objects: Iterable[str]) -> list[str]:
+    """Return the classes of objects "class/name", each once."""
+    return list(dict.fromkeys(name.partition("/")[0] for name in objects))
 
 
 def _verdict(sequence: ConfidenceSequence) -> Verdict:
