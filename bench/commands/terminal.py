@@ -19,7 +19,7 @@ WIDEST, MOST_LINES = 100, 40
 SHARE = 0.02  # of the time of a run that goes into tables in between, at most
 
 
-def shown(table: Table[QualityRow], lines: int = MOST_LINES) -> list[str]:
+def shown(table: Table[Any], lines: int = MOST_LINES) -> list[str]:
     """Return the headline table as text, as wide as the terminal and at most 100 columns."""
     width = min(WIDEST, terminal_width(WIDEST))
     title = wrapped(table.title, width)

@@ -22,7 +22,8 @@ import bench.catalogue.truth
 import bench.running.run
 from bench.analysis.scored import read_scored
 from bench.catalogue.suites import SUITES
-from bench.commands.publish import partial_table, publish, run_suite
+from bench.commands.live import LiveTable
+from bench.commands.publish import publish, run_suite
 from bench.commands.terminal import Terminal
 from bench.records.journal import read_manifest
 from bench.records.record import GROUND_TRUTH
@@ -299,7 +300,7 @@ def test_some_objects_now_and_the_others_later(
     monkeypatch.setenv("COLUMNS", "100")  # pytest-xdist sets 80
     directory = tmp_path / "run"
     options = finished_options(tiny_weights, directory)
-    first = run(options, publish, partial(Interrupted, partial_table))
+    first = run(options, publish, partial(Interrupted, LiveTable().table))
     assert (first.interrupted, first.objects, first.planned, first.done) == (True, 1, 3, 8)
     assert read_manifest(directory)["objects"] == ["chair/test-0000"]
     interim_table = (directory / "tables" / "headline.md").read_text()
@@ -309,7 +310,7 @@ def test_some_objects_now_and_the_others_later(
     )
     assert set(records(directory)["object"]) == {"test-0000"}
 
-    reporter = partial(Terminal, partial_table)
+    reporter = partial(Terminal, LiveTable().table)
     second = run(replace(options, budget=100.0), publish, reporter, OneMore)
     assert (second.interrupted, second.objects, second.reused) == (False, 2, 8)
     assert read_manifest(directory)["finished"]
@@ -382,7 +383,7 @@ def counted_run(options):
     status = run_status(options, protocol)
     to_do = sum(status.left.values())
     counts = {"total": 0, "ended": 0}
-    done = run(options, publish, partial(Counting, counts, partial_table))
+    done = run(options, publish, partial(Counting, counts, LiveTable().table))
     assert (done.done, done.reused) == (to_do, len(status.plan.jobs) - to_do)
     assert (counts["total"], counts["ended"]) == (to_do, to_do)
     assert counts.get("failed", done.failed) == done.failed
