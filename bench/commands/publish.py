@@ -43,7 +43,10 @@ def run_suite(options: Options) -> RunResult[Outputs]:
             "--metrics: has no meaning for a part of a run; leave it, and give it to 'bench score' "
             "once the shards are merged"
         )
-    finished = run(options, partial(publish, further=further), partial(Terminal, LiveTable().table))
+    live = LiveTable()
+    finished = run(
+        options, partial(publish, further=further), partial(Terminal, live.table), stop_rule=live
+    )
     if finished.outputs is not None:
         _report(finished.outputs)
     return finished

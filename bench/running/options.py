@@ -42,6 +42,7 @@ class Options:
     conditions: tuple[str, ...] | None = None
     limit: int | None = None
     budget: float | None = None  # seconds
+    until_decided: bool = False
     views: int | None = None
     workers: int | None = None
     device: str = "auto"

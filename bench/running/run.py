@@ -33,11 +33,12 @@ from bench.running.extension import KeptRun, join, pinned_request, refuse_narrow
 from bench.running.factory import ExecutorFactory, executor_factory
 from bench.running.isolation import Executor
 from bench.running.manifest import describe
-from bench.running.options import Options
+from bench.running.options import UNTIL_DECIDED, Options
 from bench.running.plan import Plan, plan
 from bench.running.protocol import Protocol, protocol_of
 from bench.running.schedule import Budget, Schedule, guess_s
 from bench.running.status import undrawn, unscorable
+from bench.running.turns import seeded_turns
 from data_prep.failures import BadInput
 from data_prep.progress import log
 
@@ -97,6 +98,22 @@ class ProgressReporter(typing.Protocol):
         ...
 
 
+class StopRule(typing.Protocol):
+    """A rule that ends a run before another object is begun."""
+
+    def begin(self, manifest: Mapping[str, Any], order: Sequence[str]) -> None:
+        """Take the manifest, and the objects "class/name" in the order of their start."""
+        ...
+
+    def add_missing(self, snapshot: PartialRun) -> None:
+        """Take the objects of a part of the run that are new. Each object is offered once."""
+        ...
+
+    def enough(self) -> bool:
+        """Return whether no other object is to be begun."""
+        ...
+
+
 # Takes title and number of the jobs to be done.
 Watch = Callable[[str, int], AbstractContextManager[ProgressReporter]]
 
@@ -115,6 +132,8 @@ class RunResult(Generic[Outputs]):
         Complete objects, and objects of the whole run.
     interrupted : bool
         Whether Ctrl-C ended the run.
+    decided : bool
+        Whether the stop rule ended it.
     done, reused, failed : int
         Jobs of this start, of earlier ones, and without images; with a failed ground truth all of
         its object. A job that is the same under every condition counts once, as in progress.
@@ -131,6 +150,7 @@ class RunResult(Generic[Outputs]):
     objects: int
     planned: int
     interrupted: bool
+    decided: bool
     done: int
     reused: int
     failed: int
@@ -161,14 +181,17 @@ class _PreparedRun:
     kept: KeptRun | None
     budget: Budget
     begun: float
+    stop_rule: StopRule | None
 
     def narrows(self, schedule: Schedule) -> bool:
         """Return whether outputs of the complete objects would lack an object of the kept run."""
         return self.kept is not None and not self.kept.objects <= {*schedule.complete}
 
-    def snapshot(self, schedule: Schedule, journal: Journal) -> PartialRun:
-        """Return the run of the objects that are complete."""
-        part = self.plan.select(frozenset(schedule.complete))
+    def snapshot(
+        self, schedule: Schedule, journal: Journal, names: Sequence[str] | None = None
+    ) -> PartialRun:
+        """Return the run of the objects that are complete, or of some of them."""
+        part = self.plan.select(frozenset(schedule.complete if names is None else names))
         without_truth = unscorable(part, schedule.results)
 
         def records(row: JobRow) -> Sequence[Record]:
@@ -189,6 +212,7 @@ def run(
     publish: Callable[[WrittenRun], Outputs],
     watch: Watch,
     make_budget: Callable[[float | None, float], Budget] = Budget,
+    stop_rule: StopRule | None = None,
 ) -> RunResult[Outputs]:
     """Carry out a run, or what is left of it, for as long as its budget allows.
 
@@ -205,6 +229,8 @@ def run(
         Gives the reporter of progress.
     make_budget : callable
         Makes the budget from `--budget` and the expected cost of an object, both in seconds.
+    stop_rule : StopRule or None
+        Is asked before another object is begun.
 
     Raises
     ------
@@ -220,6 +246,11 @@ def run(
             f"--budget: has no meaning with --shard {options.shard}, whose objects are fixed; "
             "leave one of the two"
         )
+    if options.until_decided and options.shard is not None:
+        raise BadInput(
+            f"--until-decided: has no meaning with --shard {options.shard}, which sees a part of "
+            "the objects; leave one of the two"
+        )
     requested, skipped = protocol_of(suite, options)
     protocol, kept = join(options, requested)
     planned = plan(protocol, options.directory)  # refuses weights that cannot be used
@@ -231,9 +262,14 @@ def run(
             "request": pinned_request(options, protocol),
             "cluster": factory.cluster,
             "planned": len(planned.objects),  # "objects" are those that are complete, at the end
+            **({UNTIL_DECIDED: True} if options.until_decided else {}),
         }
+        if stop_rule is not None:
+            names = (obj.name for obj in planned.objects)
+            stop_rule.begin(manifest, seeded_turns(names, protocol.seed))
         prepared = _PreparedRun(
-            options.directory, options.fresh, protocol, planned, manifest, kept, budget, begun
+            *(options.directory, options.fresh, protocol, planned, manifest, kept, budget, begun),
+            stop_rule=stop_rule,
         )
         return _carry_out(prepared, factory, publish, watch)
 
@@ -278,7 +314,10 @@ def _carry_out(
             write_manifest(directory, prepared.manifest)
         elif read_manifest(directory) != prepared.kept.manifest:  # it had the lock meanwhile
             raise BadInput(f"{directory}: another run has changed it just now; run again")
-        schedule = Schedule(planned, journal.all_usable(planned.jobs), prepared.budget)
+        order = seeded_turns((obj.name for obj in planned.objects), prepared.protocol.seed)
+        may_stop = prepared.stop_rule.enough if prepared.stop_rule else None
+        usable = journal.all_usable(planned.jobs)
+        schedule = Schedule(planned, usable, prepared.budget, order, may_stop)
         reused = schedule.total - schedule.left
         with timed("items", seconds):
             interrupted = _do_jobs(prepared, schedule, journal, factory.start, watch)
@@ -305,6 +344,7 @@ def _carry_out(
         objects=len(schedule.complete),
         planned=len(planned.objects),
         interrupted=interrupted,
+        decided=prepared.stop_rule is not None and prepared.stop_rule.enough(),
         done=schedule.total - reused - schedule.left,
         reused=reused,
         failed=len(without_images),
@@ -337,6 +377,9 @@ def _do_jobs(
     if reused := schedule.total - schedule.left:
         log(f"{title}: {reused} jobs are there from before")
     failures = len(undrawn(prepared.plan, schedule.results))
+    rule = prepared.stop_rule
+    if rule is not None:
+        rule.add_missing(prepared.snapshot(schedule, journal))
     try:
         with (
             watch(f"{title}, jobs", schedule.left) as reporter,
@@ -348,6 +391,8 @@ def _do_jobs(
                 ended = before - schedule.left  # with a ground truth all jobs of its object fail
                 failures += ended * (not result.has_images)
                 reporter.on_jobs_done(ended, failures)
+                if complete and rule is not None:
+                    rule.add_missing(prepared.snapshot(schedule, journal, schedule.complete[-1:]))
                 if complete and schedule.scored and not prepared.narrows(schedule):
                     reporter.on_object_done(partial(prepared.snapshot, schedule, journal))
     except KeyboardInterrupt:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import zip_longest
 
@@ -123,9 +123,25 @@ class Schedule:
         Jobs to be done, if there were no budget.
     """
 
-    def __init__(self, planned: Plan, results: Mapping[str, Result], budget: Budget) -> None:
+    def __init__(
+        self,
+        planned: Plan,
+        results: Mapping[str, Result],
+        budget: Budget,
+        order: Sequence[str] | None = None,
+        enough: Callable[[], bool] | None = None,
+    ) -> None:
+        """Take the plan, earlier results, and the budget.
+
+        `order` has the names of the objects as they are begun; None for their turns. `enough` is
+        asked before another object is begun.
+        """
         self._objects = planned.in_turns
+        if order is not None:
+            place = {name: i for i, name in enumerate(order)}
+            self._objects = tuple(sorted(planned.objects, key=lambda obj: place[obj.name]))
         self._budget = budget
+        self._enough = enough or (lambda: False)
         self._object_of = {job.key: obj for obj in self._objects for job in obj.jobs}
         self._open = {obj.name: {job.key for job in obj.jobs} for obj in self._objects}
         self.results: dict[str, Result] = {}
@@ -138,7 +154,8 @@ class Schedule:
     def jobs(self) -> Iterator[Job | None]:
         """Yield the jobs to be done; None where the next job waits for a ground truth.
 
-        They end where the budget does not allow another object. The first object is always done.
+        They end where the budget does not allow another object, or enough are done. The first
+        object is always done.
         """
         truths: set[str] = set()
         begun: list[ObjectJobs] = []
@@ -147,7 +164,8 @@ class Schedule:
                 continue
             begun = [earlier for earlier in begun if self._open[earlier.name]]
             under_way = sum(len(self._open[o.name]) / len(o.jobs) for o in begun)
-            if (self.complete or begun) and not self._budget.allows(len(self.complete), under_way):
+            allowed = not self._enough() and self._budget.allows(len(self.complete), under_way)
+            if (self.complete or begun) and not allowed:
                 return
             begun.append(obj)
             # Ground truths are drawn one object ahead: nothing waits for one but at the start.
