@@ -200,21 +200,29 @@ def main() -> None:
     parser.add_argument("--methods", type=names)
     parser.add_argument("--counts", type=numbers, default=(8, 24, 100, 1000))
     options = parser.parse_args()
-    found = recorded(options.directory, options.methods)
-    within = {p: v.clip(-BOUNDS[p.metric], BOUNDS[p.metric]) for p, v in found.items()}
+    differences_of = recorded(options.directory, options.methods)
+    within = {p: v.clip(-BOUNDS[p.metric], BOUNDS[p.metric]) for p, v in differences_of.items()}
     populations = {"as recorded": within}
     for title, mean in (("all means 0", 0.0), (f"all means {BEYOND:g}", BEYOND)):
         populations[title] = {p: moved(v, mean, BOUNDS[p.metric]) for p, v in within.items()}
     lines = []
     for seed, (title, differences) in enumerate(populations.items()):
-        made = simulate(differences, options.runs, options.objects, seed)
-        median = np.median(made.of_pair / options.objects)
-        by_t = "" if math.isnan(made.by_t) else f"{100 * made.by_t:.1f}"
-        numbers_ = f"{100 * made.false:.2f}", by_t, f"{np.median(made.used):.0f}", f"{median:.2f}"
-        lines.append([title, *numbers_, f"{(made.of_pair < options.objects).mean():.2f}"])
-    turned = sum(np.sign(found[p].mean()) != np.sign(within[p].mean()) for p in found)
-    count = len(next(iter(found.values())))
-    print(f"{len(found)} pairs, {count} objects recorded, {options.runs} runs of {options.objects}")
+        simulated = simulate(differences, options.runs, options.objects, seed)
+        median = np.median(simulated.of_pair / options.objects)
+        by_t = "" if math.isnan(simulated.by_t) else f"{100 * simulated.by_t:.1f}"
+        numbers_ = (
+            f"{100 * simulated.false:.2f}",
+            by_t,
+            f"{np.median(simulated.used):.0f}",
+            f"{median:.2f}",
+        )
+        lines.append([title, *numbers_, f"{(simulated.of_pair < options.objects).mean():.2f}"])
+    turned = sum(
+        np.sign(differences_of[p].mean()) != np.sign(within[p].mean()) for p in differences_of
+    )
+    count = len(next(iter(differences_of.values())))
+    size = f"{len(differences_of)} pairs, {count} objects recorded"
+    print(f"{size}, {options.runs} runs of {options.objects}")
     print(f"bounds turn the sign of {turned} pairs\n")
     head = ["population", "runs with a false verdict, %", "by t intervals, %", "objects, median"]
     print(markdown([*head, "share of objects of a pair, median", "pairs decided"], lines))

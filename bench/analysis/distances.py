@@ -16,14 +16,13 @@ from bench.catalogue.methods import FLOOR, known_method
 from bench.catalogue.metrics import KERNEL_METRICS, value_range
 from bench.metrics.frechet import (
     EXACT_OBJECTS,
-    GroupedMoments,
     JackknifeMoments,
     centred_to_frechet,
-    grouped_distances,
     left_out_distances,
     object_blocks,
 )
-from bench.metrics.kernel_distance import kernel_distance, left_out_kernel_distances
+from bench.metrics.grouped_moments import GroupedMoments, grouped_distances
+from bench.metrics.kernel_distance import left_out_kernel_distances
 from bench.metrics.precision_recall import NEIGHBOURS, left_out_shares, share_within
 from bench.records.features import Features, ImageKey
 from bench.records.record import GROUND_TRUTH
@@ -170,7 +169,7 @@ class SetDistance(NamedTuple):
 def _kernel(features: FeatureDistances, cell: CellKey, shown: Sequence[ImageKey]) -> Distance:
     x, y = features.filled(cell, shown), features.of(GROUND_TRUTH, "", cell[2], shown)
     objects = np.array([obj for obj, _ in shown])
-    return Distance(kernel_distance(x, y), left_out_kernel_distances(x, y, objects, objects))
+    return Distance(*left_out_kernel_distances(x, y, objects, objects))
 
 
 def _share(

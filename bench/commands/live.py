@@ -35,7 +35,7 @@ from data_prep.failures import BadInput
 class LiveTable:
     """The headline table and the decided pairs of a run, from sums that its objects are added to.
 
-    It is the rule by which a run ends when decided (`bench.running.run.StopRule`).
+    It is the rule by which a run ends when decided (`bench.running.listeners.StopRule`).
     """
 
     def __init__(self) -> None:

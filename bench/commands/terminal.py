@@ -27,7 +27,7 @@ def shown(table: Table[Any], lines: int = MOST_LINES) -> list[str]:
 
 
 class Terminal(AbstractContextManager["Terminal"]):
-    """A progress reporter of a run (`bench.running.run.ProgressReporter`).
+    """A progress reporter of a run (`bench.running.listeners.ProgressReporter`).
 
     The headline table is made again as objects are completed, unless that would take more than a
     fiftieth of the time.

@@ -18,19 +18,17 @@ triangular factor of its QR decomposition.
 Moments in that form can be merged (`merged`), exactly and in any order, so that features may come
 in blocks and the memory that they take is that of one block and of d x d numbers. Of more than
 EXACT_OBJECTS objects the jackknife leaves out groups of them, whose moments are made so
-(`GroupedMoments`): neither its cost nor its memory grows with the objects.
+(`bench.metrics.grouped_moments`): neither its cost nor its memory grows with the objects.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from functools import reduce
 from hashlib import blake2b
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dtpqrt
 
 from data_prep.arrays import Floats
 
@@ -38,9 +36,7 @@ EXACT_OBJECTS = 60  # that the jackknife leaves out one after the other
 GROUPS = 30  # at most, that it leaves out of more objects
 GROUP_SEED = 0
 _ROWS = 4096  # taken at a time: little memory
-_KEPT = 2**21  # numbers of the moments that a set may keep: 16 MB
-_WAITING = 1024  # rows of a group that are kept as they are before they become moments
-_PANEL = 32  # columns that LAPACK reduces at a time
+MOST_KEPT = 2**21  # numbers of the moments that a set may keep: 16 MB
 
 
 class TooFewSamples(ValueError):
@@ -115,7 +111,7 @@ def moments(features: NDArray[Any]) -> Moments:
     Raises ValueError where the array is not [n, d] with d > 0, and where values are not finite or
     their squares overflow.
     """
-    return _moments(_checked(features))
+    return _moments(checked_features(features))
 
 
 def merged(a: Moments, b: Moments) -> Moments:
@@ -150,7 +146,7 @@ def merged_to_centred(blocks: Iterable[Moments]) -> Centred:
     whole = Moments(0, np.empty(0), np.empty((0, 0)))
     for block in blocks:
         whole = merged(whole, block) if whole.mean.size else block
-    return _to_centred(whole)
+    return to_centred(whole)
 
 
 def centred_to_frechet(a: Centred, b: Centred) -> float:
@@ -205,97 +201,18 @@ class JackknifeMoments:
         """
         order = np.argsort(member, kind="stable")
         ends = np.searchsorted(member[order], np.arange(count + 1))
-        return _without_each(
+        return moments_without_each(
             count, lambda low, high: _moments(self._features, order[ends[low] : ends[high]])
         )
 
     def without_blocks(self, member: NDArray[np.intp], count: int) -> Iterable[Centred]:
         """Return the moments of `without_each`, kept for the next call with the same blocks."""
-        if count * self.whole.factor.size > _KEPT:  # too large to keep
+        if count * self.whole.factor.size > MOST_KEPT:  # too large to keep
             return self.without_each(member, count)
         blocks = member.tobytes()
         if self._kept is None or self._kept[0] != blocks:
             self._kept = blocks, list(self.without_each(member, count))
         return self._kept[1]
-
-
-class GroupedMoments:
-    """A feature set that comes in parts, and of which groups of objects can be left out.
-
-    Rows wait as they come, float32 say, until a group has _WAITING of them, or as many as features.
-    Then they are merged into its moments.
-    """
-
-    def __init__(self, count: int) -> None:
-        """Take the number of groups."""
-        self._waiting: list[list[NDArray[Any]]] = [[] for _ in range(count)]
-        self._moments: list[Moments | None] = [None] * count
-        self._kept: list[Centred] | None = None
-
-    def add(self, features: NDArray[Any], groups: NDArray[np.intp]) -> None:
-        """Add rows [n, d] of the groups [n]. Raises ValueError as `moments`."""
-        features, self._kept = _checked(features), None
-        order = np.argsort(groups, kind="stable")
-        present, starts = np.unique(groups[order], return_index=True)
-        for group, rows in zip(present.tolist(), np.split(order, starts[1:]), strict=True):
-            waiting = self._waiting[group]
-            waiting.append(features[rows])
-            if sum(map(len, waiting)) > max(_WAITING, features.shape[1]):
-                self._group(group)
-
-    def whole(self) -> Centred:
-        """Return the moments of all rows. Raises TooFewSamples: fewer than two rows."""
-        groups = map(self._group, range(len(self._moments)))
-        return _to_centred(reduce(_merged_triangles, groups))
-
-    def __len__(self) -> int:
-        """Return the number of groups."""
-        return len(self._moments)
-
-    def without_each(self) -> Iterable[Centred]:
-        """Return the moments without each group, kept for the next call where they are small.
-
-        Raises TooFewSamples: fewer than two rows left.
-        """
-        if self._kept is not None:
-            return self._kept
-        count, d = len(self._moments), self._width()
-        small = count * d * d <= _KEPT
-        known: dict[tuple[int, int], Moments] = {}
-
-        def between(low: int, high: int) -> Moments:
-            if high - low < 2:
-                return self._group(low) if low < high else _no_rows(d)
-            if (low, high) in known:
-                return known[low, high]
-            middle = (low + high) // 2
-            rows = _merged_triangles(between(low, middle), between(middle, high))
-            if small:  # large ones are merged anew
-                known[low, high] = rows
-            return rows
-
-        without = _without_each(count, between, _merged_triangles)
-        if small:
-            without = self._kept = list(without)
-        return without
-
-    def _group(self, group: int) -> Moments:
-        """Return the moments of a group. More rows than features do not wait any longer."""
-        known, waiting = self._moments[group], self._waiting[group]
-        if not waiting:
-            return known or _no_rows(self._width())
-        fresh = _moments(np.concatenate(waiting))
-        rows = merged(known, fresh) if known else fresh
-        if rows.n > rows.mean.size:
-            self._moments[group] = rows
-            waiting.clear()
-        return rows
-
-    def _width(self) -> int:
-        """Return the number of features, which any group with rows tells."""
-        widths = [m.mean.size for m in self._moments if m]
-        widths += [waiting[0].shape[1] for waiting in self._waiting if waiting]
-        return widths[0] if widths else 0
 
 
 def object_blocks(objects: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.intp]]:
@@ -322,20 +239,6 @@ def _digest(name: Any) -> int:
     """Return a number of 8 bytes that depends on a name and on the seed of the groups."""
     text = f"{GROUP_SEED} {name}".encode()
     return int.from_bytes(blake2b(text, digest_size=8).digest(), "big")
-
-
-def grouped_distances(a: GroupedMoments, b: GroupedMoments) -> tuple[float, Floats]:
-    """Return the distance of two sets, and the distances [g] without each of their groups.
-
-    These are all NaN where a group leaves fewer than two rows of a set. Raises TooFewSamples where
-    a set has fewer.
-    """
-    value = centred_to_frechet(a.whole(), b.whole())
-    try:
-        pairs = zip(a.without_each(), b.without_each(), strict=True)
-        return value, np.array([centred_to_frechet(*pair) for pair in pairs])
-    except TooFewSamples:
-        return value, np.full(len(a), np.nan)
 
 
 def left_out_distances(a: JackknifeMoments, b: JackknifeMoments) -> Floats:
@@ -399,7 +302,7 @@ def _growth(kept: NDArray[np.bool_]) -> float:
     return float(np.sqrt((len(kept) - 1) / (kept.sum() - 1)))
 
 
-def _without_each(
+def moments_without_each(
     count: int,
     rows: Callable[[int, int], Moments],
     merge: Callable[[Moments, Moments], Moments] = merged,
@@ -411,7 +314,7 @@ def _without_each(
 
     def down(low: int, high: int, outside: Moments) -> Iterator[Centred]:
         if high - low == 1:
-            yield _to_centred(outside)
+            yield to_centred(outside)
             return
         middle = (low + high) // 2
         yield from down(low, middle, merge(outside, rows(middle, high)))
@@ -422,14 +325,14 @@ def _without_each(
 
 def _of_set(features: NDArray[Any]) -> NDArray[Any]:
     """Return the features after checks; they have at least two rows."""
-    features = _checked(features)
+    features = checked_features(features)
     if len(features) < 2:
         shape = f"{features.dtype} {list(features.shape)}"
         raise TooFewSamples(f"a covariance needs at least 2 samples, got {shape}")
     return features
 
 
-def _checked(features: NDArray[Any]) -> NDArray[Any]:
+def checked_features(features: NDArray[Any]) -> NDArray[Any]:
     """Return the features after checks, in a type that float64 can hold."""
     features = np.asarray(features)
     shape = f"{features.dtype} {list(features.shape)}"
@@ -453,13 +356,14 @@ def _centred(features: NDArray[Any]) -> Centred:
     """Return the centred moments; the rows are the factor unless they outnumber the features."""
     n, d = features.shape
     if n > d:
-        return _to_centred(_moments(features))
+        return to_centred(_moments(features))
     rows = features.astype(np.float64)
     mean = rows.mean(axis=0)
     return Centred(mean, (rows - mean) / np.sqrt(n - 1))
 
 
-def _to_centred(moments: Moments) -> Centred:
+def to_centred(moments: Moments) -> Centred:
+    """Return the moments of a set. Raises TooFewSamples for fewer than two rows."""
     if moments.n < 2:
         raise TooFewSamples(f"a covariance needs at least 2 samples, got {moments.n}")
     return Centred(moments.mean, moments.root / np.sqrt(moments.n - 1))
@@ -478,31 +382,9 @@ def _moments(features: NDArray[Any], rows: NDArray[np.intp] | None = None) -> Mo
     return whole._replace(root=_triangle(whole.root))
 
 
-def _no_rows(d: int) -> Moments:
+def no_rows(d: int) -> Moments:
+    """Return the moments of no rows of d features."""
     return Moments(0, np.zeros(d), np.empty((0, d)))
-
-
-def _merged_triangles(a: Moments, b: Moments) -> Moments:
-    """Return `merged(a, b)`, up to three times as fast where a root is a triangle of d rows."""
-    if not _is_triangle(a.root):
-        a, b = b, a
-    if not _is_triangle(a.root):
-        return merged(a, b)
-    d = a.mean.size
-    share = b.n / (a.n + b.n)
-    shift = b.mean - a.mean
-    rows, between = b.root, np.sqrt(a.n * share) * shift[None]
-    triangular = d if _is_triangle(rows) else 0  # rows of which LAPACK knows that they are one
-    if not triangular:
-        rows = np.concatenate([rows, between])
-    root, *_ = dtpqrt(triangular, min(_PANEL, d), a.root, rows)
-    if triangular:
-        root, *_ = dtpqrt(0, min(_PANEL, d), root, between)
-    return Moments(a.n + b.n, a.mean + share * shift, np.ascontiguousarray(root))
-
-
-def _is_triangle(root: Floats) -> bool:
-    return root.shape[0] == root.shape[1] > 1 and not np.tril(root, -1).any()
 
 
 def _triangle(rows: Floats) -> Floats:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import time
-import typing
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
-from contextlib import AbstractContextManager, closing, contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -32,6 +31,7 @@ from bench.running.executors import results
 from bench.running.extension import KeptRun, join, pinned_request, refuse_narrowing
 from bench.running.factory import ExecutorFactory, executor_factory
 from bench.running.isolation import Executor
+from bench.running.listeners import PartialRun, StopRule, Watch
 from bench.running.manifest import describe
 from bench.running.options import UNTIL_DECIDED, Options
 from bench.running.plan import Plan, plan
@@ -63,59 +63,6 @@ class WrittenRun:
     suite: str
     artifacts: Mapping[JobName, Path]
     seconds: dict[str, float]
-
-
-@dataclass(frozen=True)
-class PartialRun:
-    """The complete objects of a run, which may still go on.
-
-    Attributes
-    ----------
-    directory : Path
-    manifest : dict
-        Manifest that a run of these objects alone would have.
-    jobs : sequence of JobRow
-        Jobs of the complete objects, ground truths first.
-    records : callable
-        Returns the records of one job.
-    """
-
-    directory: Path
-    manifest: dict[str, Any]
-    jobs: Sequence[JobRow]
-    records: Callable[[JobRow], Sequence[Record]]
-
-
-class ProgressReporter(typing.Protocol):
-    """A listener to the progress of a run."""
-
-    def on_jobs_done(self, ended: int, failed: int) -> None:
-        """Report that `ended` more jobs have ended, and that `failed` of the run have failed."""
-        ...
-
-    def on_object_done(self, snapshot: Callable[[], PartialRun]) -> None:
-        """Report that an object is complete. `snapshot` takes the longer the more there are."""
-        ...
-
-
-class StopRule(typing.Protocol):
-    """A rule that ends a run before another object is begun."""
-
-    def begin(self, manifest: Mapping[str, Any], order: Sequence[str]) -> None:
-        """Take the manifest, and the objects "class/name" in the order of their start."""
-        ...
-
-    def add_missing(self, snapshot: PartialRun) -> None:
-        """Take the objects of a part of the run that are new. Each object is offered once."""
-        ...
-
-    def enough(self) -> bool:
-        """Return whether no other object is to be begun."""
-        ...
-
-
-# Takes title and number of the jobs to be done.
-Watch = Callable[[str, int], AbstractContextManager[ProgressReporter]]
 
 
 @dataclass(frozen=True)

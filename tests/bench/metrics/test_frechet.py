@@ -13,18 +13,17 @@ from bench.metrics import frechet_distance
 from bench.metrics.frechet import (
     EXACT_OBJECTS,
     GROUPS,
-    GroupedMoments,
     JackknifeMoments,
     TooFewSamples,
     centred,
     centred_to_frechet,
-    grouped_distances,
     left_out_distances,
     merged,
     merged_to_centred,
     moments,
     object_blocks,
 )
+from bench.metrics.grouped_moments import GroupedMoments, grouped_distances
 
 from .reference import reference_cases
 

@@ -35,15 +35,18 @@ def test_leaving_out_an_object_is_leaving_out_its_rows():
     x, y = features(7, 12, 6), features(8, 12, 6)
     objects_x = np.array(list("aaabbbcccddd"))
     objects_y = np.array(list("dabcabcabcde"))
-    actual = left_out_kernel_distances(x, y, objects_x, objects_y)
+    value, actual = left_out_kernel_distances(x, y, objects_x, objects_y)
     expected = [kernel_distance(x[objects_x != name], y[objects_y != name]) for name in "abcde"]
+    assert value == pytest.approx(kernel_distance(x, y), rel=1e-9)
     # sums of 12^2 kernels of size 10, less some of them
     np.testing.assert_allclose(actual, expected, rtol=1e-9)
 
 
 def test_an_object_that_leaves_too_little():
     x, y = features(9, 3, 2), features(10, 3, 2)
-    actual = left_out_kernel_distances(x, y, np.array(["a", "a", "b"]), np.array(["a", "b", "b"]))
+    _, actual = left_out_kernel_distances(
+        x, y, np.array(["a", "a", "b"]), np.array(["a", "b", "b"])
+    )
     assert np.isnan(actual).all()  # one row of x is left without a, one of y without b
 
 
@@ -76,7 +79,7 @@ def test_many_objects_are_left_out_in_groups():
     objects = np.arange(EXACT_OBJECTS + 1)
     x, y = features(13, len(objects), 6), features(14, len(objects), 6)
     _, block = object_blocks(objects)
-    distances = left_out_kernel_distances(x, y, objects, objects)
+    _, distances = left_out_kernel_distances(x, y, objects, objects)
     assert len(distances) == 21  # three of 61 objects together, or two
     for number in (0, 10, 20):
         kept = block != number

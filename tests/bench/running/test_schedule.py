@@ -165,3 +165,17 @@ def test_times(text, seconds):
 def test_what_is_no_time(text):
     with pytest.raises(BadInput, match=r"--budget .*: give a time over 0 with its unit"):
         seconds_of(text)
+
+
+def test_objects_come_in_the_given_order_until_there_are_enough():
+    schedules = [
+        Schedule(plan_of("a", "b", "c"), {}, Budget(), ["chair/c", "chair/a", "chair/b"], enough)
+        for enough in (None, lambda: len(schedules[1].complete) >= 2, lambda: True)
+    ]
+    for schedule in schedules:
+        carried_out(schedule)
+    assert schedules[0].complete == ["chair/c", "chair/a", "chair/b"]
+    # asked once the second is complete, or while it goes on: an object that is begun is finished
+    assert schedules[1].complete[:2] == ["chair/c", "chair/a"]
+    assert schedules[2].complete == ["chair/c"]  # the first is always done
+    assert all(schedule.scored == len(schedule.complete) for schedule in schedules)
