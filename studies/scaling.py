@@ -31,8 +31,9 @@ from bench.records.run_folder import read_manifest, read_store
 from bench.records.stored_artifacts import read_jobs
 from bench.running.executors import JobPool
 from bench.running.isolation import TaskPool
+from bench.running.listeners import PartialRun
 from bench.running.options import Options
-from bench.running.run import PartialRun, RunResult, WrittenRun, run
+from bench.running.run import RunResult, WrittenRun, run
 from bench.tables.build import write_outputs
 from studies.arguments import names, positive
 

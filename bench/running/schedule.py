@@ -130,8 +130,18 @@ class Schedule:
         Sum over the jobs of this start.
     """
 
-    def __init__(self, planned: Plan, store: Store, budget: Budget) -> None:
-        self._plan, self._store, self._budget = planned.in_turns, store, budget
+    def __init__(
+        self,
+        planned: Plan,
+        store: Store,
+        budget: Budget,
+        enough: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """Note what the store has of the plan, whose objects are in the order of their start.
+
+        `enough` is asked before another object is begun.
+        """
+        self._plan, self._store, self._budget, self._enough = planned, store, budget, enough
         self._under_way: dict[str, _UnderWay] = {}
         self._object_of: dict[str, str] = {}  # by the keys of the open jobs
         self.complete: list[str] = []
@@ -148,7 +158,8 @@ class Schedule:
     def jobs(self) -> Iterator[Job | None]:
         """Yield the jobs to be done; None where the next job waits for a ground truth.
 
-        They end where the budget does not allow another object. The first object is always done.
+        They end where the budget does not allow another object, or enough are done. The first
+        object is always done.
         """
         rest = (
             self._plan[i] for i, name in enumerate(self._plan.names) if name not in self._complete
@@ -158,7 +169,8 @@ class Schedule:
         while obj is not None:
             begun = [name for name in begun if name in self._under_way]
             under_way = sum(self._under_way[name].share for name in begun)
-            if (self.complete or begun) and not self._budget.allows(len(self.complete), under_way):
+            allowed = not self._enough() and self._budget.allows(len(self.complete), under_way)
+            if (self.complete or begun) and not allowed:
                 return
             begun.append(obj.name)
             ahead = next(rest, None)
