@@ -47,9 +47,9 @@ def write_dataset(folder: Path, objects: int) -> None:
     mesh = folder.parent / "mesh.obj"
     mesh.write_text(MESH)
     for number in range(objects):
-        link = folder / f"{number // LINKS_IN_FOLDER:03d}" / f"{number:06d}.obj"
+        link = folder / "chair" / f"{number // LINKS_IN_FOLDER:03d}" / f"{number:06d}.obj"
         if not link.is_symlink():
-            link.parent.mkdir(exist_ok=True)
+            link.parent.mkdir(parents=True, exist_ok=True)
             link.symlink_to(mesh)
 
 

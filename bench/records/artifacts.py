@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 
 from bench.records.record import GROUND_TRUTH
 from data_prep.failures import BadInput
+
+IMAGES = "images"  # the array of them
 
 
 class JobName(NamedTuple):
@@ -41,6 +43,11 @@ class JobName(NamedTuple):
         return self.class_name, self.object_id
 
 
+def unpack_images(artifact: bytes) -> NDArray[np.uint8]:
+    """Return the images [V, S, S, 3] of an artifact. Raises BadInput as `unpack`."""
+    return unpack(artifact)[IMAGES]
+
+
 def pack(arrays: Mapping[str, NDArray[Any]]) -> bytes:
     """Return an artifact of these arrays."""
     buffer = io.BytesIO()
@@ -48,13 +55,13 @@ def pack(arrays: Mapping[str, NDArray[Any]]) -> bytes:
     return buffer.getvalue()
 
 
-def unpack(artifact: bytes, name: str = "images") -> NDArray[Any]:
-    """Return one array of an artifact; the others are not unpacked.
+def unpack(artifact: bytes, names: Sequence[str] = (IMAGES,)) -> dict[str, NDArray[Any]]:
+    """Return some arrays of an artifact; the others are not unpacked.
 
     Raises KeyError for an array that it does not have, and BadInput for bytes that are no artifact.
     """
     try:
         with np.load(io.BytesIO(artifact), allow_pickle=False) as arrays:
-            return arrays[name]
+            return {name: arrays[name] for name in names}
     except (ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise BadInput(f"an artifact that is no .npz ({error}); start the run again") from error

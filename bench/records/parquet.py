@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from itertools import chain, groupby, islice
+from contextlib import ExitStack
+from itertools import groupby, islice
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 
 from bench.records.artifacts import JobName, unpack
 from bench.records.features import FeatureFile, unreadable
@@ -125,27 +128,29 @@ def _read_table(
 
 
 def write_features(
-    directory: Path, store: Store, metric: str, jobs_per_group: int = _ARTIFACTS
+    directory: Path, store: Store, metrics: Sequence[str], jobs_per_group: int = _ARTIFACTS
 ) -> None:
-    """Collect one extractor's features of the complete run into one file, whole or not at all.
+    """Collect the features of the complete run into a file for each extractor.
 
-    They are sorted as the records are; only the features of one row group are in memory. Where no
-    job has images, no file is written. Raises BadInput for an artifact that has changed.
+    A file is written whole or not at all, and sorted as the records are; only the features of one
+    row group are in memory. Where no job has images, no file is written. Raises BadInput for an
+    artifact that has changed.
     """
     drawn = (job for job in store.listed(by_name=True) if job.artifact_sha256)
-    groups = (
-        pa.concat_tables([_feature_table(job, store.artifact(job.key), metric) for job in jobs])
-        for jobs in _row_groups(drawn, jobs_per_group)
-    )
-    first = next(groups, None)
-    if first is None:
-        return
-    with (
-        atomic_write(directory / FEATURES / f"{metric}.parquet") as new,
-        pq.ParquetWriter(new, first.schema) as writer,
-    ):
-        for table in chain([first], groups):
-            writer.write_table(table)
+    writers: dict[str, pq.ParquetWriter] = {}
+    with ExitStack() as files:
+        for jobs in _row_groups(drawn, jobs_per_group):
+            read = [unpack(store.artifact(job.key), metrics) for job in jobs]
+            for metric in metrics:
+                table = pa.concat_tables(
+                    _feature_table(job.name, arrays[metric])
+                    for job, arrays in zip(jobs, read, strict=True)
+                )
+                if metric not in writers:
+                    path = directory / FEATURES / f"{metric}.parquet"
+                    new = files.enter_context(atomic_write(path))
+                    writers[metric] = files.enter_context(pq.ParquetWriter(new, table.schema))
+                writers[metric].write_table(table)
 
 
 def _row_groups(jobs: Iterable[JobRow], most: int) -> Iterator[list[JobRow]]:
@@ -164,8 +169,7 @@ def read_features(directory: Path, metric: str) -> FeatureFile | None:
     return FeatureFile(path) if path.is_file() else None
 
 
-def _feature_table(job: JobRow, artifact: bytes, metric: str) -> pa.Table:
-    name, values = job.name, unpack(artifact, metric)
+def _feature_table(name: JobName, values: NDArray[np.float32]) -> pa.Table:
     count, width = values.shape
     return pa.table(
         {

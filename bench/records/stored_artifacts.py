@@ -31,7 +31,7 @@ class Artifact:
         altered or unreadable.
         """
         with read_store(self.directory) as store:
-            return unpack(store.artifact(self.key), name)
+            return unpack(store.artifact(self.key), [name])[name]
 
     def read_images(self) -> NDArray[np.uint8] | None:
         """Return the images [V, H, W, 3]; None where they are missing, altered or unreadable."""

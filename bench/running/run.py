@@ -363,8 +363,7 @@ def write_parquet(
     """
     with timed("tables", seconds):
         write_records(directory, store.listed_columns())
-        for metric in extractors:
-            write_features(directory, store, metric)
+        write_features(directory, store, [*extractors])
     return WrittenRun(directory, str(manifest["suite"]), StoredArtifacts(directory), seconds)
 
 

@@ -25,7 +25,7 @@ from bench.catalogue.metrics import (
     metrics_device,
 )
 from bench.metrics.image_scores import scores
-from bench.records.artifacts import pack, unpack
+from bench.records.artifacts import pack, unpack_images
 from bench.records.job import Job, Result, Stopwatch, failed, records_of
 from bench.records.record import GROUND_TRUTH, Record
 from data_prep.datasets.exported import ExportedObject
@@ -87,7 +87,7 @@ def _run_method(job: Job, watch: Stopwatch) -> Result:
             renderer = load_renderer(job.method, job.device)
     except BadInput as error:  # unusable weights fail every job alike
         return replace(failed(job, str(error)), unusable=str(error))
-    truth = None if job.reference is None else unpack(job.reference)
+    truth = None if job.reference is None else unpack_images(job.reference)
     cloud, rng = cloud_of(job), rng_of(job)
     with watch.on("methods"):
         drawn = draw(method, renderer, cloud, job.views, rng, job.batch, truth)

@@ -299,7 +299,6 @@ def write_run(directory: Path, **changes) -> Path:
         for result in results:
             store.append(result)
         store.list_jobs((job.key, job.name) for job in jobs)
-        for extractor in EXTRACTORS:
-            write_features(directory, store, extractor)
+        write_features(directory, store, EXTRACTORS)
     write_outputs(scored_run(directory, manifest))
     return directory

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.metrics.silhouette import foreground
-from bench.records.artifacts import unpack
+from bench.records.artifacts import unpack_images
 from bench.records.job import Job
 from bench.records.store import Store
 from bench.suites.stability.cases import CASES
@@ -62,11 +62,11 @@ def observe(jobs: Sequence[Job], store: Store) -> list[Observation]:
         record = first[job.key]
         shown = mean = most = None
         if (job.method, job.condition) in drawn:
-            images = unpack(store.artifact(job.key))
+            images = unpack_images(store.artifact(job.key))
             shown = float(foreground(images).mean())
             other = drawn.get((job.method, likes[job.condition] or ""))
             if other is not None:
-                like = unpack(store.artifact(other.key))
+                like = unpack_images(store.artifact(other.key))
                 # A case may have more views than its `like`, which is repeated then.
                 counterpart = like[np.arange(len(images)) % len(like)]
                 difference = np.abs(images.astype(np.int16) - counterpart)

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from bench.catalogue.methods import FLOORS, find_method, objectives
 from bench.catalogue.suites import STABILITY, StabilitySuite
-from bench.records.artifacts import unpack
+from bench.records.artifacts import unpack_images
 from bench.records.job import Job
 from bench.records.parquet import write_records
 from bench.records.record import SCHEMA_VERSION
@@ -151,7 +151,7 @@ def run(
         numbers = observations_table(observations), formats_table(formats)
         write_tables(directory, [*matrices, *numbers])
         images = {
-            (job.condition, job.method): unpack(store.artifact(job.key))[0]
+            (job.condition, job.method): unpack_images(store.artifact(job.key))[0]
             for job in jobs
             if outcomes[job.key].has_images
         }

@@ -122,7 +122,7 @@ def features(tmp_path, objects, methods=("m0", "m1"), conditions=("2048",)):
                     jobs.append(job)
                     expected |= {(job.name, v): values[v] for v in range(2)}
         store.list_jobs((job.key, job.name) for job in jobs)
-        write_features(tmp_path, store, "metric", jobs_per_group=16)
+        write_features(tmp_path, store, ["metric"], jobs_per_group=16)
     return jobs, expected, tmp_path / "features" / "metric.parquet"
 
 
@@ -206,7 +206,7 @@ def test_features_without_a_column_are_refused(tmp_path):
 
 def test_without_features_there_is_no_file(tmp_path):
     with open_folder(tmp_path) as store:
-        write_features(tmp_path, store, "metric")
+        write_features(tmp_path, store, ["metric"])
     assert not (tmp_path / "features").exists()
     assert read_features(tmp_path, "metric") is None
 
@@ -217,6 +217,6 @@ def test_interrupted_features_leave_the_old_ones(tmp_path):
     with open_folder(tmp_path) as store:
         store.append(make_result(jobs[-1], images=np.zeros(1)))
         with pytest.raises(KeyError):
-            write_features(tmp_path, store, "metric", jobs_per_group=16)
+            write_features(tmp_path, store, ["metric"], jobs_per_group=16)
     assert path.read_bytes() == old
     assert list(path.parent.iterdir()) == [path]

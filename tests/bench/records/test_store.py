@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.records.artifacts import JobName, pack, unpack
+from bench.records.artifacts import JobName, pack, unpack, unpack_images
 from bench.records.job import Result, failed
 from bench.records.run_folder import open_folder, read_store
 from bench.records.store import STORE, DamagedArtifact, pack_records, unpack_columns
@@ -127,7 +127,7 @@ def test_jobs_of_a_complete_run_keep_the_order_of_its_plan(tmp_path):
     assert len(artifacts) == 3
     assert lost.name not in artifacts
     assert artifacts[named[-1][1]] == artifacts[jobs[1].name] == Artifact(tmp_path, jobs[1].key)
-    assert np.array_equal(artifacts[jobs[0].name].read(), unpack(finish(jobs[0]).artifact))
+    assert np.array_equal(artifacts[jobs[0].name].read(), unpack_images(finish(jobs[0]).artifact))
 
 
 def _interrupted():
@@ -173,7 +173,9 @@ def harm_artifact(directory, key, harm):
 
 
 def test_what_is_no_artifact_is_refused(tmp_path):
-    assert unpack(pack({"images": np.arange(3), "x": np.ones(2)}), "x").tolist() == [1.0, 1.0]
+    artifact = pack({"images": np.arange(3), "x": np.ones(2)})
+    assert unpack_images(artifact).tolist() == [0, 1, 2]
+    assert {name: x.tolist() for name, x in unpack(artifact, ["x"]).items()} == {"x": [1.0, 1.0]}
     for data in (b"", b"PK\3\4", b"x" * 100):
         assert "an artifact that is no .npz" in refusal(unpack, data)
 

@@ -13,7 +13,7 @@ from bench.catalogue.lookup import find
 from bench.catalogue.methods import find_method
 from bench.catalogue.suites import SUITES, Limits
 from bench.catalogue.truth import with_truth
-from bench.records.artifacts import unpack
+from bench.records.artifacts import unpack_images
 from bench.records.record import GROUND_TRUTH, SCHEMA_VERSION
 from bench.running.options import Options
 from bench.running.plan import SCORES_VERSION, plan
@@ -232,7 +232,7 @@ def test_a_suite_in_grey_has_the_same_points_and_views_of_grey_objects(tmp_path,
         assert (colour.method, colour.views) == (grey.method, grey.views)
         assert cloud_of(colour).points.tobytes() == cloud_of(grey).points.tobytes()
     ((_, truth), (_, mesh), (_, mesh_grey)) = made["grey"]
-    channels = unpack(truth.artifact)
+    channels = unpack_images(truth.artifact)
     assert np.array_equal(channels.min(axis=-1), channels.max(axis=-1))
     assert truth.artifact_sha256 == mesh.artifact_sha256 == mesh_grey.artifact_sha256
     assert {record.ssim for record in (*mesh.records, *mesh_grey.records)} == {1.0}

@@ -16,7 +16,7 @@ from bench.catalogue.metrics import find_extractor
 from bench.judges import VIEWS_WEIGHTS
 from bench.metrics import ssim
 from bench.metrics.image_scores import scores
-from bench.records.artifacts import unpack
+from bench.records.artifacts import unpack_images
 from bench.records.job import JobTiming
 from bench.running.work import cloud_of, run_job
 from data_prep.clouds.sampling import sample_surface
@@ -96,8 +96,8 @@ def test_scores_images_and_checksum(measure, tmp_path):
     assert result.key == job.key
     assert result.artifact_sha256 == sha256(result.artifact).hexdigest()
     assert result.unusable is None
-    assert np.array_equal(unpack(result.artifact), images)
-    truth = unpack(job.reference)
+    assert np.array_equal(unpack_images(result.artifact), images)
+    truth = unpack_images(job.reference)
     for i, record in enumerate(result.records):
         expected = ssim(truth[i : i + 1], images[i : i + 1])
         assert [getattr(record, name) for name in SSIM] == list(expected)
@@ -128,7 +128,7 @@ def test_values_outside_0_1_are_clipped(measure):
     images = black_on_white()
     images[0, :, :64], images[1, :, :64] = -0.5, 1.5
     _, result = measure(Fake(images))
-    drawn = unpack(result.artifact)[:, :, :64]
+    drawn = unpack_images(result.artifact)[:, :, :64]
     assert (drawn[0] == 0).all()
     assert (drawn[1] == 255).all()
 
@@ -204,7 +204,7 @@ def test_views_are_drawn_in_batches_where_asked(measure):
     for batch in (None, 1, 2, 5, 9):
         _, result = measure(Counting(), views=views, batch=batch, reference=None)
         assert [record.azimuth_deg for record in result.records] == [v.azimuth_deg for v in views]
-        drawn.append(unpack(result.artifact))
+        drawn.append(unpack_images(result.artifact))
     assert all((images == drawn[0]).all() for images in drawn)
     assert sizes == [5, 1, 1, 1, 1, 1, 2, 2, 1, 5, 5]
     assert {record.ssim for record in result.records} == {None}  # no truth, no scores
@@ -317,7 +317,7 @@ def test_randomness_comes_from_the_job_alone(measure):
 def test_the_ground_truth_is_the_mesh(tmp_path):
     result = run_job(make_truth())
     expected = render(Tetrahedron().load(), VIEWS)
-    assert np.array_equal(unpack(result.artifact), expected)
+    assert np.array_equal(unpack_images(result.artifact), expected)
     assert len(np.unique(expected.reshape(-1, 3), axis=0)) > 3
     assert outcomes(result) == {("ok", "")}
     assert {record.ssim for record in result.records} == {None}
@@ -360,7 +360,7 @@ def test_splats_cover_what_the_mesh_covers(tmp_path):
     truth = run_job(make_truth())
     results = truth, run_job(make_job(reference=truth.artifact))
     assert [outcomes(result) for result in results] == [{("ok", "")}] * 2
-    covered, painted = ((unpack(r.artifact) < 255).any(axis=3) for r in results)
+    covered, painted = ((unpack_images(r.artifact) < 255).any(axis=3) for r in results)
     assert 0.2 < covered.mean() < 0.8
     assert (painted & ~covered).mean() < 0.02  # discs overlap the outline
     assert (covered & ~painted).mean() < 0.05  # and leave some holes
