@@ -38,7 +38,8 @@ from bench.tables.build import write_outputs
 from studies.arguments import names, positive
 
 MESH = "v 1 1 1\nv 1 -1 -1\nv -1 1 -1\nv -1 -1 1\nf 1 2 3\nf 1 4 2\nf 1 3 4\nf 2 4 3\n"
-LINKS_IN_FOLDER = 1000  # as datasets of this size are kept
+STARTED = time.monotonic()
+LINKS_IN_FOLDER = 50  # datasets of this size have a folder for each object
 
 
 def write_dataset(folder: Path, objects: int) -> None:
@@ -47,7 +48,7 @@ def write_dataset(folder: Path, objects: int) -> None:
     mesh = folder.parent / "mesh.obj"
     mesh.write_text(MESH)
     for number in range(objects):
-        link = folder / "chair" / f"{number // LINKS_IN_FOLDER:03d}" / f"{number:06d}.obj"
+        link = folder / "chair" / f"{number // LINKS_IN_FOLDER:04d}" / f"{number:06d}.obj"
         if not link.is_symlink():
             link.parent.mkdir(parents=True, exist_ok=True)
             link.symlink_to(mesh)
@@ -86,7 +87,7 @@ class StoredResults(JobPool):
         self.capacity = self._pool.capacity
 
 
-class Watch:
+class JobCounter:
     """A progress reporter that notes when the first job ended."""
 
     def __init__(self, title: str, total: int) -> None:
@@ -97,10 +98,13 @@ class Watch:
         """Count jobs that have ended."""
         del failed
         self.last_s = time.monotonic()
-        self.first_s = self.first_s or self.last_s
+        if self.first_s is None:
+            self.first_s = self.last_s
+            print(f"first of {self.total} jobs after {self.last_s - STARTED:.1f} s", flush=True)
         self.done += ended
         if self.done % 20_000 < ended:
-            print(f"{self.done} of {self.total}, {peak_mib()} MiB", flush=True)
+            seconds = self.last_s - self.first_s
+            print(f"{self.done} of {self.total}, {seconds:.0f} s, {peak_mib()} MiB", flush=True)
 
     def on_object_done(self, snapshot: Callable[[], PartialRun]) -> None:
         """Leave out the live table."""
@@ -113,11 +117,11 @@ def peak_mib() -> int:
 
 def measure(sample: Path, options: Options, tables: bool) -> dict[str, float]:
     """Carry out a run with stored results and return what it took."""
-    reporter: list[Watch] = []
+    reporter: list[JobCounter] = []
 
     @contextmanager
-    def watch(title: str, total: int) -> Iterator[Watch]:
-        reporter.append(Watch(title, total))
+    def watch(title: str, total: int) -> Iterator[JobCounter]:
+        reporter.append(JobCounter(title, total))
         yield reporter[-1]
 
     def publish(written: WrittenRun) -> float:
@@ -168,7 +172,6 @@ def main() -> None:
         dataset=f"folder:{meshes}",
         methods=chosen.methods or tuple(manifest["methods"]),
         conditions=chosen.conditions or tuple(manifest["conditions"]),
-        limit=chosen.objects,
         views=manifest["views"],
         workers=chosen.workers,
         device="cpu",

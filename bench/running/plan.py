@@ -14,7 +14,7 @@ from bench.catalogue.methods import Method
 from bench.records.job import Job
 from bench.records.record import GROUND_TRUTH, SCHEMA_VERSION
 from bench.running.protocol import Protocol, method_identity, name_of
-from data_prep.clouds.conditions import CONDITIONS, Condition, Unchanged
+from data_prep.clouds.conditions import CONDITIONS, Condition, Perturbation, Unchanged
 from data_prep.datasets.exported import ExportedObject
 from data_prep.datasets.grey import GreyObject
 from data_prep.datasets.objects import MeshObject, SceneObject
@@ -111,47 +111,54 @@ class Plan(Sequence[ObjectJobs]):
     def _places(self) -> dict[str, int]:
         return {name: place for place, name in enumerate(self.names)}
 
-    def _jobs_of(self, obj: SceneObject) -> ObjectJobs:
-        protocol, suite = self.protocol, self.protocol.suite.id
-        rng = generator(protocol.seed, "views", obj.class_name, obj.object_id)
-        views = obj.views(protocol.views, rng)
-        identity = json.dumps(_object_identity(protocol, obj, views))
-        truth = Job(
-            key=_digest(*map(json.dumps, (suite, GROUND_TRUTH, "")), identity),
-            suite=suite,
-            method=GROUND_TRUTH,
-            condition="",
-            perturbation=Unchanged(),
-            object=obj,
-            views=views,
-            seed=protocol.seed,
-            device=protocol.device,
-            features=protocol.features,
-            reference_key=None,
-        )
-        method_jobs = []
+    @cached_property
+    def _cells(self) -> list[tuple[str, Condition, str, str]]:
+        """Return method and condition of each job of an object, and both ends of its identity.
+
+        They are the same for all objects, and are encoded once: a run has a million jobs.
+        """
+        cells = []
         for condition in self.conditions:
             for method, version in self.methods:
-                cloud = (
+                cloud, perturbation = (
                     (condition.id, condition.perturbation)
                     if method.sees_cloud
                     else (UNCHANGED, Unchanged())
                 )
-                key = _digest(
-                    *map(json.dumps, (suite, method.id, cloud[0])),
-                    identity,  # encoded once for all jobs of the object
-                    *map(json.dumps, (version, repr(cloud[1]), SCORES_VERSION)),
-                )
-                job = replace(
-                    truth,
-                    key=key,
-                    method=method.id,
-                    condition=condition.id,
-                    perturbation=condition.perturbation,
-                    reference_key=truth.key,
-                )
-                method_jobs.append(job)
-        return ObjectJobs(truth, tuple(method_jobs))
+                start = _encoded(self.protocol.suite.id, method.id, cloud)
+                end = _encoded(version, repr(perturbation), SCORES_VERSION)
+                cells.append((method.id, condition, start, end))
+        return cells
+
+    def _jobs_of(self, obj: SceneObject) -> ObjectJobs:
+        protocol, suite = self.protocol, self.protocol.suite.id
+        rng = generator(protocol.seed, "views", obj.class_name, obj.object_id)
+        views = obj.views(protocol.views, rng)
+        identity = _encoded(_object_identity(protocol, obj, views))
+
+        def job(
+            key: str, method: str, condition: str, change: Perturbation, truth: str | None
+        ) -> Job:
+            return Job(
+                key=key,
+                suite=suite,
+                method=method,
+                condition=condition,
+                perturbation=change,
+                object=obj,
+                views=views,
+                seed=protocol.seed,
+                device=protocol.device,
+                features=protocol.features,
+                reference_key=truth,
+            )
+
+        truth = _digest(_encoded(suite, GROUND_TRUTH, ""), identity)
+        method_jobs = tuple(
+            job(_digest(start, identity, end), method, cell.id, cell.perturbation, truth)
+            for method, cell, start, end in self._cells
+        )
+        return ObjectJobs(job(truth, GROUND_TRUTH, "", Unchanged(), None), method_jobs)
 
 
 def plan(protocol: Protocol) -> Plan:
@@ -219,9 +226,14 @@ def _object_identity(protocol: Protocol, obj: SceneObject, views: Sequence[View]
 
 def digest(identity: Sequence[Any]) -> str:
     """Return a key that names everything in `identity`."""
-    return _digest(*map(json.dumps, identity))
+    return _digest(_encoded(*identity))
 
 
-def _digest(*encoded: str) -> str:
-    """Return the key of a list whose elements are encoded as JSON."""
-    return hashlib.sha256(f"[{', '.join(encoded)}]".encode()).hexdigest()
+def _encoded(*values: object) -> str:
+    """Return values as elements of a list in JSON."""
+    return json.dumps(values)[1:-1]
+
+
+def _digest(*parts: str) -> str:
+    """Return the key of a list in JSON, from parts of its elements."""
+    return hashlib.sha256(f"[{', '.join(parts)}]".encode()).hexdigest()
