@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 import typing
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -272,7 +273,8 @@ def _carry_out(
             write_manifest(directory, prepared.manifest)
         elif read_manifest(directory) != prepared.kept.manifest:  # it had the lock meanwhile
             raise BadInput(f"{directory}: another run has changed it just now; run again")
-        schedule = Schedule(planned, store, prepared.budget)
+        ahead = math.ceil(factory.capacity / planned.jobs_per_object)
+        schedule = Schedule(planned, store, prepared.budget, ahead)
         reused = schedule.total - schedule.left
         with timed("items", seconds):
             interrupted = _do_jobs(prepared, schedule, store, factory.start, watch)

@@ -9,8 +9,10 @@ from __future__ import annotations
 import math
 import re
 import time
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from itertools import islice
 
 from bench.records.job import NOTHING, Job, Result, failed
 from bench.records.record import GROUND_TRUTH
@@ -112,6 +114,15 @@ class Schedule:
     In memory are the objects under way and the names of those that are complete. An object whose
     ground truth has failed is complete: there is nothing to score, and all its jobs have failed.
 
+    Parameters
+    ----------
+    planned : Plan
+    store : Store
+    budget : Budget
+    ahead : int
+        Objects whose ground truths are drawn before their jobs are due: those that the workers can
+        begin at once.
+
     Attributes
     ----------
     complete : list of str
@@ -130,8 +141,9 @@ class Schedule:
         Sum over the jobs of this start.
     """
 
-    def __init__(self, planned: Plan, store: Store, budget: Budget) -> None:
+    def __init__(self, planned: Plan, store: Store, budget: Budget, ahead: int = 1) -> None:
         self._plan, self._store, self._budget = planned.in_turns, store, budget
+        self._ahead = ahead
         self._under_way: dict[str, _UnderWay] = {}
         self._object_of: dict[str, str] = {}  # by the keys of the open jobs
         self.complete: list[str] = []
@@ -153,19 +165,20 @@ class Schedule:
         rest = (
             self._plan[i] for i, name in enumerate(self._plan.names) if name not in self._complete
         )
-        obj = next(rest, None)
+        coming = deque(islice(rest, 1))
         begun: list[str] = []
-        while obj is not None:
+        while coming:
+            obj = coming.popleft()
             begun = [name for name in begun if name in self._under_way]
             under_way = sum(self._under_way[name].share for name in begun)
             if (self.complete or begun) and not self._budget.allows(len(self.complete), under_way):
                 return
             begun.append(obj.name)
-            ahead = next(rest, None)
-            # Ground truths are drawn one object ahead: nothing waits for one but at the start.
+            coming.extend(islice(rest, self._ahead - len(coming)))
+            # Ground truths are drawn ahead: nothing waits for one but at the start.
             state = self._begin(obj)
-            for some in (state, ahead and self._begin(ahead)):
-                if some and not some.truth_sent and some.truth_key in some.open:
+            for some in (state, *map(self._begin, coming)):
+                if not some.truth_sent and some.truth_key in some.open:
                     some.truth_sent = True
                     yield some.open[some.truth_key]
             while state.truth_key in state.open:
@@ -175,7 +188,6 @@ class Schedule:
                     return
                 if job.key in state.open:
                     yield job
-            obj = ahead
 
     def take(self, result: Result) -> bool:
         """Note the result of a job, and return whether its object is complete by it."""
