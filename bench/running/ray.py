@@ -407,10 +407,8 @@ class RayPool:
         jobs, errors = self._sent.pop(task), self._ray.exceptions
         try:
             results = self._ray.get(task)
-        except (
-            errors.RayTaskError,
-            errors.RaySystemError,
-        ) as error:  # not of a job, whose failures are results
+        except (errors.RayTaskError, errors.RaySystemError) as error:
+            # Not of a job, whose failures are results.
             message = str(error).strip().splitlines()[-1]
             raise MissingDependency(
                 f"a node of the cluster cannot work: {message}; set it up like this machine, with "
