@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from bisect import bisect_left, bisect_right
+from collections.abc import Callable, Mapping, Sequence, Set
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -13,12 +14,21 @@ from bench.analysis.cells import CellKey
 from bench.analysis.intervals import clipped, debiased, distance_interval, jackknife_interval
 from bench.catalogue.methods import FLOOR, known_method
 from bench.catalogue.metrics import KERNEL_METRICS, value_range
-from bench.metrics.frechet import JackknifeMoments, centred_to_frechet, left_out_distances
-from bench.metrics.kernel_distance import kernel_distance, left_out_kernel_distances
+from bench.metrics.frechet import (
+    EXACT_OBJECTS,
+    JackknifeMoments,
+    centred_to_frechet,
+    left_out_distances,
+    object_blocks,
+)
+from bench.metrics.grouped_moments import GroupedMoments, grouped_distances
+from bench.metrics.kernel_distance import left_out_kernel_distances
 from bench.metrics.precision_recall import NEIGHBOURS, left_out_shares, share_within
 from bench.records.features import Features, ImageKey
 from bench.records.record import GROUND_TRUTH
 from data_prep.arrays import Floats
+
+ROWS = 4096  # features of many objects that are in memory at a time
 
 
 class Distance(NamedTuple):
@@ -41,14 +51,17 @@ class FeatureDistances:
         self._sets: dict[tuple[ImageKey, ...], tuple[ImageKey, ...]] = {}  # alike in most cells
         self._distances: dict[tuple[CellKey, tuple[ImageKey, ...]], Distance] = {}
         self._truth: tuple[tuple[str, tuple[ImageKey, ...]], JackknifeMoments] | None = None
+        self._true_groups: tuple[tuple[str, tuple[ImageKey, ...]], GroupedMoments] | None = None
 
     def images(self, method: str, condition: str, class_name: str) -> list[ImageKey]:
         """Return the images of a cell, sorted; none for a cell that the run does not have."""
-        cell = method, condition, class_name
+        return list(self._known((method, condition, class_name)))
+
+    def _known(self, cell: CellKey) -> tuple[ImageKey, ...]:
         if cell not in self._images:
             keys = tuple(self._features.images(*cell))
             self._images[cell] = self._sets.setdefault(keys, keys)
-        return list(self._images[cell])
+        return self._images[cell]
 
     def of(
         self, method: str, condition: str, class_name: str, images: Sequence[ImageKey]
@@ -69,12 +82,43 @@ class FeatureDistances:
         sees_cloud = known is None or known.sees_cloud  # else all conditions have the same images
         key = (cell if sees_cloud else (method, "", class_name)), shown
         if key not in self._distances:
-            objects = np.array([obj for obj, _ in shown])
-            truth = self._true_moments(class_name, shown, objects)
-            drawn = JackknifeMoments(self.filled(cell, shown), objects)
-            value = centred_to_frechet(drawn.whole, truth.whole)
-            self._distances[key] = Distance(value, left_out_distances(drawn, truth))
+            names = {obj for obj, _ in shown}
+            if len(names) <= EXACT_OBJECTS:
+                self._distances[key] = self._leave_one_out(cell, shown)
+            else:
+                self._distances[key] = self._leave_groups_out(cell, shown, names)
         return self._distances[key]
+
+    def _leave_one_out(self, cell: CellKey, shown: tuple[ImageKey, ...]) -> Distance:
+        objects = np.array([obj for obj, _ in shown])
+        truth = self._true_moments(cell[2], shown, objects)
+        drawn = JackknifeMoments(self.filled(cell, shown), objects)
+        value = centred_to_frechet(drawn.whole, truth.whole)
+        return Distance(value, left_out_distances(drawn, truth))
+
+    def _leave_groups_out(
+        self, cell: CellKey, shown: tuple[ImageKey, ...], names: Set[str]
+    ) -> Distance:
+        """Return the distance of many objects, of whose features ROWS are in memory at a time."""
+        key = cell[2], shown
+        by_name, group = object_blocks(np.array(list(names)))
+        group_of = dict(zip(by_name.tolist(), group.tolist(), strict=True))
+        if self._true_groups is None or self._true_groups[0] != key:
+            truth = self._grouped((GROUND_TRUTH, "", cell[2]), shown, group_of)
+            self._true_groups = key, truth
+        return Distance(
+            *grouped_distances(self._grouped(cell, shown, group_of), self._true_groups[1])
+        )
+
+    def _grouped(
+        self, cell: CellKey, shown: tuple[ImageKey, ...], group_of: Mapping[str, int]
+    ) -> GroupedMoments:
+        moments = GroupedMoments(1 + max(group_of.values()))
+        for start in range(0, len(shown), ROWS):
+            part = shown[start : start + ROWS]
+            groups = np.array([group_of[obj] for obj, _ in part])
+            moments.add(self.filled(cell, part), groups)
+        return moments
 
     def _true_moments(
         self, class_name: str, shown: tuple[ImageKey, ...], objects: NDArray[Any]
@@ -87,7 +131,8 @@ class FeatureDistances:
 
     def filled(self, cell: CellKey, images: Sequence[ImageKey]) -> NDArray[Any]:
         """Return features [n, d] of images of a cell, with a blank image for each that it lacks."""
-        drawn = set(self.images(*cell))
+        known = self._known(cell)
+        drawn = set(known[bisect_left(known, min(images)) : bisect_right(known, max(images))])
         is_drawn = np.array([image in drawn for image in images])
         if is_drawn.all():
             return self._features.of(*cell, images)
@@ -124,7 +169,7 @@ class SetDistance(NamedTuple):
 def _kernel(features: FeatureDistances, cell: CellKey, shown: Sequence[ImageKey]) -> Distance:
     x, y = features.filled(cell, shown), features.of(GROUND_TRUTH, "", cell[2], shown)
     objects = np.array([obj for obj, _ in shown])
-    return Distance(kernel_distance(x, y), left_out_kernel_distances(x, y, objects, objects))
+    return Distance(*left_out_kernel_distances(x, y, objects, objects))
 
 
 def _share(

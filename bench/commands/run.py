@@ -158,10 +158,15 @@ def run(
     print(f"{_summary(finished)}\nresults in {options.directory}", file=sys.stderr)
     if finished.objects < finished.planned:
         kept = "" if finished.outputs is not None else "; the tables there stay those of before"
+        if finished.interrupted:
+            why, without = "interrupted", ""
+        elif finished.decided:
+            why, without = "all headline pairs are decided", " without --until-decided"
+        else:
+            why, without = "the budget is used up", " without --budget"
         print(
-            f"bench: {'interrupted' if finished.interrupted else 'the budget is used up'}: "
-            f"{finished.objects} of {finished.planned} objects are complete{kept}; the same command"
-            f"{'' if finished.interrupted else ' without --budget'} goes on with the others",
+            f"bench: {why}: {finished.objects} of {finished.planned} objects are complete{kept}; "
+            f"the same command{without} goes on with the others",
             file=sys.stderr,
         )
     if finished.hopeless:

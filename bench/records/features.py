@@ -94,6 +94,13 @@ class FeatureFile:
             {name: _range(self._footer, number, name) for name in (*GROUP, "object")}
             for number in range(self._footer.num_row_groups)
         ]
+        self._of_group: dict[tuple[str, ...], list[int]] = {}  # row groups of one group each
+        self._mixed: list[int] = []  # the others
+        for number, ranges in enumerate(self._ranges):
+            of_group = [ranges[name] for name in GROUP]
+            known = tuple(r.low for r in of_group if r is not None and r.low == r.high)
+            numbers = self._of_group.setdefault(known, []) if len(known) == 3 else self._mixed
+            numbers.append(number)
 
     def images(self, method: str, condition: str, class_name: str) -> list[ImageKey]:
         """Return all images that have features, sorted; an empty list where none have.
@@ -140,8 +147,8 @@ class FeatureFile:
         wanted = exact if objects is None else exact | {"object": objects}
         numbers = [
             number
-            for number, ranges in enumerate(self._ranges)
-            if all(_overlap(ranges[name], range_) for name, range_ in wanted.items())
+            for number in sorted([*self._of_group.get(group, ()), *self._mixed])
+            if all(_overlap(self._ranges[number][name], range_) for name, range_ in wanted.items())
         ]
         if not numbers:
             return

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections import Counter
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, overload
 
 from bench.catalogue.lookup import find
@@ -97,21 +97,19 @@ class Plan(Sequence[ObjectJobs]):
         """Yield each job once, object by object."""
         return (job for obj in self for job in obj.jobs)
 
-    @property
-    def in_turns(self) -> Plan:
-        """Return the objects in the order of their start: the first of each class, the second..."""
-        numbers: Counter[str] = Counter()
-        turns: list[int] = []
-        for obj in self.scene_objects:
-            numbers[obj.class_name] += 1
-            turns.append(numbers[obj.class_name])
-        order = sorted(range(len(turns)), key=turns.__getitem__)
-        return replace(self, scene_objects=tuple(self.scene_objects[i] for i in order))
-
-    def select(self, names: Container[str]) -> Plan:
-        """Return the part of the objects with these names."""
-        chosen = tuple(obj for obj in self.scene_objects if name_of(obj) in names)
+    def in_order(self, names: Iterable[str]) -> Plan:
+        """Return the objects with these names, in their order."""
+        chosen = tuple(self.scene_objects[self._places[name]] for name in names)
         return replace(self, scene_objects=chosen)
+
+    def select(self, names: Iterable[str]) -> Plan:
+        """Return the part of the objects with these names, in the order of the plan."""
+        places = sorted(self._places[name] for name in names if name in self._places)
+        return replace(self, scene_objects=tuple(self.scene_objects[i] for i in places))
+
+    @cached_property
+    def _places(self) -> dict[str, int]:
+        return {name: place for place, name in enumerate(self.names)}
 
     def _jobs_of(self, obj: SceneObject) -> ObjectJobs:
         protocol, suite = self.protocol, self.protocol.suite.id

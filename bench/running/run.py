@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-import typing
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import AbstractContextManager, closing, contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -32,11 +31,13 @@ from bench.running.executors import results
 from bench.running.extension import KeptRun, is_complete, join, pinned_request, refuse_narrowing
 from bench.running.factory import ExecutorFactory, executor_factory
 from bench.running.isolation import Executor
+from bench.running.listeners import PartialRun, StopRule, Watch
 from bench.running.manifest import describe
-from bench.running.options import Options
+from bench.running.options import UNTIL_DECIDED, Options
 from bench.running.plan import Plan, plan
 from bench.running.protocol import Protocol, protocol_of
 from bench.running.schedule import Budget, Schedule, guess_s
+from bench.running.turns import seeded_turns
 from data_prep.failures import BadInput
 from data_prep.progress import log
 
@@ -64,43 +65,6 @@ class WrittenRun:
 
 
 @dataclass(frozen=True)
-class PartialRun:
-    """The complete objects of a run, which may still go on.
-
-    Attributes
-    ----------
-    directory : Path
-    manifest : dict
-        Manifest that a run of these objects alone would have.
-    plan : Plan
-        Their jobs.
-    store : Store
-        Has the results.
-    """
-
-    directory: Path
-    manifest: dict[str, Any]
-    plan: Plan
-    store: Store
-
-
-class ProgressReporter(typing.Protocol):
-    """A listener to the progress of a run."""
-
-    def on_jobs_done(self, ended: int, failed: int) -> None:
-        """Report that `ended` more jobs have ended, and that `failed` of the run have failed."""
-        ...
-
-    def on_object_done(self, snapshot: Callable[[], PartialRun]) -> None:
-        """Report that an object is complete. `snapshot` takes the longer the more there are."""
-        ...
-
-
-# Takes title and number of the jobs to be done.
-Watch = Callable[[str, int], AbstractContextManager[ProgressReporter]]
-
-
-@dataclass(frozen=True)
 class RunResult(Generic[Outputs]):
     """A run of which all objects are complete, or some.
 
@@ -114,6 +78,8 @@ class RunResult(Generic[Outputs]):
         Complete objects, and objects of the whole run.
     interrupted : bool
         Whether Ctrl-C ended the run.
+    decided : bool
+        Whether the stop rule ended it.
     done, reused, failed : int
         Jobs of this start, of earlier ones, and without images; with a failed ground truth all of
         its object. A job that is the same under every condition counts once, as in progress.
@@ -130,6 +96,7 @@ class RunResult(Generic[Outputs]):
     objects: int
     planned: int
     interrupted: bool
+    decided: bool
     done: int
     reused: int
     failed: int
@@ -160,14 +127,15 @@ class _PreparedRun:
     kept: KeptRun | None
     budget: Budget
     begun: float
+    stop_rule: StopRule | None
 
     def narrows(self, schedule: Schedule) -> bool:
         """Return whether outputs of the complete objects would lack an object of the kept run."""
         return self.kept is not None and not self.kept.objects <= {*schedule.complete}
 
-    def snapshot(self, schedule: Schedule, store: Store) -> PartialRun:
-        """Return the run of the objects that are complete."""
-        part = self.plan.select(frozenset(schedule.complete))
+    def snapshot(self, names: Iterable[str], store: Store) -> PartialRun:
+        """Return the run of these complete objects."""
+        part = self.plan.select(names)
         return PartialRun(self.directory, self.manifest | {"objects": part.names}, part, store)
 
 
@@ -176,6 +144,7 @@ def run(
     publish: Callable[[WrittenRun], Outputs],
     watch: Watch,
     make_budget: Callable[[float | None, float], Budget] = Budget,
+    stop_rule: StopRule | None = None,
 ) -> RunResult[Outputs]:
     """Carry out a run, or what is left of it, for as long as its budget allows.
 
@@ -192,6 +161,8 @@ def run(
         Gives the reporter of progress.
     make_budget : callable
         Makes the budget from `--budget` and the expected cost of an object, both in seconds.
+    stop_rule : StopRule or None
+        Is asked before another object is begun.
 
     Raises
     ------
@@ -207,6 +178,11 @@ def run(
             f"--budget: has no meaning with --shard {options.shard}, whose objects are fixed; "
             "leave one of the two"
         )
+    if options.until_decided and options.shard is not None:
+        raise BadInput(
+            f"--until-decided: has no meaning with --shard {options.shard}, which sees a part of "
+            "the objects; leave one of the two"
+        )
     requested, skipped = protocol_of(suite, options)
     protocol, kept = join(options, requested)
     planned = plan(protocol)  # refuses weights that cannot be used
@@ -218,9 +194,13 @@ def run(
             "request": pinned_request(options, protocol),
             "cluster": factory.cluster,
             "planned": len(planned),  # "objects" are those that are complete, at the end
+            **({UNTIL_DECIDED: True} if options.until_decided else {}),
         }
+        if stop_rule is not None:
+            stop_rule.begin(manifest, seeded_turns(planned.names, protocol.seed))
         prepared = _PreparedRun(
-            options.directory, options.fresh, protocol, planned, manifest, kept, budget, begun
+            *(options.directory, options.fresh, protocol, planned, manifest, kept, budget, begun),
+            stop_rule=stop_rule,
         )
         return _carry_out(prepared, factory, publish, watch)
 
@@ -273,8 +253,15 @@ def _carry_out(
             write_manifest(directory, prepared.manifest)
         elif read_manifest(directory) != prepared.kept.manifest:  # it had the lock meanwhile
             raise BadInput(f"{directory}: another run has changed it just now; run again")
-        ahead = math.ceil(factory.capacity / planned.jobs_per_object)
-        schedule = Schedule(planned, store, prepared.budget, ahead)
+        in_turns = planned.in_order(seeded_turns(planned.names, prepared.protocol.seed))
+        rule = prepared.stop_rule
+        schedule = Schedule(
+            in_turns,
+            store,
+            prepared.budget,
+            *([rule.enough] if rule is not None else []),
+            ahead=math.ceil(factory.capacity / planned.jobs_per_object),
+        )
         reused = schedule.total - schedule.left
         with timed("items", seconds):
             interrupted = _do_jobs(prepared, schedule, store, factory.start, watch)
@@ -285,7 +272,7 @@ def _carry_out(
             raise BadInput(
                 f"none of the {len(schedule.complete)} objects can be drawn; the first: {reason}"
             )
-        part = None if prepared.narrows(schedule) else prepared.snapshot(schedule, store)
+        part = None if prepared.narrows(schedule) else prepared.snapshot(schedule.complete, store)
         outputs = None
         if part is not None:
             write_manifest(directory, part.manifest)  # the tables are of these objects
@@ -310,6 +297,7 @@ def _carry_out(
         objects=len(schedule.complete),
         planned=len(planned),
         interrupted=interrupted,
+        decided=rule is not None and rule.enough(),
         done=schedule.total - reused - schedule.left,
         reused=reused,
         failed=schedule.failures,
@@ -343,6 +331,9 @@ def _do_jobs(
     title = prepared.protocol.suite.id
     if reused := schedule.total - schedule.left:
         log(f"{title}: {reused} jobs are there from before")
+    rule = prepared.stop_rule
+    if rule is not None:
+        rule.add_missing(prepared.snapshot(schedule.complete, store))
     try:
         with (
             watch(f"{title}, jobs", schedule.left) as reporter,
@@ -353,8 +344,10 @@ def _do_jobs(
                 complete = schedule.take(result)
                 # With a ground truth all jobs of its object fail.
                 reporter.on_jobs_done(before - schedule.left, schedule.failures)
+                if complete and rule is not None:
+                    rule.add_missing(prepared.snapshot(schedule.complete[-1:], store))
                 if complete and schedule.scored and not prepared.narrows(schedule):
-                    reporter.on_object_done(partial(prepared.snapshot, schedule, store))
+                    reporter.on_object_done(partial(prepared.snapshot, schedule.complete, store))
     except KeyboardInterrupt:
         if not schedule.scored:
             raise

@@ -114,15 +114,6 @@ class Schedule:
     In memory are the objects under way and the names of those that are complete. An object whose
     ground truth has failed is complete: there is nothing to score, and all its jobs have failed.
 
-    Parameters
-    ----------
-    planned : Plan
-    store : Store
-    budget : Budget
-    ahead : int
-        Objects whose ground truths are drawn before their jobs are due: those that the workers can
-        begin at once.
-
     Attributes
     ----------
     complete : list of str
@@ -141,9 +132,21 @@ class Schedule:
         Sum over the jobs of this start.
     """
 
-    def __init__(self, planned: Plan, store: Store, budget: Budget, ahead: int = 1) -> None:
-        self._plan, self._store, self._budget = planned.in_turns, store, budget
+    def __init__(
+        self,
+        planned: Plan,
+        store: Store,
+        budget: Budget,
+        enough: Callable[[], bool] = lambda: False,
+        ahead: int = 1,
+    ) -> None:
+        """Note what the store has of the plan, whose objects are in the order of their start.
+
+        `enough` is asked before another object is begun. `ahead` is how many objects have their
+        ground truths drawn before their jobs are due: those that idle workers could begin.
+        """
         self._ahead = ahead
+        self._plan, self._store, self._budget, self._enough = planned, store, budget, enough
         self._under_way: dict[str, _UnderWay] = {}
         self._object_of: dict[str, str] = {}  # by the keys of the open jobs
         self.complete: list[str] = []
@@ -160,7 +163,8 @@ class Schedule:
     def jobs(self) -> Iterator[Job | None]:
         """Yield the jobs to be done; None where the next job waits for a ground truth.
 
-        They end where the budget does not allow another object. The first object is always done.
+        They end where the budget does not allow another object, or enough are done. The first
+        object is always done.
         """
         rest = (
             self._plan[i] for i, name in enumerate(self._plan.names) if name not in self._complete
@@ -171,7 +175,8 @@ class Schedule:
             obj = coming.popleft()
             begun = [name for name in begun if name in self._under_way]
             under_way = sum(self._under_way[name].share for name in begun)
-            if (self.complete or begun) and not self._budget.allows(len(self.complete), under_way):
+            allowed = not self._enough() and self._budget.allows(len(self.complete), under_way)
+            if (self.complete or begun) and not allowed:
                 return
             begun.append(obj.name)
             coming.extend(islice(rest, self._ahead - len(coming)))

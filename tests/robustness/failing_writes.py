@@ -43,7 +43,7 @@ import bench.running.protocol
 import bench.running.run
 from bench.analysis.scored import scored_run
 from bench.catalogue.suites import Limits
-from bench.commands.publish import partial_table
+from bench.commands.live import LiveTable
 from bench.commands.terminal import Terminal
 from bench.judges import views as _loaded_before_forks  # noqa: F401
 from bench.records.job import Job, Result
@@ -210,7 +210,7 @@ def run_once(out: Path, writes: Writes, done: Any) -> None:
     )
     with mock.patch.object(Store, "append", noted), failing(writes):
         try:
-            run(options, publish, partial(Terminal, partial_table))
+            run(options, publish, partial(Terminal, LiveTable().table))
         except (OSError, BadInput) as error:
             done.send(f"refused: {error}")
         except BaseException as error:

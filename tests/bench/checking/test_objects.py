@@ -21,16 +21,10 @@ from bench.checking.golden import bless, check
 from bench.checking.objects import environment_of, golden_thumbnails, read_objects
 from bench.checking.thumbnails import ACROSS, SIDE, read_png, thumbnail, to_png
 from bench.checking.tolerances import PRINTED, object_tolerance
-<<<<<<< HEAD
-from bench.records.artifacts import artifact_path
-from bench.records.parquet import JobRow, artifacts_of, read_jobs, write_jobs
-from bench.records.run_folder import read_manifest, write_manifest
-=======
 from bench.records.artifacts import pack
 from bench.records.job import Result
 from bench.records.run_folder import open_folder, read_manifest, read_store, write_manifest
 from bench.records.stored_artifacts import StoredArtifacts, read_jobs
->>>>>>> storetests
 from bench.rendering.sheet import LABEL_HEIGHT, MARGIN, PROBLEM_GROUND
 from bench.tables.build import write_outputs
 from bench.tables.published import golden

@@ -17,12 +17,8 @@ from bench.catalogue.suites import SUITES
 from bench.commands.plan import plan_of
 from bench.records.job import failed
 from bench.records.record import GROUND_TRUTH
-<<<<<<< HEAD
-from bench.records.run_folder import open_journal, write_manifest
-=======
 from bench.records.run_folder import open_folder, read_store, write_manifest
 from bench.records.store import STORE
->>>>>>> storetests
 from bench.running.manifest import describe
 from bench.running.options import Options
 from bench.running.pilot import Cost, Sample

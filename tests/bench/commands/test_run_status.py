@@ -8,14 +8,9 @@ import pandas as pd
 import pytest
 import torch
 
-<<<<<<< HEAD
-from bench.records.parquet import read_jobs
-from bench.records.run_folder import open_journal, read_manifest
-=======
 from bench.records.job import Result
 from bench.records.run_folder import open_folder, read_manifest
 from bench.records.stored_artifacts import read_jobs
->>>>>>> storetests
 
 
 @pytest.mark.parametrize(

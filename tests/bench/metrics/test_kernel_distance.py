@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from bench.metrics.frechet import MOST_BLOCKS
+from bench.metrics.frechet import EXACT_OBJECTS, object_blocks
 from bench.metrics.kernel_distance import kernel_distance, left_out_kernel_distances
 
 
@@ -35,15 +35,18 @@ def test_leaving_out_an_object_is_leaving_out_its_rows():
     x, y = features(7, 12, 6), features(8, 12, 6)
     objects_x = np.array(list("aaabbbcccddd"))
     objects_y = np.array(list("dabcabcabcde"))
-    actual = left_out_kernel_distances(x, y, objects_x, objects_y)
+    value, actual = left_out_kernel_distances(x, y, objects_x, objects_y)
     expected = [kernel_distance(x[objects_x != name], y[objects_y != name]) for name in "abcde"]
+    assert value == pytest.approx(kernel_distance(x, y), rel=1e-9)
     # sums of 12^2 kernels of size 10, less some of them
     np.testing.assert_allclose(actual, expected, rtol=1e-9)
 
 
 def test_an_object_that_leaves_too_little():
     x, y = features(9, 3, 2), features(10, 3, 2)
-    actual = left_out_kernel_distances(x, y, np.array(["a", "a", "b"]), np.array(["a", "b", "b"]))
+    _, actual = left_out_kernel_distances(
+        x, y, np.array(["a", "a", "b"]), np.array(["a", "b", "b"])
+    )
     assert np.isnan(actual).all()  # one row of x is left without a, one of y without b
 
 
@@ -72,11 +75,12 @@ def test_many_rows_are_taken_some_at_a_time():
     assert kernel_distance(x, y) == pytest.approx(expected, rel=1e-9, abs=1e-12)
 
 
-def test_many_objects_are_left_out_in_blocks():
-    x, y = features(13, MOST_BLOCKS + 1, 6), features(14, MOST_BLOCKS + 1, 6)
-    objects = np.arange(MOST_BLOCKS + 1)
-    distances = left_out_kernel_distances(x, y, objects, objects)
-    assert len(distances) == 201  # two of 401 objects together
-    for block in (0, 100, 200):
-        kept = objects // 2 != block
-        assert distances[block] == pytest.approx(kernel_distance(x[kept], y[kept]), rel=1e-9)
+def test_many_objects_are_left_out_in_groups():
+    objects = np.arange(EXACT_OBJECTS + 1)
+    x, y = features(13, len(objects), 6), features(14, len(objects), 6)
+    _, block = object_blocks(objects)
+    _, distances = left_out_kernel_distances(x, y, objects, objects)
+    assert len(distances) == 21  # three of 61 objects together, or two
+    for number in (0, 10, 20):
+        kept = block != number
+        assert distances[number] == pytest.approx(kernel_distance(x[kept], y[kept]), rel=1e-9)

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from bench.catalogue.suites import STABILITY, SUITES
-from bench.commands.publish import merge_shards, partial_table, publish, run_suite
+from bench.commands.live import LiveTable
+from bench.commands.publish import merge_shards, publish, run_suite
 from bench.commands.terminal import Terminal
 from bench.records.run_folder import read_manifest, write_manifest
 from bench.running.extension import join, joined
@@ -89,7 +90,7 @@ def test_an_extension_that_is_stopped_leaves_the_outputs_and_goes_on(
     """With a further method: one of three objects is complete when Ctrl-C comes."""
     manifest, seen = read_manifest(copied), []
     options = finished_options(tiny_weights, copied, methods=("constant",))
-    stopped = run(options, publish, partial(Stopped, 1, copied, seen, partial_table))
+    stopped = run(options, publish, partial(Stopped, 1, copied, seen, LiveTable().table))
     assert (stopped.interrupted, stopped.outputs) == (True, None)
     assert (stopped.objects, stopped.planned, stopped.done) == (1, 3, 1)
     assert seen == [manifest]  # a kill finds the run as it was, too

@@ -97,7 +97,9 @@ def test_objects_are_planned_when_they_are_asked_for():
 
     made = plan(replace(PROTOCOL, objects=tuple(Told(name) for name in "abc")))
     assert (len(made), made.names) == (3, ["chair/a", "chair/b", "chair/c"])
-    assert made[1:].select({"chair/c"}).in_turns.names == ["chair/c"]
+    assert made[1:].select({"chair/c", "chair/x"}).names == ["chair/c"]
+    assert made.in_order(["chair/c", "chair/a"]).names == ["chair/c", "chair/a"]
+    assert made.select(["chair/c", "chair/a"]).names == ["chair/a", "chair/c"]
     assert read == []
     assert made[1].name == "chair/b"
     assert read == ["b"]

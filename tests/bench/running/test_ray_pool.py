@@ -150,7 +150,7 @@ def test_batches_have_jobs_of_several_objects_where_truths_are_ahead(tmp_path, a
     protocol = {"methods": (NETWORKS[0], "blank"), "device": "auto"}
     planned = plan(make_protocol(objects=tuple(map(Tetrahedron, map(str, range(40)))), **protocol))
     with open_store(tmp_path, write=True) as store:
-        schedule = Schedule(planned, store, Budget(), ahead)
+        schedule = Schedule(planned, store, Budget(), ahead=ahead)
         for result in submit_all(schedule.jobs(), pool_of(ray, **protocol)):
             store.append(result)
             schedule.take(result)
@@ -178,4 +178,4 @@ def test_a_node_without_the_packages_ends_the_run():
 
     pool = pool_of(OneTaskAtATime(cpus=4, gpus=1, fail=fail))
     with pytest.raises(MissingDependency, match=r"cannot work: ModuleNotFoundError: no bench; set"):
-        [*submit_all(jobs_of(NETWORKS[0], "ab"), pool)]
+        list(submit_all(jobs_of(NETWORKS[0], "ab"), pool))

@@ -22,7 +22,8 @@ import bench.catalogue.truth
 import bench.running.run
 from bench.analysis.scored import read_scored
 from bench.catalogue.suites import SUITES
-from bench.commands.publish import partial_table, publish, run_suite
+from bench.commands.live import LiveTable
+from bench.commands.publish import publish, run_suite
 from bench.commands.terminal import Terminal
 from bench.records.record import GROUND_TRUTH
 from bench.records.run_folder import read_manifest, read_store
@@ -287,7 +288,7 @@ def test_some_objects_now_and_the_others_later(
     monkeypatch.setenv("COLUMNS", "100")  # pytest-xdist sets 80
     directory = tmp_path / "run"
     options = finished_options(tiny_weights, directory)
-    first = run(options, publish, partial(Interrupted, partial_table))
+    first = run(options, publish, partial(Interrupted, LiveTable().table))
     assert (first.interrupted, first.objects, first.planned, first.done) == (True, 1, 3, 8)
     assert read_manifest(directory)["objects"] == ["chair/test-0000"]
     interim_table = (directory / "tables" / "headline.md").read_text()
@@ -297,7 +298,7 @@ def test_some_objects_now_and_the_others_later(
     )
     assert set(records(directory)["object"]) == {"test-0000"}
 
-    reporter = partial(Terminal, partial_table)
+    reporter = partial(Terminal, LiveTable().table)
     second = run(replace(options, budget=100.0), publish, reporter, OneMore)
     assert (second.interrupted, second.objects, second.reused) == (False, 2, 8)
     assert read_manifest(directory)["finished"]
@@ -370,7 +371,7 @@ def counted_run(options):
     status = run_status(options, protocol)
     to_do = sum(status.left.values())
     counts = {"total": 0, "ended": 0}
-    done = run(options, publish, partial(Counting, counts, partial_table))
+    done = run(options, publish, partial(Counting, counts, LiveTable().table))
     assert (done.done, done.reused) == (to_do, len(status.plan.jobs) - to_do)
     assert (counts["total"], counts["ended"]) == (to_do, to_do)
     assert counts.get("failed", done.failed) == done.failed
@@ -464,3 +465,51 @@ def test_default_folder(tmp_path, monkeypatch):
     ):
         assert Options("s", dataset).directory == Path("results/runs", name)
     assert Options("s", shard=Shard(2, 3)).directory.name == "s-procedural-shard-2-of-3"
+
+
+class EnoughAfterOne:
+    """A stop rule that keeps what it is offered."""
+
+    def __init__(self):
+        self.order, self.offered = [], []
+
+    def begin(self, manifest, order):
+        self.order = list(order)
+
+    def add_missing(self, snapshot):
+        self.offered += snapshot.manifest["objects"]
+        assert snapshot.plan.names == snapshot.manifest["objects"]
+        for obj in snapshot.plan:
+            assert {record.object for record in snapshot.read_records(obj)} == {obj.name[6:]}
+
+    def enough(self):
+        return len(self.offered) >= 1
+
+
+def test_a_stop_rule_ends_a_run_and_is_offered_each_object_once(
+    finished, same_machine, tiny_weights, tmp_path
+):
+    options = replace(finished_options(tiny_weights, tmp_path / "run"), workers=1)
+    rule = EnoughAfterOne()
+    stopped = run(options, publish, partial(Terminal, LiveTable().table), stop_rule=rule)
+    # an object that was begun while the first went on is finished, too
+    assert 1 <= stopped.objects < stopped.planned == 3
+    assert (stopped.decided, stopped.interrupted) == (True, False)
+    assert sorted(rule.order) == [f"chair/test-000{i}" for i in range(3)]
+    assert rule.offered == rule.order[: stopped.objects]
+    again = EnoughAfterOne()  # the objects of before are offered first
+    more = run(options, publish, partial(Terminal, LiveTable().table), stop_rule=again)
+    assert more.decided
+    assert again.offered[: stopped.objects] == sorted(rule.offered)
+    assert len(again.offered) == len({*again.offered}) == more.objects
+
+
+def test_until_decided_is_refused_where_nothing_can_be_decided(tiny_weights, tmp_path):
+    options = finished_options(tiny_weights, tmp_path / "run")
+    shard = replace(options, until_decided=True, shard=Shard(1, 2))
+    with pytest.raises(BadInput, match=r"--until-decided: has no meaning with --shard 1/2"):
+        run_suite(shard)
+    alone = replace(options, until_decided=True, methods=("splat", "blank"))
+    with pytest.raises(BadInput, match=r"--until-decided: splat, blank have no pair to decide"):
+        run_suite(alone)
+    assert not (tmp_path / "run").exists()
