@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager
@@ -255,7 +256,11 @@ def _carry_out(
         in_turns = planned.in_order(seeded_turns(planned.names, prepared.protocol.seed))
         rule = prepared.stop_rule
         schedule = Schedule(
-            in_turns, store, prepared.budget, *([rule.enough] if rule is not None else [])
+            in_turns,
+            store,
+            prepared.budget,
+            *([rule.enough] if rule is not None else []),
+            ahead=math.ceil(factory.capacity / planned.jobs_per_object),
         )
         reused = schedule.total - schedule.left
         with timed("items", seconds):

@@ -9,8 +9,10 @@ from __future__ import annotations
 import math
 import re
 import time
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from itertools import islice
 
 from bench.records.job import NOTHING, Job, Result, failed
 from bench.records.record import GROUND_TRUTH
@@ -136,11 +138,14 @@ class Schedule:
         store: Store,
         budget: Budget,
         enough: Callable[[], bool] = lambda: False,
+        ahead: int = 1,
     ) -> None:
         """Note what the store has of the plan, whose objects are in the order of their start.
 
-        `enough` is asked before another object is begun.
+        `enough` is asked before another object is begun. `ahead` is how many objects have their
+        ground truths drawn before their jobs are due: those that idle workers could begin.
         """
+        self._ahead = ahead
         self._plan, self._store, self._budget, self._enough = planned, store, budget, enough
         self._under_way: dict[str, _UnderWay] = {}
         self._object_of: dict[str, str] = {}  # by the keys of the open jobs
@@ -164,20 +169,21 @@ class Schedule:
         rest = (
             self._plan[i] for i, name in enumerate(self._plan.names) if name not in self._complete
         )
-        obj = next(rest, None)
+        coming = deque(islice(rest, 1))
         begun: list[str] = []
-        while obj is not None:
+        while coming:
+            obj = coming.popleft()
             begun = [name for name in begun if name in self._under_way]
             under_way = sum(self._under_way[name].share for name in begun)
             allowed = not self._enough() and self._budget.allows(len(self.complete), under_way)
             if (self.complete or begun) and not allowed:
                 return
             begun.append(obj.name)
-            ahead = next(rest, None)
-            # Ground truths are drawn one object ahead: nothing waits for one but at the start.
+            coming.extend(islice(rest, self._ahead - len(coming)))
+            # Ground truths are drawn ahead: nothing waits for one but at the start.
             state = self._begin(obj)
-            for some in (state, ahead and self._begin(ahead)):
-                if some and not some.truth_sent and some.truth_key in some.open:
+            for some in (state, *map(self._begin, coming)):
+                if not some.truth_sent and some.truth_key in some.open:
                     some.truth_sent = True
                     yield some.open[some.truth_key]
             while state.truth_key in state.open:
@@ -187,7 +193,6 @@ class Schedule:
                     return
                 if job.key in state.open:
                     yield job
-            obj = ahead
 
     def take(self, result: Result) -> bool:
         """Note the result of a job, and return whether its object is complete by it."""

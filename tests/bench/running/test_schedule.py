@@ -37,8 +37,8 @@ def schedule_of(tmp_path):
     """A schedule of objects that keeps its results in one store."""
     with open_store(tmp_path, write=True) as store:
 
-        def make(planned, budget=None):
-            return Schedule(planned, store, budget or Budget())
+        def make(planned, budget=None, **options):
+            return Schedule(planned, store, budget or Budget(), **options)
 
         make.store = store
         yield make
@@ -84,6 +84,19 @@ def test_objects_follow_each_other_and_truths_come_one_ahead(schedule_of):
     ]
     assert schedule.complete == ["chair/a", "chair/b", "chair/c"]
     assert schedule.left == 0
+
+
+def test_as_many_truths_come_ahead_as_workers_need(schedule_of):
+    schedule = schedule_of(plan_of("a", "b", "c", "d"), ahead=2)
+    assert carried_out(schedule) == [
+        *("a ground-truth", "b ground-truth", "c ground-truth"),
+        *("a splat 2048", "a blank 2048", "a splat 512"),
+        "d ground-truth",
+        *("b splat 2048", "b blank 2048", "b splat 512"),
+        *("c splat 2048", "c blank 2048", "c splat 512"),
+        *("d splat 2048", "d blank 2048", "d splat 512"),
+    ]
+    assert schedule.complete == ["chair/a", "chair/b", "chair/c", "chair/d"]
 
 
 def test_objects_come_in_their_order_until_there_are_enough(tmp_path):
