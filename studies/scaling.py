@@ -1,7 +1,7 @@
 """A run of any size without its work: the real harness, and workers that return stored results.
 
     python -m studies.scaling RUN FOLDER --objects 44000 [--methods M,...] [--conditions C,...]
-        [--workers 2] [--tables]
+        [--shard 1/4] [--workers 2] [--tables]
 
 RUN is a finished run of one object with all methods and conditions (`bench run --limit 1`). FOLDER
 gets a dataset of links to one mesh (`meshes`) and the run (`run`). Plan, schedule, worker
@@ -34,6 +34,7 @@ from bench.running.isolation import TaskPool
 from bench.running.listeners import PartialRun
 from bench.running.options import Options
 from bench.running.run import RunResult, WrittenRun, run
+from bench.running.shards import read_shard
 from bench.tables.build import write_outputs
 from studies.arguments import names, positive
 
@@ -161,6 +162,7 @@ def main() -> None:
     parser.add_argument("--objects", type=positive, required=True)
     parser.add_argument("--methods", type=names)
     parser.add_argument("--conditions", type=names)
+    parser.add_argument("--shard", type=read_shard, help="k/N: into the folder run-k")
     parser.add_argument("--workers", type=positive, default=2)
     parser.add_argument("--tables", action="store_true", help="make the tables at the end, too")
     chosen = parser.parse_args()
@@ -175,7 +177,8 @@ def main() -> None:
         views=manifest["views"],
         workers=chosen.workers,
         device="cpu",
-        out=chosen.folder / "run",
+        shard=chosen.shard,
+        out=chosen.folder / (f"run-{chosen.shard.number}" if chosen.shard else "run"),
     )
     print(json.dumps(measure(chosen.sample.absolute(), options, chosen.tables), indent=1))
 
