@@ -22,7 +22,7 @@ from bench.metrics.frechet import (
     object_blocks,
 )
 from bench.metrics.grouped_moments import GroupedMoments, grouped_distances
-from bench.metrics.kernel_distance import left_out_kernel_distances
+from bench.metrics.kernel_distance import KernelSet, kernel_distances
 from bench.metrics.precision_recall import NEIGHBOURS, left_out_shares, share_within
 from bench.records.features import Features, ImageKey
 from bench.records.record import GROUND_TRUTH
@@ -52,6 +52,8 @@ class FeatureDistances:
         self._distances: dict[tuple[CellKey, tuple[ImageKey, ...]], Distance] = {}
         self._truth: tuple[tuple[str, tuple[ImageKey, ...]], JackknifeMoments] | None = None
         self._true_groups: tuple[tuple[str, tuple[ImageKey, ...]], GroupedMoments] | None = None
+        self._kernel_distances: dict[tuple[CellKey, tuple[ImageKey, ...]], Distance] = {}
+        self._true_kernels: tuple[tuple[str, tuple[ImageKey, ...]], KernelSet] | None = None
 
     def images(self, method: str, condition: str, class_name: str) -> list[ImageKey]:
         """Return the images of a cell, sorted; none for a cell that the run does not have."""
@@ -75,19 +77,26 @@ class FeatureDistances:
         Images that the method has not drawn are replaced by the blank ones. Raises KeyError for an
         image that neither has. Only the features of this cell and of the truth are in memory.
         """
-        method, _, class_name = cell
-        shown = tuple(images)
-        shown = self._sets.setdefault(shown, shown)
-        known = known_method(method)
-        sees_cloud = known is None or known.sees_cloud  # else all conditions have the same images
-        key = (cell if sees_cloud else (method, "", class_name)), shown
+        key = self._key(cell, images)
         if key not in self._distances:
+            _, shown = key
             names = {obj for obj, _ in shown}
             if len(names) <= EXACT_OBJECTS:
                 self._distances[key] = self._leave_one_out(cell, shown)
             else:
                 self._distances[key] = self._leave_groups_out(cell, shown, names)
         return self._distances[key]
+
+    def _key(
+        self, cell: CellKey, images: Sequence[ImageKey]
+    ) -> tuple[CellKey, tuple[ImageKey, ...]]:
+        """Return the key of the distance of images of a cell."""
+        method, _, class_name = cell
+        shown = tuple(images)
+        shown = self._sets.setdefault(shown, shown)
+        known = known_method(method)
+        sees_cloud = known is None or known.sees_cloud  # else all conditions have the same images
+        return (cell if sees_cloud else (method, "", class_name)), shown
 
     def _leave_one_out(self, cell: CellKey, shown: tuple[ImageKey, ...]) -> Distance:
         objects = np.array([obj for obj, _ in shown])
@@ -129,6 +138,26 @@ class FeatureDistances:
             self._truth = (class_name, shown), JackknifeMoments(values, objects)
         return self._truth[1]
 
+    def kernel_distance(self, cell: CellKey, images: Sequence[ImageKey]) -> Distance:
+        """Return the kernel distance between images of a cell and the true ones, as `distance`.
+
+        All features of these images and of the true ones are in memory.
+        """
+        key = self._key(cell, images)
+        if key not in self._kernel_distances:
+            _, shown = key
+            names, block = object_blocks(np.array([obj for obj, _ in shown]))
+            block_of = dict(zip(names.tolist(), block.tolist(), strict=True))
+            member, count = np.array([block_of[obj] for obj, _ in shown]), 1 + int(block.max())
+            drawn = KernelSet(self.filled(cell, shown), member, count)
+            of_class = cell[2], shown
+            if self._true_kernels is None or self._true_kernels[0] != of_class:
+                true = self._features.of(GROUND_TRUTH, "", cell[2], shown)
+                self._true_kernels = of_class, KernelSet(true, member, count)
+            truth = self._true_kernels[1]
+            self._kernel_distances[key] = Distance(*kernel_distances(drawn, truth))
+        return self._kernel_distances[key]
+
     def filled(self, cell: CellKey, images: Sequence[ImageKey]) -> NDArray[Any]:
         """Return features [n, d] of images of a cell, with a blank image for each that it lacks."""
         known = self._known(cell)
@@ -166,12 +195,6 @@ class SetDistance(NamedTuple):
     fewest: int = 2
 
 
-def _kernel(features: FeatureDistances, cell: CellKey, shown: Sequence[ImageKey]) -> Distance:
-    x, y = features.filled(cell, shown), features.of(GROUND_TRUTH, "", cell[2], shown)
-    objects = np.array([obj for obj, _ in shown])
-    return Distance(*left_out_kernel_distances(x, y, objects, objects))
-
-
 def _share(
     metric: str, features: FeatureDistances, cell: CellKey, shown: Sequence[ImageKey]
 ) -> Distance:
@@ -194,7 +217,7 @@ def _share_interval(metric: str, value: float, leave_one_out: Floats) -> tuple[f
 
 FRECHET = SetDistance(FeatureDistances.distance, distance_interval, debiased)
 KERNEL = SetDistance(
-    _kernel,
+    FeatureDistances.kernel_distance,
     lambda value, leave_one_out: jackknife_interval(value, [leave_one_out]),
     _unbiased,
 )

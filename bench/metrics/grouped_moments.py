@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from functools import reduce
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import bandwidth
 from scipy.linalg.lapack import dtpqrt
 
 from bench.metrics.frechet import (
@@ -40,11 +40,14 @@ class GroupedMoments:
         """Take the number of groups."""
         self._waiting: list[list[NDArray[Any]]] = [[] for _ in range(count)]
         self._moments: list[Moments | None] = [None] * count
+        self._merged: dict[tuple[int, int], Moments] = {}  # of consecutive groups
+        self._whole: Centred | None = None
         self._kept: list[Centred] | None = None
 
     def add(self, features: NDArray[Any], groups: NDArray[np.intp]) -> None:
         """Add rows [n, d] of the groups [n]. Raises ValueError as `moments`."""
-        features, self._kept = checked_features(features), None
+        features = checked_features(features)
+        self._merged, self._whole, self._kept = {}, None, None
         order = np.argsort(groups, kind="stable")
         present, starts = np.unique(groups[order], return_index=True)
         for group, rows in zip(present.tolist(), np.split(order, starts[1:]), strict=True):
@@ -54,9 +57,13 @@ class GroupedMoments:
                 self._group(group)
 
     def whole(self) -> Centred:
-        """Return the moments of all rows. Raises TooFewSamples: fewer than two rows."""
-        groups = map(self._group, range(len(self._moments)))
-        return to_centred(reduce(_merged_triangles, groups))
+        """Return the moments of all rows, kept for the next call.
+
+        Raises TooFewSamples: fewer than two rows.
+        """
+        if self._whole is None:
+            self._whole = to_centred(self._between(0, len(self)))
+        return self._whole
 
     def __len__(self) -> int:
         """Return the number of groups."""
@@ -69,25 +76,26 @@ class GroupedMoments:
         """
         if self._kept is not None:
             return self._kept
-        count, d = len(self._moments), self._width()
-        small = count * d * d <= MOST_KEPT
-        known: dict[tuple[int, int], Moments] = {}
-
-        def between(low: int, high: int) -> Moments:
-            if high - low < 2:
-                return self._group(low) if low < high else no_rows(d)
-            if (low, high) in known:
-                return known[low, high]
-            middle = (low + high) // 2
-            rows = _merged_triangles(between(low, middle), between(middle, high))
-            if small:  # large ones are merged anew
-                known[low, high] = rows
-            return rows
-
-        without = moments_without_each(count, between, _merged_triangles)
-        if small:
+        without = moments_without_each(len(self), self._between, _merged_triangles)
+        if self._are_small():
             without = self._kept = list(without)
+            self._merged = {}
         return without
+
+    def _are_small(self) -> bool:
+        return len(self) * self._width() ** 2 <= MOST_KEPT
+
+    def _between(self, low: int, high: int) -> Moments:
+        """Return the moments of groups low .. high - 1, kept where they are small."""
+        if high - low < 2:
+            return self._group(low) if low < high else no_rows(self._width())
+        if (low, high) in self._merged:
+            return self._merged[low, high]
+        middle = (low + high) // 2
+        rows = _merged_triangles(self._between(low, middle), self._between(middle, high))
+        if self._are_small():  # large ones are merged anew
+            self._merged[low, high] = rows
+        return rows
 
     def _group(self, group: int) -> Moments:
         """Return the moments of a group. More rows than features do not wait any longer."""
@@ -142,4 +150,4 @@ def _merged_triangles(a: Moments, b: Moments) -> Moments:
 
 
 def _is_triangle(root: Floats) -> bool:
-    return root.shape[0] == root.shape[1] > 1 and not np.tril(root, -1).any()
+    return root.shape[0] == root.shape[1] > 1 and bandwidth(root)[0] == 0

@@ -233,6 +233,20 @@ def test_groups_of_one_object_are_the_exact_jackknife():
     assert without == pytest.approx(exact, rel=0, abs=ROUNDING * traces(x, y))
 
 
+def test_rows_that_come_after_a_distance_are_in_the_next_one():
+    x, groups = views_of_objects(0, 6, 20, d=5)
+    y, _ = views_of_objects(1, 6, 20, d=5, offset=0.3)
+    drawn, true = GroupedMoments(6), GroupedMoments(6)
+    true.add(y, groups)
+    for start, end in ((0, 90), (90, 120)):
+        drawn.add(x[start:end], groups[start:end])
+        value, without = grouped_distances(drawn, true)
+        close = ROUNDING * traces(x[:end], y)
+        assert value == pytest.approx(frechet_distance(x[:end], y), rel=0, abs=close)
+        exact = leave_one_out(x[:end], y, groups[:end], groups)
+        assert without == pytest.approx(exact, rel=0, abs=close)
+
+
 def test_groups_that_leave_too_little_have_no_distances():
     x = normal(0, 10, 3)
     lonely, others = GroupedMoments(2), GroupedMoments(2)

@@ -65,14 +65,54 @@ def test_what_it_refuses(x, said):
         kernel_distance(x, np.zeros((2, 3)))
 
 
-def test_many_rows_are_taken_some_at_a_time():
-    x, y = features(11, 1100, 3).astype(float), 1.2 * features(12, 1030, 3).astype(float)
-    within_x, within_y, across = ((a @ b.T / 3 + 1) ** 3 for a, b in ((x, x), (y, y), (x, y)))
-    expected = -2 * across.mean()
-    for kernels in (within_x, within_y):
-        n = len(kernels)
-        expected += (kernels.sum() - np.trace(kernels)) / (n * (n - 1))
-    assert kernel_distance(x, y) == pytest.approx(expected, rel=1e-9, abs=1e-12)
+def distance_and_rounding(x, y):
+    """Return the distance from all pairs in extended precision, and the bound of the rounding of
+    `bench.metrics.kernel_distance`, which says where it is from."""
+    x, y = x.astype(np.longdouble), y.astype(np.longdouble)
+    (n, d), m = x.shape, len(y)
+    distance = size = np.longdouble(0)
+    for a, b, weight in ((x, x, 1), (y, y, 1), (x, y, -2)):
+        within = a is b
+        pairs = len(a) * (len(b) - within)
+        kernels = np.einsum("id,jd->ij", a, b) / d + 1
+        distance += weight * ((kernels**3).sum() - within * (np.diag(kernels) ** 3).sum()) / pairs
+        kernels = np.einsum("id,jd->ij", abs(a), abs(b)) / d + 1
+        size += abs(weight) * (kernels**3).sum() / pairs
+    return float(distance), float((n + m + d**2 + 6 * d + 200) * 2.0**-53 * size)
+
+
+# By moments where 3 n m > (n + m) (d + 1)^2, by pairs else; 256 x 1,024 pairs are taken at a time.
+@pytest.mark.parametrize(
+    ("n", "m", "d"),
+    [(10, 14, 1), (70, 40, 4), (200, 400, 11), (10, 14, 16), (300, 1030, 28)],
+)
+@pytest.mark.parametrize("objects", ["equal", "of one row and of many", "of one set only"])
+def test_moments_and_pairs_are_all_pairs(n, m, d, objects):
+    x, y = features(11, n, d), (1.2 * features(12, m, d) + 0.1).astype(np.float32)
+    if objects == "equal":
+        of_x, of_y = np.arange(n) % 5, np.arange(m) % 5
+    elif objects == "of one row and of many":
+        of_x, of_y = np.minimum(np.arange(n), 2), np.maximum(np.arange(m) - m + 3, 0)
+    else:
+        of_x, of_y = np.arange(n) % 3, 1 + np.arange(m) % 4
+    value, without = left_out_kernel_distances(x, y, of_x, of_y)
+    expected, rounding = distance_and_rounding(x, y)
+    assert value == pytest.approx(expected, rel=0, abs=rounding)
+    names = sorted({*of_x.tolist(), *of_y.tolist()})
+    assert len(without) == len(names)
+    for name, actual in zip(names, without, strict=True):
+        expected, rounding = distance_and_rounding(x[of_x != name], y[of_y != name])
+        assert actual == pytest.approx(expected, rel=0, abs=rounding)
+
+
+@pytest.mark.parametrize("d", [3, 30])  # by moments, by pairs
+def test_a_set_of_rows_that_are_all_alike(d):
+    """(1 + c^2)^3 for each pair of a set, so that only the constants are left."""
+    x, y = np.full((40, d), 2.0), np.full((50, d), -1.0)
+    expected = (1 + 4) ** 3 + (1 + 1) ** 3 - 2 * (1 - 2) ** 3
+    assert kernel_distance(x, y) == pytest.approx(expected, rel=1e-13)
+    assert kernel_distance(x, np.zeros((2, d))) == pytest.approx(5**3 + 1 - 2, rel=1e-13)
+    assert kernel_distance(x, x) == pytest.approx(0, abs=1e-13 * 4 * 5**3)
 
 
 def test_many_objects_are_left_out_in_groups():
