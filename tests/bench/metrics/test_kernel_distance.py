@@ -81,7 +81,7 @@ def distance_and_rounding(x, y):
     return float(distance), float((n + m + d**2 + 6 * d + 200) * 2.0**-53 * size)
 
 
-# By moments where 3 n m > (n + m) (d + 1)^2, by pairs else; 256 x 1,024 pairs are taken at a time.
+# Moments where 3 n m > 2 (n + m) (d + 1)^2, pairs else; 256 x 1,024 pairs are taken at a time.
 @pytest.mark.parametrize(
     ("n", "m", "d"),
     [(10, 14, 1), (70, 40, 4), (200, 400, 11), (10, 14, 16), (300, 1030, 28)],
