@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.distance import cdist
 
 from data_prep.arrays import Floats
 
@@ -94,6 +93,8 @@ def found(among: Gallery, answers: NDArray[Any], images: Sequence[ImageKey]) -> 
 
     The distance is Euclidean; of objects equally near the first by name counts.
     """
+    from scipy.spatial.distance import cdist  # a moment to import, which most commands need not
+
     codes = _codes(answers)
     hits = np.zeros(len(images))
     views = np.array([view for _, view in images], np.int64)

@@ -7,8 +7,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import bandwidth
-from scipy.linalg.lapack import dtpqrt
 
 from bench.metrics.frechet import (
     MOST_KEPT,
@@ -136,6 +134,8 @@ def _merged_triangles(a: Moments, b: Moments) -> Moments:
         a, b = b, a
     if not _is_triangle(a.root):
         return merged(a, b)
+    from scipy.linalg.lapack import dtpqrt  # a moment to import, which most commands need not
+
     d = a.mean.size
     share = b.n / (a.n + b.n)
     shift = b.mean - a.mean
@@ -150,4 +150,6 @@ def _merged_triangles(a: Moments, b: Moments) -> Moments:
 
 
 def _is_triangle(root: Floats) -> bool:
+    from scipy.linalg import bandwidth
+
     return root.shape[0] == root.shape[1] > 1 and bandwidth(root)[0] == 0

@@ -29,6 +29,7 @@ from data_prep.failures import BadInput, CannotWrite
 STORE = "run.sqlite"
 APPLICATION_ID = 0x70633270  # "pc2p", in the header of the file
 STORE_VERSION = 1
+TABLES = 3
 PATIENCE_S = 10.0  # for a reader in another process to let go
 SCHEMA = """
 CREATE TABLE IF NOT EXISTS jobs (
@@ -290,44 +291,64 @@ def open_store(directory: Path, *, write: bool = False) -> Iterator[Store]:
         Where the file cannot be written.
     """
     path = directory / STORE
-    with _named(path):
-        if write:
-            connection = sqlite3.connect(path, PATIENCE_S, isolation_level=None)
-        elif path.exists():
-            uri = f"{path.absolute().as_uri()}?mode=ro"
-            connection = sqlite3.connect(uri, PATIENCE_S, isolation_level=None, uri=True)
-        else:
-            connection = sqlite3.connect(":memory:", isolation_level=None)
-    with closing(connection):
-        with _named(path):
-            _check(path, connection)
-            if write or not path.exists():
-                connection.execute("PRAGMA journal_mode = WAL")
-                connection.execute("PRAGMA synchronous = FULL")
-                connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
-                connection.execute(f"PRAGMA user_version = {STORE_VERSION}")
-                connection.executescript(SCHEMA)
+    new = write and not path.exists()
+    with _named(path), closing(_connect(path, write=write)) as connection:
+        store = Store(path, connection)
         try:
-            yield Store(path, connection)
+            yield store
         finally:
             # Then it is one file, which can be read where nothing can be written. SQLite refuses
             # while another process reads, or on a full disk: the second file stays until later.
             if write:
                 with suppress(sqlite3.OperationalError):
                     connection.execute("PRAGMA journal_mode = DELETE")
+    if new and not store.appended:  # of a suite without jobs
+        path.unlink()
 
 
-def _check(path: Path, connection: sqlite3.Connection) -> None:
-    """Raise BadInput for a database that is not a store of a version known here."""
-    ((application,),) = connection.execute("PRAGMA application_id")
-    ((version,),) = connection.execute("PRAGMA user_version")
-    ((tables,),) = connection.execute("SELECT count(*) FROM sqlite_schema")
-    if tables and application != APPLICATION_ID:
-        raise BadInput(f"{path}: a database, but not the store of a run; move it away")
-    if version > STORE_VERSION:
-        raise BadInput(
-            f"{path}: store version {version} is newer than {STORE_VERSION}; update pc2pix-bench"
-        )
+def _connect(path: Path, *, write: bool) -> sqlite3.Connection:
+    """Return a connection to a store; in memory, to an empty one, where there is none to read."""
+    if write:
+        connection = sqlite3.connect(path, PATIENCE_S, isolation_level=None)
+        if not _is_store(path, connection):
+            connection.execute("PRAGMA journal_mode = WAL")
+            connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+            connection.execute(f"PRAGMA user_version = {STORE_VERSION}")
+            connection.executescript(SCHEMA)
+        connection.execute("PRAGMA journal_mode = WAL")
+        connection.execute("PRAGMA synchronous = FULL")
+        return connection
+    if path.exists():
+        uri = f"{path.absolute().as_uri()}?mode=ro"
+        connection = sqlite3.connect(uri, PATIENCE_S, isolation_level=None, uri=True)
+        if _is_store(path, connection):
+            return connection
+        connection.close()
+    connection = sqlite3.connect(":memory:", isolation_level=None)
+    connection.executescript(SCHEMA)
+    return connection
+
+
+def _is_store(path: Path, connection: sqlite3.Connection) -> bool:
+    """Return whether a database has tables: a process may have been killed before it had made them.
+
+    Raises BadInput for a database that is not a store of a version known here.
+    """
+    try:
+        ((application,),) = connection.execute("PRAGMA application_id")
+        ((version,),) = connection.execute("PRAGMA user_version")
+        ((tables,),) = connection.execute("SELECT count(*) FROM sqlite_schema WHERE type = 'table'")
+        if tables and application != APPLICATION_ID:
+            raise BadInput(f"{path}: a database, but not the store of a run; move it away")
+        if version > STORE_VERSION:
+            raise BadInput(
+                f"{path}: store version {version} is newer than {STORE_VERSION}; update "
+                "pc2pix-bench"
+            )
+    except BaseException:
+        connection.close()
+        raise
+    return tables >= TABLES
 
 
 @contextmanager
