@@ -26,7 +26,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from data_prep.failures import BadInput
+from data_prep.failures import BadInput, MissingDependency
 from learning import checkpoint, loss_log
 from learning.divergence import DivergenceDetector, TrainingDiverged
 from learning.processes import ONE, Processes, connect, local_rank
@@ -341,13 +341,13 @@ def prepare_device(
 ) -> torch.device:
     """Return the device; "auto" is the GPU where there is one, another for each process.
 
-    Raises BadInput for a GPU where there is none.
+    Raises MissingDependency for a GPU where there is none.
     """
     has_gpu = gpu_available()
     if device == "auto":
         device = "cuda" if has_gpu else "cpu"
     if device == "cuda" and not has_gpu:
-        raise BadInput(
+        raise MissingDependency(
             f"--device cuda: PyTorch {torch.__version__} finds no usable GPU; use --device cpu, or "
             "install a build of PyTorch and a driver that go together"
         )

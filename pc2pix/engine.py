@@ -37,6 +37,7 @@ from torch.nn import functional
 
 from data_prep.scene import IMAGE_SIZE
 from learning.convolution import Convolution, Precision, dtype_of, normalisation
+from learning.exact import exact_inference
 from pc2pix.model import NOISE_DIM, Generator, UpBlock, channels_last, sine_cosine
 
 NINE_PRODUCTS_FROM = 128  # channels; below, differences and sums cost more than they save
@@ -210,7 +211,8 @@ class Norm:
 
     def __call__(self, x: Tensor) -> Tensor:
         """Return a new tensor of the same shape [B, c, H, W]."""
-        return functional.batch_norm(x, *self.arguments, eps=0.0).relu_()
+        # Some versions of PyTorch refuse 0; a variance of 1 is 1 in float32 with this one, too.
+        return functional.batch_norm(x, *self.arguments, eps=2.0**-64).relu_()
 
 
 class LastLayers:
@@ -294,7 +296,7 @@ class FoldedGenerator:
         """
         return Stack(self.generator, self.dtype, 1)
 
-    @torch.inference_mode()
+    @exact_inference()
     def __call__(
         self, code: Tensor, elevation01: Tensor, azimuth01: Tensor, noise: Tensor | None = None
     ) -> Tensor:
@@ -325,7 +327,7 @@ class UnfoldedGenerator:
         self.generator = generator
         channels_last(generator)
 
-    @torch.inference_mode()
+    @exact_inference()
     def __call__(
         self, code: Tensor, elevation01: Tensor, azimuth01: Tensor, noise: Tensor | None = None
     ) -> Tensor:

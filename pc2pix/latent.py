@@ -11,6 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from learning.exact import exact_inference
 from pc2pix.model import Decoder
 
 
@@ -39,7 +40,7 @@ def add_difference(a: Tensor, b: Tensor, c: Tensor) -> Tensor:
     return (a - b) + c
 
 
-@torch.inference_mode()
+@exact_inference()
 def decode(decoder: Decoder, codes: Tensor) -> NDArray[np.float32]:
     """Return clouds float32 [K, 2048, 3] in (-1, 1) of codes [K, d], on the CPU.
 

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from data_prep.failures import StageFailure
 from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE, Images, PointCloud, View
+from learning.exact import exact_inference
 from pc2pix.augment import PLAIN_POINTS
 from pc2pix.engine import Precision, UnfoldedGenerator, fold
 from pc2pix.model import NOISE_DIM
@@ -72,7 +73,7 @@ class Pc2pixRenderer:
         self.code_mean = weights.code_mean.to(self.device)
         self.code_std = weights.code_std.to(self.device)
 
-    @torch.inference_mode()
+    @exact_inference()
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> Tensor:
         """Return the whitened code of a cloud.
 
@@ -120,7 +121,7 @@ class Pc2pixRenderer:
             )
         return code
 
-    @torch.inference_mode()
+    @exact_inference()
     def draw(
         self, state: Tensor, views: Sequence[View], rng: np.random.Generator | None = None
     ) -> Images:

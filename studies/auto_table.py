@@ -110,7 +110,7 @@ def _estimates(run: ScoredRun) -> dict[tuple[str, str], CloudEstimate]:
         (f"{job.name.class_name}/{job.name.object_id}", job.name.condition): estimate_of(
             cloud_of(job)
         )
-        for job in plan(protocol, run.directory).method_jobs
+        for job in plan(protocol).method_jobs
     }
 
 

@@ -166,7 +166,7 @@ def report_scores(watch: Watch, pair: tuple[UInt8Images, UInt8Images], rounds: i
         works[name] = partial(score, truth, drawn)
     for source in EXTRACTORS:
         try:
-            extract = source.load(str(source.weights(None)))
+            extract = source.load(str(source.weights(None)), "cpu")
         except WeightsUnavailable:
             continue
         # In another order each time: extractors know the last images again.

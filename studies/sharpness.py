@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from bench.commands.score import kept_images
 from bench.records.artifacts import JobName
-from bench.records.parquet import artifacts_of, read_jobs
 from bench.records.record import GROUND_TRUTH
+from bench.records.stored_artifacts import StoredArtifacts
 from bench.report.stored import Sources
 from data_prep.files.atomic_write import write_whole
 from data_prep.scene import UInt8Images
@@ -56,8 +56,7 @@ def lightness(truth: UInt8Images, drawn: UInt8Images) -> tuple[float, float]:
 
 def rows(directory: Path) -> Iterator[dict[str, object]]:
     """Return a row for each method, condition and object of a run whose images are there."""
-    jobs = artifacts_of(directory, read_jobs(directory))
-    sources = Sources({name: path for name, path in jobs.items() if path.is_file()}, {}, "")
+    sources = Sources(StoredArtifacts(directory), {}, "")
     for name in sources.artifacts:
         if name.method == GROUND_TRUTH:
             continue

@@ -12,6 +12,7 @@ from baselines.occupancy_net.weights import OccupancyWeights
 from baselines.reconstruction.stages import DrawsReconstruction, Reconstruction
 from baselines.reconstruction.subset import used_points
 from data_prep.scene import PointCloud
+from learning.exact import exact_inference
 
 MOST_POINTS = 2048  # as many as it was shown in training
 PLACES_TOGETHER = 2**15  # a bound on memory
@@ -39,7 +40,7 @@ class OccupancyNetRenderer(DrawsReconstruction):
         self.network = weights.network.to(self.device)
         self.logit = float(np.log(level / (1 - level)))
 
-    @torch.inference_mode()
+    @exact_inference()
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> Reconstruction:
         """Find the surface; no randomness, and the order of the points does not matter.
 

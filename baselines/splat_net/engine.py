@@ -85,7 +85,7 @@ class _Layers:
                 width = widths[len(widths) - 1 - place]
                 assert isinstance(lift, nn.Conv2d)
                 assert lift.bias is not None
-                # each channel twice, for `_add_doubled`
+                # each channel twice, for `_with_doubled`
                 kernel, bias = lift.weight.double().repeat(2, 1, 1, 1), lift.bias.double().repeat(2)
                 below = Convolution(kernel, bias, [group, width, size, size], dtype)
                 size *= 2
@@ -123,7 +123,7 @@ class _Layers:
             y = passed.pop()
             if not passed:
                 x = _channels_first(below.cut(_channels_last(x)))
-            _add_doubled(y, lift(x))
+            y = _with_doubled(y, lift(x))
             for block in blocks:
                 y = block(y)
             x = y
@@ -138,14 +138,17 @@ def _channels_first(x: Tensor) -> Tensor:
     return x.permute(0, 3, 1, 2)
 
 
-def _add_doubled(y: Tensor, x: Tensor) -> None:
-    """Add x, nearest up-sampled, to y [B, c, 2H, 2W] in place; both channels last.
+def _with_doubled(y: Tensor, x: Tensor) -> Tensor:
+    """Return y [B, c, 2H, 2W] with x, nearest up-sampled, added in place.
 
     x [B, 2 c, H, W] has each pixel's channels twice, so that what is added to a row is one run.
     """
+    # On the CPU both are channels last already; other devices lay results out as they like.
+    y, x = (some.contiguous(memory_format=torch.channels_last) for some in (y, x))
     b, c, h, w = y.shape
     rows = y.permute(0, 2, 3, 1).view(b, h // 2, 2, w * c)
     rows += x.permute(0, 2, 3, 1).view(b, h // 2, 1, w * c)
+    return y
 
 
 def _folded(block: nn.Module, like: list[int], dtype: torch.dtype) -> Convolution:
@@ -164,6 +167,7 @@ def _last(network: SplatNet, like: list[int], dtype: torch.dtype) -> Convolution
     conv = network.last
     assert conv.bias is not None
     count = 1 + PLANES[network.config.heads[0]]
-    sign = torch.tensor([1.0] + [-1.0] * (count - 1), dtype=torch.float64)
-    kernel = conv.weight[:count].double() * sign[:, None, None, None]
-    return Convolution(kernel, conv.bias[:count].double() * sign, like, dtype, padding=1)
+    kernel, bias = conv.weight[:count].double(), conv.bias[:count].double()
+    sign = torch.ones_like(bias)
+    sign[1:] = -1.0
+    return Convolution(kernel * sign[:, None, None, None], bias * sign, like, dtype, padding=1)

@@ -17,6 +17,7 @@ from baselines.splat_net.weights import SplatNetWeights
 from baselines.splat_net.window import Box, in_groups
 from data_prep.failures import StageFailure
 from data_prep.scene import IMAGE_SIZE, Images, PointCloud, View
+from learning.exact import exact_inference
 
 BEYOND = 5  # pixels that a window has around its channels: the network draws 1 or 2 beyond them,
 # more where points are few; an image that needs still more is drawn again, whole
@@ -76,7 +77,7 @@ class SplatNetRenderer:
         else:
             self.engine = FoldedSplatNet(self.network, precision, size)
 
-    @torch.inference_mode()
+    @exact_inference()
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> Surfels:
         """Return all points with neighbours and normals.
 
@@ -140,7 +141,7 @@ class SplatNetRenderer:
 
         return self.draw_projected(project, views, views_at_once(len(state)))
 
-    @torch.inference_mode()
+    @exact_inference()
     def draw_projected(
         self, project: Callable[[Sequence[View]], Projection], views: Sequence[View], most: int
     ) -> Images:

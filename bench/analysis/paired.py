@@ -28,6 +28,7 @@ from data_prep.arrays import Floats
 Ahead = Literal["a", "b", "tie", "unknown"]
 SIGNIFICANCE = 0.05
 MOST_EXACT = 16  # objects of which all signs are counted
+MOST_RESAMPLED = 400  # objects of which random signs are; of more, the mean is normal enough
 RESAMPLES = 9999
 SEED = 0
 AT_ONCE = 2**20  # numbers of the random signs and their sums that are in memory: 8 MB
@@ -140,11 +141,16 @@ def sign_flip_p(differences: Floats) -> Floats:
     The signs of a row are as likely as not. Of up to MOST_EXACT objects all 2^n signs are counted;
     of more, RESAMPLES random ones from a fixed seed and those that were observed. Where none of
     these is as extreme as what was observed, Student's p value (of the paired t test) stands in, as
-    far as it is smaller, but never below 2^(1-n), the smallest p value of all signs. 1 where all
-    differences are 0.
+    far as it is smaller, but never below 2^(1-n), the smallest p value of all signs. Of more than
+    MOST_RESAMPLED objects it is Student's p value alone. 1 where all differences are 0.
     """
     rows = differences.reshape(-1, differences.shape[-1])
-    p = _exact_p(rows) if rows.shape[1] <= MOST_EXACT else _resampled_p(rows)
+    if rows.shape[1] <= MOST_EXACT:
+        p = _exact_p(rows)
+    elif rows.shape[1] <= MOST_RESAMPLED:
+        p = _resampled_p(rows)
+    else:
+        p = np.array([_student_p(row) for row in rows])
     return p.reshape(differences.shape[:-1])
 
 
@@ -181,9 +187,14 @@ def _resampled_p(rows: Floats) -> Floats:
         below += (sums <= observed + slack).sum(axis=0)
     p = np.minimum(2 * np.minimum(above, below) / (RESAMPLES + 1), 1.0)
     for i in np.flatnonzero(p <= 2 / (RESAMPLES + 1)):
-        if (error := mean_error([rows[i]])) is not None:
-            p[i] = min(p[i], max(error.p_value(float(rows[i].mean())), 2.0 ** (1 - size)))
+        p[i] = min(p[i], _student_p(rows[i]))
     return p
+
+
+def _student_p(row: Floats) -> float:
+    """Return the p value of the paired t test, not below that of all signs; 1 without an error."""
+    error = mean_error([row])
+    return max(error.p_value(float(row.mean())), 2.0 ** (1 - len(row))) if error else 1.0
 
 
 def fewest_objects(cells: int) -> int:

@@ -16,7 +16,7 @@ from bench.catalogue.chosen import CHOSEN
 from bench.catalogue.methods import FLOOR
 from bench.catalogue.metrics import IMAGE_METRICS, is_mean
 from bench.catalogue.suite_types import TRUTHS
-from bench.records.journal import PROTOCOL
+from bench.records.run_folder import PROTOCOL
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION, refuse_other_version
 from data_prep.failures import BadInput
 

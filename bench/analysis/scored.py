@@ -23,8 +23,8 @@ from bench.catalogue.suites import LATENT, SPEED, STABILITY, Suite
 from bench.catalogue.truth import stored_suite
 from bench.judges import VIEWS_WEIGHTS
 from bench.records.features import Features
-from bench.records.journal import read_finished
 from bench.records.parquet import read_features, read_records
+from bench.records.run_folder import read_finished
 from data_prep.failures import BadInput
 from data_prep.files.checksums import file_sha256
 
@@ -128,7 +128,8 @@ def _why_unrecognised(
     if VIEWS not in features:
         return f"no features of {VIEWS} in this run"
     bundled = f"{find_extractor(VIEWS).version} {file_sha256(VIEWS_WEIGHTS)}"
-    if manifest.get("feature_identity", {}).get(VIEWS) != bundled:
+    identity = manifest.get("feature_identity", {}).get(VIEWS, "")
+    if identity.removesuffix(" cuda") != bundled:  # the same weights, on a GPU
         return f"the features are not of the bundled weights of {VIEWS}; start the run again"
     known = read_class_head(VIEWS_WEIGHTS).classes
     unknown = [name for name in dict.fromkeys(records["class"]) if name not in known]

@@ -103,7 +103,7 @@ class RowWithSamples(NamedTuple):
     per_object: Floats
 
 
-class _Value(NamedTuple):
+class CellValue(NamedTuple):
     """The value of a cell by a metric; without one, `note` says why.
 
     undefined  number of existing images without a value of this metric
@@ -127,7 +127,7 @@ def image_rows(run: ScoredRun, metrics: Sequence[str]) -> list[RowWithSamples]:
         blank = _blank_for_failed(cell, group, run.records)
         for metric in metrics:
             if metric in run.skipped:
-                value = _Value(note=run.skipped[metric])
+                value = CellValue(note=run.skipped[metric])
             else:
                 columns = (frame[column(metric)].to_numpy() for frame in (ok, blank, means))
                 value = _mean_of_images(metric, *columns)
@@ -135,12 +135,12 @@ def image_rows(run: ScoredRun, metrics: Sequence[str]) -> list[RowWithSamples]:
     return rows
 
 
-def _mean_of_images(metric: str, scores: Floats, blank: Floats, per_object: Floats) -> _Value:
+def _mean_of_images(metric: str, scores: Floats, blank: Floats, per_object: Floats) -> CellValue:
     images = len(scores)
     if metric in UNDEFINED:  # by any other metric, no value is an error and shows as such
         scores, blank, per_object = (a[~np.isnan(a)] for a in (scores, blank, per_object))
     interval = clipped(mean_interval(per_object), value_range(metric))
-    return _Value(
+    return CellValue(
         Estimate(_mean(scores), *interval),
         _mean(np.concatenate([scores, blank])),
         per_object,
@@ -169,25 +169,26 @@ def distance_rows(
             cell,
             metric,
             group,
-            _Value(note=reason) if features is None else _distance(cell, features, distance),
+            CellValue(note=reason) if features is None else _distance(cell, features, distance),
         )
         for cell, group in cells(run.records)
     ]
 
 
-def _distance(cell: CellKey, features: FeatureDistances, distance: SetDistance) -> _Value:
+def _distance(cell: CellKey, features: FeatureDistances, distance: SetDistance) -> CellValue:
     _, condition, class_name = cell
     drawn = features.images(*cell)
     if len(drawn) < distance.fewest:
         fewest = "two" if distance.fewest == 2 else distance.fewest
-        return _Value(note=f"fewer than {fewest} images")
+        return CellValue(note=f"fewer than {fewest} images")
     value, leave_one_out = distance.between(features, cell, drawn)
-    wanted = set(features.images(GROUND_TRUTH, "", class_name)) - set(drawn)
+    true = features.images(GROUND_TRUTH, "", class_name)
+    wanted = set() if drawn == true else set(true) - set(drawn)  # sets of all images take memory
     missing = wanted & set(features.images(FLOOR, condition, class_name)) if wanted else wanted
     with_blank = value
     if missing:
         with_blank, _ = distance.between(features, cell, sorted([*drawn, *missing]))
-    return _Value(
+    return CellValue(
         Estimate(value, *distance.interval(value, leave_one_out)),
         with_blank,
         leave_one_out,
@@ -211,11 +212,11 @@ def recognition_rows(run: ScoredRun) -> list[QualityRow]:
             galleries = {class_name: true_gallery(answers, class_name)}  # of one class at a time
         for metric in run.suite.control_metrics:
             if answers is None:
-                value = _Value(note=reason)
+                value = CellValue(note=reason)
             elif metric == "retrieval" and (why := judge.why_no_retrieval(galleries[class_name])):
-                value = _Value(note=why)
+                value = CellValue(note=why)
             elif ok.empty:
-                value = _Value(note="no images")
+                value = CellValue(note="no images")
             else:
                 drawn, of_blank = (
                     _per_image(metric, key, images, answers, galleries[class_name])
@@ -245,30 +246,38 @@ def _per_image(
     return judge.found(gallery, answered, images)
 
 
-def _recognised(metric: str, values: Floats, blank: Floats, objects: NDArray[Any]) -> _Value:
+def _recognised(metric: str, values: Floats, blank: Floats, objects: NDArray[Any]) -> CellValue:
     with_blank = np.concatenate([values, blank])
     if metric == "retrieval":
         per_object = np.asarray(pd.Series(values).groupby(objects).mean(), np.float64)
         interval = clipped(mean_interval(per_object), value_range(metric))
-        return _Value(Estimate(_mean(values), *interval), _mean(with_blank))
+        return CellValue(Estimate(_mean(values), *interval), _mean(with_blank))
     estimate = Estimate(float(np.median(values)), *median_interval(values, objects))
-    return _Value(estimate, float(np.median(with_blank)))
+    return CellValue(estimate, float(np.median(with_blank)))
 
 
 def class_rows(run: ScoredRun, metrics: Sequence[str]) -> list[QualityRow]:
     """Return metric by metric the rows of each class, and last the means over classes."""
     rows = []
     for metric in metrics:
-        of_metric = image_rows(run, [metric]) if is_mean(metric) else set_rows(run, metric)
-        by_class: dict[str, list[QualityRow]] = {}
-        by_cell: dict[tuple[str, str], list[RowWithSamples]] = {}
-        for sampled in of_metric:
-            row = sampled.row
-            by_class.setdefault(row.class_name, []).append(row)
-            by_cell.setdefault((row.method, row.condition), []).append(sampled)
-        rows += [row for of_class in by_class.values() for row in of_class]
-        rows += map(_average, by_cell.values())
+        rows += with_averages(
+            image_rows(run, [metric]) if is_mean(metric) else set_rows(run, metric)
+        )
     return rows
+
+
+def with_averages(of_metric: Sequence[RowWithSamples]) -> list[QualityRow]:
+    """Return the rows of a metric class by class, and last the means over classes."""
+    by_class: dict[str, list[QualityRow]] = {}
+    by_cell: dict[tuple[str, str], list[RowWithSamples]] = {}
+    for sampled in of_metric:
+        row = sampled.row
+        by_class.setdefault(row.class_name, []).append(row)
+        by_cell.setdefault((row.method, row.condition), []).append(sampled)
+    return [
+        *(row for of_class in by_class.values() for row in of_class),
+        *map(_average, by_cell.values()),
+    ]
 
 
 def _average(of_cell: Sequence[RowWithSamples]) -> QualityRow:
@@ -321,22 +330,36 @@ def _blank_for_failed(cell: CellKey, group: pd.DataFrame, records: pd.DataFrame)
 
 
 def _row(
-    run: ScoredRun, cell: CellKey, metric: str, group: pd.DataFrame, value: _Value
+    run: ScoredRun, cell: CellKey, metric: str, group: pd.DataFrame, value: CellValue
 ) -> RowWithSamples:
     """Return a row with the counts and the reasons for failures that its records give."""
     outcomes = group["outcome"].tolist()
     pairs = zip(outcomes, group["reason"].tolist(), strict=True)
     reasons = Counter(reason for outcome, reason in pairs if outcome == "failed")
+    counts = outcomes.count("ok"), len(outcomes)
+    return quality_row(run.suite.id, cell, metric, counts, reasons, value)
+
+
+def quality_row(
+    suite: str,
+    cell: CellKey,
+    metric: str,
+    images: tuple[int, int],
+    reasons: Counter[str],
+    value: CellValue,
+) -> RowWithSamples:
+    """Return the row of a value. `images` are those that exist and that should."""
     message = [f"{count} x {reason}" for reason, count in reasons.most_common()]
     if value.undefined:
         message.append(f"{value.undefined} x {NO_VALUE}: {UNDEFINED[metric]}")
+    drawn, planned = images
     row = QualityRow(
-        run.suite.id,
+        suite,
         *cell,
         metric,
         *value.estimate,
-        n_ok=outcomes.count("ok") - value.undefined,
-        n=len(outcomes),
+        n_ok=drawn - value.undefined,
+        n=planned,
         paper=NAN,
         failures_as_blank=value.failures_as_blank,
         note=value.note or "; ".join(message),

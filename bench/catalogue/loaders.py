@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from data_prep.scene import Images, PointCloud, Renderer, View
     from pc2pix.engine import Precision
 
+GPU = "cuda"
 BUNDLED = "chair"
 TO_PAPER_WIDTH = 4  # the bundled networks have a quarter of it
 
@@ -49,7 +50,7 @@ class NetworkPackage:
     def load(self, weights: str, device: str, precision: Precision = "float32") -> Renderer:
         """Return the renderer with a bundled name or file of weights."""
         package = importlib.import_module(self.package)
-        return package.load(weights, device=_chosen(device), precision=precision)
+        return package.load(weights, device=chosen_device(device), precision=precision)
 
     def file(self, weights: str) -> Path:
         """Return the file of a bundled name, its checksum verified."""
@@ -108,7 +109,7 @@ def unfolded(device: str) -> Renderer:
     from pc2pix.renderer import Pc2pixRenderer
     from pc2pix.weights import load_weights
 
-    return Pc2pixRenderer(load_weights(BUNDLED), device=_chosen(device), folded=False)
+    return Pc2pixRenderer(load_weights(BUNDLED), device=chosen_device(device), folded=False)
 
 
 def one_by_one(device: str) -> Renderer:
@@ -124,15 +125,17 @@ def widened(device: str, precision: Precision = "float32") -> Renderer:
 
     weights = load_weights(BUNDLED)
     weights = replace(weights, generator=widen(weights.generator, TO_PAPER_WIDTH))
-    return Pc2pixRenderer(weights, device=_chosen(device), precision=precision)
+    return Pc2pixRenderer(weights, device=chosen_device(device), precision=precision)
 
 
-def _chosen(device: str) -> str:
-    import torch
+def chosen_device(device: str) -> str:
+    """Return PyTorch's name of a device; "auto" is the GPU where there is one.
 
-    if device == "auto":
-        return "cuda" if torch.cuda.is_available() else "cpu"
-    return device
+    Raises MissingDependency for a GPU where there is none.
+    """
+    from learning.training_loop import prepare_device  # imports torch
+
+    return str(prepare_device(device))
 
 
 def renderer(class_path: str, device: str, **fields: float) -> Renderer:

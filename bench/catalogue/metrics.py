@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from bench.catalogue.loaders import GPU, chosen_device
 from bench.catalogue.lookup import find
 from bench.judges import JUDGE_WEIGHTS, VIEWS_WEIGHTS
 from bench.metrics.inception_weights import WeightsUnavailable, find_weights
@@ -129,24 +130,32 @@ class WeightsSource:
 class FeatureSource(WeightsSource):
     """An extractor of features of images, which gives its name to a metric of sets.
 
-    `load` takes the path that `weights` finds. `version` is raised by hand when a change alters the
-    features.
+    `build` takes the path that `weights` finds, and PyTorch's name of a device. `version` is raised
+    by hand when a change alters the features.
     """
 
-    load: Callable[[str], Extractor]
+    build: Callable[[str, str], Extractor]
     version: int
     about: str
 
+    def load(self, weights: str, device: str) -> Extractor:
+        """Return the extractor with the weights of a file on a device: "auto", "cpu" or "cuda".
 
-def _fid(weights: str) -> Extractor:
+        Features are computed in full float32 on each (`learning.exact`), and differ by rounding.
+        Raises BadInput for unusable weights, and MissingDependency for a GPU where there is none.
+        """
+        return self.build(weights, chosen_device(device))
+
+
+def _fid(weights: str, device: str) -> Extractor:
     from bench.metrics.inception import inception_features, load_inception
 
-    model = load_inception(Path(weights))
+    model = load_inception(Path(weights)).to(device)
     return lambda images: inception_features(model, images)
 
 
 @functools.cache
-def _views(weights: str) -> Extractor:
+def _views(weights: str, device: str) -> Extractor:
     import numpy as np
 
     from bench.judges.views import load_views_network, view_features
@@ -154,6 +163,7 @@ def _views(weights: str) -> Extractor:
 
     model = load_views_network(Path(weights))
     fold_normalisation(model)
+    model.to(device)
     last: list[NDArray[Any]] = []  # images and their features: of grey images fd-views-grey asks
 
     def features(images: NDArray[np.uint8]) -> NDArray[np.float32]:
@@ -164,39 +174,49 @@ def _views(weights: str) -> Extractor:
     return features
 
 
-def _views_grey(weights: str) -> Extractor:
+def _views_grey(weights: str, device: str) -> Extractor:
     import numpy as np
 
     from bench.judges.judge import greyscale
 
-    features = _views(weights)
+    features = _views(weights, device)
     return lambda images: features(np.repeat(greyscale(images)[..., None], 3, axis=-1))
 
 
-def lpips_network(weights: str) -> Lpips:
-    """Return the network of `lpips` and `fd-alexnet`."""
+def metrics_device(device: str) -> str:
+    """Return the device of the networks of metrics in a run on this device.
+
+    "auto", which `bench.running.options.device_of` leaves where there is no GPU or a cluster draws,
+    is the CPU: all images of a run are to be measured on one device, and nodes of a cluster differ.
+    """
+    return GPU if device == GPU else "cpu"
+
+
+def lpips_network(weights: str, device: str) -> Lpips:
+    """Return the network of `lpips` and `fd-alexnet` on a device: "auto", "cpu" or "cuda"."""
     from bench.metrics.lpips_network import load_lpips
 
-    return load_lpips(Path(weights))
+    return load_lpips(Path(weights), device=chosen_device(device))
 
 
-def _alexnet(weights: str) -> Extractor:
-    network = lpips_network(weights)
-    return lambda images: network.encode(images).features.numpy()
+def _alexnet(weights: str, device: str) -> Extractor:
+    network = lpips_network(weights, device)
+    return lambda images: network.encode(images).features.cpu().numpy()
 
 
-def _efficientnet(weights: str) -> Extractor:
+def _efficientnet(weights: str, device: str) -> Extractor:
     from bench.metrics.efficientnet import load_efficientnet
 
-    return load_efficientnet(Path(weights)).features
+    return load_efficientnet(Path(weights), device).features
 
 
-def _judge(weights: str) -> Extractor:
+def _judge(weights: str, device: str) -> Extractor:
     from bench.judges.judge import judge, load_judge_network
     from learning.convolution import fold_normalisation
 
     network = load_judge_network(Path(weights))
     fold_normalisation(network)
+    network.to(device)
     return lambda images: judge(network, images)
 
 

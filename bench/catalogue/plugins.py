@@ -92,16 +92,17 @@ def metric_ids() -> tuple[str, ...]:
     return entry_point_names(*_KINDS["metric"][0])
 
 
-def find_metric(metric_id: str) -> ImageMetric | SetMetric:
+def find_metric(metric_id: str, device: str = "cpu") -> ImageMetric | SetMetric:
     """Return the metric with this id, one of the further ones or of an installed package.
 
+    A network of the further ones runs on `device`: "auto", "cpu" or "cuda".
     Raises BadInput for an unknown id, naming the nearest, for a metric that every run has, and
     where a package announces a metric that it does not have, or by an id that is refused.
     """
     if metric_id in FURTHER_METRICS:
-        return _further(metric_id)
+        return _further(metric_id, device)
     if metric_id in FURTHER_SETS:
-        return _further_set(metric_id)
+        return _further_set(metric_id, device)
     if metric_id not in metric_ids():
         if metric_id in OUR_METRICS:
             raise BadInput(
@@ -116,27 +117,31 @@ def find_metric(metric_id: str) -> ImageMetric | SetMetric:
     return load_entry_point(groups, metric_id, "metric", type_, named, ours)
 
 
-def _further(metric_id: str) -> ImageMetric:
+def _further(metric_id: str, device: str) -> ImageMetric:
     def score(truth: NDArray[np.uint8], drawn: NDArray[np.uint8]) -> NDArray[np.float64]:
-        from bench.metrics.image_scores import FURTHER_SCORES  # `bench list` needs none of them
+        from bench.metrics.image_scores import further_score  # `bench list` needs none of them
 
-        return FURTHER_SCORES[metric_id](truth, drawn)
+        return further_score(metric_id, device)(truth, drawn)
 
     better, about = higher_is_better(metric_id), FURTHER_METRICS[metric_id]
     return ImageMetric(metric_id, score, FURTHER_VERSION, better, about)
 
 
-def _further_set(metric_id: str) -> SetMetric:
+def _further_set(metric_id: str, device: str) -> SetMetric:
     source = find_extractor(extractor_of(metric_id))
     _, about = (KERNEL_METRICS | NEIGHBOUR_METRICS).get(metric_id, ("", source.about))
-    # Loaded for the first images, once for all metrics of it.
-    return SetMetric(metric_id, lambda images: _extractor(source.id)(images), source.version, about)
+
+    def features(images: NDArray[np.uint8]) -> NDArray[np.float32]:
+        # Loaded for the first images, once for all metrics of it.
+        return _extractor(source.id, device)(images)
+
+    return SetMetric(metric_id, features, source.version, about)
 
 
 @cache
-def _extractor(extractor_id: str) -> Extractor:
+def _extractor(extractor_id: str, device: str) -> Extractor:
     source = find_extractor(extractor_id)
-    return source.load(str(source.weights(None)))
+    return source.load(str(source.weights(None)), device)
 
 
 def plugin_problem(kind: str, id_: str) -> str:

@@ -22,7 +22,7 @@ from bench.catalogue.suite_types import (
     Truth,
 )
 from bench.catalogue.suites import SUITES
-from bench.records.journal import TRUTH
+from bench.records.run_folder import TRUTH
 from data_prep.failures import BadInput, unknown
 
 # The networks behind these were trained on images in colours.

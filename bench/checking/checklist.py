@@ -33,8 +33,8 @@ from bench.checking.evidence import (
 )
 from bench.judges.answers import found, why_no_retrieval
 from bench.records.features import Features
-from bench.records.journal import read_finished
 from bench.records.record import GROUND_TRUTH
+from bench.records.run_folder import read_finished
 from bench.tables import markdown
 from bench.tables.grid import BOLD, Cell, Grid, grid
 from bench.tables.published import seed_spreads

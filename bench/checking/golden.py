@@ -31,7 +31,7 @@ from bench.checking.objects import (
     write_objects,
 )
 from bench.checking.tolerances import tolerance
-from bench.records.journal import read_finished
+from bench.records.run_folder import read_finished
 from bench.running.options import Options
 from bench.suites.stability.tables import read_outcomes
 from bench.tables.build import class_orderings, condition_sweep, tables

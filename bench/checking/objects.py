@@ -16,8 +16,6 @@ from __future__ import annotations
 
 import json
 import math
-import zipfile
-import zlib
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -34,8 +32,8 @@ from bench.catalogue.methods import find_method
 from bench.catalogue.metrics import column
 from bench.checking.thumbnails import NO_IMAGE, read_png, thumbnail, to_png
 from bench.checking.tolerances import object_tolerance
-from bench.records.artifacts import JobName, read_array
-from bench.records.parquet import artifacts_of, read_jobs
+from bench.records.artifacts import JobName
+from bench.records.stored_artifacts import StoredArtifacts
 from bench.tables.published import golden_path
 from data_prep.failures import BadInput
 from data_prep.files.atomic_write import write_whole
@@ -84,21 +82,16 @@ class StoredImages:
     """The images of a run's jobs, each read on demand."""
 
     def __init__(self, directory: Path) -> None:
-        self._paths = artifacts_of(directory, read_jobs(directory))
+        self._artifacts = StoredArtifacts(directory)
 
     def __contains__(self, job: JobName) -> bool:
-        """Return whether a job has images, even without their file; failed jobs have none."""
-        return job in self._paths
+        """Return whether a job has images, even altered ones; failed jobs have none."""
+        return job in self._artifacts
 
     def images(self, job: JobName) -> NDArray[np.uint8] | None:
-        """Return all views [V, H, W, 3]; None without images, or where their file is unreadable."""
-        path = self._paths.get(job)
-        if path is None or not zipfile.is_zipfile(path):
-            return None
-        try:
-            return read_array(path)
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error):
-            return None
+        """Return all views [V, H, W, 3]; None without images, or where they are unreadable."""
+        artifact = self._artifacts.get(job)
+        return None if artifact is None else artifact.read_images()
 
 
 def checksum(images: NDArray[np.uint8] | None) -> str:

@@ -13,8 +13,8 @@ import typer
 
 from bench.catalogue.suites import SUITES
 from bench.commands.options import USAGE_ERROR, read_path
-from bench.records.journal import PROTOCOL
 from bench.records.record import SCHEMA_VERSION
+from bench.records.run_folder import PROTOCOL
 from bench.running.options import Options
 from bench.running.protocol import name_of, objects_of
 from data_prep.datasets.protocol_version import refuse_other_version

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from bench.checking.objects import GoldenDeviation, StoredImages, golden_thumbnails, number
 from bench.checking.thumbnails import SIDE
-from bench.records.journal import read_manifest
+from bench.records.run_folder import read_manifest
 from bench.rendering.files import write_images
 from bench.rendering.sheet import Tile, draw_sheet
 from bench.tables.figure import FIGURES

@@ -261,6 +261,11 @@ RUN_OPTIONS: dict[str, str | OptionSpec] = {  # of `bench.running.protocol.Optio
         kind=str | None,
         convert=_budget,
     ),
+    "until_decided": OptionSpec(
+        "End when each network is ahead of the best reconstruction, behind it, or equal within "
+        "0.01, at each condition; see docs/deciding.md. Default: measure all objects.",
+        flag="--until-decided/--no-until-decided",  # a file may switch it on
+    ),
     "views": "Images of each object. Default: the suite's number.",
     "workers": OptionSpec(
         "Worker processes, one thread each. Default: one for each core; one where a suite compares "

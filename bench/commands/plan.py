@@ -13,13 +13,14 @@ from bench.catalogue.lookup import find
 from bench.catalogue.suite_types import TRUTHS
 from bench.catalogue.suites import ALL_SUITES, Suite
 from bench.commands.options import RUN_OPTIONS, options_from_dataclass
-from bench.records.journal import read_index
 from bench.records.record import GROUND_TRUTH
+from bench.records.run_folder import read_store
+from bench.records.store import DamagedArtifact
 from bench.running.options import Options
 from bench.running.pilot import Cost, Sample, mean_costs, run_pilot
 from bench.running.protocol import protocol_of
 from bench.running.schedule import JOB_S, START_S, end_s
-from bench.running.status import MethodCondition, RunStatus, count, refuse_small, run_status
+from bench.running.status import MethodCondition, RunStatus, refuse_small, run_status
 from bench.tables.grid import BOLD, Block, Cell, Grid, grid
 from bench.tables.markdown import cell, code, document
 from data_prep.progress import log
@@ -31,18 +32,27 @@ SCORING_S, IMAGE_B = 0.02, 7_000
 
 def recorded_costs(run: RunStatus) -> dict[MethodCondition, Cost]:
     """Return the mean cost of a job by method and condition, from the jobs in the run's folder."""
-    index = read_index(run.directory)
     costs: list[tuple[MethodCondition, Cost]] = []
     read = dict.fromkeys(run.left, 0)
-    for job in run.plan.jobs:
-        place = job.method, job.condition
-        if read[place] == ENOUGH or job.key not in index or not job.artifact.is_file():
-            continue
-        read[place] += 1
-        records = index.read(job.key).records  # times of the method alone
-        seconds = (records[0].prepare_s or 0.0) + sum(record.draw_s or 0.0 for record in records)
-        cost = Cost(seconds + SCORING_S * len(records), float(job.artifact.stat().st_size))
-        costs.append((place, cost))
+    with read_store(run.directory) as store:
+        for obj in () if store.is_empty else run.plan:
+            drawn = store.find([job.key for job in obj.jobs])
+            for job in obj.jobs:
+                place = job.method, job.condition
+                if read[place] == ENOUGH or job.key not in drawn:
+                    continue
+                if drawn[job.key].has_images:
+                    try:
+                        size_b = float(len(store.artifact(job.key)))
+                    except DamagedArtifact:  # a run finds it, and draws it anew
+                        continue
+                    read[place] += 1
+                    records = store.records(job.key)  # times of the method alone
+                    draw_s = sum(record.draw_s or 0.0 for record in records)
+                    seconds = (records[0].prepare_s or 0.0) + draw_s + SCORING_S * len(records)
+                    costs.append((place, Cost(seconds, size_b)))
+            if min(read.values()) == ENOUGH:
+                break
     return mean_costs(costs, run.left)
 
 
@@ -62,7 +72,7 @@ def expected_cost(run: RunStatus) -> str:
         f"({basis if guessed else 'by the jobs in the folder'})"
     )
     blocks: list[Block] = [
-        f"jobs: {jobs:,} to do, {len(run.plan.jobs) - jobs:,} done",
+        f"jobs: {jobs:,} to do, {_every(run) - jobs:,} done",
         cost_table(run, recorded),
         summary if jobs else "",
     ]
@@ -72,7 +82,7 @@ def expected_cost(run: RunStatus) -> str:
 def plan_of(run: RunStatus, samples: Sequence[Sample]) -> Iterator[Block]:
     """Yield the jobs, time, disk space and memory of a run, from the samples of its pilot."""
     protocol, jobs = run.protocol, sum(run.left.values())
-    done = len(run.plan.jobs) - jobs
+    done = _every(run) - jobs
     places = (((s.job.method, s.job.condition), s.cost) for s in samples)
     costs = mean_costs(places, run.left)
     objects = {(s.job.object.class_name, s.job.object.object_id) for s in samples}
@@ -97,14 +107,13 @@ def plan_of(run: RunStatus, samples: Sequence[Sample]) -> Iterator[Block]:
 
 def cost_table(run: RunStatus, costs: Mapping[MethodCondition, Cost]) -> Grid:
     """Return the jobs to do, the jobs done, time and disk space by method."""
-    every = count(run.plan.jobs, frozenset())
 
     def line(name: Cell, methods: Sequence[str]) -> list[Cell]:
         left = {place: jobs for place, jobs in run.left.items() if place[0] in methods}
         jobs, cost = sum(left.values()), _total(left, costs)
         values = (
             f"{jobs:,}",
-            f"{sum(every[place] for place in left) - jobs:,}",
+            f"{len(left) * len(run.plan) - jobs:,}",
             _digits(cost.seconds / jobs if jobs else math.nan),
             _digits(cost.seconds / 3600),
             _digits(cost.size_b / 1e6),
@@ -119,6 +128,11 @@ def cost_table(run: RunStatus, costs: Mapping[MethodCondition, Cost]) -> Grid:
             line(Cell("all", special=BOLD), methods),
         ],
     )
+
+
+def _every(run: RunStatus) -> int:
+    """Return how many jobs the whole run has."""
+    return len(run.plan) * run.plan.jobs_per_object
 
 
 def _total(left: Mapping[MethodCondition, int], costs: Mapping[MethodCondition, Cost]) -> Cost:

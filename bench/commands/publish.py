@@ -9,31 +9,28 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from bench.analysis.scored import score, scored_run
-from bench.analysis.scores import QualityRow
+from bench.analysis.scored import scored_run
+from bench.catalogue.metrics import metrics_device
 from bench.catalogue.plugins import ImageMetric, SetMetric, find_metric
 from bench.catalogue.suites import Suite
-from bench.catalogue.truth import stored_suite
+from bench.commands.live import LiveTable
 from bench.commands.options import Format
 from bench.commands.score import score_run_of
 from bench.commands.terminal import Terminal, shown
 from bench.records.artifacts import JobName
-from bench.records.features import ArtifactFeatures
-from bench.records.journal import read_finished, read_manifest
-from bench.records.parquet import artifacts_of, named_records
-from bench.records.record import GROUND_TRUTH, to_frame
+from bench.records.run_folder import read_finished, read_manifest
+from bench.records.stored_artifacts import Artifact
 from bench.report.build import REPORT, write_report
 from bench.report.classes import write_class_figures
 from bench.report.families import write_beyond_figures
 from bench.report.pareto import write_frontier
 from bench.report.robustness import write_figures
 from bench.running.merge import Merged, merge
-from bench.running.options import Options
-from bench.running.run import PartialRun, RunResult, WrittenRun, run, timed
+from bench.running.options import Options, device_of
+from bench.running.run import RunResult, WrittenRun, run, timed
 from bench.tables.build import Outputs, paper_values, write_outputs
 from bench.tables.figure import FIGURES
-from bench.tables.headline import headline
-from bench.tables.table import TABLES, Table, write_tables
+from bench.tables.table import TABLES, Table
 from data_prep.failures import BadInput
 
 
@@ -42,40 +39,20 @@ def run_suite(options: Options) -> RunResult[Outputs]:
 
     Raises BadInput for an error that the user has to fix; finished jobs are kept.
     """
-    further = [find_metric(metric_id) for metric_id in options.metrics or ()]
+    device = metrics_device(device_of(options)) if options.metrics else "cpu"
+    further = [find_metric(metric_id, device) for metric_id in options.metrics or ()]
     if further and options.shard:
         raise BadInput(
             "--metrics: has no meaning for a part of a run; leave it, and give it to 'bench score' "
             "once the shards are merged"
         )
-    finished = run(options, partial(publish, further=further), partial(Terminal, partial_table))
+    live = LiveTable()
+    finished = run(
+        options, partial(publish, further=further), partial(Terminal, live.table), stop_rule=live
+    )
     if finished.outputs is not None:
         _report(finished.outputs)
     return finished
-
-
-def partial_table(snapshot: PartialRun) -> Table[QualityRow]:
-    """Write the headline table of the complete objects into the folder of tables; return it."""
-    manifest = snapshot.manifest
-    suite = stored_suite(manifest)
-    # Of the metrics by class only those that are shown: the others would take time.
-    shown_by_class = tuple(m for m in suite.class_metrics if m in suite.headline)
-    suite = replace(suite, class_metrics=shown_by_class)
-    records = [
-        record
-        for job in snapshot.jobs
-        if job.name.method != GROUND_TRUTH
-        for record in named_records(job.name, snapshot.records(job))
-    ]
-    artifacts = artifacts_of(snapshot.directory, snapshot.jobs)
-    features = {
-        metric: ArtifactFeatures(metric, artifacts, int(manifest["views"]))
-        for metric in suite.headline
-        if metric in manifest["feature_identity"]
-    }
-    table = headline(score(snapshot.directory, suite, manifest, to_frame(records), features))
-    write_tables(snapshot.directory, [table])
-    return table
 
 
 def merge_shards(directories: Sequence[Path], out: Path) -> Merged[Outputs]:
@@ -106,6 +83,8 @@ def print_outputs(outputs: Outputs, format_: Format | None) -> None:
     directory = outputs.run.directory
     if format_ is None:
         print("\n".join(shown(outputs.headline)))
+        if outputs.decided is not None:
+            print("\n".join(["", *shown(outputs.decided)]))
         print(f"report: {directory / REPORT}\ntables: {directory / TABLES}")
     elif format_ is Format.md:
         tables = (table.to_markdown() for table in outputs.tables)
@@ -141,7 +120,7 @@ def _report(outputs: Outputs) -> None:
 
 
 def _write_figures(
-    directory: Path, suite: Suite, outputs: Outputs, artifacts: Mapping[JobName, Path]
+    directory: Path, suite: Suite, outputs: Outputs, artifacts: Mapping[JobName, Artifact]
 ) -> None:
     classes = suite.table("classes")
     by_class = next((t for t in outputs.tables if classes and t.name == classes.name), None)

@@ -11,8 +11,9 @@ from typing import Annotated
 
 import typer
 
+from bench.catalogue.loaders import GPU
 from bench.catalogue.lookup import find
-from bench.catalogue.metrics import find_extractor
+from bench.catalogue.metrics import find_extractor, metrics_device
 from bench.catalogue.suite_types import TRUTHS
 from bench.catalogue.suites import ALL_SUITES, Suite
 from bench.commands.browser import OpenOption, open_page
@@ -45,7 +46,7 @@ def describe_run(options: Options) -> str:
     status = run_status(options, protocol)
     methods = {}
     for name, method in status.protocol.methods.items():
-        version, libraries, _ = method_identity(method, options.device)
+        version, libraries, _ = method_identity(method, protocol.device)
         methods[name] = f"version {version}" + (f", {libraries}" if libraries else "")
     files = {name: method.weights_file for name, method in status.protocol.methods.items()}
     weights = {method: str(file()) for method, file in files.items() if file}
@@ -72,7 +73,8 @@ def _protocol(suite: Suite, options: Options) -> tuple[Protocol, dict[str, str]]
     if FID not in skipped:
         return protocol, skipped
     features = dict(protocol.features) | {FID: "to be downloaded first"}
-    identity = f"{find_extractor(FID).version} {WEIGHTS_SHA256}"
+    on_gpu = f" {GPU}" * (metrics_device(protocol.device) == GPU)
+    identity = f"{find_extractor(FID).version} {WEIGHTS_SHA256}{on_gpu}"
     protocol = replace(
         protocol,
         features=tuple(
@@ -156,10 +158,15 @@ def run(
     print(f"{_summary(finished)}\nresults in {options.directory}", file=sys.stderr)
     if finished.objects < finished.planned:
         kept = "" if finished.outputs is not None else "; the tables there stay those of before"
+        if finished.interrupted:
+            why, without = "interrupted", ""
+        elif finished.decided:
+            why, without = "all headline pairs are decided", " without --until-decided"
+        else:
+            why, without = "the budget is used up", " without --budget"
         print(
-            f"bench: {'interrupted' if finished.interrupted else 'the budget is used up'}: "
-            f"{finished.objects} of {finished.planned} objects are complete{kept}; the same command"
-            f"{'' if finished.interrupted else ' without --budget'} goes on with the others",
+            f"bench: {why}: {finished.objects} of {finished.planned} objects are complete{kept}; "
+            f"the same command{without} goes on with the others",
             file=sys.stderr,
         )
     if finished.hopeless:

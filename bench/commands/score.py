@@ -20,6 +20,7 @@ from bench.analysis.cells import image_keys
 from bench.analysis.distances import FRECHET, KERNEL, FeatureDistances, set_distance
 from bench.analysis.scored import ScoredRun, read_scored
 from bench.analysis.scores import QualityRow, RowWithSamples, distance_rows, image_rows
+from bench.catalogue.loaders import chosen_device
 from bench.catalogue.metrics import (
     FURTHER_METRICS,
     FURTHER_SETS,
@@ -29,11 +30,12 @@ from bench.catalogue.metrics import (
 )
 from bench.catalogue.plugins import ImageMetric, SetMetric, find_metric, metric_ids
 from bench.catalogue.suite_types import TableSpec
-from bench.commands.options import RunDirectory, names
+from bench.commands.options import DEVICE, Device, RunDirectory, names
 from bench.metrics.inception_weights import WeightsUnavailable
 from bench.records.artifacts import JobName
 from bench.records.features import ImageKey
 from bench.records.record import GROUND_TRUTH
+from bench.records.stored_artifacts import Artifact
 from bench.report.stored import Sources, open_sources
 from bench.running.work import reason_of
 from bench.tables.quality import quality_table
@@ -151,17 +153,17 @@ def scored(records: pd.DataFrame, sources: Sources, metric: ImageMetric) -> pd.D
     """
     values = pd.Series(np.nan, index=records.index)
     ok = records[records["outcome"] == "ok"]
-    # A method that sees no cloud has one file for all conditions.
-    by_file: dict[Path | None, Floats] = {}
+    # A method that sees no cloud has one artifact for all conditions.
+    by_artifact: dict[Artifact | None, Floats] = {}
     # Object by object: a network need not look at the true images again for each method.
     for cell, group in ok.groupby(["class", "object", "method", "condition"], sort=False):
         class_name, obj, method, condition = map(str, cell)  # type: ignore[arg-type]  # pandas: a tuple
         item = JobName(method, condition, class_name, obj)
-        file = sources.artifacts.get(item)
-        if file not in by_file:
+        artifact = sources.artifacts.get(item)
+        if artifact not in by_artifact:
             drawn, truth = kept_images(sources, item), kept_images(sources, item.truth)
-            by_file[file] = checked_scores(metric, truth, drawn)
-        values[group.index] = by_file[file][group["view"].to_numpy()]
+            by_artifact[artifact] = checked_scores(metric, truth, drawn)
+        values[group.index] = by_artifact[artifact][group["view"].to_numpy()]
     return records.assign(**{column(metric.id): values})
 
 
@@ -225,8 +227,11 @@ def score_run(
             "of installed packages. Default: all of installed packages."
         ),
     ] = None,
+    device: Annotated[Device, typer.Option(help=DEVICE)] = Device.auto,
 ) -> None:
     """Measure a finished run with further metrics; print their tables."""
+    if device is Device.cuda:
+        chosen_device(device)  # an absent one is refused before anything is read
     chosen = names(metrics) or metric_ids()
     if not chosen:
         raise BadInput(
@@ -234,5 +239,5 @@ def score_run(
             f"{','.join(FURTHER_SETS)}, or "
             "see docs/extending.md"
         )
-    for table in score(directory, [find_metric(metric_id) for metric_id in chosen]):
+    for table in score(directory, [find_metric(metric_id, str(device)) for metric_id in chosen]):
         print(table.to_markdown())

@@ -9,7 +9,7 @@ from types import TracebackType
 from typing import Any
 
 from bench.analysis.scores import QualityRow
-from bench.running.run import PartialRun
+from bench.running.listeners import PartialRun
 from bench.tables.plain import plain
 from bench.tables.table import TABLES, Table
 from bench.tables.wrap import terminal_width, wrapped
@@ -19,7 +19,7 @@ WIDEST, MOST_LINES = 100, 40
 SHARE = 0.02  # of the time of a run that goes into tables in between, at most
 
 
-def shown(table: Table[QualityRow], lines: int = MOST_LINES) -> list[str]:
+def shown(table: Table[Any], lines: int = MOST_LINES) -> list[str]:
     """Return the headline table as text, as wide as the terminal and at most 100 columns."""
     width = min(WIDEST, terminal_width(WIDEST))
     title = wrapped(table.title, width)
@@ -27,7 +27,7 @@ def shown(table: Table[QualityRow], lines: int = MOST_LINES) -> list[str]:
 
 
 class Terminal(AbstractContextManager["Terminal"]):
-    """A progress reporter of a run (`bench.running.run.ProgressReporter`).
+    """A progress reporter of a run (`bench.running.listeners.ProgressReporter`).
 
     The headline table is made again as objects are completed, unless that would take more than a
     fiftieth of the time.

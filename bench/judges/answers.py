@@ -16,7 +16,7 @@ from data_prep.arrays import Floats
 
 ImageKey = tuple[str, int]  # object, view
 ELEVATION_UNIT_DEG = 40.0  # the judge's elevation is in these
-AT_ONCE = 2**16  # numbers of the differences that are in memory
+AT_ONCE = 2**16  # distances that are in memory
 VIEW_COLUMNS = 3  # sine and cosine of the azimuth, elevation; the rest is the shape code
 
 
@@ -93,15 +93,18 @@ def found(among: Gallery, answers: NDArray[Any], images: Sequence[ImageKey]) -> 
 
     The distance is Euclidean; of objects equally near the first by name counts.
     """
+    from scipy.spatial.distance import cdist  # a moment to import, which most commands need not
+
     codes = _codes(answers)
     hits = np.zeros(len(images))
-    for view in sorted({view for _, view in images}):
-        rows = [i for i, (_, v) in enumerate(images) if v == view]
+    views = np.array([view for _, view in images], np.int64)
+    for view in np.unique(views).tolist():
+        rows = np.flatnonzero(views == view).tolist()
         means = among.without(view)
-        at_once = max(1, AT_ONCE // max(means.size, 1))
+        at_once = max(1, AT_ONCE // max(len(means), 1))
         for start in range(0, len(rows), at_once):
             some = rows[start : start + at_once]
-            distances = np.linalg.norm(codes[some][:, None] - means[None], axis=2)
+            distances = cdist(codes[some], means)
             hits[some] = [
                 among.objects[k] == images[i][0]
                 for i, k in zip(some, distances.argmin(axis=1), strict=True)

@@ -19,6 +19,7 @@ from torch.nn import functional
 
 from data_prep.failures import BadInput
 from data_prep.scene import IMAGE_SIZE
+from learning.exact import exact_inference
 from learning.weights import read_safetensors
 
 FEATURES = 192
@@ -106,17 +107,19 @@ def judge(network: JudgeNetwork, images: NDArray[np.uint8]) -> NDArray[np.float3
     Columns 0 and 1 are sine and cosine of the azimuth, column 2 the elevation over 40 degrees, the
     rest a shape code of length 1; the closer two codes (Euclidean), the likelier the same object.
     Sine and cosine are not normalised: where a chair looks alike from several sides they shrink.
-    In batches of at most 20; an image's answer does not depend on its neighbours.
+    On the device where the network is, in batches of at most 20 and in full float32
+    (`learning.exact`); an image's answer does not depend on its neighbours.
     Raises ValueError for images of another size or type.
     """
     if images.dtype != np.uint8 or images.shape[1:] != (IMAGE_SIZE, IMAGE_SIZE, 3):
         shape = f"{images.dtype} {list(images.shape)}"
         raise ValueError(f"images must be uint8 [N, {IMAGE_SIZE}, {IMAGE_SIZE}, 3], got {shape}")
     answers = np.empty((len(images), 3 + CODE), np.float32)
-    with torch.inference_mode():
+    device = network.view.weight.device
+    with exact_inference():
         for start in range(0, len(images), BATCH):
-            grey = torch.from_numpy(greyscale(images[start : start + BATCH]))
-            answers[start : start + BATCH] = network(darkness(grey)).numpy()
+            grey = torch.from_numpy(greyscale(images[start : start + BATCH])).to(device)
+            answers[start : start + BATCH] = network(darkness(grey)).cpu().numpy()
     return answers
 
 

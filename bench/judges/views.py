@@ -22,6 +22,7 @@ from torch import Tensor, nn
 
 from data_prep.failures import BadInput
 from data_prep.scene import IMAGE_SIZE
+from learning.exact import exact_inference
 from learning.weights import read_safetensors
 
 FEATURES = 64
@@ -105,8 +106,10 @@ def load_views_network(path: Path) -> ViewsNetwork:
 
 
 def view_features(network: ViewsNetwork, images: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Return features float32 [N, 64] of images uint8 [N, 128, 128, 3], in batches of at most 20.
+    """Return features float32 [N, 64] of images uint8 [N, 128, 128, 3].
 
+    On the device where the network is, in batches of at most 20 and in full float32
+    (`learning.exact`).
     Raises ValueError for anything else: floats in 0..1 would pass for black, and the averages of
     images of another size for those of another object.
     """
@@ -114,9 +117,10 @@ def view_features(network: ViewsNetwork, images: NDArray[np.uint8]) -> NDArray[n
         shape = f"{images.dtype} {list(images.shape)}"
         raise ValueError(f"images must be uint8 [N, {IMAGE_SIZE}, {IMAGE_SIZE}, 3], got {shape}")
     features = np.empty((len(images), FEATURES), np.float32)
-    with torch.inference_mode():
+    device = next(network.parameters()).device
+    with exact_inference():
         for start in range(0, len(images), BATCH):
             # A copy by NumPy: torch refuses negative strides, those of mirrored images.
-            part = torch.from_numpy(images[start : start + BATCH].copy()).permute(0, 3, 1, 2)
-            features[start : start + BATCH] = network(part).numpy()
+            part = torch.from_numpy(images[start : start + BATCH].copy()).to(device)
+            features[start : start + BATCH] = network(part.permute(0, 3, 1, 2)).cpu().numpy()
     return features

@@ -29,6 +29,7 @@ from bench.metrics.lpips_network import TRUNKS, require_images
 from bench.metrics.lpips_weights import find_lpips_weights, read_lpips_weights
 from data_prep.scene import IMAGE_SIZE
 from learning.convolution import Convolution
+from learning.exact import exact_inference
 
 BATCH = 10  # images in one call: another number may move a value by rounding (1e-7)
 MOST_KEPT = 40  # images whose activations are kept for the next call, 8 MB each
@@ -40,21 +41,29 @@ TRUNK = TRUNKS["vgg"]
 
 
 class Dists:
-    """VGG16 with L2 pooling and the weights of both terms, on the CPU, in one precision."""
+    """VGG16 with L2 pooling and the weights of both terms, on one device, in one precision.
 
-    def __init__(self, path: Path, trunk: Path, dtype: torch.dtype = torch.float32) -> None:
-        """Read the weights of the terms and of the trunk.
+    Convolutions keep all digits of the precision on a GPU, too (`learning.exact`).
+    """
+
+    def __init__(
+        self, path: Path, trunk: Path, dtype: torch.dtype = torch.float32, device: str = "cpu"
+    ) -> None:
+        """Read the weights of the terms and of the trunk, onto a device by PyTorch's name.
 
         Raises BadInput where a file is not the published one.
         """
-        self.dtype = dtype
-        weights = {name: w.double().flatten() for name, w in read_tensors(path, DISTS).items()}
+        self.dtype, self.device = dtype, device
+        weights = {
+            name: w.to(device, torch.float64).flatten()
+            for name, w in read_tensors(path, DISTS).items()
+        }
         total = weights["alpha"].sum() + weights["beta"].sum()
         checkpoint = read_lpips_weights(trunk, "vgg")[TRUNK.name]
         self._convolutions, channels, side = [], [3], IMAGE_SIZE
         for i, conv in enumerate(TRUNK.layers):
             kernel, bias = (
-                torch.from_numpy(checkpoint[f"Conv_{i}"][part]).double()
+                torch.from_numpy(checkpoint[f"Conv_{i}"][part]).to(device, torch.float64)
                 for part in ("kernel", "bias")
             )
             side = side // 2 if conv.pooled else side
@@ -69,7 +78,7 @@ class Dists:
         )
         self._last: tuple[NDArray[np.uint8], list[list[Tensor]]] | None = None
 
-    @torch.inference_mode()
+    @exact_inference()
     def distance(self, a: NDArray[np.uint8], b: NDArray[np.uint8]) -> NDArray[np.float64]:
         """Return DISTS [N] of N pairs of images uint8 [N, H, W, 3], >= 0.
 
@@ -89,9 +98,10 @@ class Dists:
 
     def _encode(self, images: NDArray[np.uint8]) -> list[Tensor]:
         # A copy by NumPy: torch refuses negative strides, those of mirrored images.
-        x = torch.from_numpy(images.copy()).permute(0, 3, 1, 2).to(self.dtype) / 255
+        x = torch.from_numpy(images.copy()).to(self.device).permute(0, 3, 1, 2).to(self.dtype) / 255
         mean, deviation = (
-            torch.tensor(v, dtype=self.dtype).reshape(3, 1, 1) for v in (MEAN, DEVIATION)
+            torch.tensor(v, dtype=self.dtype, device=self.device).reshape(3, 1, 1)
+            for v in (MEAN, DEVIATION)
         )
         stages = [x]
         x = (x - mean) / deviation
@@ -102,7 +112,7 @@ class Dists:
         return stages
 
     def _compare(self, a: Sequence[Tensor], b: Sequence[Tensor]) -> NDArray[np.float64]:
-        total = torch.zeros(len(a[0]), dtype=torch.float64)
+        total = torch.zeros(len(a[0]), dtype=torch.float64, device=self.device)
         for x, y, alpha, beta in zip(a, b, self._alpha, self._beta, strict=True):
             x, y = (stage.flatten(2).double() for stage in (x, y))
             mean_x, mean_y = (stage.mean(dim=2, keepdim=True) for stage in (x, y))
@@ -112,19 +122,19 @@ class Dists:
             variances = (x.square() + y.square()).mean(dim=2)
             structure = (x - y).square_().mean(dim=2) / (variances + C2)
             total += texture @ alpha + structure @ beta
-        return total.numpy()
+        return total.cpu().numpy()
 
 
 def pooled(x: Tensor) -> Tensor:
     """Return the root of the Hanning-weighted mean square about every second pixel."""
-    window = torch.tensor(HANNING, dtype=x.dtype)
+    window = torch.tensor(HANNING, dtype=x.dtype, device=x.device)
     kernel = torch.outer(window, window).expand(x.shape[1], 1, 3, 3)
     squares = functional.conv2d(x.square(), kernel, stride=2, padding=1, groups=x.shape[1])
     return squares.add_(TINY).sqrt_()
 
 
 def dists(
-    a: NDArray[np.uint8], b: NDArray[np.uint8], *, single: bool = False
+    a: NDArray[np.uint8], b: NDArray[np.uint8], *, single: bool = False, device: str = "cpu"
 ) -> NDArray[np.float64]:
     """Return DISTS of pairs of images; lower is better.
 
@@ -134,6 +144,8 @@ def dists(
         Images and their counterparts, with sides from 16 px.
     single : bool
         Compute the activations in float32, as `bench score` does: twice as fast, the same to 1e-5.
+    device : str
+        PyTorch's name of the device, "cpu" or "cuda" for example.
 
     Returns
     -------
@@ -153,10 +165,10 @@ def dists(
         raise ValueError(f"stacks of images must have the same shape, got {a.shape} and {b.shape}")
     for images in (a, b):
         require_images(images, TRUNK.least)
-    return load_dists(torch.float32 if single else torch.float64).distance(a, b)
+    return load_dists(torch.float32 if single else torch.float64, device).distance(a, b)
 
 
 @functools.lru_cache(maxsize=2)
-def load_dists(dtype: torch.dtype) -> Dists:
+def load_dists(dtype: torch.dtype, device: str = "cpu") -> Dists:
     """Return a `Dists` of the installed weights; the last two are kept. Raises as `dists`."""
-    return Dists(find_dists_weights(), find_lpips_weights("vgg"), dtype)
+    return Dists(find_dists_weights(), find_lpips_weights("vgg"), dtype, device)

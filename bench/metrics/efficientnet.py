@@ -28,6 +28,7 @@ from torch.nn import functional
 from bench.metrics.learned_weights import EFFICIENTNET, read_tensors
 from bench.metrics.lpips_network import require_images
 from data_prep.arrays import Floats32
+from learning.exact import exact_inference
 
 BATCH = 10  # images in one call: another number may move a feature by rounding
 LEAST = 32  # px: five strides of 2
@@ -59,12 +60,18 @@ class Layer:
 
 
 class EfficientNet:
-    """The convolutions of EfficientNet-Lite0, on the CPU, in one precision."""
+    """The convolutions of EfficientNet-Lite0, on one device, in one precision.
 
-    def __init__(self, path: Path, dtype: torch.dtype = torch.float32) -> None:
-        """Read the weights. Raises BadInput where the file is not the published one."""
-        self.dtype = dtype
-        weights = read_tensors(path, EFFICIENTNET)
+    Features keep all digits of the precision on a GPU, too (`learning.exact`).
+    """
+
+    def __init__(self, path: Path, dtype: torch.dtype = torch.float32, device: str = "cpu") -> None:
+        """Read the weights, onto a device by PyTorch's name.
+
+        Raises BadInput where the file is not the published one.
+        """
+        self.dtype, self.device = dtype, device
+        weights = {name: w.to(device) for name, w in read_tensors(path, EFFICIENTNET).items()}
         layer = functools.partial(_layer, weights, dtype)
         self._stem = layer("_conv_stem", "_bn0", stride=2)
         strides = itertools.chain(*((stride, *[1] * (n - 1)) for n, stride in STAGES))
@@ -77,7 +84,7 @@ class EfficientNet:
             self._blocks.append((*expand, depthwise, project))
         self._head = layer("_conv_head", "_bn1")
 
-    @torch.inference_mode()
+    @exact_inference()
     def features(self, images: NDArray[np.uint8]) -> Floats32:
         """Return the features [N, 1280] of images uint8 [N, H, W, 3].
 
@@ -103,11 +110,11 @@ class EfficientNet:
 
     def _encode(self, images: NDArray[np.uint8]) -> Tensor:
         # A copy by NumPy: torch refuses negative strides, those of mirrored images.
-        x = torch.from_numpy(images.copy()).permute(0, 3, 1, 2).to(self.dtype)
+        x = torch.from_numpy(images.copy()).to(self.device).permute(0, 3, 1, 2).to(self.dtype)
         x = self._stem((x - OFFSET) / SCALE)
         for layers in self._blocks:
             x = _block(layers, x)
-        return self._head(x).mean(dim=(2, 3)).float()
+        return self._head(x).mean(dim=(2, 3)).float().cpu()
 
 
 def _block(layers: Iterable[Layer], x: Tensor) -> Tensor:
@@ -138,6 +145,6 @@ def _layer(
 
 
 @functools.lru_cache(maxsize=1)
-def load_efficientnet(path: Path) -> EfficientNet:
+def load_efficientnet(path: Path, device: str = "cpu") -> EfficientNet:
     """Return an `EfficientNet` in float32; the last is kept. Raises as the class."""
-    return EfficientNet(path)
+    return EfficientNet(path, device=device)

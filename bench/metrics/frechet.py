@@ -16,12 +16,15 @@ root of eigenvalues is 1e-8 of it. Where there are more samples than features, A
 triangular factor of its QR decomposition.
 
 Moments in that form can be merged (`merged`), exactly and in any order, so that features may come
-in blocks and the memory that they take is that of one block and of d x d numbers.
+in blocks and the memory that they take is that of one block and of d x d numbers. Of more than
+EXACT_OBJECTS objects the jackknife leaves out groups of them, whose moments are made so
+(`bench.metrics.grouped_moments`): neither its cost nor its memory grows with the objects.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from hashlib import blake2b
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,9 +32,11 @@ from numpy.typing import NDArray
 
 from data_prep.arrays import Floats
 
-MOST_BLOCKS = 400  # that the jackknife leaves out, one after the other
+EXACT_OBJECTS = 60  # that the jackknife leaves out one after the other
+GROUPS = 30  # at most, that it leaves out of more objects
+GROUP_SEED = 0
 _ROWS = 4096  # taken at a time: little memory
-_KEPT = 2**21  # numbers of the moments that a set may keep: 16 MB
+MOST_KEPT = 2**21  # numbers of the moments that a set may keep: 16 MB
 
 
 class TooFewSamples(ValueError):
@@ -106,7 +111,7 @@ def moments(features: NDArray[Any]) -> Moments:
     Raises ValueError where the array is not [n, d] with d > 0, and where values are not finite or
     their squares overflow.
     """
-    return _moments(_checked(features))
+    return _moments(checked_features(features))
 
 
 def merged(a: Moments, b: Moments) -> Moments:
@@ -141,7 +146,7 @@ def merged_to_centred(blocks: Iterable[Moments]) -> Centred:
     whole = Moments(0, np.empty(0), np.empty((0, 0)))
     for block in blocks:
         whole = merged(whole, block) if whole.mean.size else block
-    return _to_centred(whole)
+    return to_centred(whole)
 
 
 def centred_to_frechet(a: Centred, b: Centred) -> float:
@@ -196,23 +201,13 @@ class JackknifeMoments:
         """
         order = np.argsort(member, kind="stable")
         ends = np.searchsorted(member[order], np.arange(count + 1))
-
-        def rows(low: int, high: int) -> Moments:
-            return _moments(self._features, order[ends[low] : ends[high]])
-
-        def down(low: int, high: int, outside: Moments) -> Iterator[Centred]:
-            if high - low == 1:
-                yield _to_centred(outside)
-                return
-            middle = (low + high) // 2
-            yield from down(low, middle, merged(outside, rows(middle, high)))
-            yield from down(middle, high, merged(outside, rows(low, middle)))
-
-        return down(0, count, rows(0, 0))
+        return moments_without_each(
+            count, lambda low, high: _moments(self._features, order[ends[low] : ends[high]])
+        )
 
     def without_blocks(self, member: NDArray[np.intp], count: int) -> Iterable[Centred]:
         """Return the moments of `without_each`, kept for the next call with the same blocks."""
-        if count * self.whole.factor.size > _KEPT:  # too large to keep
+        if count * self.whole.factor.size > MOST_KEPT:  # too large to keep
             return self.without_each(member, count)
         blocks = member.tobytes()
         if self._kept is None or self._kept[0] != blocks:
@@ -223,27 +218,39 @@ class JackknifeMoments:
 def object_blocks(objects: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.intp]]:
     """Return the objects' names, sorted, and the block of each, which is left out as one.
 
-    Of up to `MOST_BLOCKS` objects each is a block. Of more, k = ceil(G / MOST_BLOCKS) neighbours by
-    name are one, or k - 1, so that there are ceil(G / k) blocks: 201 of 401 objects, 334 of 1,000.
-    Leaving out blocks estimates the same variance (Miller 1974, "the grouped jackknife"), with a
-    relative error of about sqrt(2 / blocks), 7 to 10 % here, and the cost stays bounded.
+    Of up to `EXACT_OBJECTS` objects each is a block. More are dealt to ceil(G / k) groups of k =
+    ceil(G / GROUPS) objects, or k - 1, in the order of a digest of their names: whatever the
+    results and whatever the names say. Leaving out groups estimates the same variance (Miller 1974,
+    "the grouped jackknife"), with a relative error of the standard error of about 1 / sqrt(2 g), 13
+    to 15 % here, for which Student's quantile allows; the cost stays bounded.
     """
     names = np.unique(objects)
-    size = -(-len(names) // MOST_BLOCKS) or 1
-    parts = np.array_split(np.arange(len(names)), -(-len(names) // size) or 1)
-    return names, np.repeat(np.arange(len(parts)), [len(part) for part in parts])
+    if len(names) <= EXACT_OBJECTS:
+        return names, np.arange(len(names))
+    size = -(-len(names) // GROUPS)
+    parts = np.array_split(np.argsort([_digest(name) for name in names]), -(-len(names) // size))
+    block = np.empty(len(names), np.intp)
+    for number, part in enumerate(parts):
+        block[part] = number
+    return names, block
+
+
+def _digest(name: Any) -> int:
+    """Return a number of 8 bytes that depends on a name and on the seed of the groups."""
+    text = f"{GROUP_SEED} {name}".encode()
+    return int.from_bytes(blake2b(text, digest_size=8).digest(), "big")
 
 
 def left_out_distances(a: JackknifeMoments, b: JackknifeMoments) -> Floats:
     """Return the distances [g] without each block of the objects of both sets, in order.
 
-    Blocks are those of `object_blocks`: single objects up to `MOST_BLOCKS`. All NaN where a block
+    Blocks are those of `object_blocks`: single objects up to `EXACT_OBJECTS`. All NaN where a block
     leaves fewer than two rows of a set. Intervals are made from them by
     `bench.analysis.intervals.distance_interval`. With fewer rows than features the products of rows
     are shared: g times the singular values of [n, m].
     """
     names, block = object_blocks(np.concatenate([np.unique(a.groups), np.unique(b.groups)]))
-    count = int(block[-1]) + 1
+    count = int(block.max()) + 1
     in_a, in_b = (block[np.searchsorted(names, side.groups)] for side in (a, b))
     try:
         if a.has_rows and b.has_rows:
@@ -295,16 +302,37 @@ def _growth(kept: NDArray[np.bool_]) -> float:
     return float(np.sqrt((len(kept) - 1) / (kept.sum() - 1)))
 
 
+def moments_without_each(
+    count: int,
+    rows: Callable[[int, int], Moments],
+    merge: Callable[[Moments, Moments], Moments] = merged,
+) -> Iterator[Centred]:
+    """Yield the moments without each of some blocks; `rows` gives those of blocks low .. high - 1.
+
+    Halves are added to what is outside them, see `JackknifeMoments.without_each`.
+    """
+
+    def down(low: int, high: int, outside: Moments) -> Iterator[Centred]:
+        if high - low == 1:
+            yield to_centred(outside)
+            return
+        middle = (low + high) // 2
+        yield from down(low, middle, merge(outside, rows(middle, high)))
+        yield from down(middle, high, merge(outside, rows(low, middle)))
+
+    return down(0, count, rows(0, 0))
+
+
 def _of_set(features: NDArray[Any]) -> NDArray[Any]:
     """Return the features after checks; they have at least two rows."""
-    features = _checked(features)
+    features = checked_features(features)
     if len(features) < 2:
         shape = f"{features.dtype} {list(features.shape)}"
         raise TooFewSamples(f"a covariance needs at least 2 samples, got {shape}")
     return features
 
 
-def _checked(features: NDArray[Any]) -> NDArray[Any]:
+def checked_features(features: NDArray[Any]) -> NDArray[Any]:
     """Return the features after checks, in a type that float64 can hold."""
     features = np.asarray(features)
     shape = f"{features.dtype} {list(features.shape)}"
@@ -328,13 +356,14 @@ def _centred(features: NDArray[Any]) -> Centred:
     """Return the centred moments; the rows are the factor unless they outnumber the features."""
     n, d = features.shape
     if n > d:
-        return _to_centred(_moments(features))
+        return to_centred(_moments(features))
     rows = features.astype(np.float64)
     mean = rows.mean(axis=0)
     return Centred(mean, (rows - mean) / np.sqrt(n - 1))
 
 
-def _to_centred(moments: Moments) -> Centred:
+def to_centred(moments: Moments) -> Centred:
+    """Return the moments of a set. Raises TooFewSamples for fewer than two rows."""
     if moments.n < 2:
         raise TooFewSamples(f"a covariance needs at least 2 samples, got {moments.n}")
     return Centred(moments.mean, moments.root / np.sqrt(moments.n - 1))
@@ -351,6 +380,11 @@ def _moments(features: NDArray[Any], rows: NDArray[np.intp] | None = None) -> Mo
         mean = chosen.mean(axis=0)
         whole = merged(whole, Moments(len(chosen), mean, chosen - mean))
     return whole._replace(root=_triangle(whole.root))
+
+
+def no_rows(d: int) -> Moments:
+    """Return the moments of no rows of d features."""
+    return Moments(0, np.zeros(d), np.empty((0, d)))
 
 
 def _triangle(rows: Floats) -> Floats:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +19,13 @@ from bench.metrics.wavelet_similarity import cw_ssim
 Score = Callable[[NDArray[np.uint8], NDArray[np.uint8]], NDArray[np.float64]]
 
 
-def _dists(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> NDArray[np.float64]:
+def _dists(
+    truth: NDArray[np.uint8], images: NDArray[np.uint8], device: str = "cpu"
+) -> NDArray[np.float64]:
     from bench.metrics.dists import dists  # imports torch
+    from learning.training_loop import prepare_device
 
-    return dists(truth, images, single=True)
+    return dists(truth, images, single=True, device=str(prepare_device(device)))
 
 
 # Metrics that no suite has: `bench run --metrics` and `bench score` take them of kept images.
@@ -32,6 +36,12 @@ FURTHER_SCORES: Mapping[str, Score] = {
     "dists": _dists,
     "silhouette-distance": silhouette_distance,
 }
+
+
+def further_score(metric: str, device: str) -> Score:
+    """Return one of FURTHER_SCORES, its network on a device: "auto", "cpu" or "cuda"."""
+    score = FURTHER_SCORES[metric]
+    return partial(_dists, device=device) if score is _dists else score
 
 
 def scores(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> dict[str, NDArray[np.float64]]:

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from bench.metrics.inception_weights import WEIGHTS_SHA256, read_weights
+from learning.exact import exact_inference
 
 FEATURES = 2048
 _INPUT_SIZE = 299
@@ -307,9 +308,7 @@ def inception_features(
         )
     device = model.fc.weight.device
     features = np.empty((len(images), FEATURES), dtype=np.float32)
-    # TF32 convolutions, the default on a GPU, keep 10 bits and would move every distance.
-    exact = torch.backends.cudnn.flags(enabled=True, deterministic=True, allow_tf32=False)
-    with torch.inference_mode(), exact:
+    with exact_inference():
         for start in range(0, len(images), batch):
             part = torch.tensor(images[start : start + batch], device=device).permute(0, 3, 1, 2)
             features[start : start + batch] = model(part).cpu().numpy()

@@ -27,6 +27,7 @@ from torch.nn import functional
 from bench.metrics.lpips_weights import Net, find_lpips_weights, read_lpips_weights
 from data_prep.scene import IMAGE_SIZE
 from learning.convolution import Convolution
+from learning.exact import exact_inference
 
 BATCH = 10  # images in one call: another number may move a value by rounding (1e-7)
 # Of red, green and blue; in the original they are float32, which shows in the eighth digit.
@@ -99,19 +100,29 @@ class Activations:
 
 
 class Lpips:
-    """A trunk with its heads, on the CPU, in one precision; kernels are laid out for IMAGE_SIZE."""
+    """A trunk with its heads, on one device, in one precision; kernels are for IMAGE_SIZE.
 
-    def __init__(self, path: Path, net: Net = "alex", dtype: torch.dtype = torch.float32) -> None:
-        """Read the heads and the trunk from a file.
+    Convolutions keep all digits of the precision on a GPU, too (`learning.exact`).
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        net: Net = "alex",
+        dtype: torch.dtype = torch.float32,
+        device: str = "cpu",
+    ) -> None:
+        """Read the heads and the trunk from a file, onto a device by PyTorch's name.
 
         Raises BadInput where it is not the published checkpoint of this trunk.
         """
-        self.dtype = dtype
+        self.dtype, self.device = dtype, device
         self._trunk = trunk = TRUNKS[net]
         checkpoint = read_lpips_weights(path, net)
 
         def read(*names: str) -> Tensor:
-            return torch.from_numpy(functools.reduce(dict.__getitem__, names, checkpoint)).double()
+            array = functools.reduce(dict.__getitem__, names, checkpoint)
+            return torch.from_numpy(array).to(device, torch.float64)
 
         self._convolutions = []
         side = IMAGE_SIZE
@@ -130,8 +141,11 @@ class Lpips:
             read(f"NetLinLayer_{i}", "Conv_0", "kernel").to(dtype).reshape(1, -1, 1, 1)
             for i in heads
         ]
+        self._shift, self._scale = (
+            torch.from_numpy(values).to(device, dtype).reshape(3, 1, 1) for values in (SHIFT, SCALE)
+        )
 
-    @torch.inference_mode()
+    @exact_inference()
     def encode(self, images: NDArray[np.uint8]) -> Activations:
         """Return the activations for images uint8 [N, H, W, 3], N > 0, computed in batches.
 
@@ -152,11 +166,8 @@ class Lpips:
 
     def _see(self, images: NDArray[np.uint8]) -> list[Tensor]:
         # A copy by NumPy: torch refuses negative strides, those of mirrored images.
-        x = torch.from_numpy(images.copy()).permute(0, 3, 1, 2).to(self.dtype) / 127.5 - 1.0
-        shift, scale = (
-            torch.from_numpy(values).to(self.dtype).reshape(3, 1, 1) for values in (SHIFT, SCALE)
-        )
-        x = (x - shift) / scale
+        x = torch.from_numpy(images.copy()).to(self.device).permute(0, 3, 1, 2).to(self.dtype)
+        x = (x / 127.5 - 1.0 - self._shift) / self._scale
         layers = []
         for conv, convolve in zip(self._trunk.layers, self._convolutions, strict=True):
             x = convolve(functional.max_pool2d(x, *self._trunk.pool) if conv.pooled else x)
@@ -164,14 +175,14 @@ class Lpips:
                 layers.append(x / (torch.linalg.vector_norm(x, dim=1, keepdim=True) + TINY))
         return [*layers, x.mean(dim=(2, 3))]
 
-    @torch.inference_mode()
+    @exact_inference()
     def distance(self, a: Activations, b: Activations) -> NDArray[np.float64]:
         """Return LPIPS [N] of N pairs, >= 0; 0 for identical images, symmetric."""
-        total = torch.zeros(len(a.features), dtype=torch.float64)
+        total = torch.zeros(len(a.features), dtype=torch.float64, device=self.device)
         for head, layer, counterpart in zip(self._heads, a.layers, b.layers, strict=True):
             difference = layer - counterpart
             total += (difference.square_() * head).sum(dim=1).double().mean(dim=(1, 2))
-        return total.numpy()
+        return total.cpu().numpy()
 
 
 def lpips(
@@ -228,9 +239,11 @@ def require_images(images: NDArray[np.uint8], least: int) -> None:
 
 
 @functools.lru_cache(maxsize=2)
-def load_lpips(path: Path, net: Net = "alex", dtype: torch.dtype = torch.float32) -> Lpips:
+def load_lpips(
+    path: Path, net: Net = "alex", dtype: torch.dtype = torch.float32, device: str = "cpu"
+) -> Lpips:
     """Return an `Lpips`; the last two are kept.
 
     Raises as the class.
     """
-    return Lpips(path, net, dtype)
+    return Lpips(path, net, dtype, device)

@@ -1,1 +1,1 @@
-"""The files of a run: records, journal, artifacts, Parquet files and features."""
+"""The files of a run: its manifest, its store of records and images, Parquet files and features."""

@@ -1,21 +1,24 @@
-"""Artifacts: the files of the images and features that jobs have drawn.
+"""Artifacts: the images and features that a job has drawn.
 
-An artifact is a compressed .npz: `images`, uint8 [V, S, S, 3], and an array [V, d] for each feature
-extractor. It is written whole or not at all by `bench.running.work`.
+An artifact is the bytes of a compressed .npz: `images`, uint8 [V, S, S, 3], and an array [V, d] for
+each feature extractor. The store of a run (`bench.records.store`) keeps it under the job's key.
 """
 
 from __future__ import annotations
 
-from pathlib import Path
+import io
+import zipfile
+import zlib
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.records.record import GROUND_TRUTH
-from data_prep.failures import BadInput, CannotWrite
-from data_prep.files.atomic_write import write_whole
-from data_prep.files.checksums import file_sha256
+from data_prep.failures import BadInput
+
+IMAGES = "images"  # the array of them
 
 
 class JobName(NamedTuple):
@@ -40,33 +43,25 @@ class JobName(NamedTuple):
         return self.class_name, self.object_id
 
 
-def artifact_path(directory: Path, key: str) -> Path:
-    """Return the place of a job's artifact in the directory of a run."""
-    return directory / "artifacts" / key[:2] / f"{key}.npz"
+def unpack_images(artifact: bytes) -> NDArray[np.uint8]:
+    """Return the images [V, S, S, 3] of an artifact. Raises BadInput as `unpack`."""
+    return unpack(artifact)[IMAGES]
 
 
-def artifact_sha256(path: Path) -> str | None:
-    """Return the checksum of an artifact; None where it cannot be read."""
-    try:
-        return file_sha256(path)
-    except (BadInput, OSError):
-        return None
+def pack(arrays: Mapping[str, NDArray[Any]]) -> bytes:
+    """Return an artifact of these arrays."""
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **arrays)  # type: ignore[arg-type]
+    return buffer.getvalue()
 
 
-def write_artifact(path: Path, data: bytes) -> None:
-    """Write an artifact, whole or not at all. Raises CannotWrite: the run stops, and may go on."""
-    try:
-        write_whole(path, data)
-    except OSError as error:
-        raise CannotWrite(
-            f"{path}: cannot be written ({error.strerror}); make room and run again"
-        ) from error
+def unpack(artifact: bytes, names: Sequence[str] = (IMAGES,)) -> dict[str, NDArray[Any]]:
+    """Return some arrays of an artifact; the others are not unpacked.
 
-
-def read_array(path: Path, name: str = "images") -> NDArray[Any]:
-    """Return one array of an artifact; the others are not unpacked.
-
-    Raises KeyError for an array that it does not have.
+    Raises KeyError for an array that it does not have, and BadInput for bytes that are no artifact.
     """
-    with np.load(path, allow_pickle=False) as arrays:
-        return arrays[name]
+    try:
+        with np.load(io.BytesIO(artifact), allow_pickle=False) as arrays:
+            return {name: arrays[name] for name in names}
+    except (ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        raise BadInput(f"an artifact that is no .npz ({error}); start the run again") from error

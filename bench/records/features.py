@@ -16,7 +16,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from bench.records.artifacts import JobName, read_array
+from bench.records.artifacts import JobName
+from bench.records.stored_artifacts import Artifact
 from data_prep.arrays import Floats32
 from data_prep.failures import BadInput
 
@@ -42,11 +43,11 @@ class Features(Protocol):
 class ArtifactFeatures:
     """The features in the artifacts of a run that goes on; each array is read when asked for."""
 
-    def __init__(self, extractor: str, artifacts: Mapping[JobName, Path], views: int) -> None:
+    def __init__(self, extractor: str, artifacts: Mapping[JobName, Artifact], views: int) -> None:
         self._extractor, self._views = extractor, views
-        self._objects: dict[tuple[str, ...], dict[str, Path]] = {}
-        for (*group, obj), path in artifacts.items():
-            self._objects.setdefault(tuple(group), {})[obj] = path
+        self._objects: dict[tuple[str, ...], dict[str, Artifact]] = {}
+        for (*group, obj), artifact in artifacts.items():
+            self._objects.setdefault(tuple(group), {})[obj] = artifact
 
     def images(self, method: str, condition: str, class_name: str) -> list[ImageKey]:
         """Return all images that have features, sorted; an empty list where none have."""
@@ -57,8 +58,8 @@ class ArtifactFeatures:
         self, method: str, condition: str, class_name: str, images: Sequence[ImageKey]
     ) -> NDArray[Any]:
         """Return the features of `images`, [n, d]. Raises KeyError for an unknown image."""
-        paths = self._objects.get((method, condition, class_name), {})
-        read = {obj: read_array(paths[obj], self._extractor) for obj in {obj for obj, _ in images}}
+        artifacts = self._objects.get((method, condition, class_name), {})
+        read = {obj: artifacts[obj].read(self._extractor) for obj in {obj for obj, _ in images}}
         return np.stack([read[obj][view] for obj, view in images])
 
 
@@ -93,6 +94,13 @@ class FeatureFile:
             {name: _range(self._footer, number, name) for name in (*GROUP, "object")}
             for number in range(self._footer.num_row_groups)
         ]
+        self._of_group: dict[tuple[str, ...], list[int]] = {}  # row groups of one group each
+        self._mixed: list[int] = []  # the others
+        for number, ranges in enumerate(self._ranges):
+            of_group = [ranges[name] for name in GROUP]
+            known = tuple(r.low for r in of_group if r is not None and r.low == r.high)
+            numbers = self._of_group.setdefault(known, []) if len(known) == 3 else self._mixed
+            numbers.append(number)
 
     def images(self, method: str, condition: str, class_name: str) -> list[ImageKey]:
         """Return all images that have features, sorted; an empty list where none have.
@@ -139,8 +147,8 @@ class FeatureFile:
         wanted = exact if objects is None else exact | {"object": objects}
         numbers = [
             number
-            for number, ranges in enumerate(self._ranges)
-            if all(_overlap(ranges[name], range_) for name, range_ in wanted.items())
+            for number in sorted([*self._of_group.get(group, ()), *self._mixed])
+            if all(_overlap(self._ranges[number][name], range_) for name, range_ in wanted.items())
         ]
         if not numbers:
             return

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import astuple, dataclass, field, replace
 from typing import Literal
 
 from bench.records.artifacts import JobName
@@ -37,6 +36,10 @@ class JobTiming:
     rendering: float = 0.0
     harness: float = 0.0
 
+    def __add__(self, other: JobTiming) -> JobTiming:
+        pairs = zip(astuple(self), astuple(other), strict=True)
+        return JobTiming(*(sum(pair) for pair in pairs))
+
 
 NOTHING = JobTiming()
 
@@ -65,16 +68,14 @@ class Stopwatch:
         return JobTiming(**self._seconds, harness=total - sum(self._seconds.values()))
 
 
-def shares(timings: Iterable[JobTiming], available_s: float) -> dict[str, float]:
+def shares(timing: JobTiming, available_s: float) -> dict[str, float]:
     """Return the parts of `available_s`, the time of all workers together, by `JobTiming`'s fields.
 
-    Time that no method, metric or rendering has used counts as harness: workers that start, wait or
-    idle while the tables are made.
+    `timing` is the sum over all jobs. Time that no method, metric or rendering has used counts as
+    harness: workers that start, wait or idle while the tables are made.
     """
-    timings = list(timings)
     named = {
-        part: sum(getattr(timing, part) for timing in timings) / available_s
-        for part in ("methods", "metrics", "rendering")
+        part: getattr(timing, part) / available_s for part in ("methods", "metrics", "rendering")
     }
     return named | {"harness": 1.0 - sum(named.values())}
 
@@ -89,14 +90,14 @@ class Job:
         A digest of everything that the result depends on.
     perturbation : Perturbation
         The change of the cloud that `condition` is the name of.
-    artifact : Path
-        The file for images and features.
-    reference : Path or None
-        The artifact of the ground truth; None where nothing is scored.
+    reference_key : str or None
+        The key of the ground truth; None where nothing is scored.
     features : tuple of (str, str)
         Id and weights file of each extractor to run.
     batch : int or None
         Views drawn in one call; None for all of them.
+    reference : bytes or None
+        The artifact of the ground truth; it is there when the job is handed to a worker.
     """
 
     key: str
@@ -109,9 +110,9 @@ class Job:
     seed: int
     device: str
     features: tuple[tuple[str, str], ...]
-    artifact: Path
-    reference: Path | None
+    reference_key: str | None
     batch: int | None = None
+    reference: bytes | None = field(default=None, repr=False, compare=False)
 
     @property
     def name(self) -> JobName:
@@ -128,7 +129,7 @@ class Result:
     key : str
         The key of the job.
     records : tuple of Record
-        One for each view; empty where they are left in the journal (`without_records`).
+        One for each view; empty where they are left in the store (`without_contents`).
     artifact_sha256 : str or None
         Checksum of the artifact; None where the job gave no images.
     reason : str
@@ -138,6 +139,8 @@ class Result:
         missing); the run ends with this message.
     timing : JobTiming
         Zeros for a job of an earlier start, and for one whose worker died.
+    artifact : bytes or None
+        Images and features, on their way from the worker to the store.
     """
 
     key: str
@@ -146,15 +149,16 @@ class Result:
     reason: str = ""
     unusable: str | None = None
     timing: JobTiming = NOTHING
+    artifact: bytes | None = field(default=None, repr=False)
 
     @property
     def has_images(self) -> bool:
         """Return whether the job gave images."""
         return self.artifact_sha256 is not None
 
-    def without_records(self) -> Result:
-        """Return the part that a run holds in memory, which does not grow with the views."""
-        return replace(self, records=())
+    def without_contents(self) -> Result:
+        """Return the result without records and artifact, which are left in the store."""
+        return replace(self, records=(), artifact=None)
 
 
 def failed(job: Job, reason: str) -> Result:

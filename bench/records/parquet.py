@@ -1,20 +1,23 @@
-"""Parquet files of records, features and jobs, from which tables, reports and merges are made."""
+"""Parquet files of records and features, from which tables, reports and scripts read."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import chain, groupby, islice
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from itertools import groupby, islice
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 
-from bench.records.artifacts import JobName, artifact_path, read_array
-from bench.records.features import GROUP, FeatureFile, unreadable
-from bench.records.record import COLUMNS, SCHEMA_VERSION, TYPES, Record, to_frame
+from bench.records.artifacts import JobName, unpack
+from bench.records.features import FeatureFile, unreadable
+from bench.records.record import COLUMNS, SCHEMA_VERSION, TYPES, Record
+from bench.records.store import JobRow, Store
 from data_prep.failures import BadInput
 from data_prep.files.atomic_write import atomic_write
 
@@ -22,12 +25,11 @@ from data_prep.files.atomic_write import atomic_write
 pa.set_memory_pool(pa.system_memory_pool())
 
 RECORDS = "records.parquet"
-JOBS = "jobs.parquet"
 FEATURES = "features"
-_NAME = (*GROUP, "object")  # the columns of a `JobName`
 _SCHEMA_KEY = b"pc2pix_bench_schema"
-_ROW_GROUP = 512  # records written at a time: 1 MB in memory
-_ARTIFACTS = 16  # whose features are written at a time
+_FIELDS = tuple(Record.__dataclass_fields__)  # in the order of the columns
+_ROW_GROUP = 2**16  # records written at a time: a footer is 3 kB, and these some 50 MB in memory
+_ARTIFACTS = 256  # whose features are written at a time, 5 MB
 _RECORDS_SCHEMA = pa.schema(
     [
         (name, pa.from_numpy_dtype(TYPES[name]) if name in TYPES else pa.large_string())
@@ -39,45 +41,47 @@ _RECORDS_SCHEMA = pa.schema(
 
 def write_records(
     directory: Path,
-    jobs: Iterable[JobRow],
-    records: Callable[[JobRow], Sequence[Record]],
+    jobs: Iterable[tuple[JobName, Mapping[str, Sequence[Any]]]],
     row_group: int = _ROW_GROUP,
 ) -> None:
-    """Write `records.parquet`, whole or not at all: the records of all jobs.
-
-    They are sorted by method, condition, class, object and view, whatever the order of the jobs.
+    """Write `records.parquet`, whole or not at all: the records of all jobs by view.
 
     Parameters
     ----------
     directory : Path
-    jobs : iterable of JobRow
-    records : callable
-        Returns the records of one job. It is called for some jobs at a time, so that memory does
-        not grow with their number.
+    jobs : iterable of (JobName, mapping)
+        Name and records of each job, sorted by name: a list of values for each field of `Record`.
+        They are taken one after the other, so that memory does not grow with their number. The
+        condition is that of the name: one job stands for every condition where its method does not
+        see the cloud.
     row_group : int
         Records written at a time.
     """
-    rows = chain.from_iterable(
-        named_records(job.name, records(job)) for job in sorted(jobs, key=lambda job: job.name)
-    )
     with (
         atomic_write(directory / RECORDS) as new,
         pq.ParquetWriter(new, _RECORDS_SCHEMA) as writer,
     ):
-        while group := list(islice(rows, row_group)):
-            frame = to_frame(group)
-            writer.write_table(
-                pa.Table.from_pandas(frame, schema=_RECORDS_SCHEMA, preserve_index=False)
-            )
+        columns: dict[str, list[Any]] = {name: [] for name in _FIELDS}
+        for name, records in jobs:
+            by_view = sorted(range(len(records["view"])), key=records["view"].__getitem__)
+            for field, values in columns.items():
+                values += (records[field][i] for i in by_view)
+            columns["condition"][len(columns["condition"]) - len(by_view) :] = [
+                name.condition
+            ] * len(by_view)
+            if len(columns["view"]) >= row_group:
+                _write_group(writer, columns)
+                columns = {name: [] for name in _FIELDS}
+        if columns["view"]:
+            _write_group(writer, columns)
 
 
-def named_records(name: JobName, records: Iterable[Record]) -> list[Record]:
-    """Return the records of a job by view, with the condition of `name`.
-
-    One job stands for every condition where its method does not see the cloud.
-    """
-    renamed = (replace(record, condition=name.condition) for record in records)
-    return sorted(renamed, key=lambda record: record.view)
+def _write_group(writer: pq.ParquetWriter, columns: Mapping[str, Sequence[Any]]) -> None:
+    arrays = [
+        pa.array(values, kind)
+        for values, kind in zip(columns.values(), _RECORDS_SCHEMA.types, strict=True)
+    ]
+    writer.write_table(pa.Table.from_arrays(arrays, schema=_RECORDS_SCHEMA))
 
 
 def read_records(directory: Path, columns: Sequence[str] = COLUMNS) -> pd.DataFrame:
@@ -123,69 +127,36 @@ def _read_table(
     return table
 
 
-@dataclass(frozen=True)
-class JobRow:
-    """A finished job, a row of `jobs.parquet`: its key in the journal, and its name.
+def write_features(
+    directory: Path, store: Store, metrics: Sequence[str], jobs_per_group: int = _ARTIFACTS
+) -> None:
+    """Collect the features of the complete run into a file for each extractor.
 
-    `artifact_sha256` is None for a job that failed.
+    A file is written whole or not at all, and sorted as the records are; only the features of one
+    row group are in memory. Where no job has images, no file is written. Raises BadInput for an
+    artifact that has changed.
     """
-
-    key: str
-    name: JobName
-    artifact_sha256: str | None
-
-
-def write_jobs(directory: Path, jobs: Sequence[JobRow]) -> None:
-    """Write `jobs.parquet`, whole or not at all: the jobs and ground truths in the given order."""
-    columns: dict[str, Any] = {"key": [job.key for job in jobs]}
-    columns |= {column: [job.name[i] for job in jobs] for i, column in enumerate(_NAME)}
-    columns["artifact_sha256"] = pa.array([job.artifact_sha256 for job in jobs], pa.string())
-    table = pa.table(columns, metadata={_SCHEMA_KEY: str(SCHEMA_VERSION).encode()})
-    with atomic_write(directory / JOBS) as new:
-        pq.write_table(table, new)
-
-
-def read_jobs(directory: Path) -> list[JobRow]:
-    """Return the jobs of a finished run, in the order of its plan.
-
-    Raises BadInput for a file that is missing, unreadable or of another version.
-    """
-    columns = ("key", *_NAME, "artifact_sha256")
-    table = _read_table(directory / JOBS, columns)
-    rows = zip(*(table.column(name).to_pylist() for name in columns), strict=True)
-    return [JobRow(key, JobName(*name), sha) for key, *name, sha in rows]
+    drawn = (job for job in store.listed(by_name=True) if job.artifact_sha256)
+    writers: dict[str, pq.ParquetWriter] = {}
+    with ExitStack() as files:
+        for jobs in _row_groups(drawn, jobs_per_group):
+            read = [unpack(store.artifact(job.key), metrics) for job in jobs]
+            for metric in metrics:
+                table = pa.concat_tables(
+                    _feature_table(job.name, arrays[metric])
+                    for job, arrays in zip(jobs, read, strict=True)
+                )
+                if metric not in writers:
+                    path = directory / FEATURES / f"{metric}.parquet"
+                    new = files.enter_context(atomic_write(path))
+                    writers[metric] = files.enter_context(pq.ParquetWriter(new, table.schema))
+                writers[metric].write_table(table)
 
 
-def artifacts_of(directory: Path, jobs: Iterable[JobRow]) -> dict[JobName, Path]:
-    """Return the artifacts of the jobs that have any, by name, in the order of the jobs."""
-    return {job.name: artifact_path(directory, job.key) for job in jobs if job.artifact_sha256}
-
-
-def write_features(directory: Path, metric: str, artifacts: Mapping[JobName, Path]) -> None:
-    """Collect one extractor's features from all artifacts into one file, whole or not at all.
-
-    They are sorted as the records are; only the artifacts of one row group are in memory. Without
-    artifacts no file is written.
-    """
-    groups = (
-        pa.concat_tables([_feature_table(name, artifacts[name], metric) for name in names])
-        for names in _row_groups(artifacts)
-    )
-    first = next(groups, None)
-    if first is None:
-        return
-    with (
-        atomic_write(directory / FEATURES / f"{metric}.parquet") as new,
-        pq.ParquetWriter(new, first.schema) as writer,
-    ):
-        for table in chain([first], groups):
-            writer.write_table(table)
-
-
-def _row_groups(names: Iterable[JobName]) -> Iterator[list[JobName]]:
-    """Yield sorted names in parts of up to _ARTIFACTS, of one method, condition and class each."""
-    for _, group in groupby(sorted(names), lambda name: name[:3]):
-        while part := list(islice(group, _ARTIFACTS)):
+def _row_groups(jobs: Iterable[JobRow], most: int) -> Iterator[list[JobRow]]:
+    """Yield sorted jobs in parts of up to `most`, of one method, condition and class each."""
+    for _, group in groupby(jobs, lambda job: job.name[:3]):
+        while part := list(islice(group, most)):
             yield part
 
 
@@ -198,8 +169,7 @@ def read_features(directory: Path, metric: str) -> FeatureFile | None:
     return FeatureFile(path) if path.is_file() else None
 
 
-def _feature_table(name: JobName, artifact: Path, metric: str) -> pa.Table:
-    values = read_array(artifact, metric)
+def _feature_table(name: JobName, values: NDArray[np.float32]) -> pa.Table:
     count, width = values.shape
     return pa.table(
         {

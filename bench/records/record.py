@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import pandas as pd
 
-SCHEMA_VERSION = 4  # of records, journal and manifest; newer ones are refused, never guessed at
+SCHEMA_VERSION = 4  # of records and manifest; newer ones are refused, never guessed at
 
 Outcome = Literal["ok", "failed", "skipped"]
 GROUND_TRUTH = "ground-truth"  # stands where a method's id stands, in features and artifacts

@@ -17,8 +17,8 @@ import numpy as np
 
 from bench.catalogue.suites import STABILITY, Limits
 from bench.records.job import Job
-from bench.records.journal import MANIFEST, read_finished
 from bench.records.parquet import read_records
+from bench.records.run_folder import MANIFEST, read_finished
 from bench.rendering.cloud import CloudFile, Drawing, Failed, draw_cloud, draw_file, find_drawer
 from bench.rendering.delta_debugging import Rows, ever_smaller
 from bench.rendering.shrink_result import NotReproduced, Shrunk, fails_alike
@@ -141,7 +141,7 @@ def _item(directory: Path, name: str, record: dict[str, Any]) -> FailedJob:
     manifest = read_finished(directory)
     method, condition, device = record["method"], record["condition"], manifest["device"]
     if manifest["suite"] == STABILITY.id:
-        jobs = stability_jobs(STABILITY, [method], manifest["seed"], device, {}, directory)
+        jobs = stability_jobs(STABILITY, [method], manifest["seed"], device, {})
         same_case = [job for job in jobs if job.condition == condition]
         if not same_case:
             raise BadInput(f"{name}: there is no such case any more; run the suite again")
@@ -153,7 +153,7 @@ def _item(directory: Path, name: str, record: dict[str, Any]) -> FailedJob:
             f"{name}: the dataset {protocol.dataset} has no such object any more; bring its file "
             "back"
         )
-    job = plan(protocol, directory).method_jobs[0]
+    job = plan(protocol)[0].method_jobs[0]
     return FailedJob(directory, name, record["reason"], job, protocol.suite.limits)
 
 

@@ -29,7 +29,8 @@ from bench.catalogue.metrics import (
 )
 from bench.catalogue.suite_types import TRUTHS, Suite, Truth
 from bench.records.artifacts import JobName
-from bench.records.parquet import read_jobs
+from bench.records.store import STORE
+from bench.records.stored_artifacts import read_jobs
 from bench.report.families import family_curves
 from bench.report.headline import compact_table
 from bench.report.images import cases, extremes, grids, shown_objects
@@ -68,7 +69,7 @@ def write_report(made: Outputs, out: Path | None = None) -> Path:
     """Write the report of a finished run to `out` (default: report.html in its folder).
 
     The same run gives the same bytes. Images that are no longer there, and clouds that cannot be
-    made again, are named as missing. Raises BadInput where the list of jobs cannot be read, and
+    made again, are named as missing. Raises BadInput where the store cannot be read, and
     CannotWrite where `out` cannot be written.
     """
     path = out or made.run.directory / REPORT
@@ -264,7 +265,7 @@ def _unseen(sources: Sources) -> tuple[str, ...]:
     description = [sources.unseen] if sources.unseen else []
     if not sources.artifacts:
         description.append(
-            "The images of this run are no longer there (its folder artifacts is empty or gone); "
+            f"The images of this run are no longer there (its {STORE} is empty or gone); "
             "its command makes them again."
         )
     return tuple(description)

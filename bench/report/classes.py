@@ -22,8 +22,9 @@ from bench.catalogue.lookup import family_of
 from bench.catalogue.methods import role
 from bench.catalogue.metrics import higher_is_better
 from bench.metrics.structural_similarity import ssim_per_image
-from bench.records.artifacts import JobName, read_array
+from bench.records.artifacts import JobName
 from bench.records.record import GROUND_TRUTH
+from bench.records.stored_artifacts import Artifact
 from bench.report.image_sheets import wrapped
 from bench.report.styles import method_styles
 from bench.tables.figure import (
@@ -54,7 +55,7 @@ def write_class_figures(
     table: Table[QualityRow],
     headline: Table[QualityRow],
     published: Published,
-    artifacts: Mapping[JobName, Path],
+    artifacts: Mapping[JobName, Artifact],
 ) -> None:
     """Write `classes.png` (the paper's Figure 4) and `table5.png`.
 
@@ -100,7 +101,7 @@ def images_figure(
     shown: Sequence[str],
     condition: str,
     best: Mapping[str, str],
-    artifacts: Mapping[JobName, Path],
+    artifacts: Mapping[JobName, Artifact],
 ) -> Figure:
     """Draw the first view of the first object of each class, which nobody has chosen.
 
@@ -121,14 +122,14 @@ def images_figure(
     for number, (class_name, truth) in enumerate(first.items()):
         block, row = divmod(number, rows)
         line = axes[row, block * width : (block + 1) * width]
-        true = read_array(artifacts[truth])[:1]
+        true = artifacts[truth].read()[:1]
         show(line[0], true[0])
         line[0].set_axis_on()
         line[0].set_ylabel(visible(class_name), fontsize=TEXT)
         for axis, method in zip(line[1:], shown, strict=True):
             axis.set_axis_on()
-            path = artifacts.get(JobName(method, condition, *truth.object))
-            image = None if path is None else read_array(path)[:1]
+            drawn = artifacts.get(JobName(method, condition, *truth.object))
+            image = None if drawn is None else drawn.read()[:1]
             show(axis, None if image is None else image[0])
             if image is not None:
                 axis.set_xlabel(f"{ssim_per_image(true, image).ssim[0]:.2f}", fontsize=TEXT)

@@ -15,6 +15,7 @@ from bench.catalogue.families import Family
 from bench.catalogue.methods import FLOOR, role
 from bench.catalogue.metrics import is_mean
 from bench.records.artifacts import JobName
+from bench.records.stored_artifacts import Artifact
 from bench.report.blank_region import shade_worse
 from bench.report.inline import MarkedFigure, inline
 from bench.report.page import Plot
@@ -42,7 +43,7 @@ OBJECTS_SHOWN = 2
 
 
 def write_beyond_figures(
-    directory: Path, curves: Sequence[ConditionCurve], artifacts: Mapping[JobName, Path]
+    directory: Path, curves: Sequence[ConditionCurve], artifacts: Mapping[JobName, Artifact]
 ) -> None:
     """Write `beyond` (PNG and SVG) and `beyond-pictures.png`.
 

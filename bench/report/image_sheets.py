@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from bench.metrics.silhouette import object_boxes
 from bench.metrics.thin_parts import evaluated
-from bench.records.artifacts import JobName, read_array
+from bench.records.artifacts import JobName
 from bench.records.record import GROUND_TRUTH
+from bench.records.stored_artifacts import Artifact
 from bench.report.styles import rivals
 from bench.tables.figure import MOST_HIGH_IN, WIDTH_IN, Image, image_grid, save
 from bench.tables.grid import ordered
@@ -30,7 +31,7 @@ LEAST_CELL_IN = 0.75  # of an image: fewer objects are shown rather than smaller
 
 def write_images(
     path: Path,
-    artifacts: Mapping[JobName, Path],
+    artifacts: Mapping[JobName, Artifact],
     conditions: Sequence[str],
     objects_shown: int = OBJECTS_SHOWN,
 ) -> None:
@@ -81,20 +82,20 @@ def wrapped(title: str) -> str:
     return textwrap.fill(title, LETTERS_IN_LINE, break_long_words=False)
 
 
-def _first(artifacts: Mapping[JobName, Path], job: JobName) -> Image | None:
+def _first(artifacts: Mapping[JobName, Artifact], job: JobName) -> Image | None:
     """Return the first view of a job; None where it failed."""
     drawn = artifacts.get(job)
-    return None if drawn is None else read_array(drawn)[0]
+    return None if drawn is None else drawn.read()[0]
 
 
-def write_thin_parts(path: Path, artifacts: Mapping[JobName, Path]) -> None:
+def write_thin_parts(path: Path, artifacts: Mapping[JobName, Artifact]) -> None:
     """Write a sheet of the objects with the most thin parts, cut out of the view with most.
 
     Side by side the objects; from above the truth, the truth with the evaluated pixels tinted, and
     method by method the images at a clean and at a noisy condition.
     """
     truths = [name for name in artifacts if name.method == GROUND_TRUTH][:THIN_OF]
-    parts = {truth.object: evaluated(read_array(artifacts[truth])) for truth in truths}
+    parts = {truth.object: evaluated(artifacts[truth].read()) for truth in truths}
     counts = {obj: part.sum(axis=(1, 2)) for obj, part in parts.items()}
     by_count = sorted(truths, key=lambda truth: -int(counts[truth.object].sum()))
     chosen = [truth for truth in by_count if counts[truth.object].any()][:OBJECTS_SHOWN]
@@ -127,19 +128,19 @@ def _thin_columns(
     parts: NDArray[np.bool_],
     conditions: Sequence[str],
     methods: Sequence[str],
-    artifacts: Mapping[JobName, Path],
+    artifacts: Mapping[JobName, Artifact],
 ) -> list[list[Image | None]]:
     """Return the images of an object, column by column: a column for each condition."""
     view = int(parts.sum(axis=(1, 2)).argmax())
-    true = read_array(artifacts[truth])[view]
+    true = artifacts[truth].read()[view]
     top, bottom, left, right = object_boxes(true[None])[0].tolist()
     cut = slice(max(top - 3, 0), bottom + 3), slice(max(left - 3, 0), right + 3)
     tinted = np.where(parts[view][..., None], np.array(THIN_TINT, np.uint8), true)
     heads = [true[cut], tinted[cut]]
     columns: list[list[Image | None]] = []
     for condition, head in zip(conditions, heads, strict=False):
-        names = [artifacts.get(JobName(method, condition, *truth.object)) for method in methods]
-        images = [None if name is None else read_array(name)[view][cut] for name in names]
+        drawn = [artifacts.get(JobName(method, condition, *truth.object)) for method in methods]
+        images = [None if some is None else some.read()[view][cut] for some in drawn]
         columns.append([*([head] if len(conditions) > 1 else heads), *images])
     return columns
 

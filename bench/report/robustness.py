@@ -25,6 +25,7 @@ from bench.catalogue.metrics import (
 from bench.catalogue.parameters import find_setting
 from bench.records.artifacts import JobName
 from bench.records.record import GROUND_TRUTH
+from bench.records.stored_artifacts import Artifact
 from bench.report.blank_region import shade_worse
 from bench.report.image_sheets import write_images, write_thin_parts
 from bench.report.inline import MarkedFigure, inline
@@ -55,7 +56,7 @@ SUBDIVIDED = (1, 2, 5)
 
 
 def write_figures(
-    directory: Path, tables: Sequence[Table[QualityRow]], artifacts: Mapping[JobName, Path]
+    directory: Path, tables: Sequence[Table[QualityRow]], artifacts: Mapping[JobName, Artifact]
 ) -> None:
     """Write robustness curves (after Tables 3 and 4), image grids and a sheet of thin parts.
 

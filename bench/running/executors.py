@@ -1,13 +1,15 @@
-"""Results of jobs: from the journal, or by running the jobs in worker processes."""
+"""Results of jobs: from the store of a run, or by running the jobs in worker processes."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing
+from dataclasses import replace
+from functools import lru_cache, partial
 
 from bench.catalogue.suites import Limits
 from bench.records.job import Job, Result, failed
-from bench.records.journal import Journal
+from bench.records.store import Store
 from bench.running.isolation import (
     TASKS_PER_WORKER,
     Executor,
@@ -18,6 +20,8 @@ from bench.running.isolation import (
 from bench.running.work import run_job
 from data_prep.failures import MissingDependency
 from data_prep.progress import log, progress
+
+REFERENCES_KEPT = 4  # ground truths in memory: the jobs of an object follow each other
 
 
 class JobPool:
@@ -55,17 +59,17 @@ class JobPool:
 
 def run_jobs(
     jobs: Sequence[Job],
-    journal: Journal,
+    store: Store,
     title: str,
     start: Callable[[int], Executor[Job, Result]],
 ) -> dict[str, Result]:
-    """Do the jobs that the journal does not have yet, and return the results of all, by key.
+    """Do the jobs that the store does not have yet, and return the results of all, by key.
 
-    Records are in the journal, and nowhere else: memory does not grow with the images. `start`
-    gives the executor for a number of jobs; it is closed here. Raises MissingDependency where going
-    on makes no sense.
+    Records and artifacts are in the store, and nowhere else: memory does not grow with the images.
+    `start` gives the executor for a number of jobs; it is closed here. Raises MissingDependency
+    where going on makes no sense.
     """
-    done = journal.all_usable(jobs)
+    done = store.find([job.key for job in jobs])
     missing = [job for job in jobs if job.key not in done]
     if not missing:
         return done
@@ -74,10 +78,10 @@ def run_jobs(
     failures = 0
     with (
         progress(title, len(missing)) as advance,
-        closing(results(missing, len(missing), journal, start)) as stream,
+        closing(results(missing, len(missing), store, start)) as stream,
     ):
         for result in stream:
-            done[result.key] = result.without_records()
+            done[result.key] = result
             failures += not result.has_images
             advance(failures)
     return done
@@ -86,17 +90,25 @@ def run_jobs(
 def results(
     jobs: Iterable[Job | None],
     count: int,
-    journal: Journal,
+    store: Store,
     start: Callable[[int], Executor[Job, Result]],
 ) -> Generator[Result, None, None]:
-    """Do jobs, at most `count`, and yield each result as soon as the journal has it.
+    """Do jobs, at most `count`, and yield each result, without contents, when the store has it.
 
     `jobs` is as in `submit_all`, `start` as in `run_jobs`. Raises MissingDependency where going on
-    makes no sense.
+    makes no sense, and BadInput where a ground truth has changed since it was drawn.
     """
-    with closing(start(count)) as executor, closing(submit_all(jobs, executor)) as stream:
+    ready = map(partial(_with_reference, lru_cache(REFERENCES_KEPT)(store.artifact)), jobs)
+    with closing(start(count)) as executor, closing(submit_all(ready, executor)) as stream:
         for result in stream:
             if result.unusable:
                 raise MissingDependency(result.unusable)
-            journal.append(result)
-            yield result
+            store.append(result)
+            yield result.without_contents()
+
+
+def _with_reference(read: Callable[[str], bytes], job: Job | None) -> Job | None:
+    """Return a job with the true images that it is scored against."""
+    if job is None or job.reference_key is None:
+        return job
+    return replace(job, reference=read(job.reference_key))

@@ -62,7 +62,7 @@ def export(options: Options, out: Path) -> int:
     conditions = tuple(dict.fromkeys((UNPERTURBED, *(every if named == (ALL,) else named))))
     asked = replace(options, methods=(FLOOR,), conditions=conditions)
     protocol, _ = protocol_of(suite, asked)
-    objects = plan(protocol, out).objects
+    objects = plan(protocol)
     try:
         with whole_folder(out) as new:
             _fill(new, protocol, objects, min(workers_of(suite, options), len(objects)))

@@ -14,15 +14,16 @@ from typing import Any
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import Method, find_method
 from bench.catalogue.truth import truth_entry
-from bench.records.journal import (
+from bench.records.run_folder import (
     MANIFEST,
     SHARD,
     check_directory,
-    read_index,
     read_manifest,
+    read_store,
 )
+from bench.records.store import Store
 from bench.running.options import Options
-from bench.running.plan import plan
+from bench.running.plan import ObjectJobs, plan
 from bench.running.protocol import Protocol, method_identity, name_of
 from bench.running.shards import WHOLE, objects_to_search
 from data_prep.clouds.conditions import CONDITIONS
@@ -187,13 +188,15 @@ def _kept(directory: Path, protocol: Protocol, manifest: Mapping[str, Any]) -> K
         return kept
     stored = tuple(obj for obj in _search(protocol, manifest) if name_of(obj) in kept.objects)
     before = replace(protocol, methods=methods, conditions=conditions, objects=stored)
-    index = read_index(directory)
-    complete = frozenset(
-        obj.name
-        for obj in plan(before, directory).objects
-        if all(job.key in index for job in obj.jobs)
-    )
+    with read_store(directory) as store:
+        complete = frozenset(obj.name for obj in plan(before) if is_complete(obj, store))
     return replace(kept, objects=complete) if complete else None
+
+
+def is_complete(obj: ObjectJobs, store: Store) -> bool:
+    """Return whether all jobs of an object are finished."""
+    keys = {job.key for job in obj.jobs}
+    return len(store.find(keys)) == len(keys)
 
 
 def _find_kept(

@@ -91,6 +91,7 @@ Result = TypeVar("Result")
 
 TASKS_PER_WORKER = 500  # then a fresh process, which ends every leak
 LONGEST_WAIT_S = 3600.0  # more overflows in the system call for limits without end
+QUEUED = 2  # tasks for each worker, the one that it does and the next: there may be 10^5 in all
 START_S = 120.0  # for a worker to get ready, on a machine that swaps, too
 MOST_BREAKS = 3  # workers lost before they were ready, one after the other
 
@@ -171,7 +172,7 @@ class TaskPool(Generic[Task, Result]):
         # their time is over, within `submit` and `wait_any`.
         self._work, self._size, self._limits = work, workers, limits
         self._tasks_per_worker = tasks_per_worker
-        self.capacity = 2 * workers  # a queue as short as keeps them busy: there may be 10^5 tasks
+        self.capacity = QUEUED * workers
         self._queue: deque[Task] = deque()
         self._workers: list[_Worker[Task]] = []
         self._leaving: list[WorkerProcess] = []

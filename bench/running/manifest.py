@@ -7,8 +7,8 @@ from typing import Any
 
 from bench.catalogue.methods import objectives
 from bench.catalogue.truth import truth_entry
-from bench.records.journal import PROTOCOL
 from bench.records.record import SCHEMA_VERSION
+from bench.records.run_folder import PROTOCOL
 from bench.running.environment import machine_info
 from bench.running.options import Options
 from bench.running.protocol import Protocol, method_identity, name_of

@@ -1,38 +1,26 @@
 """The shards of a run put together to one run, as if it had not been divided (`bench merge`).
 
-Journals and artifacts are copied and checked; tables, figures and the report are made as at the end
-of any run. No method draws anything again, and neither dataset nor weights need to be at hand. A
+Jobs are copied and their images checked; tables, figures and the report are made as at the end of
+any run. No method draws anything again, and neither dataset nor weights need to be at hand. A
 merge that was stopped goes on where it was.
 """
 
 from __future__ import annotations
 
-import os
-import shutil
 import sys
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic
 
-from bench.records.artifacts import artifact_path, artifact_sha256
-from bench.records.job import Result
-from bench.records.journal import (
-    COLOURED,
-    FIXED,
-    TRUTH,
-    Journal,
-    read_finished,
-    read_index,
-)
-from bench.records.parquet import JobRow, read_jobs
-from bench.records.record import GROUND_TRUTH
+from bench.records.run_folder import COLOURED, FIXED, TRUTH, read_finished, read_store
+from bench.records.store import JobRow, Store
 from bench.running.extension import refuse_narrowing
-from bench.running.run import Outputs, PartialRun, WrittenRun, open_run, write_parquet
+from bench.running.run import Outputs, WrittenRun, open_run, write_parquet
 from bench.running.shards import WHOLE, Shard, interleave, read_shard
-from data_prep.failures import BadInput, CannotWrite
+from data_prep.failures import BadInput
 from data_prep.progress import progress
 
 # Entries of the manifest that all shards must have in common.
@@ -75,15 +63,14 @@ def merge(
     parts = _in_order([_read_part(directory) for directory in directories])
     manifest = _describe(parts)
     refuse_narrowing(out, manifest)
-    with open_run(out, manifest) as journal:
-        jobs = _collect(parts, manifest["objects"], journal)
+    with open_run(out, manifest) as store:
+        jobs = _collect(parts, manifest["objects"], store)
         seconds: dict[str, float] = {}
-        whole = PartialRun(out, manifest, jobs, lambda job: journal.index.read(job.key).records)
-        outputs = publish(write_parquet(whole, manifest["feature_identity"], seconds))
+        written = write_parquet(manifest, out, store, manifest["feature_identity"], seconds)
+        outputs = publish(written)
         stages = manifest["stage_seconds"]
         stages |= {name: round(stages.get(name, 0) + timing, 1) for name, timing in seconds.items()}
-    # A job that is the same under every condition has a row for each, and counts once.
-    return Merged(out, outputs, len({job.key for job in jobs}), len(journal.added))
+    return Merged(out, outputs, jobs, store.appended)
 
 
 def _read_part(directory: Path) -> FinishedShard:
@@ -172,59 +159,28 @@ def _describe(parts: Sequence[FinishedShard]) -> dict[str, Any]:
     }
 
 
-def _collect(
-    parts: Sequence[FinishedShard], objects: Sequence[str], journal: Journal
-) -> list[JobRow]:
-    """Bring all jobs into the journal, with their artifacts; return them in the run's order."""
-    rank = {name: place for place, name in enumerate(objects)}
-    listed = [(part, read_jobs(part.directory)) for part in parts]
-    with progress("merging", len({job.key for _, jobs in listed for job in jobs})) as advance:
-        for part, jobs in listed:
-            index = read_index(part.directory)
-            for job in {job.key: job for job in jobs}.values():
-                if job.key not in index:
+def _collect(parts: Sequence[FinishedShard], objects: Sequence[str], store: Store) -> int:
+    """Bring all jobs into the store, list them object by object, and count them."""
+    count = 0
+    with ExitStack() as opened:
+        sources: dict[str, Store] = {}
+        for part in parts:
+            source = opened.enter_context(read_store(part.directory))
+            sources |= dict.fromkeys(part.manifest["objects"], source)
+
+        def jobs_of(name: str) -> list[JobRow]:
+            return [*sources[name].listed_of(*name.split("/", 1))]
+
+        with progress("merging, objects", len(objects)) as advance:
+            for name in objects:
+                keys = {job.key for job in jobs_of(name)}
+                lacking = keys - store.copy(keys, sources[name])
+                if lacking or not keys:
                     raise BadInput(
-                        f"{part.directory}: {' '.join(job.name)} is not in its journal any more; "
-                        "run the shard again"
+                        f"{sources[name].path}: has not all jobs of {name} any more; run the shard "
+                        "again"
                     )
-                _copy_job(part.directory, job, index.read(job.key), journal)
+                count += len(keys)
                 advance(0)
-    return sorted(
-        (job for _, jobs in listed for job in jobs),
-        key=lambda job: (job.name.method != GROUND_TRUTH, rank["/".join(job.name.object)]),
-    )
-
-
-def _copy_job(source: Path, job: JobRow, result: Result, journal: Journal) -> None:
-    """Copy a job unless the journal has it. Its line is written when its artifact is whole."""
-    target = artifact_path(journal.directory, job.key)
-    present = journal.index.read(job.key) if job.key in journal.index else None
-    wanted = result.artifact_sha256
-    if present == result and (wanted is None or artifact_sha256(target) == wanted):
-        return
-    if wanted is not None:
-        _copy(artifact_path(source, job.key), target)
-        if artifact_sha256(target) != wanted:
-            raise BadInput(
-                f"{artifact_path(source, job.key)}: missing or altered; run the shard again with "
-                "its command, which makes it anew"
-            )
-    journal.append(result)
-
-
-def _copy(source: Path, target: Path) -> None:
-    """Give the file a second name where the file system allows it, else copy it."""
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        target.unlink(missing_ok=True)
-    except OSError as error:
-        raise CannotWrite(f"{target}: cannot be written ({error.strerror}); give --out") from error
-    if not source.is_file():
-        return
-    with suppress(OSError):  # another file system, or one without links
-        os.link(source, target)
-        return
-    try:
-        shutil.copyfile(source, target)
-    except OSError as error:
-        raise CannotWrite(f"{target}: cannot be written ({error.strerror}); make room") from error
+        store.list_jobs((job.key, job.name) for name in objects for job in jobs_of(name))
+    return count

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import ctypes
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from unicodedata import category, normalize
 
+from bench.catalogue.loaders import GPU, chosen_device
 from bench.catalogue.suite_types import Suite, Truth
 from bench.catalogue.suites import SUITES
 from bench.running.environment import cores
@@ -23,6 +25,7 @@ MOST_OBJECTS = 10_000
 # A job draws all views of an object at once; so many in float32 are half of what a worker may have.
 MOST_VIEWS = 10_000
 RUNS = Path("results/runs")
+UNTIL_DECIDED = "until_decided"  # in the manifest of a run that was to end when decided
 # Options that say what is measured, and not how or where.
 REPEATED = (
     *("suite", "dataset", "truth", "methods", "conditions", "metrics", "limit", "views", "device"),
@@ -41,6 +44,7 @@ class Options:
     conditions: tuple[str, ...] | None = None
     limit: int | None = None
     budget: float | None = None  # seconds
+    until_decided: bool = False
     views: int | None = None
     workers: int | None = None
     device: str = "auto"
@@ -99,10 +103,33 @@ def refuse_counts(options: Options) -> None:
 
 def refuse_absent_gpu(options: Options) -> None:
     """Raise BadInput for `--device cuda` where this machine, which is to draw, has no GPU."""
-    if options.device == "cuda" and options.ray in (None, LOCAL):  # other nodes have GPUs of theirs
-        from learning.training_loop import prepare_device
+    if options.device == GPU and options.ray in (None, LOCAL):  # other nodes have GPUs of theirs
+        chosen_device(options.device)
 
-        prepare_device(options.device)
+
+def device_of(options: Options, find_device: Callable[[str], str] | None = None) -> str:
+    """Return the device of a run: "cuda" for "auto" where this machine draws and has a GPU.
+
+    Elsewhere "auto" stays: on a machine without a GPU, and for a cluster, whose nodes decide where
+    methods draw. `find_device` returns PyTorch's name of a device (default:
+    `bench.catalogue.loaders.chosen_device`, which is asked where there is a driver).
+    """
+    if options.device != "auto" or options.ray not in (None, LOCAL):
+        return options.device
+    if find_device is None:
+        if not _has_driver():
+            return "auto"
+        find_device = chosen_device
+    return GPU if find_device(options.device).startswith(GPU) else "auto"
+
+
+def _has_driver() -> bool:
+    # PyTorch knows better, but takes seconds to import, and the main process does without it.
+    try:
+        ctypes.CDLL("libcuda.so.1")
+    except OSError:
+        return False
+    return True
 
 
 def seed_of(dataset: Dataset, options: Options) -> int:

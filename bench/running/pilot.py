@@ -5,20 +5,19 @@ from __future__ import annotations
 import math
 import resource
 import sys
-import tempfile
 import time
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from bench.catalogue.suites import Limits
 from bench.records.job import Job
-from bench.records.journal_line import to_line
+from bench.records.record import GROUND_TRUTH
+from bench.records.store import pack_records
 from bench.running.isolation import WorkerFailure, run_tasks
 from bench.running.plan import plan
 from bench.running.protocol import Protocol, name_of
@@ -53,12 +52,15 @@ class Sample:
         Most memory of the worker so far, libraries and weights included.
     reason : str
         Why the job failed; empty where it did not.
+    artifact : bytes or None
+        Its images, where it is a ground truth.
     """
 
     job: Job
     cost: Cost
     peak_mib: float
     reason: str
+    artifact: bytes | None = None
 
 
 def run_pilot(protocol: Protocol, objects: int, workers: int) -> list[Sample]:
@@ -82,15 +84,19 @@ def run_pilot(protocol: Protocol, objects: int, workers: int) -> list[Sample]:
     )
     some = tuple(obj for obj in protocol.objects if name_of(obj) in chosen)
     limits = protocol.suite.limits
-    with tempfile.TemporaryDirectory(prefix="bench-plan-") as folder:
-        jobs = plan(replace(protocol, objects=some), Path(folder))
-        truths = _measure(jobs.ground_truths, workers, limits, "pilot's ground truth")
-        drawn = {name_of(truth.job.object) for truth in truths if not truth.reason}
-        if not drawn:
-            first = truths[0].reason
-            raise BadInput(f"none of the pilot's objects can be drawn; the first: {first}")
-        scored = [job for obj in jobs.objects if obj.name in drawn for job in obj.jobs[1:]]
-        return [*truths, *_measure(scored, workers, limits, "pilot")]
+    planned = [*plan(replace(protocol, objects=some))]
+    truths = _measure([obj.truth for obj in planned], workers, limits, "pilot's ground truth")
+    drawn = {truth.job.key: truth.artifact for truth in truths if truth.artifact}
+    if not drawn:
+        first = truths[0].reason
+        raise BadInput(f"none of the pilot's objects can be drawn; the first: {first}")
+    scored = [
+        replace(job, reference=drawn[obj.truth.key])
+        for obj in planned
+        if obj.truth.key in drawn
+        for job in obj.jobs[1:]
+    ]
+    return [*truths, *_measure(scored, workers, limits, "pilot")]
 
 
 def _measure(jobs: Sequence[Job], workers: int, limits: Limits, title: str) -> list[Sample]:
@@ -127,11 +133,12 @@ class MeasuringWorker:
         seconds = time.perf_counter() - start
         if result.unusable:
             raise MissingDependency(result.unusable)
-        artifact_b = job.artifact.stat().st_size if result.artifact_sha256 else 0
         unit = 1 if sys.platform == "darwin" else 2**10  # bytes there, else KiB
         peak_mib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 2**20
-        cost = Cost(seconds, float(len(to_line(result)) + artifact_b))
-        return Sample(job, cost, peak_mib, result.records[0].reason)
+        size_b = len(pack_records(result.records)) + len(result.artifact or b"")
+        artifact = result.artifact if job.method == GROUND_TRUTH else None
+        cost, reason = Cost(seconds, float(size_b)), result.records[0].reason
+        return Sample(replace(job, reference=None), cost, peak_mib, reason, artifact)
 
 
 def lost_sample(job: Job, failure: WorkerFailure, limits: Limits) -> Sample:

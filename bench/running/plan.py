@@ -1,21 +1,20 @@
-"""The plan of a run: the list of all its jobs, with the key of each. Nothing is run."""
+"""The plan of a run: all its jobs, with the key of each. Nothing is run."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections import Counter
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any
+from functools import cached_property
+from typing import Any, overload
 
 from bench.catalogue.lookup import find
-from bench.records.artifacts import artifact_path
+from bench.catalogue.methods import Method
 from bench.records.job import Job
 from bench.records.record import GROUND_TRUTH, SCHEMA_VERSION
 from bench.running.protocol import Protocol, method_identity, name_of
-from data_prep.clouds.conditions import CONDITIONS, Unchanged
+from data_prep.clouds.conditions import CONDITIONS, Condition, Perturbation, Unchanged
 from data_prep.datasets.exported import ExportedObject
 from data_prep.datasets.grey import GreyObject
 from data_prep.datasets.objects import MeshObject, SceneObject
@@ -53,44 +52,116 @@ class ObjectJobs:
 
 
 @dataclass(frozen=True)
-class Plan:
-    """All jobs of a run, in the order of its files."""
+class Plan(Sequence[ObjectJobs]):
+    """All jobs of a run, object by object in the order of its files.
 
-    objects: tuple[ObjectJobs, ...]
+    The jobs of an object are made when they are asked for, and nothing of them is kept: a run may
+    have millions. A mesh is read for them, since its checksum is part of their keys.
+    """
+
+    protocol: Protocol
+    scene_objects: tuple[SceneObject, ...]
+    methods: tuple[tuple[Method, list[Any]], ...]
+    conditions: tuple[Condition, ...]
+
+    def __len__(self) -> int:
+        return len(self.scene_objects)
+
+    @overload
+    def __getitem__(self, index: int) -> ObjectJobs: ...
+    @overload
+    def __getitem__(self, index: slice) -> Plan: ...
+    def __getitem__(self, index: int | slice) -> ObjectJobs | Plan:
+        if isinstance(index, slice):
+            return replace(self, scene_objects=self.scene_objects[index])
+        return self._jobs_of(self.scene_objects[index])
 
     @property
-    def ground_truths(self) -> tuple[Job, ...]:
-        """Return the jobs that draw the true images."""
-        return tuple(obj.truth for obj in self.objects)
+    def names(self) -> list[str]:
+        """Return class and name of each object, as in the manifest."""
+        return [name_of(obj) for obj in self.scene_objects]
 
     @property
-    def method_jobs(self) -> tuple[Job, ...]:
-        """Return the jobs of the methods, one for each condition, object by object."""
-        return tuple(job for obj in self.objects for job in obj.method_jobs)
+    def jobs_per_object(self) -> int:
+        """Return how many jobs each object has: one is done for all conditions of some methods."""
+        seen = sum(len(self.conditions) if m.sees_cloud else 1 for m, _ in self.methods)
+        return 1 + seen
 
     @property
-    def jobs(self) -> tuple[Job, ...]:
-        """Return each job once, object by object."""
-        return tuple(job for obj in self.objects for job in obj.jobs)
+    def method_jobs(self) -> Iterator[Job]:
+        """Yield the jobs of the methods, one for each condition, object by object."""
+        return (job for obj in self for job in obj.method_jobs)
 
     @property
-    def in_turns(self) -> tuple[ObjectJobs, ...]:
-        """Return the objects in the order of their start: the first of each class, the second..."""
-        return tuple(obj for _, obj in sorted(self._numbered(), key=lambda pair: pair[0]))
+    def jobs(self) -> Iterator[Job]:
+        """Yield each job once, object by object."""
+        return (job for obj in self for job in obj.jobs)
 
-    def select(self, objects: Container[str]) -> Plan:
-        """Return the part of the objects with these names."""
-        return Plan(tuple(obj for obj in self.objects if obj.name in objects))
+    def in_order(self, names: Iterable[str]) -> Plan:
+        """Return the objects with these names, in their order."""
+        chosen = tuple(self.scene_objects[self._places[name]] for name in names)
+        return replace(self, scene_objects=chosen)
 
-    def _numbered(self) -> Iterator[tuple[int, ObjectJobs]]:
-        """Yield each object with its number within its class, from 1."""
-        numbers: Counter[str] = Counter()
-        for obj in self.objects:
-            numbers[obj.truth.object.class_name] += 1
-            yield numbers[obj.truth.object.class_name], obj
+    def select(self, names: Iterable[str]) -> Plan:
+        """Return the part of the objects with these names, in the order of the plan."""
+        places = sorted(self._places[name] for name in names if name in self._places)
+        return replace(self, scene_objects=tuple(self.scene_objects[i] for i in places))
+
+    @cached_property
+    def _places(self) -> dict[str, int]:
+        return {name: place for place, name in enumerate(self.names)}
+
+    @cached_property
+    def _cells(self) -> list[tuple[str, Condition, str, str]]:
+        """Return method and condition of each job of an object, and both ends of its identity.
+
+        They are the same for all objects, and are encoded once: a run has a million jobs.
+        """
+        cells = []
+        for condition in self.conditions:
+            for method, version in self.methods:
+                cloud, perturbation = (
+                    (condition.id, condition.perturbation)
+                    if method.sees_cloud
+                    else (UNCHANGED, Unchanged())
+                )
+                start = _encoded(self.protocol.suite.id, method.id, cloud)
+                end = _encoded(version, repr(perturbation), SCORES_VERSION)
+                cells.append((method.id, condition, start, end))
+        return cells
+
+    def _jobs_of(self, obj: SceneObject) -> ObjectJobs:
+        protocol, suite = self.protocol, self.protocol.suite.id
+        rng = generator(protocol.seed, "views", obj.class_name, obj.object_id)
+        views = obj.views(protocol.views, rng)
+        identity = _encoded(_object_identity(protocol, obj, views))
+
+        def job(
+            key: str, method: str, condition: str, change: Perturbation, truth: str | None
+        ) -> Job:
+            return Job(
+                key=key,
+                suite=suite,
+                method=method,
+                condition=condition,
+                perturbation=change,
+                object=obj,
+                views=views,
+                seed=protocol.seed,
+                device=protocol.device,
+                features=protocol.features,
+                reference_key=truth,
+            )
+
+        truth = _digest(_encoded(suite, GROUND_TRUTH, ""), identity)
+        method_jobs = tuple(
+            job(_digest(start, identity, end), method, cell.id, cell.perturbation, truth)
+            for method, cell, start, end in self._cells
+        )
+        return ObjectJobs(job(truth, GROUND_TRUTH, "", Unchanged(), None), method_jobs)
 
 
-def plan(protocol: Protocol, directory: Path) -> Plan:
+def plan(protocol: Protocol) -> Plan:
     """Return all jobs of a run, object by object.
 
     Where the truth of the suite is grey, jobs have the objects in grey. Raises BadInput for unknown
@@ -98,51 +169,15 @@ def plan(protocol: Protocol, directory: Path) -> Plan:
     objects have images, and for objects without a mesh where they are to be grey.
     """
     _refuse_bare_clouds(protocol)
-    suite = protocol.suite
-    conditions = [find(c, CONDITIONS, "condition") for c in protocol.conditions]
-    methods = [(m, method_identity(m, protocol.device)) for m in protocol.methods.values()]
-    objects = []
-    for obj in _in_grey(protocol) if suite.truth == "grey" else protocol.objects:
-        rng = generator(protocol.seed, "views", obj.class_name, obj.object_id)
-        views = obj.views(protocol.views, rng)
-        identity = _object_identity(protocol, obj, views)
-        key = digest([suite.id, GROUND_TRUTH, "", identity])
-        truth = Job(
-            key=key,
-            suite=suite.id,
-            method=GROUND_TRUTH,
-            condition="",
-            perturbation=Unchanged(),
-            object=obj,
-            views=views,
-            seed=protocol.seed,
-            device=protocol.device,
-            features=protocol.features,
-            artifact=artifact_path(directory, key),
-            reference=None,
-        )
-        method_jobs = []
-        for condition in conditions:
-            for method, version in methods:
-                cloud = (
-                    (condition.id, condition.perturbation)
-                    if method.sees_cloud
-                    else (UNCHANGED, Unchanged())
-                )
-                parts = [cloud[0], identity, version, repr(cloud[1]), SCORES_VERSION]
-                key = digest([suite.id, method.id, *parts])
-                job = replace(
-                    truth,
-                    key=key,
-                    method=method.id,
-                    condition=condition.id,
-                    perturbation=condition.perturbation,
-                    artifact=artifact_path(directory, key),
-                    reference=truth.artifact,
-                )
-                method_jobs.append(job)
-        objects.append(ObjectJobs(truth, tuple(method_jobs)))
-    return Plan(tuple(objects))
+    for obj in protocol.objects:
+        if isinstance(obj, ExportedObject):
+            obj.views(protocol.views, generator(protocol.seed))
+    return Plan(
+        protocol,
+        tuple(_in_grey(protocol)) if protocol.suite.truth == "grey" else protocol.objects,
+        tuple((m, method_identity(m, protocol.device)) for m in protocol.methods.values()),
+        tuple(find(c, CONDITIONS, "condition") for c in protocol.conditions),
+    )
 
 
 def _refuse_bare_clouds(protocol: Protocol) -> None:
@@ -191,4 +226,14 @@ def _object_identity(protocol: Protocol, obj: SceneObject, views: Sequence[View]
 
 def digest(identity: Sequence[Any]) -> str:
     """Return a key that names everything in `identity`."""
-    return hashlib.sha256(json.dumps(identity).encode()).hexdigest()
+    return _digest(_encoded(*identity))
+
+
+def _encoded(*values: object) -> str:
+    """Return values as elements of a list in JSON."""
+    return json.dumps(values)[1:-1]
+
+
+def _digest(*parts: str) -> str:
+    """Return the key of a list in JSON, from parts of its elements."""
+    return hashlib.sha256(f"[{', '.join(parts)}]".encode()).hexdigest()

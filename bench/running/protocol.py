@@ -6,14 +6,21 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from bench.catalogue.loaders import GPU
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import FLOOR, RECOMMENDED, Method, find_method
-from bench.catalogue.metrics import WeightsUnavailable, find_extractor
+from bench.catalogue.metrics import WeightsUnavailable, find_extractor, metrics_device
 from bench.catalogue.plugins import plugin_problem
 from bench.catalogue.suites import Suite
 from bench.catalogue.truth import left_out_in_grey, stored_suite, with_truth
 from bench.running.environment import environment
-from bench.running.options import Options, refuse_absent_gpu, refuse_counts, seed_of
+from bench.running.options import (
+    Options,
+    device_of,
+    refuse_absent_gpu,
+    refuse_counts,
+    seed_of,
+)
 from bench.running.shards import Shard, objects_to_search
 from data_prep.clouds.conditions import CONDITIONS
 from data_prep.datasets.objects import SceneObject
@@ -40,11 +47,11 @@ class Protocol:
         Images of each object.
     seed : int
     device : str
-        Where networks run: "auto", "cpu" or "cuda".
+        Where networks run: "cpu", "cuda", or "auto" where `device_of` leaves it.
     features : tuple of (str, str)
         Id and weights file of each extractor whose set metrics can be taken.
     feature_identity : mapping
-        The version and checksum behind each of the `features`.
+        The version and checksum behind each of the `features`, and the device but for the CPU.
     environment : mapping
         What images depend on beside our own code: GL driver and library versions.
     shard : Shard or None
@@ -118,6 +125,8 @@ def protocol_of(
     lacking = [name for name in suite.classes if name not in (dataset.classes or suite.classes)]
     if lacking and len(suite.classes) > 1:
         log(f"{dataset.id}: no {', '.join(lacking)}; left out")
+    device = device_of(options)
+    on_gpu = f" {GPU}" * (metrics_device(device) == GPU)
     features: list[tuple[str, str]] = []
     identity: dict[str, str] = {}
     skipped: dict[str, str] = {}
@@ -129,7 +138,7 @@ def protocol_of(
             skipped[metric] = f"skipped: weights; {error}"
             continue
         features.append((metric, str(weights)))
-        identity[metric] = f"{extractor.version} {file_sha256(weights)}"
+        identity[metric] = f"{extractor.version} {file_sha256(weights)}{on_gpu}"
     protocol = Protocol(
         suite=suite,
         dataset=dataset.id,
@@ -139,7 +148,7 @@ def protocol_of(
         shard=options.shard,
         views=options.views or suite.views,
         seed=seed,
-        device=options.device,
+        device=device,
         features=tuple(features),
         feature_identity=identity,
         environment=(probe or environment)(),

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import time
-import typing
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
-from contextlib import AbstractContextManager, closing, contextmanager
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -14,30 +14,30 @@ from typing import Any, Generic, TypeVar
 from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
 from bench.records.artifacts import JobName
-from bench.records.job import Job, Result, failed, shares
-from bench.records.journal import (
-    Journal,
-    JournalIndex,
+from bench.records.job import Job, Result, shares
+from bench.records.parquet import write_features, write_records
+from bench.records.run_folder import (
     check_directory,
-    open_journal,
-    read_index,
+    open_folder,
     read_manifest,
+    read_store,
     set_aside,
     write_manifest,
 )
-from bench.records.parquet import JobRow, artifacts_of, write_features, write_jobs, write_records
-from bench.records.record import GROUND_TRUTH, Record
+from bench.records.store import DamagedArtifact, Store
+from bench.records.stored_artifacts import Artifact, StoredArtifacts
 from bench.running.environment import now
 from bench.running.executors import results
-from bench.running.extension import KeptRun, join, pinned_request, refuse_narrowing
+from bench.running.extension import KeptRun, is_complete, join, pinned_request, refuse_narrowing
 from bench.running.factory import ExecutorFactory, executor_factory
 from bench.running.isolation import Executor
+from bench.running.listeners import PartialRun, StopRule, Watch
 from bench.running.manifest import describe
-from bench.running.options import Options
+from bench.running.options import UNTIL_DECIDED, Options
 from bench.running.plan import Plan, plan
 from bench.running.protocol import Protocol, protocol_of
 from bench.running.schedule import Budget, Schedule, guess_s
-from bench.running.status import undrawn, unscorable
+from bench.running.turns import seeded_turns
 from data_prep.failures import BadInput
 from data_prep.progress import log
 
@@ -53,52 +53,15 @@ class WrittenRun:
     directory : Path
     suite : str
     artifacts : mapping
-        The artifacts of all jobs that have images, by name: ground truths first.
+        The artifacts of all jobs that have images, by name.
     seconds : dict
         The time that each stage took; later stages add theirs.
     """
 
     directory: Path
     suite: str
-    artifacts: Mapping[JobName, Path]
+    artifacts: Mapping[JobName, Artifact]
     seconds: dict[str, float]
-
-
-@dataclass(frozen=True)
-class PartialRun:
-    """The complete objects of a run, which may still go on.
-
-    Attributes
-    ----------
-    directory : Path
-    manifest : dict
-        Manifest that a run of these objects alone would have.
-    jobs : sequence of JobRow
-        Jobs of the complete objects, ground truths first.
-    records : callable
-        Returns the records of one job.
-    """
-
-    directory: Path
-    manifest: dict[str, Any]
-    jobs: Sequence[JobRow]
-    records: Callable[[JobRow], Sequence[Record]]
-
-
-class ProgressReporter(typing.Protocol):
-    """A listener to the progress of a run."""
-
-    def on_jobs_done(self, ended: int, failed: int) -> None:
-        """Report that `ended` more jobs have ended, and that `failed` of the run have failed."""
-        ...
-
-    def on_object_done(self, snapshot: Callable[[], PartialRun]) -> None:
-        """Report that an object is complete. `snapshot` takes the longer the more there are."""
-        ...
-
-
-# Takes title and number of the jobs to be done.
-Watch = Callable[[str, int], AbstractContextManager[ProgressReporter]]
 
 
 @dataclass(frozen=True)
@@ -115,6 +78,8 @@ class RunResult(Generic[Outputs]):
         Complete objects, and objects of the whole run.
     interrupted : bool
         Whether Ctrl-C ended the run.
+    decided : bool
+        Whether the stop rule ended it.
     done, reused, failed : int
         Jobs of this start, of earlier ones, and without images; with a failed ground truth all of
         its object. A job that is the same under every condition counts once, as in progress.
@@ -131,6 +96,7 @@ class RunResult(Generic[Outputs]):
     objects: int
     planned: int
     interrupted: bool
+    decided: bool
     done: int
     reused: int
     failed: int
@@ -161,27 +127,16 @@ class _PreparedRun:
     kept: KeptRun | None
     budget: Budget
     begun: float
+    stop_rule: StopRule | None
 
     def narrows(self, schedule: Schedule) -> bool:
         """Return whether outputs of the complete objects would lack an object of the kept run."""
         return self.kept is not None and not self.kept.objects <= {*schedule.complete}
 
-    def snapshot(self, schedule: Schedule, journal: Journal) -> PartialRun:
-        """Return the run of the objects that are complete."""
-        part = self.plan.select(frozenset(schedule.complete))
-        without_truth = unscorable(part, schedule.results)
-
-        def records(row: JobRow) -> Sequence[Record]:
-            if row.key in without_truth:
-                return failed(*without_truth[row.key]).records
-            return journal.index.read(row.key).records
-
-        rows = []
-        for job in (*part.ground_truths, *part.method_jobs):
-            result = schedule.results.get(job.key)  # None: the ground truth has failed
-            rows.append(JobRow(job.key, job.name, result and result.artifact_sha256))
-        objects = [obj.name for obj in part.objects]
-        return PartialRun(self.directory, self.manifest | {"objects": objects}, rows, records)
+    def snapshot(self, names: Iterable[str], store: Store) -> PartialRun:
+        """Return the run of these complete objects."""
+        part = self.plan.select(names)
+        return PartialRun(self.directory, self.manifest | {"objects": part.names}, part, store)
 
 
 def run(
@@ -189,6 +144,7 @@ def run(
     publish: Callable[[WrittenRun], Outputs],
     watch: Watch,
     make_budget: Callable[[float | None, float], Budget] = Budget,
+    stop_rule: StopRule | None = None,
 ) -> RunResult[Outputs]:
     """Carry out a run, or what is left of it, for as long as its budget allows.
 
@@ -205,6 +161,8 @@ def run(
         Gives the reporter of progress.
     make_budget : callable
         Makes the budget from `--budget` and the expected cost of an object, both in seconds.
+    stop_rule : StopRule or None
+        Is asked before another object is begun.
 
     Raises
     ------
@@ -220,49 +178,66 @@ def run(
             f"--budget: has no meaning with --shard {options.shard}, whose objects are fixed; "
             "leave one of the two"
         )
+    if options.until_decided and options.shard is not None:
+        raise BadInput(
+            f"--until-decided: has no meaning with --shard {options.shard}, which sees a part of "
+            "the objects; leave one of the two"
+        )
     requested, skipped = protocol_of(suite, options)
     protocol, kept = join(options, requested)
-    planned = plan(protocol, options.directory)  # refuses weights that cannot be used
+    planned = plan(protocol)  # refuses weights that cannot be used
     with executor_factory(options, protocol) as factory:
-        budget = make_budget(options.budget, guess_s(planned.objects[0], factory.workers))
+        budget = make_budget(options.budget, guess_s(planned.jobs_per_object, factory.workers))
         if options.budget is not None and not _any_complete(options, planned):
             budget.check()
         manifest = describe(protocol, factory.workers, skipped) | {
             "request": pinned_request(options, protocol),
             "cluster": factory.cluster,
-            "planned": len(planned.objects),  # "objects" are those that are complete, at the end
+            "planned": len(planned),  # "objects" are those that are complete, at the end
+            **({UNTIL_DECIDED: True} if options.until_decided else {}),
         }
+        if stop_rule is not None:
+            stop_rule.begin(manifest, seeded_turns(planned.names, protocol.seed))
         prepared = _PreparedRun(
-            options.directory, options.fresh, protocol, planned, manifest, kept, budget, begun
+            *(options.directory, options.fresh, protocol, planned, manifest, kept, budget, begun),
+            stop_rule=stop_rule,
         )
         return _carry_out(prepared, factory, publish, watch)
 
 
 @contextmanager
-def open_run(directory: Path, manifest: dict[str, Any], fresh: bool = False) -> Iterator[Journal]:
-    """Yield the journal of a run, whose directory is locked for as long as the block lasts.
+def open_run(directory: Path, manifest: dict[str, Any], fresh: bool = False) -> Iterator[Store]:
+    """Yield the store of a run, whose directory is locked for as long as the block lasts.
 
     The manifest is written first, and again where the block ends without an error, with the time
     and what the block has added to it. `fresh` renames an old run first. Raises BadInput where the
     directory holds something else, or more than this run would have, or another process writes
     there.
     """
-    with _locked_journal(directory, manifest, fresh) as journal:
+    if not fresh:
         refuse_narrowing(directory, manifest)
+    with _open_checked(directory, manifest, fresh) as store:
         write_manifest(directory, manifest)
-        yield journal
+        yield store
         write_manifest(directory, manifest | {"finished": now()})
 
 
 @contextmanager
-def _locked_journal(directory: Path, manifest: dict[str, Any], fresh: bool) -> Iterator[Journal]:
+def _open_checked(directory: Path, manifest: dict[str, Any], fresh: bool) -> Iterator[Store]:
     if fresh and (old := set_aside(directory)):
         log(f"the old run is now {old}")
     check_directory(directory, manifest)
-    with open_journal(directory) as journal:
-        yield journal
-        for line in journal.damage:
-            log(line)
+    with open_folder(directory) as store:
+        try:
+            yield store
+        except DamagedArtifact as error:
+            if error.path != store.path:  # of a shard
+                raise
+            count = store.forget_damaged()
+            raise BadInput(
+                f"{store.path}: the images of {count} jobs are missing or altered; run again, "
+                "which draws them anew"
+            ) from error
 
 
 def _carry_out(
@@ -273,24 +248,42 @@ def _carry_out(
 ) -> RunResult[Outputs]:
     directory, planned = prepared.directory, prepared.plan
     seconds: dict[str, float] = {}
-    with _locked_journal(directory, prepared.manifest, prepared.fresh) as journal:
+    with _open_checked(directory, prepared.manifest, prepared.fresh) as store:
         if prepared.kept is None:
             write_manifest(directory, prepared.manifest)
         elif read_manifest(directory) != prepared.kept.manifest:  # it had the lock meanwhile
             raise BadInput(f"{directory}: another run has changed it just now; run again")
-        schedule = Schedule(planned, journal.all_usable(planned.jobs), prepared.budget)
+        in_turns = planned.in_order(seeded_turns(planned.names, prepared.protocol.seed))
+        rule = prepared.stop_rule
+        schedule = Schedule(
+            in_turns,
+            store,
+            prepared.budget,
+            *([rule.enough] if rule is not None else []),
+            ahead=math.ceil(factory.capacity / planned.jobs_per_object),
+        )
         reused = schedule.total - schedule.left
         with timed("items", seconds):
-            interrupted = _do_jobs(prepared, schedule, journal, factory.start, watch)
-        _check_any_truth(planned, schedule.results)
-        part = None if prepared.narrows(schedule) else prepared.snapshot(schedule, journal)
+            interrupted = _do_jobs(prepared, schedule, store, factory.start, watch)
+        if schedule.undrawn and not schedule.scored:
+            # One bad object among many is a failed record; if none can be drawn, the input is
+            # wrong.
+            reason = schedule.undrawn.removeprefix("input: ")
+            raise BadInput(
+                f"none of the {len(schedule.complete)} objects can be drawn; the first: {reason}"
+            )
+        part = None if prepared.narrows(schedule) else prepared.snapshot(schedule.complete, store)
         outputs = None
         if part is not None:
             write_manifest(directory, part.manifest)  # the tables are of these objects
+            store.list_jobs(
+                (job.key, job.name) for obj in part.plan for job in (obj.truth, *obj.method_jobs)
+            )
             extractors = [metric for metric, _ in prepared.protocol.features]
-            outputs = publish(write_parquet(part, extractors, seconds))
-        timings = (result.timing for result in schedule.results.values())
-        of_workers = shares(timings, factory.workers * (time.perf_counter() - prepared.begun))
+            outputs = publish(write_parquet(part.manifest, directory, store, extractors, seconds))
+        of_workers = shares(
+            schedule.timing, factory.workers * (time.perf_counter() - prepared.begun)
+        )
         if part is not None:
             ending = {
                 "stage_seconds": seconds,
@@ -298,17 +291,17 @@ def _carry_out(
                 "finished": now(),
             }
             write_manifest(directory, part.manifest | ending)
-    without_images = undrawn(planned, schedule.results)
     return RunResult(
         directory,
         outputs,
         objects=len(schedule.complete),
-        planned=len(planned.objects),
+        planned=len(planned),
         interrupted=interrupted,
+        decided=rule is not None and rule.enough(),
         done=schedule.total - reused - schedule.left,
         reused=reused,
-        failed=len(without_images),
-        hopeless=_hopeless(planned.select(frozenset(schedule.complete)), without_images),
+        failed=schedule.failures,
+        hopeless=tuple(m for m in prepared.protocol.methods if m not in schedule.working),
         seconds=seconds,
         shares=of_workers,
     )
@@ -316,14 +309,16 @@ def _carry_out(
 
 def _any_complete(options: Options, planned: Plan) -> bool:
     """Return whether an earlier start has completed an object."""
-    index = JournalIndex() if options.fresh else read_index(options.directory)
-    return any(all(job.key in index for job in obj.jobs) for obj in planned.objects)
+    if options.fresh:
+        return False
+    with read_store(options.directory) as store:
+        return not store.is_empty and any(is_complete(obj, store) for obj in planned)
 
 
 def _do_jobs(
     prepared: _PreparedRun,
     schedule: Schedule,
-    journal: Journal,
+    store: Store,
     start: Callable[[int], Executor[Job, Result]],
     watch: Watch,
 ) -> bool:
@@ -336,20 +331,23 @@ def _do_jobs(
     title = prepared.protocol.suite.id
     if reused := schedule.total - schedule.left:
         log(f"{title}: {reused} jobs are there from before")
-    failures = len(undrawn(prepared.plan, schedule.results))
+    rule = prepared.stop_rule
+    if rule is not None:
+        rule.add_missing(prepared.snapshot(schedule.complete, store))
     try:
         with (
             watch(f"{title}, jobs", schedule.left) as reporter,
-            closing(results(schedule.jobs(), schedule.left, journal, start)) as stream,
+            closing(results(schedule.jobs(), schedule.left, store, start)) as stream,
         ):
             for result in stream:
                 before = schedule.left
                 complete = schedule.take(result)
-                ended = before - schedule.left  # with a ground truth all jobs of its object fail
-                failures += ended * (not result.has_images)
-                reporter.on_jobs_done(ended, failures)
+                # With a ground truth all jobs of its object fail.
+                reporter.on_jobs_done(before - schedule.left, schedule.failures)
+                if complete and rule is not None:
+                    rule.add_missing(prepared.snapshot(schedule.complete[-1:], store))
                 if complete and schedule.scored and not prepared.narrows(schedule):
-                    reporter.on_object_done(partial(prepared.snapshot, schedule, journal))
+                    reporter.on_object_done(partial(prepared.snapshot, schedule.complete, store))
     except KeyboardInterrupt:
         if not schedule.scored:
             raise
@@ -358,20 +356,20 @@ def _do_jobs(
 
 
 def write_parquet(
-    part: PartialRun, extractors: Iterable[str], seconds: dict[str, float]
+    manifest: Mapping[str, Any],
+    directory: Path,
+    store: Store,
+    extractors: Iterable[str],
+    seconds: dict[str, float],
 ) -> WrittenRun:
-    """Write the results of jobs as Parquet files into a directory with a manifest.
+    """Write the results of the jobs that the store lists as Parquet files into a run's folder.
 
     `extractors` are those whose features are in the artifacts. The time is added to `seconds`.
     """
-    artifacts = artifacts_of(part.directory, part.jobs)
     with timed("tables", seconds):
-        rows = [job for job in part.jobs if job.name.method != GROUND_TRUTH]
-        write_records(part.directory, rows, part.records)
-        write_jobs(part.directory, part.jobs)
-        for metric in extractors:
-            write_features(part.directory, metric, artifacts)
-    return WrittenRun(part.directory, str(part.manifest["suite"]), artifacts, seconds)
+        write_records(directory, store.listed_columns())
+        write_features(directory, store, [*extractors])
+    return WrittenRun(directory, str(manifest["suite"]), StoredArtifacts(directory), seconds)
 
 
 @contextmanager
@@ -380,21 +378,3 @@ def timed(stage: str, seconds: dict[str, float]) -> Iterator[None]:
     start = time.perf_counter()
     yield
     seconds[stage] = round(seconds.get(stage, 0.0) + time.perf_counter() - start, 1)
-
-
-def _check_any_truth(planned: Plan, done: Mapping[str, Result]) -> None:
-    """Raise BadInput where none of the ground truths could be drawn."""
-    # One bad object among many is a failed record; if none can be drawn, the input is wrong.
-    truths = [done[job.key] for job in planned.ground_truths if job.key in done]
-    if not any(truth.has_images for truth in truths):
-        reason = truths[0].reason.removeprefix("input: ")
-        raise BadInput(f"none of the {len(truths)} objects can be drawn; the first: {reason}")
-
-
-def _hopeless(complete: Plan, undrawn: Set[str]) -> tuple[str, ...]:
-    """Return the methods that have failed on all complete objects that can be drawn."""
-    jobs = [
-        job for obj in complete.objects if obj.truth.key not in undrawn for job in obj.method_jobs
-    ]
-    working = {job.method for job in jobs if job.key not in undrawn}
-    return tuple(dict.fromkeys(job.method for job in jobs if job.method not in working))

@@ -9,11 +9,14 @@ from __future__ import annotations
 import math
 import re
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from itertools import zip_longest
+from itertools import islice
 
-from bench.records.job import Job, Result
+from bench.records.job import NOTHING, Job, Result, failed
+from bench.records.record import GROUND_TRUTH
+from bench.records.store import Store
 from bench.running.plan import ObjectJobs, Plan
 from data_prep.failures import BadInput
 
@@ -37,9 +40,9 @@ def seconds_of(text: str) -> float:
     return seconds
 
 
-def guess_s(obj: ObjectJobs, workers: int) -> float:
-    """Return the seconds that an object is expected to take, before any has been done."""
-    return len(obj.jobs) * JOB_S / workers
+def guess_s(jobs: int, workers: int) -> float:
+    """Return the seconds that an object of so many jobs is expected to take, before any is done."""
+    return jobs * JOB_S / workers
 
 
 def end_s(objects: int) -> float:
@@ -106,80 +109,178 @@ class Budget:
 
 
 class Schedule:
-    """The jobs of a run in the order of their start, and their results.
+    """The jobs of a run in the order of their start, and how far the run has come.
+
+    In memory are the objects under way and the names of those that are complete. An object whose
+    ground truth has failed is complete: there is nothing to score, and all its jobs have failed.
 
     Attributes
     ----------
-    results : dict
-        Results of the jobs that have ended, by key and without records.
     complete : list of str
-        Names of the objects whose jobs have all ended. An object whose ground truth has failed is
-        complete: there is nothing to score.
+        Names of the objects whose jobs have all ended.
     scored : int
         Complete objects that have a ground truth.
-    total : int
-        Jobs of the run.
-    left : int
-        Jobs to be done, if there were no budget.
+    total, left : int
+        Jobs of the run, and jobs to be done, if there were no budget.
+    failures : int
+        Jobs that have ended without images.
+    undrawn : str
+        Why the first ground truth that failed could not be drawn; empty where none has failed.
+    working : set of str
+        The methods with an image, and GROUND_TRUTH.
+    timing : JobTiming
+        Sum over the jobs of this start.
     """
 
-    def __init__(self, planned: Plan, results: Mapping[str, Result], budget: Budget) -> None:
-        self._objects = planned.in_turns
-        self._budget = budget
-        self._object_of = {job.key: obj for obj in self._objects for job in obj.jobs}
-        self._open = {obj.name: {job.key for job in obj.jobs} for obj in self._objects}
-        self.results: dict[str, Result] = {}
+    def __init__(
+        self,
+        planned: Plan,
+        store: Store,
+        budget: Budget,
+        enough: Callable[[], bool] = lambda: False,
+        ahead: int = 1,
+    ) -> None:
+        """Note what the store has of the plan, whose objects are in the order of their start.
+
+        `enough` is asked before another object is begun. `ahead` is how many objects have their
+        ground truths drawn before their jobs are due: those that idle workers could begin.
+        """
+        self._ahead = ahead
+        self._plan, self._store, self._budget, self._enough = planned, store, budget, enough
+        self._under_way: dict[str, _UnderWay] = {}
+        self._object_of: dict[str, str] = {}  # by the keys of the open jobs
         self.complete: list[str] = []
-        self.scored = 0
-        self.total = self.left = sum(map(len, self._open.values()))
-        for result in results.values():
-            self._put(result)
+        self._complete: set[str] = set()
+        self.scored = self.failures = 0
+        self.undrawn = ""
+        self.working: set[str] = set()
+        self.timing = NOTHING
+        self.total = self.left = len(planned) * planned.jobs_per_object
+        if not store.is_empty:
+            for obj in self._plan:
+                self._recall(obj)
 
     def jobs(self) -> Iterator[Job | None]:
         """Yield the jobs to be done; None where the next job waits for a ground truth.
 
-        They end where the budget does not allow another object. The first object is always done.
+        They end where the budget does not allow another object, or enough are done. The first
+        object is always done.
         """
-        truths: set[str] = set()
-        begun: list[ObjectJobs] = []
-        for obj, ahead in zip_longest(self._objects, self._objects[1:]):
-            if not self._open[obj.name]:
-                continue
-            begun = [earlier for earlier in begun if self._open[earlier.name]]
-            under_way = sum(len(self._open[o.name]) / len(o.jobs) for o in begun)
-            if (self.complete or begun) and not self._budget.allows(len(self.complete), under_way):
+        rest = (
+            self._plan[i] for i, name in enumerate(self._plan.names) if name not in self._complete
+        )
+        coming = deque(islice(rest, 1))
+        begun: list[str] = []
+        while coming:
+            obj = coming.popleft()
+            begun = [name for name in begun if name in self._under_way]
+            under_way = sum(self._under_way[name].share for name in begun)
+            allowed = not self._enough() and self._budget.allows(len(self.complete), under_way)
+            if (self.complete or begun) and not allowed:
                 return
-            begun.append(obj)
-            # Ground truths are drawn one object ahead: nothing waits for one but at the start.
-            for truth in (obj.truth, ahead and ahead.truth):
-                if truth and truth.key not in self.results and truth.key not in truths:
-                    truths.add(truth.key)
-                    yield truth
-            while obj.truth.key not in self.results:
+            begun.append(obj.name)
+            coming.extend(islice(rest, self._ahead - len(coming)))
+            # Ground truths are drawn ahead: nothing waits for one but at the start.
+            state = self._begin(obj)
+            for some in (state, *map(self._begin, coming)):
+                if not some.truth_sent and some.truth_key in some.open:
+                    some.truth_sent = True
+                    yield some.open[some.truth_key]
+            while state.truth_key in state.open:
                 yield None
             for job in obj.jobs:
                 if self.complete and not self._budget.allows_jobs(len(self.complete)):
                     return
-                if job.key in self._open[obj.name]:
+                if job.key in state.open:
                     yield job
 
     def take(self, result: Result) -> bool:
         """Note the result of a job, and return whether its object is complete by it."""
-        complete = self._put(result.without_records())
+        self.timing += result.timing
+        state = self._under_way[self._object_of.pop(result.key)]
+        self._note(state.open.pop(result.key), result)
+        if result.key == state.truth_key and not result.has_images:
+            self._fail(state.open.values(), result.reason)
+            for key in state.open:
+                del self._object_of[key]
+            state.open.clear()
+        state.has_truth |= result.key == state.truth_key and result.has_images
+        complete = not state.open
+        if complete:
+            del self._under_way[state.name]
+            self._complete_object(state.name, state.has_truth)
         self._budget.note(complete)
         return complete
 
-    def _put(self, result: Result) -> bool:
-        self.results[result.key] = result
-        obj = self._object_of[result.key]
-        still_open = self._open[obj.name]
-        before = len(still_open)
-        still_open.discard(result.key)
-        if result.key == obj.truth.key and not result.has_images:
-            still_open.clear()
-        self.left -= before - len(still_open)
-        if not before or still_open:
-            return False
-        self.complete.append(obj.name)
-        self.scored += self.results[obj.truth.key].has_images
-        return True
+    def _recall(self, obj: ObjectJobs) -> None:
+        """Note the results of an object from earlier starts."""
+        done = self._store.find([job.key for job in obj.jobs])
+        for job in obj.jobs:
+            if job.key in done:
+                self._note(job, done[job.key])
+        truth = done.get(obj.truth.key)
+        if truth is not None and not truth.has_images:
+            self._fail((job for job in obj.jobs if job.key not in done), truth.reason)
+        elif len(done) < len(obj.jobs):
+            return
+        self._complete_object(obj.name, truth is not None and truth.has_images)
+
+    def _begin(self, obj: ObjectJobs) -> _UnderWay:
+        if obj.name not in self._under_way:
+            done = self._store.find([job.key for job in obj.jobs])
+            jobs = {job.key: job for job in obj.jobs if job.key not in done}
+            has_truth = obj.truth.key in done  # a failed one would have completed the object
+            state = _UnderWay(obj.name, obj.truth.key, jobs, len(obj.jobs), has_truth)
+            self._under_way[obj.name] = state
+            self._object_of |= dict.fromkeys(jobs, obj.name)
+        return self._under_way[obj.name]
+
+    def _note(self, job: Job, result: Result) -> None:
+        self.left -= 1
+        if result.has_images:
+            self.working.add(job.method)
+            return
+        self.failures += 1
+        if job.method == GROUND_TRUTH:
+            self.undrawn = self.undrawn or result.reason
+
+    def _fail(self, jobs: Iterable[Job], reason: str) -> None:
+        """Store that jobs have failed for want of a ground truth."""
+        for job in jobs:
+            result = failed(job, reason)
+            self._store.append(result)
+            self._note(job, result)
+
+    def _complete_object(self, name: str, scored: bool) -> None:
+        self.complete.append(name)
+        self._complete.add(name)
+        self.scored += scored
+
+
+@dataclass
+class _UnderWay:
+    """An object whose jobs are being done.
+
+    Attributes
+    ----------
+    open : dict
+        The jobs that have not ended, by key.
+    total : int
+        Number of its jobs.
+    has_truth : bool
+        Whether its ground truth is drawn.
+    truth_sent : bool
+        Whether the job of its ground truth has been handed out.
+    """
+
+    name: str
+    truth_key: str
+    open: dict[str, Job]
+    total: int
+    has_truth: bool
+    truth_sent: bool = False
+
+    @property
+    def share(self) -> float:
+        """Return the part of the jobs that is open."""
+        return len(self.open) / self.total

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Set
+from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from bench.records.job import Job, Result
-from bench.records.journal import MANIFEST, Journal, check_directory, read_index
+from bench.records.run_folder import MANIFEST, check_directory, read_store
+from bench.records.store import Store
 from bench.running.extension import join
 from bench.running.options import Options, workers_of
 from bench.running.plan import Plan, plan
@@ -26,8 +27,9 @@ class RunStatus:
     protocol : Protocol
     directory : Path
     plan : Plan
-    completed_keys : frozenset of str
-        Keys of the jobs that count as done, also those that have no true image to be scored with.
+    left : dict
+        Jobs that are left, by method and condition; zeros included. A job that is the same under
+        every condition counts at the first.
     workers : int
         Processes of this machine.
     """
@@ -35,25 +37,8 @@ class RunStatus:
     protocol: Protocol
     directory: Path
     plan: Plan
-    completed_keys: frozenset[str]
+    left: dict[MethodCondition, int]
     workers: int
-
-    @property
-    def left(self) -> dict[MethodCondition, int]:
-        """Return how many jobs are left, by method and condition; zeros included.
-
-        A job that is the same under every condition counts at the first.
-        """
-        return count(self.plan.jobs, self.completed_keys)
-
-
-def count(jobs: Iterable[Job], completed_keys: Set[str]) -> dict[MethodCondition, int]:
-    """Return how many jobs are not completed, by method and condition, in their order."""
-    left: dict[MethodCondition, int] = {}
-    for job in jobs:
-        cell = (job.method, job.condition)
-        left[cell] = left.get(cell, 0) + (job.key not in completed_keys)
-    return left
 
 
 def run_status(options: Options, protocol: Protocol) -> RunStatus:
@@ -64,31 +49,27 @@ def run_status(options: Options, protocol: Protocol) -> RunStatus:
     directory = options.directory
     workers = workers_of(protocol.suite, options)
     protocol, _ = join(options, protocol)
-    planned = plan(protocol, directory)
-    completed: frozenset[str] = frozenset()
+    planned = plan(protocol)
+    left = dict.fromkeys(((job.method, job.condition) for job in planned[0].jobs), len(planned))
     if not options.fresh:
-        journal = Journal(directory, read_index(directory))
-        results = journal.all_usable(planned.jobs)
-        completed = frozenset((*results, *unscorable(planned, results)))
+        with read_store(directory) as store:
+            if not store.is_empty:
+                for cell, done in Counter(_done(planned, store)).items():
+                    left[cell] -= done
     elif not (directory / MANIFEST).exists():  # else it would be renamed
         check_directory(directory, {})
-    return RunStatus(protocol, directory, planned, completed, workers)
+    return RunStatus(protocol, directory, planned, left, workers)
 
 
-def unscorable(planned: Plan, results: Mapping[str, Result]) -> dict[str, tuple[Job, str]]:
-    """Return, by key, the jobs whose ground truth has failed, with the reason of its failure."""
-    return {
-        job.key: (job, truth.reason)
-        for obj in planned.objects
-        if (truth := results.get(obj.truth.key)) and not truth.has_images
-        for job in obj.method_jobs
-    }
-
-
-def undrawn(planned: Plan, results: Mapping[str, Result]) -> set[str]:
-    """Return the keys of the jobs without images, and of those whose ground truth has none."""
-    failed = {key for key, result in results.items() if not result.has_images}
-    return failed | unscorable(planned, results).keys()
+def _done(planned: Plan, store: Store) -> Iterator[MethodCondition]:
+    """Yield the cell of each job that is done, or has no true image to be scored with."""
+    for obj in planned:
+        results = store.find([job.key for job in obj.jobs])
+        truth = results.get(obj.truth.key)
+        undrawn = truth is not None and not truth.has_images
+        yield from (
+            (job.method, job.condition) for job in obj.jobs if undrawn or job.key in results
+        )
 
 
 def refuse_small(suite: str, request: str) -> BadInput:

@@ -1,13 +1,12 @@
 """The work of a worker: draw the ground truth of an object, or one cloud with one method.
 
-A job writes its images and features into an artifact and returns the records; whether they count
-is decided by the process that keeps the journal.
+A job returns its records, and its images and features as an artifact; whether they count is decided
+by the process that keeps the store of the run.
 """
 
 from __future__ import annotations
 
 import functools
-import io
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,13 +17,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.catalogue.methods import FLOORS, Method, find_method
-from bench.catalogue.metrics import LEARNED_METRICS, Extractor, find_extractor, lpips_network
+from bench.catalogue.metrics import (
+    LEARNED_METRICS,
+    Extractor,
+    find_extractor,
+    lpips_network,
+    metrics_device,
+)
 from bench.metrics.image_scores import scores
-from bench.records.artifacts import read_array, write_artifact
+from bench.records.artifacts import pack, unpack_images
 from bench.records.job import Job, Result, Stopwatch, failed, records_of
-from bench.records.record import GROUND_TRUTH
+from bench.records.record import GROUND_TRUTH, Record
 from data_prep.datasets.exported import ExportedObject
-from data_prep.failures import BadInput, CannotWrite, MissingDependency, StageFailure
+from data_prep.failures import BadInput, MissingDependency, StageFailure
 from data_prep.randomness import generator
 from data_prep.rendering.images import to_uint8
 from data_prep.scene import IMAGE_SIZE, PointCloud, Renderer, UInt8Images, View
@@ -46,7 +51,7 @@ def run_job(job: Job) -> Result:
     draw_job = _draw_ground_truth if job.method == GROUND_TRUTH else _run_method
     try:
         result = draw_job(job, watch)
-    except (MissingDependency, CannotWrite) as error:
+    except MissingDependency as error:
         result = replace(failed(job, str(error)), unusable=str(error))
     except BaseException as error:  # a method may call exit(), or raise KeyboardInterrupt
         result = failed(job, reason_of(error))
@@ -67,8 +72,7 @@ def reason_of(error: BaseException) -> str:
 def _draw_ground_truth(job: Job, watch: Stopwatch) -> Result:
     with watch.on("rendering"):
         images = job.object.truth(job.views)
-    sha = _write_artifact(job, images, watch)
-    return Result(job.key, tuple(records_of(job, "ok")), sha)
+    return _with_artifact(job, records_of(job, "ok"), images, watch)
 
 
 def _first_line(error: BaseException) -> str:
@@ -83,7 +87,7 @@ def _run_method(job: Job, watch: Stopwatch) -> Result:
             renderer = load_renderer(job.method, job.device)
     except BadInput as error:  # unusable weights fail every job alike
         return replace(failed(job, str(error)), unusable=str(error))
-    truth = None if job.reference is None else read_array(job.reference)
+    truth = None if job.reference is None else unpack_images(job.reference)
     cloud, rng = cloud_of(job), rng_of(job)
     with watch.on("methods"):
         drawn = draw(method, renderer, cloud, job.views, rng, job.batch, truth)
@@ -100,8 +104,7 @@ def _run_method(job: Job, watch: Stopwatch) -> Result:
             )
             for i, record in enumerate(records)
         ]
-    sha = _write_artifact(job, drawn.images, watch)
-    return Result(job.key, tuple(records), sha)
+    return _with_artifact(job, records, drawn.images, watch)
 
 
 def _learned(job: Job, truth: UInt8Images, images: UInt8Images) -> dict[str, NDArray[np.float64]]:
@@ -109,7 +112,7 @@ def _learned(job: Job, truth: UInt8Images, images: UInt8Images) -> dict[str, NDA
     weights = dict(job.features).get(LEARNED_METRICS["lpips"])
     if weights is None:
         return {}
-    network = lpips_network(weights)
+    network = lpips_network(weights, metrics_device(job.device))
     return {"lpips": network.distance(network.encode(truth), network.encode(images))}
 
 
@@ -197,16 +200,17 @@ def checked_images(images: NDArray[np.float32], count: int) -> UInt8Images:
     return to_uint8(images)
 
 
-def _write_artifact(job: Job, images: UInt8Images, watch: Stopwatch) -> str:
+def _with_artifact(
+    job: Job, records: Sequence[Record], images: UInt8Images, watch: Stopwatch
+) -> Result:
     arrays: dict[str, NDArray[Any]] = {"images": images}
     with watch.on("metrics"):
         for extractor, weights in job.features:
-            arrays[extractor] = _extractor(extractor, weights)(images)
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, **arrays)  # type: ignore[arg-type]
-    data = buffer.getvalue()
-    write_artifact(job.artifact, data)
-    return sha256(data).hexdigest()
+            device = metrics_device(job.device)
+            arrays[extractor] = _extractor(extractor, weights, device)(images)
+    artifact = pack(arrays)
+    checksum = sha256(artifact).hexdigest()
+    return Result(job.key, tuple(records), checksum, artifact=artifact)
 
 
 @functools.cache
@@ -219,5 +223,5 @@ def load_renderer(method: str, device: str) -> Renderer:
 
 
 @functools.cache
-def _extractor(name: str, weights: str) -> Extractor:
-    return find_extractor(name).load(weights)
+def _extractor(name: str, weights: str, device: str) -> Extractor:
+    return find_extractor(name).load(weights, device)

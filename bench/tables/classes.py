@@ -26,7 +26,7 @@ IN_A_ROW = 7  # classes side by side, as the paper has them
 
 def class_table(run: ScoredRun, spec: TableSpec, published: Published) -> Table[QualityRow]:
     """Return Table 5: values by class, and their means over classes."""
-    rows = annotated(class_rows(run, run.suite.class_metrics), run, published)
+    rows = annotated(class_rows(run, run.suite.class_metrics), run.manifest, published)
     shown = with_chosen_rows(rows)
     remarks = [remark(run), which_are_chosen(shown)]
     return table_of_classes(spec, shown, " ".join(filter(None, remarks)))

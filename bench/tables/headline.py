@@ -5,17 +5,25 @@ With one class methods are down and conditions across; with several it is the me
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 from threadpoolctl import threadpool_limits
 
 from bench.analysis.comparison import NAN
 from bench.analysis.paper import AVERAGE
 from bench.analysis.scored import ScoredRun
-from bench.analysis.scores import QualityRow, class_rows, image_rows, set_rows
+from bench.analysis.scores import (
+    QualityRow,
+    RowWithSamples,
+    image_rows,
+    set_rows,
+    with_averages,
+)
 from bench.catalogue.metrics import is_mean
-from bench.records.journal import PROTOCOL
+from bench.catalogue.suite_types import Suite
+from bench.records.run_folder import PROTOCOL
 from bench.tables.grid import Block
 from bench.tables.quality import all_methods, annotated, with_chosen_rows
 from bench.tables.table import Table, columns_of, of_protocol
@@ -25,29 +33,42 @@ FEWEST_SHOWN = 12  # objects: intervals of fewer are so wide and so uncertain th
 
 
 def headline(run: ScoredRun) -> Table[QualityRow]:
-    """Return the headline metrics of the suite over the objects that are complete.
+    """Return the headline metrics of the suite over the objects that are complete."""
+    metrics = run.suite.headline
+    with threadpool_limits(1):
+        rows = image_rows(run, [metric for metric in metrics if is_mean(metric)])
+        for metric in metrics:
+            rows += [] if is_mean(metric) else set_rows(run, metric)
+        return headline_of(run.suite, run.manifest, rows)
+
+
+def headline_of(
+    suite: Suite, manifest: Mapping[str, Any], rows: Sequence[RowWithSamples]
+) -> Table[QualityRow]:
+    """Return the headline table of the rows of all cells.
 
     People see intervals from FEWEST_SHOWN objects on; its CSV has them before.
     """
-    metrics = run.suite.headline
-    with threadpool_limits(1):
-        if run.suite.table("classes"):
-            rows = [row for row in class_rows(run, metrics) if row.class_name == AVERAGE]
-        else:
-            sampled = image_rows(run, [metric for metric in metrics if is_mean(metric)])
-            for metric in metrics:
-                sampled += [] if is_mean(metric) else set_rows(run, metric)
-            rows = [row for row, _ in sampled]
-    objects = len(run.manifest["objects"])
-    planned = run.manifest.get("planned", objects)
-    title = f"{' and '.join(metrics)}: {objects} of {planned} objects"
+    chosen = [row for row, _ in rows]
+    if suite.table("classes"):
+        of_metrics = ([r for r in rows if r.row.metric == metric] for metric in suite.headline)
+        averages = (row for of_metric in of_metrics for row in with_averages(of_metric))
+        chosen = [row for row in averages if row.class_name == AVERAGE]
+    objects = len(manifest["objects"])
+    planned = manifest.get("planned", objects)
+    title = f"{' and '.join(suite.headline)}: {objects} of {planned} objects"
 
     def layout(rows: Sequence[QualityRow]) -> Iterator[Block]:
         if objects < FEWEST_SHOWN:
             yield f"Intervals are shown from {FEWEST_SHOWN} objects on."
             rows = [replace(row, ci_low=NAN, ci_high=NAN) for row in rows]
+        elif objects < planned:
+            yield (
+                "Intervals hold for a number of objects that was fixed beforehand; those of the "
+                "table `decided` hold whenever one looks."
+            )
         yield from all_methods(rows)
 
-    shown = with_chosen_rows(annotated(rows, run, {}))
+    shown = with_chosen_rows(annotated(chosen, manifest, {}))
     table = Table(HEADLINE, title, columns_of(QualityRow), shown, layout)
-    return of_protocol(table, run.suite, run.manifest[PROTOCOL])
+    return of_protocol(table, suite, manifest[PROTOCOL])

@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 from bench.analysis.comparison import NAN, decimals
 from bench.analysis.paper import PAPER_METHODS, Published, published_value
@@ -49,19 +50,19 @@ _DEBIASED = (
 def image_table(run: ScoredRun, spec: TableSpec, published: Published) -> Table[QualityRow]:
     """Return the means over images of the suite's image metrics."""
     rows = [sampled.row for sampled in image_rows(run, run.suite.image_metrics)]
-    return quality_table(spec, annotated(rows, run, published))
+    return quality_table(spec, annotated(rows, run.manifest, published))
 
 
 def detail_table(run: ScoredRun, spec: TableSpec, published: Published) -> Table[QualityRow]:
     """Return the means over images of the suite's detail metrics, which the paper does not have."""
     rows = [sampled.row for sampled in image_rows(run, run.suite.detail_metrics)]
-    return quality_table(spec, annotated(rows, run, {}), DETAIL_REMARK)
+    return quality_table(spec, annotated(rows, run.manifest, {}), DETAIL_REMARK)
 
 
 def set_table(run: ScoredRun, spec: TableSpec, published: Published) -> Table[QualityRow]:
     """Return the distances of methods' images to the true ones by the suite's set metrics."""
     rows = [sampled.row for metric in run.suite.set_metrics for sampled in set_rows(run, metric)]
-    return quality_table(spec, annotated(rows, run, published))
+    return quality_table(spec, annotated(rows, run.manifest, published))
 
 
 def recognition_table(run: ScoredRun, spec: TableSpec, published: Published) -> Table[QualityRow]:
@@ -77,12 +78,14 @@ def recognition_table(run: ScoredRun, spec: TableSpec, published: Published) -> 
             for name in ordered(map(str, run.records["class"]))
         )
         remark += f" Retrieval is among all objects of the run ({sizes}): by chance 1 in as many."
-    return quality_table(spec, annotated(recognition_rows(run), run, {}), remark)
+    return quality_table(spec, annotated(recognition_rows(run), run.manifest, {}), remark)
 
 
-def annotated(rows: Iterable[QualityRow], run: ScoredRun, published: Published) -> list[QualityRow]:
+def annotated(
+    rows: Iterable[QualityRow], manifest: Mapping[str, Any], published: Published
+) -> list[QualityRow]:
     """Return the rows with the paper's values, and what the networks' weights were trained with."""
-    objectives: Mapping[str, str] = run.manifest.get("objectives", {})
+    objectives: Mapping[str, str] = manifest.get("objectives", {})
     return [
         replace(
             row,

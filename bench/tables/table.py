@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from bench.catalogue.suite_types import TRUTHS, Suite
-from bench.records.journal import TRUTH
+from bench.records.run_folder import TRUTH
 from bench.tables import markdown
 from bench.tables.grid import Block, Grid
 from data_prep.files.atomic_write import write_whole

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-import io
+import sqlite3
+from collections.abc import Iterable
+from contextlib import closing, suppress
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
@@ -17,23 +19,18 @@ from bench.catalogue.methods import FLOORS
 from bench.catalogue.metrics import IMAGE_METRICS, column
 from bench.catalogue.suites import SUITES, Suite
 from bench.metrics.frechet import JackknifeMoments, frechet_distance, left_out_distances
-from bench.records.artifacts import JobName, artifact_path
-from bench.records.job import Job
-from bench.records.journal import write_manifest
-from bench.records.parquet import (
-    JobRow,
-    read_records,
-    write_features,
-    write_jobs,
-    write_records,
-)
+from bench.records.artifacts import JobName, pack
+from bench.records.job import Job, Result
+from bench.records.parquet import read_records, write_features, write_records
 from bench.records.record import GROUND_TRUTH, SCHEMA_VERSION, Record
+from bench.records.run_folder import open_folder, write_manifest
+from bench.records.store import STORE, pack_records, unpack_columns
+from bench.records.stored_artifacts import Artifact
 from bench.running.options import Options
 from bench.running.protocol import Protocol, find_methods
 from bench.tables.build import write_outputs
 from data_prep.clouds.conditions import CONDITIONS, Unchanged
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
-from data_prep.files.atomic_write import write_whole
 from data_prep.scene import View
 
 SUITE = "chair-robustness"
@@ -81,8 +78,8 @@ def make_failed(
     return make_record(method, condition, obj, view, **changes)
 
 
-def make_job(directory: Path, obj=None, method="splat", condition="2048", **changes) -> Job:
-    """A job whose artifact and reference lie in `directory`, named by method and object."""
+def make_job(obj=None, method="splat", condition="2048", **changes) -> Job:
+    """A job with a readable key, to be scored against `make_truth` of its object."""
     obj = obj or Tetrahedron()
     key = f"{method} {condition} {obj.object_id}".replace("/", "-")
     perturbations = {known.id: known.perturbation for known in CONDITIONS}
@@ -97,14 +94,13 @@ def make_job(directory: Path, obj=None, method="splat", condition="2048", **chan
         seed=0,
         device="cpu",
         features=(),
-        artifact=directory / f"{key}.npz",
-        reference=directory / f"{GROUND_TRUTH}  {obj.object_id}.npz",
+        reference_key=f"{GROUND_TRUTH}  {obj.object_id}",
     )
     return replace(job, **changes)
 
 
-def make_truth(directory: Path, obj=None, **changes) -> Job:
-    return make_job(directory, obj, GROUND_TRUTH, "", reference=None, **changes)
+def make_truth(obj=None, **changes) -> Job:
+    return make_job(obj, GROUND_TRUTH, "", reference_key=None, **changes)
 
 
 def make_protocol(**changes) -> Protocol:
@@ -177,8 +173,8 @@ def write_all(directory, records, **options):
     for record in records:
         item = JobName(record.method, record.condition, record.class_name, record.object)
         by_item.setdefault(item, []).append(record)
-    rows = [JobRow(str(i), item, None) for i, item in enumerate(by_item)]
-    write_records(directory, rows, lambda row: by_item[row.name], **options)
+    columns = ((item, unpack_columns(pack_records(by_item[item]))) for item in sorted(by_item))
+    write_records(directory, columns, **options)
 
 
 def read_all(directory) -> list[Record]:
@@ -198,14 +194,48 @@ def assert_equal_runs(one: Path, other: Path) -> None:
     pd.testing.assert_frame_equal(*(f.drop(columns=["prepare_s", "draw_s"]) for f in of_both))
 
 
-def write_artifact(job: Job, seed=0, **arrays) -> str:
-    """Random images, and further arrays, as the job's artifact; its checksum."""
+def make_artifact(job: Job, seed=0, **arrays) -> bytes:
+    """Random images, and further arrays, as the artifact of a job."""
     rng = np.random.default_rng(seed)
-    arrays = {"images": rng.integers(0, 256, (len(job.views), 128, 128, 3), np.uint8)} | arrays
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, **arrays)
-    write_whole(job.artifact, buffer.getvalue())
-    return sha256(buffer.getvalue()).hexdigest()
+    return pack({"images": rng.integers(0, 256, (len(job.views), 128, 128, 3), np.uint8)} | arrays)
+
+
+def make_result(job: Job, records=(), seed=0, **arrays) -> Result:
+    """The result of a job, with `make_artifact`."""
+    artifact = make_artifact(job, seed, **arrays)
+    return Result(job.key, tuple(records), sha256(artifact).hexdigest(), artifact=artifact)
+
+
+def stored_keys(directory: Path) -> set[str]:
+    """The keys of the jobs that are finished in a folder, whose run may go on."""
+    if not (directory / STORE).exists():
+        return set()
+    with closing(sqlite3.connect(directory / STORE)) as database, suppress(sqlite3.Error):
+        return {key for (key,) in database.execute("SELECT key FROM jobs")}
+    return set()  # its tables are being made
+
+
+def store_images(directory: Path, job: Job, seed=0, **arrays) -> Artifact:
+    """Random images, and further arrays, of a job in the store of a folder."""
+    with open_folder(directory) as store:
+        store.append(make_result(job, (), seed, **arrays))
+    return Artifact(directory, job.key)
+
+
+def damage_images(directory: Path, keys: Iterable[str] | None = None, data=b"altered") -> None:
+    """Alter the artifacts of jobs in the store of a folder, behind its back; of all by default.
+
+    None as `data` removes them.
+    """
+    with closing(sqlite3.connect(directory / STORE)) as connection, connection:
+        if keys is None:
+            keys = [key for (key,) in connection.execute("SELECT key FROM jobs")]
+        for key in keys:
+            where = "WHERE id = (SELECT id FROM jobs WHERE key = ?)"
+            if data is None:
+                connection.execute(f"DELETE FROM artifacts {where}", (key,))
+            else:
+                connection.execute(f"UPDATE artifacts SET data = ? {where}", (data, key))
 
 
 def make_manifest(**changes):
@@ -233,23 +263,22 @@ def write_run(directory: Path, **changes) -> Path:
     """
     manifest = make_manifest(**changes)
     write_manifest(directory, manifest)
-    jobs, records = [], []
+    results, jobs, records = [], [], []
     for name in manifest["objects"]:
         class_name, _, object_id = name.partition("/")
         obj = Tetrahedron(object_id, class_name)
         truth = np.random.default_rng([*name.encode()]).random((2, 4), np.float32)
-        jobs.append(_placed(make_truth(directory, obj), directory))
-        write_artifact(jobs[-1], **dict.fromkeys(EXTRACTORS, truth))
+        jobs.append(make_truth(obj))
+        results.append(make_result(jobs[-1], **dict.fromkeys(EXTRACTORS, truth)))
         for method in manifest["methods"]:
             for condition in manifest["conditions"]:
                 ideal = method == "true-mesh"
                 seen = "" if method in FLOORS else condition
                 seed = [*f"{method} {seen} {name}".encode()]
                 rng = np.random.default_rng(seed)
-                job = _placed(make_job(directory, obj, method, condition), directory)
+                job = make_job(obj, method, condition)
                 features = truth if ideal else rng.random((2, 4), np.float32)
-                write_artifact(job, seed, **dict.fromkeys(EXTRACTORS, features))
-                records += (
+                of_job = [
                     make_record(
                         method,
                         condition,
@@ -259,16 +288,17 @@ def write_run(directory: Path, **changes) -> Path:
                         **{score: 1.0 if ideal else rng.random() for score in SCORES},
                     )
                     for view in range(2)
+                ]
+                results.append(
+                    make_result(job, of_job, seed, **dict.fromkeys(EXTRACTORS, features))
                 )
+                records += of_job
                 jobs.append(job)
     write_all(directory, records)
-    write_jobs(directory, [JobRow(job.key, job.name, "0" * 64) for job in jobs])
-    for extractor in EXTRACTORS:
-        write_features(directory, extractor, {job.name: job.artifact for job in jobs})
+    with open_folder(directory) as store:
+        for result in results:
+            store.append(result)
+        store.list_jobs((job.key, job.name) for job in jobs)
+        write_features(directory, store, EXTRACTORS)
     write_outputs(scored_run(directory, manifest))
     return directory
-
-
-def _placed(job: Job, directory: Path) -> Job:
-    """The job with its artifact where a run has it."""
-    return replace(job, artifact=artifact_path(directory, job.key))

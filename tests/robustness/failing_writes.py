@@ -1,16 +1,18 @@
-"""Every write of a run fails once, and every byte of its journal is the last one that was written.
+"""Every write of a run fails once, and every byte of its store is the last one that was written.
 
     python -m tests.robustness.failing_writes
 
-What a small run writes is counted: folders, files, their bytes, renames, and what is forced to
-disk. Then, for each of these calls and each way to fail (no space left, input/output error,
-SIGKILL), a run fails there and is started again. It has to fail as a user can handle it (OSError or
-BadInput), to leave no half-written file behind (only SIGKILL may), to keep each result that the
-journal had acknowledged, and to end with the tables of a run that nobody disturbed. Figures and
-report are left out: they are written as tables are, when all else is.
+What a small run writes is counted: folders, files, their bytes, renames, what is forced to disk,
+and what SQLite writes into the store (`tests.robustness.sqlite_calls`). Then, for each of these
+calls and each way to fail (no space left, input/output error, SIGKILL), a run fails there and is
+started again. It has to fail as a user can handle it (OSError or BadInput), to leave no
+half-written file behind (only SIGKILL may), to keep each result that the store had acknowledged,
+and to end with the tables of a run that nobody disturbed. Figures and report are left out: they are
+written as tables are, when all else is.
 
-The journal of a larger run is cut after each of its bytes: the lines that are whole count, and no
-other. Prints a line for what is wrong, and a summary; the exit status is 1 if anything is.
+The last transactions of a killed run are cut after each of their bytes: the results that are whole
+count, and no other (`cut_everywhere`). Prints a line for what is wrong, and a summary; the exit
+status is 1 if anything is.
 """
 
 from __future__ import annotations
@@ -19,7 +21,6 @@ import argparse
 import builtins
 import errno
 import io
-import json
 import multiprocessing
 import os
 import signal
@@ -30,6 +31,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -41,17 +43,19 @@ import bench.running.protocol
 import bench.running.run
 from bench.analysis.scored import scored_run
 from bench.catalogue.suites import Limits
-from bench.commands.publish import partial_table
+from bench.commands.live import LiveTable
 from bench.commands.terminal import Terminal
 from bench.judges import views as _loaded_before_forks  # noqa: F401
 from bench.records.job import Job, Result
-from bench.records.journal import JOURNAL, Journal, JournalIndex, open_journal, read_manifest
+from bench.records.run_folder import open_folder, read_manifest, read_store
+from bench.records.store import STORE, Store
 from bench.running.environment import environment
 from bench.running.options import Options
 from bench.running.run import WrittenRun, run
 from bench.running.work import run_job
 from bench.tables.build import Outputs, write_outputs
 from data_prep.failures import BadInput
+from tests.robustness.sqlite_calls import failing_calls
 
 KILLED = "SIGKILL"
 WAYS: dict[str, int | None] = {"ENOSPC": errno.ENOSPC, "EIO": errno.EIO, KILLED: None}
@@ -171,6 +175,7 @@ def failing(writes: Writes) -> Iterator[None]:
             *((os, "open", os_open), (os, "fsync", fsync)),
         ):
             stack.enter_context(mock.patch.object(owner, name, ours))
+        stack.enter_context(failing_calls(writes.note, writes.fail))
         yield
 
 
@@ -182,13 +187,13 @@ def publish(measured: WrittenRun) -> Outputs:
 def run_once(out: Path, writes: Writes, done: Any) -> None:
     """Carry out a small run in this process; send how many writes there were, or what ended it.
 
-    Keys go into a file beside the run as soon as the journal has acknowledged them.
+    Keys go into a file beside the run as soon as the store has acknowledged them.
     """
     keys = os.open(out.with_suffix(f".{ACKNOWLEDGED}"), os.O_CREAT | os.O_WRONLY | os.O_APPEND)
-    append = Journal.append
+    append = Store.append
 
-    def noted(journal: Journal, result: Result) -> None:
-        append(journal, result)
+    def noted(store: Store, result: Result) -> None:
+        append(store, result)
         os.write(keys, f"{result.key}\n".encode())
 
     sys.stdout = sys.stderr = io.StringIO()
@@ -203,9 +208,9 @@ def run_once(out: Path, writes: Writes, done: Any) -> None:
         device="cpu",
         out=out,
     )
-    with mock.patch.object(Journal, "append", noted), failing(writes):
+    with mock.patch.object(Store, "append", noted), failing(writes):
         try:
-            run(options, publish, partial(Terminal, partial_table))
+            run(options, publish, partial(Terminal, LiveTable().table))
         except (OSError, BadInput) as error:
             done.send(f"refused: {error}")
         except BaseException as error:
@@ -236,12 +241,9 @@ def tables(out: Path) -> dict[str, bytes]:
 
 
 def recorded(out: Path) -> set[str]:
-    """Return the keys in the journal of a run."""
-    return {
-        json.loads(line.partition(" ")[2])["key"]
-        for shard in sorted((out / "journal").glob("*.jsonl"))
-        for line in shard.read_text(encoding="utf-8").splitlines()
-    }
+    """Return the keys in the store of a run."""
+    with read_store(out) as store:
+        return {row.key for row in store.listed()}
 
 
 def faults_of(out: Path, at: int, way: str, expected: dict[str, bytes]) -> list[str]:
@@ -264,52 +266,40 @@ def faults_of(out: Path, at: int, way: str, expected: dict[str, bytes]) -> list[
     if Counter(acknowledged) - Counter(set(acknowledged)):
         wrong.append("a result was acknowledged, lost, and made again")
     if set(acknowledged) - recorded(out):
-        wrong.append("an acknowledged result is not in the journal")
+        wrong.append("an acknowledged result is not in the store")
     return wrong
 
 
-def cut_everywhere(
-    shard: Path, step: int = 1, index_type: type[JournalIndex] = JournalIndex
-) -> Iterator[str]:
-    """Yield what is wrong where a journal file ends after each of its bytes.
+def cut_everywhere(folder: Path, keys: Sequence[str], step: int = 1) -> Iterator[str]:
+    """Yield what is wrong where the second file of a store ends after each of its bytes.
 
-    With `step`, it ends after each `step`th byte of a line, and the last.
-
-    Only the last line can be cut, and lines are read one by one: of the whole lines before it, two
-    stand for all, but at each cut within the first and last line of the file all are there.
+    `keys` are those of the results in it, in the order of writing: the first ones count, and the
+    more the longer the file is. With `step`, it ends after each `step`th byte, and the last.
     """
-    data = shard.read_bytes()
-    lines = data.splitlines(keepends=True)
-    keys = [json.loads(line.partition(b" ")[2])["key"] for line in lines]
-    with tempfile.TemporaryDirectory() as folder:
-        run = Path(folder)
-        (run / JOURNAL).mkdir()
-        part = run / JOURNAL / "0001.jsonl"
-        for number, line in enumerate(lines):
-            first = 0 if number == len(lines) - 1 else max(0, number - 2)
-            before = b"".join(lines[first:number])
-            for end in sorted({*range(0, len(line), step), len(line) - 1}):
-                part.write_bytes(before + line[:end])
-                actual = index_type()
-                damage = actual.add_file(part)
-                # a line that lacks nothing but its line feed is whole
-                whole = keys[first : number + (end == len(line) - 1)]
-                counted = [key for key in keys if key in actual]
-                if counted != [key for key in keys if key in whole]:
-                    yield f"line {number + 1} cut after {end} bytes: {len(counted)} lines count"
-                if len(damage) != (0 < end < len(line) - 1):
-                    yield f"line {number + 1} cut after {end} bytes: {len(damage)} are reported"
-        part.write_bytes(data[: -len(lines[-1]) // 2])
-        with open_journal(run) as journal:  # archives what is torn, and keeps the rest
-            if sum(key in journal.index for key in keys) != len(keys) - 1:
-                yield "opened after a cut, the journal has lost a whole line"
+    data = {name: (folder / name).read_bytes() for name in (STORE, f"{STORE}-wal")}
+    size, counted = len(data[f"{STORE}-wal"]), 0
+    for end in sorted({*range(0, size, step), size}):
+        with tempfile.TemporaryDirectory() as part:
+            (Path(part) / STORE).write_bytes(data[STORE])
+            (Path(part) / f"{STORE}-wal").write_bytes(data[f"{STORE}-wal"][:end])
+            with open_folder(Path(part)) as store:
+                present = store.find(keys)
+                for key, result in present.items():
+                    if sha256(store.artifact(key)).hexdigest() != result.artifact_sha256:
+                        yield f"cut after {end} bytes: {key} has other images"
+        if {*present} != {*keys[: len(present)]}:
+            yield f"cut after {end} bytes: {', '.join(present)} count"
+        if len(present) < counted:
+            yield f"cut after {end} bytes: {len(present)} results count, before it was {counted}"
+        counted = len(present)
+    if counted != len(keys):
+        yield f"of {len(keys)} results {counted} count in the whole file"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Have all writes fail, and cut the journal everywhere; return 0 if nothing is wrong."""
+    """Have all writes fail; return 0 if nothing is wrong."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--every", type=int, default=1, help="only each so many-th call")
-    parser.add_argument("--journal", type=Path, help="the folder of a finished run, to be cut")
     chosen = parser.parse_args(arguments)
     wrong, actual = 0, environment()
     bench.running.protocol.environment = lambda: actual  # a second of each run
@@ -324,13 +314,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
                     wrong += 1
                     print(f"write {at} of {count}, {way}: {fault}", flush=True)
         print(f"{len(calls)} of {count} writes failed in {len(WAYS)} ways each: {wrong} wrong")
-    if chosen.journal is not None:
-        shards = sorted((chosen.journal / JOURNAL).glob("*.jsonl"))
-        size = sum(shard.stat().st_size for shard in shards)
-        for fault in (fault for shard in shards for fault in cut_everywhere(shard)):
-            wrong += 1
-            print(fault, flush=True)
-        print(f"journal cut after each of {size} bytes: {wrong} wrong in all")
     return int(wrong > 0)
 
 

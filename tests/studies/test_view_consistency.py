@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from PIL import Image
@@ -183,8 +181,8 @@ def test_clouds_and_random_numbers_are_those_of_a_run(condition):
     perturbation = find(condition, CONDITIONS, "condition").perturbation
     job = Job(
         key="", suite="", method="splat", condition=condition, perturbation=perturbation,
-        object=chair, views=FEW_VIEWS, seed=0, device="cpu", features=(), artifact=Path(),
-        reference=None,
+        object=chair, views=FEW_VIEWS, seed=0, device="cpu", features=(),
+        reference_key=None,
     )  # fmt: skip
     assert np.array_equal(cloud.points, cloud_of(job).points)
     assert drawing.rng.random() == rng_of(job).random()

@@ -7,7 +7,7 @@ from html import escape
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
-from bench.records.journal import PROTOCOL
+from bench.records.run_folder import PROTOCOL
 from bench.report.site.page import Section, SitePage
 from bench.report.site.site_run import SiteRun
 

@@ -13,8 +13,8 @@ from bench.analysis.paired import SIGNIFICANCE
 from bench.catalogue.condition_names import condition_words
 from bench.catalogue.methods import RECOMMENDED
 from bench.records.artifacts import JobName
-from bench.records.journal import PROTOCOL
-from bench.records.parquet import artifacts_of, read_jobs
+from bench.records.run_folder import PROTOCOL
+from bench.records.stored_artifacts import StoredArtifacts
 from bench.report.images import data_uri
 from bench.report.page import PageImage, Plot
 from bench.report.site.board import Board, row_kinds
@@ -149,19 +149,17 @@ def thumbnails(runs: Sequence[SiteRun]) -> dict[str, PageImage]:
     images: dict[str, PageImage] = {}
     first = str(runs[0].run.manifest["objects"][0])
     for run in runs:
-        try:
-            listed_artifacts = artifacts_of(run.run.directory, read_jobs(run.run.directory))
-        except BadInput as error:
-            log(f"{run.name}: no thumbnails, {error}")
-            continue
-        sources = Sources({n: p for n, p in listed_artifacts.items() if p.is_file()}, {}, "")
+        sources = Sources(StoredArtifacts(run.run.directory), {}, "")
         condition, objects = run.run.manifest["conditions"][0], run.run.manifest["objects"]
         class_name, _, object_id = str(first if first in objects else objects[0]).partition("/")
-        for name, method in run.methods.items():
-            drawn = sources.images(JobName(method.id, condition, class_name, object_id))
-            if name not in images and drawn is not None:
-                words = f"{class_name} {object_id} by {name}, {condition_words(condition)}"
-                images[name] = PageImage(data_uri(drawn[0]), words)
+        try:
+            for name, method in run.methods.items():
+                drawn = sources.images(JobName(method.id, condition, class_name, object_id))
+                if name not in images and drawn is not None:
+                    words = f"{class_name} {object_id} by {name}, {condition_words(condition)}"
+                    images[name] = PageImage(data_uri(drawn[0]), words)
+        except BadInput as error:
+            log(f"{run.name}: no thumbnails, {error}")
     return images
 
 

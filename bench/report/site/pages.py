@@ -11,7 +11,7 @@ from itertools import combinations
 from bench.analysis.paired import PairedDifference
 from bench.catalogue.condition_names import condition_words
 from bench.catalogue.methods import role
-from bench.records.journal import PROTOCOL
+from bench.records.run_folder import PROTOCOL
 from bench.report.site.about_page import ABOUT, about_page
 from bench.report.site.classes import class_grids
 from bench.report.site.index_page import INDEX, IndexPage, index_page

@@ -20,8 +20,8 @@ from bench.analysis.leaderboard import over_conditions
 from bench.analysis.ranks import ranking
 from bench.analysis.scored import ScoredRun, scored_run
 from bench.catalogue.metrics import is_mean
-from bench.records.journal import FIXED, MANIFEST, PROTOCOL, SHARD, TRUTH, read_finished
 from bench.records.parquet import RECORDS
+from bench.records.run_folder import FIXED, MANIFEST, PROTOCOL, SHARD, TRUTH, read_finished
 from bench.report.build import REPORT, write_report
 from bench.report.site.index_page import INDEX
 from bench.report.site.methods import SiteMethod, shortened_name, site_methods, under_site_names

@@ -261,7 +261,7 @@ FRECHET_CASES = (
 def extractor(name: str) -> Extractor:
     """Return a network of ours by its id, loaded once."""
     source = find_extractor(name)
-    return source.load(str(source.weights(None)))
+    return source.load(str(source.weights(None)), "cpu")
 
 
 def of_constants(name: str, a: UInt8Images, b: UInt8Images) -> float:

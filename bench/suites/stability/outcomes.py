@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from bench.metrics.silhouette import foreground
-from bench.records.artifacts import read_array
-from bench.records.job import Job, Result
+from bench.records.artifacts import unpack_images
+from bench.records.job import Job
+from bench.records.store import Store
 from bench.suites.stability.cases import CASES
 from bench.suites.stability.expectations import (
     ROUNDED_MEAN,
@@ -51,9 +52,9 @@ class Observation:
     draw_s: float | None
 
 
-def observe(jobs: Sequence[Job], result: Callable[[str], Result]) -> list[Observation]:
-    """Return an observation for each job, in their order; `result` gives the result of a key."""
-    first = {job.key: result(job.key).records[0] for job in jobs}
+def observe(jobs: Sequence[Job], store: Store) -> list[Observation]:
+    """Return an observation for each job, in their order; the store has all of them."""
+    first = {job.key: store.records(job.key)[0] for job in jobs}
     drawn = {(job.method, job.condition): job for job in jobs if first[job.key].outcome == "ok"}
     likes = {case.id: case.like for case in CASES}
     observations = []
@@ -61,11 +62,11 @@ def observe(jobs: Sequence[Job], result: Callable[[str], Result]) -> list[Observ
         record = first[job.key]
         shown = mean = most = None
         if (job.method, job.condition) in drawn:
-            images = read_array(job.artifact)
+            images = unpack_images(store.artifact(job.key))
             shown = float(foreground(images).mean())
             other = drawn.get((job.method, likes[job.condition] or ""))
             if other is not None:
-                like = read_array(other.artifact)
+                like = unpack_images(store.artifact(other.key))
                 # A case may have more views than its `like`, which is repeated then.
                 counterpart = like[np.arange(len(images)) % len(like)]
                 difference = np.abs(images.astype(np.int16) - counterpart)

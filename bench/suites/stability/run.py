@@ -14,9 +14,9 @@ from pathlib import Path
 
 from bench.catalogue.methods import FLOORS, find_method, objectives
 from bench.catalogue.suites import STABILITY, StabilitySuite
-from bench.records.artifacts import artifact_path, read_array
-from bench.records.job import Job, Result
-from bench.records.parquet import JobRow, write_records
+from bench.records.artifacts import unpack_images
+from bench.records.job import Job
+from bench.records.parquet import write_records
 from bench.records.record import SCHEMA_VERSION
 from bench.running.environment import cores, environment
 from bench.running.executors import JobPool, run_jobs
@@ -45,6 +45,7 @@ from bench.tables.table import Table, write_tables
 from data_prep.datasets.registry import ProceduralObject
 from data_prep.failures import BadInput
 from data_prep.progress import log
+from data_prep.scene import UInt8Images
 
 CASES_VERSION = 1  # raise when a perturbation of `data_prep.clouds.extremes` changes a cloud
 
@@ -55,7 +56,6 @@ def stability_jobs(
     seed: int,
     device: str,
     environment: Mapping[str, str],
-    directory: Path,
 ) -> list[Job]:
     """Return one job per method and case, without ground truth: nothing is scored.
 
@@ -84,8 +84,7 @@ def stability_jobs(
                     seed=seed,
                     device=device,
                     features=(),
-                    artifact=artifact_path(directory, key),
-                    reference=None,
+                    reference_key=None,
                     batch=case.batch,
                 )
             )
@@ -126,7 +125,7 @@ def run(
     directory = options.directory
     workers = options.workers or cores()
     machine = environment()
-    jobs = stability_jobs(suite, methods, options.seed or 0, options.device, machine, directory)
+    jobs = stability_jobs(suite, methods, options.seed or 0, options.device, machine)
     manifest = manifest_of(
         replace(options, methods=methods),  # a repetition has no defaults
         suite.id,
@@ -138,21 +137,25 @@ def run(
         cases=[case.id for case in CASES],
         workers=workers,
     )
-    with open_run(directory, manifest, options.fresh) as journal:
+    with open_run(directory, manifest, options.fresh) as store:
         outcomes = run_jobs(
-            jobs, journal, suite.id, partial(JobPool, limits=suite.limits, workers=workers)
+            jobs, store, suite.id, partial(JobPool, limits=suite.limits, workers=workers)
         )
-        results = journal.index.read
-        rows = [JobRow(job.key, job.name, outcomes[job.key].artifact_sha256) for job in jobs]
-        write_records(directory, rows, lambda row: results(row.key).records)
-        observations = observe(jobs, results)
+        store.list_jobs((job.key, job.name) for job in jobs)
+        write_records(directory, store.listed_columns())
+        observations = observe(jobs, store)
         log("metrics and number formats")
         with one_thread():
             formats = fixed_matrices.formats()
         matrices = _matrices(methods, observations, fixed_matrices.metrics(), formats)
         numbers = observations_table(observations), formats_table(formats)
         write_tables(directory, [*matrices, *numbers])
-        _draw(directory, matrices, jobs, outcomes, methods)
+        images = {
+            (job.condition, job.method): unpack_images(store.artifact(job.key))[0]
+            for job in jobs
+            if outcomes[job.key].has_images
+        }
+        _draw(directory, matrices, images, methods)
     printed = [markdown.table(counts(matrices))] + [
         f"UNEXPECTED {cell.subject}, {cell.case}: {cell.observed}; stated was: {cell.expected}"
         for table in matrices
@@ -205,18 +208,13 @@ def _remark(methods: Sequence[str]) -> str:
 def _draw(
     directory: Path,
     matrices: Sequence[Table[CaseOutcome]],
-    jobs: Sequence[Job],
-    outcomes: Mapping[str, Result],
+    images: Mapping[tuple[str, str], UInt8Images],
     methods: Sequence[str],
 ) -> None:
+    """Write the figures; `images` are the first views by case and method."""
     folder = directory / FIGURES
     for table in matrices:
         save(matrix_figure(table), folder / f"{table.name}.png")
-    first = {
-        (job.condition, job.method): read_array(job.artifact)[0]
-        for job in jobs
-        if outcomes[job.key].artifact_sha256
-    }
     shown = [method for method in methods if method not in FLOORS]
-    extremes = extremes_figure([case.id for case in CASES], shown, first)
+    extremes = extremes_figure([case.id for case in CASES], shown, images)
     save(extremes, folder / "extremes.png", dpi=100)

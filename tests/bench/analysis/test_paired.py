@@ -7,13 +7,14 @@ import json
 import math
 import re
 import shutil
+import tracemalloc
 from itertools import product
 
 import numpy as np
 import pandas as pd
 import pytest
 from scipy.special import ndtr
-from scipy.stats import t
+from scipy.stats import t, ttest_1samp
 
 from bench.analysis.comparison import Estimate, Quality
 from bench.analysis.paired import (
@@ -24,7 +25,7 @@ from bench.analysis.paired import (
     paired_differences,
     sign_flip_p,
 )
-from bench.records.journal import read_manifest, write_manifest
+from bench.records.run_folder import read_manifest, write_manifest
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 
 from ..builders import write_run
@@ -392,3 +393,37 @@ def test_methods_of_one_run_alone_are_left_out_with_a_remark(command, two_runs):
     status, out, _ = command("compare", str(first), str(second), "--metric", "ssim")
     assert status == 0
     assert "Only one of the runs has the methods splat." in out
+
+
+@pytest.mark.parametrize("shape", ["normal", "skewed", "two values"])
+def test_random_signs_and_student_agree_where_they_meet(shape):
+    """Student's p value stands alone from 401 objects on; the signs of 400 say the same."""
+    rng = np.random.default_rng(5)
+    drawn = {
+        "normal": rng.normal(size=(6, 401)),
+        "skewed": rng.exponential(size=(6, 401)) - 1.0,
+        "two values": rng.choice([-1.0, 1.0], size=(6, 401)),
+    }[shape]
+    # p values between .6 and .001, by means 0.5 to 3.3 standard errors from 0
+    scaled = (drawn - drawn.mean(axis=1, keepdims=True)) / drawn.std(axis=1, keepdims=True)
+    rows = scaled + np.linspace(0.5, 3.3, 6)[:, None] / 20
+    student = sign_flip_p(rows)
+    assert student == pytest.approx(ttest_1samp(rows, 0, axis=1).pvalue, rel=1e-9)
+    flipped = sign_flip_p(rows[:, :400])
+    expected = ttest_1samp(rows[:, :400], 0, axis=1).pvalue
+    # 9,999 signs know p / 2 = q to sqrt(q / 10000), doubled: five of these. The two distributions
+    # differ by the excess kurtosis over n, at most 9 / 400, times a density of at most 0.25 a side.
+    close = 5 * 2 * np.sqrt(expected / 2 / 10_000) + 0.5 * 9 / 400
+    assert (np.abs(flipped - expected) < close).all()
+    assert len(set(flipped.tolist())) == 6
+
+
+def test_the_p_value_of_many_objects_takes_little_memory():
+    rows = np.random.default_rng(6).normal(0.02, size=(1, 44_000))
+    tracemalloc.start()
+    p = sign_flip_p(rows)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert p == pytest.approx(ttest_1samp(rows, 0, axis=1).pvalue, rel=1e-9)
+    assert peak < 4 * rows.nbytes
+    assert sign_flip_p(np.zeros(401)) == 1.0

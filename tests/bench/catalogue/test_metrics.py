@@ -10,6 +10,7 @@ from safetensors.torch import save_file
 import bench.catalogue.metrics
 from bench.analysis.distances import SHARES
 from bench.catalogue.metrics import (
+    EXTRACTORS,
     FURTHER_METRICS,
     FURTHER_SETS,
     IMAGE_METRICS,
@@ -17,21 +18,32 @@ from bench.catalogue.metrics import (
     LEARNED_METRICS,
     NEIGHBOUR_METRICS,
     UNDEFINED,
+    FeatureSource,
     WeightsUnavailable,
     column,
     extractor_of,
     find_extractor,
     higher_is_better,
     is_mean,
+    lpips_network,
     value_range,
 )
 from bench.catalogue.suites import SUITES
-from bench.judges import VIEWS_WEIGHTS
-from bench.judges.judge import CODE, JudgeNetwork, judge
-from bench.metrics.image_scores import FURTHER_SCORES
+from bench.judges import JUDGE_WEIGHTS, VIEWS_WEIGHTS
+from bench.judges.judge import CODE, JudgeNetwork, greyscale, judge, load_judge_network
+from bench.judges.views import load_views_network, view_features
+from bench.metrics.dists import dists
+from bench.metrics.efficientnet import EfficientNet
+from bench.metrics.image_scores import FURTHER_SCORES, further_score
+from bench.metrics.inception import FidInception, inception_features
+from bench.metrics.learned_weights import find_efficientnet_weights
+from bench.metrics.lpips_network import Lpips
+from bench.metrics.lpips_weights import find_lpips_weights
 from bench.records.record import Record
-from data_prep.failures import BadInput
+from data_prep.failures import BadInput, MissingDependency
+from learning.convolution import fold_normalisation
 
+FID = "fid"
 RNG = np.random.default_rng(0)
 IMAGES = RNG.integers(0, 256, (3, 128, 128, 3), np.uint8)
 
@@ -77,7 +89,8 @@ def test_shares_are_of_no_suite_and_more_is_better():
 
 def test_grey_features_do_not_see_colour():
     colour, grey = (
-        find_extractor(name).load(str(VIEWS_WEIGHTS)) for name in ("fd-views", "fd-views-grey")
+        find_extractor(name).load(str(VIEWS_WEIGHTS), "cpu")
+        for name in ("fd-views", "fd-views-grey")
     )
     luma = ((IMAGES @ np.array([299, 587, 114]) + 500) // 1000).astype(np.uint8)  # Rec. 601
     expected = colour(np.stack([luma] * 3, axis=-1))
@@ -97,7 +110,74 @@ def test_the_judge_is_an_extractor_and_skipped_where_it_is_not_there(tmp_path, m
     save_file({name: t.contiguous() for name, t in network.state_dict().items()}, path)
     source = find_extractor(JUDGE)
     assert source.weights(None) == path
-    answers = source.load(str(path))(IMAGES)
+    answers = source.load(str(path), "cpu")(IMAGES)
     assert answers.shape == (3, 3 + CODE)
     # sums of up to 1,536 float32 products a layer, of kernels that are rounded once more
     np.testing.assert_allclose(answers, judge(network, IMAGES), rtol=1e-4, atol=1e-4)
+
+
+def of_every_extractor() -> list[tuple[FeatureSource, str]]:
+    """Return the extractors whose weights need no download, with these."""
+    return [(source, str(source.weights(None))) for source in EXTRACTORS if source.id != FID]
+
+
+def test_a_network_without_a_device_of_its_own_is_on_the_cpu():
+    """`load` of a run on the CPU gives the bits of each network as it is built for itself."""
+    views, judged = load_views_network(VIEWS_WEIGHTS), load_judge_network(JUDGE_WEIGHTS)
+    for network in (views, judged):
+        fold_normalisation(network)
+    grey = np.repeat(greyscale(IMAGES)[..., None], 3, axis=-1)
+    expected = {
+        "fd-views": view_features(views, IMAGES),
+        "fd-views-grey": view_features(views, grey),
+        "fd-alexnet": Lpips(find_lpips_weights()).encode(IMAGES).features.numpy(),
+        "fd-effnet": EfficientNet(find_efficientnet_weights()).features(IMAGES),
+        JUDGE: judge(judged, IMAGES),
+    }
+    loaded = of_every_extractor()
+    assert [source.id for source, _ in loaded] == list(expected)
+    for source, weights in loaded:
+        actual = source.load(weights, "cpu")(IMAGES)
+        assert actual.tobytes() == expected[source.id].tobytes(), source.id
+
+
+def test_nothing_of_a_network_stays_behind_on_the_cpu():
+    """On PyTorch's device "meta", which computes shapes alone and refuses tensors of another.
+
+    Each network gets through to the end, where its values would be brought back.
+    """
+    back = pytest.raises(NotImplementedError, match="Cannot copy out of meta tensor")
+    for source, weights in of_every_extractor():
+        with back:
+            source.load(weights, "meta")(IMAGES)
+    with back:
+        inception_features(FidInception().to("meta"), IMAGES)
+    network = lpips_network(str(find_lpips_weights()), "meta")
+    seen = network.encode(IMAGES)
+    assert {tensor.device.type for tensor in (*seen.layers, seen.features)} == {"meta"}
+    with back:
+        network.distance(seen, seen)
+    with back:
+        dists(IMAGES, IMAGES, single=True, device="meta")
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="needs a machine without a GPU")
+def test_a_gpu_that_is_not_there_is_refused():
+    refused = pytest.raises(MissingDependency, match=r"^--device cuda: PyTorch .* --device cpu, or")
+    for source, weights in of_every_extractor():
+        with refused:
+            source.load(weights, "cuda")
+    with refused:
+        lpips_network(str(find_lpips_weights()), "cuda")
+    with refused:
+        further_score("dists", "cuda")(IMAGES, IMAGES)
+    assert further_score("ms-ssim", "cuda") is FURTHER_SCORES["ms-ssim"]  # has no network
+    assert further_score("dists", "auto")(IMAGES[:1], IMAGES[:1]) == [0]
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
+def test_a_gpu_gives_the_values_of_the_cpu():
+    """To the rounding of float32: sums of up to 9,216 products, through at most 50 layers."""
+    for source, weights in of_every_extractor():
+        on_cpu, on_gpu = (source.load(weights, device)(IMAGES) for device in ("cpu", "cuda"))
+        np.testing.assert_allclose(on_gpu, on_cpu, rtol=1e-4, atol=1e-4 * np.abs(on_cpu).max())

@@ -13,7 +13,7 @@ from bench.catalogue.methods import FLOORS
 from bench.catalogue.suites import SUITES
 from bench.checking.golden import CheckResult, bless, check, golden_lines
 from bench.checking.tolerances import JUDGED, OF_CLASSES, RECONSTRUCTION, RENDERING, tolerance
-from bench.records.journal import read_manifest, write_manifest
+from bench.records.run_folder import read_manifest, write_manifest
 from bench.tables.build import tables, write_outputs
 from bench.tables.published import golden, published
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import json
 import shutil
-from dataclasses import replace
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -20,16 +21,17 @@ from bench.checking.golden import bless, check
 from bench.checking.objects import environment_of, golden_thumbnails, read_objects
 from bench.checking.thumbnails import ACROSS, SIDE, read_png, thumbnail, to_png
 from bench.checking.tolerances import PRINTED, object_tolerance
-from bench.records.artifacts import artifact_path
-from bench.records.journal import read_manifest, write_manifest
-from bench.records.parquet import JobRow, artifacts_of, read_jobs, write_jobs
+from bench.records.artifacts import pack
+from bench.records.job import Result
+from bench.records.run_folder import open_folder, read_manifest, read_store, write_manifest
+from bench.records.stored_artifacts import StoredArtifacts, read_jobs
 from bench.rendering.sheet import LABEL_HEIGHT, MARGIN, PROBLEM_GROUND
 from bench.tables.build import write_outputs
 from bench.tables.published import golden
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from data_prep.failures import BadInput
 
-from ..builders import SUITE, make_job, write_artifact, write_run
+from ..builders import SUITE, damage_images, write_run
 from .conftest import be_default
 
 OBJECTS = [f"chair/{name}" for name in "abcdefg"]
@@ -279,17 +281,19 @@ def halves(left, right):
 def paint(run):
     """Every artifact gets an image of two colours of its own; all by item."""
     painted = {}
-    for number, (name, path) in enumerate(artifacts_of(run, read_jobs(run)).items()):
+    for number, (name, artifact) in enumerate([*StoredArtifacts(run).items()]):
         painted[name] = halves((number, 255 - number, 0), (0, number, 255 - number))
-        rewrite(path, painted[name])
+        rewrite(run, artifact.key, painted[name])
     return painted
 
 
-def rewrite(path, image):
-    with np.load(path) as arrays:
-        features = {name: arrays[name] for name in arrays if name != "images"}
-    job = replace(make_job(path.parent), artifact=path)
-    write_artifact(job, images=np.stack([image, 255 - image]), **features)
+def rewrite(run, key, image):
+    with open_folder(run) as store:
+        with np.load(io.BytesIO(store.artifact(key))) as arrays:
+            features = {name: arrays[name] for name in arrays if name != "images"}
+        artifact = pack({"images": np.stack([image, 255 - image])} | features)
+        checksum = sha256(artifact).hexdigest()
+        store.append(Result(key, tuple(store.records(key)), checksum, artifact=artifact))
 
 
 def item_of(run, obj, method="splat", condition="512"):
@@ -306,8 +310,8 @@ def test_the_objects_that_moved_most_beside_their_golden_images(run, golden_resu
     alter(run, {"c": -0.3, "e": 0.2})
     alter(run, {"a": 0.1}, method="blank", condition="2048")
     red = halves((255, 0, 0), (0, 0, 0))
-    rewrite(place_of(run, "c"), red)
-    place_of(run, "e").unlink()
+    rewrite(run, key_of(run, "c"), red)
+    damage_images(run, [key_of(run, "e")], data=None)
     status, out, _ = command("check", run)
     assert status == 1
     assert f"chair/c {values(run, 'c')[0]:.6f}, golden" in out
@@ -331,9 +335,9 @@ def test_the_objects_that_moved_most_beside_their_golden_images(run, golden_resu
     assert not (run / "figures" / "moved.png").exists()
 
 
-def place_of(run, obj):
-    (job,) = (job for job in read_jobs(run) if job.name == item_of(run, obj))
-    return artifact_path(run, job.key)
+def key_of(run, obj):
+    with read_store(run) as store:
+        return store.key_of(item_of(run, obj))
 
 
 def tiles_of(sheet, count):
@@ -354,8 +358,9 @@ def test_no_more_than_eight_objects_are_drawn(run, command):
 
 def test_a_failed_object_was_there(run, command):
     """A failed job has no artifact, and its records have no scores."""
-    jobs, lost = read_jobs(run), item_of(run, "d")
-    write_jobs(run, [JobRow(j.key, j.name, None) if j.name == lost else j for j in jobs])
+    key = key_of(run, "d")
+    with open_folder(run) as store:
+        store.append(Result(key, tuple(store.records(key)), None, "draw: no"))
     path = run / "records.parquet"
     frame = pd.read_parquet(path)
     chosen = (frame["method"] == "splat") & (frame["condition"] == "512") & (frame["object"] == "d")
@@ -425,7 +430,7 @@ def test_golden_values_of_an_older_protocol_are_not_compared(part, golden_result
 
 def test_nothing_is_blessed_without_its_images(run, golden_results, command):
     before = {path: path.read_bytes() for path in golden_results.glob("golden/*")}
-    place_of(run, "d").unlink()
+    damage_images(run, [key_of(run, "d")])
     status, out, err = command("check", "--bless", run)
     assert (status, out) == (2, "")
     assert err == (

@@ -10,7 +10,7 @@ import bench.checking.golden
 from bench.analysis.scored import read_scored
 from bench.catalogue.suites import SUITES
 from bench.commands.publish import run_suite
-from bench.records.journal import read_manifest
+from bench.records.run_folder import read_manifest
 from bench.report.build import read_page
 from bench.running.options import Options
 from bench.tables.build import make_outputs, write_outputs

@@ -16,7 +16,7 @@ import bench.running.run
 from bench.analysis.scored import read_scored
 from bench.commands.publish import run_suite
 from bench.judges.views import Labels, ViewsNetwork, to_file
-from bench.records.journal import read_manifest
+from bench.records.run_folder import read_manifest
 from bench.report.build import read_page
 from bench.running.options import Options
 from bench.tables.build import make_outputs, tables

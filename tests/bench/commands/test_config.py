@@ -8,7 +8,7 @@ import pytest
 
 from bench.commands import run as module
 from bench.commands.config import read_config
-from bench.records.journal import read_manifest
+from bench.records.run_folder import read_manifest
 from bench.running.options import REPEATED, Options
 from bench.running.shards import Shard
 

@@ -7,7 +7,7 @@ import json
 import pytest
 from builders import SUITE, write_run
 
-from bench.records.journal import set_aside, write_manifest
+from bench.records.run_folder import set_aside, write_manifest
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 
 from .test_plan import tree

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import re
+import sqlite3
+from collections import Counter
+from contextlib import closing
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -13,8 +16,9 @@ from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
 from bench.commands.plan import plan_of
 from bench.records.job import failed
-from bench.records.journal import open_journal, write_manifest
 from bench.records.record import GROUND_TRUTH
+from bench.records.run_folder import open_folder, read_store, write_manifest
+from bench.records.store import STORE
 from bench.running.manifest import describe
 from bench.running.options import Options
 from bench.running.pilot import Cost, Sample
@@ -23,7 +27,7 @@ from bench.running.protocol import protocol_of
 from bench.running.status import RunStatus, run_status
 from bench.tables.markdown import document
 
-from ..builders import SUITE, make_protocol
+from ..builders import SUITE, damage_images, make_protocol
 
 FEW = ("--methods", "splat,blank", "--conditions", "2048,512", "--limit", "3", "--views", "2")
 
@@ -77,29 +81,26 @@ def test_dry_run_of_a_finished_run_leaves_it_as_it_is(copied, command, arguments
 
 @pytest.mark.usefixtures("same_machine")
 def test_dry_run_counts_what_is_left_and_takes_the_times_in_the_folder(copied, command, arguments):
-    (journal,) = (copied / "journal").glob("*.jsonl")
-    lines = journal.read_bytes().splitlines(keepends=True)
-    found = [json.loads(line.partition(b" ")[2]) for line in lines]
-    splat = [i for i, line in enumerate(found) if line["records"][0]["method"] == "splat"]
-    kept = [line for i, line in enumerate(lines) if i not in splat[:4]]  # of 6
-    journal.write_bytes(b"".join(kept) + lines[splat[3]][:100])  # three gone, one torn
-    key = found[splat[4]]["key"]
-    next((copied / "artifacts").rglob(f"{key}.npz")).write_bytes(b"not what was written")
+    with read_store(copied) as store:
+        jobs = [job for job in store.listed() if job.name.method == "splat"]  # 3 objects x 2
+        records = [store.records(job.key) for job in jobs]
+    with closing(sqlite3.connect(copied / STORE)) as connection, connection:
+        connection.executemany("DELETE FROM jobs WHERE key = ?", [(job.key,) for job in jobs[:3]])
+    damage_images(copied, [jobs[3].key])  # counts as done until a run reads it, but has no size
     before = tree(copied)
     _, out, _ = command(*arguments, "--dry-run", "--out", copied)
-    assert "jobs: 5 to do, 16 done" in out
-    seconds, hours = re.search(r"^\| splat \| 5 \| 1 \| (\S+) \| (\S+) \|", out, re.M).groups()
+    assert "jobs: 3 to do, 18 done" in out
+    seconds, hours = re.search(r"^\| splat \| 3 \| 3 \| (\S+) \| (\S+) \|", out, re.M).groups()
     drawing = {}
-    for records in (found[i]["records"] for i in splat[4:]):
-        views_s = sum(view["draw_s"] for view in records)
-        drawing[records[0]["condition"]] = records[0]["prepare_s"] + views_s
-    mean_s = np.mean(list(drawing.values()))  # where a condition has no job left in the folder
-    left = [found[i]["records"][0]["condition"] for i in splat[:5]]
-    expected = np.mean([drawing.get(condition, mean_s) for condition in left]) + 2 * 0.02
+    for job, views in zip(jobs[4:], records[4:], strict=True):  # both conditions of an object
+        drawing[job.name.condition] = views[0].prepare_s + sum(view.draw_s for view in views)
+    assert len(drawing) == 2
+    left = [job.name.condition for job in jobs[:3]]
+    expected = np.mean([drawing[condition] for condition in left]) + 2 * 0.02
     assert float(seconds) == pytest.approx(expected, rel=0.05)  # printed with two digits
-    assert float(hours) == pytest.approx(5 * float(seconds) / 3600, rel=0.1)
+    assert float(hours) == pytest.approx(3 * float(seconds) / 3600, rel=0.1)
     assert re.search(r"^about \d+ s with .*, \d+ MB \(by the jobs in the folder\)$", out, re.M)
-    assert tree(copied) == before  # the journal is not repaired
+    assert tree(copied) == before  # the store is not repaired
 
 
 def test_dry_run_of_a_download_fetches_nothing(command, no_cache, no_machine):
@@ -147,9 +148,8 @@ def test_jobs_of_an_object_that_cannot_be_drawn_are_done(tmp_path, no_machine):
     suite = find(SUITE, SUITES, "suite")
     options = Options(SUITE, methods=("blank",), conditions=("2048",), limit=3, out=tmp_path)
     protocol, _ = protocol_of(suite, options)
-    jobs = plan(protocol, tmp_path)
-    with open_journal(tmp_path) as journal:
-        journal.append(failed(jobs.ground_truths[1], "input: no such shape"))
+    with open_folder(tmp_path) as store:
+        store.append(failed(plan(protocol)[1].truth, "input: no such shape"))
     write_manifest(tmp_path, describe(protocol, 1, {}))
     left = run_status(options, protocol).left
     assert left == {(GROUND_TRUTH, ""): 2, ("blank", "2048"): 2}
@@ -186,15 +186,17 @@ def make_run(tmp_path, objects=8, done=0) -> RunStatus:
         objects=tuple(Tetrahedron(str(number)) for number in range(objects)),
         views=20,
     )
-    jobs = plan(protocol, tmp_path)
-    return RunStatus(protocol, tmp_path, jobs, frozenset(j.key for j in jobs.jobs[:done]), 2)
+    planned = plan(protocol)
+    left = Counter((job.method, job.condition) for job in planned.jobs)
+    left.subtract((job.method, job.condition) for job in islice(planned.jobs, done))
+    return RunStatus(protocol, tmp_path, planned, left, 2)
 
 
 def plan_text(run, seconds, reason="") -> str:
     """Return the plan from a pilot of two objects whose jobs take these seconds by method."""
     samples = [
         Sample(job, Cost(seconds[job.method], 125_000.0), 512.0, reason)
-        for obj in run.plan.objects[:2]
+        for obj in run.plan[:2]
         for job in obj.jobs
     ]
     return document(plan_of(run, samples))

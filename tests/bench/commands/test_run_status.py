@@ -8,8 +8,9 @@ import pandas as pd
 import pytest
 import torch
 
-from bench.records.journal import open_journal, read_manifest
-from bench.records.parquet import read_jobs
+from bench.records.job import Result
+from bench.records.run_folder import open_folder, read_manifest
+from bench.records.stored_artifacts import read_jobs
 
 
 @pytest.mark.parametrize(
@@ -36,15 +37,14 @@ def test_a_gpu_that_is_not_there_is_refused_before_the_first_job(
 
 
 def test_a_method_without_an_image_is_no_success(copied, same_machine, arguments, command):
-    """The journal has its jobs as failed, and one of another method."""
+    """The store has its jobs as failed, and one of another method."""
     jobs = [job for job in read_jobs(copied) if job.name.method == "splat"]
     jobs.append(next(job for job in read_jobs(copied) if job.name.method == "true-mesh"))
-    with open_journal(copied) as journal:
+    lost = {"outcome": "failed", "reason": "draw: no images", "ssim": None}
+    with open_folder(copied) as store:
         for job in jobs:
-            result = journal.index.read(job.key)
-            lost = {"outcome": "failed", "reason": "draw: no images", "ssim": None}
-            records = tuple(replace(record, **lost) for record in result.records)
-            journal.append(replace(result, records=records, artifact_sha256=None))
+            records = tuple(replace(record, **lost) for record in store.records(job.key))
+            store.append(Result(job.key, records, None, lost["reason"]))
     status, printed, err = command(*arguments, "--out", copied)
     assert (status, err.splitlines()[-1]) == (
         1,

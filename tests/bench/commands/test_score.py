@@ -34,6 +34,8 @@ from bench.records.record import GROUND_TRUTH
 from bench.report.stored import open_sources
 from data_prep.failures import BadInput
 
+from ..builders import damage_images
+
 TWO = np.zeros((2, 128, 128, 3), np.uint8)
 
 
@@ -124,8 +126,7 @@ def test_a_taken_name_and_images_that_are_gone_are_refused(copied):
     taken = made(lambda truth, drawn: None, "silhouette-iou")
     with pytest.raises(BadInput, match="metric 'silhouette-iou': the records have a column of"):
         score(copied, [taken])
-    for path in (copied / "artifacts").rglob("*.npz"):
-        path.unlink()
+    damage_images(copied)
     with pytest.raises(BadInput, match="its images are gone; start the run again"):
         score(copied, [made(lambda truth, drawn: np.ones(len(drawn)))])
 

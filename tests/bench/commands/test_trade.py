@@ -13,7 +13,7 @@ from bench.catalogue.methods import find_method
 from bench.catalogue.parameters import find_setting
 from bench.catalogue.suites import SUITES
 from bench.commands.publish import run_suite
-from bench.records.journal import read_manifest
+from bench.records.run_folder import read_manifest
 from bench.running.options import Options
 from bench.tables.build import make_outputs, write_outputs
 from data_prep.failures import BadInput

@@ -142,7 +142,7 @@ def test_features_tell_the_direction_of_view(chairs):
     assert turn < 45
     assert tilt < 14
     metric = find_extractor("fd-views")
-    of_metric = metric.load(str(metric.weights(None)))(chairs[0])
+    of_metric = metric.load(str(metric.weights(None)), "cpu")(chairs[0])
     np.testing.assert_allclose(of_metric, features, rtol=1e-4, atol=1e-4)  # as of neighbours
 
 

@@ -11,7 +11,8 @@ import pytest
 
 from bench.metrics import frechet_distance
 from bench.metrics.frechet import (
-    MOST_BLOCKS,
+    EXACT_OBJECTS,
+    GROUPS,
     JackknifeMoments,
     TooFewSamples,
     centred,
@@ -22,6 +23,7 @@ from bench.metrics.frechet import (
     moments,
     object_blocks,
 )
+from bench.metrics.grouped_moments import GroupedMoments, grouped_distances
 
 from .reference import reference_cases
 
@@ -167,25 +169,95 @@ def test_what_is_left_without_each_block(count):
 
 
 @pytest.mark.parametrize(
-    ("objects", "blocks"), [(0, 0), (1, 1), (400, 400), (401, 201), (1000, 334)]
+    ("objects", "blocks"), [(0, 0), (1, 1), (60, 60), (61, 21), (90, 30), (91, 23), (1357, 30)]
 )
-def test_many_objects_are_left_out_in_blocks(objects, blocks):
+def test_many_objects_are_left_out_in_groups(objects, blocks):
     names = np.array([f"o{i:04d}" for i in range(objects)], dtype="U8")
     actual, block = object_blocks(np.random.default_rng(0).permutation(np.repeat(names, 2)))
     assert actual.tolist() == names.tolist()
     assert sorted(set(block.tolist())) == list(range(blocks))
-    assert (np.diff(block) >= 0).all()  # neighbours by name
     if blocks:
         assert np.ptp(np.bincount(block)) <= 1
+    if objects <= EXACT_OBJECTS:
+        assert block.tolist() == list(range(objects))
+    else:
+        assert blocks <= GROUPS
+        # neighbours by name, which may be alike, are dealt to other groups
+        assert (np.diff(block) == 0).mean() < 0.15
 
 
-def test_blocks_of_objects_are_left_out():
-    x, groups = views_of_objects(0, MOST_BLOCKS + 1, 2, d=6)
-    y, _ = views_of_objects(1, MOST_BLOCKS + 1, 2, d=6, offset=0.3)
-    block = groups // 2  # two of 401 objects together
+def test_groups_of_objects_are_left_out():
+    objects = EXACT_OBJECTS + 1
+    x, groups = views_of_objects(0, objects, 2, d=6)
+    y, _ = views_of_objects(1, objects, 2, d=6, offset=0.3)
+    _, block = object_blocks(groups)
     distances = leave_one_out(x, y, groups, groups)
-    expected = by_leaving_out(x, y, block, block)
+    expected = by_leaving_out(x, y, block[groups], block[groups])
+    assert len(expected) == 21
     assert distances == pytest.approx(expected, rel=0, abs=ROUNDING * traces(x, y))
+
+
+# views of an object, features and rows of a part: rows wait until there are 1,024 of a group
+@pytest.mark.parametrize(
+    ("views", "d", "part"), [(2, 6, 50), (3, 64, 7), (2, 300, 1000), (300, 3, 997), (300, 1, 997)]
+)
+def test_streamed_groups_have_the_distances_of_their_definition(views, d, part):
+    x, groups = views_of_objects(0, 13, views, d)
+    y, _ = views_of_objects(1, 13, views, d, offset=0.3)
+    block = (5 * groups) % 4
+    kept = groups != 2  # a method that failed on an object
+    sets = (x[kept].astype(np.float32), block[kept]), (y.astype(np.float32), block)
+    streams = []
+    for features, member in sets:
+        streams.append(GroupedMoments(4))
+        for start in range(0, len(features), part):
+            streams[-1].add(features[start : start + part], member[start : start + part])
+    value, without = grouped_distances(*streams)
+    (drawn, in_drawn), (true, in_true) = sets
+    close = ROUNDING * traces(drawn.astype(float), true.astype(float))
+    assert value == pytest.approx(frechet_distance(drawn, true), rel=0, abs=close)
+    expected = by_leaving_out(drawn, true, in_drawn, in_true)
+    assert without == pytest.approx(expected, rel=0, abs=close)
+    assert grouped_distances(*streams)[1].tolist() == without.tolist()  # as kept
+
+
+def test_groups_of_one_object_are_the_exact_jackknife():
+    x, groups = views_of_objects(0, 9, 20, d=12)
+    y, _ = views_of_objects(1, 9, 20, d=12, offset=0.3)
+    streams = [GroupedMoments(9), GroupedMoments(9)]
+    for stream, features in zip(streams, (x, y), strict=True):
+        for rows in np.array_split(np.random.default_rng(3).permutation(len(x)), 7):
+            stream.add(features[rows], groups[rows])
+    _, without = grouped_distances(*streams)
+    exact = leave_one_out(x, y, groups, groups)
+    assert without == pytest.approx(exact, rel=0, abs=ROUNDING * traces(x, y))
+
+
+def test_rows_that_come_after_a_distance_are_in_the_next_one():
+    x, groups = views_of_objects(0, 6, 20, d=5)
+    y, _ = views_of_objects(1, 6, 20, d=5, offset=0.3)
+    drawn, true = GroupedMoments(6), GroupedMoments(6)
+    true.add(y, groups)
+    for start, end in ((0, 90), (90, 120)):
+        drawn.add(x[start:end], groups[start:end])
+        value, without = grouped_distances(drawn, true)
+        close = ROUNDING * traces(x[:end], y)
+        assert value == pytest.approx(frechet_distance(x[:end], y), rel=0, abs=close)
+        exact = leave_one_out(x[:end], y, groups[:end], groups)
+        assert without == pytest.approx(exact, rel=0, abs=close)
+
+
+def test_groups_that_leave_too_little_have_no_distances():
+    x = normal(0, 10, 3)
+    lonely, others = GroupedMoments(2), GroupedMoments(2)
+    lonely.add(x, np.arange(10) // 9)  # without group 0 a single row would be left
+    others.add(x, np.arange(10) % 2)
+    value, without = grouped_distances(lonely, others)
+    assert value <= ROUNDING * traces(x, x)
+    assert np.isnan(without).all()
+    assert len(without) == 2
+    with pytest.raises(TooFewSamples):
+        GroupedMoments(2).whole()
 
 
 @pytest.mark.parametrize("d", [4, 40])

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from bench.metrics.frechet import MOST_BLOCKS
+from bench.metrics.frechet import EXACT_OBJECTS, object_blocks
 from bench.metrics.kernel_distance import kernel_distance, left_out_kernel_distances
 
 
@@ -35,15 +35,18 @@ def test_leaving_out_an_object_is_leaving_out_its_rows():
     x, y = features(7, 12, 6), features(8, 12, 6)
     objects_x = np.array(list("aaabbbcccddd"))
     objects_y = np.array(list("dabcabcabcde"))
-    actual = left_out_kernel_distances(x, y, objects_x, objects_y)
+    value, actual = left_out_kernel_distances(x, y, objects_x, objects_y)
     expected = [kernel_distance(x[objects_x != name], y[objects_y != name]) for name in "abcde"]
+    assert value == pytest.approx(kernel_distance(x, y), rel=1e-9)
     # sums of 12^2 kernels of size 10, less some of them
     np.testing.assert_allclose(actual, expected, rtol=1e-9)
 
 
 def test_an_object_that_leaves_too_little():
     x, y = features(9, 3, 2), features(10, 3, 2)
-    actual = left_out_kernel_distances(x, y, np.array(["a", "a", "b"]), np.array(["a", "b", "b"]))
+    _, actual = left_out_kernel_distances(
+        x, y, np.array(["a", "a", "b"]), np.array(["a", "b", "b"])
+    )
     assert np.isnan(actual).all()  # one row of x is left without a, one of y without b
 
 
@@ -62,21 +65,62 @@ def test_what_it_refuses(x, said):
         kernel_distance(x, np.zeros((2, 3)))
 
 
-def test_many_rows_are_taken_some_at_a_time():
-    x, y = features(11, 1100, 3).astype(float), 1.2 * features(12, 1030, 3).astype(float)
-    within_x, within_y, across = ((a @ b.T / 3 + 1) ** 3 for a, b in ((x, x), (y, y), (x, y)))
-    expected = -2 * across.mean()
-    for kernels in (within_x, within_y):
-        n = len(kernels)
-        expected += (kernels.sum() - np.trace(kernels)) / (n * (n - 1))
-    assert kernel_distance(x, y) == pytest.approx(expected, rel=1e-9, abs=1e-12)
+def distance_and_rounding(x, y):
+    """Return the distance from all pairs in extended precision, and the bound of the rounding of
+    `bench.metrics.kernel_distance`, which says where it is from."""
+    x, y = x.astype(np.longdouble), y.astype(np.longdouble)
+    (n, d), m = x.shape, len(y)
+    distance = size = np.longdouble(0)
+    for a, b, weight in ((x, x, 1), (y, y, 1), (x, y, -2)):
+        within = a is b
+        pairs = len(a) * (len(b) - within)
+        kernels = np.einsum("id,jd->ij", a, b) / d + 1
+        distance += weight * ((kernels**3).sum() - within * (np.diag(kernels) ** 3).sum()) / pairs
+        kernels = np.einsum("id,jd->ij", abs(a), abs(b)) / d + 1
+        size += abs(weight) * (kernels**3).sum() / pairs
+    return float(distance), float((n + m + d**2 + 6 * d + 200) * 2.0**-53 * size)
 
 
-def test_many_objects_are_left_out_in_blocks():
-    x, y = features(13, MOST_BLOCKS + 1, 6), features(14, MOST_BLOCKS + 1, 6)
-    objects = np.arange(MOST_BLOCKS + 1)
-    distances = left_out_kernel_distances(x, y, objects, objects)
-    assert len(distances) == 201  # two of 401 objects together
-    for block in (0, 100, 200):
-        kept = objects // 2 != block
-        assert distances[block] == pytest.approx(kernel_distance(x[kept], y[kept]), rel=1e-9)
+# Moments where 3 n m > 2 (n + m) (d + 1)^2, pairs else; 256 x 1,024 pairs are taken at a time.
+@pytest.mark.parametrize(
+    ("n", "m", "d"),
+    [(10, 14, 1), (70, 40, 4), (200, 400, 11), (10, 14, 16), (300, 1030, 28)],
+)
+@pytest.mark.parametrize("objects", ["equal", "of one row and of many", "of one set only"])
+def test_moments_and_pairs_are_all_pairs(n, m, d, objects):
+    x, y = features(11, n, d), (1.2 * features(12, m, d) + 0.1).astype(np.float32)
+    if objects == "equal":
+        of_x, of_y = np.arange(n) % 5, np.arange(m) % 5
+    elif objects == "of one row and of many":
+        of_x, of_y = np.minimum(np.arange(n), 2), np.maximum(np.arange(m) - m + 3, 0)
+    else:
+        of_x, of_y = np.arange(n) % 3, 1 + np.arange(m) % 4
+    value, without = left_out_kernel_distances(x, y, of_x, of_y)
+    expected, rounding = distance_and_rounding(x, y)
+    assert value == pytest.approx(expected, rel=0, abs=rounding)
+    names = sorted({*of_x.tolist(), *of_y.tolist()})
+    assert len(without) == len(names)
+    for name, actual in zip(names, without, strict=True):
+        expected, rounding = distance_and_rounding(x[of_x != name], y[of_y != name])
+        assert actual == pytest.approx(expected, rel=0, abs=rounding)
+
+
+@pytest.mark.parametrize("d", [3, 30])  # by moments, by pairs
+def test_a_set_of_rows_that_are_all_alike(d):
+    """(1 + c^2)^3 for each pair of a set, so that only the constants are left."""
+    x, y = np.full((40, d), 2.0), np.full((50, d), -1.0)
+    expected = (1 + 4) ** 3 + (1 + 1) ** 3 - 2 * (1 - 2) ** 3
+    assert kernel_distance(x, y) == pytest.approx(expected, rel=1e-13)
+    assert kernel_distance(x, np.zeros((2, d))) == pytest.approx(5**3 + 1 - 2, rel=1e-13)
+    assert kernel_distance(x, x) == pytest.approx(0, abs=1e-13 * 4 * 5**3)
+
+
+def test_many_objects_are_left_out_in_groups():
+    objects = np.arange(EXACT_OBJECTS + 1)
+    x, y = features(13, len(objects), 6), features(14, len(objects), 6)
+    _, block = object_blocks(objects)
+    _, distances = left_out_kernel_distances(x, y, objects, objects)
+    assert len(distances) == 21  # three of 61 objects together, or two
+    for number in (0, 10, 20):
+        kept = block != number
+        assert distances[number] == pytest.approx(kernel_distance(x[kept], y[kept]), rel=1e-9)

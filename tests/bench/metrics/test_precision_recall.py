@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.metrics.frechet import MOST_BLOCKS
+from bench.metrics.frechet import EXACT_OBJECTS, object_blocks
 from bench.metrics.precision_recall import NEIGHBOURS, left_out_shares, share_within
 
 
@@ -74,11 +74,12 @@ def test_leaving_out_an_object_is_leaving_out_its_rows(k):
 
 def test_more_rows_than_fit_at_once_and_blocks_of_objects():
     x, y = features(9, 2100, 2), features(10, 1100, 2) + 1
-    objects_x, objects_y = np.arange(2100) % (MOST_BLOCKS + 10), np.arange(1100) % 7
+    objects_x, objects_y = np.arange(2100) % (EXACT_OBJECTS + 10), np.arange(1100) % 7
     actual = left_out_shares(x, y, objects_x, objects_y)
-    assert len(actual) == -(-(MOST_BLOCKS + 10) // 2)
-    kept_x, kept_y = ~np.isin(objects_x, (0, 1)), ~np.isin(objects_y, (0, 1))
-    assert actual[0] == share_within(x[kept_x], y[kept_y])
+    _, block = object_blocks(objects_x)
+    assert len(actual) == 24  # three of 70 objects together, or two
+    kept_x, kept_y = block[objects_x] != 5, block[objects_y] != 5
+    assert actual[5] == share_within(x[kept_x], y[kept_y])
 
 
 def test_an_object_that_leaves_too_little():

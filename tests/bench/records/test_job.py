@@ -18,14 +18,12 @@ def test_a_stopwatch_adds_up_and_leaves_the_rest_to_the_harness():
 
 
 def test_shares_are_of_the_time_that_workers_had():
-    done = [
-        JobTiming(methods=6.0, metrics=1.0, harness=0.5),
-        JobTiming(rendering=2.0, harness=0.25),
-    ]
+    done = JobTiming(methods=6.0, metrics=1.0, harness=0.5)
+    done += JobTiming(rendering=2.0, harness=0.25)
     assert shares(done, 20.0) == {
         "methods": 0.3,
         "metrics": 0.05,
         "rendering": 0.1,
         "harness": pytest.approx(0.55, abs=1e-15),
     }
-    assert shares([], 2.0) == {"methods": 0, "metrics": 0, "rendering": 0, "harness": 1.0}
+    assert shares(JobTiming(), 2.0) == {"methods": 0, "metrics": 0, "rendering": 0, "harness": 1.0}

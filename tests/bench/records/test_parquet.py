@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pyarrow as pa
@@ -7,19 +9,13 @@ import pyarrow.parquet as pq
 import pytest
 from harness_objects import Tetrahedron
 
-from bench.records.parquet import (
-    JobRow,
-    read_features,
-    read_jobs,
-    read_records,
-    write_features,
-    write_jobs,
-    write_records,
-)
+from bench.records.parquet import read_features, read_records, write_features, write_records
 from bench.records.record import COLUMNS, SCHEMA_VERSION, to_frame
+from bench.records.run_folder import open_folder
+from bench.records.store import pack_records, unpack_columns
 from data_prep.failures import BadInput
 
-from ..builders import make_failed, make_job, make_record, write_all, write_artifact
+from ..builders import make_failed, make_job, make_record, make_result, write_all
 
 SCHEMA_KEY = b"pc2pix_bench_schema"
 
@@ -36,9 +32,9 @@ def test_contract_columns_and_schema(tmp_path):
     assert pq.read_schema(path).metadata[SCHEMA_KEY] == str(SCHEMA_VERSION).encode()
 
 
-@pytest.mark.parametrize("size", [1, 3, 1000])
-def test_what_is_written_some_at_a_time_is_read_in_one_order(tmp_path, size):
-    """The order of the work does not matter."""
+@pytest.mark.parametrize(("size", "groups"), [(1, 9), (3, 5), (1000, 1)])
+def test_what_is_written_some_at_a_time_is_read_in_one_order(tmp_path, size, groups):
+    """The order of the work does not matter; a job is never divided."""
     records = [
         make_record(method, condition, obj, view, ssim=1 / 3)
         for method in ("splat", "blank")
@@ -52,7 +48,7 @@ def test_what_is_written_some_at_a_time_is_read_in_one_order(tmp_path, size):
     pd.testing.assert_frame_equal(found, to_frame(records[::-1]))
     first = found.iloc[0][["method", "condition", "object", "view"]].tolist()
     assert first == ["blank", "1024", "a", 0]
-    assert pq.ParquetFile(tmp_path / "records.parquet").num_row_groups == -(-17 // size)
+    assert pq.ParquetFile(tmp_path / "records.parquet").num_row_groups == groups
     failed = found.iloc[-1]  # it is not dropped, and has no scores
     assert (failed["outcome"], failed["reason"]) == ("failed", "apss: no faces")
     assert found["ssim"].dtype == np.float64
@@ -98,39 +94,35 @@ def test_records_of_another_schema_are_refused(tmp_path, schema, columns, messag
 def test_interrupted_records_leave_the_old_ones(tmp_path):
     write_all(tmp_path, [make_record()])
     old = (tmp_path / "records.parquet").read_bytes()
-    jobs = [JobRow(str(i), make_job(tmp_path, Tetrahedron(str(i))).name, None) for i in range(3)]
 
-    def stopped(row):
-        if row.key == "2":
-            raise KeyboardInterrupt
-        return [make_record(obj=row.name.object_id)]
+    def stopped():
+        for name in "ab":
+            record = make_record(obj=name)
+            yield make_job(Tetrahedron(name)).name, unpack_columns(pack_records([record]))
+        raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        write_records(tmp_path, jobs, stopped)
+        write_records(tmp_path, stopped(), row_group=1)
     assert [path.read_bytes() for path in tmp_path.iterdir()] == [old]
-
-
-def test_jobs_keep_their_order(tmp_path):
-    items = [make_job(tmp_path, method=method).name for method in ("splat", "blank")]
-    jobs = [JobRow("b", items[0], "0" * 64), JobRow("a", items[1], None)]
-    write_jobs(tmp_path, jobs)
-    assert read_jobs(tmp_path) == jobs
 
 
 def features(tmp_path, objects, methods=("m0", "m1"), conditions=("2048",)):
     """Jobs with their artifacts, object by object as a run makes them; values by item and view;
-    and the file of their features."""
+    and the file of their features, with a row group for 16 jobs."""
     rng = np.random.default_rng(0)
     jobs, expected = [], {}
-    for i in range(objects):
-        for method in methods:
-            for condition in conditions:
-                job = make_job(tmp_path / "artifacts", Tetrahedron(f"o{i:03d}"), method, condition)
-                values = rng.random((2, 5), np.float32)
-                write_artifact(job, images=np.zeros(1), metric=values)
-                jobs.append(job)
-                expected |= {(job.name, v): values[v] for v in range(2)}
-    write_features(tmp_path, "metric", {job.name: job.artifact for job in jobs})
+    with open_folder(tmp_path) as store:
+        for i in range(objects):
+            for method in methods:
+                for condition in conditions:
+                    job = make_job(Tetrahedron(f"o{i:03d}"), method, condition)
+                    job = replace(job, key=f"{i} {method} {condition}")
+                    values = rng.random((2, 5), np.float32)
+                    store.append(make_result(job, images=np.zeros(1), metric=values))
+                    jobs.append(job)
+                    expected |= {(job.name, v): values[v] for v in range(2)}
+        store.list_jobs((job.key, job.name) for job in jobs)
+        write_features(tmp_path, store, ["metric"], jobs_per_group=16)
     return jobs, expected, tmp_path / "features" / "metric.parquet"
 
 
@@ -213,16 +205,18 @@ def test_features_without_a_column_are_refused(tmp_path):
 
 
 def test_without_features_there_is_no_file(tmp_path):
-    write_features(tmp_path, "metric", [])
-    assert list(tmp_path.iterdir()) == []
+    with open_folder(tmp_path) as store:
+        write_features(tmp_path, store, ["metric"])
+    assert not (tmp_path / "features").exists()
     assert read_features(tmp_path, "metric") is None
 
 
 def test_interrupted_features_leave_the_old_ones(tmp_path):
     jobs, _, path = features(tmp_path, 17, methods=("m0",))  # one more than a row group
     old = path.read_bytes()
-    jobs[-1].artifact.unlink()
-    with pytest.raises(FileNotFoundError):
-        write_features(tmp_path, "metric", {job.name: job.artifact for job in jobs})
+    with open_folder(tmp_path) as store:
+        store.append(make_result(jobs[-1], images=np.zeros(1)))
+        with pytest.raises(KeyError):
+            write_features(tmp_path, store, ["metric"], jobs_per_group=16)
     assert path.read_bytes() == old
     assert list(path.parent.iterdir()) == [path]

@@ -8,7 +8,7 @@ import pytest
 
 import bench.rendering.shrink
 from bench.catalogue.suites import STABILITY, SUITES
-from bench.records.journal import write_manifest
+from bench.records.run_folder import write_manifest
 from bench.rendering.shrink import find_failed_job, shrink
 from bench.rendering.shrink_result import fails_alike
 from bench.running.isolation import TaskPool

@@ -5,9 +5,11 @@ import pytest
 import bench.report.classes
 import bench.report.image_sheets
 import bench.report.robustness
+from bench.records.run_folder import open_folder
+from bench.records.stored_artifacts import Artifact
 from bench.tables.figure import save
 
-from ..builders import write_artifact
+from ..builders import make_result
 
 
 @pytest.fixture
@@ -23,10 +25,12 @@ def drawn(monkeypatch, tmp_path):
         monkeypatch.setattr(module, "save", keep)
 
     def draw(write, *arguments, jobs):
-        for seed, job in enumerate(jobs):
-            if not job.artifact.exists():
-                write_artifact(job, seed)
-        write(tmp_path, *arguments, {job.name: job.artifact for job in jobs})
+        with open_folder(tmp_path) as store:
+            stored = store.find([job.key for job in jobs])
+            for seed, job in enumerate(jobs):
+                if job.key not in stored:
+                    store.append(make_result(job, (), seed))
+        write(tmp_path, *arguments, {job.name: Artifact(tmp_path, job.key) for job in jobs})
         return figures
 
     return draw

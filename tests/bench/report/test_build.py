@@ -5,27 +5,29 @@ from __future__ import annotations
 import base64
 import hashlib
 import io
-import json
 import math
 import re
 import shutil
+import sqlite3
+from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from builders import make_failed, make_manifest, read_all, write_all, write_run
+from builders import damage_images, make_failed, make_manifest, read_all, write_all, write_run
 from PIL import Image
 from report_parser import parse
 
 from bench.analysis.scored import read_scored
 from bench.catalogue.metrics import CONTROL_METRICS, higher_is_better
-from bench.records.artifacts import artifact_path, read_array
-from bench.records.journal import read_manifest, write_manifest
+from bench.records.artifacts import pack
+from bench.records.job import Result
 from bench.records.record import GROUND_TRUTH
+from bench.records.run_folder import open_folder, read_manifest, write_manifest
+from bench.records.store import STORE
 from bench.report.build import read_page, write_report
 from bench.tables.build import make_outputs
 from data_prep.failures import BadInput, CannotWrite
-from data_prep.files.atomic_write import write_whole
 
 HOSTILE = "<script>alert(1)</script>\"'><img src=x onerror=alert(2)>{{ 7 * 7 }}"
 BIDI = "name\u202ereversed"
@@ -256,15 +258,16 @@ def test_the_same_run_gives_the_same_bytes(finished, tmp_path):
     assert (elsewhere / "report.html").is_file()
 
 
-def _entry(directory, *item):
-    """The entry of the journal of a method, condition and object."""
-    (shard,) = (directory / "journal").iterdir()
-    for line in shard.read_text().splitlines():
-        values = json.loads(line.split(" ", 1)[1])
-        first = values["records"][0]
-        if (first["method"], first["condition"], first["object"]) == item:
-            return values
-    raise AssertionError
+def _stored(directory, *job):
+    """Return key and images of a method, condition and object, past the code of the store."""
+    query = (
+        "SELECT key, data FROM listed JOIN jobs USING (key) JOIN artifacts USING (id) "
+        "WHERE method = ? AND condition = ? AND object = ?"
+    )
+    with closing(sqlite3.connect(directory / STORE)) as connection:
+        ((key, data),) = connection.execute(query, job)
+    with np.load(io.BytesIO(data)) as arrays:
+        return key, arrays["images"]
 
 
 def _grid_images(text, index=0):
@@ -291,9 +294,8 @@ def test_images_are_those_of_the_run_to_the_last_bit(copied):
             if column == "cloud":
                 continue
             cell = (GROUND_TRUTH, "") if column == "truth" else (column, condition)
-            key = _entry(copied, *cell, "test-0001")["key"]
-            expected = read_array(artifact_path(copied, key))[0]
-            np.testing.assert_array_equal(image, expected)
+            _, expected = _stored(copied, *cell, "test-0001")
+            np.testing.assert_array_equal(image, expected[0])
     clean, noisy = (shown[c]["cloud"] < 255 for c in ("2048", "noise-0.10"))
     assert 0.02 < clean.mean() < 0.2
     assert (clean & ~noisy).sum() > 0.3 * clean.sum()  # noise has moved the points
@@ -301,27 +303,22 @@ def test_images_are_those_of_the_run_to_the_last_bit(copied):
 
 def test_a_run_that_was_stopped_and_changed_shows_what_its_records_measured(copied):
     """A later start under another key, whose records are not those of the run, does not count."""
-    entry = _entry(copied, "splat", "2048", "test-0000")
-    kept = read_array(artifact_path(copied, entry["key"]))
-    for number, factor in ((2, 2.0), (3, 3.0)):
-        other = f"{number}" * 64
-        buffer = io.BytesIO()
-        np.savez_compressed(buffer, images=255 - kept)
-        write_whole(artifact_path(copied, other), buffer.getvalue())
-        later = [r | {"prepare_s": factor * r["prepare_s"]} for r in entry["records"]]
-        line = {"key": other, "artifact_sha256": "0" * 64, "records": later}
-        body = json.dumps(line, ensure_ascii=False)
-        text = f"{hashlib.sha256(body.encode()).hexdigest()} {body}\n"
-        (copied / "journal" / f"{number:04d}.jsonl").write_text(text, encoding="utf-8")
+    key, kept = _stored(copied, "splat", "2048", "test-0000")
+    other = pack({"images": 255 - kept})
+    with open_folder(copied) as store:
+        for number, factor in ((2, 2.0), (3, 3.0)):
+            later = tuple(replace(r, prepare_s=factor * r.prepare_s) for r in store.records(key))
+            checksum = hashlib.sha256(other).hexdigest()
+            store.append(Result(f"{number}" * 64, later, checksum, artifact=other))
     np.testing.assert_array_equal(_grid_images(report_of(copied))["2048"]["splat"], kept[0])
 
 
 def test_missing_images_are_named_and_the_rest_is_there(copied):
-    shutil.rmtree(copied / "artifacts")
+    (copied / STORE).unlink()
     document = parse(report_of(copied))
     (warning,) = (p.text for p in document.all("p", class_="warning"))
     assert warning == (
-        "The images of this run are no longer there (its folder artifacts is empty or gone); "
+        "The images of this run are no longer there (its run.sqlite is empty or gone); "
         "its command makes them again."
     )
     images = {i.attributes["alt"] for i in document.all("img")}
@@ -332,9 +329,12 @@ def test_missing_images_are_named_and_the_rest_is_there(copied):
 
 
 def test_an_unreadable_image_is_a_missing_one(copied):
-    for index, content in enumerate((b"", b"no archive", b"PK\x03\x04" + bytes(40))):
-        entry = _entry(copied, "splat", "2048", f"test-{index:04d}")
-        artifact_path(copied, entry["key"]).write_bytes(content)
+    keys = [_stored(copied, "splat", "2048", f"test-{index:04d}")[0] for index in range(3)]
+    damage_images(copied, keys[:1])
+    with open_folder(copied) as store:  # as a writer with a fault would leave them
+        for key, content in zip(keys[1:], (b"no archive", b"PK\x03\x04" + bytes(40)), strict=True):
+            checksum = hashlib.sha256(content).hexdigest()
+            store.append(Result(key, tuple(store.records(key)), checksum, artifact=content))
     text = report_of(copied)
     for index in range(3):
         shown = _grid_images(text, index)

@@ -10,8 +10,8 @@ from bench.analysis.paper import AVERAGE
 from bench.analysis.scores import QualityRow
 from bench.catalogue.suites import TableSpec
 from bench.metrics.structural_similarity import ssim_per_image
-from bench.records.artifacts import read_array
 from bench.records.record import GROUND_TRUTH
+from bench.records.stored_artifacts import Artifact
 from bench.report.classes import write_class_figures
 from bench.tables.classes import table_of_classes
 from bench.tables.published import published
@@ -45,18 +45,18 @@ ROWS = [
 ]
 
 
-def make_jobs(directory, methods=METHODS, lost=()):
+def make_jobs(methods=METHODS, lost=()):
     jobs = []
     for class_name, object_id in product(("car", "lamp", "sofa"), "ab"):
         obj = Tetrahedron(f"{class_name}-{object_id}", class_name)
-        jobs.append(make_truth(directory, obj))
+        jobs.append(make_truth(obj))
         drawn = [method for method in methods if (class_name, method) not in lost]
-        jobs += [make_job(directory, obj, method) for method in drawn]
+        jobs += [make_job(obj, method) for method in drawn]
     return jobs
 
 
 def test_figure_4(drawn, tmp_path):
-    jobs = make_jobs(tmp_path, lost=[("lamp", "surface-apss")])
+    jobs = make_jobs(lost=[("lamp", "surface-apss")])
     images, *_ = figures(drawn, ROWS, jobs)
     names = [axis.get_ylabel() for axis in images.axes if axis.get_ylabel()]
     assert names == ["car", "sofa", "lamp"]  # two blocks
@@ -64,7 +64,8 @@ def test_figure_4(drawn, tmp_path):
     assert [axis.get_title() for axis in by_row[0]] == ["truth", *METHODS] * 2
     first = {(job.object.object_id, job.method): job for job in jobs}
     true, shown = (
-        read_array(first["car-a", method].artifact)[:1] for method in (GROUND_TRUTH, "splat")
+        Artifact(tmp_path, first["car-a", method].key).read()[:1]
+        for method in (GROUND_TRUTH, "splat")
     )
     assert np.array_equal(by_row[0, 0].images[0].get_array(), true[0])
     assert np.array_equal(by_row[0, 3].images[0].get_array(), shown[0])
@@ -75,7 +76,7 @@ def test_figure_4(drawn, tmp_path):
 
 def test_every_approach_of_the_run_has_a_column(drawn, tmp_path):
     methods = ("splat", "splat-net", "blank", "pc2pix@all", "surface-apss")
-    images, *_ = figures(drawn, ROWS, make_jobs(tmp_path, methods=methods))
+    images, *_ = figures(drawn, ROWS, make_jobs(methods=methods))
     titles = [axis.get_title() for axis in images.axes if axis.get_title()]
     assert titles == ["truth", "surface-apss", "pc2pix@all", "splat-net", "splat"]
 
@@ -93,7 +94,7 @@ def test_the_best_by_the_headline_has_a_column(drawn, tmp_path):
         row("lpips", "surface-apss", AVERAGE, NAN),
         replace(row("lpips", "splat-net@chair", AVERAGE, 0.05), condition="512"),
     ]
-    (images,) = figures(drawn, ROWS, make_jobs(tmp_path, methods=methods), headline)
+    (images,) = figures(drawn, ROWS, make_jobs(methods=methods), headline)
     titles = [axis.get_title() for axis in images.axes if axis.get_title()]
     # six in a row leave no room for a second block
     assert titles == [
@@ -112,7 +113,7 @@ def dots_of(axis):
 
 
 def test_dots(drawn, tmp_path):
-    jobs = make_jobs(tmp_path)
+    jobs = make_jobs()
     *_, dots = figures(drawn, ROWS, jobs)
     ours, paper = dots.axes
     assert ours.get_title() == "ours: fd-views (lower is better)"
@@ -127,7 +128,7 @@ def test_dots(drawn, tmp_path):
 
 
 def test_what_a_run_lacks_has_no_figure(drawn, tmp_path):
-    jobs = make_jobs(tmp_path, methods=("surface-apss", "splat"))
+    jobs = make_jobs(methods=("surface-apss", "splat"))
     assert figures(drawn, ROWS, [job for job in jobs if not job.condition]) == []
     assert not (tmp_path / "figures").exists()
     assert len(figures(drawn, ROWS, jobs)) == 1

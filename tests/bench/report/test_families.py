@@ -16,7 +16,7 @@ from bench.report.blank_region import WORSE
 from bench.report.families import beyond_figure, family_curves, write_beyond_figures
 from bench.report.styles import method_styles
 
-from ..builders import make_job, make_truth, write_artifact
+from ..builders import make_job, make_truth, store_images
 
 METRICS = ("ssim", "fd-views")
 METHODS = ("surface-apss", "splat-net@chair", "pc2pix", "true-mesh", "constant", "blank")
@@ -165,18 +165,15 @@ def test_steps_without_value_or_interval():
 
 
 def drawn_files(folder, families, methods, jobs):
-    for number, job in enumerate(jobs):
-        write_artifact(job, seed=number)
-    write_beyond_figures(
-        folder, every_curve(families, methods), {job.name: job.artifact for job in jobs}
-    )
+    artifacts = {job.name: store_images(folder, job, number) for number, job in enumerate(jobs)}
+    write_beyond_figures(folder, every_curve(families, methods), artifacts)
     return {path.name for path in (folder / "figures").iterdir()}
 
 
 def test_files(tmp_path):
-    families, artifacts = FAMILIES[3:4], tmp_path / "artifacts"
-    jobs = [make_truth(artifacts)]
-    jobs += [make_job(artifacts, None, m, c) for m in METHODS for c in families[0].conditions[:2]]
+    families = FAMILIES[3:4]
+    jobs = [make_truth()]
+    jobs += [make_job(None, m, c) for m in METHODS for c in families[0].conditions[:2]]
     names = {"beyond.png", "beyond.svg"}
     assert drawn_files(tmp_path, families, METHODS, jobs) == names | {"beyond-pictures.png"}
     with Image.open(tmp_path / "figures" / "beyond-pictures.png") as sheet:

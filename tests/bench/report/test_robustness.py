@@ -9,12 +9,13 @@ from PIL import Image
 
 from bench.analysis.scores import QualityRow
 from bench.catalogue.suites import TableSpec
-from bench.records.artifacts import JobName, read_array
+from bench.records.artifacts import JobName
+from bench.records.stored_artifacts import Artifact
 from bench.report.image_sheets import THIN_TINT, write_images
 from bench.report.robustness import write_figures
 from bench.tables.quality import quality_table
 
-from ..builders import make_job, make_truth, write_artifact
+from ..builders import make_job, make_truth, store_images
 
 NAN = float("nan")
 
@@ -41,8 +42,8 @@ CURVES = [
 @pytest.fixture
 def jobs(tmp_path):
     a, b = Tetrahedron("a"), Tetrahedron("b")  # splat has failed for b
-    made = [make_truth(tmp_path, a), make_job(tmp_path, a), make_job(tmp_path, a, "blank")]
-    made += [make_truth(tmp_path, b), make_job(tmp_path, b, "blank")]
+    made = [make_truth(a), make_job(a), make_job(a, "blank")]
+    made += [make_truth(b), make_job(b, "blank")]
     return made
 
 
@@ -60,7 +61,7 @@ def test_curves_show_the_tables(drawn, jobs, tmp_path):
     assert values == [[0.8, 0.6], [0.7, 0.95], [0.8], [0.5, 0.65], [0.6], [0.4]]
 
 
-def test_the_grid_shows_first_images_and_failures(drawn, jobs):
+def test_the_grid_shows_first_images_and_failures(drawn, jobs, tmp_path):
     _, _, grid = drawn(write_figures, CURVES, jobs=jobs)
     cells = np.array(grid.axes).reshape(2, 2)  # objects x (truth, condition); the floor is left out
     assert [axis.get_title() for axis in cells[0]] == ["ground-truth", "2048"]
@@ -72,7 +73,7 @@ def test_the_grid_shows_first_images_and_failures(drawn, jobs):
         for axis, method in zip(row, ("ground-truth", "splat"), strict=True):
             if axis.images:
                 shown = np.asarray(axis.images[0].get_array())
-                expected = read_array(by_cell[obj, method].artifact)[0]
+                expected = Artifact(tmp_path, by_cell[obj, method].key).read()[0]
                 assert np.array_equal(shown, expected)
     assert sum(len(axis.images) for axis in cells.flat) == 3
 
@@ -80,7 +81,7 @@ def test_the_grid_shows_first_images_and_failures(drawn, jobs):
 def test_no_more_than_four_objects_are_shown(drawn, tmp_path):
     jobs = []
     for name in "abcdef":
-        jobs += [make_truth(tmp_path, Tetrahedron(name)), make_job(tmp_path, Tetrahedron(name))]
+        jobs += [make_truth(Tetrahedron(name)), make_job(Tetrahedron(name))]
     _, _, grid = drawn(write_figures, CURVES, jobs=jobs)
     labels = [axis.get_ylabel() for axis in grid.axes if axis.get_ylabel()]
     assert labels == [f"{name}\nsplat" for name in "abcd"]
@@ -96,12 +97,12 @@ def test_the_sheet_of_thin_parts(drawn, tmp_path):
             for leg in range(count):
                 truth[view, 50:90, 40 + 20 * leg : 43 + 20 * leg] = 120
         obj = Tetrahedron(name)
-        jobs += [make_truth(tmp_path, obj), make_job(tmp_path, obj)]
-        jobs += [make_job(tmp_path, obj, "splat", "512"), make_job(tmp_path, obj, "constant")]
+        jobs += [make_truth(obj), make_job(obj)]
+        jobs += [make_job(obj, "splat", "512"), make_job(obj, "constant")]
         for number, job in enumerate(jobs[-4:]):
-            write_artifact(job, images=truth // (1 + number))
-    noisy = make_job(tmp_path, Tetrahedron("a"), "splat", "noise-0.05")
-    write_artifact(noisy, images=truth)
+            store_images(tmp_path, job, images=truth // (1 + number))
+    noisy = make_job(Tetrahedron("a"), "splat", "noise-0.05")
+    store_images(tmp_path, noisy, images=truth)
     *_, sheet = drawn(write_figures, CURVES, jobs=[*jobs, noisy])
     cells = np.array(sheet.axes).reshape(2, 4)  # truth and method x objects and conditions
     titles = ["c\n2048", "c\nnoise-0.05", "a\n2048", "a\nnoise-0.05"]
@@ -124,12 +125,11 @@ def test_a_sheet_fits_a_page(tmp_path, methods, conditions):
     """Show fewer objects of many methods or conditions, then smaller images."""
     artifacts = {}
     for name in "abcd":
-        job = make_truth(tmp_path, Tetrahedron(name))
-        write_artifact(job)
-        artifacts[job.name] = job.artifact
+        job = make_truth(Tetrahedron(name))
+        artifacts[job.name] = store_images(tmp_path, job)
         for method, condition in product(range(methods), range(conditions)):
             key = JobName(f"plugin-{method}", str(condition), *job.name.object)
-            artifacts[key] = job.artifact
+            artifacts[key] = artifacts[job.name]
     write_images(tmp_path / "sheet.png", artifacts, [str(i) for i in range(conditions)])
     with Image.open(tmp_path / "sheet.png") as sheet:
         assert sheet.width == 800
@@ -141,6 +141,6 @@ def test_a_sheet_fits_a_page(tmp_path, methods, conditions):
     [([], (), []), (CURVES, ("true-mesh", "blank"), ["robustness.png", "robustness.svg"])],
 )
 def test_without_a_rival_there_is_no_grid(drawn, tmp_path, tables, methods, names):
-    jobs = [make_truth(tmp_path), *(make_job(tmp_path, method=method) for method in methods)]
+    jobs = [make_truth(), *(make_job(method=method) for method in methods)]
     drawn(write_figures, tables, jobs=jobs)
     assert sorted(path.name for path in tmp_path.glob("figures/*")) == names

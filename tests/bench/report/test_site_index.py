@@ -8,7 +8,7 @@ from html import unescape
 from pathlib import Path
 
 import pytest
-from builders import make_failed, read_all, write_all, write_run
+from builders import damage_images, make_failed, read_all, write_all, write_run
 
 from bench.report.site.board import row_kinds
 from bench.report.site.words import letter_range, p_words
@@ -158,10 +158,17 @@ def test_thumbnails_show_one_object_by_all_methods(index):
 
 def test_a_run_without_images_has_no_thumbnails(tmp_path):
     run = write_small(tmp_path / "run", objects=CHAIRS[:2])
-    for path in (run / "artifacts").rglob("*.npz"):
-        path.unlink()
+    damage_images(run, data=None)
     table = section(index_of(run), "All methods")
     assert "<img" not in table
+
+
+def test_a_run_whose_store_cannot_be_read_has_no_thumbnails(tmp_path, capsys):
+    run = write_small(tmp_path / "run", objects=CHAIRS[:2])
+    (run / "run.sqlite").write_bytes(b"no database" * 100)
+    table = section(index_of(run), "All methods")
+    assert "<img" not in table
+    assert f"no thumbnails, {run / 'run.sqlite'}: not a store of a run" in capsys.readouterr().err
 
 
 def test_a_run_without_a_metric_is_named_and_has_the_others(tmp_path):

@@ -12,7 +12,7 @@ import pytest
 from builders import make_failed, make_record, read_all, write_all, write_run
 
 from bench.analysis.scored import scored_run
-from bench.records.journal import read_manifest
+from bench.records.run_folder import read_manifest
 from bench.report.site.methods import LONGEST, method_slug, site_methods
 from bench.report.site.write import write_site
 from bench.tables.build import write_outputs

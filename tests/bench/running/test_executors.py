@@ -27,7 +27,7 @@ from bench.catalogue.suites import Limits
 from bench.running.executors import JobPool
 from bench.running.isolation import WORKER_ENVIRONMENT, submit_all
 
-from ..builders import make_job, make_truth, write_artifact
+from ..builders import make_artifact, make_job, make_truth
 
 pytestmark = pytest.mark.timing
 
@@ -35,13 +35,13 @@ AMPLE = Limits(time_s=60.0, memory_gib=8.0)
 
 
 @pytest.fixture
-def jobs_for(tmp_path):
+def jobs_for():
     """One job per object, of a method that needs neither OpenGL nor a network."""
 
     def make(*objects):
-        for obj in objects:
-            write_artifact(make_truth(tmp_path, obj))
-        return [make_job(tmp_path, obj, "blank") for obj in objects]
+        truths = [make_artifact(make_truth(obj)) for obj in objects]
+        pairs = zip(objects, truths, strict=True)
+        return [make_job(obj, "blank", reference=truth) for obj, truth in pairs]
 
     return make
 

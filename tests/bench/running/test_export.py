@@ -47,7 +47,7 @@ def jobs(no_machine):
 
     def of(dataset):
         options = Options("chair-robustness", dataset, ("blank",), ("2048", "512"), 2, views=3)
-        return plan(protocol_of(SUITES[0], options)[0], Path()).objects
+        return plan(protocol_of(SUITES[0], options)[0])
 
     return of
 
@@ -90,7 +90,7 @@ def test_the_seed_is_that_of_the_export(no_machine, tmp_path, command):
         cells = {"methods": ("splat",), "conditions": ("2048", "512", "noise-0.05")}
         options = Options("chair-robustness", dataset, **cells, limit=1, views=2, seed=seed)
         protocol, _ = protocol_of(SUITES[0], options)
-        return protocol, plan(protocol, Path()).method_jobs
+        return protocol, [*plan(protocol).method_jobs]
 
     (source, ours), (protocol, theirs) = jobs("procedural", 5), jobs(f"exported:{tree}")
     assert protocol.seed == source.seed == 5
@@ -119,7 +119,7 @@ def test_a_grey_suite_reads_its_own_export(no_machine, tmp_path, exported):
 
     def jobs(dataset):
         options = Options(suite.id, dataset, ("splat",), ("2048", "512"), 1, views=2)
-        return plan(protocol_of(suite, options)[0], Path()).objects[0]
+        return plan(protocol_of(suite, options)[0])[0]
 
     ours, theirs = jobs("procedural"), jobs(f"exported:{tree}")
     images = [obj.truth.object.truth(obj.truth.views) for obj in (ours, theirs)]

@@ -9,9 +9,10 @@ from pathlib import Path
 import pytest
 
 from bench.catalogue.suites import STABILITY, SUITES
-from bench.commands.publish import merge_shards, partial_table, publish, run_suite
+from bench.commands.live import LiveTable
+from bench.commands.publish import merge_shards, publish, run_suite
 from bench.commands.terminal import Terminal
-from bench.records.journal import read_manifest, write_manifest
+from bench.records.run_folder import read_manifest, write_manifest
 from bench.running.extension import join, joined
 from bench.running.options import Options
 from bench.running.protocol import protocol_of
@@ -20,7 +21,7 @@ from bench.running.shards import Shard
 from bench.suites.procedure import methods_of
 from data_prep.failures import BadInput
 
-from ..builders import file_bytes, finished_options, make_manifest
+from ..builders import file_bytes, finished_options, make_manifest, stored_keys
 
 TABLE = "tables/table3_ssim.csv"
 
@@ -48,14 +49,14 @@ def test_asking_for_less_computes_nothing_and_removes_nothing(
     finished, copied, same_machine, tiny_weights, capsys
 ):
     less = {"methods": ("splat",), "conditions": ("2048",), "limit": 1}
-    before, manifest = every_file(copied / "journal"), read_manifest(copied)
+    before, manifest = stored_keys(copied), read_manifest(copied)
     done = run_suite(finished_options(tiny_weights, copied, **less))
     assert (done.done, done.reused, done.failed, done.objects) == (0, 21, 0, 3)
     assert outputs(copied) == outputs(finished[0])
     assert (copied / "records.parquet").read_bytes() == (
         finished[0] / "records.parquet"
     ).read_bytes()
-    assert every_file(copied / "journal") == before
+    assert stored_keys(copied) == before
     after = read_manifest(copied)
     for name in ("methods", "conditions", "objects", "request"):
         assert after[name] == manifest[name]
@@ -89,7 +90,7 @@ def test_an_extension_that_is_stopped_leaves_the_outputs_and_goes_on(
     """With a further method: one of three objects is complete when Ctrl-C comes."""
     manifest, seen = read_manifest(copied), []
     options = finished_options(tiny_weights, copied, methods=("constant",))
-    stopped = run(options, publish, partial(Stopped, 1, copied, seen, partial_table))
+    stopped = run(options, publish, partial(Stopped, 1, copied, seen, LiveTable().table))
     assert (stopped.interrupted, stopped.outputs) == (True, None)
     assert (stopped.objects, stopped.planned, stopped.done) == (1, 3, 1)
     assert seen == [manifest]  # a kill finds the run as it was, too

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import shutil
+import sqlite3
+from contextlib import closing
 from dataclasses import replace
 
 import pandas as pd
@@ -10,8 +12,10 @@ import pytest
 
 from bench.analysis.scored import read_scored
 from bench.commands.publish import merge_shards, run_suite
-from bench.records.journal import open_journal, read_index, read_manifest, write_manifest
-from bench.records.parquet import read_jobs, write_jobs
+from bench.records.job import Result
+from bench.records.run_folder import open_folder, read_manifest, read_store, write_manifest
+from bench.records.store import STORE
+from bench.records.stored_artifacts import read_jobs
 from bench.running.shards import Shard
 from bench.tables.build import tables
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
@@ -24,14 +28,19 @@ COUNT = 2
 
 def as_shard(finished, tiny_weights, out, number, count=COUNT):
     """A shard of the finished run, by `run`: nothing is left to draw."""
-    for name in ("journal", "artifacts"):
-        shutil.copytree(finished[0] / name, out / name)
+    out.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(finished[0] / STORE, out / STORE)
     manifest = read_manifest(finished[0])
     objects = list(Shard(number, count).select(manifest["objects"]))
     write_manifest(out, manifest | {"shard": f"{number}/{count}", "objects": objects})
     done = run_suite(finished_options(tiny_weights, out, shard=Shard(number, count)))
     assert done.done == 0
     return out
+
+
+def edit_store(directory, statement, *values):
+    with closing(sqlite3.connect(directory / STORE)) as database, database:
+        database.execute(statement, values)
 
 
 @pytest.fixture(scope="module")
@@ -70,12 +79,11 @@ def test_merged_shards_are_the_run_in_one_piece(finished, made, tmp_path, comman
     assert_equal_runs(whole, finished[0])
     assert file_bytes(whole / "figures") == file_bytes(finished[0] / "figures")
     assert read_jobs(whole) == read_jobs(finished[0])
-    merged, index = read_index(whole), read_index(finished[0])
-    same = [f"features/{metric}.parquet" for metric in ("fd-views", "judge")]
-    for job in read_jobs(whole):
-        assert merged.read(job.key) == index.read(job.key)
-        same.append(f"artifacts/{job.key[:2]}/{job.key}.npz")
-    for path in same:
+    with read_store(whole) as merged, read_store(finished[0]) as in_one_piece:
+        for job in read_jobs(whole):
+            assert merged.records(job.key) == in_one_piece.records(job.key)
+            assert merged.artifact(job.key) == in_one_piece.artifact(job.key)
+    for path in (f"features/{metric}.parquet" for metric in ("fd-views", "judge")):
         assert (whole / path).read_bytes() == (finished[0] / path).read_bytes()
     manifest, one_piece = read_manifest(whole), read_manifest(finished[0])
     for name in ("objects", "methods", "conditions", "suite", "identities", "shard"):
@@ -89,14 +97,10 @@ def test_a_merge_that_was_stopped_goes_on_and_the_run_too(made, tmp_path, tiny_w
     whole = tmp_path / "whole"
     merge_shards(made, whole)
     expected = file_bytes(whole / "tables")
-    jobs = read_jobs(whole)
-    gone = whole / "artifacts" / jobs[0].key[:2] / f"{jobs[0].key}.npz"
-    gone.unlink()
-    (journal,) = (whole / "journal").glob("*.jsonl")
-    lines = journal.read_bytes().splitlines(keepends=True)
-    journal.write_bytes(b"".join(lines[:-2]) + lines[-2][:50])
+    lost = sorted({job.key for job in read_jobs(whole)})[:3]
+    edit_store(whole, "DELETE FROM jobs WHERE key IN (?, ?, ?)", *lost)
     write_manifest(whole, read_manifest(whole) | {"finished": None})
-    assert merge_shards(made, whole).copied == 3  # that artifact, and the two lines
+    assert merge_shards(made, whole).copied == 3
     assert file_bytes(whole / "tables") == expected
     assert merge_shards(made, whole).copied == 0
     again = run_suite(finished_options(tiny_weights, whole))
@@ -142,15 +146,16 @@ def test_what_does_not_belong_together_is_refused(shards, tmp_path, changes, mes
 @pytest.mark.parametrize("harm", ["gone", "altered", "unlisted"])
 def test_harmed_shards_are_refused_and_nothing_counts_as_finished(shards, tmp_path, harm):
     job = read_jobs(shards[0])[4]
-    path = shards[0] / "artifacts" / job.key[:2] / f"{job.key}.npz"
-    message = f"{path}: missing or altered; run the shard again"
+    path = shards[0] / STORE
+    message = f"{path}: the images of job {job.key} are missing or altered; start the run again"
+    of_job = "WHERE id = (SELECT id FROM jobs WHERE key = ?)"
     if harm == "gone":
-        path.unlink()
+        edit_store(shards[0], f"DELETE FROM artifacts {of_job}", job.key)
     elif harm == "altered":
-        path.write_bytes(path.read_bytes()[:-1] + b"x")
+        edit_store(shards[0], f"UPDATE artifacts SET data = x'00' {of_job}", job.key)
     else:
-        shutil.rmtree(shards[0] / "journal")
-        message = "is not in its journal any more"
+        edit_store(shards[0], "DELETE FROM jobs WHERE key = ?", job.key)
+        message = f"{path}: has not all jobs of {'/'.join(job.name.object)} any more; run the shard"
     with pytest.raises(BadInput, match=message):
         merge_shards(shards, tmp_path / "whole")
     assert read_manifest(tmp_path / "whole")["finished"] is None
@@ -160,13 +165,10 @@ def test_failed_jobs_and_their_reasons_come_along(shards, tmp_path):
     """A shard in which one job failed: without artifact, its records say why."""
     jobs = read_jobs(shards[1])
     chosen = jobs[2]  # of a network: it depends on the condition
-    result = read_index(shards[1]).read(chosen.key)
     lost = {"outcome": "failed", "reason": "apss: no faces", "ssim": None}
-    records = tuple(replace(record, **lost) for record in result.records)
-    failed = replace(result, records=records, artifact_sha256=None)
-    with open_journal(shards[1]) as journal:
-        journal.append(failed)
-    write_jobs(shards[1], [replace(j, artifact_sha256=None) if j == chosen else j for j in jobs])
+    with open_folder(shards[1]) as store:
+        records = tuple(replace(record, **lost) for record in store.records(chosen.key))
+        store.append(Result(chosen.key, records, None, "apss: no faces"))
     merge_shards(shards, tmp_path / "whole")
     frame = pd.read_parquet(tmp_path / "whole" / "records.parquet")
     reasons = frame[frame["outcome"] == "failed"][["method", "reason"]].to_numpy().tolist()

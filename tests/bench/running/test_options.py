@@ -3,7 +3,8 @@ from __future__ import annotations
 import pytest
 import torch
 
-from bench.running.options import Options, refuse_absent_gpu
+from bench.catalogue.metrics import metrics_device
+from bench.running.options import Options, device_of, refuse_absent_gpu
 from data_prep.failures import BadInput
 
 
@@ -22,3 +23,20 @@ def test_only_the_machine_that_draws_needs_the_gpu() -> None:
     assert refuses(device="cuda", ray="local")
     assert not refuses(device="cuda", ray="10.0.0.1:6379")  # a cluster's nodes have GPUs of theirs
     assert not refuses(device="auto")
+
+
+@pytest.mark.parametrize(
+    ("device", "ray", "here", "expected", "of_metrics"),
+    [
+        ("auto", None, "cpu", "auto", "cpu"),
+        ("auto", None, "cuda", "cuda", "cuda"),
+        ("auto", "local", "cuda", "cuda", "cuda"),
+        ("auto", "10.0.0.1:6379", "cuda", "auto", "cpu"),  # its nodes may have none
+        ("cpu", None, "cuda", "cpu", "cpu"),
+        ("cuda", "10.0.0.1:6379", "cpu", "cuda", "cuda"),
+    ],
+)
+def test_a_run_is_on_one_device(device, ray, here, expected, of_metrics) -> None:
+    options = Options("chair-robustness", device=device, ray=ray)
+    assert device_of(options, lambda asked: here) == expected
+    assert metrics_device(expected) == of_metrics

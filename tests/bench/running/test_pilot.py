@@ -85,18 +85,22 @@ def test_every_method_and_condition_is_measured_on_every_chosen_object():
 
 
 def test_the_first_job_of_a_method_in_a_process_is_done_twice(tmp_path):
-    worker, job = MeasuringWorker(), make_job(tmp_path, Refusing("a"), reference=None)
+    worker, job = MeasuringWorker(), make_job(Refusing("a"), reference_key=None)
     sample = worker(job)
     assert worker.loaded == {"splat"}
     assert "no such shape" in sample.reason
     assert 0 < sample.cost.seconds < 5
-    assert sample.cost.size_b < 1e4  # its line in the journal
+    assert sample.cost.size_b < 1e4  # its records
 
 
-def test_a_method_that_cannot_be_run_here_ends_the_pilot(tmp_path):
-    (tmp_path / "file").write_text("")
-    job = make_job(tmp_path, artifact=tmp_path / "file" / "a.npz", reference=None)
-    with pytest.raises(MissingDependency, match="cannot be written"):
+class Unusable(Tetrahedron):
+    def load(self):
+        raise MissingDependency("no library; install it")
+
+
+def test_a_method_that_cannot_be_run_here_ends_the_pilot():
+    job = make_job(Unusable("a"), reference_key=None)
+    with pytest.raises(MissingDependency, match="no library"):
         MeasuringWorker()(job)
 
 
@@ -105,7 +109,7 @@ def test_a_method_that_cannot_be_run_here_ends_the_pilot(tmp_path):
     [("timeout", 120.0, 0.0), ("memory", math.nan, 4096.0), ("crash", math.nan, 0.0)],
 )
 def test_the_cost_of_a_job_whose_worker_is_gone(tmp_path, kind, seconds, peak_mib):
-    sample = lost_sample(make_job(tmp_path), WorkerFailure(kind, "gone"), Limits(120.0, 4.0))
+    sample = lost_sample(make_job(), WorkerFailure(kind, "gone"), Limits(120.0, 4.0))
     assert sample.cost.seconds == pytest.approx(seconds, nan_ok=True)
     assert (sample.peak_mib, sample.reason) == (peak_mib, f"{kind}: gone")
 

@@ -1,7 +1,8 @@
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass, replace
-from pathlib import Path
+from hashlib import sha256
 
 import numpy as np
 import pytest
@@ -12,21 +13,20 @@ from bench.catalogue.lookup import find
 from bench.catalogue.methods import find_method
 from bench.catalogue.suites import SUITES, Limits
 from bench.catalogue.truth import with_truth
-from bench.records.artifacts import read_array
-from bench.records.record import GROUND_TRUTH
+from bench.records.artifacts import unpack_images
+from bench.records.record import GROUND_TRUTH, SCHEMA_VERSION
 from bench.running.options import Options
-from bench.running.plan import plan
-from bench.running.protocol import find_methods, protocol_of, with_floor
+from bench.running.plan import SCORES_VERSION, plan
+from bench.running.protocol import find_methods, method_identity, protocol_of, with_floor
 from bench.running.work import cloud_of, run_job
 from data_prep.clouds import conditions
 from data_prep.clouds.conditions import Condition, GaussianNoise
-from data_prep.datasets.registry import PaperObject, ProceduralObject
+from data_prep.datasets.registry import PROCEDURAL_VERSION, PaperObject, ProceduralObject
 from data_prep.failures import BadInput
 from data_prep.scene import View
 
 from ..builders import make_protocol
 
-HERE = Path("run")
 PROTOCOL = make_protocol(
     conditions=("2048", "noise-0.05"),
     objects=(Tetrahedron("a"), Tetrahedron("b")),
@@ -46,12 +46,11 @@ def keys(**changes):
     """Keys of all jobs, by object, method and condition."""
     if "methods" in changes:
         changes["methods"] = find_methods(changes["methods"])
-    made = plan(replace(PROTOCOL, **changes), HERE)
-    found = {
-        (job.object.object_id, job.method, job.condition): job.key
-        for job in (*made.ground_truths, *made.method_jobs)
-    }
-    assert len(found) == len(made.ground_truths) + len(made.method_jobs)
+    made = plan(replace(PROTOCOL, **changes))
+    every = [job for obj in made for job in (obj.truth, *obj.method_jobs)]
+    found = {(job.object.object_id, job.method, job.condition): job.key for job in every}
+    assert len(found) == len(every)
+    assert len({*found.values()}) == len(made) * made.jobs_per_object
     what_is_drawn = {
         (obj, method, condition if method == "splat" else "") for obj, method, condition in found
     }
@@ -64,35 +63,68 @@ def changed(before, after):
 
 
 def test_what_is_planned_and_in_which_order():
-    made = plan(PROTOCOL, HERE)
-    assert made == plan(replace(PROTOCOL), HERE)
-    assert [(j.object.object_id, j.method, j.condition) for j in made.ground_truths] == [
+    made = plan(PROTOCOL)
+    assert made == plan(replace(PROTOCOL))
+    truth_jobs, method_jobs = [obj.truth for obj in made], [*made.method_jobs]
+    assert [(j.object.object_id, j.method, j.condition) for j in truth_jobs] == [
         ("a", GROUND_TRUTH, ""),
         ("b", GROUND_TRUTH, ""),
     ]
-    assert [(j.object.object_id, j.condition, j.method) for j in made.method_jobs] == [
+    assert [(j.object.object_id, j.condition, j.method) for j in method_jobs] == [
         (obj, condition, method)
         for obj in "ab"
         for condition in ("2048", "noise-0.05")
         for method in ("splat", "blank")
     ]
-    truths = {job.object: job for job in made.ground_truths}
-    for job in (*made.ground_truths, *made.method_jobs):
+    truths = {job.object: job for job in truth_jobs}
+    for job in (*truth_jobs, *method_jobs):
         assert (job.suite, job.seed, job.device) == (SUITES[0].id, 0, "cpu")
         assert job.features == PROTOCOL.features
         assert job.views == truths[job.object].views
-        assert job.artifact == HERE / "artifacts" / job.key[:2] / f"{job.key}.npz"
-    assert all(job.reference is None for job in made.ground_truths)
-    assert all(job.reference == truths[job.object].artifact for job in made.method_jobs)
+        assert job.reference is None  # until it is handed to a worker
+    assert all(job.reference_key is None for job in truth_jobs)
+    assert all(job.reference_key == truths[job.object].key for job in method_jobs)
+
+
+def test_objects_are_planned_when_they_are_asked_for():
+    """Their fingerprints are read then, and not before."""
+    read = []
+
+    class Told(Tetrahedron):
+        def fingerprint(self):
+            read.append(self.object_id)
+            return super().fingerprint()
+
+    made = plan(replace(PROTOCOL, objects=tuple(Told(name) for name in "abc")))
+    assert (len(made), made.names) == (3, ["chair/a", "chair/b", "chair/c"])
+    assert made[1:].select({"chair/c", "chair/x"}).names == ["chair/c"]
+    assert made.in_order(["chair/c", "chair/a"]).names == ["chair/c", "chair/a"]
+    assert made.select(["chair/c", "chair/a"]).names == ["chair/a", "chair/c"]
+    assert read == []
+    assert made[1].name == "chair/b"
+    assert read == ["b"]
+
+
+def test_keys_are_digests_of_the_whole_identity_as_json():
+    """Runs of earlier versions are gone on with: their keys were made of one list."""
+    job = plan(PROTOCOL)[0].method_jobs[0]
+    views = [[view.azimuth_deg, view.elevation_deg] for view in job.views]
+    identity = [
+        *(SCHEMA_VERSION, PROCEDURAL_VERSION, "chair", "a", job.object.fingerprint(), views, 0),
+        *(sorted(PROTOCOL.feature_identity.items()), sorted(PROTOCOL.environment.items())),
+    ]
+    version = method_identity(find_method("splat"), "cpu")
+    whole = [job.suite, "splat", "2048", identity, version, repr(job.perturbation), SCORES_VERSION]
+    assert job.key == sha256(json.dumps(whole).encode()).hexdigest()
 
 
 def test_views_are_the_objects_own():
-    a, b = (job.views for job in plan(PROTOCOL, HERE).ground_truths)
+    a, b = (job.views for job in (obj.truth for obj in plan(PROTOCOL)))
     assert len(set(a + b)) == 4
     for view in a + b:
         assert -180 <= view.azimuth_deg <= 180
         assert -40 <= view.elevation_deg <= 40
-    other = plan(replace(PROTOCOL, seed=1), HERE).ground_truths[0].views
+    other = plan(replace(PROTOCOL, seed=1))[0].truth.views
     assert not set(other) & set(a)
 
 
@@ -148,7 +180,7 @@ def test_only_what_a_change_concerns_is_done_again(change, concerned):
 def test_another_version_of_a_method_concerns_its_jobs(change):
     before, splat = keys(), replace(PROTOCOL.methods["splat"], **change)
     protocol = replace(PROTOCOL, methods=PROTOCOL.methods | {"splat": splat})
-    after = {(j.object.object_id, j.method, j.condition): j.key for j in plan(protocol, HERE).jobs}
+    after = {(j.object.object_id, j.method, j.condition): j.key for j in plan(protocol).jobs}
     assert {cell for cell in after if before[cell] != after[cell]} == {
         cell for cell in before if cell[1] == "splat"
     }
@@ -191,14 +223,16 @@ def test_a_suite_in_grey_has_the_same_points_and_views_of_grey_objects(tmp_path,
     for suite in (SUITES[0], in_grey):
         methods = ("true-mesh", "true-mesh@grey")
         some = {"methods": methods, "conditions": ("noise-0.05",), "objects": objects, "views": 2}
-        jobs = plan(make_protocol(suite=suite, features=(), **some), tmp_path).jobs
-        made[suite.truth] = [(job, run_job(job)) for job in jobs]
+        truth, *others = plan(make_protocol(suite=suite, features=(), **some)).jobs
+        drawn = run_job(truth)
+        scored = [replace(job, reference=drawn.artifact) for job in others]
+        made[suite.truth] = [(truth, drawn), *((job, run_job(job)) for job in scored)]
     for (colour, _), (grey, _) in zip(made["coloured"], made["grey"], strict=True):
         assert colour.key != grey.key
         assert (colour.method, colour.views) == (grey.method, grey.views)
         assert cloud_of(colour).points.tobytes() == cloud_of(grey).points.tobytes()
-    ((job, truth), (_, mesh), (_, mesh_grey)) = made["grey"]
-    channels = read_array(job.artifact)
+    ((_, truth), (_, mesh), (_, mesh_grey)) = made["grey"]
+    channels = unpack_images(truth.artifact)
     assert np.array_equal(channels.min(axis=-1), channels.max(axis=-1))
     assert truth.artifact_sha256 == mesh.artifact_sha256 == mesh_grey.artifact_sha256
     assert {record.ssim for record in (*mesh.records, *mesh_grey.records)} == {1.0}
@@ -213,10 +247,10 @@ def test_a_suite_in_grey_needs_meshes(tmp_path):
     obj = PaperObject("chair", "a", tmp_path / "a.ply", tmp_path)
     suite = find("chair-robustness-grey", SUITES, "suite")
     with pytest.raises(BadInput, match="chair/a has images but no mesh, and chair-robustness-gr"):
-        plan(make_protocol(suite=suite, objects=(obj,)), HERE)
+        plan(make_protocol(suite=suite, objects=(obj,)))
     chosen = with_truth(SUITES[0], "grey")
     with pytest.raises(BadInput, match="and chair-robustness --truth grey draws meshes in grey"):
-        plan(make_protocol(suite=chosen, objects=(obj,)), HERE)
+        plan(make_protocol(suite=chosen, objects=(obj,)))
 
 
 def test_the_option_leaves_out_methods_that_make_up_colours_unless_they_are_asked_for(capfd):
@@ -232,6 +266,19 @@ def test_the_option_leaves_out_methods_that_make_up_colours_unless_they_are_aske
     protocol, _ = protocol_of(SUITES[0], asked, dict)
     assert tuple(protocol.methods) == ("splat-net@chair", "true-mesh@grey", "blank")
     assert capfd.readouterr().err == ""
+
+
+def test_the_device_is_in_the_key_of_every_job():
+    """Also of a ground truth, which no method draws but the extractors see."""
+    planned = {}
+    for device in ("cpu", "cuda"):  # on nodes of a cluster: this machine may have no GPU
+        options = Options("chair-robustness", limit=1, device=device, ray="10.0.0.1:6379")
+        protocol, _ = protocol_of(SUITES[0], options, dict)
+        marked = {identity.endswith(" cuda") for identity in protocol.feature_identity.values()}
+        assert marked == {device == "cuda"}
+        planned[device] = {job.key for job in plan(protocol).jobs}
+    assert len(planned["cpu"]) == len(planned["cuda"]) > 1
+    assert not planned["cpu"] & planned["cuda"]
 
 
 @pytest.mark.parametrize(

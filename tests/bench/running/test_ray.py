@@ -4,13 +4,25 @@ from __future__ import annotations
 
 import os
 import time
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from pathlib import Path
 
 import pytest
+from harness_objects import Killed, Tetrahedron
 
-from bench.records.journal import read_manifest
+from bench.records.run_folder import read_manifest
+from bench.running.environment import environment
+from bench.running.ray import RayPool, connected
 
-from ..builders import assert_equal_runs
+from ..builders import (
+    assert_equal_runs,
+    make_artifact,
+    make_job,
+    make_protocol,
+    make_truth,
+    stored_keys,
+)
 from ..conftest import start_run
 
 pytestmark = [pytest.mark.slow, pytest.mark.ray]
@@ -43,11 +55,6 @@ def end(process):
     return out, err
 
 
-def journal_keys(directory):
-    text = "".join(path.read_text() for path in (directory / "journal").glob("*.jsonl"))
-    return [line.partition('"key": "')[2][:64] for line in text.splitlines()]
-
-
 def test_two_nodes_make_the_tables_that_one_machine_makes(cluster, finished, arguments, tmp_path):
     for _ in range(2):
         cluster.add_node(num_cpus=1)
@@ -65,13 +72,12 @@ def test_a_node_is_lost_in_the_middle(cluster, finished, arguments, tmp_path):
     cluster.add_node(num_cpus=1)
     directory = tmp_path / "run"
     process = start(arguments, directory, "--ray", cluster.address)
-    while len(journal_keys(directory)) < 4:  # 3 ground truths, and an item
+    while len(stored_keys(directory)) < 4:  # 3 ground truths, and an item
         assert process.poll() is None
         time.sleep(0.01)
     cluster.remove_node(lost, allow_graceful=False)
     end(process)
-    keys = journal_keys(directory)
-    assert len(keys) == len(set(keys)) == 21
+    assert len(stored_keys(directory)) == 21
     assert_equal_runs(directory, finished[0])
 
 
@@ -82,3 +88,35 @@ def test_no_cluster_answers(arguments, tmp_path):
     assert err.startswith("bench: --ray 127.0.0.1:1: no cluster answers")
     assert "ray start --head" in err
     assert not (tmp_path / "run").exists()
+
+
+def test_a_node_with_a_gpu_makes_the_same_tables_by_batches(cluster, finished, arguments, tmp_path):
+    """The GPU is only said to be there: the network draws on the CPU."""
+    cluster.add_node(num_cpus=2, num_gpus=1)
+    _, err = end(start(arguments, tmp_path / "run", "--ray", cluster.address))
+    assert "21 jobs done, 0 from before, 0 failed" in err
+    assert_equal_runs(tmp_path / "run", finished[0])
+    assert read_manifest(tmp_path / "run")["cluster"]["gpus"] == 1
+
+
+def test_a_batch_takes_a_quarter_of_a_gpu_and_a_lost_process_costs_one_job(cluster):
+    cluster.add_node(num_cpus=1, num_gpus=1)
+    method = "splat-net@chair"
+    objects = (Tetrahedron("1"), Killed("2"), Tetrahedron("3"))
+    jobs = [make_job(obj, method, reference=make_artifact(make_truth(obj))) for obj in objects]
+    protocol = make_protocol(methods=(method,), device="auto", environment=environment())
+    with connected(cluster.address, 1) as found, closing(RayPool(found, protocol)) as pool:
+        import ray
+
+        for job in jobs:
+            pool.submit(job)
+        with ThreadPoolExecutor() as thread:
+            results = thread.submit(lambda: list(pool.wait_any()))
+            left = {1.0}
+            while not results.done():
+                left.add(ray.available_resources().get("GPU", 0.0))
+                time.sleep(0.05)
+        reasons = {result.key: result.reason for result in results.result()}
+    assert left == {1.0, 0.75}
+    expected = ("", "crash: the worker died (SIGKILL)", "")
+    assert reasons == dict(zip([job.key for job in jobs], expected, strict=True))

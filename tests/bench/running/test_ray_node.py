@@ -13,11 +13,11 @@ import pytest
 from harness_objects import Killed, Refusing, Tetrahedron
 
 from bench.catalogue.suites import Limits
-from bench.running.ray import Node, mismatch, requirements
+from bench.running.ray_node import Node, mismatch, requirements
 from bench.running.work import run_job
 from data_prep.failures import MissingDependency
 
-from ..builders import make_job, make_protocol, make_truth, write_artifact
+from ..builders import make_artifact, make_job, make_protocol, make_truth
 
 LIMITS = Limits(60.0, 8.0)
 
@@ -90,20 +90,14 @@ def test_weights_that_were_exchanged_and_a_machine_without_opengl(asked):
 
 
 def test_a_job_gives_what_it_gives_at_home(asked, tmp_path):
-    truth = make_truth(tmp_path)
-    write_artifact(truth)
-    job = make_job(tmp_path, method="blank")
+    job = make_job(method="blank", reference=make_artifact(make_truth()))
     at_home = run_job(job)
-    expected = job.artifact.read_bytes()
-    job.artifact.unlink()
     with node(asked) as made:
-        result, artifact = made.run_job(job, job.object.fingerprint(), truth.artifact.read_bytes())
-        again, _ = made.run_job(job, job.object.fingerprint(), truth.artifact.read_bytes())
-    assert artifact == expected
-    assert not job.artifact.exists()
-    for found in (result, again):
+        results = [made.run_job(job, job.object.fingerprint()) for _ in range(2)]
+    for found in results:
         assert [r.ssim for r in found.records] == [r.ssim for r in at_home.records]
         assert found.artifact_sha256 == at_home.artifact_sha256
+        assert found.artifact == at_home.artifact
 
 
 def test_a_job_that_fails_or_dies_is_a_result(asked, tmp_path):
@@ -114,25 +108,25 @@ def test_a_job_that_fails_or_dies_is_a_result(asked, tmp_path):
     }
     with node(asked) as made:
         for number, (kind, reason) in enumerate(expected.items()):
-            truth = make_truth(tmp_path, kind(str(number)))
-            result, artifact = made.run_job(truth, truth.object.fingerprint(), None)
+            truth = make_truth(kind(str(number)))
+            result = made.run_job(truth, truth.object.fingerprint())
             assert (result.records[0].reason, result.unusable) == (reason, None)
-            assert (artifact is None) == (result.artifact_sha256 is None) == bool(reason)
+            assert (result.artifact is None) == (result.artifact_sha256 is None) == bool(reason)
 
 
 def test_another_dataset_on_a_node_ends_the_run(asked, tmp_path):
-    job = make_truth(tmp_path)
+    job = make_truth()
     with node(asked) as made:
-        result, artifact = made.run_job(job, "another", None)
-    assert artifact is None
+        result = made.run_job(job, "another")
+    assert result.artifact is None
     assert "chair/a is not what it is in the run (tetrahedron a, not another)" in result.unusable
     assert "put the same dataset into the same folder on all nodes" in result.unusable
 
 
 def test_a_node_that_does_not_match_does_nothing(asked, tmp_path):
-    job = make_truth(tmp_path)
+    job = make_truth()
     with node(replace(asked, versions={"torch": "0.1"})) as made:
-        result, _ = made.run_job(job, job.object.fingerprint(), None)
+        result = made.run_job(job, job.object.fingerprint())
     assert result.unusable.startswith("node ")
     assert "torch is" in result.unusable
 

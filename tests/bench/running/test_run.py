@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import re
 import signal
+import sqlite3
 import time
-from collections import Counter
+from contextlib import closing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -22,10 +22,13 @@ import bench.catalogue.truth
 import bench.running.run
 from bench.analysis.scored import read_scored
 from bench.catalogue.suites import SUITES
-from bench.commands.publish import partial_table, publish, run_suite
+from bench.commands.live import LiveTable
+from bench.commands.publish import publish, run_suite
 from bench.commands.terminal import Terminal
-from bench.records.journal import read_manifest
 from bench.records.record import GROUND_TRUTH
+from bench.records.run_folder import read_manifest, read_store
+from bench.records.store import STORE
+from bench.records.stored_artifacts import read_jobs
 from bench.running.options import Options
 from bench.running.protocol import protocol_of
 from bench.running.run import run
@@ -36,7 +39,7 @@ from bench.tables.build import tables
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from data_prep.failures import BadInput, MissingDependency
 
-from ..builders import EXTRACTORS, assert_equal_runs, file_bytes, finished_options
+from ..builders import EXTRACTORS, assert_equal_runs, file_bytes, finished_options, stored_keys
 from ..conftest import BENCH, start_run
 
 SHARES = ("methods", "metrics", "rendering", "harness")
@@ -46,28 +49,26 @@ def records(directory):
     return pd.read_parquet(directory / "records.parquet")
 
 
-def journal(directory):
-    """The lines of the journal, by file."""
-    return {
-        shard.name: [json.loads(line.split(" ", 1)[1]) for line in shard.read_text().splitlines()]
-        for shard in sorted((directory / "journal").iterdir())
-    }
+def contents(directory):
+    """The results of a run with their artifacts, by key."""
+    with read_store(directory) as store:
+        keys = {row.key for row in store.listed()}
+        return {key: (store.records(key), store.artifact(key)) for key in keys}
 
 
 def test_files_of_a_run(finished):
     directory, _ = finished
     names = {str(p.relative_to(directory)) for p in directory.rglob("*") if p.is_file()}
     tables = ("headline", "table3_ssim", "table4_fid", "table_detail", "table_control")
-    assert {name for name in names if not name.startswith("artifacts/")} == {
-        *("manifest.json", "records.parquet", "jobs.parquet", "cost.md", "report.html", "lock"),
-        "journal/0001.jsonl",
+    assert names == {
+        *("manifest.json", "records.parquet", "run.sqlite", "cost.md", "report.html", "lock"),
         *(f"features/{name}.parquet" for name in EXTRACTORS),
         *(f"tables/{name}.{kind}" for name in tables for kind in ("csv", "md")),
         *(f"figures/{name}.png" for name in ("robustness", "pictures", "thin-parts")),
         "figures/robustness.svg",
     }
-    # And an artifact for each ground truth and item; for what depends on no condition one.
-    assert len(names) == 25 + 3 + 3 * (2 * 2 + 2)
+    # A job for each ground truth and item; for what depends on no condition one.
+    assert len(stored_keys(directory)) == 3 + 3 * (2 * 2 + 2)
     for name in ("robustness", "pictures", "thin-parts"):
         with Image.open(directory / "figures" / f"{name}.png") as image:
             assert np.asarray(image.convert("L")).std() > 10
@@ -162,35 +163,32 @@ def test_the_manifest_tells_what_was_run(finished, tiny_weights):
 
 
 def test_a_finished_run_is_not_done_again(finished, copied, same_machine, tiny_weights):
-    before = journal(copied)
+    before = contents(copied)
     again = run_suite(finished_options(tiny_weights, copied))
     assert (again.done, again.reused, again.failed) == (0, 21, 0)
-    assert journal(copied) == before
+    assert contents(copied) == before
     assert file_bytes(copied / "tables") == file_bytes(finished[0] / "tables")
     pd.testing.assert_frame_equal(records(copied), records(finished[0]))  # times and all
     assert read_manifest(copied)["finished"]
 
 
 @pytest.mark.slow
-def test_damage_is_repaired_and_growth_added(finished, copied, same_machine, tiny_weights, capsys):
+def test_damage_is_repaired_and_growth_added(finished, copied, same_machine, tiny_weights):
     """One artifact gone, one altered, and one condition more: only these are done."""
-    places = {p.stem: p for p in copied.glob("artifacts/*/*.npz")}
-    (lines,) = journal(copied).values()
-    methods = {line["key"]: line["records"][0]["method"] for line in lines}
-    truth = next(key for key, method in methods.items() if method == GROUND_TRUTH)
-    splat = next(key for key, method in methods.items() if method == "splat")
-    places[truth].unlink()
-    places[splat].write_bytes(places[splat].read_bytes()[:-1])
+    keys = {row.name.method: row.key for row in read_jobs(copied)}
+    truth, splat = keys[GROUND_TRUTH], keys["splat"]
+    of_job = "WHERE id = (SELECT id FROM jobs WHERE key = ?)"
+    with closing(sqlite3.connect(copied / STORE)) as database, database:
+        database.execute(f"DELETE FROM artifacts {of_job}", [truth])
+        database.execute(f"UPDATE artifacts SET data = substr(data, 2) {of_job}", [splat])
+    with pytest.raises(BadInput, match=r"run.sqlite: the images of 2 jobs are missing or altered"):
+        run_suite(finished_options(tiny_weights, copied))
     conditions = ("2048", "noise-0.10", "512")
     again = run_suite(finished_options(tiny_weights, copied, conditions=conditions))
     # A job that depends on no condition is there for the new one, too.
     assert (again.done, again.reused, again.failed) == (6 + 1 + 1, 21 - 2, 0)
-    new = Counter(line["key"] for line in journal(copied)["0002.jsonl"])
-    assert new[truth] == new[splat] == 1
-    assert sum(new.values()) == 1 + 1 + 6
-    err = capsys.readouterr().err
-    for key in (truth, splat):
-        assert f"{places[key]}: missing or altered; its job is done again\n" in err
+    was, now = contents(finished[0]), contents(copied)
+    assert {key: now[key][1] for key in was} == {key: images for key, (_, images) in was.items()}
     old, grown = (pd.read_csv(d / "tables/table3_ssim.csv") for d in (finished[0], copied))
     kept = grown[grown["condition"] != "512"].reset_index(drop=True)
     pd.testing.assert_frame_equal(kept, old)
@@ -221,18 +219,14 @@ def wait_for(process, reached):
         time.sleep(0.005)
 
 
-def lines_in_journal(directory):
-    return sum(path.read_bytes().count(b"\n") for path in directory.glob("journal/*.jsonl"))
-
-
 @pytest.mark.slow
 def test_killed_three_times(finished, arguments, tmp_path):
     """While ground truths are drawn, while items are done, and while tables are made: the end is
     that of the run with two workers which was not killed, and no job has been done twice."""
     directory = tmp_path / "run"
     moments = [
-        lambda: lines_in_journal(directory) >= 1,
-        lambda: lines_in_journal(directory) >= 3 + 8,
+        lambda: len(stored_keys(directory)) >= 1,
+        lambda: len(stored_keys(directory)) >= 3 + 8,
         lambda: (directory / "records.parquet").exists(),
     ]
     for number, reached in enumerate(moments):
@@ -244,22 +238,17 @@ def test_killed_three_times(finished, arguments, tmp_path):
                 os.killpg(process.pid, signal.SIGKILL)
         assert process.returncode == -signal.SIGKILL
         assert read_manifest(directory)["finished"] is None
-    assert lines_in_journal(directory) == 3 + 18
+    assert len(stored_keys(directory)) == 3 + 18
     with start(arguments, directory) as process:
         _, err = process.communicate()
     assert process.returncode == 0, err
     assert "0 jobs done, 21 from before, 0 failed" in err
 
     assert_equal_runs(directory, finished[0])
-    images = [
-        {path.name: path.read_bytes() for path in place.glob("artifacts/*/[!.]*.npz")}
-        for place in (finished[0], directory)
-    ]
+    places = finished[0], directory
+    images = [{key: images for key, (_, images) in contents(d).items()} for d in places]
     assert len(images[0]) == 3 + 18
     assert images[0] == images[1]
-    done = Counter(line["key"] for lines in journal(directory).values() for line in lines)
-    assert len(done) == 3 + 18
-    assert set(done.values()) == {1}
 
 
 @pytest.fixture
@@ -299,7 +288,7 @@ def test_some_objects_now_and_the_others_later(
     monkeypatch.setenv("COLUMNS", "100")  # pytest-xdist sets 80
     directory = tmp_path / "run"
     options = finished_options(tiny_weights, directory)
-    first = run(options, publish, partial(Interrupted, partial_table))
+    first = run(options, publish, partial(Interrupted, LiveTable().table))
     assert (first.interrupted, first.objects, first.planned, first.done) == (True, 1, 3, 8)
     assert read_manifest(directory)["objects"] == ["chair/test-0000"]
     interim_table = (directory / "tables" / "headline.md").read_text()
@@ -309,7 +298,7 @@ def test_some_objects_now_and_the_others_later(
     )
     assert set(records(directory)["object"]) == {"test-0000"}
 
-    reporter = partial(Terminal, partial_table)
+    reporter = partial(Terminal, LiveTable().table)
     second = run(replace(options, budget=100.0), publish, reporter, OneMore)
     assert (second.interrupted, second.objects, second.reused) == (False, 2, 8)
     assert read_manifest(directory)["finished"]
@@ -344,7 +333,7 @@ def test_interrupted(tmp_path):
     # What a shell starts in the background ignores SIGINT, and so do its children.
     handling = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
     with start(arguments, directory, handling + BENCH[-1]) as process:
-        wait_for(process, lambda: lines_in_journal(directory) >= 1)
+        wait_for(process, lambda: len(stored_keys(directory)) >= 1)
         for _ in range(3):  # an impatient user
             os.killpg(process.pid, signal.SIGINT)  # as a terminal does
             time.sleep(0.1)
@@ -382,7 +371,7 @@ def counted_run(options):
     status = run_status(options, protocol)
     to_do = sum(status.left.values())
     counts = {"total": 0, "ended": 0}
-    done = run(options, publish, partial(Counting, counts, partial_table))
+    done = run(options, publish, partial(Counting, counts, LiveTable().table))
     assert (done.done, done.reused) == (to_do, len(status.plan.jobs) - to_do)
     assert (counts["total"], counts["ended"]) == (to_do, to_do)
     assert counts.get("failed", done.failed) == done.failed
@@ -414,8 +403,9 @@ def test_bad_meshes_among_good_ones(same_machine, no_networks, tmp_path, capsys)
     row = tables(read_scored(out))[0].rows[0]
     assert (row.method, row.value, row.n_ok, row.n) == ("true-mesh", 1.0, 4, 10)
     assert f"2 x input: {folder / 'text.ply'}: not a readable mesh" in row.note
-    (lines,) = journal(out).values()
-    assert len(lines) == 5 + 2 * 2  # without a ground truth nothing is tried
+    with read_store(out) as store:  # without a ground truth nothing is tried
+        results = store.find(stored_keys(out)).values()
+    assert [sum(result.has_images for result in results), len(results)] == [2 + 2 * 2, 15]
     again = counted_run(options)
     assert (again.done, again.reused, again.failed) == (0, 15, 9)
     capsys.readouterr()
@@ -475,3 +465,51 @@ def test_default_folder(tmp_path, monkeypatch):
     ):
         assert Options("s", dataset).directory == Path("results/runs", name)
     assert Options("s", shard=Shard(2, 3)).directory.name == "s-procedural-shard-2-of-3"
+
+
+class EnoughAfterOne:
+    """A stop rule that keeps what it is offered."""
+
+    def __init__(self):
+        self.order, self.offered = [], []
+
+    def begin(self, manifest, order):
+        self.order = list(order)
+
+    def add_missing(self, snapshot):
+        self.offered += snapshot.manifest["objects"]
+        assert snapshot.plan.names == snapshot.manifest["objects"]
+        for obj in snapshot.plan:
+            assert {record.object for record in snapshot.read_records(obj)} == {obj.name[6:]}
+
+    def enough(self):
+        return len(self.offered) >= 1
+
+
+def test_a_stop_rule_ends_a_run_and_is_offered_each_object_once(
+    finished, same_machine, tiny_weights, tmp_path
+):
+    options = replace(finished_options(tiny_weights, tmp_path / "run"), workers=1)
+    rule = EnoughAfterOne()
+    stopped = run(options, publish, partial(Terminal, LiveTable().table), stop_rule=rule)
+    # an object that was begun while the first went on is finished, too
+    assert 1 <= stopped.objects < stopped.planned == 3
+    assert (stopped.decided, stopped.interrupted) == (True, False)
+    assert sorted(rule.order) == [f"chair/test-000{i}" for i in range(3)]
+    assert rule.offered == rule.order[: stopped.objects]
+    again = EnoughAfterOne()  # the objects of before are offered first
+    more = run(options, publish, partial(Terminal, LiveTable().table), stop_rule=again)
+    assert more.decided
+    assert again.offered[: stopped.objects] == sorted(rule.offered)
+    assert len(again.offered) == len({*again.offered}) == more.objects
+
+
+def test_until_decided_is_refused_where_nothing_can_be_decided(tiny_weights, tmp_path):
+    options = finished_options(tiny_weights, tmp_path / "run")
+    shard = replace(options, until_decided=True, shard=Shard(1, 2))
+    with pytest.raises(BadInput, match=r"--until-decided: has no meaning with --shard 1/2"):
+        run_suite(shard)
+    alone = replace(options, until_decided=True, methods=("splat", "blank"))
+    with pytest.raises(BadInput, match=r"--until-decided: splat, blank have no pair to decide"):
+        run_suite(alone)
+    assert not (tmp_path / "run").exists()

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 from harness_objects import Tetrahedron
 
-from bench.records.job import Result, failed
+from bench.records.job import JobTiming, Result, failed
+from bench.records.record import GROUND_TRUTH
+from bench.records.store import open_store
 from bench.running.isolation import submit_all
 from bench.running.plan import plan
 from bench.running.schedule import Budget, Schedule, end_s, seconds_of
@@ -15,12 +18,10 @@ from data_prep.failures import BadInput
 
 from ..builders import make_protocol
 
-HERE = Path("run")
-
 
 def plan_of(*names):
     """Five jobs an object: splat at two conditions, blank once for both, and the truth."""
-    return plan(make_protocol(objects=tuple(Tetrahedron(*name.split("/")) for name in names)), HERE)
+    return plan(make_protocol(objects=tuple(Tetrahedron(*name.split("/")) for name in names)))
 
 
 def named(job):
@@ -29,6 +30,18 @@ def named(job):
 
 def done(job):
     return Result(job.key, (), "sha")
+
+
+@pytest.fixture
+def schedule_of(tmp_path):
+    """A schedule of objects that keeps its results in one store."""
+    with open_store(tmp_path, write=True) as store:
+
+        def make(planned, budget=None, **options):
+            return Schedule(planned, store, budget or Budget(), **options)
+
+        make.store = store
+        yield make
 
 
 class OneByOne:
@@ -51,15 +64,16 @@ class OneByOne:
         pass
 
 
-def carried_out(schedule, **executor):
+def carried_out(schedule, most=1000, **executor):
     worker = OneByOne(**executor)
-    for result in submit_all(schedule.jobs(), worker):
+    for result, _ in zip(submit_all(schedule.jobs(), worker), range(most), strict=False):
+        schedule._store.append(result)
         schedule.take(result)
     return worker.order
 
 
-def test_objects_follow_each_other_and_truths_come_one_ahead():
-    schedule = Schedule(plan_of("a", "b", "c"), {}, Budget())
+def test_objects_follow_each_other_and_truths_come_one_ahead(schedule_of):
+    schedule = schedule_of(plan_of("a", "b", "c"))
     assert schedule.left == 12
     assert carried_out(schedule) == [
         *("a ground-truth", "b ground-truth"),
@@ -72,40 +86,90 @@ def test_objects_follow_each_other_and_truths_come_one_ahead():
     assert schedule.left == 0
 
 
-def test_classes_take_turns():
-    made = plan_of("a/chair", "b/chair", "c/chair", "d/sofa", "e/table", "f/table")
-    assert [obj.name[-1] for obj in made.in_turns] == ["a", "d", "e", "b", "f", "c"]
-    assert [obj.name[-1] for obj in made.select({"table/f", "chair/b"}).objects] == ["b", "f"]
+def test_as_many_truths_come_ahead_as_workers_need(schedule_of):
+    schedule = schedule_of(plan_of("a", "b", "c", "d"), ahead=2)
+    assert carried_out(schedule) == [
+        *("a ground-truth", "b ground-truth", "c ground-truth"),
+        *("a splat 2048", "a blank 2048", "a splat 512"),
+        "d ground-truth",
+        *("b splat 2048", "b blank 2048", "b splat 512"),
+        *("c splat 2048", "c blank 2048", "c splat 512"),
+        *("d splat 2048", "d blank 2048", "d splat 512"),
+    ]
+    assert schedule.complete == ["chair/a", "chair/b", "chair/c", "chair/d"]
 
 
-def test_what_is_there_is_not_done_again():
+def test_objects_come_in_their_order_until_there_are_enough(tmp_path):
+    made, schedules = plan_of("c", "a", "b"), []
+    rules = (lambda: False, lambda: len(schedules[1].complete) >= 2, lambda: True)
+    for number, enough in enumerate(rules):
+        (tmp_path / str(number)).mkdir()
+        with open_store(tmp_path / str(number), write=True) as store:
+            schedules.append(Schedule(made, store, Budget(), enough))
+            carried_out(schedules[-1])
+    assert schedules[0].complete == ["chair/c", "chair/a", "chair/b"]
+    # asked once the second is complete, or while it goes on: an object that is begun is finished
+    assert schedules[1].complete[:2] == ["chair/c", "chair/a"]
+    assert schedules[2].complete == ["chair/c"]  # the first is always done
+    assert all(schedule.scored == len(schedule.complete) for schedule in schedules)
+
+
+def test_what_is_there_is_not_done_again(schedule_of):
     made = plan_of("a", "b")
-    first = Schedule(made, {}, Budget())
-    carried_out(first)
-    kept = {key: first.results[key] for key in list(first.results)[:-1]}
-    second = Schedule(made, kept, Budget())
+    first = schedule_of(made)
+    carried_out(first, most=7)
+    assert first.complete == ["chair/a"]
+    second = schedule_of(made)
     assert second.complete == ["chair/a"]
     assert (second.left, carried_out(second)) == (1, ["b splat 512"])
     assert second.complete == ["chair/a", "chair/b"]
-    assert carried_out(Schedule(made, first.results, Budget())) == []
+    third = schedule_of(made)
+    assert carried_out(third) == []
+    assert (third.left, third.scored, third.failures) == (0, 2, 0)
+    assert third.working == {GROUND_TRUTH, "splat", "blank"}
+    assert third.timing == JobTiming()  # of this start
 
 
-def test_an_object_without_a_ground_truth_is_complete_with_it():
-    schedule = Schedule(plan_of("a", "b"), {}, Budget())
+def test_an_object_without_a_ground_truth_is_complete_with_it(schedule_of):
+    made = plan_of("a", "b")
+    schedule = schedule_of(made)
     order = carried_out(schedule, refuse=("a ground-truth",))
     assert order[:3] == ["a ground-truth", "b ground-truth", "b splat 2048"]
     assert len(order) == 5
-    assert schedule.complete == ["chair/a", "chair/b"]
-    assert schedule.scored == 1
-    assert schedule.left == 0
+    for some in (schedule, schedule_of(made)):
+        assert some.complete == ["chair/a", "chair/b"]
+        assert (some.scored, some.left, some.failures) == (1, 0, 4)
+        assert some.undrawn == "input: no"
+    keys = [job.key for job in made[0].jobs]
+    results = schedule_of.store.find(keys)
+    assert {result.reason for result in results.values()} == {"input: no"}
+    assert results.keys() == {*keys}
+
+
+def test_further_jobs_of_an_object_without_a_ground_truth_have_failed(schedule_of):
+    """A run that is extended by a method has its records there, too."""
+    schedule = schedule_of(plan_of("a"))
+    carried_out(schedule, refuse=("a ground-truth",))
+    made = plan(make_protocol(objects=(Tetrahedron("a"),), methods=("splat", "blank", "constant")))
+    wider = schedule_of(made)
+    assert (wider.left, wider.failures) == (0, 5)
+    assert carried_out(wider) == []
+    assert len(schedule_of.store.find([job.key for job in made[0].jobs])) == 5
+
+
+def test_only_objects_under_way_are_held(schedule_of):
+    schedule = schedule_of(plan_of(*map(str, range(30))))
+    carried_out(schedule, most=61)
+    assert len(schedule._under_way) <= 3
+    assert len(schedule._object_of) <= 12
 
 
 def budgeted(seconds, objects=5, guess_s=4.0, job_s=1.0, capacity=1):
     clock = [0.0]
-    schedule = Schedule(
-        plan_of(*"abcdefgh"[:objects]), {}, Budget(seconds, guess_s, lambda: clock[0])
-    )
-    carried_out(schedule, capacity=capacity, seconds=job_s, clock=clock)
+    budget = Budget(seconds, guess_s, lambda: clock[0])
+    with TemporaryDirectory() as folder, open_store(Path(folder), write=True) as store:
+        schedule = Schedule(plan_of(*"abcdefgh"[:objects]), store, budget)
+        carried_out(schedule, capacity=capacity, seconds=job_s, clock=clock)
     return schedule.complete, clock[0]
 
 

@@ -12,12 +12,15 @@ import pytest
 
 from bench.analysis.scored import read_scored
 from bench.catalogue.suites import SUITES
-from bench.records.journal import read_manifest
+from bench.records.former import JOBS
+from bench.records.run_folder import read_manifest
 from bench.running.options import Options
 from bench.running.protocol import protocol_of
 from bench.running.status import run_status
 from bench.tables.build import make_outputs
 from bench.tables.table import TABLES, table_files
+
+from ..builders import stored_keys
 
 STORED = Path(__file__).parents[1] / "data" / "run-of-schema-4"
 
@@ -38,7 +41,7 @@ def test_its_tables_are_made_again_to_the_byte(stored):
     assert files.keys() == found.keys()
 
 
-def test_its_journal_is_used_again(stored):
+def test_its_journal_is_imported_and_used_again(stored):
     manifest = read_manifest(stored)
     (suite,) = (suite for suite in SUITES if suite.id == manifest["suite"])
     cells = {"methods": ("splat",), "conditions": tuple(manifest["conditions"])}
@@ -52,8 +55,11 @@ def test_its_journal_is_used_again(stored):
         methods[name] = replace(
             method, version=version, identity=lambda identity=identity: identity
         )
+    lines = sum(file.read_bytes().count(b"\n") for file in (stored / "journal").glob("*.jsonl"))
     status = run_status(options, replace(protocol, methods=methods))
     assert set(status.left.values()) == {0}
+    assert len(stored_keys(stored)) == lines
+    assert {path.name for path in stored.iterdir()}.isdisjoint({"journal", "artifacts", JOBS})
 
 
 def altered_manifest(change):
@@ -79,7 +85,6 @@ READERS = ("table", "check", "report", "recommend", "score", "merge")
     [
         *product((without("manifest.json"), newer_manifest), READERS),
         *product((bare_manifest, without("records.parquet")), READERS[:4]),
-        (without("jobs.parquet"), "report"),
     ],
 )
 def test_a_missing_part_is_one_line(stored, command, damage, reader, tmp_path):

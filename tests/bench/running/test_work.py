@@ -1,11 +1,13 @@
 from __future__ import annotations
 
+import io
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from hashlib import sha256
 
 import numpy as np
 import pytest
+import torch
 from harness_objects import Calling, Refusing, Tetrahedron
 
 import bench.running.work
@@ -14,7 +16,7 @@ from bench.catalogue.metrics import find_extractor
 from bench.judges import VIEWS_WEIGHTS
 from bench.metrics import ssim
 from bench.metrics.image_scores import scores
-from bench.records.artifacts import read_array
+from bench.records.artifacts import unpack_images
 from bench.records.job import JobTiming
 from bench.running.work import cloud_of, run_job
 from data_prep.clouds.sampling import sample_surface
@@ -24,7 +26,7 @@ from data_prep.rendering.images import to_float, to_uint8
 from data_prep.rendering.opengl import render
 from data_prep.scene import View
 
-from ..builders import SCORES, VIEWS, make_job, make_truth, write_artifact
+from ..builders import SCORES, VIEWS, make_artifact, make_job, make_truth
 
 SSIM = ("ssim", "luminance", "contrast", "structure")
 ONE_BLANK = {("failed", "draw: 1 of 2 images are blank")}
@@ -75,8 +77,8 @@ def measure(tmp_path, monkeypatch):
         method = Method("fake", load or (lambda device: renderer), str, 1, "", sees_mesh=sees_mesh)
         monkeypatch.setattr(bench.running.work, "find_method", lambda method_id: method)
         truth = changes.pop("truth", None)
-        job = make_job(tmp_path, method="fake", **changes)
-        write_artifact(make_truth(tmp_path), seed=1, **({} if truth is None else {"images": truth}))
+        reference = make_artifact(make_truth(), 1, **({} if truth is None else {"images": truth}))
+        job = make_job(method="fake", **{"reference": reference} | changes)
         return job, run_job(job)
 
     yield run
@@ -92,10 +94,10 @@ def test_scores_images_and_checksum(measure, tmp_path):
     images = rng.integers(0, 256, (2, 128, 128, 3), np.uint8)
     job, result = measure(Fake(to_float(images), notes=("3 faces dropped", "1 hole")))
     assert result.key == job.key
-    assert result.artifact_sha256 == sha256(job.artifact.read_bytes()).hexdigest()
+    assert result.artifact_sha256 == sha256(result.artifact).hexdigest()
     assert result.unusable is None
-    assert np.array_equal(read_array(job.artifact), images)
-    truth = read_array(job.reference)
+    assert np.array_equal(unpack_images(result.artifact), images)
+    truth = unpack_images(job.reference)
     for i, record in enumerate(result.records):
         expected = ssim(truth[i : i + 1], images[i : i + 1])
         assert [getattr(record, name) for name in SSIM] == list(expected)
@@ -125,8 +127,8 @@ def test_thin_parts_and_images_without_an_object(measure):
 def test_values_outside_0_1_are_clipped(measure):
     images = black_on_white()
     images[0, :, :64], images[1, :, :64] = -0.5, 1.5
-    job, _ = measure(Fake(images))
-    drawn = read_array(job.artifact)[:, :, :64]
+    _, result = measure(Fake(images))
+    drawn = unpack_images(result.artifact)[:, :, :64]
     assert (drawn[0] == 0).all()
     assert (drawn[1] == 255).all()
 
@@ -135,17 +137,17 @@ def test_values_outside_0_1_are_clipped(measure):
 def test_an_image_of_one_colour_is_none_and_one_with_another_pixel_is(measure, level):
     images = black_on_white()
     images[1] = level
-    job, result = measure(Fake(images))
+    _, result = measure(Fake(images))
     assert outcomes(result) == ONE_BLANK
-    assert not job.artifact.exists()
+    assert result.artifact is None
     images[1, 127, 127, 2] = abs(level - 0.01)
     assert outcomes(measure(Fake(images))[1]) == {("ok", "")}
 
 
 @pytest.mark.parametrize("floor", ["blank", "constant"])
-def test_a_floor_may_be_blank(tmp_path, floor):
-    write_artifact(make_truth(tmp_path))
-    assert outcomes(run_job(make_job(tmp_path, method=floor))) == {("ok", "")}
+def test_a_floor_may_be_blank(floor):
+    reference = make_artifact(make_truth())
+    assert outcomes(run_job(make_job(method=floor, reference=reference))) == {("ok", "")}
 
 
 def test_blank_where_the_truth_is_blank_is_an_image(measure):
@@ -174,11 +176,11 @@ def test_blank_where_the_truth_is_blank_is_an_image(measure):
 def test_what_is_no_images_is_refused(measure, images, problem):
     method = Fake()
     method.images = images
-    job, result = measure(method)
+    _, result = measure(method)
     ((outcome, reason),) = outcomes(result)
     assert outcome == "failed"
     assert reason in (f"draw: {problem}", f"draw: images {problem}")
-    assert not job.artifact.exists()
+    assert result.artifact is None
 
 
 @pytest.mark.parametrize("value", [np.nan, -np.inf])
@@ -200,9 +202,9 @@ def test_views_are_drawn_in_batches_where_asked(measure):
     views = tuple(View(float(i + 1) / 8, 0.0) for i in range(5))
     drawn = []
     for batch in (None, 1, 2, 5, 9):
-        job, result = measure(Counting(), views=views, batch=batch, reference=None)
+        _, result = measure(Counting(), views=views, batch=batch, reference=None)
         assert [record.azimuth_deg for record in result.records] == [v.azimuth_deg for v in views]
-        drawn.append(read_array(job.artifact))
+        drawn.append(unpack_images(result.artifact))
     assert all((images == drawn[0]).all() for images in drawn)
     assert sizes == [5, 1, 1, 1, 1, 1, 2, 2, 1, 5, 5]
     assert {record.ssim for record in result.records} == {None}  # no truth, no scores
@@ -268,7 +270,7 @@ def test_time_before_a_failure_counts(measure, clock):
 
 
 def test_the_time_of_the_ground_truth_is_rendering(tmp_path, clock):
-    assert run_job(make_truth(tmp_path, Slow(clock=clock))).timing == JobTiming(rendering=3.0)
+    assert run_job(make_truth(Slow(clock=clock))).timing == JobTiming(rendering=3.0)
 
 
 @pytest.mark.parametrize("sees_mesh", [False, True])
@@ -283,7 +285,7 @@ def test_only_the_ceiling_sees_the_mesh(measure, sees_mesh):
 
 def test_clouds_come_from_seed_object_and_condition_and_not_from_the_method(tmp_path):
     def points(condition="2048", **changes):
-        return cloud_of(make_job(tmp_path, condition=condition, **changes)).points
+        return cloud_of(make_job(condition=condition, **changes)).points
 
     for condition in ("2048", "noise-0.05", "512-random"):
         assert np.array_equal(points(condition), points(condition, method="blank"))
@@ -313,38 +315,61 @@ def test_randomness_comes_from_the_job_alone(measure):
 
 
 def test_the_ground_truth_is_the_mesh(tmp_path):
-    job = make_truth(tmp_path)
-    result = run_job(job)
+    result = run_job(make_truth())
     expected = render(Tetrahedron().load(), VIEWS)
-    assert np.array_equal(read_array(job.artifact), expected)
+    assert np.array_equal(unpack_images(result.artifact), expected)
     assert len(np.unique(expected.reshape(-1, 3), axis=0)) > 3
     assert outcomes(result) == {("ok", "")}
     assert {record.ssim for record in result.records} == {None}
 
 
 def test_features_are_those_of_the_images(tmp_path):
-    job = make_truth(tmp_path, features=(("fd-views", str(VIEWS_WEIGHTS)),))
-    run_job(job)
-    with np.load(job.artifact) as file:
+    result = run_job(make_truth(features=(("fd-views", str(VIEWS_WEIGHTS)),)))
+    with np.load(io.BytesIO(result.artifact)) as file:
         arrays = dict(file)
     assert set(arrays) == {"images", "fd-views"}
-    expected = find_extractor("fd-views").load(str(VIEWS_WEIGHTS))(arrays["images"])
+    expected = find_extractor("fd-views").load(str(VIEWS_WEIGHTS), "cpu")(arrays["images"])
     assert np.array_equal(arrays["fd-views"], expected)
 
 
+def learned_jobs(device):
+    """The jobs of a ground truth and of splats, with the networks that need no download."""
+    names = ("fd-views", "fd-alexnet", "judge")
+    features = tuple((name, str(find_extractor(name).weights(None))) for name in names)
+    options = {"features": features, "device": device}
+    reference = run_job(make_truth()).artifact
+    return make_truth(**options), make_job(reference=reference, **options)
+
+
+def test_metrics_of_a_run_without_a_gpu_are_those_of_the_cpu():
+    results = {device: [*map(run_job, learned_jobs(device))] for device in ("auto", "cpu")}
+    for auto, cpu in zip(results["auto"], results["cpu"], strict=True):
+        assert (auto.reason, auto.artifact_sha256) == ("", cpu.artifact_sha256)
+        assert [r.lpips for r in auto.records] == [r.lpips for r in cpu.records]
+    assert all(0 < (record.lpips or 0) < 1 for record in results["cpu"][1].records)
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="needs a machine without a GPU")
+def test_a_gpu_that_a_node_does_not_have_ends_the_run():
+    """A failed record would count against the method."""
+    for job in learned_jobs("cuda"):
+        assert (run_job(job).unusable or "").startswith("--device cuda: PyTorch ")
+
+
 def test_splats_cover_what_the_mesh_covers(tmp_path):
-    jobs = make_truth(tmp_path), make_job(tmp_path)
-    assert [outcomes(run_job(job)) for job in jobs] == [{("ok", "")}] * 2
-    covered, painted = ((read_array(j.artifact) < 255).any(axis=3) for j in jobs)
+    truth = run_job(make_truth())
+    results = truth, run_job(make_job(reference=truth.artifact))
+    assert [outcomes(result) for result in results] == [{("ok", "")}] * 2
+    covered, painted = ((unpack_images(r.artifact) < 255).any(axis=3) for r in results)
     assert 0.2 < covered.mean() < 0.8
     assert (painted & ~covered).mean() < 0.02  # discs overlap the outline
     assert (covered & ~painted).mean() < 0.05  # and leave some holes
 
 
 def test_the_same_job_gives_the_same_bytes(tmp_path):
-    for place in ("one", "two"):
-        run_job(make_truth(tmp_path / place))
-    one, two = (run_job(make_job(tmp_path / place)).artifact_sha256 for place in ("one", "two"))
+    truths = [run_job(make_truth()).artifact for _ in range(2)]
+    assert truths[0] == truths[1]
+    one, two = (run_job(make_job(reference=truth)).artifact for truth in truths)
     assert one == two
 
 
@@ -362,11 +387,11 @@ def test_the_same_job_gives_the_same_bytes(tmp_path):
     ],
 )
 def test_what_a_method_raises_is_a_record(measure, error, reason):
-    job, result = measure(Failing(error))
+    _, result = measure(Failing(error))
     assert outcomes(result) == {("failed", reason)}
     assert result.artifact_sha256 is None
     assert result.unusable is None
-    assert not job.artifact.exists()
+    assert result.artifact is None
     for record in result.records:
         assert {getattr(record, name) for name in (*SCORES, "prepare_s", "draw_s")} == {None}
     assert [record.view for record in result.records] == [0, 1]
@@ -378,8 +403,8 @@ def test_what_a_method_raises_is_a_record(measure, error, reason):
     [(Refusing(), "input: no such shape; draw one"), (Calling(), "SystemExit: enough")],
 )
 def test_objects_that_cannot_be_loaded(tmp_path, make, obj, reason):
-    write_artifact(make_truth(tmp_path))
-    assert outcomes(run_job(make(tmp_path, obj))) == {("failed", reason)}
+    reference = make_artifact(make_truth())
+    assert outcomes(run_job(replace(make(obj), reference=reference))) == {("failed", reason)}
 
 
 def raising(error):
@@ -395,15 +420,3 @@ def test_a_missing_library_or_unusable_weights_end_the_run(measure):
     assert outcomes(result) == {("failed", "no libGL: install libgl1")}
     _, result = measure(None, raising(BadInput("w.safetensors: cut short; fetch it again")))
     assert result.unusable == "w.safetensors: cut short; fetch it again"
-
-
-def test_a_missing_ground_truth_is_a_record(tmp_path):
-    ((outcome, reason),) = outcomes(run_job(make_job(tmp_path, method="blank")))
-    assert (outcome, reason.split()[0]) == ("failed", "FileNotFoundError:")
-
-
-def test_a_disk_that_cannot_be_written_ends_the_run(measure, tmp_path):
-    (tmp_path / "file").touch()
-    job, result = measure(Fake(), artifact=tmp_path / "file" / "artifact.npz")
-    assert result.unusable.startswith(f"{job.artifact}: cannot be written (")
-    assert result.unusable.endswith("); make room and run again")

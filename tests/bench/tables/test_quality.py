@@ -14,8 +14,8 @@ from bench.analysis.scored import read_scored
 from bench.catalogue.metrics import JUDGE
 from bench.catalogue.suites import SUITES, TableSpec
 from bench.metrics import frechet_distance
-from bench.records.journal import write_manifest
 from bench.records.record import GROUND_TRUTH, to_frame
+from bench.records.run_folder import write_manifest
 from bench.tables.build import cost_table, tables, write_outputs
 from bench.tables.quality import (
     detail_table,

@@ -324,16 +324,14 @@ def test_code_that_decides_how_long_calls_take_is_in_its_digest(tmp_path):
     assert code_sha256(TIMED, tmp_path) in seen
 
 
-def test_clouds_views_and_random_numbers_are_those_of_the_other_suites(tmp_path):
+def test_clouds_views_and_random_numbers_are_those_of_the_other_suites():
     objects = tuple(ProceduralObject("chair", "test", number) for number in (0, 1))
     same = {"methods": ("splat",), "conditions": ("noise-0.10",), "objects": objects}
     same |= {"views": 4, "seed": 3}
     (unit,) = units(threads=(1,), **same)
     subjects, failures = subjects_of(unit)
     assert failures == []
-    for job, subject in zip(
-        plan(make_protocol(**same), tmp_path).method_jobs, subjects, strict=True
-    ):
+    for job, subject in zip(plan(make_protocol(**same)).method_jobs, subjects, strict=True):
         assert subject.id == f"chair/{job.object.object_id}"
         assert np.array_equal(subject.cloud.points, cloud_of(job).points)
         assert subject.views == job.views

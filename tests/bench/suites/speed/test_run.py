@@ -12,7 +12,7 @@ import pytest
 import bench.suites.speed.run
 from bench.analysis.scored import read_scored
 from bench.catalogue.suites import SPEED, Limits
-from bench.records.journal import read_manifest
+from bench.records.run_folder import read_manifest
 from bench.running.isolation import WORKER_ENVIRONMENT, run_tasks, thread_counts
 from bench.running.options import Options
 from bench.suites.speed.measure import Unit, lost

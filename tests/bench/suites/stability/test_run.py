@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import csv
+import sqlite3
+from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +11,7 @@ from matplotlib import image
 
 from bench.analysis.scored import read_scored
 from bench.checking.golden import check
-from bench.records.journal import read_manifest
+from bench.records.run_folder import read_manifest
 from bench.running.options import Options
 from bench.suites.stability.cases import CASES
 from bench.suites.stability.expectations import KINDS
@@ -27,6 +29,7 @@ from .test_formats import ROW
 HOLDS = CaseOutcome("identical", "pairs", "ssim", "1", "1", "holds")
 OPTIONS = Options("stability", methods=("blank", "true-mesh"), workers=2)
 FIXED = FixedMatrices(metrics=lambda: [HOLDS], formats=lambda: [ROW])
+STORED = ("jobs", "artifacts", "listed")
 NAMES = ("stability_methods", "stability_metrics", "stability_formats")
 
 
@@ -59,8 +62,10 @@ def test_a_run_leaves_tables_and_figures_and_goes_on(finished, tmp_path):
     assert manifest["cases"] == [case.id for case in CASES]
 
     def files():
-        paths = [*(out / "journal").iterdir(), *(out / "tables").iterdir()]
-        return {path: path.read_bytes() for path in paths}
+        with closing(sqlite3.connect(out / "run.sqlite")) as store:
+            rows = [store.execute(f"SELECT * FROM {name}").fetchall() for name in STORED]
+        tables = {path: path.read_bytes() for path in (out / "tables").iterdir()}
+        return rows, tables
 
     before = files()
     run(replace(OPTIONS, out=out), fixed_matrices=FIXED)

@@ -1,0 +1,193 @@
+"""A run's folder: its manifest, its lock, and its store.
+
+manifest.json        what was measured, with which versions, on which machine
+run.sqlite           finished jobs with their records and images (`bench.records.store`)
+records.parquet      the records of the last complete run, made from the store
+features/*.parquet   the features behind the Fréchet distances, made from the store
+tables/              made from records and features
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from bench.records.former import import_former, is_former
+from bench.records.record import SCHEMA_VERSION
+from bench.records.store import STORE, Store, open_store
+from data_prep.datasets.protocol_version import refuse_other_version
+from data_prep.failures import BadInput, CannotWrite
+from data_prep.files.atomic_write import write_whole
+from data_prep.files.safe_read import MIB, read_file
+
+MANIFEST = "manifest.json"
+MOST_BYTES = 64 * MIB  # of a manifest: one line an object
+FIXED = ("suite", "dataset", "views", "seed", "device")  # one directory, one value of each
+PROTOCOL = "protocol"  # its version
+SHARD = "shard"  # one value, too; manifests from before there were shards have none
+TRUTH = "truth"  # likewise; there only where --truth has replaced the truth of the suite
+COLOURED = "coloured"  # truth of the suites for which it can be replaced
+
+
+@contextmanager
+def open_folder(directory: Path) -> Iterator[Store]:
+    """Yield the store of a run's folder, to one process at a time.
+
+    Raises
+    ------
+    BadInput
+        Where another run holds the folder, on a file system without locks, and as
+        `bench.records.store.open_store`.
+    CannotWrite
+        Where the folder cannot be written.
+    """
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise _not_writable(directory, error) from error
+    with _locked(directory):
+        if is_former(directory):
+            import_former(directory)
+        with open_store(directory, write=True) as store:
+            yield store
+
+
+@contextmanager
+def read_store(directory: Path) -> Iterator[Store]:
+    """Yield the store of a run's folder, to be read only; an empty one for a folder without one.
+
+    A folder that an earlier version wrote gets its store first, once. Raises BadInput as
+    `open_folder`.
+    """
+    if is_former(directory):
+        with _locked(directory):
+            import_former(directory)
+    with open_store(directory) as store:
+        yield store
+
+
+@contextmanager
+def _locked(directory: Path) -> Iterator[None]:
+    try:
+        lock_file = (directory / "lock").open("w")
+    except OSError as error:
+        raise _not_writable(directory, error) from error
+    with lock_file as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise BadInput(
+                f"{directory}: another run is writing here; wait, or give --out"
+            ) from error
+        except OSError as error:
+            raise BadInput(
+                f"{directory}: its file system has no locks ({error.strerror}); give --out on a "
+                "local disk, and 'bench merge' shards that lie elsewhere"
+            ) from error
+        yield
+
+
+def _not_writable(directory: Path, error: OSError) -> CannotWrite:
+    return CannotWrite(f"{directory}: cannot be written ({error.strerror}); give --out")
+
+
+def check_directory(directory: Path, manifest: Mapping[str, Any]) -> None:
+    """Raise BadInput where a run described by `manifest` must not be written into `directory`."""
+    if not _holds_run(directory):
+        return
+    stored = read_manifest(directory)
+    for name in (*FIXED, SHARD, TRUTH):
+        default = COLOURED if name == TRUTH else None
+        present, wanted = stored.get(name, default), manifest.get(name, default)
+        if present != wanted:
+            raise BadInput(
+                f"{directory}: holds a run of {name} {present!r}, not {wanted!r}; "
+                "give another --out, or --fresh to start over"
+            )
+
+
+def _holds_run(directory: Path) -> bool:
+    """Return whether there is a run. Raises BadInput where the directory holds something else."""
+    if not directory.exists():
+        return False
+    if not directory.is_dir():
+        raise BadInput(f"{directory}: is a file; give a folder with --out")
+    if (directory / MANIFEST).exists():
+        return True
+    # A run that was killed before it had a manifest may have left these.
+    left_over = ("lock", STORE, f".{MANIFEST}.")
+    if any(not path.name.startswith(left_over) for path in directory.iterdir()):
+        raise BadInput(f"{directory}: not empty and not a run; give a new --out")
+    return False
+
+
+def read_finished(directory: Path, older: bool = False) -> dict[str, Any]:
+    """Return the manifest of a finished run.
+
+    Raises BadInput as `read_manifest`, and where the run is not finished: its records may then be
+    those of another run.
+    """
+    manifest = read_manifest(directory, older)
+    if manifest.get("finished") is None:
+        raise BadInput(f"{directory}: the run is not finished; start it again with its command")
+    return manifest
+
+
+def read_manifest(directory: Path, older: bool = False) -> dict[str, Any]:
+    """Return the manifest of a run.
+
+    Raises BadInput where there is no run, and for one that is damaged, of a newer schema or of
+    another version of the protocol, but for an earlier one with `older`.
+    """
+    path = directory / MANIFEST
+    if not directory.exists():
+        raise BadInput(f"{directory}: no such folder; give a run's folder")
+    if not path.is_file():
+        raise BadInput(f"{directory}: no run here ({MANIFEST} is missing); give a run's folder")
+    try:
+        manifest = json.loads(read_file(path, MOST_BYTES))
+        schema = int(manifest["schema_version"])
+        lacking = [name for name in FIXED if name not in manifest]
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
+        if isinstance(error, BadInput):
+            raise
+        raise BadInput(f"{path}: not a manifest ({error}); move it away and run again") from error
+    if schema > SCHEMA_VERSION:
+        raise BadInput(
+            f"{directory}: written by a newer version (schema {schema}, this one reads up to "
+            f"{SCHEMA_VERSION}); update pc2pix-bench or give another --out"
+        )
+    if lacking:
+        raise BadInput(
+            f"{path}: not a manifest (no {', '.join(lacking)}); move it away and run again"
+        )
+    manifest = {PROTOCOL: 1} | manifest  # the first version was not written down at first
+    refuse_other_version(directory, manifest[PROTOCOL], older=older)
+    return manifest
+
+
+def write_manifest(directory: Path, manifest: Mapping[str, Any]) -> None:
+    """Write the manifest, whole or not at all."""
+    text = json.dumps(manifest, indent=2, ensure_ascii=False) + "\n"
+    write_whole(directory / MANIFEST, text.encode())
+
+
+def set_aside(directory: Path) -> Path | None:
+    """Rename an old run out of the way (`--fresh`) and return its new place; None without a run.
+
+    Raises BadInput where the directory is no run, and where another process is writing the run.
+    """
+    if not _holds_run(directory):
+        return None
+    number = 1
+    while (target := directory.with_name(f"{directory.name}.old-{number}")).exists():
+        number += 1
+    with _locked(directory):
+        try:
+            return directory.rename(target)
+        except OSError as error:
+            raise _not_writable(directory.parent, error) from error

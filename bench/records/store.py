@@ -1,0 +1,377 @@
+"""The store of a run: one SQLite file with its jobs, their records and their images.
+
+    jobs       a row for each finished job, by its key: its records, or why it gave no images
+    artifacts  the images and features of the jobs, apart from them: scores are read without images
+    listed     the jobs of the last complete run, in the order of its plan
+
+A result counts when its transaction is committed. A kill, a full disk or a power cut takes back
+only a result that has not been committed. While a run goes on, its last transactions lie in
+`run.sqlite-wal`; the next process that opens the file folds them in.
+"""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+import zlib
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from contextlib import closing, contextmanager, suppress
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+from bench.records.artifacts import JobName
+from bench.records.job import Result
+from bench.records.record import GROUND_TRUTH, Record
+from data_prep.failures import BadInput, CannotWrite
+
+STORE = "run.sqlite"
+APPLICATION_ID = 0x70633270  # "pc2p", in the header of the file
+STORE_VERSION = 1
+TABLES = 3
+PATIENCE_S = 10.0  # for a reader in another process to let go
+SCHEMA = """
+CREATE TABLE IF NOT EXISTS jobs (
+    id INTEGER PRIMARY KEY,
+    key TEXT NOT NULL UNIQUE,
+    artifact_sha256 TEXT,
+    reason TEXT NOT NULL,
+    records BLOB NOT NULL
+);
+CREATE TABLE IF NOT EXISTS artifacts (id INTEGER PRIMARY KEY, data BLOB NOT NULL);
+CREATE TABLE IF NOT EXISTS listed (
+    place INTEGER PRIMARY KEY,
+    method TEXT NOT NULL, condition TEXT NOT NULL, class TEXT NOT NULL, object TEXT NOT NULL,
+    key TEXT NOT NULL,
+    UNIQUE (class, object, method, condition)
+);
+"""
+_LISTED = """
+    SELECT listed.key, method, condition, class, object, artifact_sha256
+    FROM listed LEFT JOIN jobs ON jobs.key = listed.key
+"""
+_BY_NAME = "ORDER BY method, condition, class, object"
+_FIELDS = tuple(Record.__dataclass_fields__)
+
+
+class DamagedArtifact(BadInput):
+    """An artifact that is not what was stored.
+
+    Attributes
+    ----------
+    path : Path
+        The file of the store.
+    """
+
+    def __init__(self, path: Path, key: str) -> None:
+        super().__init__(
+            f"{path}: the images of job {key} are missing or altered; start the run again with its "
+            "command, which finds and draws them anew"
+        )
+        self.path = path
+
+
+@dataclass(frozen=True)
+class JobRow:
+    """A job of a complete run: its key and its name.
+
+    `artifact_sha256` is None for a job that gave no images.
+    """
+
+    key: str
+    name: JobName
+    artifact_sha256: str | None
+
+
+def pack_records(records: Sequence[Record]) -> bytes:
+    """Return the records of a job as compressed JSON: a list of values for each field."""
+    columns = {name: [getattr(record, name) for record in records] for name in _FIELDS}
+    return zlib.compress(json.dumps(columns, ensure_ascii=False).encode(), 1)
+
+
+def unpack_columns(data: bytes) -> dict[str, list[Any]]:
+    """Return the values of each field that `pack_records` has packed.
+
+    Raises BadInput for other bytes.
+    """
+    try:
+        columns = json.loads(zlib.decompress(data))
+        if tuple(columns) != _FIELDS:
+            raise ValueError(f"fields {', '.join(columns)}")
+    except (ValueError, TypeError, zlib.error) as error:
+        raise BadInput(f"records that cannot be read ({error}); start the run again") from error
+    return columns
+
+
+class Store:
+    """An open store; `open_store` gives one."""
+
+    def __init__(self, path: Path, connection: sqlite3.Connection) -> None:
+        self.path = path
+        self._connection = connection
+        self.appended = 0  # jobs, by this process
+
+    @property
+    def is_empty(self) -> bool:
+        """Return whether no job is finished."""
+        return not self._rows("SELECT 1 FROM jobs LIMIT 1")
+
+    def find(self, keys: Collection[str]) -> dict[str, Result]:
+        """Return the results of the jobs that are finished, without records and artifacts."""
+        rows = self._rows(
+            "SELECT key, artifact_sha256, reason FROM jobs "
+            "WHERE key IN (SELECT value FROM json_each(?))",
+            json.dumps([*keys]),
+        )
+        return {key: Result(key, (), sha, reason) for key, sha, reason in rows}
+
+    def records(self, key: str) -> list[Record]:
+        """Return the records of a job. Raises KeyError for one that is not finished."""
+        rows = self._rows("SELECT records FROM jobs WHERE key = ?", key)
+        if not rows:
+            raise KeyError(key)
+        values = zip(*unpack_columns(rows[0][0]).values(), strict=True)
+        return [Record(*row) for row in values]
+
+    def artifact(self, key: str) -> bytes:
+        """Return the artifact of a job.
+
+        Raises KeyError for a job without images, and DamagedArtifact where it has changed.
+        """
+        rows = self._rows(
+            "SELECT artifact_sha256, data FROM jobs LEFT JOIN artifacts USING (id) "
+            "WHERE key = ? AND artifact_sha256 IS NOT NULL",
+            key,
+        )
+        if not rows:
+            raise KeyError(key)
+        ((expected, data),) = rows
+        if data is None or sha256(data).hexdigest() != expected:
+            raise DamagedArtifact(self.path, key)
+        return data
+
+    def append(self, result: Result) -> None:
+        """Store a result with its records and artifact, in place of an earlier one of its job.
+
+        When this returns, a power cut cannot take it back. Raises CannotWrite where the disk is
+        full or refuses; nothing of the result is stored then.
+        """
+        row = result.key, result.artifact_sha256, result.reason, pack_records(result.records)
+        self._put(row, result.artifact)
+
+    def copy(self, keys: Collection[str], source: Store) -> set[str]:
+        """Copy jobs from another store as far as this one does not have them, or has others.
+
+        Return the keys of the jobs that this store has then. Raises DamagedArtifact where an
+        artifact of `source` has changed.
+        """
+        query = (
+            "SELECT key, artifact_sha256, reason, records FROM jobs "
+            "WHERE key IN (SELECT value FROM json_each(?))"
+        )
+        named = json.dumps([*keys])
+        present = {*self._rows(query, named)}
+        wanted = source._rows(query, named)
+        for row in wanted:
+            if row not in present:
+                key, sha, *_ = row
+                self._put(row, source.artifact(key) if sha else None)
+        return {key for key, *_ in wanted}
+
+    def _put(self, row: tuple[Any, ...], artifact: bytes | None) -> None:
+        key = row[0]
+        with self._transaction() as execute:
+            execute(
+                "INSERT INTO jobs (key, artifact_sha256, reason, records) VALUES (?, ?, ?, ?) "
+                "ON CONFLICT (key) DO UPDATE SET artifact_sha256 = excluded.artifact_sha256, "
+                "reason = excluded.reason, records = excluded.records",
+                row,
+            )
+            ((row_id,),) = execute("SELECT id FROM jobs WHERE key = ?", (key,))
+            if artifact is None:
+                execute("DELETE FROM artifacts WHERE id = ?", (row_id,))
+            else:
+                execute("REPLACE INTO artifacts VALUES (?, ?)", (row_id, artifact))
+        self.appended += 1
+
+    def forget_damaged(self) -> int:
+        """Remove the jobs of the complete run whose artifact has changed, and count them."""
+        damaged = []
+        for job in self.listed():
+            try:
+                if job.artifact_sha256:
+                    self.artifact(job.key)
+            except DamagedArtifact:
+                damaged.append((job.key,))
+        with self._transaction() as execute:
+            for key in damaged:
+                execute("DELETE FROM artifacts WHERE id = (SELECT id FROM jobs WHERE key = ?)", key)
+                execute("DELETE FROM jobs WHERE key = ?", key)
+        return len(damaged)
+
+    def list_jobs(self, jobs: Iterable[tuple[str, JobName]]) -> None:
+        """Note keys and names of the jobs of a complete run, in place of those of the run before.
+
+        `jobs` are in the order of the plan.
+        """
+        with self._transaction() as execute:
+            execute("DELETE FROM listed")
+            for key, name in jobs:
+                execute(
+                    "INSERT INTO listed (method, condition, class, object, key) "
+                    "VALUES (?, ?, ?, ?, ?)",
+                    (*name, key),
+                )
+
+    def listed(self, *, by_name: bool = False) -> Iterator[JobRow]:
+        """Yield the jobs of the complete run in the order of its plan, or sorted by name."""
+        for key, *name, sha in self._each(f"{_LISTED} {_BY_NAME if by_name else 'ORDER BY place'}"):
+            yield JobRow(key, JobName(*name), sha)
+
+    def listed_of(self, class_name: str, object_id: str) -> Iterator[JobRow]:
+        """Yield the jobs of an object of the complete run in the order of its plan."""
+        query = f"{_LISTED} WHERE class = ? AND object = ? ORDER BY place"
+        for key, *name, sha in self._rows(query, class_name, object_id):
+            yield JobRow(key, JobName(*name), sha)
+
+    def listed_columns(self) -> Iterator[tuple[JobName, dict[str, list[Any]]]]:
+        """Yield the names and records of the complete run's jobs, sorted by name.
+
+        The records are as `unpack_columns` gives them. Ground truths are left out.
+        """
+        rows = self._each(
+            "SELECT method, condition, class, object, records FROM listed "
+            f"JOIN jobs USING (key) WHERE method != '{GROUND_TRUTH}' {_BY_NAME}"
+        )
+        for *name, records in rows:
+            yield JobName(*name), unpack_columns(records)
+
+    def key_of(self, name: JobName) -> str | None:
+        """Return the key of a job of the complete run; None for one without images."""
+        rows = self._rows(
+            "SELECT key FROM listed JOIN jobs USING (key) WHERE method = ? AND condition = ? "
+            "AND class = ? AND object = ? AND artifact_sha256 IS NOT NULL",
+            *name,
+        )
+        return rows[0][0] if rows else None
+
+    def _rows(self, query: str, *values: object) -> list[tuple[Any, ...]]:
+        with _named(self.path):
+            return self._connection.execute(query, values).fetchall()
+
+    def _each(self, query: str) -> Iterator[tuple[Any, ...]]:
+        with _named(self.path):
+            yield from self._connection.execute(query)
+
+    @contextmanager
+    def _transaction(self) -> Iterator[Callable[..., sqlite3.Cursor]]:
+        with _named(self.path):
+            self._connection.execute("BEGIN IMMEDIATE")
+            try:
+                yield self._connection.execute
+                self._connection.execute("COMMIT")
+            except BaseException:
+                with suppress(sqlite3.Error):  # SQLite has taken it back by itself
+                    self._connection.execute("ROLLBACK")
+                raise
+
+
+@contextmanager
+def open_store(directory: Path, *, write: bool = False) -> Iterator[Store]:
+    """Yield the store of a run's folder; an empty one where it has none and is only read.
+
+    To write, the process holds the folder's lock (`bench.records.run_folder`).
+
+    Raises
+    ------
+    BadInput
+        For a file that is no store, is damaged, or of a newer version.
+    CannotWrite
+        Where the file cannot be written.
+    """
+    path = directory / STORE
+    new = write and not path.exists()
+    with _named(path), closing(_connect(path, write=write)) as connection:
+        store = Store(path, connection)
+        try:
+            yield store
+        finally:
+            # Then it is one file, which can be read where nothing can be written. SQLite refuses
+            # while another process reads, or on a full disk: the second file stays until later.
+            if write:
+                with suppress(sqlite3.OperationalError):
+                    connection.execute("PRAGMA journal_mode = DELETE")
+    if new and not store.appended:  # of a suite without jobs
+        path.unlink()
+
+
+def _connect(path: Path, *, write: bool) -> sqlite3.Connection:
+    """Return a connection to a store; in memory, to an empty one, where there is none to read."""
+    if write:
+        connection = sqlite3.connect(path, PATIENCE_S, isolation_level=None)
+        if not _is_store(path, connection):
+            connection.execute("PRAGMA journal_mode = WAL")
+            connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+            connection.execute(f"PRAGMA user_version = {STORE_VERSION}")
+            connection.executescript(SCHEMA)
+        connection.execute("PRAGMA journal_mode = WAL")
+        connection.execute("PRAGMA synchronous = FULL")
+        return connection
+    if path.exists():
+        uri = f"{path.absolute().as_uri()}?mode=ro"
+        connection = sqlite3.connect(uri, PATIENCE_S, isolation_level=None, uri=True)
+        if _is_store(path, connection):
+            return connection
+        connection.close()
+    connection = sqlite3.connect(":memory:", isolation_level=None)
+    connection.executescript(SCHEMA)
+    return connection
+
+
+def _is_store(path: Path, connection: sqlite3.Connection) -> bool:
+    """Return whether a database has tables: a process may have been killed before it had made them.
+
+    Raises BadInput for a database that is not a store of a version known here.
+    """
+    try:
+        ((application,),) = connection.execute("PRAGMA application_id")
+        ((version,),) = connection.execute("PRAGMA user_version")
+        ((tables,),) = connection.execute("SELECT count(*) FROM sqlite_schema WHERE type = 'table'")
+        if tables and application != APPLICATION_ID:
+            raise BadInput(f"{path}: a database, but not the store of a run; move it away")
+        if version > STORE_VERSION:
+            raise BadInput(
+                f"{path}: store version {version} is newer than {STORE_VERSION}; update "
+                "pc2pix-bench"
+            )
+    except BaseException:
+        connection.close()
+        raise
+    return tables >= TABLES
+
+
+@contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """Turn errors of SQLite into refusals that name the file and the remedy."""
+    try:
+        yield
+    except sqlite3.Error as error:
+        kind = getattr(error, "sqlite_errorname", "")
+        if kind.startswith(("SQLITE_FULL", "SQLITE_IOERR")):
+            raise CannotWrite(
+                f"{path}: cannot be written ({error}); make room and run again"
+            ) from error
+        if kind.startswith(("SQLITE_READONLY", "SQLITE_CANTOPEN", "SQLITE_PERM")):
+            raise CannotWrite(
+                f"{path}: {error}; its folder cannot be written: copy it, or give --out"
+            ) from error
+        if kind.startswith(("SQLITE_BUSY", "SQLITE_LOCKED", "SQLITE_PROTOCOL")):
+            raise BadInput(
+                f"{path}: {error}; another process uses it: wait, or give --out"
+            ) from error
+        if kind == "SQLITE_NOTADB":
+            raise BadInput(f"{path}: not a store of a run ({error}); move it away") from error
+        raise BadInput(
+            f"{path}: damaged ({error}); bring back a copy, or start over with --fresh"
+        ) from error

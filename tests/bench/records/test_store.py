@@ -1,0 +1,376 @@
+from __future__ import annotations
+
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+import tracemalloc
+from dataclasses import replace
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.records.artifacts import JobName, pack, unpack, unpack_images
+from bench.records.job import Result, failed
+from bench.records.run_folder import open_folder, read_store
+from bench.records.store import STORE, DamagedArtifact, pack_records, unpack_columns
+from bench.records.stored_artifacts import Artifact, StoredArtifacts, read_jobs
+from data_prep.failures import BadInput, CannotWrite
+from tests.robustness.failing_writes import cut_everywhere
+
+from ..builders import make_job, make_record, make_result, store_images
+
+
+def refusal(function, *arguments):
+    """The one line with which it refuses."""
+    with pytest.raises(BadInput) as error:
+        function(*arguments)
+    message = str(error.value)
+    assert "\n" not in message
+    return message
+
+
+def finish(job, seed=0):
+    """The result of a job with a score that has no short decimal fraction, and small images."""
+    images = np.random.default_rng(seed).integers(0, 256, (2, 16, 16, 3), np.uint8)
+    return make_result(job, (make_record(ssim=1 / 3),), images=images)
+
+
+def fill(directory, *methods, seed=0):
+    """Store that a job of each method is finished, and return the jobs."""
+    jobs = [make_job(method=method) for method in methods]
+    with open_folder(directory) as store:
+        for job in jobs:
+            store.append(finish(job, seed))
+        store.list_jobs((job.key, job.name) for job in jobs)
+    return jobs
+
+
+def test_a_stored_result_is_read_back_whole(tmp_path):
+    job, broken = make_job(), make_job(method="blank")
+    done, lost = finish(job), failed(broken, 'crash: "ä" \u2028 died')
+    with open_folder(tmp_path) as store:
+        assert store.is_empty
+        assert store.find([job.key]) == {}
+        store.append(done)
+        store.append(lost)
+        assert store.appended == 2
+    for opened in (open_folder, read_store):
+        with opened(tmp_path) as store:
+            assert not store.is_empty
+            assert store.find([job.key, "unknown", broken.key]) == {
+                job.key: done.without_contents(),
+                broken.key: lost.without_contents(),
+            }
+            assert store.records(job.key) == list(done.records)  # 1/3 to the last bit
+            assert store.records(broken.key) == list(lost.records)
+            assert store.artifact(job.key) == done.artifact
+            for absent in (store.artifact, store.records):
+                with pytest.raises(KeyError):
+                    absent("unknown")
+            with pytest.raises(KeyError):
+                store.artifact(broken.key)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["lock", STORE]
+
+
+def test_a_later_result_replaces_an_earlier_one(tmp_path):
+    job = make_job()
+    with open_folder(tmp_path) as store:
+        store.append(finish(job))
+        store.append(finish(job, 1))
+        assert store.artifact(job.key) == finish(job, 1).artifact
+        store.append(failed(job, "crash: gone"))
+        assert not store.find([job.key])[job.key].has_images
+    database = sqlite3.connect(tmp_path / STORE)
+    assert database.execute("SELECT count(*) FROM artifacts").fetchone() == (0,)
+    database.close()
+
+
+def test_records_are_columns_that_keep_every_value():
+    records = [make_record(view=v, ssim=0.1 * v, lpips=None, reason="ä\n") for v in range(3)]
+    columns = unpack_columns(pack_records(records))
+    assert columns["ssim"] == [0.0, 0.1, 0.2]
+    assert columns["lpips"] == [None] * 3
+    assert columns["reason"] == ["ä\n"] * 3
+    for harmed in (b"", b"not compressed", pack_records(records)[:-3]):
+        assert "records that cannot be read" in refusal(unpack_columns, harmed)
+
+
+def test_jobs_of_a_complete_run_keep_the_order_of_its_plan(tmp_path):
+    jobs = fill(tmp_path, "splat", "blank")
+    lost = make_job(method="constant")
+    with open_folder(tmp_path) as store:
+        store.append(failed(lost, "crash: gone"))
+        # One job stands for two conditions.
+        named = [(job.key, job.name) for job in (lost, *jobs)]
+        named.append((jobs[1].key, jobs[1].name._replace(condition="512")))
+        store.list_jobs(named)
+        assert [(row.key, row.name) for row in store.listed()] == named
+        by_name = [row.name for row in store.listed(by_name=True)]
+        assert by_name == sorted(name for _, name in named)
+        assert [row.key for row in store.listed_of("chair", lost.object.object_id)] == [
+            key for key, _ in named
+        ]
+        columns = dict(store.listed_columns())
+        assert [*columns] == by_name
+        assert columns[jobs[0].name]["ssim"] == [1 / 3]
+        with pytest.raises(KeyboardInterrupt):
+            store.list_jobs(_interrupted())
+        assert [row.key for row in store.listed()] == [key for key, _ in named]
+    assert [row.key for row in read_jobs(tmp_path)] == [key for key, _ in named]
+    artifacts = StoredArtifacts(tmp_path)
+    assert list(artifacts) == [name for key, name in named if key != lost.key]
+    assert len(artifacts) == 3
+    assert lost.name not in artifacts
+    assert artifacts[named[-1][1]] == artifacts[jobs[1].name] == Artifact(tmp_path, jobs[1].key)
+    assert np.array_equal(artifacts[jobs[0].name].read(), unpack_images(finish(jobs[0]).artifact))
+
+
+def _interrupted():
+    yield "a key", make_job().name
+    raise KeyboardInterrupt
+
+
+def test_a_folder_without_a_store_has_no_jobs(tmp_path):
+    with read_store(tmp_path) as store:
+        assert store.is_empty
+    assert (read_jobs(tmp_path), dict(StoredArtifacts(tmp_path))) == ([], {})
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("harm", ["missing", "altered", "cut"])
+def test_an_artifact_that_has_changed_is_refused_and_its_job_forgotten(tmp_path, harm):
+    job, other = fill(tmp_path, "splat", "blank")
+    harm_artifact(tmp_path, job.key, harm)
+    artifact = StoredArtifacts(tmp_path)[job.name]
+    assert artifact.read_images() is None
+    assert refusal(artifact.read).startswith(
+        f"{tmp_path / STORE}: the images of job {job.key} are missing or altered; start the run"
+    )
+    with open_folder(tmp_path) as store:
+        with pytest.raises(DamagedArtifact):
+            store.artifact(job.key)
+        assert store.forget_damaged() == 1
+        assert store.find([job.key, other.key]).keys() == {other.key}
+
+
+def harm_artifact(directory, key, harm):
+    """Remove, alter or cut the artifact of a job in the store of a folder."""
+    database = sqlite3.connect(directory / STORE)
+    where = "WHERE id = (SELECT id FROM jobs WHERE key = ?)"
+    ((data,),) = database.execute(f"SELECT data FROM artifacts {where}", (key,))
+    if harm == "missing":
+        database.execute(f"DELETE FROM artifacts {where}", (key,))
+    else:
+        changed = data[:-1] if harm == "cut" else data[:100] + bytes([data[100] ^ 1]) + data[101:]
+        database.execute(f"UPDATE artifacts SET data = ? {where}", (changed, key))
+    database.commit()
+    database.close()
+
+
+def test_what_is_no_artifact_is_refused(tmp_path):
+    artifact = pack({"images": np.arange(3), "x": np.ones(2)})
+    assert unpack_images(artifact).tolist() == [0, 1, 2]
+    assert {name: x.tolist() for name, x in unpack(artifact, ["x"]).items()} == {"x": [1.0, 1.0]}
+    for data in (b"", b"PK\3\4", b"x" * 100):
+        assert "an artifact that is no .npz" in refusal(unpack, data)
+
+
+def test_jobs_are_copied_from_another_store_once(tmp_path):
+    jobs = fill(tmp_path / "a", "splat", "blank")
+    keys = [job.key for job in jobs]
+    with open_folder(tmp_path / "b") as store, read_store(tmp_path / "a") as source:
+        assert store.copy([*keys, "unknown"], source) == {*keys}
+        assert store.copy(keys, source) == {*keys}
+        assert store.appended == 2
+        assert [store.artifact(key) for key in keys] == [source.artifact(key) for key in keys]
+        assert store.records(keys[0]) == source.records(keys[0])
+    fill(tmp_path / "a", "splat", seed=1)
+    with open_folder(tmp_path / "b") as store, read_store(tmp_path / "a") as source:
+        store.copy(keys, source)
+        assert store.appended == 1
+        assert store.artifact(keys[0]) == finish(jobs[0], 1).artifact
+    harm_artifact(tmp_path / "a", keys[0], "altered")
+    with open_folder(tmp_path / "c") as store, read_store(tmp_path / "a") as source:
+        assert f"{tmp_path / 'a' / STORE}: the images" in refusal(store.copy, keys, source)
+
+
+def test_records_and_images_are_read_back_and_not_kept(tmp_path):
+    """What a process holds of a store does not grow with its jobs."""
+    job = make_job()
+    records = tuple(make_record(view=view, notes="n" * 500) for view in range(400))
+    result = replace(finish(job), records=records)
+    with open_folder(tmp_path) as store:
+        store.append(result)
+        tracemalloc.start()
+        try:
+            for number in range(30):
+                store.append(replace(result, key=f"{number}"))
+            held, _ = tracemalloc.get_traced_memory()
+        finally:
+            tracemalloc.stop()
+        assert store.records("3") == list(records)
+    assert held < 30_000
+
+
+# --- kills, full disks, and files of others -------------------------------------------------------
+
+
+APPEND = """
+import sys
+from pathlib import Path
+from tests.bench.records.test_store import finish
+from tests.bench.builders import make_job
+from bench.records.run_folder import open_folder
+with open_folder(Path(sys.argv[1])) as store:
+    for number in range(10**6):
+        result = finish(make_job(method=f"{sys.argv[2]}-{number}"))
+        store.append(result)
+        print(result.key, flush=True)
+"""
+
+
+@pytest.mark.slow
+def test_no_result_is_lost_to_a_hundred_kills(tmp_path):
+    """All keys that were acknowledged before a SIGKILL are there, with their images."""
+    acknowledged = []
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(["tests/bench", str(Path.cwd())])}
+    rng = np.random.default_rng(0)
+    for start in range(10):
+        command = [sys.executable, "-c", APPEND, str(tmp_path), str(start)]
+        with subprocess.Popen(
+            command, stdout=subprocess.PIPE, text=True, env=environment
+        ) as writer:
+            acknowledged.append(writer.stdout.readline().strip())
+            time.sleep(rng.uniform(0.0, 0.3))
+            writer.send_signal(signal.SIGKILL)
+            acknowledged += [line.strip() for line in writer.stdout if line.endswith("\n")]
+    with open_folder(tmp_path) as store:
+        assert store.find(acknowledged).keys() == {*acknowledged}
+        for key in acknowledged:
+            assert sha256(store.artifact(key)).hexdigest() == store.find([key])[key].artifact_sha256
+    assert len(acknowledged) > 20
+
+
+def leave_wal(directory, jobs):
+    """Store results in a process that then dies, so that they are in the second file only."""
+    if os.fork() == 0:
+        with open_folder(directory) as store:
+            for job in jobs:
+                store.append(finish(job))
+            os._exit(0)
+    os.wait()
+    return directory / f"{STORE}-wal"
+
+
+def test_cut_after_any_byte_the_last_transactions_have_whole_results_and_no_others(tmp_path):
+    jobs = [make_job(method=method) for method in ("splat", "blank", "constant")]
+    wal, keys = leave_wal(tmp_path, jobs), [job.key for job in jobs]
+    assert wal.stat().st_size > 30_000
+    assert list(cut_everywhere(tmp_path, keys, step=999)) == []
+    other = [*keys[1:], keys[0]]
+    assert any("count" in fault for fault in cut_everywhere(tmp_path, other, step=4999))
+
+
+def test_a_full_disk_takes_nothing_that_was_stored(tmp_path):
+    """A limit on the size of files acts like a disk that is full after so many bytes."""
+    job, other = make_job(), make_job(method="blank")
+    if (child := os.fork()) == 0:
+        import resource
+
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        ended = 1
+        try:
+            with open_folder(tmp_path) as store:
+                store.append(finish(job))
+                resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, resource.RLIM_INFINITY))
+                store.append(replace(finish(other), artifact=b"x" * 200_000))
+        except CannotWrite as error:
+            ended = 0 if str(error).endswith("make room and run again") else 2
+        os._exit(ended)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+    with open_folder(tmp_path) as store:
+        assert store.find([job.key, other.key]).keys() == {job.key}
+        assert store.artifact(job.key) == finish(job).artifact
+
+
+def write_database(path, **pragmas):
+    database = sqlite3.connect(path)
+    database.execute("CREATE TABLE mine (a)")
+    for name, value in pragmas.items():
+        database.execute(f"PRAGMA {name} = {value}")
+    database.commit()
+    database.close()
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda path: path.write_text("my notes" * 1000), "not a store of a run"),
+        (write_database, "a database, but not the store of a run; move it away"),
+        (
+            lambda path: write_database(path, application_id=0x70633270, user_version=2),
+            "store version 2 is newer than 1; update pc2pix-bench",
+        ),
+    ],
+)
+def test_files_of_others_and_of_later_versions_are_refused_unread(tmp_path, make, message):
+    path = tmp_path / STORE
+    make(path)
+    before = path.read_bytes()
+    for opened in (open_folder, read_store):
+        assert refusal(opened(tmp_path).__enter__).startswith(f"{path}: {message}")
+    assert path.read_bytes() == before
+    assert {file.name for file in tmp_path.iterdir()} == {STORE, "lock"}
+
+
+def test_a_damaged_page_is_named_with_the_remedy(tmp_path):
+    (job,) = fill(tmp_path, "splat")
+    path = tmp_path / STORE
+    data = bytearray(path.read_bytes())
+    data[4096 : 3 * 4096] = b"\xff" * 2 * 4096  # the tables of jobs
+    path.write_bytes(data)
+    message = r"run\.sqlite: damaged \(.*\); bring back a copy, or start"
+    with pytest.raises(BadInput, match=message), read_store(tmp_path) as store:
+        store.find([job.key])
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_a_folder_that_cannot_be_written_is_read(tmp_path):
+    (job,) = fill(tmp_path, "splat")
+    tmp_path.chmod(0o500)
+    try:
+        with read_store(tmp_path) as store:
+            assert store.records(job.key) == list(finish(job).records)
+        assert "cannot be written" in refusal(open_folder(tmp_path).__enter__)
+    finally:
+        tmp_path.chmod(0o700)
+
+
+def test_a_reader_sees_what_is_stored_while_a_run_goes_on(tmp_path):
+    job = make_job()
+    with open_folder(tmp_path) as store:
+        store.append(finish(job))
+        with read_store(tmp_path) as reader:
+            assert reader.find([job.key]).keys() == {job.key}
+        store.append(failed(make_job(method="blank"), "crash: gone"))
+
+
+def test_images_are_there_by_a_handle(tmp_path):
+    job = make_job()
+    artifact = store_images(tmp_path, job, images=np.zeros((2, 4, 4, 3), np.uint8), x=np.ones(3))
+    assert artifact.read("x").tolist() == [1.0] * 3
+    assert artifact.read_images().shape == (2, 4, 4, 3)
+    with pytest.raises(KeyError):
+        artifact.read("y")
+    assert Artifact(tmp_path, "unknown").read_images() is None
+
+
+def test_results_are_equal_without_their_contents():
+    result = finish(make_job())
+    assert result.without_contents() == Result(result.key, (), result.artifact_sha256)
+    assert JobName("a", "", "b", "c").truth.object == ("b", "c")
