@@ -262,7 +262,9 @@ class Store:
 
     def _each(self, query: str) -> Iterator[tuple[Any, ...]]:
         with _named(self.path):
-            yield from self._connection.execute(query)
+            # `yield from` would close the cursor, perhaps after its connection.
+            for row in self._connection.execute(query):  # noqa: UP028
+                yield row
 
     @contextmanager
     def _transaction(self) -> Iterator[Callable[..., sqlite3.Cursor]]:

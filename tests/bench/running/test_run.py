@@ -372,7 +372,10 @@ def counted_run(options):
     to_do = sum(status.left.values())
     counts = {"total": 0, "ended": 0}
     done = run(options, publish, partial(Counting, counts, LiveTable().table))
-    assert (done.done, done.reused) == (to_do, len(status.plan.jobs) - to_do)
+    assert (done.done, done.reused) == (
+        to_do,
+        len(status.plan) * status.plan.jobs_per_object - to_do,
+    )
     assert (counts["total"], counts["ended"]) == (to_do, to_do)
     assert counts.get("failed", done.failed) == done.failed
     return done
