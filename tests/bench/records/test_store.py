@@ -3,13 +3,10 @@ from __future__ import annotations
 import os
 import signal
 import sqlite3
-import subprocess
-import sys
 import time
 import tracemalloc
 from dataclasses import replace
 from hashlib import sha256
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -220,40 +217,34 @@ def test_records_and_images_are_read_back_and_not_kept(tmp_path):
 # --- kills, full disks, and files of others -------------------------------------------------------
 
 
-APPEND = """
-import sys
-from pathlib import Path
-from tests.bench.records.test_store import finish
-from tests.bench.builders import make_job
-from bench.records.run_folder import open_folder
-with open_folder(Path(sys.argv[1])) as store:
-    for number in range(10**6):
-        result = finish(make_job(method=f"{sys.argv[2]}-{number}"))
-        store.append(result)
-        print(result.key, flush=True)
-"""
+def append_until_killed(directory, start, acknowledge):
+    with open_folder(directory) as store:
+        for number in range(10**6):
+            result = finish(make_job(method=f"{start}-{number}"))
+            store.append(result)
+            os.write(acknowledge, f"{result.key}\n".encode())
 
 
 @pytest.mark.slow
 def test_no_result_is_lost_to_a_hundred_kills(tmp_path):
     """All keys that were acknowledged before a SIGKILL are there, with their images."""
-    acknowledged = []
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(["tests/bench", str(Path.cwd())])}
-    rng = np.random.default_rng(0)
-    for start in range(10):
-        command = [sys.executable, "-c", APPEND, str(tmp_path), str(start)]
-        with subprocess.Popen(
-            command, stdout=subprocess.PIPE, text=True, env=environment
-        ) as writer:
-            acknowledged.append(writer.stdout.readline().strip())
-            time.sleep(rng.uniform(0.0, 0.3))
-            writer.send_signal(signal.SIGKILL)
-            acknowledged += [line.strip() for line in writer.stdout if line.endswith("\n")]
+    acknowledged, rng = [], np.random.default_rng(0)
+    for start in range(100):
+        ours, theirs = os.pipe()
+        if (writer := os.fork()) == 0:
+            append_until_killed(tmp_path, start, theirs)
+        os.close(theirs)
+        time.sleep(rng.uniform(0.0, 0.2))
+        os.kill(writer, signal.SIGKILL)
+        os.waitpid(writer, 0)
+        with os.fdopen(ours) as pipe:
+            acknowledged += [line.strip() for line in pipe if line.endswith("\n")]
     with open_folder(tmp_path) as store:
-        assert store.find(acknowledged).keys() == {*acknowledged}
-        for key in acknowledged:
-            assert sha256(store.artifact(key)).hexdigest() == store.find([key])[key].artifact_sha256
-    assert len(acknowledged) > 20
+        results = store.find(acknowledged)
+        assert results.keys() == {*acknowledged}
+        for key, result in results.items():
+            assert sha256(store.artifact(key)).hexdigest() == result.artifact_sha256
+    assert len(acknowledged) > 200
 
 
 def leave_wal(directory, jobs):
