@@ -95,6 +95,7 @@ def _layout(rows: Sequence[DecidedRow]) -> Iterator[Block]:
                 for method in ordered(row.method for row in rows)
             ],
             caption=f"{metric} ahead of the best reconstruction",
+            interval="intervals that hold together at any moment, at 95 %",
         )
 
 

@@ -147,6 +147,9 @@ class TableRow:
     link: str = ""
 
 
+OVER_OBJECTS = "95 % interval over objects"
+
+
 @dataclass(frozen=True)
 class Grid:
     """Cells in lines and columns.
@@ -158,6 +161,7 @@ class Grid:
     void      whether nothing was measured: in place of the cells Markdown has the notes alone
     higher    whether a higher value is better: the order that a first sorting gives
     unfolded  whether the report shows it at once
+    interval  what stands in brackets beside a value
     """
 
     corner: str
@@ -170,6 +174,7 @@ class Grid:
     higher: bool = True
     unfolded: bool = True
     tags: Tags = ANY
+    interval: str = OVER_OBJECTS
 
     @property
     def valued(self) -> bool:

@@ -14,7 +14,7 @@ WIDEST_NAME = 30
 GAP = "  "
 NOTES = 3  # of all grids
 FEWEST_LINES = 10
-STAR, BRACKETS = "* best of those that compete", "[95 % interval over objects]"
+STAR = "* best of those that compete"
 
 
 def plain(grids: Sequence[Grid], width: int, lines: int) -> list[str]:
@@ -31,7 +31,8 @@ def plain(grids: Sequence[Grid], width: int, lines: int) -> list[str]:
     rows, end = list[str](), list[str]()
     for intervals in (True, False):
         marks = [STAR] if any(cell.special is BEST for cell in cells) else []
-        marks += [BRACKETS] if intervals and any(cell.interval for cell in cells) else []
+        if intervals and any(cell.interval for cell in cells):
+            marks.append(f"[{shown[0].interval}]")
         end = [*([_cut("; ".join(marks), width)] if marks else []), *notes]
         for beside in (True, False):
             fits, rows = _rows(shown, intervals, beside, width)

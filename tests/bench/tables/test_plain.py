@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from bench.tables.grid import BEST, Cell, ColumnHeader, Grid, TableRow
-from bench.tables.plain import BRACKETS, STAR, plain
+from bench.tables.grid import BEST, OVER_OBJECTS, Cell, ColumnHeader, Grid, TableRow
+from bench.tables.plain import STAR, plain
 
 CONDITIONS = ("2048", "1024", "512", "noise-0.05", "noise-0.10")
 
@@ -47,7 +47,7 @@ def test_side_by_side_with_intervals_where_there_is_room():
         "                             2048                       2048",
         "pc2pix         0.812 [.750, .899]             7.4 [.5, 12.4]",
         "splat-net      0.812*[.750, .899]             7.4 [.5, 12.4]",
-        f"{STAR}; {BRACKETS}",
+        f"{STAR}; [{OVER_OBJECTS}]",
     ]
 
 
