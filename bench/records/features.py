@@ -7,7 +7,7 @@ in another order are read as well, more slowly.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -16,8 +16,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from bench.records.artifacts import JobName
-from bench.records.stored_artifacts import Artifact
 from data_prep.arrays import Floats32
 from data_prep.failures import BadInput
 
@@ -38,29 +36,6 @@ class Features(Protocol):
     ) -> NDArray[Any]:
         """Return the features of `images`, [n, d]. Raises KeyError for an unknown image."""
         ...
-
-
-class ArtifactFeatures:
-    """The features in the artifacts of a run that goes on; each array is read when asked for."""
-
-    def __init__(self, extractor: str, artifacts: Mapping[JobName, Artifact], views: int) -> None:
-        self._extractor, self._views = extractor, views
-        self._objects: dict[tuple[str, ...], dict[str, Artifact]] = {}
-        for (*group, obj), artifact in artifacts.items():
-            self._objects.setdefault(tuple(group), {})[obj] = artifact
-
-    def images(self, method: str, condition: str, class_name: str) -> list[ImageKey]:
-        """Return all images that have features, sorted; an empty list where none have."""
-        objects = sorted(self._objects.get((method, condition, class_name), ()))
-        return [(obj, view) for obj in objects for view in range(self._views)]
-
-    def of(
-        self, method: str, condition: str, class_name: str, images: Sequence[ImageKey]
-    ) -> NDArray[Any]:
-        """Return the features of `images`, [n, d]. Raises KeyError for an unknown image."""
-        artifacts = self._objects.get((method, condition, class_name), {})
-        read = {obj: artifacts[obj].read(self._extractor) for obj in {obj for obj, _ in images}}
-        return np.stack([read[obj][view] for obj, view in images])
 
 
 class _Range(NamedTuple):

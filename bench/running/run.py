@@ -111,6 +111,8 @@ class _PreparedRun:
 
     Attributes
     ----------
+    plan, in_turns : Plan
+        The objects in the order of the files, and in that of their start.
     manifest : dict
         Manifest that the run will have when all its objects are complete.
     kept : KeptRun or None
@@ -123,6 +125,7 @@ class _PreparedRun:
     fresh: bool
     protocol: Protocol
     plan: Plan
+    in_turns: Plan
     manifest: dict[str, Any]
     kept: KeptRun | None
     budget: Budget
@@ -186,6 +189,7 @@ def run(
     requested, skipped = protocol_of(suite, options)
     protocol, kept = join(options, requested)
     planned = plan(protocol)  # refuses weights that cannot be used
+    in_turns = planned.in_order(seeded_turns(planned.names, protocol.seed))
     with executor_factory(options, protocol) as factory:
         budget = make_budget(options.budget, guess_s(planned.jobs_per_object, factory.workers))
         if options.budget is not None and not _any_complete(options, planned):
@@ -197,10 +201,10 @@ def run(
             **({UNTIL_DECIDED: True} if options.until_decided else {}),
         }
         if stop_rule is not None:
-            stop_rule.begin(manifest, seeded_turns(planned.names, protocol.seed))
+            stop_rule.begin(manifest, in_turns.names)
         prepared = _PreparedRun(
-            *(options.directory, options.fresh, protocol, planned, manifest, kept, budget, begun),
-            stop_rule=stop_rule,
+            *(options.directory, options.fresh, protocol, planned, in_turns, manifest, kept),
+            *(budget, begun, stop_rule),
         )
         return _carry_out(prepared, factory, publish, watch)
 
@@ -253,13 +257,12 @@ def _carry_out(
             write_manifest(directory, prepared.manifest)
         elif read_manifest(directory) != prepared.kept.manifest:  # it had the lock meanwhile
             raise BadInput(f"{directory}: another run has changed it just now; run again")
-        in_turns = planned.in_order(seeded_turns(planned.names, prepared.protocol.seed))
         rule = prepared.stop_rule
         schedule = Schedule(
-            in_turns,
+            prepared.in_turns,
             store,
             prepared.budget,
-            *([rule.enough] if rule is not None else []),
+            None if rule is None else rule.enough,
             ahead=math.ceil(factory.capacity / planned.jobs_per_object),
         )
         reused = schedule.total - schedule.left

@@ -137,7 +137,7 @@ class Schedule:
         planned: Plan,
         store: Store,
         budget: Budget,
-        enough: Callable[[], bool] = lambda: False,
+        enough: Callable[[], bool] | None = None,
         ahead: int = 1,
     ) -> None:
         """Note what the store has of the plan, whose objects are in the order of their start.
@@ -175,7 +175,8 @@ class Schedule:
             obj = coming.popleft()
             begun = [name for name in begun if name in self._under_way]
             under_way = sum(self._under_way[name].share for name in begun)
-            allowed = not self._enough() and self._budget.allows(len(self.complete), under_way)
+            enough = self._enough is not None and self._enough()
+            allowed = not enough and self._budget.allows(len(self.complete), under_way)
             if (self.complete or begun) and not allowed:
                 return
             begun.append(obj.name)
