@@ -26,7 +26,6 @@ from bench.records.job import Result
 from bench.records.record import Record
 from bench.records.store import STORE, open_store
 from data_prep.failures import CannotWrite
-from data_prep.files.atomic_write import sync_folder
 from data_prep.progress import log
 
 JOURNAL, ARTIFACTS, JOBS = "journal", "artifacts", "jobs.parquet"
@@ -39,41 +38,33 @@ def is_former(directory: Path) -> bool:
 
 
 def import_former(directory: Path) -> None:
-    """Bring the jobs of a former folder into a store, whole or not at all.
+    """Bring the jobs of a former folder into its store, and remove the files they were in.
 
-    The caller holds the folder's lock. Raises CannotWrite where there is no room.
+    Nothing is done in another folder. A kill loses nothing: the next command goes on. The caller
+    holds the folder's lock. Raises CannotWrite where there is no room.
     """
-    try:
-        if not (directory / STORE).exists():
-            _write_store(directory)
-        # From here on the store has everything; a kill leaves files for the next start to remove.
-        shutil.rmtree(directory / ARTIFACTS, ignore_errors=True)
-        (directory / JOBS).unlink(missing_ok=True)
-        shutil.rmtree(directory / JOURNAL)
-    except OSError as error:
-        raise CannotWrite(
-            f"{directory}: a run of an earlier version, which cannot be given its {STORE} "
-            f"({error.strerror}); copy it to a folder with room"
-        ) from error
-
-
-def _write_store(directory: Path) -> None:
-    new = directory / f".{STORE}.new"
-    shutil.rmtree(new, ignore_errors=True)  # of an import that was killed
-    new.mkdir()
+    if not is_former(directory):
+        return
     left_out = 0
-    with open_store(new, write=True) as store:
+    with open_store(directory, write=True) as store:
         for result in _read_journal(directory / JOURNAL):
             artifact = _read_artifact(directory, result)
             if result is None or (result.has_images and artifact is None):
                 left_out += 1
             else:
                 store.append(replace(result, artifact=artifact))
-        store.list_jobs(_read_jobs(directory / JOBS))
+        if jobs := [*_read_jobs(directory / JOBS)]:
+            store.list_jobs(jobs)
         count = store.appended
-    (new / STORE).replace(directory / STORE)
-    shutil.rmtree(new)
-    sync_folder(directory)
+    try:
+        shutil.rmtree(directory / ARTIFACTS, ignore_errors=True)
+        (directory / JOBS).unlink(missing_ok=True)
+        shutil.rmtree(directory / JOURNAL)  # the last: it is what a former folder is known by
+    except OSError as error:
+        raise CannotWrite(
+            f"{directory}: its files of an earlier version cannot be removed ({error.strerror}); "
+            "copy it to a folder that can be written"
+        ) from error
     lost = f"; {left_out} damaged ones are done again" if left_out else ""
     log(f"{directory}: {count} jobs of an earlier version are now in {STORE}{lost}")
 

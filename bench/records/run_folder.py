@@ -50,8 +50,7 @@ def open_folder(directory: Path) -> Iterator[Store]:
     except OSError as error:
         raise _not_writable(directory, error) from error
     with _locked(directory):
-        if is_former(directory):
-            import_former(directory)
+        import_former(directory)
         with open_store(directory, write=True) as store:
             yield store
 
@@ -119,8 +118,9 @@ def _holds_run(directory: Path) -> bool:
     if (directory / MANIFEST).exists():
         return True
     # A run that was killed before it had a manifest may have left these.
-    left_over = ("lock", STORE, f".{MANIFEST}.")
-    if any(not path.name.startswith(left_over) for path in directory.iterdir()):
+    left_over = {"lock", *(f"{STORE}{end}" for end in ("", "-wal", "-shm", "-journal"))}
+    names = {path.name for path in directory.iterdir()} - left_over
+    if any(not name.startswith(f".{MANIFEST}.") for name in names):
         raise BadInput(f"{directory}: not empty and not a run; give a new --out")
     return False
 

@@ -196,14 +196,13 @@ class Store:
         self.appended += 1
 
     def forget_damaged(self) -> int:
-        """Remove the jobs of the complete run whose artifact has changed, and count them."""
+        """Remove the jobs whose artifact has changed, also those of no complete run; count them."""
         damaged = []
-        for job in self.listed():
+        for key in self._each("SELECT key FROM jobs WHERE artifact_sha256 IS NOT NULL"):
             try:
-                if job.artifact_sha256:
-                    self.artifact(job.key)
+                self.artifact(*key)
             except DamagedArtifact:
-                damaged.append((job.key,))
+                damaged.append(key)
         with self._transaction() as execute:
             for key in damaged:
                 execute("DELETE FROM artifacts WHERE id = (SELECT id FROM jobs WHERE key = ?)", key)
@@ -226,14 +225,13 @@ class Store:
 
     def listed(self, *, by_name: bool = False) -> Iterator[JobRow]:
         """Yield the jobs of the complete run in the order of its plan, or sorted by name."""
-        for key, *name, sha in self._each(f"{_LISTED} {_BY_NAME if by_name else 'ORDER BY place'}"):
-            yield JobRow(key, JobName(*name), sha)
+        rows = self._each(f"{_LISTED} {_BY_NAME if by_name else 'ORDER BY place'}")
+        return (JobRow(key, JobName(*name), sha) for key, *name, sha in rows)
 
-    def listed_of(self, class_name: str, object_id: str) -> Iterator[JobRow]:
-        """Yield the jobs of an object of the complete run in the order of its plan."""
-        query = f"{_LISTED} WHERE class = ? AND object = ? ORDER BY place"
-        for key, *name, sha in self._rows(query, class_name, object_id):
-            yield JobRow(key, JobName(*name), sha)
+    def listed_of(self, *obj: str) -> list[JobRow]:
+        """Return the jobs of an object (class, name) of the complete run, as its plan has them."""
+        rows = self._rows(f"{_LISTED} WHERE class = ? AND object = ? ORDER BY place", *obj)
+        return [JobRow(key, JobName(*name), sha) for key, *name, sha in rows]
 
     def listed_columns(self) -> Iterator[tuple[JobName, dict[str, list[Any]]]]:
         """Yield the names and records of the complete run's jobs, sorted by name.
@@ -313,7 +311,6 @@ def _connect(path: Path, *, write: bool) -> sqlite3.Connection:
     if write:
         connection = sqlite3.connect(path, PATIENCE_S, isolation_level=None)
         if not _is_store(path, connection):
-            connection.execute("PRAGMA journal_mode = WAL")
             connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
             connection.execute(f"PRAGMA user_version = {STORE_VERSION}")
             connection.executescript(SCHEMA)

@@ -169,7 +169,7 @@ def _collect(parts: Sequence[FinishedShard], objects: Sequence[str], store: Stor
             sources |= dict.fromkeys(part.manifest["objects"], source)
 
         def jobs_of(name: str) -> list[JobRow]:
-            return [*sources[name].listed_of(*name.split("/", 1))]
+            return sources[name].listed_of(*name.split("/", 1))
 
         with progress("merging, objects", len(objects)) as advance:
             for name in objects:

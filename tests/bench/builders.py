@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pytest
 from harness_objects import Tetrahedron
 
 from bench.analysis.intervals import distance_interval
@@ -31,6 +32,7 @@ from bench.running.protocol import Protocol, find_methods
 from bench.tables.build import write_outputs
 from data_prep.clouds.conditions import CONDITIONS, Unchanged
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
+from data_prep.failures import BadInput
 from data_prep.scene import View
 
 SUITE = "chair-robustness"
@@ -181,6 +183,15 @@ def read_all(directory) -> list[Record]:
     """The records of a run, to be altered and written again by `write_all`."""
     frame = read_records(directory).rename(columns={"class": "class_name"})
     return [Record(**{str(name): row[name] for name in row}) for row in frame.to_dict("records")]
+
+
+def refusal(function, *arguments):
+    """The one line with which it refuses."""
+    with pytest.raises(BadInput) as error:
+        function(*arguments)
+    message = str(error.value)
+    assert "\n" not in message
+    return message
 
 
 def file_bytes(folder: Path) -> dict[str, bytes]:

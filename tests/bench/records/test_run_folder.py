@@ -19,18 +19,8 @@ from bench.records.run_folder import (
     set_aside,
     write_manifest,
 )
-from data_prep.failures import BadInput
 
-from ..builders import make_manifest
-
-
-def refusal(function, *arguments):
-    """The one line with which it refuses."""
-    with pytest.raises(BadInput) as error:
-        function(*arguments)
-    message = str(error.value)
-    assert "\n" not in message
-    return message
+from ..builders import make_manifest, refusal
 
 
 def names(paths):
@@ -87,6 +77,10 @@ def test_what_a_killed_start_leaves_of_its_manifest_is_no_obstacle(tmp_path):
         pass
     (tmp_path / f".{MANIFEST}.0123abcd").write_text("{")
     check_directory(tmp_path, make_manifest())
+    for other in ("lockers", "run.sqlite.bak", ".hidden"):
+        (tmp_path / other).touch()
+        assert "not empty and not a run" in refusal(check_directory, tmp_path, make_manifest())
+        (tmp_path / other).unlink()
     (tmp_path / ".hidden").touch()
     assert "not empty and not a run" in refusal(check_directory, tmp_path, make_manifest())
 

@@ -19,16 +19,7 @@ from bench.records.stored_artifacts import Artifact, StoredArtifacts, read_jobs
 from data_prep.failures import BadInput, CannotWrite
 from tests.robustness.failing_writes import cut_everywhere
 
-from ..builders import make_job, make_record, make_result, store_images
-
-
-def refusal(function, *arguments):
-    """The one line with which it refuses."""
-    with pytest.raises(BadInput) as error:
-        function(*arguments)
-    message = str(error.value)
-    assert "\n" not in message
-    return message
+from ..builders import make_job, make_record, make_result, refusal, store_images
 
 
 def finish(job, seed=0):
@@ -153,6 +144,17 @@ def test_an_artifact_that_has_changed_is_refused_and_its_job_forgotten(tmp_path,
             store.artifact(job.key)
         assert store.forget_damaged() == 1
         assert store.find([job.key, other.key]).keys() == {other.key}
+
+
+def test_damage_in_a_run_that_is_not_complete_is_forgotten_too(tmp_path):
+    """Nothing is listed before the tables of a run are made; its true images are read before."""
+    job = make_job()
+    with open_folder(tmp_path) as store:
+        store.append(finish(job))
+    harm_artifact(tmp_path, job.key, "altered")
+    with open_folder(tmp_path) as store:
+        assert store.forget_damaged() == 1
+        assert store.is_empty
 
 
 def harm_artifact(directory, key, harm):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
+import sqlite3
+from contextlib import closing
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -13,7 +15,8 @@ import pytest
 from bench.analysis.scored import read_scored
 from bench.catalogue.suites import SUITES
 from bench.records.former import JOBS
-from bench.records.run_folder import read_manifest
+from bench.records.run_folder import read_manifest, read_store
+from bench.records.store import STORE
 from bench.running.options import Options
 from bench.running.protocol import protocol_of
 from bench.running.status import run_status
@@ -60,6 +63,22 @@ def test_its_journal_is_imported_and_used_again(stored):
     assert set(status.left.values()) == {0}
     assert len(stored_keys(stored)) == lines
     assert {path.name for path in stored.iterdir()}.isdisjoint({"journal", "artifacts", JOBS})
+
+
+def test_jobs_that_an_earlier_version_has_added_are_imported_too(stored):
+    """It has written beside the store, which it does not know."""
+    former = [shutil.copytree(stored / n, stored.parent / n) for n in ("journal", "artifacts")]
+    with read_store(stored):
+        pass
+    keys = stored_keys(stored)
+    with closing(sqlite3.connect(stored / STORE)) as database, database:
+        database.execute("DELETE FROM jobs WHERE key = ?", [min(keys)])
+    for folder in former:
+        shutil.copytree(folder, stored / folder.name)
+    with read_store(stored) as store:
+        assert stored_keys(stored) == keys
+        assert [row.key for row in store.listed()]
+    assert not (stored / "journal").exists()
 
 
 def altered_manifest(change):
