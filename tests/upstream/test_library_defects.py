@@ -485,14 +485,14 @@ def numpy_makes_a_pixel_of_nan() -> str:
     return cast_nan(lambda nan: np.array([nan]).astype(np.uint8)[0])
 
 
-@defect(r"^variance inf", "bench.metrics.frechet._checked")
+@defect(r"^variance inf", "bench.metrics.frechet.checked_features")
 def numpy_moments_overflow_in_half_precision() -> str:
     """The variance of float16 values overflows from 256 on."""
     with np.errstate(over="ignore"):
         return f"variance {np.array([-1000, 1000], np.float16).var()} of -1000 and 1000"
 
 
-@defect(r"^raises LinAlgError: SVD did not converge", "bench.metrics.frechet._checked")
+@defect(r"^raises LinAlgError: SVD did not converge", "bench.metrics.frechet.checked_features")
 def numpy_decomposition_names_no_cause() -> str:
     """Singular values of NaN: 'did not converge', which names no cause."""
     return str(np.linalg.svd(np.full((2, 2), np.nan), compute_uv=False))
