@@ -82,6 +82,7 @@ def train_views(
     out: Path = VIEWS_WEIGHTS,
     validation: tuple[int, int] = VALIDATION,
     folder: Path = Path("training/views"),
+    batch: int = BATCH,
 ) -> ViewsScores:
     """Train on `objects` of each class (procedural train split), write the weights, score them.
 
@@ -97,8 +98,8 @@ def train_views(
     known = labels()
     data, answers = _labelled(known, "train", objects, views)
     images = torch.from_numpy(data.images).flatten(0, 1)
-    config = JudgeConfig(epochs * math.ceil(len(images) / BATCH), seed)
-    trainer = _ViewsTrainer(known, images, answers, config, team)
+    config = JudgeConfig(epochs * math.ceil(len(images) / batch), seed)
+    trainer = _ViewsTrainer(known, images, answers, config, team, batch)
     trainer.train(
         hash_arrays(data.images, *(answer.numpy() for answer in answers.values())), folder
     )
@@ -153,9 +154,7 @@ def labels() -> Labels:
 def _varied(images: Tensor, rng: torch.Generator) -> Tensor:
     """Return images uint8 [N, H, W, 3] as float32 [N, 3, H, W], some greyed or relit.
 
-    Objects get lighter or darker.
-
-    The white background stays white.
+    Objects get lighter or darker; the white background stays white.
     """
     ink = 255.0 - images.permute(0, 3, 1, 2).float()
     grey = torch.rand(len(images), 1, 1, 1, generator=rng) < GREY_SHARE
