@@ -1,7 +1,7 @@
 """A run of any size without its work: the real harness, and workers that return stored results.
 
     python -m studies.scaling RUN FOLDER --objects 44000 [--methods M,...] [--conditions C,...]
-        [--shard 1/4] [--workers 2] [--tables]
+        [--shard 1/4] [--workers 2] [--ray local] [--tables]
 
 RUN is a finished run of one object with all methods and conditions (`bench run --limit 1`). FOLDER
 gets a dataset of links to one mesh (`meshes`) and the run (`run`). Plan, schedule, worker
@@ -16,10 +16,11 @@ import argparse
 import json
 import resource
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache, partial
+from importlib import import_module
 from pathlib import Path
 from unittest import mock
 
@@ -32,7 +33,9 @@ from bench.records.stored_artifacts import read_jobs
 from bench.running.executors import JobPool
 from bench.running.isolation import TaskPool
 from bench.running.listeners import PartialRun
-from bench.running.options import Options
+from bench.running.options import LOCAL, Options
+from bench.running.protocol import Protocol
+from bench.running.ray import Cluster, RayPool
 from bench.running.run import RunResult, WrittenRun, run
 from bench.running.shards import read_shard
 from bench.tables.build import write_outputs
@@ -88,6 +91,25 @@ class StoredResults(JobPool):
         self.capacity = self._pool.capacity
 
 
+class StoredResultsOnRay(RayPool):
+    """Workers of a Ray cluster that return stored results at once; all nodes see the folder."""
+
+    def __init__(self, cluster: Cluster, protocol: Protocol, directory: Path) -> None:
+        super().__init__(cluster, protocol)
+        self._message = self._ray.put(directory)
+        # Not of `__main__`, which is another module on a node.
+        work = import_module("studies.scaling").return_all_stored
+        self._do = self._ray.remote(num_cpus=1)(work)
+
+
+def return_all_stored(
+    directory: Path, jobs: Sequence[tuple[Job, str]], *references: bytes | None
+) -> list[Result]:
+    """Return the stored results of jobs with fingerprints, as `bench.running.ray_node` does."""
+    del references
+    return [return_stored(directory, job) for job, _ in jobs]
+
+
 class JobCounter:
     """A progress reporter that notes when the first job ended."""
 
@@ -132,8 +154,10 @@ def measure(sample: Path, options: Options, tables: bool) -> dict[str, float]:
         return time.monotonic() - start
 
     begun = time.monotonic()
-    with mock.patch.object(
-        bench.running.factory, "JobPool", partial(StoredResults, directory=sample)
+    factory = bench.running.factory
+    with (
+        mock.patch.object(factory, "JobPool", partial(StoredResults, directory=sample)),
+        mock.patch.object(factory, "RayPool", partial(StoredResultsOnRay, directory=sample)),
     ):
         done: RunResult[float] = run(options, publish, watch)
     directory = options.directory
@@ -164,6 +188,7 @@ def main() -> None:
     parser.add_argument("--conditions", type=names)
     parser.add_argument("--shard", type=read_shard, help="k/N: into the folder run-k")
     parser.add_argument("--workers", type=positive, default=2)
+    parser.add_argument("--ray", help="'local' or the address of a cluster")
     parser.add_argument("--tables", action="store_true", help="make the tables at the end, too")
     chosen = parser.parse_args()
     meshes = chosen.folder / "meshes"
@@ -175,7 +200,8 @@ def main() -> None:
         methods=chosen.methods or tuple(manifest["methods"]),
         conditions=chosen.conditions or tuple(manifest["conditions"]),
         views=manifest["views"],
-        workers=chosen.workers,
+        workers=chosen.workers if chosen.ray in (None, LOCAL) else None,
+        ray=chosen.ray,
         device="cpu",
         shard=chosen.shard,
         out=chosen.folder / (f"run-{chosen.shard.number}" if chosen.shard else "run"),
