@@ -177,7 +177,12 @@ def test_a_clock_that_is_set_costs_no_task(monkeypatch):
     assert list(run_tasks([0.3, 0.3], nap, 1, LIMITS)) == [(0.3, 0.3), (0.3, 0.3)]
 
 
-HELD = "held = bytearray({bytes}); print('held', flush=True); import time; time.sleep(600)"
+# It holds memory once the ids are written down: the limit must not end the worker before.
+HELD = """
+import os, time
+while not os.path.exists({file!r}): time.sleep(0.01)
+held = bytearray({bytes}); print("held", flush=True); time.sleep(600)
+"""
 
 
 def start_children(task: tuple[str, Path]) -> str:
@@ -187,7 +192,7 @@ def start_children(task: tuple[str, Path]) -> str:
     """
     how, file = task
     size = 2**28 if how == "hold" else 1
-    command = [sys.executable, "-c", HELD.format(bytes=size)]
+    command = [sys.executable, "-c", HELD.format(bytes=size, file=str(file))]
     orphan = (
         f"import subprocess; print(subprocess.Popen({command}, start_new_session=True, "
         "stdout=subprocess.DEVNULL).pid)"
