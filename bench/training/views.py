@@ -82,7 +82,6 @@ def train_views(
     out: Path = VIEWS_WEIGHTS,
     validation: tuple[int, int] = VALIDATION,
     folder: Path = Path("training/views"),
-    batch: int = BATCH,
 ) -> ViewsScores:
     """Train on `objects` of each class (procedural train split), write the weights, score them.
 
@@ -98,8 +97,8 @@ def train_views(
     known = labels()
     data, answers = _labelled(known, "train", objects, views)
     images = torch.from_numpy(data.images).flatten(0, 1)
-    config = JudgeConfig(epochs * math.ceil(len(images) / batch), seed)
-    trainer = _ViewsTrainer(known, images, answers, config, team, batch)
+    config = JudgeConfig(epochs * math.ceil(len(images) / BATCH), seed)
+    trainer = _ViewsTrainer(known, images, answers, config, team, BATCH)
     trainer.train(
         hash_arrays(data.images, *(answer.numpy() for answer in answers.values())), folder
     )

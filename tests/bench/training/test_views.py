@@ -80,10 +80,11 @@ def test_cross_entropy_leaves_out_what_has_no_label():
 
 
 @pytest.mark.slow
-def test_a_short_training(two_classes, tmp_path, capsys):
+def test_a_short_training(two_classes, tmp_path, capsys, monkeypatch):
     """With blocks and chairs as unlike as can be, some steps are enough to tell them apart."""
+    monkeypatch.setattr(training, "BATCH", 8)
     out, folder = tmp_path / "views.safetensors", tmp_path / "training"
-    scores = train_views(16, 2, 10, 0, out, validation=(5, 3), folder=folder, batch=8)
+    scores = train_views(16, 2, 10, 0, out, validation=(5, 3), folder=folder)
     assert "views: step 80/80, loss " in capsys.readouterr().err
     assert scores.classes == ("block", "chair")
     assert scores.confusion.sum(axis=1).tolist() == [15, 15]
