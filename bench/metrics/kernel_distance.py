@@ -28,7 +28,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.metrics.frechet import object_blocks
 from data_prep.arrays import Floats
 
 _ROWS, _COLUMNS = 256, 1024  # kernels are taken of so many rows with so many: they fit the cache
@@ -44,23 +43,6 @@ def kernel_distance(x: NDArray[Any], y: NDArray[Any]) -> float:
     """
     sets = (KernelSet(rows, np.zeros(len(rows), np.intp), 1) for rows in (x, y))
     return kernel_distances(*sets)[0]
-
-
-def left_out_kernel_distances(
-    x: NDArray[Any], y: NDArray[Any], groups_x: NDArray[Any], groups_y: NDArray[Any]
-) -> tuple[float, Floats]:
-    """Return the distance, and those [g] without each object, left out as in `frechet`.
-
-    groups_x [n] and groups_y [m] name the object of each row; objects in sorted order, of many
-    objects groups of them (`bench.metrics.frechet.object_blocks`). NaN without one that leaves
-    fewer than two rows of a set. Raises as `kernel_distance`.
-    """
-    names, block = object_blocks(np.concatenate([np.unique(groups_x), np.unique(groups_y)]))
-    sets = (
-        KernelSet(rows, block[np.searchsorted(names, groups)], int(block.max()) + 1)
-        for rows, groups in ((x, groups_x), (y, groups_y))
-    )
-    return kernel_distances(*sets)
 
 
 class KernelSet:
@@ -102,9 +84,9 @@ class KernelSet:
 
 
 def kernel_distances(x: KernelSet, y: KernelSet) -> tuple[float, Floats]:
-    """Return the distance, and those [g] without each block, NaN as `left_out_kernel_distances`.
+    """Return the distance, and those [g] without each block.
 
-    Raises ValueError where d differs.
+    NaN without a block that leaves fewer than two rows of a set. Raises ValueError where d differs.
     """
     if x.width != y.width:
         raise ValueError(f"sets of {x.width} and {y.width} features cannot be compared")

@@ -123,7 +123,7 @@ def _batches(
         # Threads take memory each.
         for batch in file.iter_batches(_ROW_GROUP, groups, read, use_threads=False):
             for name, value in only.items():
-                batch = batch.filter(pc.equal(batch[name], value))
+                batch = batch.filter(pc.call_function("equal", [batch[name], pa.scalar(value)]))
             if len(batch):
                 yield batch.select(columns)
     except (pa.ArrowException, OSError) as error:

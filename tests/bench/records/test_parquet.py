@@ -16,12 +16,12 @@ from bench.records.parquet import (
     write_features,
     write_records,
 )
-from bench.records.record import COLUMNS, SCHEMA_VERSION, to_frame
+from bench.records.record import COLUMNS, SCHEMA_VERSION
 from bench.records.run_folder import open_folder
 from bench.records.store import pack_records, unpack_columns
 from data_prep.failures import BadInput
 
-from ..builders import make_failed, make_job, make_record, make_result, write_all
+from ..builders import make_failed, make_job, make_record, make_result, to_frame, write_all
 
 SCHEMA_KEY = b"pc2pix_bench_schema"
 
