@@ -77,10 +77,10 @@ def read_scored(directory: Path, older: bool = False) -> ScoredRun:
 
     A run of an `older` version of the protocol is allowed where that is true.
     """
-    run = scored_run(directory, read_finished(directory, older))
-    if not run.manifest["objects"]:
+    manifest = read_finished(directory, older)
+    if manifest.get("objects") == []:
         raise BadInput(f"{directory}: a run without objects; start it again with its command")
-    return run
+    return scored_run(directory, manifest)
 
 
 def scored_run(directory: Path, manifest: dict[str, Any]) -> ScoredRun:
