@@ -15,7 +15,7 @@ CellKey = tuple[str, str, str]  # method, condition, class
 
 def cells(records: pd.DataFrame) -> Iterator[tuple[CellKey, pd.DataFrame]]:
     """Yield each cell with its records, in the order of the records."""
-    groups = records.groupby(["method", "condition", "class"], sort=False)
+    groups = records.groupby(["method", "condition", "class"], sort=False, observed=True)
     return (((str(m), str(c), str(k)), group) for (m, c, k), group in groups)  # type: ignore[misc]
 
 

@@ -162,8 +162,9 @@ def decided_pairs(run: ScoredRun) -> DecidedPairs | None:
         return None
     order = seeded_turns(run.manifest["objects"], int(run.manifest["seed"]))
     decided = DecidedPairs(pairs, classes_of(order))
+    of_pairs = {pair.metric for pair in pairs}
     for name in order:
-        decided.add(name.partition("/")[0], run.sums.means_of(name))
+        decided.add(name.partition("/")[0], run.sums.means_of(name, of_pairs))
     return decided
 
 

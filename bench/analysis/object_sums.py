@@ -254,7 +254,9 @@ class ObjectSums:
             if metric in self.metrics and not self._tallies(metric)[0].counts.any()
         }
 
-    def means_of(self, object_name: str) -> dict[tuple[str, str, str], float]:
+    def means_of(
+        self, object_name: str, metrics: Iterable[str]
+    ) -> dict[tuple[str, str, str], float]:
         """Return the means of an object "class/name" by method, condition and metric.
 
         Blank images count in place of failed ones; NaN where no image has a score.
@@ -262,7 +264,7 @@ class ObjectSums:
         class_name, _, name = object_name.partition("/")
         place = self._objects[class_name, name]
         means = {}
-        for metric in self.metrics:
+        for metric in metrics:
             scores, blank = self._tallies(metric)
             sums, counts = (
                 (part.reshape(self._shape)[..., place] + other.reshape(self._shape)[..., place])

@@ -64,7 +64,7 @@ class LiveTable:
         self._sums.add_object(records)
         while self._decided is not None and self._order and self._order[0] in self._added:
             name = self._order.popleft()
-            self._decided.add(name.partition("/")[0], self._sums.means_of(name))
+            self._decided.add(name.partition("/")[0], self._sums.means_of(name, self._sums.metrics))
 
     def add_missing(self, snapshot: PartialRun) -> None:
         """Add the objects of a run that have not been added yet."""

@@ -63,7 +63,7 @@ def test_means_of_an_object_score_failed_images_as_blank_ones():
         ("poisson", "2048", "ssim-object"): 0.5,
         ("poisson", "2048", "lpips"): 0.5,
     }
-    assert sums.means_of("chair/a") == pytest.approx(expected, abs=1e-12)
+    assert sums.means_of("chair/a", HEADLINE) == pytest.approx(expected, abs=1e-12)
 
 
 def means_of(difference, metric="ssim-object"):
