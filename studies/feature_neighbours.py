@@ -62,8 +62,8 @@ def main() -> None:
     parser.add_argument("directory", type=Path)
     run = read_scored(parser.parse_args().directory)
     features = run.features[EXTRACTOR]
-    images = features.images(GROUND_TRUTH, "", run.records["class"].iloc[0])
-    values = features.of(GROUND_TRUTH, "", run.records["class"].iloc[0], images)
+    images = features.images(GROUND_TRUTH, "", min(run.sums.objects_of))
+    values = features.of(GROUND_TRUTH, "", min(run.sums.objects_of), images)
     for line in neighbourhoods(values.astype(np.float64), np.array([obj for obj, _ in images])):
         print(
             f"k {line.k:2}: own object {line.own_object:.3f}, "

@@ -7,12 +7,11 @@ chooses a method gets its failures too.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import pandas as pd
 
 from bench.analysis.distances import FeatureDistances
 from bench.analysis.intervals import (
@@ -26,11 +25,11 @@ from bench.analysis.intervals import (
     mean_interval,
     median_interval,
 )
+from bench.analysis.object_sums import SECONDS, ObjectSums
 from bench.catalogue.methods import FLOOR, role
 from bench.catalogue.metrics import (
     CONTROL_METRICS,
     SET_METRICS,
-    column,
     higher_is_better,
     is_mean,
     value_range,
@@ -105,66 +104,45 @@ class Comparison:
 
 
 def compare(
-    records: pd.DataFrame, features: Mapping[str, FeatureDistances], metrics: Sequence[str]
+    sums: ObjectSums,
+    features: Mapping[str, FeatureDistances],
+    metrics: Sequence[str],
+    methods: Container[str] | None = None,
 ) -> list[Comparison]:
-    """Return a comparison for each condition and class, in the order of the records.
+    """Return a comparison for each condition and class, in the order of the cells.
 
     Objects without true images are left out, and so is a class that has no others.
 
-    metrics  metrics of images that the records have, and set metrics that features exist for
+    metrics  metrics of images that the sums have, and set metrics that features exist for
+    methods  methods that are compared, by default all; `blank` is needed, but may be left out
     """
+    by_cell: dict[tuple[str, str], list[str]] = {}
+    for method, *cell in sums.cells:
+        by_cell.setdefault((cell[0], cell[1]), []).append(method)
     comparisons = []
-    for (condition, class_name), group in records.groupby(["condition", "class"], sort=False):  # type: ignore[misc]
-        cell = str(condition), str(class_name)
-        by_method = {str(method): rows for method, rows in group.groupby("method", sort=False)}
-        blank = _existing_images(by_method.get(FLOOR, group[:0]))
-        objects = tuple(sorted({obj for obj, _ in blank.index}))
+    for cell, every in by_cell.items():
+        if FLOOR not in every:
+            continue
+        known, _ = sums.numbers((FLOOR, *cell))
+        objects = tuple(sums.objects(cell[1])[known > 0].tolist())
         if not objects:
             continue
+        names = [method for method in every if methods is None or method in methods]
+        prepare_s, draw_s = (
+            {m: sums.per_object((m, *cell), name)[known > 0] for m in names} for name in SECONDS
+        )
         qualities = {
-            metric: _image_qualities(metric, by_method, blank)
+            metric: {
+                m: _mean_quality(metric, sums.per_object((m, *cell), metric, True)[known > 0])
+                for m in names
+            }
             if is_mean(metric)
-            else _set_qualities(metric, cell, by_method, features[metric], objects)
+            else _set_qualities(metric, cell, names, features[metric], objects)
             for metric in metrics
         }
-        comparisons.append(
-            Comparison(
-                *cell,
-                objects,
-                prepare_s={m: _times(rows, "prepare_s", objects) for m, rows in by_method.items()},
-                draw_s={m: _times(rows, "draw_s", objects) for m, rows in by_method.items()},
-                images={
-                    m: (int((rows["outcome"] == "ok").sum()), len(rows))
-                    for m, rows in by_method.items()
-                },
-                qualities=qualities,
-            )
-        )
+        images = {m: sums.images((m, *cell)) for m in names}
+        comparisons.append(Comparison(*cell, objects, prepare_s, draw_s, images, qualities))
     return comparisons
-
-
-def _existing_images(records: pd.DataFrame) -> pd.DataFrame:
-    """Return the records with an image, by object and view."""
-    return records[records["outcome"] == "ok"].set_index(["object", "view"]).sort_index()
-
-
-def _times(records: pd.DataFrame, name: str, objects: Sequence[str]) -> Floats:
-    per_object = records[records["outcome"] == "ok"].groupby("object")[name].mean()
-    return per_object.reindex(list(objects)).to_numpy(np.float64)
-
-
-def _image_qualities(
-    metric: str, by_method: Mapping[str, pd.DataFrame], blank: pd.DataFrame
-) -> dict[str, Quality]:
-    """Return means over objects. An image or an object without a value does not count."""
-    name = column(metric)
-    qualities = {}
-    for method, records in by_method.items():
-        drawn = _existing_images(records)[name]
-        scores = drawn.reindex(blank.index).where(blank.index.isin(drawn.index), blank[name])
-        per_object = scores.groupby(level="object", sort=True).mean().to_numpy(np.float64)
-        qualities[method] = _mean_quality(metric, per_object)
-    return qualities
 
 
 def _mean_quality(metric: str, per_object: Floats) -> Quality:
@@ -175,7 +153,7 @@ def _mean_quality(metric: str, per_object: Floats) -> Quality:
 def _set_qualities(
     metric: str,
     cell: tuple[str, str],
-    by_method: Mapping[str, pd.DataFrame],
+    methods: Sequence[str],
     features: FeatureDistances,
     objects: Sequence[str],
 ) -> dict[str, Quality]:
@@ -184,9 +162,9 @@ def _set_qualities(
     images = [image for image in features.images(FLOOR, *cell) if image[0] in known]
     if len(images) < 2:
         nothing = Estimate(NAN, NAN, NAN)
-        return dict.fromkeys(by_method, Quality(metric, nothing, np.full(len(objects), NAN)))
+        return dict.fromkeys(methods, Quality(metric, nothing, np.full(len(objects), NAN)))
     qualities = {}
-    for method in by_method:
+    for method in methods:
         value, leave_one_out = features.distance((method, *cell), images)
         estimate = Estimate(value, *distance_interval(value, leave_one_out))
         qualities[method] = Quality(metric, estimate, leave_one_out)

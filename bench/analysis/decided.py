@@ -29,9 +29,8 @@ from bench.analysis.scored import ScoredRun
 from bench.analysis.sequences import ConfidenceSequence
 from bench.catalogue.chosen import BEST_RECONSTRUCTION, CHOSEN
 from bench.catalogue.methods import known_method
-from bench.catalogue.metrics import column, higher_is_better
+from bench.catalogue.metrics import higher_is_better
 from bench.catalogue.suites import Suite
-from bench.records.record import Record
 from bench.running.turns import seeded_turns
 
 BOUNDS = {"ssim-object": 0.5, "lpips": 0.25}  # of the differences
@@ -152,25 +151,6 @@ def headline_pairs(
     return pairs
 
 
-def object_means(records: Iterable[Record], metrics: Sequence[str], blank: str) -> ObjectMeans:
-    """Return the means over views of all records of one object, failed images scored as blank ones.
-
-    An image without a value does not count; nothing is returned for means without any.
-    """
-    records = list(records)
-    blanks = {(r.condition, r.view): r for r in records if r.method == blank and r.outcome == "ok"}
-    sums: dict[tuple[str, str, str], list[float]] = {}
-    for record in records:
-        drawn = record if record.outcome == "ok" else blanks.get((record.condition, record.view))
-        if drawn is None:
-            continue
-        for metric in metrics:
-            value = getattr(drawn, column(metric))
-            if value is not None and not math.isnan(value):
-                sums.setdefault((record.method, record.condition, metric), []).append(value)
-    return {key: float(np.mean(values)) for key, values in sums.items()}
-
-
 def decided_pairs(run: ScoredRun) -> DecidedPairs | None:
     """Return the headline pairs of a run after its objects, in their seeded order.
 
@@ -180,19 +160,11 @@ def decided_pairs(run: ScoredRun) -> DecidedPairs | None:
     pairs = headline_pairs(run.suite, run.manifest["methods"], run.manifest["conditions"], metrics)
     if not pairs:
         return None
-    means: dict[str, dict[tuple[str, str, str], float]] = {}
-    for comparison in run.compared(metrics):
-        of_condition = [pair for pair in pairs if pair.condition == comparison.condition]
-        wanted = {(m, pair.metric) for pair in of_condition for m in (pair.method, pair.opponent)}
-        for method, metric in sorted(wanted):
-            values = comparison.qualities[metric][method].per_object.tolist()
-            for name, value in zip(comparison.objects, values, strict=True):
-                of_object = means.setdefault(f"{comparison.class_name}/{name}", {})
-                of_object[method, comparison.condition, metric] = value
     order = seeded_turns(run.manifest["objects"], int(run.manifest["seed"]))
     decided = DecidedPairs(pairs, classes_of(order))
+    of_pairs = {pair.metric for pair in pairs}
     for name in order:
-        decided.add(name.partition("/")[0], means.get(name, {}))
+        decided.add(name.partition("/")[0], run.sums.means_of(name, of_pairs))
     return decided
 
 

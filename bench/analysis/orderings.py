@@ -16,12 +16,10 @@ from bench.analysis.comparison import (
     Estimate,
     better_by,
     class_mean_difference,
-    compare,
 )
 from bench.analysis.paper import AVERAGE, SURFACE, Published, network_of, paper_difference
 from bench.analysis.scored import ScoredRun
-from bench.catalogue.methods import FLOOR
-from bench.catalogue.metrics import column, is_mean
+from bench.catalogue.metrics import is_mean
 
 Verdict = Literal["reproduced", "opposite", "undecided", "no value"]
 VERDICTS: tuple[Verdict, ...] = ("reproduced", "opposite", "undecided", "no value")
@@ -64,17 +62,16 @@ def orderings(run: ScoredRun, published: Published) -> list[Ordering]:
 
     Kernel distances are left out: they say what the Fréchet distance on the same features says.
     """
-    methods = run.records["method"].unique().tolist()
+    methods = list(dict.fromkeys(method for method, _, _ in run.sums.cells))
     network = network_of(methods)
     if network is None or SURFACE not in methods:
         return []
     wanted = run.suite.class_metrics
     metrics = [metric for metric in wanted if metric in run.features]
-    metrics += [m for m in wanted if is_mean(m) and column(m) in run.records]
-    pair = run.records[run.records["method"].isin([SURFACE, network, FLOOR])]
-    counts = objects_of(run)
+    metrics += [m for m in wanted if is_mean(m) and m in run.sums.metrics]
+    counts = run.sums.objects_of
     by_condition: dict[str, list[Comparison]] = {}
-    for comparison in compare(pair, run.features, metrics):
+    for comparison in run.compared(metrics, (SURFACE, network)):
         by_condition.setdefault(comparison.condition, []).append(comparison)
     return [
         row
@@ -82,12 +79,6 @@ def orderings(run: ScoredRun, published: Published) -> list[Ordering]:
         for metric in metrics
         for row in _of_classes(classes, metric, network, counts, published)
     ]
-
-
-def objects_of(run: ScoredRun) -> dict[str, int]:
-    """Return the number of objects of each class."""
-    by_class = run.records.groupby("class")
-    return {str(name): group["object"].nunique() for name, group in by_class}
 
 
 def _of_classes(

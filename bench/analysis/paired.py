@@ -21,14 +21,13 @@ from typing import Literal
 import numpy as np
 
 from bench.analysis.comparison import Estimate, Quality, difference, paired
-from bench.analysis.intervals import FEWEST, jackknife_error, mean_error
+from bench.analysis.intervals import FEWEST, MOST_RESAMPLED, jackknife_error, mean_error
 from bench.catalogue.metrics import higher_is_better, is_mean
 from data_prep.arrays import Floats
 
 Ahead = Literal["a", "b", "tie", "unknown"]
 SIGNIFICANCE = 0.05
 MOST_EXACT = 16  # objects of which all signs are counted
-MOST_RESAMPLED = 400  # objects of which random signs are; of more, the mean is normal enough
 RESAMPLES = 9999
 SEED = 0
 AT_ONCE = 2**20  # numbers of the random signs and their sums that are in memory: 8 MB

@@ -9,6 +9,7 @@ method that ignores its cloud, or the view, may have a good SSIM, but is recogni
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,8 @@ import pandas as pd
 from numpy.typing import NDArray
 from safetensors import safe_open
 
-from bench.analysis.cells import cells, image_keys
+from bench.analysis.cells import CellKey
+from bench.analysis.distances import ROWS, FeatureDistances
 from bench.catalogue.metrics import RECOGNITION_METRICS, column
 from bench.judges.answers import VIEW_COLUMNS, Gallery, gallery
 from bench.records.features import Features
@@ -72,15 +74,19 @@ def read_class_head(path: Path) -> ClassHead:
     return ClassHead(classes, weight.astype(np.float64), bias.astype(np.float64))
 
 
-def with_confidence(records: pd.DataFrame, features: Features, head: ClassHead) -> pd.DataFrame:
-    """Return the records with a column of the confidence in the true class; NaN without image.
+def confidences(
+    cells: Iterable[CellKey], features: FeatureDistances, head: ClassHead
+) -> Iterator[pd.DataFrame]:
+    """Yield the images of cells with a column of the confidence in their true class.
 
     The head is applied to the features that a run has kept: nothing is drawn or loaded again.
     """
-    confidence = np.full(len(records), np.nan)
-    numbered = records.reset_index(drop=True)
-    for cell, group in cells(numbered[numbered["outcome"] == "ok"]):
-        drawn = features.of(*cell, image_keys(group))
-        confidence[group.index] = head.confidence(drawn, cell[2])
     (metric,) = RECOGNITION_METRICS
-    return records.assign(**{column(metric): confidence})
+    for cell in cells:
+        images = features.images(*cell)
+        for start in range(0, len(images), ROWS):
+            part = images[start : start + ROWS]
+            frame = pd.DataFrame(part, columns=["object", "view"])
+            frame = frame.assign(method=cell[0], condition=cell[1], **{"class": cell[2]})
+            values = head.confidence(features.of(*cell, part), cell[2])
+            yield frame.assign(**{column(metric): values})

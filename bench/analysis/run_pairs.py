@@ -9,13 +9,14 @@ from typing import NamedTuple
 
 from threadpoolctl import threadpool_limits
 
-from bench.analysis.comparison import Comparison, compare, paired, pooled
+from bench.analysis.comparison import Comparison, paired, pooled
 from bench.analysis.paired import ComparedPair, PairedDifference, Side, paired_differences
 from bench.analysis.scored import ScoredRun, read_scored
 from bench.catalogue.chosen import CHOSEN
 from bench.catalogue.methods import FLOOR
 from bench.catalogue.metrics import IMAGE_METRICS, is_mean
 from bench.catalogue.suite_types import TRUTHS
+from bench.records.parquet import read_records
 from bench.records.run_folder import PROTOCOL
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION, refuse_other_version
 from data_prep.failures import BadInput
@@ -116,9 +117,8 @@ def runs(
 def _compare(run: ScoredRun, methods: Sequence[str], metrics: Sequence[str]) -> list[Comparison]:
     rows = {name: best for name, best in _chosen_rows(run).items() if name in methods}
     chosen = {method for best in rows.values() for method in best.values()}
-    wanted = run.records[run.records["method"].isin([*methods, *chosen, FLOOR])]
     with threadpool_limits(1):  # the same digits on any number of cores
-        compared = compare(wanted, run.features, metrics)
+        compared = run.compared(metrics, {*methods, *chosen})
     return [
         replace(
             comparison,
@@ -250,7 +250,8 @@ def _refuse_other_objects(a: ScoredRun, b: ScoredRun) -> None:
 
 def _seen_views(run: ScoredRun) -> dict[tuple[str, int], _SeenView]:
     """Return the views of a run by "class/object" and number."""
-    blank = run.records[run.records["method"] == FLOOR]
-    names = blank["class"].astype(str) + "/" + blank["object"].astype(str)
+    columns = ("class", "object", "view", "azimuth_deg", "elevation_deg", "ssim")
+    blank = read_records(run.directory, columns, method=FLOOR)
+    names = blank["class"] + "/" + blank["object"]
     views = map(_SeenView, blank["azimuth_deg"], blank["elevation_deg"], blank["ssim"])
     return dict(zip(zip(names, blank["view"], strict=True), views, strict=True))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,12 +11,11 @@ import pandas as pd
 
 from bench.analysis.comparison import Comparison, compare
 from bench.analysis.distances import FeatureDistances
-from bench.analysis.recognition import read_class_head, with_confidence
+from bench.analysis.object_sums import ObjectSums, sum_records
+from bench.analysis.recognition import confidences, read_class_head
 from bench.catalogue.metrics import (
     IMAGE_METRICS,
-    LEARNED_METRICS,
     RECOGNITION_METRICS,
-    column,
     find_extractor,
 )
 from bench.catalogue.suites import LATENT, SPEED, STABILITY, Suite
@@ -24,6 +23,7 @@ from bench.catalogue.truth import stored_suite
 from bench.judges import VIEWS_WEIGHTS
 from bench.records.features import Features
 from bench.records.parquet import read_features, read_records
+from bench.records.record import COLUMNS
 from bench.records.run_folder import read_finished
 from data_prep.failures import BadInput
 from data_prep.files.checksums import file_sha256
@@ -33,7 +33,7 @@ VIEWS = "fd-views"
 
 @dataclass(frozen=True, eq=False)
 class ScoredRun:
-    """A run's scored records in the order of the tables, its features, and what it compared.
+    """A run's scores, summed by object, its features, and what it compared.
 
     features  by extractor
     skipped   reasons of the extractors without features, and of the metrics without values
@@ -42,10 +42,10 @@ class ScoredRun:
     directory: Path
     suite: Suite
     manifest: dict[str, Any]
-    records: pd.DataFrame
+    sums: ObjectSums
     features: dict[str, FeatureDistances]
     skipped: dict[str, str]
-    _compared: dict[tuple[str, ...], list[Comparison]] = field(
+    _compared: dict[tuple[tuple[str, ...], frozenset[str]], list[Comparison]] = field(
         default_factory=dict, repr=False, init=False
     )
 
@@ -54,11 +54,22 @@ class ScoredRun:
         available = {*self.features, *IMAGE_METRICS.keys() - self.skipped.keys()}
         return [metric for metric in metrics if metric in available]
 
-    def compared(self, metrics: Sequence[str]) -> list[Comparison]:
-        """Return the methods on the same objects by these metrics; computed once."""
-        if tuple(metrics) not in self._compared:
-            self._compared[tuple(metrics)] = compare(self.records, self.features, metrics)
-        return self._compared[tuple(metrics)]
+    def compared(
+        self, metrics: Sequence[str], methods: Iterable[str] | None = None
+    ) -> list[Comparison]:
+        """Return methods on the same objects by these metrics, by default all; computed once."""
+        key = tuple(metrics), frozenset(self.manifest["methods"] if methods is None else methods)
+        if key not in self._compared:
+            self._compared[key] = compare(self.sums, self.features, metrics, key[1])
+        return self._compared[key]
+
+    def read_images(self, columns: Sequence[str] = COLUMNS, **only: str) -> pd.DataFrame:
+        """Return the records of single images, methods and conditions in the manifest's order.
+
+        `only` is as in `bench.records.parquet.read_records`. Memory grows with the images.
+        """
+        records = read_records(self.directory, columns, **only)
+        return in_order(records, self.manifest, ("condition", "method"))
 
 
 def read_scored(directory: Path, older: bool = False) -> ScoredRun:
@@ -66,10 +77,10 @@ def read_scored(directory: Path, older: bool = False) -> ScoredRun:
 
     A run of an `older` version of the protocol is allowed where that is true.
     """
-    run = scored_run(directory, read_finished(directory, older))
-    if not run.manifest["objects"]:
+    manifest = read_finished(directory, older)
+    if manifest.get("objects") == []:
         raise BadInput(f"{directory}: a run without objects; start it again with its command")
-    return run
+    return scored_run(directory, manifest)
 
 
 def scored_run(directory: Path, manifest: dict[str, Any]) -> ScoredRun:
@@ -91,38 +102,34 @@ def scored_run(directory: Path, manifest: dict[str, Any]) -> ScoredRun:
         )
     stored = {metric: read_features(directory, metric) for metric in suite.extractors}
     features = {metric: values for metric, values in stored.items() if values is not None}
-    return score(directory, suite, manifest, read_records(directory), features)
+    return score(directory, suite, manifest, sum_records(directory, manifest), features)
 
 
 def score(
     directory: Path,
     suite: Suite,
     manifest: dict[str, Any],
-    records: pd.DataFrame,
+    sums: ObjectSums,
     features: Mapping[str, Features],
 ) -> ScoredRun:
-    """Return a run with these records, and features by extractor."""
-    records = in_order(records, manifest, ("condition", "method"))
+    """Return a run with these sums, and features by extractor."""
     distances = {metric: FeatureDistances(values) for metric, values in features.items()}
     skipped: dict[str, str] = dict(manifest.get("skipped_metrics", {}))
     for metric in suite.extractors:
         if metric not in distances:
             skipped.setdefault(metric, "skipped: no features in this run")
-    scored = records[records["outcome"] == "ok"]
-    for metric, extractor in LEARNED_METRICS.items():
-        if len(scored) and scored[column(metric)].isna().all():
-            skipped[metric] = skipped.get(extractor, f"skipped: {extractor} is not measured")
+    skipped |= sums.unmeasured(skipped)
     for metric in set(suite.class_metrics) & RECOGNITION_METRICS.keys():
-        if reason := _why_unrecognised(manifest, distances, records):
+        if reason := _why_unrecognised(manifest, distances, sums):
             skipped[metric] = f"skipped: {reason}"
         else:
             head = read_class_head(VIEWS_WEIGHTS)
-            records = with_confidence(records, distances[VIEWS], head)
-    return ScoredRun(directory, suite, manifest, records, distances, skipped)
+            sums.add_metric(metric, confidences(sums.cells, distances[VIEWS], head))
+    return ScoredRun(directory, suite, manifest, sums, distances, skipped)
 
 
 def _why_unrecognised(
-    manifest: Mapping[str, Any], features: Mapping[str, Features], records: pd.DataFrame
+    manifest: Mapping[str, Any], features: Mapping[str, Features], sums: ObjectSums
 ) -> str:
     """Return why the bundled classifier cannot judge the features of a run; empty if it can."""
     if VIEWS not in features:
@@ -132,7 +139,7 @@ def _why_unrecognised(
     if identity.removesuffix(" cuda") != bundled:  # the same weights, on a GPU
         return f"the features are not of the bundled weights of {VIEWS}; start the run again"
     known = read_class_head(VIEWS_WEIGHTS).classes
-    unknown = [name for name in dict.fromkeys(records["class"]) if name not in known]
+    unknown = [name for name in sums.objects_of if name not in known]
     if unknown:
         return f"the classifier of {VIEWS} does not know {', '.join(unknown)}"
     return ""

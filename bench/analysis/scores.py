@@ -8,15 +8,14 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from bench.analysis.cells import CellKey, cells, image_keys
+from bench.analysis.cells import CellKey, image_keys, read_cell
 from bench.analysis.comparison import NAN, Estimate
 from bench.analysis.distances import FeatureDistances, SetDistance, set_distance
 from bench.analysis.intervals import (
@@ -26,12 +25,13 @@ from bench.analysis.intervals import (
     mean_interval,
     median_interval,
 )
+from bench.analysis.object_sums import ObjectSums
 from bench.analysis.paper import AVERAGE
 from bench.analysis.recognition import true_gallery
 from bench.analysis.scored import ScoredRun
 from bench.catalogue.chosen import CHOSEN
 from bench.catalogue.methods import FLOOR
-from bench.catalogue.metrics import JUDGE, UNDEFINED, column, extractor_of, is_mean, value_range
+from bench.catalogue.metrics import JUDGE, UNDEFINED, extractor_of, is_mean, value_range
 from bench.judges import answers as judge
 from bench.records.record import GROUND_TRUTH
 from data_prep.arrays import Floats
@@ -119,32 +119,45 @@ class CellValue(NamedTuple):
 
 def image_rows(run: ScoredRun, metrics: Sequence[str]) -> list[RowWithSamples]:
     """Return the means over images by metrics of images, for all cells."""
-    rows = []
-    names = [column(metric) for metric in metrics if metric not in run.skipped]
-    for cell, group in cells(run.records):
-        ok = group[group["outcome"] == "ok"]
-        means = ok.groupby("object", sort=True)[names].mean()
-        blank = _blank_for_failed(cell, group, run.records)
-        for metric in metrics:
-            if metric in run.skipped:
-                value = CellValue(note=run.skipped[metric])
-            else:
-                columns = (frame[column(metric)].to_numpy() for frame in (ok, blank, means))
-                value = _mean_of_images(metric, *columns)
-            rows.append(_row(run, cell, metric, group, value))
-    return rows
+    return mean_rows(run.suite.id, run.sums, metrics, run.skipped)
 
 
-def _mean_of_images(metric: str, scores: Floats, blank: Floats, per_object: Floats) -> CellValue:
-    images = len(scores)
-    if metric in UNDEFINED:  # by any other metric, no value is an error and shows as such
-        scores, blank, per_object = (a[~np.isnan(a)] for a in (scores, blank, per_object))
-    interval = clipped(mean_interval(per_object), value_range(metric))
+def mean_rows(
+    suite: str, sums: ObjectSums, metrics: Sequence[str], skipped: Mapping[str, str]
+) -> list[RowWithSamples]:
+    """Return the means over images by metrics of images, for all cells of some sums.
+
+    `skipped` has the reasons for metrics that were not measured.
+    """
+    return [
+        quality_row(
+            suite,
+            sums,
+            cell,
+            metric,
+            CellValue(note=skipped[metric])
+            if metric in skipped
+            else _mean_of_images(sums, cell, metric),
+        )
+        for cell in sums.cells
+        for metric in metrics
+    ]
+
+
+def _mean_of_images(sums: ObjectSums, cell: CellKey, metric: str) -> CellValue:
+    drawn, _ = sums.images(cell)
+    total, count = sums.totals(cell, metric)
+    of_blank, blanks = sums.totals(cell, metric, blanks=True)
+    missing = drawn - count
+    if missing and metric not in UNDEFINED:  # an error, and shows as such
+        total = of_blank = NAN
+    per_object = sums.per_object(cell, metric)
+    per_object = per_object[~np.isnan(per_object)]
     return CellValue(
-        Estimate(_mean(scores), *interval),
-        _mean(np.concatenate([scores, blank])),
+        Estimate(_ratio(total, count), *clipped(mean_interval(per_object), value_range(metric))),
+        _ratio(total + of_blank, count + blanks),
         per_object,
-        undefined=images - len(scores),
+        undefined=missing if metric in UNDEFINED else 0,
     )
 
 
@@ -164,14 +177,14 @@ def distance_rows(
 ) -> list[RowWithSamples]:
     """Return the distances by features, for all cells; `reason` says why there are no features."""
     return [
-        _row(
-            run,
+        quality_row(
+            run.suite.id,
+            run.sums,
             cell,
             metric,
-            group,
             CellValue(note=reason) if features is None else _distance(cell, features, distance),
         )
-        for cell, group in cells(run.records)
+        for cell in run.sums.cells
     ]
 
 
@@ -205,26 +218,46 @@ def recognition_rows(run: ScoredRun) -> list[QualityRow]:
     answers, reason = run.features.get(JUDGE), run.skipped.get(JUDGE, "")
     galleries: dict[str, judge.Gallery] = {}
     rows = []
-    for cell, group in cells(run.records):
-        ok, blank = group[group["outcome"] == "ok"], _blank_for_failed(cell, group, run.records)
-        _, condition, class_name = cell
-        if answers is not None and class_name not in galleries:
-            galleries = {class_name: true_gallery(answers, class_name)}  # of one class at a time
-        for metric in run.suite.control_metrics:
-            if answers is None:
-                value = CellValue(note=reason)
-            elif metric == "retrieval" and (why := judge.why_no_retrieval(galleries[class_name])):
-                value = CellValue(note=why)
-            elif ok.empty:
-                value = CellValue(note="no images")
-            else:
-                drawn, of_blank = (
-                    _per_image(metric, key, images, answers, galleries[class_name])
-                    for key, images in ((cell, ok), ((FLOOR, condition, class_name), blank))
-                )
-                value = _recognised(metric, drawn, of_blank, ok["object"].to_numpy())
-            rows.append(_row(run, cell, metric, group, value).row)
+    for cell in run.sums.cells:
+        values = dict.fromkeys(run.suite.control_metrics, CellValue(note=reason))
+        if answers is not None:
+            if cell[2] not in galleries:
+                galleries = {cell[2]: true_gallery(answers, cell[2])}  # of one class at a time
+            images = read_cell(run.directory, cell)
+            values = {m: _recognised(m, cell, images, answers, galleries[cell[2]]) for m in values}
+        for metric, value in values.items():
+            rows.append(quality_row(run.suite.id, run.sums, cell, metric, value).row)
     return rows
+
+
+def _recognised(
+    metric: str,
+    cell: CellKey,
+    images: pd.DataFrame,
+    answers: FeatureDistances,
+    gallery: judge.Gallery,
+) -> CellValue:
+    """Return what is recognised in a cell. `images` are its records."""
+    if metric == "retrieval" and (why := judge.why_no_retrieval(gallery)):
+        return CellValue(note=why)
+    exists = images["outcome"] == "ok"
+    if not exists.any():
+        return CellValue(note="no images")
+    values = _per_image(metric, cell, images[exists], answers, gallery)
+    # Under the same condition, though a blank image does not depend on it: it may be missing or
+    # failed under another.
+    of_blank = (FLOOR, *cell[1:])
+    failed = images[images["outcome"] == "failed"]
+    known = set(answers.images(*of_blank)) if len(failed) else set()
+    failed = failed[[image in known for image in image_keys(failed)]]
+    with_blank = np.concatenate([values, _per_image(metric, of_blank, failed, answers, gallery)])
+    objects = images["object"][exists].to_numpy()
+    if metric == "retrieval":
+        per_object = np.asarray(pd.Series(values).groupby(objects).mean(), np.float64)
+        interval = clipped(mean_interval(per_object), value_range(metric))
+        return CellValue(Estimate(float(values.mean()), *interval), float(with_blank.mean()))
+    estimate = Estimate(float(np.median(values)), *median_interval(values, objects))
+    return CellValue(estimate, float(np.median(with_blank)))
 
 
 def _per_image(
@@ -244,16 +277,6 @@ def _per_image(
     if metric == "elevation-error-deg":
         return judge.elevation_error_deg(answered, records["elevation_deg"].to_numpy())
     return judge.found(gallery, answered, images)
-
-
-def _recognised(metric: str, values: Floats, blank: Floats, objects: NDArray[Any]) -> CellValue:
-    with_blank = np.concatenate([values, blank])
-    if metric == "retrieval":
-        per_object = np.asarray(pd.Series(values).groupby(objects).mean(), np.float64)
-        interval = clipped(mean_interval(per_object), value_range(metric))
-        return CellValue(Estimate(_mean(values), *interval), _mean(with_blank))
-    estimate = Estimate(float(np.median(values)), *median_interval(values, objects))
-    return CellValue(estimate, float(np.median(with_blank)))
 
 
 def class_rows(run: ScoredRun, metrics: Sequence[str]) -> list[QualityRow]:
@@ -313,46 +336,15 @@ def _average(of_cell: Sequence[RowWithSamples]) -> QualityRow:
     )
 
 
-def _blank_for_failed(cell: CellKey, group: pd.DataFrame, records: pd.DataFrame) -> pd.DataFrame:
-    """Return the records of the blank images in place of a cell's failed ones, where they exist."""
-    failed = group[group["outcome"] == "failed"]
-    if failed.empty:
-        return records.iloc[:0]
-    # Under the same condition, though a blank image does not depend on it: its record may be
-    # missing or failed under another.
-    blank = records[
-        (records["method"] == FLOOR)
-        & (records["condition"] == cell[1])
-        & (records["outcome"] == "ok")
-        & (records["class"] == cell[2])
-    ]
-    return blank.merge(failed[["object", "view"]], on=["object", "view"])
-
-
-def _row(
-    run: ScoredRun, cell: CellKey, metric: str, group: pd.DataFrame, value: CellValue
-) -> RowWithSamples:
-    """Return a row with the counts and the reasons for failures that its records give."""
-    outcomes = group["outcome"].tolist()
-    pairs = zip(outcomes, group["reason"].tolist(), strict=True)
-    reasons = Counter(reason for outcome, reason in pairs if outcome == "failed")
-    counts = outcomes.count("ok"), len(outcomes)
-    return quality_row(run.suite.id, cell, metric, counts, reasons, value)
-
-
 def quality_row(
-    suite: str,
-    cell: CellKey,
-    metric: str,
-    images: tuple[int, int],
-    reasons: Counter[str],
-    value: CellValue,
+    suite: str, sums: ObjectSums, cell: CellKey, metric: str, value: CellValue
 ) -> RowWithSamples:
-    """Return the row of a value. `images` are those that exist and that should."""
+    """Return the row of a value, with the counts of images and the reasons for failures."""
+    drawn, planned = sums.images(cell)
+    reasons = sums.reasons.get(cell, Counter[str]())
     message = [f"{count} x {reason}" for reason, count in reasons.most_common()]
     if value.undefined:
         message.append(f"{value.undefined} x {NO_VALUE}: {UNDEFINED[metric]}")
-    drawn, planned = images
     row = QualityRow(
         suite,
         *cell,
@@ -368,5 +360,5 @@ def quality_row(
     return RowWithSamples(row, value.per_object)
 
 
-def _mean(values: Floats) -> float:
-    return float(values.mean()) if len(values) else NAN
+def _ratio(total: float, count: int) -> float:
+    return total / count if count else NAN

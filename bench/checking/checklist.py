@@ -11,14 +11,13 @@ import numpy as np
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from bench.analysis.cells import cells, image_keys
-from bench.analysis.comparison import compare
+from bench.analysis.cells import CellKey
 from bench.analysis.paper import NETWORK, SURFACE
 from bench.analysis.recognition import true_gallery
 from bench.analysis.scored import read_scored
 from bench.catalogue.lookup import family_of
 from bench.catalogue.methods import FLOORS, known_method
-from bench.catalogue.metrics import JUDGE, column, is_mean
+from bench.catalogue.metrics import JUDGE
 from bench.catalogue.suite_types import TRUTHS
 from bench.checking.claim_findings import VERDICTS, ClaimFinding, Verdict, corrected
 from bench.checking.claim_rules import CHAIR, RECOGNISABLE
@@ -237,20 +236,19 @@ def _quality_evidence(
     metrics = [
         metric
         for metric in dict.fromkeys(wanted)
-        if metric in scored.features or (is_mean(metric) and column(metric) in scored.records)
+        if metric in scored.features or metric in scored.sums.metrics
     ]
     known = [m for m in manifest["methods"] if family_of(m) == NETWORK or m in subjects]
-    chosen = scored.records["method"].isin([SURFACE, "true-mesh", *FLOORS, *known])
-    compared = compare(scored.records[chosen], scored.features, metrics)
+    chosen = [SURFACE, "true-mesh", *FLOORS, *known]
+    compared = scored.compared(metrics, chosen)
     if not compared:
         raise BadInput(f"{directory}: no object of this run could be drawn; fix the dataset")
     features = scored.features.get("fd-views")
-    classes = scored.records["class"].unique().tolist()
     judged = scored.features.get(JUDGE)
     return QualityEvidence(
         {(c.condition, c.class_name): c for c in compared},
-        {} if features is None else spreads(features, classes),
-        {} if judged is None else retrieval_of_chairs(scored.records[chosen], judged),
+        {} if features is None else spreads(features, scored.sums.objects_of),
+        {} if judged is None else retrieval_of_chairs(scored.sums.cells, judged),
         _trainings(known),
         tuple(subjects),
         seed_spreads(),
@@ -274,22 +272,22 @@ def _trainings(methods: Iterable[str]) -> dict[str, Training]:
     return trainings
 
 
-def retrieval_of_chairs(records: pd.DataFrame, judged: Features) -> dict[tuple[str, str], Any]:
+def retrieval_of_chairs(cells: Iterable[CellKey], judged: Features) -> dict[tuple[str, str], Any]:
     """Return the share of each chair's images by which the judge finds it, [G].
 
     It is by method and condition; empty without chairs, and where the gallery is too small.
     """
-    chairs = records[records["class"] == CHAIR]
-    if chairs.empty:
+    of_chairs = [cell for cell in cells if cell[2] == CHAIR]
+    if not of_chairs:
         return {}
     gallery = true_gallery(judged, CHAIR)
     if why_no_retrieval(gallery):
         return {}
     by_cell = {}
-    for cell, group in cells(chairs[chairs["outcome"] == "ok"]):
-        images = image_keys(group)
+    for cell in of_chairs:
+        images = judged.images(*cell)
         hits = pd.Series(found(gallery, judged.of(*cell, images), images))
-        shares = hits.groupby(group["object"].to_numpy()).mean()
+        shares = hits.groupby([obj for obj, _ in images]).mean()
         # An object without images is not found.
         per_object = shares.reindex(sorted(gallery.objects), fill_value=0.0).to_numpy()
         by_cell[cell[0], cell[1]] = per_object

@@ -29,7 +29,6 @@ from numpy.typing import NDArray
 
 from bench.analysis.scored import ScoredRun, in_order
 from bench.catalogue.methods import find_method
-from bench.catalogue.metrics import column
 from bench.checking.thumbnails import NO_IMAGE, read_png, thumbnail, to_png
 from bench.checking.tolerances import object_tolerance
 from bench.records.artifacts import JobName
@@ -72,10 +71,13 @@ def object_values(run: ScoredRun) -> pd.DataFrame:
     metrics. NaN where no view has a value.
     """
     metrics = [*run.suite.image_metrics, *run.suite.detail_metrics]
-    records = in_order(run.records, run.manifest, KEY)
-    columns = {column(metric): metric for metric in metrics}
-    scores = records[list(columns)].where(records["outcome"] == "ok")
-    return scores.rename(columns=columns).groupby([records[k] for k in KEY], sort=False).mean()
+    frames = []
+    for cell in run.sums.cells:
+        _, planned = run.sums.numbers(cell)
+        values = {metric: run.sums.per_object(cell, metric) for metric in metrics}
+        keys = dict(zip(KEY, (*cell, run.sums.objects(cell[2])), strict=True))
+        frames.append(pd.DataFrame(keys | values)[planned > 0])
+    return in_order(pd.concat(frames), run.manifest, KEY).set_index(KEY)
 
 
 class StoredImages:

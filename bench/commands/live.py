@@ -8,18 +8,10 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from bench.analysis.decided import (
-    DecidedPairs,
-    ObjectMeans,
-    classes_of,
-    headline_pairs,
-    object_means,
-)
-from bench.analysis.running_scores import RunningScores
-from bench.analysis.scores import QualityRow
-from bench.catalogue.methods import FLOOR
+from bench.analysis.decided import DecidedPairs, classes_of, headline_pairs
+from bench.analysis.object_sums import ObjectSums
+from bench.analysis.scores import QualityRow, mean_rows
 from bench.catalogue.metrics import LEARNED_METRICS, is_mean
-from bench.catalogue.suites import Suite
 from bench.catalogue.truth import stored_suite
 from bench.records.record import Record
 from bench.records.run_folder import PROTOCOL
@@ -39,12 +31,10 @@ class LiveTable:
 
     def __init__(self) -> None:
         self._added: set[str] = set()
-        self._scores: RunningScores | None = None
+        self._sums: ObjectSums | None = None
         self._decided: DecidedPairs | None = None
         self._until_decided = False
-        # Objects in the order of their start, and means of those that ended before an earlier one.
-        self._order: deque[str] = deque()
-        self._waiting: dict[str, ObjectMeans] = {}
+        self._order: deque[str] = deque()  # the objects that pairs have not seen, as they start
 
     def begin(self, manifest: Mapping[str, Any], order: Sequence[str]) -> None:
         """Take the manifest of a run and its objects in the order of their start.
@@ -61,30 +51,26 @@ class LiveTable:
                 f"--until-decided: {', '.join(manifest['methods'])} have no pair to decide: give a "
                 "network and a reconstruction, at a condition that ranks reconstructions"
             )
+        means = [metric for metric in suite.headline if is_mean(metric)]
+        self._sums = ObjectSums(manifest["methods"], manifest["conditions"], order, means)
         if pairs:
             self._decided = DecidedPairs(pairs, classes_of(order))
             self._order.extend(order)
 
-    def add(self, object_name: str, records: Sequence[Record], suite: Suite) -> None:
+    def _add(self, object_name: str, records: Sequence[Record]) -> None:
         """Add all records of an object "class/name" whose jobs have all ended."""
+        assert self._sums is not None, "a run has begun"
         self._added.add(object_name)
-        metrics = [metric for metric in suite.headline if is_mean(metric)]
-        if self._scores is None:
-            self._scores = RunningScores(suite.id, metrics)
-        self._scores.add(records)
-        if self._decided is None:
-            return
-        self._waiting[object_name] = object_means(records, metrics, FLOOR)
-        while self._order and self._order[0] in self._waiting:
+        self._sums.add_object(records)
+        while self._decided is not None and self._order and self._order[0] in self._added:
             name = self._order.popleft()
-            self._decided.add(name.partition("/")[0], self._waiting.pop(name))
+            self._decided.add(name.partition("/")[0], self._sums.means_of(name, self._sums.metrics))
 
     def add_missing(self, snapshot: PartialRun) -> None:
         """Add the objects of a run that have not been added yet."""
-        suite = stored_suite(snapshot.manifest)
         missing = (name for name in snapshot.plan.names if name not in self._added)
         for obj in snapshot.plan.select(missing):
-            self.add(obj.name, snapshot.read_records(obj), suite)
+            self._add(obj.name, snapshot.read_records(obj))
 
     def enough(self) -> bool:
         """Return whether the run was to end when decided, and is."""
@@ -96,17 +82,12 @@ class LiveTable:
         Return the headline table.
         """
         self.add_missing(snapshot)
-        assert self._scores is not None, "a snapshot has an object"
+        assert self._sums is not None, "a run has begun"
         manifest = snapshot.manifest
         suite = stored_suite(manifest)
-        reasons = manifest.get("skipped_metrics", {})
-        skipped = {
-            metric: reasons.get(extractor, f"skipped: {extractor} is not measured")
-            for metric, extractor in LEARNED_METRICS.items()
-            if metric in suite.headline and not self._scores.has_values(metric)
-        }
+        skipped = self._sums.unmeasured(manifest.get("skipped_metrics", {}))
         with threadpool_limits(1):
-            rows = self._scores.rows(manifest["methods"], manifest["conditions"], skipped)
+            rows = mean_rows(suite.id, self._sums, self._sums.metrics, skipped)
             table = headline_of(suite, manifest, rows)
         tables: list[Table[Any]] = [table]
         if self._decided is not None:

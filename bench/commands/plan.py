@@ -72,7 +72,7 @@ def expected_cost(run: RunStatus) -> str:
         f"({basis if guessed else 'by the jobs in the folder'})"
     )
     blocks: list[Block] = [
-        f"jobs: {jobs:,} to do, {_every(run) - jobs:,} done",
+        f"jobs: {jobs:,} to do, {run.plan.job_count - jobs:,} done",
         cost_table(run, recorded),
         summary if jobs else "",
     ]
@@ -82,7 +82,7 @@ def expected_cost(run: RunStatus) -> str:
 def plan_of(run: RunStatus, samples: Sequence[Sample]) -> Iterator[Block]:
     """Yield the jobs, time, disk space and memory of a run, from the samples of its pilot."""
     protocol, jobs = run.protocol, sum(run.left.values())
-    done = _every(run) - jobs
+    done = run.plan.job_count - jobs
     places = (((s.job.method, s.job.condition), s.cost) for s in samples)
     costs = mean_costs(places, run.left)
     objects = {(s.job.object.class_name, s.job.object.object_id) for s in samples}
@@ -128,11 +128,6 @@ def cost_table(run: RunStatus, costs: Mapping[MethodCondition, Cost]) -> Grid:
             line(Cell("all", special=BOLD), methods),
         ],
     )
-
-
-def _every(run: RunStatus) -> int:
-    """Return how many jobs the whole run has."""
-    return len(run.plan) * run.plan.jobs_per_object
 
 
 def _total(left: Mapping[MethodCondition, int], costs: Mapping[MethodCondition, Cost]) -> Cost:

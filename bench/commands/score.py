@@ -34,7 +34,7 @@ from bench.commands.options import DEVICE, Device, RunDirectory, names
 from bench.metrics.inception_weights import WeightsUnavailable
 from bench.records.artifacts import JobName
 from bench.records.features import ImageKey
-from bench.records.record import GROUND_TRUTH
+from bench.records.record import COLUMNS, GROUND_TRUTH
 from bench.records.stored_artifacts import Artifact
 from bench.report.stored import Sources, open_sources
 from bench.running.work import reason_of
@@ -43,6 +43,8 @@ from bench.tables.table import Table, of_truth, write_tables
 from data_prep.arrays import Floats
 from data_prep.failures import BadInput
 from data_prep.scene import UInt8Images
+
+IMAGES = ("method", "condition", "class", "object", "view", "outcome")
 
 
 def score(directory: Path, metrics: Sequence[ImageMetric | SetMetric]) -> list[Table[QualityRow]]:
@@ -59,7 +61,7 @@ def score_run_of(
 ) -> list[Table[QualityRow]]:
     """Return `score` of a run whose records are written, and write its tables."""
     for metric in metrics:
-        if column(metric.id) in run.records.columns:
+        if column(metric.id) in COLUMNS:
             raise BadInput(
                 f"metric '{metric.id}': the records have a column of that name; rename it"
             )
@@ -82,10 +84,11 @@ def score_run_of(
 def _image_rows(run: ScoredRun, sources: Sources, metric: ImageMetric) -> list[RowWithSamples]:
     """Return the means over images; skipped where something optional is not installed."""
     try:
-        skipped, records = {}, scored(run.records, sources, metric)
+        run.sums.add_metric(metric.id, [scored(run.read_images(IMAGES), sources, metric)])
+        skipped = {}
     except WeightsUnavailable as error:
-        skipped, records = {metric.id: f"skipped: {error}"}, run.records
-    return image_rows(replace(run, records=records, skipped=skipped), [metric.id])
+        skipped = {metric.id: f"skipped: {error}"}
+    return image_rows(replace(run, skipped=skipped), [metric.id])
 
 
 def _set_rows(run: ScoredRun, sources: Sources, metric: SetMetric) -> list[RowWithSamples]:
@@ -100,7 +103,7 @@ def _set_rows(run: ScoredRun, sources: Sources, metric: SetMetric) -> list[RowWi
         kinds = {metric.id: FRECHET, f"{metric.id}-kernel": KERNEL}
     features = run.features.get(extractor_of(metric.id))
     if features is None:
-        features = FeatureDistances(KeptFeatures(run.records, sources, metric))
+        features = FeatureDistances(KeptFeatures(run.read_images(IMAGES), sources, metric))
     try:
         return [
             row for name, kind in kinds.items() for row in distance_rows(run, name, kind, features)
@@ -147,12 +150,12 @@ class KeptFeatures:
 
 
 def scored(records: pd.DataFrame, sources: Sources, metric: ImageMetric) -> pd.DataFrame:
-    """Return the records with a column for the metric, NaN for a failed image.
+    """Return the records of existing images with a column for the metric.
 
     Raises BadInput as `score`.
     """
-    values = pd.Series(np.nan, index=records.index)
     ok = records[records["outcome"] == "ok"]
+    values = pd.Series(np.nan, index=ok.index)
     # A method that sees no cloud has one artifact for all conditions.
     by_artifact: dict[Artifact | None, Floats] = {}
     # Object by object: a network need not look at the true images again for each method.
@@ -164,7 +167,7 @@ def scored(records: pd.DataFrame, sources: Sources, metric: ImageMetric) -> pd.D
             drawn, truth = kept_images(sources, item), kept_images(sources, item.truth)
             by_artifact[artifact] = checked_scores(metric, truth, drawn)
         values[group.index] = by_artifact[artifact][group["view"].to_numpy()]
-    return records.assign(**{column(metric.id): values})
+    return ok.assign(**{column(metric.id): values})
 
 
 def kept_images(sources: Sources, name: JobName) -> UInt8Images:

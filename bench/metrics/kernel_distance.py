@@ -13,7 +13,8 @@ Sums over pairs are taken in the cheaper of two ways. With u = (x / sqrt(d), 1) 
 k(x, y) = (u.v)^3 is the inner product of the third powers u_i u_j u_k and v_i v_j v_k. So the sum
 over two sets is the inner product of their third moments, for d^3 / 3 multiplications a row; pairs
 take d for each row of the other set, and half the time for each multiplication. Moments are cheaper
-above 5,600 rows of 64 features, and 88,000 of 256.
+above 5,600 rows of 64 features, and 88,000 of 256. In memory are the features as they are given,
+and a few thousand rows of them in float64.
 
 Each mean of kernels is off by at most (n + m + d^2 + 6 d + 200) 2^-53 of the same mean of
 (|x|.|y| / d + 1)^3: so many numbers are rounded on the way of a product to the result, n + m of
@@ -28,10 +29,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.metrics.frechet import object_blocks
 from data_prep.arrays import Floats
 
 _ROWS, _COLUMNS = 256, 1024  # kernels are taken of so many rows with so many: they fit the cache
+_MOMENT_ROWS = 4096  # of a block that are in float64 at a time
 
 
 def kernel_distance(x: NDArray[Any], y: NDArray[Any]) -> float:
@@ -44,23 +45,6 @@ def kernel_distance(x: NDArray[Any], y: NDArray[Any]) -> float:
     """
     sets = (KernelSet(rows, np.zeros(len(rows), np.intp), 1) for rows in (x, y))
     return kernel_distances(*sets)[0]
-
-
-def left_out_kernel_distances(
-    x: NDArray[Any], y: NDArray[Any], groups_x: NDArray[Any], groups_y: NDArray[Any]
-) -> tuple[float, Floats]:
-    """Return the distance, and those [g] without each object, left out as in `frechet`.
-
-    groups_x [n] and groups_y [m] name the object of each row; objects in sorted order, of many
-    objects groups of them (`bench.metrics.frechet.object_blocks`). NaN without one that leaves
-    fewer than two rows of a set. Raises as `kernel_distance`.
-    """
-    names, block = object_blocks(np.concatenate([np.unique(groups_x), np.unique(groups_y)]))
-    sets = (
-        KernelSet(rows, block[np.searchsorted(names, groups)], int(block.max()) + 1)
-        for rows, groups in ((x, groups_x), (y, groups_y))
-    )
-    return kernel_distances(*sets)
 
 
 class KernelSet:
@@ -76,10 +60,16 @@ class KernelSet:
         order = np.argsort(member, kind="stable")
         self.member = member[order]
         self.ends = np.searchsorted(self.member, np.arange(count + 1))
-        self.width = values.shape[1]
+        self.count, self.width = values.shape
+        self._values = values[order]  # in float32 where they are: half of the memory
+
+    def rows(self, low: int, high: int) -> Floats:
+        """Return rows u of the head of this module, [high - low, d + 1], in float64."""
         # A feature that is 1 takes the place of the 1 in the kernel, for all pairs at once.
-        self.rows = np.ones((len(values), self.width + 1))
-        np.divide(values[order], np.sqrt(self.width), out=self.rows[:, :-1])
+        values = self._values[low:high]
+        rows = np.ones((len(values), self.width + 1))
+        np.divide(values, np.sqrt(self.width), out=rows[:, :-1], dtype=np.float64)
+        return rows
 
     @property
     def sizes(self) -> Floats:
@@ -97,14 +87,15 @@ class KernelSet:
         else:
             sums = np.triu(_pair_sums(self, self, from_own_block=True))
             sums += np.triu(sums, 1).T
-        squares = np.einsum("nd,nd->n", self.rows, self.rows)
+        parts = (self.rows(low, low + _COLUMNS) for low in range(0, self.count, _COLUMNS))
+        squares = np.concatenate([np.einsum("nd,nd->n", rows, rows) for rows in parts])
         return sums - np.diag(np.bincount(self.member, squares**3, len(sums)))
 
 
 def kernel_distances(x: KernelSet, y: KernelSet) -> tuple[float, Floats]:
-    """Return the distance, and those [g] without each block, NaN as `left_out_kernel_distances`.
+    """Return the distance, and those [g] without each block.
 
-    Raises ValueError where d differs.
+    NaN without a block that leaves fewer than two rows of a set. Raises ValueError where d differs.
     """
     if x.width != y.width:
         raise ValueError(f"sets of {x.width} and {y.width} features cannot be compared")
@@ -124,7 +115,7 @@ def kernel_distances(x: KernelSet, y: KernelSet) -> tuple[float, Floats]:
 
 
 def _moments_are_cheaper(a: KernelSet, b: KernelSet) -> bool:
-    n, m, d = len(a.rows), len(b.rows), a.width + 1
+    n, m, d = a.count, b.count, a.width + 1
     return 2 * (n + m) * d * d < 3 * n * m  # one of moments takes twice as long, as measured
 
 
@@ -137,10 +128,10 @@ def _pair_sums(a: KernelSet, b: KernelSet, from_own_block: bool = False) -> Floa
     sums = np.zeros((count, count))
     for block, (low, high) in enumerate(zip(a.ends[:-1], a.ends[1:], strict=True)):
         for start in range(low, high, _ROWS):
-            rows = a.rows[start : min(start + _ROWS, high)]
-            for begin in range(low if from_own_block else 0, len(b.rows), _COLUMNS):
+            rows = a.rows(start, min(start + _ROWS, high))
+            for begin in range(low if from_own_block else 0, b.count, _COLUMNS):
                 columns = slice(begin, begin + _COLUMNS)
-                products = rows @ b.rows[columns].T
+                products = rows @ b.rows(begin, begin + _COLUMNS).T
                 # A power of arrays takes five times as long.
                 kernels = np.einsum("nm,nm->m", products * products, products)
                 sums[block] += np.bincount(b.member[columns], kernels, count)
@@ -170,13 +161,17 @@ def _moments_from(rows: KernelSet, first: int) -> Floats:
     size = rows.width + 1 - first
     moments = np.empty((len(rows.sizes), size, size))
     for block, (low, high) in enumerate(zip(rows.ends[:-1], rows.ends[1:], strict=True)):
-        part = rows.rows[low:high, first:]
-        np.matmul((part * part[:, :1]).T, part, out=moments[block])
+        moments[block] = 0.0
+        for start in range(low, high, _MOMENT_ROWS):
+            part = rows.rows(start, min(start + _MOMENT_ROWS, high))[:, first:]
+            moments[block] += (part * part[:, :1]).T @ part
     return moments
 
 
-def _checked(features: NDArray[Any]) -> Floats:
-    values = np.asarray(features, np.float64)
+def _checked(features: NDArray[Any]) -> NDArray[Any]:
+    values = np.asarray(features)
+    if values.dtype != np.float32:
+        values = values.astype(np.float64)
     if values.ndim != 2 or len(values) < 2 or not values.shape[1]:
         raise ValueError(f"features must be [n, d] with n >= 2, got {list(values.shape)}")
     if not np.isfinite(values).all():

@@ -161,5 +161,10 @@ def _range(footer: Any, number: int, name: str) -> _Range | None:
     return _Range(statistics.min, statistics.max)
 
 
+def may_hold(footer: Any, number: int, name: str, value: str) -> bool:
+    """Return whether a row group may have a value in a column, by the statistics of the file."""
+    return _overlap(_range(footer, number, name), _Range(value, value))
+
+
 def _overlap(range_: _Range | None, other: _Range) -> bool:
     return range_ is None or (range_.low <= other.high and other.low <= range_.high)

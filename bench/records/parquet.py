@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from bench.records.artifacts import JobName, unpack
-from bench.records.features import FeatureFile, unreadable
+from bench.records.features import FeatureFile, may_hold, unreadable
 from bench.records.record import COLUMNS, SCHEMA_VERSION, TYPES, Record
 from bench.records.store import JobRow, Store
 from data_prep.failures import BadInput
@@ -84,30 +85,65 @@ def _write_group(writer: pq.ParquetWriter, columns: Mapping[str, Sequence[Any]])
     writer.write_table(pa.Table.from_arrays(arrays, schema=_RECORDS_SCHEMA))
 
 
-def read_records(directory: Path, columns: Sequence[str] = COLUMNS) -> pd.DataFrame:
-    """Return the records of a run, or some columns of them.
+def read_records(directory: Path, columns: Sequence[str] = COLUMNS, **only: str) -> pd.DataFrame:
+    """Return the records of a run, or some columns of them, in one frame.
 
-    Raises BadInput for a file that is missing, unreadable or of another version.
+    `only` gives a value that a text column has to have, as `method="blank"`: only the records with
+    that value are in memory. Raises BadInput as `read_batches`.
     """
-    table = _read_table(directory / RECORDS, COLUMNS, columns)
-    return table.to_pandas(use_threads=False)
+    with _open_records(directory, dictionaries=False) as file:
+        batches = list(_batches(file, directory, columns, only))
+        schema = pa.schema([file.schema_arrow.field(name) for name in columns])
+        return pa.Table.from_batches(batches, schema).to_pandas(use_threads=False)
 
 
-def _read_table(
-    path: Path, columns: Sequence[str], wanted: Sequence[str] | None = None
-) -> pa.Table:
-    """Return the `wanted` columns of a file (None: all); `columns` are those it has to have.
+def read_batches(
+    directory: Path, columns: Sequence[str] = COLUMNS, **only: str
+) -> Iterator[pd.DataFrame]:
+    """Yield the records of a run part by part, text as categories; `only` as `read_records`.
 
-    Raises BadInput for a file that is missing, unreadable or of another version.
+    One part is in memory at a time. Raises BadInput for a file that is missing, unreadable or of
+    another version.
     """
-    if not path.is_file():
-        raise BadInput(f"{path.parent}: no {path.name}; the run is not finished, start it again")
+    with _open_records(directory, dictionaries=True) as file:
+        for batch in _batches(file, directory, columns, only):
+            yield batch.to_pandas(use_threads=False)
+
+
+def _batches(
+    file: pq.ParquetFile, directory: Path, columns: Sequence[str], only: Mapping[str, str]
+) -> Iterator[pa.RecordBatch]:
+    groups = [
+        number
+        for number in range(file.num_row_groups)
+        if all(may_hold(file.metadata, number, name, value) for name, value in only.items())
+    ]
+    read = list(dict.fromkeys((*columns, *only)))
     try:
-        stored = pq.read_schema(path)
-        known = [name for name in wanted or stored.names if name in stored.names]
-        table = pq.read_table(path, columns=known, use_threads=False)  # threads take memory each
+        # Threads take memory each.
+        for batch in file.iter_batches(_ROW_GROUP, groups, read, use_threads=False):
+            for name, value in only.items():
+                batch = batch.filter(pc.call_function("equal", [batch[name], pa.scalar(value)]))
+            if len(batch):
+                yield batch.select(columns)
+    except (pa.ArrowException, OSError) as error:
+        raise unreadable(directory / RECORDS, error) from error
+
+
+def _open_records(directory: Path, dictionaries: bool) -> pq.ParquetFile:
+    """Return the open file of the records of a run; `dictionaries` reads text as categories.
+
+    Raises BadInput for a file that is missing, unreadable or of another version.
+    """
+    path = directory / RECORDS
+    if not path.is_file():
+        raise BadInput(f"{directory}: no {path.name}; the run is not finished, start it again")
+    text = [name for name in COLUMNS if name not in TYPES] if dictionaries else None
+    try:
+        file = pq.ParquetFile(path, read_dictionary=text)
     except (pa.ArrowException, OSError) as error:
         raise unreadable(path, error) from error
+    stored = file.schema_arrow
     try:
         schema = int((stored.metadata or {}).get(_SCHEMA_KEY, b"0"))
     except ValueError as error:
@@ -121,10 +157,10 @@ def _read_table(
             f"{path}: schema {schema} is older than {SCHEMA_VERSION}; start the run again with its "
             "command, to measure what is new"
         )
-    lacking = [name for name in columns if name not in stored.names]
+    lacking = [name for name in COLUMNS if name not in stored.names]
     if lacking:
         raise BadInput(f"{path}: no column {', '.join(lacking)}; start the run again")
-    return table
+    return file
 
 
 def write_features(

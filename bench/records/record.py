@@ -5,11 +5,8 @@ The order of the fields is the order of the columns of `records.parquet`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Any, Literal
-
-import pandas as pd
+from dataclasses import dataclass
+from typing import Literal
 
 SCHEMA_VERSION = 4  # of records and manifest; newer ones are refused, never guessed at
 
@@ -73,12 +70,3 @@ TYPES = {  # of the columns that are not text
     "lpips": "float64",
     **dict.fromkeys(("prepare_s", "draw_s"), "float64"),
 }
-
-
-def to_frame(records: Sequence[Record]) -> pd.DataFrame:
-    """Return records as a sorted table; `class_name` has its public name `class`."""
-    rows: list[dict[str, Any]] = [asdict(record) for record in records]
-    frame = pd.DataFrame(rows, columns=list(Record.__dataclass_fields__)).astype(TYPES)
-    frame = frame.rename(columns={"class_name": "class"})
-    keys = ["suite", "method", "condition", "class", "object", "view"]
-    return frame.sort_values(keys, kind="stable", ignore_index=True)

@@ -130,8 +130,7 @@ def _failed_records(directory: Path) -> dict[str, dict[str, Any]]:
     """Return the record of the first view of each failed job, by its name."""
     cases = read_finished(directory)["suite"] == STABILITY.id
     columns = ["method", "condition", *(() if cases else ("class", "object"))]
-    frame = read_records(directory)
-    failed = frame[frame["outcome"] == "failed"].drop_duplicates(columns)
+    failed = read_records(directory, outcome="failed").drop_duplicates(columns)
     rows: list[Any] = failed.to_dict("records")
     return {"/".join(row[column] for column in columns): row for row in rows}
 

@@ -14,6 +14,7 @@ import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from bench.analysis.comparison import ALL, pooled
+from bench.analysis.object_sums import SECONDS
 from bench.analysis.scored import in_order
 from bench.catalogue.condition_names import condition_words
 from bench.catalogue.methods import find_method, role
@@ -25,6 +26,7 @@ from bench.catalogue.metrics import (
     NEIGHBOUR_METRICS,
     RECOGNITION_METRICS,
     SET_METRICS,
+    column,
     is_mean,
 )
 from bench.catalogue.suite_types import TRUTHS, Suite, Truth
@@ -86,10 +88,11 @@ def write_report(made: Outputs, out: Path | None = None) -> Path:
 def read_page(made: Outputs) -> Page:
     """Return the content of the report of a finished run. Raises BadInput as `write_report`."""
     run, manifest, suite = made.run, made.run.manifest, made.run.suite
-    by = ("method", "condition", "class", "object", "view")
-    records = in_order(run.records, manifest, by)
     views = int(manifest["views"])
     headline = [metric for metric in run.measured(suite.headline) if is_mean(metric)]
+    by = ("method", "condition", "class", "object", "view")
+    columns = (*by, "azimuth_deg", "elevation_deg", "outcome", "reason", "notes", *SECONDS)
+    records = in_order(run.read_images((*columns, column(headline[0]))), manifest, by)
     chosen = extremes(records, headline[0])
     sources = open_sources(run.directory, manifest, _shown(records, chosen))
     styles = method_styles(manifest["methods"])

@@ -88,6 +88,11 @@ class Plan(Sequence[ObjectJobs]):
         return 1 + seen
 
     @property
+    def job_count(self) -> int:
+        """Return how many jobs all objects have."""
+        return len(self) * self.jobs_per_object
+
+    @property
     def method_jobs(self) -> Iterator[Job]:
         """Yield the jobs of the methods, one for each condition, object by object."""
         return (job for obj in self for job in obj.method_jobs)

@@ -155,7 +155,7 @@ class Schedule:
         self.undrawn = ""
         self.working: set[str] = set()
         self.timing = NOTHING
-        self.total = self.left = len(planned) * planned.jobs_per_object
+        self.total = self.left = planned.job_count
         if not store.is_empty:
             for obj in self._plan:
                 self._recall(obj)

@@ -6,12 +6,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-import pandas as pd
+import numpy as np
 from threadpoolctl import threadpool_limits
 
+from bench.analysis.comparison import NAN
 from bench.analysis.condition_sweep import ConditionCurve, condition_curves, paired_comparisons
 from bench.analysis.decided import decided_pairs
 from bench.analysis.frontier import FrontierPoint, SubsampledFrontier, places, thinned
+from bench.analysis.object_sums import SECONDS, ObjectSums
 from bench.analysis.orderings import Ordering, orderings
 from bench.analysis.paper import Published
 from bench.analysis.scored import ScoredRun
@@ -161,7 +163,7 @@ def make_outputs(run: ScoredRun) -> Outputs:
         run,
         headline=headline(run),
         tables=tuple(tables(run)),
-        cost=cost_table(run.records, how_timed(run.manifest)),
+        cost=cost_table(run.sums, how_timed(run.manifest)),
         frontier_tables=frontier_tables(run),
         orderings=class_orderings(run),
         curves=curves(run),
@@ -197,21 +199,26 @@ def how_timed(manifest: Mapping[str, Any]) -> str:
     )
 
 
-def cost_table(records: pd.DataFrame, remark: str) -> str:
+def cost_table(sums: ObjectSums, remark: str) -> str:
     """Return the median costs in milliseconds, per cloud and per view, as Markdown.
 
     It is not one of the tables: times differ from run to run. `remark` says how they were taken.
     """
-    ok = records[records["outcome"] == "ok"]
-    per_cloud = ok.drop_duplicates(["method", "condition", "class", "object"])
-    conditions = list(dict.fromkeys(records["condition"]))
+    cells = sums.cells
+    conditions = list(dict.fromkeys(condition for _, condition, _ in cells))
     lines = []
-    for method in dict.fromkeys(records["method"]):
+    for method in dict.fromkeys(method for method, _, _ in cells):
         line = [method]
-        for condition in conditions:
-            chosen = (per_cloud["method"] == method) & (per_cloud["condition"] == condition)
-            prepare_s, draw_s = per_cloud.loc[chosen, ["prepare_s", "draw_s"]].median()
-            line.append(f"{1000 * prepare_s:.1f} + {1000 * draw_s:.1f}" if chosen.any() else "-")
+        for at in conditions:
+            classes = [cell for cell in cells if cell[:2] == (method, at)]
+            drawn = any(sums.images(cell)[0] for cell in classes)
+            prepare_s, draw_s = (
+                np.nanmedian(np.concatenate([sums.per_object(cell, name) for cell in classes]))
+                if drawn
+                else NAN
+                for name in SECONDS
+            )
+            line.append(f"{1000 * prepare_s:.1f} + {1000 * draw_s:.1f}" if drawn else "-")
         lines.append(line)
     title = "# Cost: median milliseconds to prepare a cloud + to draw a view (one thread)"
     return markdown.document([title, remark, grid(["method", *conditions], lines)])

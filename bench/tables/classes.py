@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 
-from bench.analysis.orderings import objects_of
 from bench.analysis.paper import SURFACE, Published, network_of
 from bench.analysis.scored import ScoredRun
 from bench.analysis.scores import QualityRow, class_rows
@@ -49,7 +48,7 @@ def table_of_classes(spec: TableSpec, rows: Iterable[QualityRow], remark: str) -
 
 def remark(run: ScoredRun) -> str:
     """Return the number of objects of each class, and which classes have few or none."""
-    counts = objects_of(run)
+    counts = run.sums.objects_of
     message = (
         "`fid`, `kid`, `fd-views` and `kd-views` are distances (lower is better), the others "
         "similarities (higher is better). The average is over classes, each counting alike."

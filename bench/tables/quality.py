@@ -75,7 +75,7 @@ def recognition_table(run: ScoredRun, spec: TableSpec, published: Published) -> 
         sizes = ", ".join(
             f"{len({obj for obj, _ in answers.images(GROUND_TRUTH, '', name)})} of class "
             f"{markdown.cell(name)}"
-            for name in ordered(map(str, run.records["class"]))
+            for name in run.sums.objects_of
         )
         remark += f" Retrieval is among all objects of the run ({sizes}): by chance 1 in as many."
     return quality_table(spec, annotated(recognition_rows(run), run.manifest, {}), remark)

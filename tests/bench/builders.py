@@ -5,7 +5,7 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Iterable
 from contextlib import closing, suppress
-from dataclasses import replace
+from dataclasses import asdict, replace
 from hashlib import sha256
 from pathlib import Path
 
@@ -15,15 +15,22 @@ import pytest
 from harness_objects import Tetrahedron
 
 from bench.analysis.intervals import distance_interval
+from bench.analysis.object_sums import ObjectSums
 from bench.analysis.scored import ScoredRun, scored_run
 from bench.catalogue.methods import FLOORS
 from bench.catalogue.metrics import IMAGE_METRICS, column
 from bench.catalogue.suites import SUITES, Suite
-from bench.metrics.frechet import JackknifeMoments, frechet_distance, left_out_distances
+from bench.metrics.frechet import (
+    JackknifeMoments,
+    frechet_distance,
+    left_out_distances,
+    object_blocks,
+)
+from bench.metrics.kernel_distance import KernelSet, kernel_distances
 from bench.records.artifacts import JobName, pack
 from bench.records.job import Job, Result
 from bench.records.parquet import read_records, write_features, write_records
-from bench.records.record import GROUND_TRUTH, SCHEMA_VERSION, Record
+from bench.records.record import GROUND_TRUTH, SCHEMA_VERSION, TYPES, Record
 from bench.records.run_folder import open_folder, write_manifest
 from bench.records.store import STORE, pack_records, unpack_columns
 from bench.records.stored_artifacts import Artifact
@@ -47,6 +54,16 @@ def frechet_interval(x, y, objects_x, objects_y) -> tuple[float, float]:
     """Of the distance of features x and y, whose rows show these objects."""
     a, b = JackknifeMoments(x, objects_x), JackknifeMoments(y, objects_y)
     return distance_interval(frechet_distance(x, y), left_out_distances(a, b))
+
+
+def left_out_kernel_distances(x, y, groups_x, groups_y):
+    """The distance of rows [n] and [m], and those without each object, named by `groups`."""
+    names, block = object_blocks(np.concatenate([np.unique(groups_x), np.unique(groups_y)]))
+    sets = (
+        KernelSet(rows, block[np.searchsorted(names, groups)], int(block.max()) + 1)
+        for rows, groups in ((x, groups_x), (y, groups_y))
+    )
+    return kernel_distances(*sets)
 
 
 def make_record(method="splat", condition="2048", obj="a", view=0, **changes) -> Record:
@@ -132,11 +149,39 @@ def finished_options(tiny_weights, out, **changes) -> Options:
     return replace(options, **changes)
 
 
+def to_frame(records) -> pd.DataFrame:
+    """Records as a sorted table, as `records.parquet` has them."""
+    rows = [asdict(record) for record in records]
+    frame = pd.DataFrame(rows, columns=list(Record.__dataclass_fields__)).astype(TYPES)
+    frame = frame.rename(columns={"class_name": "class"})
+    keys = ["suite", "method", "condition", "class", "object", "view"]
+    return frame.sort_values(keys, kind="stable", ignore_index=True)
+
+
+def names_of(records: pd.DataFrame) -> dict[str, list[str]]:
+    """What a manifest says of a run with these records, in their order."""
+    names = {f"{name}s": records[name].unique().tolist() for name in ("method", "condition")}
+    return names | {"objects": (records["class"] + "/" + records["object"]).unique().tolist()}
+
+
+def sums_of(records: pd.DataFrame, manifest=None) -> ObjectSums:
+    """The sums of records in one piece."""
+    names = names_of(records) | (manifest or {})
+    wanted = (names[name] for name in ("methods", "conditions", "objects"))
+    metrics = [metric for metric in IMAGE_METRICS if column(metric) in records]
+    sums = ObjectSums(*wanted, metrics)
+    sums.add(records)
+    sums.add_blanks(records)
+    return sums
+
+
 def scored_records(
     records: pd.DataFrame, suite: Suite, features=None, skipped=None, **manifest
 ) -> ScoredRun:
     """Return a scored run of these records, with distances by extractor, without a folder."""
-    return ScoredRun(Path("run"), suite, manifest, records, features or {}, skipped or {})
+    manifest = names_of(records) | manifest
+    sums = sums_of(records, manifest)
+    return ScoredRun(Path("run"), suite, manifest, sums, features or {}, skipped or {})
 
 
 def feature_index(methods, objects_of_class) -> pd.DataFrame:

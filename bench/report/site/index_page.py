@@ -203,13 +203,8 @@ def _card(run: SiteRun) -> RunCard:
     manifest = run.run.manifest
     failed, images = run.failed
     arguments = [str(argument) for argument in manifest.get("command", [])[1:]]
-    records = run.run.records
-    reasons = records[records["outcome"] != "ok"].groupby(["method", "reason"]).size()
-    names = {method.id: name for name, method in run.methods.items()}
-    failures = [
-        f"{names[str(method)]}: {count} × {reason}"
-        for (method, reason), count in reasons.sort_values(ascending=False)[:MOST_REASONS].items()  # type: ignore[misc]
-    ]
+    reasons = run.reasons
+    failures = [f"{name}: {count} × {why}" for (name, why), count in reasons[:MOST_REASONS]]
     if len(reasons) > MOST_REASONS:
         failures.append(f"{len(reasons) - MOST_REASONS} more reasons on the page of the run")
     copies = [

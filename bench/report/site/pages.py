@@ -145,29 +145,21 @@ def _run_page(run: SiteRun, downloads: Sequence[Link], ranked: Sequence[str]) ->
 
 def _failures(run: SiteRun) -> list[Section]:
     """Return how many images of each method failed, and why; nothing where none did."""
-    records = run.run.records
-    failed = records[records["outcome"] != "ok"]
-    if failed.empty:
+    reasons = run.reasons
+    if not reasons:
         return []
-    names = {method.id: name for name, method in run.methods.items()}
-    by_cell = failed.groupby(["method", "condition"]).size()
-    of_cell = records.groupby(["method", "condition"]).size()
     conditions = [str(name) for name in run.run.manifest["conditions"]]
+    failing = {name for (name, _), _ in reasons}
+    counted = {
+        name: [run.failed_images(name, at) for at in conditions]
+        for name in run.methods
+        if name in failing
+    }
     lines = [
-        [names[method]]
-        + [
-            Cell(f"{by_cell[method, at]} of {of_cell[method, at]}", float(by_cell[method, at]))
-            if (method, at) in by_cell.index
-            else NOTHING
-            for at in conditions
-        ]
-        for method in dict.fromkeys(failed["method"])
+        [name, *(Cell(f"{n} of {of}", float(n)) if n else NOTHING for n, of in counts)]
+        for name, counts in counted.items()
     ]
-    reasons = failed.groupby(["method", "reason"]).size().sort_values(ascending=False)
-    notes = [
-        f"{names[str(method)]}: {count} × {reason}"
-        for (method, reason), count in reasons.head(MOST_REASONS).items()  # type: ignore[misc]
-    ]
+    notes = [f"{name}: {count} × {why}" for (name, why), count in reasons[:MOST_REASONS]]
     if len(reasons) > MOST_REASONS:
         notes.append(f"{len(reasons) - MOST_REASONS} more reasons are in the full report.")
     heads = ["method", *map(condition_words, conditions)]

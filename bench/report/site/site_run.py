@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -117,8 +118,25 @@ class SiteRun:
     @property
     def failed(self) -> tuple[int, int]:
         """Return the number of failed images and of all images."""
-        outcomes = self.run.records["outcome"]
-        return int((outcomes != "ok").sum()), len(outcomes)
+        counts = map(self.run.sums.images, self.run.sums.cells)
+        drawn, planned = map(sum, zip(*counts, strict=True))
+        return planned - drawn, planned
+
+    @cached_property
+    def reasons(self) -> list[tuple[tuple[str, str], int]]:
+        """Return the number of failed images by method and reason, the most frequent first."""
+        names = {method.id: name for name, method in self.methods.items()}
+        counts = Counter[tuple[str, str]]()
+        for (method, _, _), reasons in sorted(self.run.sums.reasons.items()):
+            counts.update({(names[method], why): n for why, n in sorted(reasons.items())})
+        return counts.most_common()
+
+    def failed_images(self, method: str, condition: str) -> tuple[int, int]:
+        """Return the number of failed images of a method at a condition, and of all of them."""
+        sums, id_ = self.run.sums, self.methods[method].id
+        counts = [sums.images(cell) for cell in sums.cells if cell[:2] == (id_, condition)]
+        planned = sum(count for _, count in counts)
+        return planned - sum(count for count, _ in counts), planned
 
     @cached_property
     def costs(self) -> Grid | None:

@@ -18,7 +18,7 @@ from bench.analysis.comparison import (
 from bench.analysis.distances import FeatureDistances
 from bench.analysis.intervals import clipped, mean_interval, median_interval
 from bench.metrics.frechet import frechet_distance
-from bench.records.record import GROUND_TRUTH, to_frame
+from bench.records.record import GROUND_TRUTH
 
 from ..builders import (
     FeaturesAtHand,
@@ -26,6 +26,8 @@ from ..builders import (
     frechet_interval,
     make_failed,
     make_record,
+    sums_of,
+    to_frame,
 )
 from .comparisons import comparison, quality
 
@@ -58,7 +60,7 @@ def records(failed=()):
 
 
 def only(frame, metrics=("ssim",), features=None):
-    (comparison,) = compare(frame, features or {}, metrics)
+    (comparison,) = compare(sums_of(frame), features or {}, metrics)
     return comparison
 
 
@@ -101,15 +103,15 @@ def test_objects_without_true_images_are_left_out():
     comparison = only(to_frame([*records(), *lost]))
     assert comparison.objects == ("a", "b", "c")
     assert comparison.images["splat"] == (6, 7)
-    assert compare(to_frame(lost), {}, ["ssim"]) == []
+    assert compare(sums_of(to_frame(lost)), {}, ["ssim"]) == []
 
 
 def test_a_comparison_for_each_condition_and_class():
     frame = to_frame(records())
     others = frame.assign(condition="512"), frame.assign(**{"class": "car"})
-    made = compare(pd.concat([frame, *others]), {}, ["ssim"])
+    made = compare(sums_of(pd.concat([frame, *others])), {}, ["ssim"])
     found = [(c.condition, c.class_name) for c in made]
-    assert found == [("2048", "chair"), ("512", "chair"), ("2048", "car")]
+    assert found == [("2048", "car"), ("2048", "chair"), ("512", "chair")]
 
 
 def test_who_could_be_chosen():

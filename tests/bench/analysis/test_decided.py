@@ -13,8 +13,8 @@ from bench.analysis.decided import (
     DecidedPairs,
     HeadlinePair,
     headline_pairs,
-    object_means,
 )
+from bench.analysis.object_sums import ObjectSums
 from bench.analysis.sequences import ConfidenceSequence
 from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
@@ -52,7 +52,9 @@ def test_means_of_an_object_score_failed_images_as_blank_ones():
         make_record("poisson", view=1, ssim_object=0.5, lpips=0.6),
         make_failed("poisson", view=2),  # no blank image stands in: it does not count
     ]
-    means = object_means(records, HEADLINE, "blank")
+    methods = ("blank", "splat", "poisson")
+    sums = ObjectSums(methods, ("2048",), ("chair/a",), HEADLINE)
+    sums.add_object(records)
     expected = {
         ("blank", "2048", "ssim-object"): 0.2,
         ("blank", "2048", "lpips"): 0.7,
@@ -61,7 +63,7 @@ def test_means_of_an_object_score_failed_images_as_blank_ones():
         ("poisson", "2048", "ssim-object"): 0.5,
         ("poisson", "2048", "lpips"): 0.5,
     }
-    assert means == pytest.approx(expected, abs=1e-12)
+    assert sums.means_of("chair/a", HEADLINE) == pytest.approx(expected, abs=1e-12)
 
 
 def means_of(difference, metric="ssim-object"):

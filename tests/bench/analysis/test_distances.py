@@ -14,8 +14,9 @@ from bench.metrics.frechet import (
     centred_to_frechet,
     left_out_distances,
 )
-from bench.metrics.kernel_distance import left_out_kernel_distances
 from bench.records.record import GROUND_TRUTH
+
+from ..builders import left_out_kernel_distances
 
 VIEWS, WIDTH = 70, 4
 OBJECTS = [f"o{i:03d}" for i in range(EXACT_OBJECTS + 5)]

@@ -6,6 +6,7 @@ from scipy import stats
 
 from bench.analysis.intervals import (
     FEWEST,
+    MOST_RESAMPLED,
     RESAMPLES,
     clipped,
     debiased,
@@ -54,6 +55,41 @@ def test_the_farther_of_the_studentised_bootstrap_and_student():
         )
         # sums of eight numbers in two orders, over errors as small as 1e-2: 1e-16 / 1e-2
         assert mean_interval(values) == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.parametrize("count", [401, 2000])
+def test_of_many_objects_it_is_students_and_the_bootstrap_says_the_same(count):
+    """On a skewed distribution, the exponential one, whose skewness is 2.
+
+    By the Edgeworth expansion of the studentised mean (Hall 1992, section 3.3) an end of its
+    interval lies skewness (2 z^2 + 1) / (6 sqrt(n)) standard errors from z, and terms of order 1/n
+    follow: z times (kurtosis (z^2 - 3) / 12 + skewness^2 (z^4 + 2 z^2 - 3) / 18 + (z^2 + 3) / 4).
+    A quantile of RESAMPLES values is uncertain by sqrt(p (1 - p) / RESAMPLES) / density(z).
+    """
+    values = np.random.default_rng(7).exponential(size=count)
+    error = stats.sem(values)
+    z = stats.norm.ppf(0.975)
+    skewness, kurtosis = stats.skew(values), stats.kurtosis(values)
+    first = skewness * (2 * z**2 + 1) / (6 * np.sqrt(count))
+    further = abs(kurtosis) * (z**2 - 3) / 12 + skewness**2 * (z**4 + 2 * z**2 - 3) / 18
+    second = z * (further + (z**2 + 3) / 4) / count
+    noise = np.sqrt(0.025 * 0.975 / RESAMPLES) / stats.norm.pdf(z)
+    interval = mean_interval(values)
+    assert interval == pytest.approx(student(values), abs=1e-12)
+    for end, by_resampling in zip(interval, studentised([values]), strict=True):
+        assert abs(end - by_resampling) < (first + second + 4 * noise) * error
+
+
+def test_up_to_the_limit_it_is_the_bootstrap():
+    """Also where one of several classes has no more than that."""
+    values = np.random.default_rng(8).exponential(size=MOST_RESAMPLED + 1)
+    for classes in ([values[1:]], [values, values[1:]]):
+        low, high = studentised(classes)
+        actual = interval_of_means(classes)
+        assert actual[1] == pytest.approx(high, abs=1e-12)  # the longer side, by the bootstrap
+        assert actual[0] <= low + 1e-12
+    low, high = studentised([values])
+    assert mean_interval(values)[1] < high - 1e-3 * (high - low)
 
 
 def test_a_long_tail_lengthens_the_interval_on_its_side():

@@ -17,6 +17,8 @@ from bench.analysis.leaderboard import (
 )
 from bench.analysis.paired import fewest_objects, holm, sign_flip_p
 
+from ..builders import sums_of
+
 OBJECTS = tuple(f"o{i:02d}" for i in range(12))
 
 
@@ -99,7 +101,7 @@ def test_the_mean_over_conditions_is_of_objects_that_all_have():
             ("m", "512", 0.02): {"a": 0.3, "b": 0.6},
         }
     )
-    overall = over_conditions(compare(frame, {}, ["lpips"]))
+    overall = over_conditions(compare(sums_of(frame), {}, ["lpips"]))
     assert overall.condition == OVERALL
     assert overall.objects == ("a", "b")
     quality = overall.qualities["lpips"]["m"]
@@ -117,10 +119,10 @@ def test_scores_rise_with_quality_and_leave_reference_methods_out():
             ("pc2pix", "2048", 0.0): {"a": 0.1},
         }
     )
-    (comparison,) = compare(frame, {}, ["lpips"])
+    (comparison,) = compare(sums_of(frame), {}, ["lpips"])
     found = object_scores(comparison, "lpips", "procedural")
     assert found is not None
     assert found.objects == ("procedural: chair/a",)
     assert {m: list(v) for m, v in found.scores.items()} == {"splat": [-0.4], "pc2pix": [-0.1]}
-    (alone,) = compare(frame[frame["method"] != "splat"], {}, ["lpips"])
+    (alone,) = compare(sums_of(frame[frame["method"] != "splat"]), {}, ["lpips"])
     assert object_scores(alone, "lpips", "procedural") is None

@@ -9,10 +9,9 @@ import pytest
 from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
 from bench.catalogue.truth import with_truth
-from bench.records.record import to_frame
 from bench.tables.build import make_outputs
 
-from ..builders import make_record, scored_records
+from ..builders import make_record, scored_records, to_frame
 
 METRICS = {
     "images": "image_metrics",

@@ -107,7 +107,7 @@ def test_other_weights_are_not_asked(measured, monkeypatch, classifier, tmp_path
     other.write_bytes(to_file(ViewsNetwork(classifier[1].labels)))
     monkeypatch.setattr(bench.analysis.scored, "VIEWS_WEIGHTS", other)
     scored = read_scored(measured.directory)
-    assert "class_confidence" not in scored.records
+    assert "class-confidence" not in scored.sums.metrics
     assert scored.skipped["class-confidence"] == (
         "skipped: the features are not of the bundled weights of fd-views; start the run again"
     )

@@ -34,7 +34,7 @@ from bench.records.record import GROUND_TRUTH
 from bench.report.stored import open_sources
 from data_prep.failures import BadInput
 
-from ..builders import damage_images
+from ..builders import damage_images, sums_of
 
 TWO = np.zeros((2, 128, 128, 3), np.uint8)
 
@@ -100,7 +100,7 @@ def test_scores_stand_with_their_own_views(finished):
     run = read_scored(finished[0])
     sources = open_sources(finished[0], run.manifest, ())
     light = made(lambda truth, drawn: drawn.mean(axis=(1, 2, 3)), "light")
-    values = scored(run.records, sources, light)
+    values = scored(run.read_images(), sources, light)
     for record in values[values["method"] == "splat"].to_dict("records"):
         names = ("method", "condition", "class", "object")
         images = sources.images(JobName(*(record[name] for name in names)))
@@ -111,13 +111,17 @@ def test_scores_stand_with_their_own_views(finished):
 def test_failed_images_are_scored_as_blank_ones(finished):
     """Every second image of true-mesh fails: it scores 0 where blank scores 1."""
     run = read_scored(finished[0])
-    failed = (run.records["method"] == "true-mesh") & (run.records["view"] == 1)
-    outcomes = run.records["outcome"].mask(failed, "failed")
-    broken = run.records.assign(outcome=outcomes, reason=failed.map({True: "x: y", False: ""}))
+    records = run.read_images()
+    failed = (records["method"] == "true-mesh") & (records["view"] == 1)
+    outcomes = records["outcome"].mask(failed, "failed")
+    broken = records.assign(outcome=outcomes, reason=failed.map({True: "x: y", False: ""}))
     blank = made(lambda truth, drawn: (drawn == 255).all(axis=(1, 2, 3)) * 1.0, "is-blank")
     values = scored(broken, open_sources(finished[0], run.manifest, ()), blank)
-    assert (values["is_blank"].isna() == failed).all()
-    rows = image_rows(replace(run, records=values), ["is-blank"])
+    assert values["is_blank"].notna().all()
+    assert len(values) == len(records) - failed.sum()
+    sums = sums_of(broken, run.manifest)
+    sums.add_metric("is-blank", [values])
+    rows = image_rows(replace(run, sums=sums), ["is-blank"])
     (row,) = (r.row for r in rows if (r.row.method, r.row.condition) == ("true-mesh", "2048"))
     assert (row.value, row.failures_as_blank, row.n_ok, row.n) == (0, 0.5, 3, 6)
 
@@ -169,10 +173,11 @@ def test_images_that_are_the_same_under_all_conditions_are_measured_once(finishe
         asked.append(drawn)
         return np.ones(len(drawn))
 
-    values = scored(run.records, open_sources(finished[0], run.manifest, ()), made(count))
-    ok = run.records["outcome"] == "ok"
-    assert (values["made"].notna() == ok).all()
-    jobs = run.records[ok].drop_duplicates(["method", "condition", "class", "object"])
+    records = run.read_images()
+    values = scored(records, open_sources(finished[0], run.manifest, ()), made(count))
+    ok = records["outcome"] == "ok"
+    assert len(values) == ok.sum()
+    jobs = records[ok].drop_duplicates(["method", "condition", "class", "object"])
     files = jobs[~jobs["method"].isin(["blank", "true-mesh"])].shape[0]
     objects = jobs["object"].nunique()
     assert len(asked) == files + 2 * objects
@@ -240,7 +245,7 @@ def test_distances_of_an_extractor_are_those_of_its_features(copied):
     value = {(row.metric, row.method, row.condition): row.value for row in table.rows}
     run = read_scored(copied)
     sources = open_sources(copied, run.manifest, ())
-    objects = sorted(run.records["object"].unique())
+    objects = sorted(run.sums.objects("chair"))
     drawn, true = (
         np.concatenate(
             [features(sources.images(JobName(method, condition, "chair", obj))) for obj in objects]
@@ -265,7 +270,7 @@ def test_features_of_the_truth_are_taken_once(copied):
         return np.ones((len(images), 1))
 
     run = read_scored(copied)
-    seen = KeptFeatures(run.records, open_sources(copied, run.manifest, ()), of_set(features))
+    seen = KeptFeatures(run.read_images(), open_sources(copied, run.manifest, ()), of_set(features))
     for condition in ("2048", "noise-0.10"):
         images = seen.images("splat", condition, "chair")
         assert images == seen.images(GROUND_TRUTH, "", "chair")
@@ -278,7 +283,7 @@ def test_features_of_the_truth_are_taken_once(copied):
 def images_of(run, method, condition):
     """The images of a method, object by object, and the true ones."""
     sources = open_sources(run.directory, run.manifest, ())
-    objects = sorted(run.records["object"].unique())
+    objects = sorted(run.sums.objects("chair"))
     names = [JobName(method, condition, "chair", obj) for obj in objects]
     return tuple(
         np.concatenate([sources.images(name) for name in jobs])

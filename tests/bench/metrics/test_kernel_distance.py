@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from bench.metrics.frechet import EXACT_OBJECTS, object_blocks
-from bench.metrics.kernel_distance import kernel_distance, left_out_kernel_distances
+from bench.metrics.kernel_distance import kernel_distance
+
+from ..builders import left_out_kernel_distances
 
 
 def features(seed, n, d):

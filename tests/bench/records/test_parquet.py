@@ -9,13 +9,19 @@ import pyarrow.parquet as pq
 import pytest
 from harness_objects import Tetrahedron
 
-from bench.records.parquet import read_features, read_records, write_features, write_records
-from bench.records.record import COLUMNS, SCHEMA_VERSION, to_frame
+from bench.records.parquet import (
+    read_batches,
+    read_features,
+    read_records,
+    write_features,
+    write_records,
+)
+from bench.records.record import COLUMNS, SCHEMA_VERSION
 from bench.records.run_folder import open_folder
 from bench.records.store import pack_records, unpack_columns
 from data_prep.failures import BadInput
 
-from ..builders import make_failed, make_job, make_record, make_result, write_all
+from ..builders import make_failed, make_job, make_record, make_result, to_frame, write_all
 
 SCHEMA_KEY = b"pc2pix_bench_schema"
 
@@ -54,6 +60,31 @@ def test_what_is_written_some_at_a_time_is_read_in_one_order(tmp_path, size, gro
     assert found["ssim"].dtype == np.float64
     assert found["ssim"].isna().sum() == found["prepare_s"].isna().sum() == 1
     assert [path.name for path in tmp_path.iterdir()] == ["records.parquet"]
+
+
+@pytest.mark.parametrize("size", [1, 3, 1000])
+def test_batches_are_the_records_part_by_part(tmp_path, size):
+    """Text comes as categories; `only` leaves what another reader would filter."""
+    records = [
+        make_record(method, condition, obj, view, ssim=view / 7)
+        for method in ("splat", "blank")
+        for condition in ("2048", "1024")
+        for obj in ("b", "a")
+        for view in (1, 0)
+    ]
+    write_all(tmp_path, records, row_group=size)
+    columns = ["object", "view", "ssim"]
+    whole = read_records(tmp_path)
+    parts = list(read_batches(tmp_path, columns))
+    assert len(parts) == {1: 8, 3: 4, 1000: 1}[size]
+    assert all(isinstance(part["object"].dtype, pd.CategoricalDtype) for part in parts)
+    together = pd.concat(part.astype({"object": "str"}) for part in parts)
+    pd.testing.assert_frame_equal(together.reset_index(drop=True), whole[columns])
+    expected = whole[(whole["method"] == "blank") & (whole["condition"] == "1024")][columns]
+    found = read_records(tmp_path, columns, method="blank", condition="1024")
+    pd.testing.assert_frame_equal(found, expected.reset_index(drop=True))
+    assert read_records(tmp_path, columns, method="a").to_dict("list") == {n: [] for n in columns}
+    assert list(read_batches(tmp_path, columns, method="zzz")) == []
 
 
 @pytest.mark.parametrize("harm", [lambda data: data[:-10], lambda data: b"", lambda data: b"PAR1"])

@@ -3,9 +3,8 @@ from __future__ import annotations
 from itertools import product
 
 import pytest
-from builders import make_failed, make_record
+from builders import make_failed, make_record, to_frame
 
-from bench.records.record import to_frame
 from bench.report.build import failure_groups
 from bench.report.images import EACH, MOST_CASES, extremes, shown_objects
 

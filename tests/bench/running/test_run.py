@@ -374,7 +374,7 @@ def counted_run(options):
     done = run(options, publish, partial(Counting, counts, LiveTable().table))
     assert (done.done, done.reused) == (
         to_do,
-        len(status.plan) * status.plan.jobs_per_object - to_do,
+        status.plan.job_count - to_do,
     )
     assert (counts["total"], counts["ended"]) == (to_do, to_do)
     assert counts.get("failed", done.failed) == done.failed

@@ -4,19 +4,28 @@ import math
 from dataclasses import asdict
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from bench.analysis.distances import FeatureDistances
 from bench.analysis.intervals import interval_of_means, jackknife_interval
-from bench.analysis.recognition import ClassHead, with_confidence
+from bench.analysis.recognition import ClassHead, confidences
 from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
 from bench.metrics.frechet import JackknifeMoments, left_out_distances
-from bench.metrics.kernel_distance import kernel_distance, left_out_kernel_distances
-from bench.records.record import GROUND_TRUTH, to_frame
+from bench.metrics.kernel_distance import kernel_distance
+from bench.records.record import GROUND_TRUTH
 from bench.tables.classes import class_table, remark
 
-from ..builders import FeaturesAtHand, feature_index, make_failed, make_record, scored_records
+from ..builders import (
+    FeaturesAtHand,
+    feature_index,
+    left_out_kernel_distances,
+    make_failed,
+    make_record,
+    scored_records,
+    to_frame,
+)
 
 pytestmark = pytest.mark.usefixtures("few_objects")
 
@@ -76,8 +85,9 @@ def table_without(method, class_name, *lost):
 
 def table(of=None, skipped=SKIPPED, features=None):
     features = features or FeaturesAtHand(*random_features())
-    frame = with_confidence(to_frame(of or records()), features, HEAD)
-    run = scored_records(frame, SUITE, {"fd-views": FeatureDistances(features)}, skipped)
+    distances = FeatureDistances(features)
+    run = scored_records(to_frame(of or records()), SUITE, {"fd-views": distances}, skipped)
+    run.sums.add_metric("class-confidence", confidences(run.sums.cells, distances, HEAD))
     return class_table(run, SPEC, PUBLISHED)
 
 
@@ -121,8 +131,9 @@ def test_confidence_is_that_of_each_records_own_image():
     """Softmax of the first two features, 1 / (1 + exp(other - own)), in whatever order they are."""
     index, values = random_features()
     features = FeaturesAtHand(index, values)
-    frame = to_frame(records()).sample(frac=1, random_state=0)
-    found = with_confidence(frame, features, HEAD)
+    cells = scored_records(to_frame(records()), SUITE).sums.cells
+    found = pd.concat(confidences(cells, FeatureDistances(features), HEAD))
+    assert len(found) == len(records())
     for _, record in found.iterrows():
         image = record["object"], record["view"]
         (value,) = features.of(record["method"], "2048", record["class"], [image])

@@ -23,11 +23,11 @@ from bench.metrics.frechet import (
     JackknifeMoments,
     left_out_distances,
 )
-from bench.records.record import GROUND_TRUTH, to_frame
+from bench.records.record import GROUND_TRUTH
 from bench.tables.orderings import orderings_table
 from bench.tables.published import published
 
-from ..builders import FeaturesAtHand, feature_index, make_record, scored_records
+from ..builders import FeaturesAtHand, feature_index, make_record, scored_records, to_frame
 
 pytestmark = pytest.mark.usefixtures("few_objects")
 

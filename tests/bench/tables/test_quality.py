@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import shutil
 from dataclasses import asdict, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pandas as pd
@@ -14,7 +16,7 @@ from bench.analysis.scored import read_scored
 from bench.catalogue.metrics import JUDGE
 from bench.catalogue.suites import SUITES, TableSpec
 from bench.metrics import frechet_distance
-from bench.records.record import GROUND_TRUTH, to_frame
+from bench.records.record import GROUND_TRUTH
 from bench.records.run_folder import write_manifest
 from bench.tables.build import cost_table, tables, write_outputs
 from bench.tables.quality import (
@@ -36,6 +38,8 @@ from ..builders import (
     make_record,
     read_all,
     scored_records,
+    sums_of,
+    to_frame,
     write_all,
     write_run,
 )
@@ -191,7 +195,9 @@ def judged(images, seen):
 def controls(records, answers, skipped=""):
     features = {} if answers is None else {JUDGE: FeatureDistances(answers)}
     run = scored_records(to_frame(records), SUITE, features, {JUDGE: skipped})
-    return recognition_table(run, SPEC, {})
+    with TemporaryDirectory() as folder:
+        write_all(Path(folder), records)
+        return recognition_table(replace(run, directory=Path(folder)), SPEC, {})
 
 
 CODES = {"a": (1.0, 0.0), "b": (0.0, 1.0), "c": (-1.0, 0.0)}
@@ -514,7 +520,7 @@ def test_cost_is_the_median_over_clouds():
         for view in range(views)
     ]
     records += [make_failed(obj="d"), make_failed("blank", "512")]
-    lines = cost_table(to_frame(records), "Taken in a hurry.").splitlines()
+    lines = cost_table(sums_of(to_frame(records)), "Taken in a hurry.").splitlines()
     assert lines[2] == "Taken in a hurry."
     assert lines[4] == "| method | 512 | 2048 |"
     assert lines[6:] == ["| blank | - | - |", "| splat | - | 2.0 + 500.0 |"]
