@@ -16,7 +16,7 @@ from bench.catalogue.chosen import CHOSEN
 from bench.catalogue.methods import FLOOR
 from bench.catalogue.metrics import IMAGE_METRICS, is_mean
 from bench.catalogue.suite_types import TRUTHS
-from bench.records.run_folder import PROTOCOL
+from bench.records.run_folder import CONDITION_IDENTITIES, PROTOCOL
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION, refuse_other_version
 from data_prep.failures import BadInput
 
@@ -97,6 +97,7 @@ def runs(
     }
     if methods is not None:
         _refuse_unknown("--methods", methods, common["methods"])
+    _leave_out_changed(a, b, common["conditions"], remarks)
     names = methods or common["methods"]
     chosen = _metrics([a, b], metrics, remarks)
     in_a, in_b = (
@@ -105,7 +106,7 @@ def runs(
     pairs = [
         _pair(metric, comparison, in_b[cell], Side(str(first), name), Side(str(second), name))
         for cell, comparison in in_a.items()
-        if cell in in_b
+        if cell in in_b and cell[0] in common["conditions"]
         for metric in chosen
         for name in names
     ]
@@ -182,6 +183,23 @@ def _common(name: str, a: Sequence[str], b: Sequence[str], remarks: list[str]) -
     if alone := [value for value in (*a, *b) if value not in common]:
         remarks.append(f"Only one of the runs has the {name} {', '.join(dict.fromkeys(alone))}.")
     return common
+
+
+def _leave_out_changed(
+    a: ScoredRun, b: ScoredRun, conditions: list[str], remarks: list[str]
+) -> None:
+    """Take out the conditions of packages that give other clouds in the two runs, with a remark."""
+    in_a, in_b = (run.manifest.get(CONDITION_IDENTITIES, {}) for run in (a, b))
+    changed = [name for name in conditions if in_a.get(name) != in_b.get(name)]
+    for name in changed:
+        conditions.remove(name)
+    if changed and not conditions:
+        raise BadInput(
+            f"the runs have no condition in common: {', '.join(changed)} of one run is another "
+            "version of it; run one of them again"
+        )
+    if changed:
+        remarks.append(f"Left out, as the clouds differ: the conditions {', '.join(changed)}.")
 
 
 def _refuse_unknown(option: str, wanted: Sequence[str], known: Sequence[str]) -> None:

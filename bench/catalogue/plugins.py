@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING
 
+from bench.catalogue.conditions import OUR_CONDITIONS
 from bench.catalogue.methods import OUR_FAMILIES
 from bench.catalogue.metrics import (
     CONTROL_METRICS,
@@ -83,6 +84,7 @@ _KINDS = {
     "method": ((plugins.METHODS,), OUR_FAMILIES),
     "metric": ((plugins.METRICS, plugins.EXTRACTORS), OUR_METRICS),
     "dataset": ((plugins.DATASETS,), OUR_KINDS),
+    "condition": ((plugins.CONDITIONS,), OUR_CONDITIONS),
 }
 
 
@@ -147,7 +149,7 @@ def _extractor(extractor_id: str, device: str) -> Extractor:
 def plugin_problem(kind: str, id_: str) -> str:
     """Return why what packages announce under an id cannot be used; "" where it can, or is none.
 
-    `kind` is "method", "metric" or "dataset". Nothing is loaded.
+    `kind` is "method", "metric", "dataset" or "condition". Nothing is loaded.
     """
     groups, ours = _KINDS[kind]
     return refusal(groups, id_, kind, ours) if id_ in entry_point_names(*groups) else ""

@@ -16,6 +16,7 @@ from threadpoolctl import threadpool_limits
 from bench.analysis.comparison import ALL, pooled
 from bench.analysis.scored import in_order
 from bench.catalogue.condition_names import condition_words
+from bench.catalogue.conditions import known_condition
 from bench.catalogue.methods import find_method, role
 from bench.catalogue.metrics import (
     CONTROL_METRICS,
@@ -55,7 +56,6 @@ from bench.tables.frontier import cost_grid
 from bench.tables.grid import Tags
 from bench.tables.markdown import visible
 from bench.tables.table import Table
-from data_prep.clouds.conditions import CONDITIONS
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.files.atomic_write import write_whole
 
@@ -280,7 +280,6 @@ def _command(manifest: Mapping[str, Any]) -> str:
 def _meanings(
     manifest: Mapping[str, Any], suite: Suite
 ) -> tuple[tuple[str, tuple[tuple[str, str], ...]], ...]:
-    known = {c.id: f"{condition_words(c.id)}; {c.source}" for c in CONDITIONS}
     distances = {m.id: f"Fréchet distance, lower is better: {m.about}" for m in SET_METRICS}
     kernel = {m: about for m, (_, about) in (KERNEL_METRICS | NEIGHBOUR_METRICS).items()}
     metrics = IMAGE_METRICS | distances | kernel | RECOGNITION_METRICS | CONTROL_METRICS
@@ -299,8 +298,13 @@ def _meanings(
     return (
         ("Metrics", tuple((m, (metrics | further)[m]) for m in dict.fromkeys(measured))),
         ("Methods", tuple((m, _source(m)) for m in manifest["methods"])),
-        ("Conditions", tuple((c, known.get(c, "unknown")) for c in manifest["conditions"])),
+        ("Conditions", tuple((c, _origin(c)) for c in manifest["conditions"])),
     )
+
+
+def _origin(condition_id: str) -> str:
+    known = known_condition(condition_id)
+    return f"{condition_words(condition_id)}; {known.source}" if known else "unknown"
 
 
 def _source(method: str) -> str:
