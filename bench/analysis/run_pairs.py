@@ -10,11 +10,12 @@ from typing import NamedTuple
 from threadpoolctl import threadpool_limits
 
 from bench.analysis.comparison import Comparison, compare, paired, pooled
+from bench.analysis.further_metrics import with_further
 from bench.analysis.paired import ComparedPair, PairedDifference, Side, paired_differences
 from bench.analysis.scored import ScoredRun, read_scored
 from bench.catalogue.chosen import CHOSEN
 from bench.catalogue.methods import FLOOR
-from bench.catalogue.metrics import IMAGE_METRICS, is_mean
+from bench.catalogue.metrics import declared_metric, is_mean
 from bench.catalogue.suite_types import TRUTHS
 from bench.records.run_folder import CONDITION_IDENTITIES, PROTOCOL
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION, refuse_other_version
@@ -51,7 +52,7 @@ def methods_of_run(
     Raises BadInput where there are not two methods, for methods and metrics that the run does not
     have, and for a run without scores.
     """
-    run = read_scored(directory, older=True)
+    run = with_further(read_scored(directory, older=True), metrics or ())
     if len(set(methods)) != 2:
         raise BadInput("one run is compared by two methods; give --methods a,b or a second folder")
     chosen_rows = _chosen_rows(run)
@@ -82,7 +83,7 @@ def runs(
     the runs did not see the same objects from the same views, naming what differs; where they have
     no method or condition in common; and as `methods_of_run`.
     """
-    a, b = read_scored(first, older=True), read_scored(second, older=True)
+    a, b = (with_further(read_scored(d, older=True), metrics or ()) for d in (first, second))
     _refuse_two_protocols(a, b)
     if a.suite.truth != b.suite.truth:
         raise BadInput(
@@ -163,13 +164,14 @@ def _metrics(
     By default the metrics of the headline table.
     """
     suite = scored[0].suite
-    every = [*suite.image_metrics, *suite.detail_metrics, *suite.set_metrics]
+    further = [metric for metric in wanted or () if declared_metric(metric)]
+    every = [*suite.image_metrics, *suite.detail_metrics, *suite.set_metrics, *further]
     every.sort(key=lambda metric: metric not in suite.headline)
     metrics = [metric for metric in every if all(run.measured([metric]) for run in scored)]
     extractors = {repr(sorted(r.manifest.get("feature_identity", {}).items())) for r in scored}
     if len(extractors) > 1:
         remarks.append("Features were taken by different extractors; set metrics are left out.")
-        metrics = [metric for metric in metrics if metric in IMAGE_METRICS]
+        metrics = [metric for metric in metrics if is_mean(metric)]
     if wanted is not None:
         _refuse_unknown("--metric", wanted, metrics)
         return list(wanted)

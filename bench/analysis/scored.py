@@ -17,6 +17,7 @@ from bench.catalogue.metrics import (
     LEARNED_METRICS,
     RECOGNITION_METRICS,
     column,
+    declared_metric,
     find_extractor,
 )
 from bench.catalogue.suites import LATENT, SPEED, STABILITY, Suite
@@ -52,6 +53,8 @@ class ScoredRun:
     def measured(self, metrics: Sequence[str]) -> list[str]:
         """Return the metrics of images and of sets among these that the run has."""
         available = {*self.features, *IMAGE_METRICS.keys() - self.skipped.keys()}
+        further = (m for m in metrics if declared_metric(m) and column(m) in self.records.columns)
+        available.update(further)  # scores that were kept beside the records
         return [metric for metric in metrics if metric in available]
 
     def compared(self, metrics: Sequence[str]) -> list[Comparison]:

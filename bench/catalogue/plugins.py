@@ -119,6 +119,16 @@ def find_metric(metric_id: str, device: str = "cpu") -> ImageMetric | SetMetric:
     return load_entry_point(groups, metric_id, "metric", type_, named, ours)
 
 
+def is_further(metric_id: str) -> bool:
+    """Return whether a metric is one that `bench score` takes: on request, or of a package."""
+    return metric_id in (*FURTHER_METRICS, *FURTHER_SETS, *metric_ids())
+
+
+def is_further_set(metric_id: str) -> bool:
+    """Return whether it is a distance of sets of images, or a share."""
+    return metric_id in (*FURTHER_SETS, *entry_point_names(plugins.EXTRACTORS))
+
+
 def _further(metric_id: str, device: str) -> ImageMetric:
     def score(truth: NDArray[np.uint8], drawn: NDArray[np.uint8]) -> NDArray[np.float64]:
         from bench.metrics.image_scores import further_score  # `bench list` needs none of them

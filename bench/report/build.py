@@ -15,6 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from bench.analysis.comparison import ALL, pooled
 from bench.analysis.scored import in_order
+from bench.analysis.scores import QualityRow
 from bench.catalogue.condition_names import condition_words
 from bench.catalogue.conditions import known_condition
 from bench.catalogue.methods import find_method, role
@@ -26,6 +27,7 @@ from bench.catalogue.metrics import (
     NEIGHBOUR_METRICS,
     RECOGNITION_METRICS,
     SET_METRICS,
+    declared_metric,
     is_mean,
 )
 from bench.catalogue.suite_types import TRUTHS, Suite, Truth
@@ -153,7 +155,7 @@ def read_page(made: Outputs) -> Page:
         skipped=tuple(dict(manifest.get("skipped_metrics", {})).items()),
         command=_command(manifest),
         manifest=tuple(json.dumps(manifest, indent=2, ensure_ascii=False).split("\n")),
-        meanings=_meanings(manifest, suite),
+        meanings=_meanings(manifest, suite, made.tables),
     )
 
 
@@ -278,14 +280,16 @@ def _command(manifest: Mapping[str, Any]) -> str:
 
 
 def _meanings(
-    manifest: Mapping[str, Any], suite: Suite
+    manifest: Mapping[str, Any], suite: Suite, tables: Sequence[Table[QualityRow]]
 ) -> tuple[tuple[str, tuple[tuple[str, str], ...]], ...]:
     distances = {m.id: f"Fréchet distance, lower is better: {m.about}" for m in SET_METRICS}
     kernel = {m: about for m, (_, about) in (KERNEL_METRICS | NEIGHBOUR_METRICS).items()}
     metrics = IMAGE_METRICS | distances | kernel | RECOGNITION_METRICS | CONTROL_METRICS
+    shown = {row.metric for table in tables for row in table.rows}
+    requested = manifest.get("request", {}).get("metrics", ())
     further = {
         m: (FURTHER_METRICS | metrics).get(m, "of another package")
-        for m in manifest.get("request", {}).get("metrics", ())
+        for m in (*requested, *sorted(m for m in shown if declared_metric(m)))
     }
     measured = (
         *suite.image_metrics,
