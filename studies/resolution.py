@@ -73,7 +73,7 @@ def recorded() -> list[Floats]:
 
 
 def simulate(population: Floats, objects: int, runs: int, level: float, seed: int) -> Decided:
-    """Return what runs of so many objects decide of a true difference as large as the resolution."""
+    """Return what runs of so many objects decide of a difference as large as the resolution."""
     rng = np.random.default_rng((seed, objects))
     true_error = StandardError(float(population.std()) / objects**0.5, objects - 1)
     resolution = detectable(true_error, level)
