@@ -43,7 +43,7 @@ def test_student_s_quantiles_times_the_error():
     assert detectable(error, 0.05) == pytest.approx(expected, abs=1e-5)
 
 
-@pytest.mark.parametrize(("objects", "tolerance"), [(12, 0.005), (24, 0.003), (100, 0.001)])
+@pytest.mark.parametrize(("objects", "tolerance"), [(12, 0.001), (24, 0.0005), (100, 0.0005)])
 def test_the_paired_t_test_shows_it_with_that_power(objects, tolerance):
     """By the noncentral t distribution, of which the formula is the usual approximation."""
     error = StandardError(1.0, objects - 1)
