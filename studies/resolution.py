@@ -100,10 +100,8 @@ def lines(
             simulate(populations, objects, runs, level)
             for level in (SIGNIFICANCE, SIGNIFICANCE / cells)
         )
-        texts = [
-            f"{100 * d.shares.mean():.1f} ({100 * d.shares.min():.0f} to {100 * d.shares.max():.0f})"
-            for d in (alone, among)
-        ]
+        percent = (100 * decided.shares for decided in (alone, among))
+        texts = [f"{p.mean():.1f} ({p.min():.0f} to {p.max():.0f})" for p in percent]
         low, middle, high = np.nanpercentile(alone.printed, [5, 50, 95])
         table.append([str(objects), *texts, f"{middle:.2f} ({low:.2f} to {high:.2f})"])
     return table
