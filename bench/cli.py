@@ -41,7 +41,7 @@ COMMANDS = {  # name: module and name in it, first line of its help
     ),
     "train": ("train:app", "Train the networks."),
     "data": ("data:app", "Inspect, verify and export datasets."),
-    "test": ("contract:test", "Test a method, metric or dataset of your own."),
+    "test": ("contract:test", "Test a method, metric, dataset or condition of your own."),
     "doctor": ("doctor:doctor", "Check that everything that a run needs is installed."),
 }
 PACKAGE = "pc2pix-bench"
@@ -103,7 +103,7 @@ class Commands(Group):
         except SystemExit as error:  # no command ends so, but the code of a package may
             print(
                 f"bench: an installed package has called exit({error.code}); 'bench test NAME' "
-                "with its methods, metrics and datasets says which",
+                "with its methods, metrics, datasets and conditions says which",
                 file=sys.stderr,
             )
             raise typer.Exit(1) from error

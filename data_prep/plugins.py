@@ -1,4 +1,4 @@
-"""Plug-ins: methods, metrics, extractors and datasets of other installed packages."""
+"""Plug-ins: methods, metrics, extractors, datasets, conditions of other installed packages."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ METHODS = "pc2pix_bench.methods"
 METRICS = "pc2pix_bench.metrics"
 EXTRACTORS = "pc2pix_bench.extractors"
 DATASETS = "pc2pix_bench.datasets"
+CONDITIONS = "pc2pix_bench.conditions"
 
 # Kinds of datasets of this project. Not in `data_prep.datasets.registry`, which loads NumPy.
 OUR_KINDS = ("procedural", "folder", "shapenet", "modelnet", "exported", "paper")
@@ -24,6 +25,7 @@ OUR_KINDS = ("procedural", "folder", "shapenet", "modelnet", "exported", "paper"
 # Ids name files and stand in lists and in commands. The part after "@" is a variant of a method.
 _ID = re.compile("[a-z0-9]+(-[a-z0-9]+)*")
 _METHOD_ID = re.compile(f"{_ID.pattern}(@[a-z0-9]+([-.][a-z0-9]+)*)?")
+_CONDITION_ID = re.compile(r"[a-z0-9]+(\.[0-9]+)?(-[a-z0-9]+(\.[0-9]+)?)*")  # "outliers-0.05"
 
 
 class _Plugin(Protocol):
@@ -49,10 +51,12 @@ def refusal(groups: tuple[str, ...], wanted: str, kind: str, ours: Collection[st
     entries = _entries(groups, wanted)
     packages = sorted({_package(entry) for entry in entries})
     where = f"{kind} {shown(wanted)} of {' and of '.join(packages)}"
-    if not (_METHOD_ID if METHODS in groups else _ID).fullmatch(wanted):
+    pattern = {METHODS: _METHOD_ID, CONDITIONS: _CONDITION_ID}.get(groups[0], _ID)
+    if not pattern.fullmatch(wanted):
+        numbers = ", numbers like 0.05" if pattern is _CONDITION_ID else ""
         return (
-            f"{where}: an id is kebab-case (a-z, 0-9 and single hyphens), it names files; rename "
-            "it in that package"
+            f"{where}: an id is kebab-case (a-z, 0-9 and single hyphens{numbers}), it names files; "
+            "rename it in that package"
         )
     if wanted.partition("@")[0] in ours:
         return f"{where}: pc2pix-bench uses that id itself; rename it in that package"

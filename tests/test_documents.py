@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import runpy
-import sys
 from collections import Counter
 from collections.abc import Iterator
 from functools import cache
@@ -206,9 +205,11 @@ def test_the_sample_cloud_is_made_as_its_page_says(tmp_path, monkeypatch):
 def test_the_page_shows_parts_of_the_examples():
     files = "".join(path.read_text() for path in (REPOSITORY / "examples").rglob("*.py"))
     shown_parts = [
-        code for code in blocks(EXTENDING, "python") if "METRIC" in code or "Hull" in code
+        code
+        for code in blocks(EXTENDING, "python")
+        if "METRIC" in code or "Hull" in code or "CONDITION" in code
     ]
-    assert len(shown_parts) == 2
+    assert len(shown_parts) == 3
     for code in shown_parts:
         assert code in files
 
@@ -228,14 +229,17 @@ def example(name: str) -> Any:
     return names[name]
 
 
-def test_the_condition_of_its_section(monkeypatch):
-    monkeypatch.setitem(sys.modules, "example", sys)
-    condition = example("CONDITION")
-    points = np.array([[0.074, -0.02, 0.51], [0.026, 0, 1]], np.float32)
-    made = condition.perturbation.apply(PointCloud(points), generator(0))
-    assert made.points.dtype == np.float32
-    np.testing.assert_allclose(made.points, [[0.05, 0, 0.5], [0.05, 0, 1]], atol=1e-6)
-    assert repr(condition.perturbation) == "Rounded(step=0.05)"
+def test_the_condition_of_the_examples():
+    """Points stay where the generator of the cloud draws .5 or more; the first one if none does."""
+    made = runpy.run_path(str(REPOSITORY / "examples/condition/dropout.py"))
+    condition = made["CONDITION"]
+    points = np.arange(300, dtype=np.float32).reshape(100, 3) / 1000
+    stays = generator(0).random(100) >= 0.5
+    left = condition.perturbation.apply(PointCloud(points), generator(0)).points
+    np.testing.assert_array_equal(left, points[stays])
+    (alone,) = made["Dropout"](1.0).apply(PointCloud(points), generator(0)).points
+    np.testing.assert_array_equal(alone, points[0])
+    assert condition.key == "Dropout(chance=0.5)"
     assert condition.id not in {known.id for known in CONDITIONS}
 
 

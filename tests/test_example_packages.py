@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import shutil
 import subprocess
@@ -23,7 +24,7 @@ pytestmark = pytest.mark.slow
 
 REPOSITORY = Path(__file__).parent.parent
 EXAMPLES = REPOSITORY / "examples"
-NAMES = ("method", "metric", "extractor", "dataset")
+NAMES = ("method", "metric", "extractor", "dataset", "condition")
 CORNERS = np.array(np.meshgrid(*[[-0.5, 0.5]] * 3), np.float32).reshape(3, -1).T
 
 
@@ -65,6 +66,7 @@ def test_they_are_listed(bench):
     for name in ("pixel-error", "fd-edges"):
         assert f"  {name:<25} of another installed package; see 'bench score'" in listed
     assert "  list:PATH                 of another installed package" in listed
+    assert "  dropout-half              of another installed package" in listed
 
 
 def test_the_method_is_run_and_stands_in_the_tables(run_folder):
@@ -102,6 +104,48 @@ def test_the_metric_is_taken_of_the_run(bench, run_folder):
         angles = of_shape[["azimuth_deg", "elevation_deg"]].drop_duplicates()
         truths.append(render(shape.load(), [View(*pair) for pair in angles.to_numpy()]))
     assert value["blank", "2048"] == pytest.approx(255 - np.mean(truths), abs=1e-6)
+
+
+def test_the_metric_is_compared_and_recommended_by(bench, run_folder):
+    """After `bench score`; before it the command is named."""
+    methods = ("--methods", "convex-hull,true-mesh", "--metric", "pixel-error")
+    budget = ("--budget-ms", "1e6", "--metric", "pixel-error")
+    (run_folder / "scores" / "pixel-error.parquet").unlink(missing_ok=True)
+    for arguments in (("compare", run_folder, *methods), ("recommend", run_folder, *budget)):
+        refused = bench(*arguments)
+        assert refused.returncode == 2
+        assert f"run 'bench score {run_folder} --metrics pixel-error' first" in refused.stderr
+    assert bench("score", run_folder, "--metrics", "pixel-error").returncode == 0
+    compared = bench("compare", run_folder, *methods, "--format", "csv")
+    assert compared.returncode == 0, compared.stderr
+    rows = pd.read_csv(io.StringIO(compared.stdout))
+    assert (rows["difference"] < 0).all()  # the truth is nearer to itself
+    advised = bench("recommend", run_folder, *budget)
+    assert advised.returncode == 0, advised.stderr
+    assert "convex-hull, pixel-error " in " ".join(advised.stdout.split())
+    assert bench("report", run_folder).returncode == 0
+    assert "mean absolute difference of pixels" in (run_folder / "report.html").read_text()
+
+
+def test_the_condition_is_run(bench, tmp_path):
+    """About half of the points stay, other ones of each object; an export has them."""
+    cells = ("--conditions", "2048,dropout-half", "--limit", "2", "--views", "1")
+    out = tmp_path / "run"
+    chosen = ("--suite", "chair-robustness", "--methods", "convex-hull", "--workers", "2")
+    done = bench("run", *chosen, *cells, "--out", out)
+    assert done.returncode == 0, done.stderr
+    records = pd.read_parquet(out / "records.parquet").set_index(["method", "condition"])
+    assert set(records.loc[("convex-hull", "dropout-half"), "outcome"]) == {"ok"}
+    assert "loses half of its points" in (out / "report.html").read_text()
+    exported = bench("data", "export", *cells, "--out", tmp_path / "inputs")
+    assert exported.returncode == 0, exported.stderr
+    clouds = pd.read_csv(tmp_path / "inputs" / "clouds.csv").set_index("condition")
+    left = clouds.loc["dropout-half", "points"]
+    assert left.nunique() == 2
+    assert left.between(1024 - 5 * 22.7, 1024 + 5 * 22.7).all()  # five deviations of binomials
+    refused = bench("run", *chosen, "--conditions", "dropout-hal", "--out", tmp_path / "no")
+    assert refused.returncode == 2
+    assert "unknown condition 'dropout-hal': did you mean 'dropout-half'" in refused.stderr
 
 
 def test_distances_are_taken_of_the_run(bench, run_folder):
@@ -158,7 +202,7 @@ def test_it_draws_a_cloud_and_what_it_cannot_draw_fails_by_its_name(bench, tmp_p
     assert done.stderr.startswith("bench: convex-hull: hull: QH6214 qhull input error: not enough")
 
 
-@pytest.mark.parametrize("name", ["convex-hull", "pixel-error", "fd-edges"])
+@pytest.mark.parametrize("name", ["convex-hull", "pixel-error", "fd-edges", "dropout-half"])
 def test_the_examples_keep_their_contracts(bench, name):
     done = bench("test", name)
     *lines, last = done.stdout.splitlines()

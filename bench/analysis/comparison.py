@@ -30,6 +30,7 @@ from bench.catalogue.methods import FLOOR, role
 from bench.catalogue.metrics import (
     CONTROL_METRICS,
     SET_METRICS,
+    declared_metric,
     higher_is_better,
     is_mean,
     value_range,
@@ -262,6 +263,8 @@ def paired(a: Quality, b: Quality) -> Floats:
 
 def decimals(metric: str) -> int:
     """Return the digits after the point that values of a metric are printed with."""
+    if declared := declared_metric(metric):
+        return declared.decimals
     if metric in CONTROL_METRICS or metric in ("psnr", "silhouette-distance"):  # deg, dB, px
         return 2
     return 1 if any(metric == source.id for source in SET_METRICS) else 3

@@ -10,14 +10,15 @@ from typing import NamedTuple
 from threadpoolctl import threadpool_limits
 
 from bench.analysis.comparison import Comparison, paired, pooled
+from bench.analysis.further_metrics import with_further
 from bench.analysis.paired import ComparedPair, PairedDifference, Side, paired_differences
 from bench.analysis.scored import ScoredRun, read_scored
 from bench.catalogue.chosen import CHOSEN
 from bench.catalogue.methods import FLOOR
-from bench.catalogue.metrics import IMAGE_METRICS, is_mean
+from bench.catalogue.metrics import declared_metric, is_mean
 from bench.catalogue.suite_types import TRUTHS
 from bench.records.parquet import read_records
-from bench.records.run_folder import PROTOCOL
+from bench.records.run_folder import CONDITION_IDENTITIES, PROTOCOL
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION, refuse_other_version
 from data_prep.failures import BadInput
 
@@ -52,7 +53,7 @@ def methods_of_run(
     Raises BadInput where there are not two methods, for methods and metrics that the run does not
     have, and for a run without scores.
     """
-    run = read_scored(directory, older=True)
+    run = with_further(read_scored(directory, older=True), metrics or ())
     if len(set(methods)) != 2:
         raise BadInput("one run is compared by two methods; give --methods a,b or a second folder")
     chosen_rows = _chosen_rows(run)
@@ -83,7 +84,7 @@ def runs(
     the runs did not see the same objects from the same views, naming what differs; where they have
     no method or condition in common; and as `methods_of_run`.
     """
-    a, b = read_scored(first, older=True), read_scored(second, older=True)
+    a, b = (with_further(read_scored(d, older=True), metrics or ()) for d in (first, second))
     _refuse_two_protocols(a, b)
     if a.suite.truth != b.suite.truth:
         raise BadInput(
@@ -98,6 +99,7 @@ def runs(
     }
     if methods is not None:
         _refuse_unknown("--methods", methods, common["methods"])
+    _leave_out_changed(a, b, common["conditions"], remarks)
     names = methods or common["methods"]
     chosen = _metrics([a, b], metrics, remarks)
     in_a, in_b = (
@@ -106,7 +108,7 @@ def runs(
     pairs = [
         _pair(metric, comparison, in_b[cell], Side(str(first), name), Side(str(second), name))
         for cell, comparison in in_a.items()
-        if cell in in_b
+        if cell in in_b and cell[0] in common["conditions"]
         for metric in chosen
         for name in names
     ]
@@ -162,13 +164,14 @@ def _metrics(
     By default the metrics of the headline table.
     """
     suite = scored[0].suite
-    every = [*suite.image_metrics, *suite.detail_metrics, *suite.set_metrics]
+    further = [metric for metric in wanted or () if declared_metric(metric)]
+    every = [*suite.image_metrics, *suite.detail_metrics, *suite.set_metrics, *further]
     every.sort(key=lambda metric: metric not in suite.headline)
     metrics = [metric for metric in every if all(run.measured([metric]) for run in scored)]
     extractors = {repr(sorted(r.manifest.get("feature_identity", {}).items())) for r in scored}
     if len(extractors) > 1:
         remarks.append("Features were taken by different extractors; set metrics are left out.")
-        metrics = [metric for metric in metrics if metric in IMAGE_METRICS]
+        metrics = [metric for metric in metrics if is_mean(metric)]
     if wanted is not None:
         _refuse_unknown("--metric", wanted, metrics)
         return list(wanted)
@@ -182,6 +185,23 @@ def _common(name: str, a: Sequence[str], b: Sequence[str], remarks: list[str]) -
     if alone := [value for value in (*a, *b) if value not in common]:
         remarks.append(f"Only one of the runs has the {name} {', '.join(dict.fromkeys(alone))}.")
     return common
+
+
+def _leave_out_changed(
+    a: ScoredRun, b: ScoredRun, conditions: list[str], remarks: list[str]
+) -> None:
+    """Take out the conditions of packages that give other clouds in the two runs, with a remark."""
+    in_a, in_b = (run.manifest.get(CONDITION_IDENTITIES, {}) for run in (a, b))
+    changed = [name for name in conditions if in_a.get(name) != in_b.get(name)]
+    for name in changed:
+        conditions.remove(name)
+    if changed and not conditions:
+        raise BadInput(
+            f"the runs have no condition in common: {', '.join(changed)} of one run is another "
+            "version of it; run one of them again"
+        )
+    if changed:
+        remarks.append(f"Left out, as the clouds differ: the conditions {', '.join(changed)}.")
 
 
 def _refuse_unknown(option: str, wanted: Sequence[str], known: Sequence[str]) -> None:

@@ -16,6 +16,7 @@ from bench.analysis.recognition import confidences, read_class_head
 from bench.catalogue.metrics import (
     IMAGE_METRICS,
     RECOGNITION_METRICS,
+    declared_metric,
     find_extractor,
 )
 from bench.catalogue.suites import LATENT, SPEED, STABILITY, Suite
@@ -52,6 +53,8 @@ class ScoredRun:
     def measured(self, metrics: Sequence[str]) -> list[str]:
         """Return the metrics of images and of sets among these that the run has."""
         available = {*self.features, *IMAGE_METRICS.keys() - self.skipped.keys()}
+        # Scores that were kept beside the records:
+        available.update(m for m in self.sums.metrics if declared_metric(m))
         return [metric for metric in metrics if metric in available]
 
     def compared(

@@ -15,7 +15,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from bench.catalogue.loaders import GPU, chosen_device
 from bench.catalogue.lookup import find
@@ -313,9 +313,29 @@ def extractor_of(metric: str) -> str:
     return LEARNED_METRICS.get(metric, metric)
 
 
+class DeclaredMetric(NamedTuple):
+    """The facts of a further image metric: what is better, and digits after the point."""
+
+    higher_is_better: bool
+    decimals: int
+
+
+_DECLARED: dict[str, DeclaredMetric] = {}  # by id; ids of packages are refused where they are ours
+
+
+def declare_metric(metric_id: str, higher_is_better: bool, decimals: int) -> None:
+    """Make a further image metric known to the functions below, in this process."""
+    _DECLARED[metric_id] = DeclaredMetric(higher_is_better, decimals)
+
+
+def declared_metric(metric_id: str) -> DeclaredMetric | None:
+    """Return the facts of a further image metric; None for one that is not declared."""
+    return _DECLARED.get(metric_id)
+
+
 def is_mean(metric: str) -> bool:
     """Return whether a metric is a mean over images, not a distance of sets or a median."""
-    return metric in {**IMAGE_METRICS, **FURTHER_METRICS, **RECOGNITION_METRICS}
+    return metric in {**IMAGE_METRICS, **FURTHER_METRICS, **RECOGNITION_METRICS, **_DECLARED}
 
 
 def value_range(metric: str) -> tuple[float, float]:
@@ -329,6 +349,8 @@ def higher_is_better(metric: str) -> bool:
     """Return whether more of a metric of the tables is better."""
     if metric == "retrieval" or metric in NEIGHBOUR_METRICS:
         return True
+    if metric in _DECLARED:
+        return _DECLARED[metric].higher_is_better
     return is_mean(metric) and metric not in DISTANCES_OF_IMAGES
 
 

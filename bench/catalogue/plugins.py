@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING
 
+from bench.catalogue.conditions import OUR_CONDITIONS
 from bench.catalogue.methods import OUR_FAMILIES
 from bench.catalogue.metrics import (
     CONTROL_METRICS,
@@ -83,6 +84,7 @@ _KINDS = {
     "method": ((plugins.METHODS,), OUR_FAMILIES),
     "metric": ((plugins.METRICS, plugins.EXTRACTORS), OUR_METRICS),
     "dataset": ((plugins.DATASETS,), OUR_KINDS),
+    "condition": ((plugins.CONDITIONS,), OUR_CONDITIONS),
 }
 
 
@@ -117,6 +119,16 @@ def find_metric(metric_id: str, device: str = "cpu") -> ImageMetric | SetMetric:
     return load_entry_point(groups, metric_id, "metric", type_, named, ours)
 
 
+def is_further(metric_id: str) -> bool:
+    """Return whether a metric is one that `bench score` takes: on request, or of a package."""
+    return metric_id in (*FURTHER_METRICS, *FURTHER_SETS, *metric_ids())
+
+
+def is_further_set(metric_id: str) -> bool:
+    """Return whether it is a distance of sets of images, or a share."""
+    return metric_id in (*FURTHER_SETS, *entry_point_names(plugins.EXTRACTORS))
+
+
 def _further(metric_id: str, device: str) -> ImageMetric:
     def score(truth: NDArray[np.uint8], drawn: NDArray[np.uint8]) -> NDArray[np.float64]:
         from bench.metrics.image_scores import further_score  # `bench list` needs none of them
@@ -147,7 +159,7 @@ def _extractor(extractor_id: str, device: str) -> Extractor:
 def plugin_problem(kind: str, id_: str) -> str:
     """Return why what packages announce under an id cannot be used; "" where it can, or is none.
 
-    `kind` is "method", "metric" or "dataset". Nothing is loaded.
+    `kind` is "method", "metric", "dataset" or "condition". Nothing is loaded.
     """
     groups, ours = _KINDS[kind]
     return refusal(groups, id_, kind, ours) if id_ in entry_point_names(*groups) else ""

@@ -19,14 +19,14 @@ def test(
         str,
         typer.Argument(
             metavar="NAME",
-            help="A method ('convex-hull', 'splat-net@FILE.safetensors'), a metric of another "
-            "package, a dataset ('list:PATH'), or MODULE:NAME of a module without a package, of a "
-            "reader MODULE:NAME:PATH. The module may be in the current folder: this form alone "
-            "executes files of it.",
+            help="A method ('convex-hull', 'splat-net@FILE.safetensors'), a metric or condition of "
+            "another package, a dataset ('list:PATH'), or MODULE:NAME of a module without a "
+            "package, of a reader MODULE:NAME:PATH. The module may be in the current folder: this "
+            "form alone executes files of it.",
         ),
     ],
 ) -> None:
-    """Test a method, metric or dataset of your own, in at most a minute, in worker processes.
+    """Test a method, metric, dataset or condition of your own in workers, in at most a minute.
 
     Exit 0 if it keeps the contract, 1 if something blocks a run or falsifies its results.
     """

@@ -328,7 +328,7 @@ EXPORT_OPTIONS: dict[str, str | OptionSpec] = {
     "suite": OptionSpec("The suite whose objects and views these are.", default="chair-robustness"),
     "dataset": RUN_OPTIONS["dataset"],
     "truth": RUN_OPTIONS["truth"],
-    "conditions": "Conditions, comma-separated, or 'all'. Default: the suite's.",
+    "conditions": "Conditions, comma-separated, or 'all' of this project. Default: the suite's.",
     **{name: RUN_OPTIONS[name] for name in ("limit", "views", "workers", "seed")},
 }
 

@@ -12,6 +12,7 @@ from typing import Annotated
 import typer
 
 from bench.catalogue.chosen import BEST_RECONSTRUCTION, CHOSEN
+from bench.catalogue.conditions import condition_ids
 from bench.catalogue.costs import cost_of, view_costs_ms
 from bench.catalogue.method import Method
 from bench.catalogue.methods import COST_VARIANTS, METHODS, RECOMMENDED, plugin_ids
@@ -98,7 +99,8 @@ def _plain_entries(title: str) -> list[tuple[str, str]]:
         )
         return [*ranges, *((method.id, method.source) for method in COST_VARIANTS)]
     if title == "conditions":
-        return [(condition.id, condition.source) for condition in CONDITIONS]
+        others = [(id_, _of_package("condition", id_)) for id_ in condition_ids()]
+        return [*((condition.id, condition.source) for condition in CONDITIONS), *others]
     others = ((f"{id_}:PATH", _of_package("dataset", id_)) for id_ in entry_point_names(DATASETS))
     return [*OWN_DATASETS, *others]
 

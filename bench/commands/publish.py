@@ -72,7 +72,9 @@ def publish(measured: WrittenRun, further: Sequence[ImageMetric | SetMetric] = (
     if further:
         with timed("further metrics", measured.seconds):
             tables = score_run_of(outputs.run, further)
-        outputs = replace(outputs, tables=(*outputs.tables, *tables))
+        again = {table.name for table in tables}  # scored before, and now once more
+        before = (table for table in outputs.tables if table.name not in again)
+        outputs = replace(outputs, tables=(*before, *tables))
     with timed("figures", measured.seconds):
         _write_figures(measured.directory, outputs.run.suite, outputs, measured.artifacts)
     return outputs

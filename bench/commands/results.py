@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from bench.analysis.comparison import Estimate, decimals, milliseconds
+from bench.analysis.further_metrics import with_further
 from bench.analysis.recommend import (
     SSIM,
     Advice,
@@ -21,6 +22,7 @@ from bench.analysis.recommend import (
 )
 from bench.analysis.recommend import recommend as best_methods
 from bench.analysis.scored import ScoredRun, read_scored
+from bench.catalogue.metrics import declared_metric
 from bench.catalogue.suite_types import TRUTHS
 from bench.commands.browser import OpenOption, open_page
 from bench.commands.options import FormatOption, RunDirectory, names, path_argument, path_option
@@ -185,7 +187,7 @@ def recommend(
     ] = None,
 ) -> None:
     """Recommend a method for a budget, or for a quality. Exit 1 if no method meets it."""
-    run = read_scored(directory)
+    run = with_further(read_scored(directory), names(metric) or ())
     manifest = run.manifest
     request = make_request(manifest["views"] if views is None else views, budget_ms, min_ssim)
     metrics = _judging_metrics(run, names(metric))
@@ -206,7 +208,8 @@ def _judging_metrics(run: ScoredRun, wanted: Sequence[str] | None) -> list[str]:
 
     Raises BadInput for a metric that is none of images, or that the run does not have.
     """
-    images = [*run.suite.image_metrics, *run.suite.detail_metrics]
+    further = [metric for metric in wanted or () if declared_metric(metric)]
+    images = [*run.suite.image_metrics, *run.suite.detail_metrics, *further]
     measured = run.measured(sorted(images, key=lambda metric: metric not in run.suite.headline))
     for name in wanted or ():
         if name not in measured:

@@ -17,6 +17,7 @@ import pandas as pd
 import typer
 
 from bench.analysis.cells import image_keys
+from bench.analysis.comparison import decimals
 from bench.analysis.distances import FRECHET, KERNEL, FeatureDistances, set_distance
 from bench.analysis.scored import ScoredRun, read_scored
 from bench.analysis.scores import QualityRow, RowWithSamples, distance_rows, image_rows
@@ -25,21 +26,22 @@ from bench.catalogue.metrics import (
     FURTHER_METRICS,
     FURTHER_SETS,
     column,
+    declare_metric,
     extractor_of,
     higher_is_better,
 )
 from bench.catalogue.plugins import ImageMetric, SetMetric, find_metric, metric_ids
-from bench.catalogue.suite_types import TableSpec
 from bench.commands.options import DEVICE, Device, RunDirectory, names
 from bench.metrics.inception_weights import WeightsUnavailable
 from bench.records.artifacts import JobName
 from bench.records.features import ImageKey
+from bench.records.image_scores import ScoredMetric, digits_of, write_scores
 from bench.records.record import COLUMNS, GROUND_TRUTH
 from bench.records.stored_artifacts import Artifact
 from bench.report.stored import Sources, open_sources
 from bench.running.work import reason_of
-from bench.tables.quality import quality_table
-from bench.tables.table import Table, of_truth, write_tables
+from bench.tables.further_metrics import metric_table
+from bench.tables.table import Table, write_tables
 from data_prep.arrays import Floats
 from data_prep.failures import BadInput
 from data_prep.scene import UInt8Images
@@ -72,23 +74,31 @@ def score_run_of(
             samples, higher = _set_rows(run, sources, metric), higher_is_better(metric.id)
         else:
             samples, higher = _image_rows(run, sources, metric), metric.higher_is_better
-        better = "higher" if higher else "lower"
-        title = f"{metric.id}, version {metric.version}: {metric.about} ({better} is better)"
         rows = (sample.row for sample in samples)
-        spec = TableSpec("images", f"metric_{metric.id}", title)
-        tables.append(of_truth(quality_table(spec, rows), run.suite))
+        tables.append(metric_table(run, metric.id, metric.version, metric.about, higher, rows))
     write_tables(run.directory, tables)
     return tables
 
 
 def _image_rows(run: ScoredRun, sources: Sources, metric: ImageMetric) -> list[RowWithSamples]:
-    """Return the means over images; skipped where something optional is not installed."""
+    """Return the means over images, and keep the scores beside the records of the run.
+
+    Skipped where something optional is not installed.
+    """
     try:
-        run.sums.add_metric(metric.id, [scored(run.read_images(IMAGES), sources, metric)])
-        skipped = {}
+        records = scored(run.read_images(IMAGES), sources, metric)
     except WeightsUnavailable as error:
         skipped = {metric.id: f"skipped: {error}"}
-    return image_rows(replace(run, skipped=skipped), [metric.id])
+        declare_metric(metric.id, metric.higher_is_better, digits_of(np.empty(0)))
+        return image_rows(replace(run, skipped=skipped), [metric.id])
+    values = records[column(metric.id)].to_numpy(np.float64)
+    further = metric.id in FURTHER_METRICS
+    better, digits = metric.higher_is_better, decimals(metric.id) if further else digits_of(values)
+    declare_metric(metric.id, better, digits)
+    kept = ScoredMetric(metric.id, metric.version, metric.about, better, digits)
+    write_scores(run.directory, kept, records, values)
+    run.sums.add_metric(metric.id, [records])
+    return image_rows(replace(run, skipped={}), [metric.id])
 
 
 def _set_rows(run: ScoredRun, sources: Sources, metric: SetMetric) -> list[RowWithSamples]:

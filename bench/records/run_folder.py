@@ -30,6 +30,7 @@ FIXED = ("suite", "dataset", "views", "seed", "device")  # one directory, one va
 PROTOCOL = "protocol"  # its version
 SHARD = "shard"  # one value, too; manifests from before there were shards have none
 TRUTH = "truth"  # likewise; there only where --truth has replaced the truth of the suite
+CONDITION_IDENTITIES = "condition_identities"  # there only for conditions of other packages
 COLOURED = "coloured"  # truth of the suites for which it can be replaced
 
 

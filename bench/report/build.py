@@ -16,7 +16,9 @@ from threadpoolctl import threadpool_limits
 from bench.analysis.comparison import ALL, pooled
 from bench.analysis.object_sums import SECONDS
 from bench.analysis.scored import in_order
+from bench.analysis.scores import QualityRow
 from bench.catalogue.condition_names import condition_words
+from bench.catalogue.conditions import known_condition
 from bench.catalogue.methods import find_method, role
 from bench.catalogue.metrics import (
     CONTROL_METRICS,
@@ -27,6 +29,7 @@ from bench.catalogue.metrics import (
     RECOGNITION_METRICS,
     SET_METRICS,
     column,
+    declared_metric,
     is_mean,
 )
 from bench.catalogue.suite_types import TRUTHS, Suite, Truth
@@ -57,7 +60,6 @@ from bench.tables.frontier import cost_grid
 from bench.tables.grid import Tags
 from bench.tables.markdown import visible
 from bench.tables.table import Table
-from data_prep.clouds.conditions import CONDITIONS
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.files.atomic_write import write_whole
 
@@ -156,7 +158,7 @@ def read_page(made: Outputs) -> Page:
         skipped=tuple(dict(manifest.get("skipped_metrics", {})).items()),
         command=_command(manifest),
         manifest=tuple(json.dumps(manifest, indent=2, ensure_ascii=False).split("\n")),
-        meanings=_meanings(manifest, suite),
+        meanings=_meanings(manifest, suite, made.tables),
     )
 
 
@@ -281,15 +283,16 @@ def _command(manifest: Mapping[str, Any]) -> str:
 
 
 def _meanings(
-    manifest: Mapping[str, Any], suite: Suite
+    manifest: Mapping[str, Any], suite: Suite, tables: Sequence[Table[QualityRow]]
 ) -> tuple[tuple[str, tuple[tuple[str, str], ...]], ...]:
-    known = {c.id: f"{condition_words(c.id)}; {c.source}" for c in CONDITIONS}
     distances = {m.id: f"Fréchet distance, lower is better: {m.about}" for m in SET_METRICS}
     kernel = {m: about for m, (_, about) in (KERNEL_METRICS | NEIGHBOUR_METRICS).items()}
     metrics = IMAGE_METRICS | distances | kernel | RECOGNITION_METRICS | CONTROL_METRICS
+    shown = {row.metric for table in tables for row in table.rows}
+    requested = manifest.get("request", {}).get("metrics", ())
     further = {
         m: (FURTHER_METRICS | metrics).get(m, "of another package")
-        for m in manifest.get("request", {}).get("metrics", ())
+        for m in (*requested, *sorted(m for m in shown if declared_metric(m)))
     }
     measured = (
         *suite.image_metrics,
@@ -302,8 +305,13 @@ def _meanings(
     return (
         ("Metrics", tuple((m, (metrics | further)[m]) for m in dict.fromkeys(measured))),
         ("Methods", tuple((m, _source(m)) for m in manifest["methods"])),
-        ("Conditions", tuple((c, known.get(c, "unknown")) for c in manifest["conditions"])),
+        ("Conditions", tuple((c, _origin(c)) for c in manifest["conditions"])),
     )
+
+
+def _origin(condition_id: str) -> str:
+    known = known_condition(condition_id)
+    return f"{condition_words(condition_id)}; {known.source}" if known else "unknown"
 
 
 def _source(method: str) -> str:

@@ -18,7 +18,7 @@ from bench.records.stored_artifacts import Artifact, StoredArtifacts
 from bench.running.plan import plan
 from bench.running.protocol import stored_protocol
 from bench.running.work import cloud_of
-from data_prep.failures import BadInput
+from data_prep.failures import BadInput, StageFailure
 
 CACHED = 32  # images of jobs held in memory, of about 1 MB each
 
@@ -78,5 +78,5 @@ def _cloud_jobs(manifest: Mapping[str, Any], shown: Sequence[JobName]) -> dict[J
 def _sampled(job: Job) -> NDArray[np.float32] | None:
     try:
         return cloud_of(job).points
-    except (BadInput, OSError):  # the file has gone, or is another one now
+    except (BadInput, StageFailure, OSError):  # the file has gone, or the condition has failed
         return None

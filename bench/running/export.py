@@ -15,6 +15,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from bench.catalogue.conditions import ALL
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import FLOOR
 from bench.catalogue.suites import SUITES
@@ -35,14 +36,13 @@ from data_prep.datasets.exported import (
 )
 from data_prep.datasets.objects import MeshObject
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
-from data_prep.failures import BadInput, CannotWrite
+from data_prep.failures import BadInput, CannotWrite, StageFailure
 from data_prep.files.atomic_write import whole_folder, write_whole
 from data_prep.files.checksums import file_sha256
 from data_prep.files.clouds import save_ply
 from data_prep.progress import progress
 from data_prep.scene import Mesh, UInt8Images
 
-ALL = "all"
 Task = tuple[Path, str, ObjectJobs]  # the folder, the object's name in it, and its jobs
 Rows = dict[str, list[tuple[Any, ...]]]  # by list, without class and object
 
@@ -50,7 +50,7 @@ Rows = dict[str, list[tuple[Any, ...]]]  # by list, without class and object
 def export(options: Options, out: Path) -> int:
     """Write the inputs of a run into a new folder, whole or not at all; return how many objects.
 
-    The conditions are those of the options (default: of the suite; ("all",): every condition), and
+    The conditions are those of the options (default: of the suite; ("all",): all of ours), and
     the unperturbed cloud in any case. Raises BadInput for an existing folder, as `protocol_of` and
     `plan` do, and for an object that cannot be drawn; CannotWrite where the disk refuses.
     """
@@ -110,7 +110,10 @@ def _write(task: Task) -> Rows:
         write_whole(root / name, _ply(obj.load()), synced=False)
         rows[OBJECTS] = [with_checksum(name)]
     for job in jobs.method_jobs:
-        points = cloud_of(job).points
+        try:
+            points = cloud_of(job).points
+        except StageFailure as error:  # of a condition of another package
+            raise BadInput(f"{obj.object_id}: {error}; leave that condition out") from error
         name = f"clouds/{place}/{job.condition}.ply"
         save_ply(points, root / name)
         rows[CLOUDS].append((job.condition, len(points), *with_checksum(name)))

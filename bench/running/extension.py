@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from bench.catalogue.lookup import find
+from bench.catalogue.conditions import find_condition
 from bench.catalogue.methods import Method, find_method
 from bench.catalogue.truth import truth_entry
 from bench.records.run_folder import (
@@ -26,7 +26,6 @@ from bench.running.options import Options
 from bench.running.plan import ObjectJobs, plan
 from bench.running.protocol import Protocol, method_identity, name_of
 from bench.running.shards import WHOLE, objects_to_search
-from data_prep.clouds.conditions import CONDITIONS
 from data_prep.datasets.objects import SceneObject
 from data_prep.datasets.registry import open_dataset
 from data_prep.failures import BadInput
@@ -212,7 +211,7 @@ def _find_kept(
             methods[method_id] = find_method(method_id)
             method_identity(methods[method_id], device)
         for condition in conditions:
-            find(condition, CONDITIONS, "condition")
+            find_condition(condition)
     except BadInput as error:
         # The list of all known names would hide the remedy.
         reason = str(error).partition(": ")[0] if str(error).startswith("unknown") else str(error)

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from bench.catalogue.conditions import condition_ids, find_condition
 from bench.catalogue.methods import objectives
 from bench.catalogue.truth import truth_entry
 from bench.records.record import SCHEMA_VERSION
-from bench.records.run_folder import PROTOCOL
+from bench.records.run_folder import CONDITION_IDENTITIES, PROTOCOL
 from bench.running.environment import machine_info
 from bench.running.options import Options
 from bench.running.protocol import Protocol, method_identity, name_of
@@ -33,11 +34,19 @@ def describe(
         objectives=objectives(protocol.methods),
         **truth_entry(protocol.suite),
         conditions=list(protocol.conditions),
+        **_condition_identities(protocol),
         objects=[name_of(obj) for obj in protocol.objects],
         skipped_metrics=dict(skipped_metrics),
         feature_identity=dict(protocol.feature_identity),
         workers=workers,
     )
+
+
+def _condition_identities(protocol: Protocol) -> dict[str, dict[str, str]]:
+    """Return the entry for what clouds of other packages' conditions depend on; none without."""
+    others = [name for name in protocol.conditions if name in condition_ids()]
+    keys = {name: find_condition(name).key for name in others}
+    return {CONDITION_IDENTITIES: keys} if keys else {}
 
 
 def manifest_of(

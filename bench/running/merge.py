@@ -15,7 +15,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic
 
-from bench.records.run_folder import COLOURED, FIXED, TRUTH, read_finished, read_store
+from bench.records.run_folder import (
+    COLOURED,
+    CONDITION_IDENTITIES,
+    FIXED,
+    TRUTH,
+    read_finished,
+    read_store,
+)
 from bench.records.store import JobRow, Store
 from bench.running.extension import refuse_narrowing
 from bench.running.run import Outputs, WrittenRun, open_run, write_parquet
@@ -27,7 +34,7 @@ from data_prep.progress import progress
 ALIKE = (
     *(*FIXED, TRUTH),
     *("methods", "identities", "conditions", "skipped_metrics", "feature_identity", "environment"),
-    "versions",
+    *(CONDITION_IDENTITIES, "versions"),
 )
 EACH = ("shard", "started", "finished", "machine", "git")  # entries kept for each shard
 

@@ -9,12 +9,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, overload
 
-from bench.catalogue.lookup import find
+from bench.catalogue.conditions import find_condition
 from bench.catalogue.methods import Method
 from bench.records.job import Job
 from bench.records.record import GROUND_TRUTH, SCHEMA_VERSION
 from bench.running.protocol import Protocol, method_identity, name_of
-from data_prep.clouds.conditions import CONDITIONS, Condition, Perturbation, Unchanged
+from data_prep.clouds.conditions import Condition, Perturbation, Unchanged
 from data_prep.datasets.exported import ExportedObject
 from data_prep.datasets.grey import GreyObject
 from data_prep.datasets.objects import MeshObject, SceneObject
@@ -125,13 +125,13 @@ class Plan(Sequence[ObjectJobs]):
         cells = []
         for condition in self.conditions:
             for method, version in self.methods:
-                cloud, perturbation = (
-                    (condition.id, condition.perturbation)
+                cloud, change = (
+                    (condition.id, condition.key)
                     if method.sees_cloud
-                    else (UNCHANGED, Unchanged())
+                    else (UNCHANGED, repr(Unchanged()))
                 )
                 start = _encoded(self.protocol.suite.id, method.id, cloud)
-                end = _encoded(version, repr(perturbation), SCORES_VERSION)
+                end = _encoded(version, change, SCORES_VERSION)
                 cells.append((method.id, condition, start, end))
         return cells
 
@@ -181,7 +181,7 @@ def plan(protocol: Protocol) -> Plan:
         protocol,
         tuple(_in_grey(protocol)) if protocol.suite.truth == "grey" else protocol.objects,
         tuple((m, method_identity(m, protocol.device)) for m in protocol.methods.values()),
-        tuple(find(c, CONDITIONS, "condition") for c in protocol.conditions),
+        tuple(find_condition(condition_id) for condition_id in protocol.conditions),
     )
 
 

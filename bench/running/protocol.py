@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from bench.catalogue.conditions import find_condition
 from bench.catalogue.loaders import GPU
-from bench.catalogue.lookup import find
 from bench.catalogue.methods import FLOOR, RECOMMENDED, Method, find_method
 from bench.catalogue.metrics import WeightsUnavailable, find_extractor, metrics_device
 from bench.catalogue.plugins import plugin_problem
@@ -22,7 +22,6 @@ from bench.running.options import (
     seed_of,
 )
 from bench.running.shards import Shard, objects_to_search
-from data_prep.clouds.conditions import CONDITIONS
 from data_prep.datasets.objects import SceneObject
 from data_prep.datasets.registry import Dataset, open_dataset
 from data_prep.failures import BadInput
@@ -116,7 +115,9 @@ def protocol_of(
             log(problem)
     conditions = tuple(dict.fromkeys(options.conditions or suite.conditions))
     for condition in conditions:
-        find(condition, CONDITIONS, "condition")
+        find_condition(condition)
+        if problem := plugin_problem("condition", condition):  # ours is run
+            log(problem)
     refuse_counts(options)
     refuse_absent_gpu(options)
     dataset = open_dataset(options.dataset)

@@ -28,6 +28,7 @@ from bench.metrics.image_scores import scores
 from bench.records.artifacts import pack, unpack_images
 from bench.records.job import Job, Result, Stopwatch, failed, records_of
 from bench.records.record import GROUND_TRUTH, Record
+from data_prep.clouds.conditions import Unchanged
 from data_prep.datasets.exported import ExportedObject
 from data_prep.failures import BadInput, MissingDependency, StageFailure
 from data_prep.randomness import generator
@@ -88,7 +89,9 @@ def _run_method(job: Job, watch: Stopwatch) -> Result:
     except BadInput as error:  # unusable weights fail every job alike
         return replace(failed(job, str(error)), unusable=str(error))
     truth = None if job.reference is None else unpack_images(job.reference)
-    cloud, rng = cloud_of(job), rng_of(job)
+    # The floor stands for failures in all scores: a condition that breaks may not take it along.
+    cloud = cloud_of(job if method.sees_cloud else replace(job, perturbation=Unchanged()))
+    rng = rng_of(job)
     with watch.on("methods"):
         drawn = draw(method, renderer, cloud, job.views, rng, job.batch, truth)
     records = records_of(

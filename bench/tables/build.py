@@ -26,6 +26,7 @@ from bench.tables.classes import class_table
 from bench.tables.condition_sweep import ConditionStep, condition_sweep_table
 from bench.tables.decided import DECIDED, DecidedRow, decided_table
 from bench.tables.frontier import frontier_table, points_table
+from bench.tables.further_metrics import further_tables
 from bench.tables.grid import grid
 from bench.tables.headline import headline
 from bench.tables.orderings import orderings_table
@@ -162,7 +163,7 @@ def make_outputs(run: ScoredRun) -> Outputs:
     return Outputs(
         run,
         headline=headline(run),
-        tables=tuple(tables(run)),
+        tables=(*tables(run), *further_tables(run)),
         cost=cost_table(run.sums, how_timed(run.manifest)),
         frontier_tables=frontier_tables(run),
         orderings=class_orderings(run),

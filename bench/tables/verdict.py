@@ -12,6 +12,7 @@ from rich.cells import cell_len, set_cell_size
 
 from bench.analysis.comparison import ALL, decimals
 from bench.analysis.paired import SIGNIFICANCE, Ahead, PairedDifference
+from bench.analysis.resolution import POWER
 from bench.analysis.run_pairs import Differences
 from bench.catalogue.condition_names import condition_name
 from bench.tables.grid import ordered
@@ -30,11 +31,21 @@ NO_VALUE = "-"
 
 
 class _Verdict(NamedTuple):
-    """The cells of one metric in a row of conditions: words, and differences."""
+    """The cells of one metric in a row of conditions: words, differences, and resolutions.
+
+    `resolutions` are empty where no cell has one.
+    """
 
     metric: str
     words: tuple[str, ...]
     differences: tuple[str, ...]
+    resolutions: tuple[str, ...]
+
+    @property
+    def lines(self) -> list[tuple[str, tuple[str, ...]]]:
+        """Return the name and the cells of each line."""
+        lines = [(self.metric, self.words), ("  difference", self.differences)]
+        return [*lines, *([("  could show", self.resolutions)] if self.resolutions else [])]
 
 
 def comparison_lines(differences: Differences, width: int) -> list[str]:
@@ -79,6 +90,8 @@ def verdict(cells: Sequence[PairedDifference], name: str, objects: str) -> str:
         text = f"No difference is shown in {len(valued)} cell{plural} {tested}."
     if needed:
         text += f" Too few objects in {len(needed)}: at least {max(needed)} are needed."
+    if any(math.isfinite(cell.resolution) for cell in valued):
+        text += f" Could show: with a power of {100 * POWER:.0f} %."
     return f"{text} Intervals: --format md"
 
 
@@ -119,7 +132,10 @@ def _verdicts(cells: Sequence[PairedDifference], conditions: Sequence[str]) -> I
     for metric in ordered(cell.pair.metric for cell in cells):
         by_condition = {c.pair.condition: c for c in cells if c.pair.metric == metric}
         row = [by_condition.get(condition) for condition in conditions]
-        yield _Verdict(metric, tuple(map(_word, row)), tuple(map(_difference, row)))
+        resolutions = tuple(map(_resolution, row))
+        if {*resolutions} == {NO_VALUE}:
+            resolutions = ()
+        yield _Verdict(metric, tuple(map(_word, row)), tuple(map(_difference, row)), resolutions)
 
 
 def _word(cell: PairedDifference | None) -> str:
@@ -135,14 +151,18 @@ def _difference(cell: PairedDifference | None) -> str:
     return re.sub(r"^([+-])0\.", r"\1.", text)
 
 
+def _resolution(cell: PairedDifference | None) -> str:
+    if cell is None or not math.isfinite(cell.resolution):
+        return NO_VALUE
+    return f"{cell.resolution:.{decimals(cell.pair.metric)}f}".removeprefix("0")
+
+
 def _laid_out(corner: str, heads: Sequence[str], rows: Sequence[_Verdict], width: int) -> list[str]:
     """Return rows under the heads of their conditions, in as few parts as the width allows."""
-    names = [corner, *(name for row in rows for name in (row.metric, "  difference"))]
+    by_line = [line for row in rows for line in row.lines]
+    names = [corner, *(name for name, _ in by_line)]
     wide = max(map(cell_len, names))
-    columns = [
-        [head, *(text for row in rows for text in (row.words[i], row.differences[i]))]
-        for i, head in enumerate(heads)
-    ]
+    columns = [[head, *(texts[i] for _, texts in by_line)] for i, head in enumerate(heads)]
     widths = [max(map(len, column)) for column in columns]
     if wide + len(GAP) + max(widths) > width:
         return _stacked(corner, heads, rows, width)
@@ -162,6 +182,7 @@ def _stacked(corner: str, heads: Sequence[str], rows: Sequence[_Verdict], width:
     lines = wrapped(corner, width)
     for row in rows:
         lines += wrapped(row.metric, width)
-        for cell in zip(heads, row.words, row.differences, strict=True):
-            lines += wrapped("  {}: {} {}".format(*cell), width, further="    ")
+        least = [f", could show {text}" for text in row.resolutions] or [""] * len(heads)
+        for cell in zip(heads, row.words, row.differences, least, strict=True):
+            lines += wrapped("  {}: {} {}{}".format(*cell), width, further="    ")
     return lines

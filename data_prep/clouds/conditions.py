@@ -18,6 +18,7 @@ noise, outliers, half an object, uneven density. The true image always shows the
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -181,19 +182,36 @@ def _along_random_axis(cloud: PointCloud, rng: np.random.Generator) -> NDArray[A
 class Condition:
     """A perturbation with a name.
 
+    Other packages add conditions by entry points of the group `pc2pix_bench.conditions`: the name
+    is the condition's id, the object a `Condition`.
+
     Attributes
     ----------
     id : str
         Name in kebab-case.
     perturbation : Perturbation
-        Change of the cloud.
+        Change of the cloud. Its `repr` shows all parameters.
     source : str
         Origin of the condition, for people.
+    version : int
+        Raised by hand when a change of the code alters the clouds.
+    identity : callable
+        Returns what else the clouds depend on, such as versions of libraries and checksums of
+        files; a str.
     """
 
     id: str
     perturbation: Perturbation
     source: str
+    version: int = 1
+    identity: Callable[[], str] = str
+
+    @property
+    def key(self) -> str:
+        """Return everything that the clouds depend on, for the key of finished work."""
+        identity = self.identity()
+        further = f" version {self.version} {identity}" if self.version != 1 or identity else ""
+        return repr(self.perturbation) + further
 
 
 CONDITIONS = (

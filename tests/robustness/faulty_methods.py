@@ -80,8 +80,8 @@ class Faulty:
         return IN_DRAW[fault](images) if fault in IN_DRAW else images
 
 
-def announce(folder: Path, methods: Mapping[str, str]) -> None:
-    """Make a package in `folder` that announces methods: id to "module:NAME".
+def announce(folder: Path, plugins: Mapping[str, str], group: str = METHODS) -> None:
+    """Make a package in `folder` that announces plug-ins, by default methods: id to "module:NAME".
 
     It is found where `folder` is on `sys.path`, in spawned workers too; `bench.catalogue.methods`
     looks once a process.
@@ -89,5 +89,5 @@ def announce(folder: Path, methods: Mapping[str, str]) -> None:
     info = folder / "fake-1.0.dist-info"
     info.mkdir(parents=True)
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: fake\nVersion: 1.0\n")
-    entries = "".join(f"{id_} = {place}\n" for id_, place in methods.items())
-    (info / "entry_points.txt").write_text(f"[{METHODS}]\n{entries}")
+    entries = "".join(f"{id_} = {place}\n" for id_, place in plugins.items())
+    (info / "entry_points.txt").write_text(f"[{group}]\n{entries}")

@@ -10,7 +10,8 @@ from typing import Any
 from bench.catalogue.methods import Method
 from bench.catalogue.plugins import ImageMetric, SetMetric
 from bench.catalogue.suites import Limits
-from bench.checking.contract import datasets, methods, metrics
+from bench.checking.contract import conditions, datasets, methods, metrics
+from bench.checking.contract.conditions import condition_steps
 from bench.checking.contract.datasets import dataset_steps
 from bench.checking.contract.findings import Finding
 from bench.checking.contract.methods import LIMITS, method_steps
@@ -24,6 +25,7 @@ from bench.checking.contract.targets import (
     kind_of,
 )
 from bench.running.isolation import WORKER_ENVIRONMENT, thread_counts
+from data_prep.clouds.conditions import Condition
 
 TOTAL_S = 60.0
 CLOSING_S = 3.0  # of TOTAL_S, for workers that end
@@ -33,6 +35,7 @@ KINDS: Mapping[type, ModuleType] = {
     ImageMetric: metrics,
     SetMetric: metrics,
     DatasetSource: datasets,
+    Condition: conditions,
 }
 
 
@@ -58,7 +61,7 @@ SECOND_ENVIRONMENT = WORKER_ENVIRONMENT | {"PYTHONHASHSEED": "1"}
 def plugin_findings(
     name: str, limits: Limits = LIMITS, total_s: float = TOTAL_S
 ) -> Iterator[Finding]:
-    """Yield all findings about a method, metric or dataset.
+    """Yield all findings about a method, metric, dataset or condition.
 
     `limits` are those of a step. Raises BadInput for an unknown name.
     """
@@ -93,4 +96,6 @@ def _steps(kind: type, evidence: Any) -> list[CheckStep]:
         return method_steps(evidence)
     if kind is DatasetSource:
         return dataset_steps(evidence)
+    if kind is Condition:
+        return condition_steps(evidence)
     return metric_steps(evidence, of_images=kind is ImageMetric)

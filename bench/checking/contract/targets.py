@@ -11,6 +11,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import Any, TypeAlias, get_args
 
+from bench.catalogue.conditions import condition_ids, load_condition
 from bench.catalogue.lookup import family_of
 from bench.catalogue.methods import Method, find_method, plugin_ids
 from bench.catalogue.plugins import (
@@ -22,6 +23,7 @@ from bench.catalogue.plugins import (
 )
 from bench.checking.contract.findings import ContractViolation
 from bench.checking.contract.session import Passed
+from data_prep.clouds.conditions import CONDITIONS, Condition
 from data_prep.datasets.dataset import Dataset, DatasetReader
 from data_prep.datasets.registry import (
     find_reader,
@@ -48,7 +50,7 @@ class DatasetSource:
     open: Callable[[], Dataset]
 
 
-Target: TypeAlias = Method | ImageMetric | SetMetric | DatasetSource
+Target: TypeAlias = Method | ImageMetric | SetMetric | DatasetSource | Condition
 
 
 def kind_of(target: Target) -> type:
@@ -59,13 +61,14 @@ def kind_of(target: Target) -> type:
 def check_name(name: str) -> None:
     """Raise BadInput for an unknown or refused name, without loading any plug-in."""
     module, colon, rest = name.partition(":")
-    for kind, plugin_id in (("method", name), ("metric", name), ("dataset", module)):
+    kinds = ("method", name), ("metric", name), ("condition", name), ("dataset", module)
+    for kind, plugin_id in kinds:
         if problem := plugin_problem(kind, plugin_id):
             raise BadInput(problem)
     if is_dataset(name):
         if rest and module != "procedural":
             folder_of(rest)
-    elif name in plugin_ids() or name in metric_ids():
+    elif name in (*plugin_ids(), *metric_ids(), *_known_conditions()):
         return
     elif colon and "@" not in module:
         package = module.partition(".")[0]
@@ -78,6 +81,10 @@ def check_name(name: str) -> None:
         find_method(name)
 
 
+def _known_conditions() -> tuple[str, ...]:
+    return (*(condition.id for condition in CONDITIONS), *condition_ids())
+
+
 @cache
 def find_target(name: str) -> Target:
     """Return the plug-in of this name, loaded once a process; errors of its module go on."""
@@ -87,6 +94,9 @@ def find_target(name: str) -> Target:
         return DatasetSource(name, partial(open_dataset, name))
     if name in metric_ids():
         return find_metric(name)
+    if name in _known_conditions():
+        ours = {condition.id: condition for condition in CONDITIONS}
+        return ours[name] if name in ours else load_condition(name)
     if name not in plugin_ids() and ":" in family_of(name):
         return _of_module(name)
     return find_method(name)
@@ -101,7 +111,7 @@ def _of_module(name: str) -> Target:
         if not hasattr(target, part):
             raise ContractViolation(f"{module} has no '{attribute}'")
         target = getattr(target, part)
-    if isinstance(target, (Method, ImageMetric, SetMetric)):
+    if isinstance(target, (Method, ImageMetric, SetMetric, Condition)):
         return target
     if isinstance(target, DatasetReader):
         if not folder:
@@ -112,8 +122,8 @@ def _of_module(name: str) -> Target:
         make = target if isinstance(target, type) else lambda: target
         return Method(name, load=lambda _: make(), identity=str, version=1, source=module)
     raise ContractViolation(
-        f"{attribute} is a {type(target).__name__}; expected a Method, ImageMetric, SetMetric or "
-        "DatasetReader, or a class with the functions prepare and draw"
+        f"{attribute} is a {type(target).__name__}; expected a Method, ImageMetric, SetMetric, "
+        "DatasetReader or Condition, or a class with the functions prepare and draw"
     )
 
 

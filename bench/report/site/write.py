@@ -21,7 +21,15 @@ from bench.analysis.ranks import ranking
 from bench.analysis.scored import ScoredRun, scored_run
 from bench.catalogue.metrics import is_mean
 from bench.records.parquet import RECORDS
-from bench.records.run_folder import FIXED, MANIFEST, PROTOCOL, SHARD, TRUTH, read_finished
+from bench.records.run_folder import (
+    CONDITION_IDENTITIES,
+    FIXED,
+    MANIFEST,
+    PROTOCOL,
+    SHARD,
+    TRUTH,
+    read_finished,
+)
 from bench.report.build import REPORT, write_report
 from bench.report.site.index_page import INDEX
 from bench.report.site.methods import SiteMethod, shortened_name, site_methods, under_site_names
@@ -40,7 +48,10 @@ from data_prep.files.checksums import file_sha256
 from data_prep.progress import log, progress
 
 # What a run was to measure, in its manifest.
-REQUEST = (PROTOCOL, *FIXED, SHARD, TRUTH, "methods", "identities", "conditions", "objects")
+REQUEST = (
+    *(PROTOCOL, *FIXED, SHARD, TRUTH, CONDITION_IDENTITIES),
+    *("methods", "identities", "conditions", "objects"),
+)
 
 
 def write_site(directories: Sequence[Path], out: Path) -> int:

@@ -24,7 +24,7 @@ from bench.running.work import draw, reason_of
 from bench.suites.speed.samples import CloudFailure, Measurement, Stage, TimingSample
 from data_prep.clouds.conditions import Perturbation
 from data_prep.datasets.registry import SceneObject
-from data_prep.failures import BadInput, MissingDependency
+from data_prep.failures import BadInput, MissingDependency, StageFailure
 from data_prep.randomness import generator
 from data_prep.scene import PointCloud, Renderer, View
 
@@ -154,7 +154,7 @@ def subjects_of(unit: Unit) -> tuple[list[Subject], list[CloudFailure]]:
         try:
             cloud = obj.cloud(generator(unit.seed, "cloud", *names))
             cloud = unit.perturbation.apply(cloud, generator(unit.seed, unit.condition, *names))
-        except BadInput as error:
+        except (BadInput, StageFailure) as error:
             failures.append(CloudFailure(name, reason_of(error)))
             continue
         views = obj.views(unit.views, generator(unit.seed, "views", *names))

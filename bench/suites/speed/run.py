@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from bench.catalogue.lookup import find
+from bench.catalogue.conditions import find_condition
 from bench.catalogue.methods import find_method, objectives
 from bench.catalogue.suites import SPEED, SpeedSuite
 from bench.running.environment import code_sha256, cores, environment
@@ -41,7 +41,6 @@ from bench.suites.speed.tables import (
 from bench.tables.figure import FIGURES, save
 from bench.tables.published import published
 from bench.tables.table import Table, write_tables
-from data_prep.clouds.conditions import CONDITIONS
 from data_prep.datasets.registry import SceneObject, open_dataset
 from data_prep.progress import log, progress
 
@@ -98,8 +97,8 @@ def speed_units(
     for method in manifest["methods"]:
         identity = [method, method_identity(find_method(method), device)]
         for name in manifest["conditions"]:
-            condition = find(name, CONDITIONS, "condition")
-            of_cloud = [condition.id, repr(condition.perturbation)]
+            condition = find_condition(name)
+            of_cloud = [condition.id, condition.key]
             units += [
                 Unit(
                     key=digest([common, identity, of_cloud, count]),

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from dataclasses import replace
 
 import numpy as np
 import pandas as pd
+import pyarrow.parquet as pq
 import pytest
 
 from bench.analysis.distances import FeatureDistances, set_distance
@@ -30,8 +32,11 @@ from bench.metrics.kernel_distance import kernel_distance
 from bench.metrics.learned_weights import find_efficientnet_weights
 from bench.metrics.precision_recall import share_within
 from bench.records.artifacts import JobName
+from bench.records.image_scores import digits_of, read_scores
 from bench.records.record import GROUND_TRUTH
 from bench.report.stored import open_sources
+from bench.tables.build import make_outputs
+from bench.tables.further_metrics import further_tables
 from data_prep.failures import BadInput
 
 from ..builders import damage_images, sums_of
@@ -376,3 +381,69 @@ def test_a_set_metric_whose_package_is_absent_is_skipped(copied):
 
 def test_every_further_set_metric_is_known():
     assert [find_metric(name).id for name in FURTHER_SETS] == list(FURTHER_SETS)
+
+
+DARK = made(
+    lambda truth, drawn: 100.0 * (drawn < 255).any(axis=3).mean(axis=(1, 2)), "dark-percent"
+)
+
+
+def test_scores_are_kept_for_comparisons_recommendations_and_the_report(copied, command):
+    """Differences are those of the means in its table: no image of this run has failed."""
+    (table,) = score(copied, [DARK])
+    value = {(row.method, row.condition): row.value for row in table.rows}
+    methods = ("--methods", "splat,true-mesh", "--metric", "dark-percent")
+    status, out, _ = command("compare", copied, *methods, "--format", "json")
+    assert status == 0
+    (differences,) = json.loads(out)
+    for row in differences["rows"]:
+        expected = value["true-mesh", row["condition"]] - value["splat", row["condition"]]
+        assert row["difference"] == pytest.approx(expected, abs=1e-12)
+    budget = ("--budget-ms", "1e9", "--metric", "dark-percent")
+    status, out, _ = command("recommend", copied, *budget)
+    assert status == 0
+    splat = value["splat", "noise-0.10"]
+    digits = digits_of(read_scores(copied, "dark-percent")[1].to_numpy())
+    assert f"splat, dark-percent {splat:.{digits}f}," in " ".join(out.split())
+    again = make_outputs(read_scored(copied))  # of the report
+    assert [t.to_csv() for t in again.tables if t.name == table.name] == [table.to_csv()]
+    status, _, _ = command("report", copied)
+    assert status == 0
+    assert "dark-percent" in (copied / "report.html").read_text()
+
+
+def test_a_metric_that_a_run_was_not_scored_by_is_refused_with_the_command(copied, command):
+    methods = ("--methods", "splat,true-mesh")
+    missing = f"bench: {copied}: is not scored by flip; run 'bench score {copied} --metrics flip'"
+    for arguments in (("compare", copied, *methods), ("recommend", copied, "--budget-ms", "9")):
+        status, _, err = command(*arguments, "--metric", "flip")
+        assert (status, err) == (2, f"{missing} first\n")
+    status, _, err = command("compare", copied, *methods, "--metric", "kd-effnet")
+    assert status == 2
+    assert "kd-effnet: is a distance of sets of images; it stands in the table of" in err
+    status, _, err = command("compare", copied, *methods, "--metric", "unheard-of")
+    assert status == 2
+    assert err.startswith("bench: --metric unheard-of: cannot be compared here; there are ssim-")
+
+
+def test_scores_of_records_that_have_changed_are_refused(copied, capsys):
+    score(copied, [DARK])
+    fewer = pq.read_table(copied / "records.parquet").slice(1)
+    pq.write_table(fewer, copied / "records.parquet")
+    with pytest.raises(BadInput, match="was scored by dark-percent before it was changed; run 'b"):
+        read_scores(copied, "dark-percent")
+    capsys.readouterr()
+    assert further_tables(read_scored(copied)) == []
+    assert "was scored by dark-percent before it was changed" in capsys.readouterr().err
+    (copied / "scores" / "dark-percent.parquet").write_bytes(b"PAR1")
+    with pytest.raises(BadInput, match=r"dark-percent.parquet: cannot be read; run 'bench score "):
+        read_scores(copied, "dark-percent")
+
+
+@pytest.mark.parametrize(
+    ("values", "digits"),
+    [([0.0, 20.0], 1), ([0.4, 0.6], 3), ([1e5, 3e5], 0), ([1e-9, 3e-9], 6), ([7.0, 7.0], 3)],
+)
+def test_three_digits_of_the_spread_are_printed(values, digits):
+    """The standard deviations are 10, 0.1, 1e5, 1e-9 and 0."""
+    assert digits_of(np.array([*values, np.nan])) == digits

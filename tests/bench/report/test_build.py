@@ -377,7 +377,8 @@ def test_a_run_that_ended_when_decided_shows_its_pairs_first(tmp_path):
     )
     made = make_outputs(read_scored(directory))
     group = read_page(made).tables[0]
-    assert made.decided is not None and group.unfolded
+    assert made.decided is not None
+    assert group.unfolded
     assert group.title.startswith("0 of 4 headline pairs decided: 6 of 100 objects; ")
     assert "confidence sequences" in group.remark
     found = {cell.value for grid in group.tables for line in grid.lines for cell in line.cells}

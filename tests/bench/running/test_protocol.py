@@ -9,6 +9,7 @@ import pytest
 from harness_objects import Tetrahedron
 
 import bench.running.plan
+from bench.catalogue.conditions import find_condition
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import find_method
 from bench.catalogue.suites import SUITES, Limits
@@ -19,8 +20,7 @@ from bench.running.options import Options
 from bench.running.plan import SCORES_VERSION, plan
 from bench.running.protocol import find_methods, method_identity, protocol_of, with_floor
 from bench.running.work import cloud_of, run_job
-from data_prep.clouds import conditions
-from data_prep.clouds.conditions import Condition, GaussianNoise
+from data_prep.clouds.conditions import GaussianNoise
 from data_prep.datasets.registry import PROCEDURAL_VERSION, PaperObject, ProceduralObject
 from data_prep.failures import BadInput
 from data_prep.scene import View
@@ -187,11 +187,12 @@ def test_another_version_of_a_method_concerns_its_jobs(change):
 
 
 def other_noise():
-    table = [
-        Condition(c.id, GaussianNoise(0.06), c.source) if c.id == "noise-0.05" else c
-        for c in conditions.CONDITIONS
-    ]
-    return bench.running.plan, "CONDITIONS", table
+    def find_other(condition_id):
+        known = find_condition(condition_id)
+        other = replace(known, perturbation=GaussianNoise(0.06))
+        return other if condition_id == "noise-0.05" else known
+
+    return bench.running.plan, "find_condition", find_other
 
 
 @pytest.mark.parametrize(

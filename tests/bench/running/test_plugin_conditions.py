@@ -1,0 +1,207 @@
+"""Conditions of other packages in runs, exports and lists, whether they keep to their contract."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from harness_objects import Tetrahedron
+
+from bench.catalogue.conditions import (
+    MOST_POINTS,
+    OUR_CONDITIONS,
+    find_condition,
+    known_condition,
+    load_condition,
+)
+from bench.catalogue.plugins import plugin_problems
+from bench.catalogue.suites import SUITES
+from bench.records.run_folder import CONDITION_IDENTITIES, read_manifest
+from bench.running.export import export
+from bench.running.manifest import describe
+from bench.running.options import Options
+from bench.running.plan import plan
+from bench.running.protocol import protocol_of
+from bench.running.work import cloud_of, run_job
+from data_prep.clouds.conditions import CONDITIONS, Condition
+from data_prep.failures import BadInput, MissingDependency, StageFailure
+from data_prep.randomness import generator
+from data_prep.scene import PointCloud
+from tests.bench.checking.broken_conditions import Moved
+
+from .. import plugin_conditions
+from ..builders import make_protocol
+
+CLOUD = PointCloud(np.linspace(-0.5, 0.5, 96, dtype=np.float32).reshape(32, 3))
+BROKEN = {  # by condition: the reason of its failed records
+    "a-no-points": f"gives 0 points, expected 1 to {MOST_POINTS:,}",
+    "a-not-finite": "gives 1 points that are not finite",
+    "a-an-array": "gives a ndarray, expected a PointCloud",
+    "a-two-columns": "ValueError: points: expected shape [N, 3], got [2048, 2]",
+    "a-many-points": "gives 204,800 points, expected 1 to 100,000",
+    "a-input": "changes the cloud that it is given; work on a copy",
+    "a-global-numbers": "uses global random numbers; take all randomness from `rng`",
+    "a-raises": "ValueError: no room",
+    "a-exits": "SystemExit: 0",
+}
+
+
+@pytest.fixture
+def package(tmp_path, monkeypatch):
+    with plugin_conditions.installed(tmp_path / "site", monkeypatch):
+        yield
+
+
+def planned(conditions, **changes):
+    changes = {"objects": (Tetrahedron("a"),), "methods": ("splat", "blank")} | changes
+    return plan(make_protocol(conditions=conditions, **changes))
+
+
+def test_it_is_found_by_its_id_and_its_perturbation_by_that_id(package):
+    found = find_condition("good")
+    assert (found.id, found.source) == ("good", "made up")
+    expected = Moved().apply(CLOUD, generator(3)).points
+    np.testing.assert_array_equal(found.perturbation.apply(CLOUD, generator(3)).points, expected)
+    assert (
+        repr(found.perturbation) == "PluginPerturbation(condition='good', key=\"Moved(fault='')\")"
+    )
+    assert find_condition("2048") is CONDITIONS[0]
+
+
+def test_an_unknown_id_names_the_nearest(package):
+    with pytest.raises(BadInput, match="unknown condition 'goood': did you mean 'good'"):
+        find_condition("goood")
+    assert known_condition("goood") is None
+
+
+ANNOUNCED = {  # by id: the reason of its refusal
+    "noise-0.05": "pc2pix-bench uses that id itself; rename it in that package",
+    "all": "pc2pix-bench uses that id itself; rename it in that package",
+    "Upper": "an id is kebab-case (a-z, 0-9 and single hyphens, numbers like 0.05)",
+    "../x": "an id is kebab-case",
+    "x--y": "an id is kebab-case",
+    "x.y": "an id is kebab-case",
+    "x-.5": "an id is kebab-case",
+    "other": "is not a data_prep.clouds.conditions.Condition with that id; fix or remove",
+    "gone": "cannot be loaded (ModuleNotFoundError: ",
+}
+
+
+def test_ids_that_are_refused_are_named_with_the_reason(tmp_path, monkeypatch, command):
+    module = plugin_conditions.broken_conditions.__name__
+    entries = dict.fromkeys(ANNOUNCED, f"{module}:GOOD") | {"gone": "no_such_module:GOOD"}
+    with plugin_conditions.installed(tmp_path, monkeypatch, entries):
+        for id_, reason in ANNOUNCED.items():
+            with pytest.raises(BadInput, match=r"^condition '") as error:
+                load_condition(id_)
+            assert reason in str(error.value)
+            assert "fake" in str(error.value)  # the package
+        status, out, _ = command("list", "conditions")
+        assert status == 0
+        assert "  other                     of another installed package\n" in out
+        assert "  noise-0.05                refused: condition 'noise-0.05' of fake: pc2pix" in out
+        problems = plugin_problems()  # of `bench doctor`
+        assert sum(problem.startswith("condition ") for problem in problems) == 7
+        status, _, err = command("test", "x.y")
+        assert (status, err.partition(":")[0]) == (2, "bench")
+        assert "condition 'x.y' of fake: an id is kebab-case" in err
+        assert find_condition("noise-0.05") in CONDITIONS  # ours is run
+
+
+def test_every_id_of_this_project_is_kept():
+    assert {condition.id for condition in CONDITIONS} < OUR_CONDITIONS
+
+
+@pytest.mark.parametrize(("name", "reason"), BROKEN.items())
+def test_one_that_breaks_is_a_failure_with_its_reason(package, name, reason):
+    """Reference methods see no cloud: the floor, which stands for failures, is drawn."""
+    obj = planned((name,))[0]
+    truth = run_job(obj.truth)
+    drawn = {job.method: run_job(replace(job, reference=truth.artifact)) for job in obj.method_jobs}
+    (outcomes,) = {(r.outcome, r.reason) for r in drawn["splat"].records}
+    assert outcomes == ("failed", f"condition {name}: {reason}")
+    assert drawn["splat"].unusable is None  # other jobs go on
+    assert {record.outcome for record in drawn["blank"].records} == {"ok"}
+
+
+def test_global_random_numbers_are_as_before_the_failure(package):
+    """The condition is refused, and leaves no trace in what others draw."""
+    job = planned(("a-raises",))[0].method_jobs[0]
+    with pytest.raises(StageFailure):
+        cloud_of(job)
+    good = planned(("good",))[0].method_jobs[0]
+    np.testing.assert_array_equal(cloud_of(good).points, cloud_of(good).points)
+
+
+@pytest.mark.parametrize(
+    "change", [{"version": 2}, {"identity": lambda: "scans 7"}, {"perturbation": Moved("few")}]
+)
+def test_a_changed_condition_is_computed_again_and_nothing_else_is(tmp_path, monkeypatch, change):
+    """Its jobs of methods that see the cloud: those of the others stay."""
+    keys = []
+    first = Condition("good", Moved(), "")
+    for condition in (first, replace(first, **change)):
+        monkeypatch.setitem(vars(plugin_conditions.broken_conditions), "GOOD", condition)
+        folder = tmp_path / str(len(keys))
+        with plugin_conditions.installed(folder, monkeypatch):
+            jobs = planned(("2048", "good"))[0].method_jobs
+        keys.append({(job.method, job.condition): job.key for job in jobs})
+    assert {cell for cell in keys[0] if keys[0][cell] != keys[1][cell]} == {("splat", "good")}
+
+
+def test_a_worker_with_another_version_of_the_package_ends_the_run(package, monkeypatch):
+    (job, _) = planned(("good",))[0].method_jobs
+    changed = replace(plugin_conditions.broken_conditions.GOOD, version=2)
+    monkeypatch.setitem(vars(plugin_conditions.broken_conditions), "GOOD", changed)
+    for cache in plugin_conditions.CACHES:
+        cache.cache_clear()  # as in a process of another machine
+    with pytest.raises(MissingDependency, match="install the same version of its package"):
+        cloud_of(job)
+    assert "is Moved(fault='') version 2 " in run_job(job).unusable
+
+
+def test_the_manifest_has_the_keys_of_conditions_of_packages_alone(package, no_machine):
+    options = Options("chair-robustness", methods=("splat",), limit=1)
+    for conditions, entry in (
+        (("2048", "good"), {"good": find_condition("good").key}),
+        (("2048",), None),
+    ):
+        protocol, _ = protocol_of(SUITES[0], replace(options, conditions=conditions))
+        assert describe(protocol, 1, {}).get(CONDITION_IDENTITIES) == entry
+
+
+def test_an_export_has_it_and_names_one_that_breaks(package, no_machine, tmp_path):
+    options = Options("chair-robustness", limit=1, views=1, workers=1)
+    export(replace(options, conditions=("good",)), tmp_path / "good")
+    clouds = pd.read_csv(tmp_path / "good" / "clouds.csv")
+    assert list(clouds["condition"]) == ["2048", "good"]
+    broken = replace(options, conditions=("good", "a-no-points"))
+    with pytest.raises(BadInput, match=r"condition a-no-points: gives 0 points, .*; leave that"):
+        export(broken, tmp_path / "broken")
+    assert not (tmp_path / "broken").exists()
+
+
+@pytest.mark.slow
+def test_a_run_with_a_broken_one_ends_with_its_tables(package, tmp_path, command):
+    """In workers: one ends its process, another hangs no run, a third draws global numbers."""
+    names = ("2048", "good", "a-global-numbers", "a-leaves")
+    small = ("--limit", "1", "--views", "1", "--workers", "2", "--out", tmp_path / "run")
+    run = ("run", "--suite", "chair-robustness", "--methods", "splat")
+    status, out, err = command(*run, "--conditions", ",".join(names), *small)
+    assert status == 0, err
+    records = pd.read_parquet(tmp_path / "run" / "records.parquet")
+    splat = records[records["method"] == "splat"].set_index("condition")
+    assert splat["outcome"].to_dict() == dict(
+        zip(names, ("ok", "ok", "failed", "failed"), strict=True)
+    )
+    assert splat["reason"]["a-global-numbers"].startswith("condition a-global-numbers: uses glob")
+    assert splat["reason"]["a-leaves"].startswith("crash: ")
+    blank = records[records["method"] == "blank"]
+    assert (len(blank), {*blank["outcome"]}) == (len(names), {"ok"})
+    manifest = read_manifest(tmp_path / "run")
+    assert {*manifest[CONDITION_IDENTITIES]} == {*names[1:]}
+    status, _, err = command(*run, "--conditions", ",".join(names), *small)
+    assert status == 0
+    assert "0 jobs done" in out + err or "are there from before" in err
