@@ -92,9 +92,9 @@ def read_records(directory: Path, columns: Sequence[str] = COLUMNS, **only: str)
     that value are in memory. Raises BadInput as `read_batches`.
     """
     with _open_records(directory, dictionaries=False) as file:
-        batches = list(_batches(file, directory, columns, only))
-        schema = pa.schema([file.schema_arrow.field(name) for name in columns])
-        return pa.Table.from_batches(batches, schema).to_pandas(use_threads=False)
+        none = pa.schema([file.schema_arrow.field(name) for name in columns]).empty_table()
+        parts = pa.concat_tables([none, *_batches(file, directory, columns, only)])
+        return parts.to_pandas(use_threads=False)
 
 
 def read_batches(
@@ -112,20 +112,17 @@ def read_batches(
 
 def _batches(
     file: pq.ParquetFile, directory: Path, columns: Sequence[str], only: Mapping[str, str]
-) -> Iterator[pa.RecordBatch]:
-    groups = [
-        number
-        for number in range(file.num_row_groups)
-        if all(may_hold(file.metadata, number, name, value) for name, value in only.items())
-    ]
+) -> Iterator[pa.Table]:
     read = list(dict.fromkeys((*columns, *only)))
     try:
-        # Threads take memory each.
-        for batch in file.iter_batches(_ROW_GROUP, groups, read, use_threads=False):
-            for name, value in only.items():
-                batch = batch.filter(pc.call_function("equal", [batch[name], pa.scalar(value)]))
-            if len(batch):
-                yield batch.select(columns)
+        for number in range(file.num_row_groups):
+            if all(may_hold(file.metadata, number, name, value) for name, value in only.items()):
+                # `iter_batches` keeps what it has read, and threads take memory each.
+                part = file.read_row_group(number, read, use_threads=False)
+                for name, value in only.items():
+                    part = part.filter(pc.call_function("equal", [part[name], pa.scalar(value)]))
+                if len(part):
+                    yield part.select(columns)
     except (pa.ArrowException, OSError) as error:
         raise unreadable(directory / RECORDS, error) from error
 

@@ -156,7 +156,13 @@ def _failures(run: SiteRun) -> list[Section]:
         if name in failing
     }
     lines = [
-        [name, *(Cell(f"{n} of {of}", float(n)) if n else NOTHING for n, of in counts)]
+        [
+            name,
+            *(
+                Cell(f"{failed} of {all_}", float(failed)) if failed else NOTHING
+                for failed, all_ in counts
+            ),
+        ]
         for name, counts in counted.items()
     ]
     notes = [f"{name}: {count} × {why}" for (name, why), count in reasons[:MOST_REASONS]]
