@@ -83,7 +83,8 @@ def simulate(
         [
             rng.choice(values - values.mean() + least, size=(runs, objects))
             for values, least in zip(populations, resolutions, strict=True)
-        ]
+        ],
+        np.float64,
     )
     shares = (sign_flip_p(drawn) < level).mean(axis=1)  # the same signs for all: faster
     printed = [[detectable(mean_error([row]), level) for row in rows] for rows in drawn]
