@@ -26,6 +26,11 @@ _ID = re.compile("[a-z0-9]+(-[a-z0-9]+)*")
 _METHOD_ID = re.compile(f"{_ID.pattern}(@[a-z0-9]+([-.][a-z0-9]+)*)?")
 
 
+def is_id(text: str) -> bool:
+    """Return whether a text can be the id of a plug-in, without a variant."""
+    return _ID.fullmatch(text) is not None
+
+
 class _Plugin(Protocol):
     @property
     def id(self) -> str: ...
