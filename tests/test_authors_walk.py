@@ -24,7 +24,7 @@ pytestmark = pytest.mark.slow
 
 REPOSITORY = Path(__file__).parents[1]
 EXTENDING, AGENTS = REPOSITORY / "docs" / "extending.md", REPOSITORY / "llms.txt"
-SMALL = "--limit 2 --views 2 --conditions 2048 --workers 1".split()
+SMALL = ["--limit", "2", "--views", "2", "--conditions", "2048", "--workers", "1"]
 
 
 def lines_of(page: Path, heading: str = "") -> list[list[str]]:
