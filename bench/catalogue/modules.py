@@ -73,7 +73,7 @@ def load_object(module: str, path: str) -> Any:
     target: Any = import_module(module)
     for part in path.split("."):
         if not hasattr(target, part):
-            raise BadInput(f"{module} has no '{path}'")
+            raise BadInput(f"{module} has no '{path}'; give a name in it")
         target = getattr(target, part)
     return target
 
@@ -122,11 +122,11 @@ def module_method(name: str) -> Method:
             f"{name}: is a {type(target).__name__}; expected a Method, or a class with the "
             "functions prepare and draw"
         )
-    own = method.identity
+    stated = method.identity
     return replace(
         method,
         id=name,
-        identity=lambda: f"{own()} source {source_sha256(module)}".strip(),
+        identity=lambda: f"{stated()} source {source_sha256(module)}".strip(),
     )
 
 

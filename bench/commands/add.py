@@ -78,13 +78,13 @@ def options_of(directory: Path, methods: Sequence[str], workers: int | None) -> 
     manifest = read_finished(directory)
     if (suite := manifest["suite"]) not in JOB_SUITES:
         raise BadInput(
-            f"{directory}: a run of the suite {suite}, which 'bench run --suite {suite} --methods "
-            f"{','.join(methods)} --out {directory}' goes on with"
+            f"{directory}: a run of the suite {suite}; use 'bench run --suite {suite} --methods "
+            f"{','.join(methods)} --out {directory}', which goes on with it"
         )
     request = repeated_request(directory / MANIFEST)
     values = {k: tuple(v) if isinstance(v, list) else v for k, v in request.items()}
     if "shard" in values:
-        values["shard"] = read_shard(values["shard"])
+        values["shard"] = read_shard(str(values["shard"]))
     asked = {"methods": tuple(methods), "workers": workers, "out": directory}
     return Options(**{**values, **asked, "same_objects": True})
 

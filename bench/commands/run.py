@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 from importlib import import_module
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -142,7 +142,8 @@ def run(
 ) -> None:
     """Run a suite, or go on with a stopped run; print its headline table."""
     refuse_other_objects(options, config)
-    if config is None or context.get_parameter_source("methods").name == "COMMANDLINE":
+    source: Any = context.get_parameter_source("methods")
+    if config is None or source.name == "COMMANDLINE":
         allow_modules(options.methods or ())  # a file may come from anywhere
     suite = find(options.suite, ALL_SUITES, "suite")
     if dry_run:

@@ -275,11 +275,11 @@ def _find_kept(
 
 def _unloaded(method_id: str, identity: Sequence[Any]) -> Method:
     """Return a method of a module that is not loaded; it can draw nothing."""
-    version, own, _ = identity
+    version, text, _ = identity
     return Method(
         method_id,
         load=lambda device: find_method(method_id).load(device),  # which refuses it
-        identity=lambda: str(own),
+        identity=lambda: str(text),
         version=int(version),
         source="of a module that this command does not name",
     )

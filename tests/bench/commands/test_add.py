@@ -69,8 +69,8 @@ def test_the_options_are_those_of_the_run(tmp_path):
         ({"finished": None}, "the run is not finished; start it again with its command"),
         (
             {"suite": "stability"},
-            "a run of the suite stability, which 'bench run --suite stability --methods splat "
-            "--out run' goes on with",
+            "a run of the suite stability; use 'bench run --suite stability --methods splat "
+            "--out run'",
         ),
         ({"request": None}, "has no options of a run"),
     ],
