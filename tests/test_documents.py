@@ -58,7 +58,7 @@ def blocks(page: Path, language: str) -> list[str]:
 
 
 # What begins a line of a block: a command, a comment, lines left out, or a line that goes on.
-COMMAND = re.compile(r"(bench|make|pip|python|ray|torchrun|\.) |#|…|$| ")
+COMMAND = re.compile(r"(bench|cd|make|pip|python|ray|torchrun|\.) |#|…|$| ")
 MODULE = re.compile(r"python -m ((?:studies|tests|bench)\.[\w.]+\w)")
 
 
