@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 from bench.analysis.comparison import ALL, pooled
 from bench.analysis.scored import in_order
 from bench.catalogue.condition_names import condition_words
-from bench.catalogue.methods import find_method, role
+from bench.catalogue.methods import find_method, known_method, role
 from bench.catalogue.metrics import (
     CONTROL_METRICS,
     FURTHER_METRICS,
@@ -27,6 +27,7 @@ from bench.catalogue.metrics import (
     SET_METRICS,
     is_mean,
 )
+from bench.catalogue.modules import is_module_name
 from bench.catalogue.suite_types import TRUTHS, Suite, Truth
 from bench.records.artifacts import JobName
 from bench.records.store import STORE
@@ -304,6 +305,8 @@ def _meanings(
 
 
 def _source(method: str) -> str:
+    if is_module_name(method) and known_method(method) is None:
+        return "of a module that was not loaded for this page"
     try:
         known = find_method(method)
     except BadInput as error:
