@@ -41,7 +41,9 @@ COMMANDS = {  # name: module and name in it, first line of its help
     ),
     "train": ("train:app", "Train the networks."),
     "data": ("data:app", "Inspect, verify and export datasets."),
+    "new": ("new:new", "Write a package to start from: a method, metric or dataset."),
     "test": ("contract:test", "Test a method, metric, dataset or condition of your own."),
+    "add": ("add:add", "Add a method to a finished run; compare it with the best there."),
     "doctor": ("doctor:doctor", "Check that everything that a run needs is installed."),
 }
 PACKAGE = "pc2pix-bench"

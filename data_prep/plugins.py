@@ -28,6 +28,11 @@ _METHOD_ID = re.compile(f"{_ID.pattern}(@[a-z0-9]+([-.][a-z0-9]+)*)?")
 _CONDITION_ID = re.compile(r"[a-z0-9]+(\.[0-9]+)?(-[a-z0-9]+(\.[0-9]+)?)*")  # "outliers-0.05"
 
 
+def is_id(text: str) -> bool:
+    """Return whether a text can be the id of a plug-in, without a variant."""
+    return _ID.fullmatch(text) is not None
+
+
 class _Plugin(Protocol):
     @property
     def id(self) -> str: ...

@@ -18,6 +18,7 @@ from markdown_it import MarkdownIt
 from markdown_it.token import Token
 from typer.core import TyperGroup
 
+from bench.analysis.intervals import FEWEST
 from bench.analysis.paired import fewest_objects
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import find_method
@@ -56,7 +57,7 @@ def blocks(page: Path, language: str) -> list[str]:
 
 
 # What begins a line of a block: a command, a comment, lines left out, or a line that goes on.
-COMMAND = re.compile(r"(bench|make|pip|python|ray|torchrun|\.) |#|…|$| ")
+COMMAND = re.compile(r"(bench|cd|make|pip|python|ray|torchrun|\.) |#|…|$| ")
 MODULE = re.compile(r"python -m ((?:studies|tests|bench)\.[\w.]+\w)")
 
 
@@ -216,8 +217,9 @@ def test_the_page_shows_parts_of_the_examples():
 
 def test_the_number_of_objects_that_the_page_recommends_decides():
     page = EXTENDING.read_text()
-    assert "--limit 12\n" in page
-    assert "Twelve objects can decide up to 66 comparisons" in page
+    assert "Fewer than eight objects decide\n  nothing" in page
+    assert FEWEST == 8
+    assert "twelve can decide up to 66 comparisons" in page
     assert fewest_objects(66) == 12 < fewest_objects(132)
 
 
@@ -255,7 +257,7 @@ def test_the_suite_of_its_section():
 
 
 def test_the_dataset_of_the_examples(tmp_path):
-    read = runpy.run_path(str(REPOSITORY / "examples/dataset/list_dataset.py"))["DATASET"].read
+    read = runpy.run_path(str(REPOSITORY / "examples/dataset/mesh_list.py"))["DATASET"].read
     (tmp_path / "objects.csv").write_text("train,chair,a.obj\ntest,chair,b.obj\ntest,lamp,c.obj\n")
     dataset = read("list:here", tmp_path)
     assert isinstance(dataset, Dataset)

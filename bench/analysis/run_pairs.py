@@ -56,15 +56,33 @@ def methods_of_run(
     run = with_further(read_scored(directory, older=True), metrics or ())
     if len(set(methods)) != 2:
         raise BadInput("one run is compared by two methods; give --methods a,b or a second folder")
+    return _two_methods(run, methods, metrics)
+
+
+def against_each(directory: Path, method: str, baselines: Sequence[str]) -> list[Differences]:
+    """Return a method against each of the baselines that the run has, by its headline metrics.
+
+    Each is what `methods_of_run` returns for the two. Raises BadInput for a run without scores.
+    """
+    run = read_scored(directory)
+    available = [*run.manifest["methods"], *_chosen_rows(run)]
+    present = [name for name in baselines if name in available and name != method]
+    return [_two_methods(run, (name, method), None) for name in present]
+
+
+def _two_methods(
+    run: ScoredRun, methods: Sequence[str], metrics: Sequence[str] | None
+) -> Differences:
     chosen_rows = _chosen_rows(run)
     available = [*run.manifest["methods"], *chosen_rows]
     _refuse_unknown("--methods", methods, available)
     remarks = _of_older_protocol(run)
     chosen = _metrics([run], metrics, remarks)
     a, b = methods
+    folder = str(run.directory)
     compared = _compare(run, methods, chosen)
     pairs = [
-        _pair(metric, comparison, comparison, Side(str(directory), a), Side(str(directory), b))
+        _pair(metric, comparison, comparison, Side(folder, a), Side(folder, b))
         for comparison in [*compared, *pooled(compared)]
         for metric in comparison.qualities
     ]

@@ -18,6 +18,7 @@ from bench.catalogue.auto_table import TABLE
 from bench.catalogue.chosen import CHOSEN
 from bench.catalogue.lookup import family_of, find, variant_of
 from bench.catalogue.method import Method
+from bench.catalogue.modules import is_module_name, module_method
 from bench.catalogue.networks import COST_VARIANTS, NETWORK_METHODS
 from bench.catalogue.parameters import find_setting
 from data_prep import plugins
@@ -207,12 +208,13 @@ def find_method(method_id: str) -> Method:
 
     `pc2pix@FILE.safetensors` and the like (WITH_WEIGHTS_FILE) have weights of your own,
     `METHOD@PARAMETER=VALUE` is a method with one parameter set
-    (`bench.catalogue.parameters.PARAMETERS`), `auto@50ms` chooses within a budget.
+    (`bench.catalogue.parameters.PARAMETERS`), `auto@50ms` chooses within a budget, `MODULE:NAME`
+    is of a module that the command line names (`bench.catalogue.modules`).
 
     Raises BadInput for an unknown id (naming the nearest), an unknown parameter or value, a budget
     that is none or that no method meets (naming the cheapest), weights
-    that are missing or in another format, and where another package announces a method that it does
-    not have.
+    that are missing or in another format, where another package announces a method that it does
+    not have, and as `module_method`.
     """
     if (setting := find_setting(method_id)) is not None:
         method = find(setting.parameter.method, METHODS, "method")
@@ -240,6 +242,8 @@ def find_method(method_id: str) -> Method:
         return _within_budget(method_id, budget_ms_of(weights))
     if method_id in plugin_ids():
         return _plugin(method_id)
+    if is_module_name(method_id):
+        return module_method(method_id)
     if package and suffix:
         raise BadInput(f"{weights}: weights are .safetensors files; '{package.command}' writes one")
     raise unknown(method_id, [*(method.id for method in BUNDLED), *plugin_ids()], "method")

@@ -7,7 +7,7 @@ of `pc2pix_bench.extractors` a `SetMetric`. `bench score` takes it of the images
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING
@@ -154,6 +154,16 @@ def _further_set(metric_id: str, device: str) -> SetMetric:
 def _extractor(extractor_id: str, device: str) -> Extractor:
     source = find_extractor(extractor_id)
     return source.load(str(source.weights(None)), device)
+
+
+def our_ids(kind: str) -> Collection[str]:
+    """Return the ids of this project, which no "method", "metric" or "dataset" may have."""
+    return _KINDS[kind][1]
+
+
+def plugin_names(kind: str) -> tuple[str, ...]:
+    """Return the ids that installed packages announce for a kind, sorted; load none."""
+    return entry_point_names(*_KINDS[kind][0])
 
 
 def plugin_problem(kind: str, id_: str) -> str:

@@ -32,7 +32,7 @@ def read_config(path: Path) -> dict[str, Any]:
     A list becomes text separated by commas, as on the command line. Raises BadInput for a file that
     cannot be read, is not TOML, or is a JSON file but no manifest that this version can repeat.
     """
-    values = _repeated(path, _manifest(path)) if path.suffix == ".json" else _toml(path)
+    values = repeated_request(path) if path.suffix == ".json" else _toml(path)
     return {
         name.replace("-", "_"): ",".join(map(str, value)) if isinstance(value, list) else value
         for name, value in values.items()
@@ -88,11 +88,13 @@ def _manifest(path: Path) -> Mapping[str, Any]:
     return manifest
 
 
-def _repeated(path: Path, manifest: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return the request of a run, with the methods, conditions and views that it has measured.
+def repeated_request(path: Path) -> Mapping[str, Any]:
+    """Return the request in a manifest, with the methods, conditions and views it has measured.
 
-    Raises BadInput for a run of another version of the protocol or of the schema.
+    Raises BadInput for a file that is no manifest, and for a run of another version of the protocol
+    or of the schema.
     """
+    manifest = _manifest(path)
     instead = "state the options in a TOML file"
     refuse_other_version(path, manifest.get(PROTOCOL, 1), instead)
     if (schema := manifest.get("schema_version")) != SCHEMA_VERSION:

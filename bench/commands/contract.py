@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from bench.catalogue.lookup import family_of
+from bench.catalogue.modules import search_folder
 from bench.checking.contract.findings import Finding, is_blocked, summary
 from bench.tables.markdown import visible
 
@@ -34,11 +33,28 @@ def test(
     from data_prep.datasets.registry import is_dataset
 
     if ":" in family_of(name) and not is_dataset(name):  # MODULE:NAME
-        sys.path.append(str(Path.cwd()))  # last: no file of this folder hides an installed module
+        search_folder()
     findings = printed(plugin_findings(name))
-    print(summary(findings))
     if is_blocked(findings):
+        print(summary(findings, f"mend what FAIL says, then bench test {name}"))
         raise typer.Exit(1)
+    print(summary(findings, _next_command(name)))
+
+
+def _next_command(name: str) -> str:
+    """Return the command that uses a plug-in which has passed its test."""
+    from bench.catalogue.plugins import metric_ids
+    from bench.checking.contract.targets import DatasetSource, Method, find_target
+    from data_prep.datasets.registry import is_dataset
+
+    target = find_target(name)
+    if isinstance(target, Method):
+        return f"bench add {name} DIR"
+    installed = is_dataset(name) or name in metric_ids()
+    install = "" if installed else "pip install its package, then "
+    if isinstance(target, DatasetSource):
+        return f"{install}bench run --suite thirteen-classes --dataset {target.id}"
+    return f"{install}bench score DIR --metrics {target.id}"
 
 
 def printed(findings: Iterable[Finding], failed_only: bool = False) -> list[Finding]:

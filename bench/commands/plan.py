@@ -10,6 +10,7 @@ import numpy as np
 import typer
 
 from bench.catalogue.lookup import find
+from bench.catalogue.modules import allow_modules
 from bench.catalogue.suite_types import TRUTHS
 from bench.catalogue.suites import ALL_SUITES, Suite
 from bench.commands.options import RUN_OPTIONS, options_from_dataclass
@@ -178,6 +179,7 @@ def plan(
     for option in (also and "also", samples and "samples"):
         if option:
             log(f"bench: --{option} does nothing any more")
+    allow_modules(options.methods or ())
     suite = find(options.suite, ALL_SUITES, "suite")
     if not isinstance(suite, Suite):
         raise refuse_small(suite.id, "bench plan")

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from bench.catalogue.auto import budget_ms_of
 from bench.catalogue.methods import RECOMMENDED
+from bench.catalogue.modules import allow_modules
 from bench.commands.options import (
     DEVICE,
     Device,
@@ -238,6 +239,7 @@ def render_clouds(
     points. Surface reconstruction of 100,000 points takes about half a minute, surface-fit less;
     --points takes fewer.
     """
+    allow_modules(options.method or ())
     result = render(clouds, options)
     for note in result.notes:
         print(f"note: {visible(note)}", file=sys.stderr)

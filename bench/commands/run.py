@@ -7,13 +7,14 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 from importlib import import_module
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from bench.catalogue.loaders import GPU
 from bench.catalogue.lookup import find
 from bench.catalogue.metrics import find_extractor, metrics_device
+from bench.catalogue.modules import allow_modules
 from bench.catalogue.suite_types import TRUTHS
 from bench.catalogue.suites import ALL_SUITES, Suite
 from bench.commands.browser import OpenOption, open_page
@@ -127,6 +128,7 @@ def _section(title: str, lines: Mapping[str, str]) -> list[str]:
 @options_from_dataclass(Options, RUN_OPTIONS)
 def run(
     options: Options,
+    context: typer.Context,
     config: ConfigOption = None,
     dry_run: Annotated[
         bool,
@@ -140,6 +142,9 @@ def run(
 ) -> None:
     """Run a suite, or go on with a stopped run; print its headline table."""
     refuse_other_objects(options, config)
+    source: Any = context.get_parameter_source("methods")
+    if config is None or source.name == "COMMANDLINE":
+        allow_modules(options.methods or ())  # a file may come from anywhere
     suite = find(options.suite, ALL_SUITES, "suite")
     if dry_run:
         print(describe_run(options))
@@ -155,7 +160,16 @@ def run(
     finished = run_suite(options)
     if finished.outputs is not None:
         print_outputs(finished.outputs, format_)
-    print(f"{_summary(finished)}\nresults in {options.directory}", file=sys.stderr)
+    print_ending(finished)
+    if open_ and finished.outputs is not None:
+        open_page(options.directory / REPORT)
+    leave(finished)
+
+
+def print_ending(finished: RunResult[Outputs]) -> None:
+    """Print on stderr what was done, and what is incomplete or has failed altogether."""
+    directory = finished.directory
+    print(f"{_summary(finished)}\nresults in {directory}", file=sys.stderr)
     if finished.objects < finished.planned:
         kept = "" if finished.outputs is not None else "; the tables there stay those of before"
         if finished.interrupted:
@@ -172,11 +186,13 @@ def run(
     if finished.hopeless:
         print(
             f"bench: without a single image: {', '.join(finished.hopeless)}; the reasons are in "
-            f"{options.directory / REPORT}, 'bench shrink' makes a small case of one",
+            f"{directory / REPORT}, 'bench shrink' makes a small case of one",
             file=sys.stderr,
         )
-    if open_ and finished.outputs is not None:
-        open_page(options.directory / REPORT)
+
+
+def leave(finished: RunResult[Outputs]) -> None:
+    """Raise typer.Exit where the run was interrupted, or a method has no image."""
     if finished.interrupted:
         raise typer.Exit(130)
     if finished.hopeless:

@@ -19,7 +19,7 @@ from bench.analysis.scored import in_order
 from bench.analysis.scores import QualityRow
 from bench.catalogue.condition_names import condition_words
 from bench.catalogue.conditions import known_condition
-from bench.catalogue.methods import find_method, role
+from bench.catalogue.methods import find_method, known_method, role
 from bench.catalogue.metrics import (
     CONTROL_METRICS,
     FURTHER_METRICS,
@@ -32,6 +32,7 @@ from bench.catalogue.metrics import (
     declared_metric,
     is_mean,
 )
+from bench.catalogue.modules import is_module_name
 from bench.catalogue.suite_types import TRUTHS, Suite, Truth
 from bench.records.artifacts import JobName
 from bench.records.store import STORE
@@ -315,6 +316,8 @@ def _origin(condition_id: str) -> str:
 
 
 def _source(method: str) -> str:
+    if is_module_name(method) and known_method(method) is None:
+        return "of a module that was not loaded for this page"
     try:
         known = find_method(method)
     except BadInput as error:

@@ -13,6 +13,7 @@ from typing import Any
 
 from bench.catalogue.conditions import find_condition
 from bench.catalogue.methods import Method, find_method
+from bench.catalogue.modules import is_module_name
 from bench.catalogue.truth import truth_entry
 from bench.records.run_folder import (
     MANIFEST,
@@ -22,8 +23,8 @@ from bench.records.run_folder import (
     read_store,
 )
 from bench.records.store import Store
-from bench.running.options import Options
-from bench.running.plan import ObjectJobs, plan
+from bench.running.options import UNTIL_DECIDED, Options
+from bench.running.plan import ObjectJobs, Plan, plan
 from bench.running.protocol import Protocol, method_identity, name_of
 from bench.running.shards import WHOLE, objects_to_search
 from data_prep.datasets.objects import SceneObject
@@ -54,6 +55,13 @@ class KeptRun:
     objects: frozenset[str]
     manifest: Mapping[str, Any]
 
+    def with_intention(self, manifest: Mapping[str, Any]) -> dict[str, Any]:
+        """Return a manifest whose run is to have as many objects at last as this one was."""
+        names = ("planned", UNTIL_DECIDED)
+        intended = {name: self.manifest[name] for name in names if name in self.manifest}
+        limit = {k: v for k, v in self.manifest["request"].items() if k == "limit"}
+        return {**manifest, **intended, "request": manifest["request"] | limit}
+
 
 def join(options: Options, protocol: Protocol) -> tuple[Protocol, KeptRun | None]:
     """Return the protocol widened by the run in the folder, and that run.
@@ -74,15 +82,20 @@ def join(options: Options, protocol: Protocol) -> tuple[Protocol, KeptRun | None
         return protocol, None
     every_method = {**kept.methods, **protocol.methods}
     ids = joined(tuple(protocol.methods), tuple(kept.methods), protocol.suite.methods)
+    if options.same_objects:
+        chosen = tuple(obj for obj in protocol.objects if name_of(obj) in kept.objects)
+        protocol = replace(protocol, objects=chosen)
     wide = replace(
         protocol,
         methods={method_id: every_method[method_id] for method_id in ids},
         conditions=joined(protocol.conditions, kept.conditions, protocol.suite.conditions),
         objects=_with_kept(directory, protocol, kept),
     )
-    kinds = ("methods", "conditions", "objects")
-    more = (len(getattr(wide, kind)) - len(getattr(protocol, kind)) for kind in kinds)
-    _tell(directory, list(map(_counted, more, kinds)))
+    if not options.same_objects:  # else to keep them is what was asked for
+        kinds = ("methods", "conditions", "objects")
+        more = (len(getattr(wide, kind)) - len(getattr(protocol, kind)) for kind in kinds)
+        _tell(directory, list(map(_counted, more, kinds)))
+    _tell_changes(directory, kept.manifest, wide)
     return wide, kept
 
 
@@ -154,6 +167,32 @@ def _tell(directory: Path, more: Sequence[str]) -> None:
         log(f"{directory}: keeps {', '.join(filter(None, more))} of the run there; {APART}")
 
 
+def _tell_changes(directory: Path, manifest: Mapping[str, Any], protocol: Protocol) -> None:
+    """Say on stderr why no job of the run in the folder can stay, where that is so."""
+    before = {**manifest.get("environment", {}), **manifest.get("feature_identity", {})}
+    now = {**protocol.environment, **protocol.feature_identity}
+    if changed := [name for name in {**before, **now} if before.get(name) != now.get(name)]:
+        log(f"{directory}: was made with another {', '.join(changed)}; all its jobs are done again")
+
+
+def refuse_lost_modules(directory: Path, asked: Protocol, planned: Plan) -> None:
+    """Raise BadInput where a method has jobs left and its module is not named by the command.
+
+    `asked` is the protocol of the command, without what its folder has beside.
+    """
+    lost = {id_ for id_ in planned.protocol.methods if is_module_name(id_)} - {*asked.methods}
+    if not lost:
+        return
+    with read_store(directory) as store:
+        for obj in planned:
+            keys = {job.key: job.method for job in obj.jobs if job.method in lost}
+            if left := sorted({keys[key] for key in keys.keys() - store.find(keys).keys()}):
+                raise BadInput(
+                    f"{directory}: {left[0]} has jobs left, and its module is executed only where "
+                    f"the command names it; name it, too, {APART}"
+                )
+
+
 def _fixed(protocol: Protocol) -> dict[str, Any]:
     return {
         "suite": protocol.suite.id,
@@ -180,15 +219,17 @@ def _kept(directory: Path, protocol: Protocol, manifest: Mapping[str, Any]) -> K
     if not finished and same and {*objects} <= {name_of(obj) for obj in protocol.objects}:
         return None  # only objects may be added, and those that are complete stay so
     beyond = [name for name in ids if name not in protocol.methods]
-    known = {**protocol.methods, **_find_kept(directory, protocol.device, beyond, conditions)}
+    identities = manifest.get("identities", {})
+    before = _find_kept(directory, protocol.device, beyond, conditions, identities)
+    known = {**protocol.methods, **before}
     methods = {name: known[name] for name in ids}
     kept = KeptRun(methods, conditions, frozenset(objects), manifest)
     if finished:
         return kept
     stored = tuple(obj for obj in _search(protocol, manifest) if name_of(obj) in kept.objects)
-    before = replace(protocol, methods=methods, conditions=conditions, objects=stored)
+    narrow = replace(protocol, methods=methods, conditions=conditions, objects=stored)
     with read_store(directory) as store:
-        complete = frozenset(obj.name for obj in plan(before) if is_complete(obj, store))
+        complete = frozenset(obj.name for obj in plan(narrow) if is_complete(obj, store))
     return replace(kept, objects=complete) if complete else None
 
 
@@ -199,15 +240,25 @@ def is_complete(obj: ObjectJobs, store: Store) -> bool:
 
 
 def _find_kept(
-    directory: Path, device: str, ids: Iterable[str], conditions: Iterable[str]
+    directory: Path,
+    device: str,
+    ids: Iterable[str],
+    conditions: Iterable[str],
+    identities: Mapping[str, Sequence[Any]] | None = None,
 ) -> dict[str, Method]:
     """Return methods of the run in the folder, by id.
 
-    Raises BadInput for a method that cannot be used here, and for an unknown condition.
+    A method MODULE:NAME is known by its identity alone, where the manifest has `identities`: its
+    finished jobs stay, and nothing is executed because a manifest names it. Raises BadInput for a
+    method that cannot be used here, and for an unknown condition.
     """
     methods = {}
     try:
         for method_id in sorted(ids):
+            stored = (identities or {}).get(method_id)
+            if stored is not None and is_module_name(method_id):
+                methods[method_id] = _unloaded(method_id, stored)
+                continue
             methods[method_id] = find_method(method_id)
             method_identity(methods[method_id], device)
         for condition in conditions:
@@ -219,6 +270,18 @@ def _find_kept(
             f"{directory}: its run cannot be kept here: {reason}; install what is missing, {APART}"
         ) from error
     return methods
+
+
+def _unloaded(method_id: str, identity: Sequence[Any]) -> Method:
+    """Return a method of a module that is not loaded; it can draw nothing."""
+    version, text, _ = identity
+    return Method(
+        method_id,
+        load=lambda device: find_method(method_id).load(device),  # which refuses it
+        identity=lambda: str(text),
+        version=int(version),
+        source="of a module that this command does not name",
+    )
 
 
 def _with_kept(directory: Path, protocol: Protocol, kept: KeptRun) -> tuple[SceneObject, ...]:

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any
 
+from bench.catalogue.modules import is_module_name
 from bench.records.job import Job, Result
 from bench.running.executors import JobPool
 from bench.running.isolation import QUEUED, Executor
@@ -54,6 +55,11 @@ def executor_factory(options: Options, protocol: Protocol) -> Iterator[ExecutorF
     if suite.timed:
         raise BadInput(
             f"--ray: has no meaning for the suite {suite.id}, whose times are compared; leave it"
+        )
+    if modules := list(filter(is_module_name, protocol.methods)):
+        raise BadInput(
+            f"--ray: {modules[0]} is of a module of this machine; install its package on all "
+            "nodes, and give the id of its method"
         )
     if options.workers is not None and options.ray != LOCAL:
         raise BadInput("--workers: has no meaning with --ray, whose nodes bring theirs; leave it")

@@ -28,7 +28,14 @@ from bench.records.store import DamagedArtifact, Store
 from bench.records.stored_artifacts import Artifact, StoredArtifacts
 from bench.running.environment import now
 from bench.running.executors import results
-from bench.running.extension import KeptRun, is_complete, join, pinned_request, refuse_narrowing
+from bench.running.extension import (
+    KeptRun,
+    is_complete,
+    join,
+    pinned_request,
+    refuse_lost_modules,
+    refuse_narrowing,
+)
 from bench.running.factory import ExecutorFactory, executor_factory
 from bench.running.isolation import Executor
 from bench.running.listeners import PartialRun, StopRule, Watch
@@ -189,6 +196,8 @@ def run(
     requested, skipped = protocol_of(suite, options)
     protocol, kept = join(options, requested)
     planned = plan(protocol)  # refuses weights that cannot be used
+    if kept is not None:
+        refuse_lost_modules(options.directory, requested, planned)
     in_turns = planned.in_order(seeded_turns(planned.names, protocol.seed))
     with executor_factory(options, protocol) as factory:
         budget = make_budget(options.budget, guess_s(planned.jobs_per_object, factory.workers))
@@ -200,6 +209,8 @@ def run(
             "planned": len(planned),  # "objects" are those that are complete, at the end
             **({UNTIL_DECIDED: True} if options.until_decided else {}),
         }
+        if options.same_objects and kept is not None:
+            manifest = kept.with_intention(manifest)
         if stop_rule is not None:
             stop_rule.begin(manifest, in_turns.names)
         prepared = _PreparedRun(

@@ -28,6 +28,7 @@ WORDS: dict[Ahead, str] = {
     "unknown": "undecided",
 }
 NO_VALUE = "-"
+HINT = "Intervals: --format md"  # an option of `bench compare`
 
 
 class _Verdict(NamedTuple):
@@ -48,9 +49,10 @@ class _Verdict(NamedTuple):
         return [*lines, *([("  could show", self.resolutions)] if self.resolutions else [])]
 
 
-def comparison_lines(differences: Differences, width: int) -> list[str]:
+def comparison_lines(differences: Differences, width: int, hint: str = HINT) -> list[str]:
     """Return a title, the truth, who is ahead in each cell, and the verdict as the last line.
 
+    The verdict ends with the `hint`.
     Lines have at most `width` columns. Conditions stand side by side, in several parts where they
     have no room, and one below the other where not even one has.
     """
@@ -67,10 +69,10 @@ def comparison_lines(differences: Differences, width: int) -> list[str]:
     lines += [""] * bool(differences.remarks)
     for remark in differences.remarks:
         lines += wrapped(visible(remark.replace("`", "")), width)
-    return [*lines, "", *wrapped(verdict(differences.cells, b, objects), width)]
+    return [*lines, "", *wrapped(verdict(differences.cells, b, objects, hint), width)]
 
 
-def verdict(cells: Sequence[PairedDifference], name: str, objects: str) -> str:
+def verdict(cells: Sequence[PairedDifference], name: str, objects: str, hint: str = HINT) -> str:
     """Return one sentence or two on how often the second side, `name`, is ahead."""
     nothing = f"{objects} decide{'s' * objects.startswith('1 ')} nothing here"
     valued = [cell for cell in cells if math.isfinite(cell.difference.value)]
@@ -92,7 +94,7 @@ def verdict(cells: Sequence[PairedDifference], name: str, objects: str) -> str:
         text += f" Too few objects in {len(needed)}: at least {max(needed)} are needed."
     if any(math.isfinite(cell.resolution) for cell in valued):
         text += f" Could show: with a power of {100 * POWER:.0f} %."
-    return f"{text} Intervals: --format md"
+    return f"{text} {hint}".rstrip()
 
 
 def _unit(cells: Sequence[PairedDifference]) -> tuple[str, int]:

@@ -104,7 +104,7 @@ def test_datasets_that_are_refused_by_name(command, no_machine, tmp_path):
             "unknown command 'rnder': did you mean 'render'? there are run, plan, merge, list, "
             "table and 12 more; see 'bench --help'",
         ),
-        (("xyz",), "unknown command 'xyz': there are run, plan, merge, list, table and 12 more; "),
+        (("xyz",), "unknown command 'xyz': there are run, plan, merge, list, table and 14 more; "),
         (("train", "gann"), "unknown command 'gann': did you mean 'gan'? there are autoencoder, "),
         (
             ("list", "metrcs"),

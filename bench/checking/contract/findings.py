@@ -45,20 +45,16 @@ def is_blocked(findings: Iterable[Finding]) -> bool:
     return any(finding.verdict == "FAIL" for finding in findings)
 
 
-def summary(findings: Sequence[Finding]) -> str:
-    """Return one line on which findings block a run, and which do not."""
-    failed = [finding.subject for finding in findings if finding.verdict == "FAIL"]
-    warned = [finding.subject for finding in findings if finding.verdict == "warn"]
-    if not failed and not warned:
-        return f"all {len(findings)} points of the contract are kept"
-    if not failed:
-        return f"nothing blocks a run; {_counted(warned)} to look at: {', '.join(warned)}"
-    verb = "blocks" if len(failed) == 1 else "block"
-    line = f"{_counted(failed)} {verb} a run: {', '.join(failed)}"
-    if warned:
-        line += f"; {len(warned)} {'does' if len(warned) == 1 else 'do'} not: {', '.join(warned)}"
-    return line
+def summary(findings: Iterable[Finding], following: str = "") -> str:
+    """Return one line: what blocks a run, what does not, and what `following` says to do next."""
+    by_verdict: dict[str, list[str]] = {"FAIL": [], "warn": [], "ok": []}
+    for finding in findings:
+        by_verdict[finding.verdict].append(finding.subject)
+    failed, warned, _ = by_verdict.values()
+    blocking = f"{len(failed)} {'blocks' if len(failed) == 1 else 'block'} a run{_named(failed)}"
+    warnings = f"{len(warned)} warning{'' if len(warned) == 1 else 's'}{_named(warned)}"
+    return f"{blocking}, {warnings}" + (f"; next: {following}" if following else "")
 
 
-def _counted(subjects: Sequence[str]) -> str:
-    return f"{len(subjects)} finding{'' if len(subjects) == 1 else 's'}"
+def _named(subjects: Sequence[str]) -> str:
+    return f" ({', '.join(subjects)})" if subjects else ""

@@ -7,13 +7,12 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, partial
-from importlib import import_module
-from importlib.util import find_spec
-from typing import Any, TypeAlias, get_args
+from typing import TypeAlias, get_args
 
 from bench.catalogue.conditions import condition_ids, load_condition
 from bench.catalogue.lookup import family_of
 from bench.catalogue.methods import Method, find_method, plugin_ids
+from bench.catalogue.modules import as_method, check_module, load_object
 from bench.catalogue.plugins import (
     ImageMetric,
     SetMetric,
@@ -44,7 +43,7 @@ SLOW_IMPORT_S = 2.0
 
 @dataclass(frozen=True)
 class DatasetSource:
-    """A dataset that can be opened any number of times."""
+    """A dataset that can be opened any number of times; its id is that of --dataset."""
 
     id: str
     open: Callable[[], Dataset]
@@ -71,12 +70,7 @@ def check_name(name: str) -> None:
     elif name in (*plugin_ids(), *metric_ids(), *_known_conditions()):
         return
     elif colon and "@" not in module:
-        package = module.partition(".")[0]
-        if not package.isidentifier() or find_spec(package) is None:
-            raise BadInput(
-                f"{name}: no module '{package}' in this folder or among the installed packages; "
-                "give MODULE:NAME, or the name of a dataset and its folder"
-            )
+        check_module(name)
     else:
         find_method(name)
 
@@ -105,24 +99,19 @@ def find_target(name: str) -> Target:
 def _of_module(name: str) -> Target:
     """Return the plug-in "MODULE:NAME[:FOLDER]" of a module in the current folder or path."""
     module, _, rest = name.partition(":")
-    attribute, _, folder = rest.partition(":")
-    target: Any = import_module(module)
-    for part in attribute.split("."):
-        if not hasattr(target, part):
-            raise ContractViolation(f"{module} has no '{attribute}'")
-        target = getattr(target, part)
-    if isinstance(target, (Method, ImageMetric, SetMetric, Condition)):
+    path, _, folder = rest.partition(":")
+    target = load_object(module, path)
+    if isinstance(target, (ImageMetric, SetMetric, Condition)):
         return target
     if isinstance(target, DatasetReader):
         if not folder:
             raise ContractViolation(f"a dataset is read from a folder; give {name}:FOLDER")
         spec = f"{target.id}:{folder}"
-        return DatasetSource(name, lambda: read_dataset(target, spec, folder_of(folder)))
-    if callable(getattr(target, "prepare", None)) and callable(getattr(target, "draw", None)):
-        make = target if isinstance(target, type) else lambda: target
-        return Method(name, load=lambda _: make(), identity=str, version=1, source=module)
+        return DatasetSource(spec, lambda: read_dataset(target, spec, folder_of(folder)))
+    if (method := as_method(target, name)) is not None:
+        return method
     raise ContractViolation(
-        f"{attribute} is a {type(target).__name__}; expected a Method, ImageMetric, SetMetric, "
+        f"{path} is a {type(target).__name__}; expected a Method, ImageMetric, SetMetric, "
         "DatasetReader or Condition, or a class with the functions prepare and draw"
     )
 

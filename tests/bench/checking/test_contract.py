@@ -37,15 +37,16 @@ def findings(verdicts):
 @pytest.mark.parametrize(
     ("verdicts", "line"),
     [
-        ("ooo", "all 3 points of the contract are kept"),
-        ("oFo", "1 finding blocks a run: point 1"),
-        ("FwF", "2 findings block a run: point 0, point 2; 1 does not: point 1"),
-        ("wwF", "1 finding blocks a run: point 2; 2 do not: point 0, point 1"),
-        ("owo", "nothing blocks a run; 1 finding to look at: point 1"),
+        ("ooo", "0 block a run, 0 warnings"),
+        ("oFo", "1 blocks a run (point 1), 0 warnings"),
+        ("FwF", "2 block a run (point 0, point 2), 1 warning (point 1)"),
+        ("wwF", "1 blocks a run (point 2), 2 warnings (point 0, point 1)"),
+        ("owo", "0 block a run, 1 warning (point 1)"),
     ],
 )
 def test_the_summary_tells_what_blocks_a_run(verdicts, line):
     assert summary(findings(verdicts)) == line
+    assert summary(findings(verdicts), "bench list") == f"{line}; next: bench list"
     assert is_blocked(findings(verdicts)) == ("F" in verdicts)
 
 
@@ -163,7 +164,7 @@ def test_a_class_of_the_current_folder(tmp_path):
     done = bench("test", "mine:Mine", cwd=tmp_path)
     *lines, last = done.stdout.splitlines()
     assert (done.returncode, done.stderr) == (0, "")
-    assert last == "nothing blocks a run; 1 finding to look at: stdout"
+    assert last == "0 block a run, 1 warning (stdout); next: bench add mine:Mine DIR"
     (printed,) = (line for line in lines if not line.startswith("ok   "))
     assert printed.startswith("warn stdout: first use: 26 bytes: 'points: 2048'; ")
 
@@ -173,7 +174,14 @@ def test_what_exits_does_not_pass(tmp_path):
     done = bench("test", f"{MODULE}:EXITS", cwd=tmp_path)
     assert done.returncode == 1
     assert "FAIL images: SystemExit(0): raise an exception, do not end the process" in done.stdout
-    assert " block a run: images, " in done.stdout.splitlines()[-1]
+    last = done.stdout.splitlines()[-1]
+    assert " block a run (images, " in last
+    assert last.endswith(f"; next: mend what FAIL says, then bench test {MODULE}:EXITS")
+
+
+def test_a_machine_on_which_no_worker_begins_is_a_finding():
+    (finding,) = plugin_findings(f"{MODULE}:Plain", Limits(60.0, 4.0), 3.0)
+    assert finding == Finding(False, "not tested", "all of it: 3 s are over")
 
 
 @pytest.mark.slow

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import pytest
 
+from bench.catalogue.modules import ALLOWED, allow_modules, module_method, source_sha256
 from bench.catalogue.suites import STABILITY, SUITES
+from bench.commands.add import options_of
 from bench.commands.live import LiveTable
 from bench.commands.publish import merge_shards, publish, run_suite
 from bench.commands.terminal import Terminal
+from bench.records.parquet import read_records
 from bench.records.run_folder import read_manifest, write_manifest
 from bench.running.extension import join, joined
+from bench.running.factory import executor_factory
 from bench.running.options import Options
 from bench.running.protocol import protocol_of
 from bench.running.run import open_run, run
@@ -223,3 +228,106 @@ def test_a_suite_with_a_procedure_of_its_own_does_not_narrow_a_run(tmp_path):
     assert every_file(tmp_path) == before
     with open_run(tmp_path, narrower, fresh=True):  # the old run is renamed
         pass
+
+
+def measure(options):
+    """Carry out a run without its tables, figures and report, which take most of the time."""
+    return run(options, lambda written: written, partial(Terminal, LiveTable().table))
+
+
+GREY = """import numpy as np
+
+class Grey:
+    def prepare(self, cloud, rng):
+        return cloud
+
+    def draw(self, state, views, rng):
+        images = np.ones((len(views), 128, 128, 3), np.float32)
+        images[:, 40:80, 40:80] = 0.5
+        return images
+"""
+
+
+@pytest.fixture
+def grey_module(tmp_path, monkeypatch):
+    """Return the file of a module in the current folder that has a method, `Grey`."""
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.setenv(ALLOWED, "")
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    (folder / "grey_module.py").write_text(GREY)
+    yield folder / "grey_module.py"
+    for cached in (module_method, source_sha256):
+        cached.cache_clear()
+
+
+@pytest.mark.slow
+def test_a_method_of_a_module_stays_where_no_command_names_it(
+    copied, same_machine, tiny_weights, grey_module, monkeypatch
+):
+    """Its jobs are known by the identity in the manifest: its file may even be gone."""
+    name = "grey_module:Grey"
+    allow_modules([name])
+    added = measure(finished_options(tiny_weights, copied, methods=(name,)))
+    assert (added.done, added.reused, added.failed) == (6, 21, 0)
+    records = read_records(copied)
+    drawn = records[records["method"] == name]
+    assert (drawn["outcome"] == "ok").all()
+    assert len(drawn) == 3 * 2 * 2
+    manifest = read_manifest(copied)
+    assert f"source {source_sha256('grey_module')}" in manifest["identities"][name][1]
+
+    monkeypatch.setenv(ALLOWED, "")
+    text = grey_module.read_text()
+    grey_module.unlink()
+    again = measure(finished_options(tiny_weights, copied))
+    assert (again.done, again.reused) == (0, 27)
+    assert read_records(copied).equals(records)
+    assert read_manifest(copied)["identities"] == manifest["identities"]
+    before = every_file(copied)
+    wider = finished_options(tiny_weights, copied, limit=4)
+    with pytest.raises(BadInput, match=f"{name} has jobs left, and its module is executed only"):
+        measure(wider)
+    assert every_file(copied) == before
+
+    # After an edit its work is another.
+    grey_module.write_text(text.replace("0.5", "0.25"))
+    for cached in (module_method, source_sha256):
+        cached.cache_clear()
+    allow_modules([name])
+    edited = measure(finished_options(tiny_weights, copied, methods=(name,)))
+    assert (edited.done, edited.reused) == (6, 21)
+    assert read_manifest(copied)["identities"] != manifest["identities"]
+    other = read_records(copied)
+    assert (other[other["method"] == name]["ssim"].to_numpy() != drawn["ssim"].to_numpy()).all()
+
+
+@pytest.mark.slow
+def test_a_method_is_added_on_the_objects_that_a_stopped_run_has(copied, same_machine, capsys):
+    """A run that its budget has ended after two of three objects goes on with the third later."""
+    manifest = read_manifest(copied)
+    some = [manifest["objects"][i] for i in (0, 2)]
+    write_manifest(copied, manifest | {"objects": some, "environment": {"numpy": "0.1"}})
+    capsys.readouterr()
+    options = options_of(copied, ["constant"], workers=1)
+    assert (options.limit, options.views, options.conditions) == (2, 2, ("2048", "noise-0.10"))
+    added = measure(options)
+    # One job an object: the images of this method are the same under every condition.
+    assert (added.objects, added.planned, added.done) == (2, 2, 2)
+    after = read_manifest(copied)
+    assert (after["objects"], after["planned"], after["request"]["limit"]) == (some, 3, 3)
+    assert set(after["methods"]) == {*manifest["methods"], "constant"}
+    errors = capsys.readouterr().err
+    assert "keeps" not in errors
+    changed = ", ".join(["numpy", *(k for k in manifest["environment"] if k != "numpy")])
+    assert f"{copied}: was made with another {changed}; all its jobs are done again" in errors
+
+
+def test_methods_of_modules_do_not_go_to_other_nodes(no_machine):
+    protocol = replace(asked(Path("new"))[0], methods={"mine:METHOD": None})
+    with (
+        pytest.raises(BadInput, match="--ray: mine:METHOD is of a module of this machine; install"),
+        executor_factory(Options("chair-robustness", ray="local"), protocol),
+    ):
+        pytest.fail("a cluster was asked")

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from bench.analysis.run_pairs import methods_of_run
+from bench.analysis.run_pairs import against_each, methods_of_run
 from bench.analysis.scored import read_scored
 from bench.catalogue.chosen import BEST_LEARNED_3D, BEST_RECONSTRUCTION, CHOSEN
 from bench.catalogue.methods import METHODS as CATALOGUE
@@ -126,3 +126,15 @@ def test_without_two_reconstructions_there_is_none(choice, tmp_path):
     message = "best-reconstruction: cannot be compared here; there are surface-apss"
     with pytest.raises(BadInput, match=message):
         methods_of_run(directory, ["best-reconstruction", "splat"], None)
+
+
+def test_a_method_is_compared_with_each_baseline_that_the_run_has(directory):
+    """As `bench compare` does for the two, with the same corrections."""
+    baselines = ("best-reconstruction", "splat-net", "blank", "splat")
+    present = ("best-reconstruction", "blank")
+    differences = against_each(directory, "splat", baselines)
+    pairs = [methods_of_run(directory, [name, "splat"], None) for name in present]
+    assert [d.a for d in differences] == [*present]
+    tables_of = [[differences_table(d).to_csv() for d in each] for each in (differences, pairs)]
+    assert tables_of[0] == tables_of[1]
+    assert {cell.pair.b.method for d in differences for cell in d.cells} == {"splat"}

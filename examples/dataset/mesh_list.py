@@ -33,4 +33,4 @@ def read(spec, root):
     return listing.dataset(spec, f"meshes listed in {LIST}", PLACED.message)
 
 
-DATASET = DatasetReader("list", read, "meshes named by objects.csv, with +Z up")
+DATASET = DatasetReader("mesh-list", read, "meshes named by objects.csv, with +Z up")

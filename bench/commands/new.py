@@ -1,0 +1,131 @@
+"""`bench new`: a package to start from, which is one of `examples` under another name."""
+
+from __future__ import annotations
+
+import keyword
+import shutil
+import tempfile
+from dataclasses import dataclass
+from enum import StrEnum
+from importlib.resources import files
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bench.catalogue.plugins import our_ids, plugin_names
+from bench.commands.options import path_option
+from data_prep.failures import BadInput, CannotWrite
+from data_prep.plugins import is_id
+
+
+class PluginKind(StrEnum):
+    """The kinds of plug-ins that `bench new` writes."""
+
+    method = "method"
+    metric = "metric"
+    dataset = "dataset"
+
+
+@dataclass(frozen=True)
+class Template:
+    """A package in `examples`.
+
+    Attributes
+    ----------
+    id : str
+        Id of its plug-in, which becomes the new one, in kebab-case; its module has underscores.
+    tested : str
+        Names in the module that `bench test` takes.
+    further : tuple of str
+        Files beside README.md, pyproject.toml, the module and its test.
+    """
+
+    id: str
+    tested: str
+    further: tuple[str, ...] = ()
+
+
+TEMPLATES = {
+    PluginKind.method: Template("convex-hull", "METHOD"),
+    PluginKind.metric: Template("pixel-error", "METRIC"),
+    PluginKind.dataset: Template(
+        "mesh-list",
+        "DATASET:sample",
+        ("sample/objects.csv", "sample/cube.ply", "sample/tall.ply"),
+    ),
+}
+
+
+def new(
+    kind: Annotated[PluginKind, typer.Argument(help="The kind of plug-in.")],
+    name: Annotated[
+        str, typer.Argument(metavar="NAME", help="Its id in kebab-case, as in my-method.")
+    ],
+    out: Annotated[Path | None, path_option("The new folder. Default: NAME.")] = None,
+) -> None:
+    """Write a package to start from, which 'bench test' passes and 'pip install' takes."""
+    check_id(kind, name)
+    folder = out or Path(name)
+    written = write_package(kind, name, folder)
+    print(f"{folder}: {', '.join(written)}")
+    print(f"next: cd {folder}; bench test {module_of(name)}:{TEMPLATES[kind].tested}")
+
+
+def module_of(id_: str) -> str:
+    """Return the name of the module of a plug-in."""
+    return id_.replace("-", "_")
+
+
+def check_id(kind: PluginKind, id_: str) -> None:
+    """Raise BadInput for an id that no plug-in can have, or whose module would not be found."""
+    module = module_of(id_)
+    if not is_id(id_):
+        raise BadInput(
+            f"{id_}: an id is kebab-case (a-z, 0-9 and single hyphens), as in my-{kind}; give "
+            "another NAME"
+        )
+    if id_ in our_ids(kind):
+        raise BadInput(f"{id_}: pc2pix-bench uses that id itself; give another NAME")
+    if id_ in plugin_names(kind):
+        raise BadInput(f"{id_}: an installed package has that id; give another NAME")
+    if not module.isidentifier() or keyword.iskeyword(module):
+        raise BadInput(f"{id_}: Python cannot import a module '{module}'; give another NAME")
+    if module == "images" or find_spec(module) is not None:  # "images:TREE" names a folder
+        raise BadInput(f"{id_}: '{module}' means something else already; give another NAME")
+
+
+def write_package(kind: PluginKind, id_: str, folder: Path) -> list[str]:
+    """Write the package of a kind under another id into a new folder; return its files.
+
+    Raises BadInput where the folder is there already, and CannotWrite; then nothing is left.
+    """
+    if folder.exists() or folder.is_symlink():
+        raise BadInput(f"{folder}: is there already; give another --out")
+    template = TEMPLATES[kind]
+    module = module_of(template.id)
+    names = ("pyproject.toml", f"{module}.py", f"test_{module}.py", "README.md", *template.further)
+    source, written = files("bench") / "examples" / str(kind), []
+    try:
+        temporary = Path(tempfile.mkdtemp(dir=folder.parent, prefix=".bench-new-"))
+    except OSError as error:
+        raise CannotWrite(f"{folder}: cannot be made ({error.strerror}); give --out") from error
+    try:
+        for name in names:
+            text = source.joinpath(*name.split("/")).read_text(encoding="utf-8")
+            renamed = _renamed(name, template.id, id_)
+            (temporary / renamed).parent.mkdir(exist_ok=True)
+            (temporary / renamed).write_text(_renamed(text, template.id, id_), encoding="utf-8")
+            written.append(renamed)
+        temporary.chmod(0o755)  # that of a temporary folder is 0o700
+        temporary.rename(folder)
+    except OSError as error:
+        raise CannotWrite(f"{folder}: cannot be written ({error.strerror}); give --out") from error
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+    return written
+
+
+def _renamed(text: str, before: str, id_: str) -> str:
+    return text.replace(before, id_).replace(module_of(before), module_of(id_))

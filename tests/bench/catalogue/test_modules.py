@@ -1,0 +1,152 @@
+"""Methods MODULE:NAME: executed only where a command names them, known by their source."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+
+from bench.catalogue.methods import find_method, known_method
+from bench.catalogue.modules import (
+    ALLOWED,
+    allow_modules,
+    is_module_name,
+    source_files,
+    source_sha256,
+)
+from data_prep.failures import BadInput
+
+CLASS = """class Mine:
+    def prepare(self, cloud, rng):
+        return cloud
+
+    def draw(self, state, views, rng):
+        return views
+"""
+METHOD = """from pathlib import Path
+from bench.catalogue.methods import Method
+Path("executed").touch()
+METHOD = Method("its-own-id", lambda device: device, lambda: "scipy 1", 7, "what it says")
+NUMBER = 3
+"""
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """Return the current folder; names that are allowed in it are forgotten afterwards."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv(ALLOWED, "")
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("name", "is_one"),
+    [
+        ("mine:METHOD", True),
+        ("package.mine:Outer.METHOD", True),
+        ("splat", False),
+        ("splat-net@a:b", False),
+        ("images:folder", False),
+        ("mine:METHOD:PATH", False),
+        ("mine:", False),
+        ("my-module:METHOD", False),
+        ("mine:METHOD,other:METHOD", False),
+    ],
+)
+def test_the_form_of_a_name(name, is_one):
+    assert is_module_name(name) == is_one
+
+
+def test_nothing_is_executed_that_no_command_has_named(folder):
+    (folder / "unnamed.py").write_text(METHOD)
+    with pytest.raises(BadInput, match="unnamed:METHOD: is of a module, which only a command line"):
+        find_method("unnamed:METHOD")
+    assert known_method("unnamed:METHOD") is None
+    allow_modules(["splat", "other:METHOD"])
+    assert known_method("unnamed:METHOD") is None
+    assert not (folder / "executed").exists()
+    allow_modules(["unnamed:METHOD"])
+    method = find_method("unnamed:METHOD")
+    assert (folder / "executed").exists()
+    assert (method.id, method.version, method.source) == ("unnamed:METHOD", 7, "what it says")
+    checksum = source_sha256("unnamed")
+    assert method.identity() == f"scipy 1 source {checksum}"
+
+
+def test_a_class_is_instantiated_in_each_worker(folder):
+    (folder / "with_a_class.py").write_text(CLASS + "\nOBJECT = Mine()\n")
+    allow_modules(["with_a_class:Mine", "with_a_class:OBJECT"])
+    of_class, of_object = (find_method(f"with_a_class:{name}") for name in ("Mine", "OBJECT"))
+    first, second = of_class.load("cpu"), of_class.load("cpu")
+    assert type(first).__name__ == "Mine"
+    assert first is not second
+    assert of_object.load("cpu") is of_object.load("cpu")
+    assert of_class.identity() == f"source {source_sha256('with_a_class')}"
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "message"),
+    [
+        (METHOD, "NUMBER", "is a int; expected a Method, or a class with the functions prepare"),
+        (METHOD, "GONE", "has no 'GONE'"),
+        ("1 / 0", "A", r"cannot be loaded \(ZeroDivisionError: division by zero\); 'bench test"),
+        ("exit(3)", "B", r"cannot be loaded \(SystemExit: 3\)"),
+    ],
+)
+def test_a_module_that_has_no_method_is_refused(folder, text, name, message):
+    module = f"refused_{name.lower()}"
+    (folder / f"{module}.py").write_text(text)
+    allow_modules([f"{module}:{name}"])
+    with pytest.raises(BadInput, match=message):
+        find_method(f"{module}:{name}")
+
+
+def test_a_module_that_is_not_there_is_refused(folder):
+    allow_modules(["not_there_at_all:METHOD"])
+    with pytest.raises(BadInput, match="no module 'not_there_at_all' in this folder or among the"):
+        find_method("not_there_at_all:METHOD")
+
+
+def test_the_source_is_the_module_and_what_it_imports_from_its_folder(folder, monkeypatch):
+    """Installed packages and this project have versions of their own in the keys of jobs."""
+    monkeypatch.syspath_prepend(folder)
+    (folder / "src_main.py").write_text(
+        "import numpy, src_helper\nfrom bench.cli import main\n\n"
+        "def f():\n    from src_package.inner import g\n"
+    )
+    (folder / "src_helper.py").write_text("from src_deep import x\nimport src_main\n")
+    (folder / "src_deep.py").write_text("x = 1\n")
+    (folder / "src_package").mkdir()
+    for name in ("__init__.py", "inner.py"):
+        (folder / "src_package" / name).write_text("from . import inner\nimport numpy\n")
+    (folder / "bench").mkdir()
+    (folder / "bench" / "cli.py").write_text("")
+    (folder / "unused.py").write_text("")
+    (folder / "notes.txt").write_text("")
+    expected = {
+        *("src_main.py", "src_helper.py", "src_deep.py"),
+        *("src_package/__init__.py", "src_package/inner.py"),
+    }
+    assert {str(file.relative_to(folder)) for file in source_files("src_main")} == expected
+    of_package = {str(file.relative_to(folder)) for file in source_files("src_package.inner")}
+    assert of_package == {"src_package/__init__.py", "src_package/inner.py"}
+
+    def checksum():
+        return source_sha256.__wrapped__("src_main")
+
+    before = checksum()
+    (folder / "unused.py").write_text("changed")
+    assert checksum() == before
+    for name in expected:
+        text = (folder / name).read_text()
+        (folder / name).write_text(text + "# changed\n")
+        assert checksum() != before, name
+        (folder / name).write_text(text)
+        assert checksum() == before
+
+
+def test_an_installed_module_is_known_by_its_own_files_alone():
+    names = {file.name for file in source_files("typer.main")}
+    assert "main.py" in names
+    assert {file.parts[-2] for file in source_files("threadpoolctl")} == {"site-packages"}

@@ -1,0 +1,114 @@
+"""`bench add` refuses what it cannot join, and a method that does not keep its contract."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from bench.catalogue.modules import ALLOWED
+from bench.commands.add import is_own, options_of
+from bench.records.run_folder import write_manifest
+
+from ..builders import make_manifest
+
+WRITES = """from pathlib import Path
+Path("executed").touch()
+
+class Small:
+    def prepare(self, cloud, rng):
+        return cloud
+
+    def draw(self, state, views, rng):
+        import numpy as np
+        return np.zeros((len(views), 64, 64, 3), np.float32)
+"""
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """Return the current folder, with a module whose images have the wrong size."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv(ALLOWED, "")
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    (tmp_path / "too_small.py").write_text(WRITES)
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("name", "own"),
+    [
+        ("my.module:METHOD", True),
+        ("splat-net@weights.safetensors", True),
+        ("splat-net@chair", False),
+        ("poisson@depth=6", False),
+        ("images:tree", False),
+    ],
+)
+def test_what_is_tested_first(name, own):
+    assert is_own(name) == own
+
+
+def test_the_options_are_those_of_the_run(tmp_path):
+    request = {"suite": "chair-robustness", "dataset": "folder:a", "device": "cpu", "truth": "grey"}
+    more = {"objects": ["chair/a", "chair/b", "lamp/c"], "views": 3, "conditions": ["512"]}
+    write_manifest(tmp_path, make_manifest(request=request, **more))
+    options = options_of(tmp_path, ["splat", "mine:METHOD"], workers=2)
+    assert (options.methods, options.conditions) == (("splat", "mine:METHOD"), ("512",))
+    assert (options.suite, options.dataset, options.device) == tuple(request.values())[:3]
+    assert (options.truth, options.views, options.limit, options.workers) == ("grey", 3, 2, 2)
+    assert options.directory == tmp_path
+    assert options.same_objects
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (None, "run: no such folder; give a run's folder"),
+        ({"finished": None}, "the run is not finished; start it again with its command"),
+        (
+            {"suite": "stability"},
+            "a run of the suite stability; use 'bench run --suite stability --methods splat "
+            "--out run'",
+        ),
+        ({"request": None}, "has no options of a run"),
+    ],
+)
+def test_what_is_no_finished_run_is_refused(command, folder, changes, message):
+    if changes is not None:
+        Path("run").mkdir()
+        write_manifest(Path("run"), make_manifest(**changes))
+    before = sorted(folder.rglob("*"))
+    status, out, errors = command("add", "splat", "run")
+    assert (status, out) == (2, "")
+    assert message in errors
+    assert errors.count("\n") == 1
+    assert sorted(folder.rglob("*")) == before
+
+
+def test_a_file_of_options_executes_no_module(command, folder):
+    Path("run.toml").write_text('methods = ["too_small:Small"]\n')
+    words = ("run", "--suite", "chair-robustness", "--limit", "1", "--views", "1", "--out", "run")
+    status, out, errors = command(*words, "--config", "run.toml")
+    assert (status, out) == (2, "")
+    assert "too_small:Small: is of a module, which only a command line that names it" in errors
+    assert not Path("executed").exists()
+    assert not Path("run").exists()
+
+
+@pytest.mark.slow
+def test_a_method_that_breaks_the_contract_is_not_added(command, folder):
+    Path("run").mkdir()
+    request = {"suite": "chair-robustness", "dataset": "procedural", "device": "cpu"}
+    write_manifest(Path("run"), make_manifest(request=request))
+    before = Path("run/manifest.json").read_bytes()
+    status, out, _ = command("add", "too_small:Small", "run")
+    assert status == 1
+    lines = out.splitlines()
+    assert any(line.startswith("FAIL images: ") for line in lines)
+    assert not any(line.startswith("ok ") for line in lines)
+    assert " block a run (images, " in lines[-1]
+    assert lines[-1].endswith("; next: mend what FAIL says, then add it again")
+    assert [path.name for path in Path("run").iterdir()] == ["manifest.json"]
+    assert Path("run/manifest.json").read_bytes() == before

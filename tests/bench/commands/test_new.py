@@ -1,0 +1,82 @@
+"""`bench new` refuses what cannot be a plug-in, and writes all of a package or nothing."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from bench.commands.new import TEMPLATES, PluginKind, write_package
+from data_prep.failures import CannotWrite
+
+REPOSITORY = Path(__file__).parents[3]
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "message"),
+    [
+        ("method", "My-Method", "an id is kebab-case (a-z, 0-9 and single hyphens), as in my-meth"),
+        ("method", "my_method", "an id is kebab-case"),
+        ("method", "../escape", "an id is kebab-case"),
+        ("method", "my-method@a", "an id is kebab-case"),
+        ("method", "splat-net", "pc2pix-bench uses that id itself"),
+        ("method", "best-reconstruction", "pc2pix-bench uses that id itself"),
+        ("metric", "ssim-object", "pc2pix-bench uses that id itself"),
+        ("dataset", "shapenet", "pc2pix-bench uses that id itself"),
+        ("method", "3d-hull", "Python cannot import a module '3d_hull'"),
+        ("method", "lambda", "Python cannot import a module 'lambda'"),
+        ("metric", "numpy", "'numpy' means something else already"),
+        ("method", "images", "'images' means something else already"),
+        ("network", "mine", "'network' is not one of 'method', 'metric', 'dataset'"),
+    ],
+)
+def test_names_that_cannot_be(command, tmp_path, monkeypatch, kind, name, message):
+    monkeypatch.chdir(tmp_path)
+    status, out, errors = command("new", kind, name)
+    assert (status, out) == (2, "")
+    assert message in errors
+    assert errors.count("\n") == 1
+    assert [*tmp_path.iterdir()] == []
+
+
+def test_a_folder_that_is_there_is_left_alone(command, tmp_path):
+    for folder in (tmp_path / "empty", tmp_path / "link"):
+        folder.mkdir() if folder.name == "empty" else folder.symlink_to("nowhere")
+        status, _, errors = command("new", "method", "mine", "--out", folder)
+        assert (status, errors) == (2, f"bench: {folder}: is there already; give another --out\n")
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["empty", "link"]
+
+
+def test_nothing_is_left_of_a_package_that_cannot_be_written(tmp_path):
+    with pytest.raises(CannotWrite, match="no/such/mine: cannot be made"):
+        write_package(PluginKind.method, "mine", tmp_path / "no" / "such" / "mine")
+    too_long = tmp_path / ("x" * 300)
+    with pytest.raises((CannotWrite, OSError)):
+        write_package(PluginKind.method, "mine", too_long)
+    assert [*tmp_path.iterdir()] == []
+
+
+@pytest.mark.parametrize("kind", PluginKind)
+def test_a_package_is_the_example_under_another_name(command, tmp_path, kind):
+    """Back under its name it is the example, to the letter."""
+    folder, template = tmp_path / "there", TEMPLATES[kind]
+    status, out, _ = command("new", kind, "zebra-crossing", "--out", folder)
+    assert status == 0
+    assert out.splitlines()[-1] == (
+        f"next: cd {folder}; bench test zebra_crossing:{template.tested}"
+    )
+    written = sorted(path for path in folder.rglob("*") if path.is_file())
+    module = template.id.replace("-", "_")
+    for path in written:
+        name = str(path.relative_to(folder)).replace("zebra_crossing", module)
+        text = path.read_text().replace("zebra-crossing", template.id)
+        example = REPOSITORY / "examples" / str(kind) / name
+        assert text.replace("zebra_crossing", module) == example.read_text(), name
+    assert len(written) >= 4
+    project = tomllib.loads((folder / "pyproject.toml").read_text())["project"]
+    attribute = template.tested.partition(":")[0]
+    assert project["entry-points"] == {
+        f"pc2pix_bench.{kind}s": {"zebra-crossing": f"zebra_crossing:{attribute}"}
+    }
+    assert len((folder / "README.md").read_text().splitlines()) == 5

@@ -1,0 +1,155 @@
+"""Run the walk of docs/extending.md and the commands of llms.txt, from nothing to a verdict.
+
+The commands are those of the pages; what is added makes the run small.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+from bench.cli import app
+from tests.test_shown_commands import BLOCK
+
+pytestmark = pytest.mark.slow
+
+REPOSITORY = Path(__file__).parents[1]
+EXTENDING, AGENTS = REPOSITORY / "docs" / "extending.md", REPOSITORY / "llms.txt"
+SMALL = ["--limit", "2", "--views", "2", "--conditions", "2048", "--workers", "1"]
+
+
+def lines_of(page: Path, heading: str = "") -> list[list[str]]:
+    """Return the words of each line of the blocks of commands of a page, or of a section."""
+    text = page.read_text(encoding="utf-8")
+    if heading:
+        text = re.split("^## ", text, flags=re.MULTILINE)[1 + headings(text).index(heading)]
+    block = "".join(block for kind, block in BLOCK.findall(text) if not kind)
+    lines = re.sub(r" *\\\n *", " ", block).splitlines()
+    return [shlex.split(line, comments=True) for line in lines]
+
+
+def headings(text: str) -> list[str]:
+    return re.findall("^## (.*)$", text, re.MULTILINE)
+
+
+def walk(lines: list[list[str]], monkeypatch) -> dict[str, str]:
+    """Run the lines one after the other; return the standard output of each command of `bench`."""
+    printed = {}
+    for program, *words in lines:
+        if program == "cd":
+            monkeypatch.chdir(words[0])
+            continue
+        assert program == "bench"
+        small = SMALL if words[0] == "run" else ["--workers", "1"] * (words[0] == "add")
+        ended = CliRunner().invoke(app, [*words, *small], prog_name="bench")
+        assert ended.exit_code == 0, f"{words}: {ended.output}"
+        printed[words[0]] = ended.stdout
+    return printed
+
+
+def test_the_walk_of_the_page_ends_with_a_verdict(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "100")
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    printed = walk(lines_of(EXTENDING, "From nothing to a verdict"), monkeypatch)
+    assert list(printed) == ["run", "new", "test", "add"]
+    assert printed["test"].splitlines()[-1] == (
+        "0 block a run, 0 warnings; next: bench add my_method:METHOD DIR"
+    )
+    lines = printed["add"].splitlines()
+    assert lines[0] == "0 block a run, 0 warnings"
+    titles = [line for line in lines if " against " in line and "scored" not in line]
+    assert titles == [
+        f"my_method:METHOD against {baseline}, 2 chairs, paired by chair"
+        for baseline in ("best-reconstruction", "splat-net", "blank")
+    ]
+    # Two objects decide nothing, which the verdict has to say.
+    assert sum(line.startswith("2 chairs decide nothing here") for line in lines) == 3
+    assert lines[-1] == "report: ../base/report.html"
+    records = pd.read_parquet("../base/records.parquet")
+    drawn = records[records["method"] == "my_method:METHOD"]
+    assert (drawn["outcome"] == "ok").all()
+    assert len(drawn) == 4
+    assert "my_method:METHOD" in Path("../base/report.html").read_text()
+
+
+def test_the_commands_for_agents_run(tmp_path, monkeypatch):
+    """With the run and the method of the page: the same commands stand there."""
+    text = AGENTS.read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= 60
+    lines = lines_of(AGENTS)
+    walked = lines_of(EXTENDING, "From nothing to a verdict")
+    assert [line for line in lines if line in walked] == walked
+    monkeypatch.chdir(tmp_path)
+    Path("examples").mkdir()
+    shutil.copy(REPOSITORY / "examples" / "chair.ply", "examples")
+    printed = walk([line for line in lines if line not in walked[1:]], monkeypatch)
+    assert list(printed) == ["run", "table", "compare", "recommend", "report", "render"]
+    assert printed["report"] == "base/report.html\n"
+    for name in ("tables", "records.parquet", "report.html", "manifest.json", "run.sqlite"):
+        assert f"base/{name}" in text
+        assert Path("base", name).exists()
+    for name in re.findall(r"`((?:docs/)?[\w.]+\.md)`", text):
+        assert (REPOSITORY / name).is_file(), name
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """Install the packages of `bench new`; return their folder, and the place of installation."""
+    folder = tmp_path_factory.mktemp("new")
+    for kind in ("method", "metric", "dataset"):
+        made = CliRunner().invoke(app, ["new", kind, f"new-{kind}", "--out", str(folder / kind)])
+        assert made.exit_code == 0, made.output
+    pip = (sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check")
+    offline = ("--no-index", "--no-deps", "--no-build-isolation", "--target", folder / "site")
+    sources = [shutil.copytree(folder / k, folder / f"{k}-copy") for k in ("method", "metric")]
+    sources.append(shutil.copytree(folder / "dataset", folder / "dataset-copy"))
+    subprocess.run([*pip, *offline, *sources], check=True)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("kind", "tested", "command"),
+    [
+        ("method", "new_method:METHOD", "bench add new_method:METHOD DIR"),
+        ("metric", "new_metric:METRIC", "bench score DIR --metrics new-metric"),
+        ("dataset", "new_dataset:DATASET:sample", "--dataset new-dataset:sample"),
+    ],
+)
+def test_new_packages_pass_their_tests_and_are_installed(site, kind, tested, command):
+    environment = os.environ | {"PYTHONPATH": str(REPOSITORY)}
+
+    def run(*words, **more):
+        return subprocess.run(
+            [sys.executable, *words],
+            capture_output=True,
+            text=True,
+            check=False,
+            cwd=site / kind,
+            env=environment | more,
+        )
+
+    checked = run("-P", "-c", "from bench.cli import main; main()", "test", tested)
+    *lines, last = checked.stdout.splitlines()
+    assert [line for line in lines if not line.startswith("ok   ")] == []
+    assert last.startswith("0 block a run, 0 warnings; next: ")
+    assert last.endswith(command)
+    assert (checked.returncode, checked.stderr) == (0, "")
+    own = run("-m", "pytest", "-q", "-p", "no:cacheprovider")
+    assert own.returncode == 0, own.stdout
+    groups = run(
+        "-c",
+        "from importlib.metadata import entry_points as e; "
+        f"print(*(p.load().id for p in e(group='pc2pix_bench.{kind}s')))",
+        PYTHONPATH=os.pathsep.join((str(site / "site"), str(REPOSITORY))),
+    )
+    assert f"new-{kind}" in groups.stdout.split(), groups.stderr
