@@ -34,6 +34,11 @@ class _Plugin(Protocol):
 Entry = TypeVar("Entry", bound=_Plugin)
 
 
+def is_id(text: str) -> bool:
+    """Return whether a text is kebab-case, as ids without a variant are."""
+    return _ID.fullmatch(text) is not None
+
+
 def entry_point_names(*groups: str) -> tuple[str, ...]:
     """Return the ids that installed packages register as entry points, sorted; load none."""
     from importlib.metadata import entry_points

@@ -81,6 +81,7 @@ class Comparison:
                        view, NaN where the method failed
     images             numbers of images that exist and that should, by method
     qualities          by metric and method
+    claimed            methods whose times their authors state; nothing here has measured them
     """
 
     condition: str
@@ -90,6 +91,7 @@ class Comparison:
     draw_s: Mapping[str, Floats]
     images: Mapping[str, tuple[int, int]]
     qualities: Mapping[str, Mapping[str, Quality]]
+    claimed: frozenset[str] = frozenset()
 
     def cost_ms(self, method: str, views: int) -> Estimate:
         """Return the milliseconds for a cloud with its views: the median over managed objects.
@@ -105,13 +107,17 @@ class Comparison:
 
 
 def compare(
-    records: pd.DataFrame, features: Mapping[str, FeatureDistances], metrics: Sequence[str]
+    records: pd.DataFrame,
+    features: Mapping[str, FeatureDistances],
+    metrics: Sequence[str],
+    claimed: Iterable[str] = (),
 ) -> list[Comparison]:
     """Return a comparison for each condition and class, in the order of the records.
 
     Objects without true images are left out, and so is a class that has no others.
 
     metrics  metrics of images that the records have, and set metrics that features exist for
+    claimed  methods whose times their authors state
     """
     comparisons = []
     for (condition, class_name), group in records.groupby(["condition", "class"], sort=False):  # type: ignore[misc]
@@ -138,6 +144,7 @@ def compare(
                     for m, rows in by_method.items()
                 },
                 qualities=qualities,
+                claimed=frozenset(claimed) & by_method.keys(),
             )
         )
     return comparisons
@@ -226,6 +233,7 @@ def _pooled(classes: Sequence[Comparison]) -> Comparison:
             for metric, by_method in first.qualities.items()
             if is_mean(metric)
         },
+        claimed=first.claimed,
     )
 
 

@@ -12,6 +12,7 @@ import pandas as pd
 from bench.analysis.comparison import Comparison, compare
 from bench.analysis.distances import FeatureDistances
 from bench.analysis.recognition import read_class_head, with_confidence
+from bench.catalogue.claims import ENTERED
 from bench.catalogue.metrics import (
     IMAGE_METRICS,
     LEARNED_METRICS,
@@ -57,7 +58,8 @@ class ScoredRun:
     def compared(self, metrics: Sequence[str]) -> list[Comparison]:
         """Return the methods on the same objects by these metrics; computed once."""
         if tuple(metrics) not in self._compared:
-            self._compared[tuple(metrics)] = compare(self.records, self.features, metrics)
+            claimed = self.manifest.get(ENTERED, ())
+            self._compared[tuple(metrics)] = compare(self.records, self.features, metrics, claimed)
         return self._compared[tuple(metrics)]
 
 

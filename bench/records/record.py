@@ -14,6 +14,7 @@ import pandas as pd
 SCHEMA_VERSION = 4  # of records and manifest; newer ones are refused, never guessed at
 
 Outcome = Literal["ok", "failed", "skipped"]
+CLAIMED = "times as claimed"  # in the notes of records of images that were drawn elsewhere
 GROUND_TRUTH = "ground-truth"  # stands where a method's id stands, in features and artifacts
 
 
@@ -30,7 +31,7 @@ class Record:
     reason : str
         Why there is no image; empty where the outcome is ok.
     notes : str
-        What the method repaired on its way.
+        What the method repaired on its way; CLAIMED where its author states the times.
     prepare_s : float or None
         The time to prepare the object, repeated for each view.
     draw_s : float or None

@@ -15,6 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from bench.analysis.comparison import ALL, pooled
 from bench.analysis.scored import in_order
+from bench.catalogue.claims import entered_claims
 from bench.catalogue.condition_names import condition_words
 from bench.catalogue.methods import find_method, role
 from bench.catalogue.metrics import (
@@ -298,12 +299,14 @@ def _meanings(
     )
     return (
         ("Metrics", tuple((m, (metrics | further)[m]) for m in dict.fromkeys(measured))),
-        ("Methods", tuple((m, _source(m)) for m in manifest["methods"])),
+        ("Methods", tuple((m, _source(m, manifest)) for m in manifest["methods"])),
         ("Conditions", tuple((c, known.get(c, "unknown")) for c in manifest["conditions"])),
     )
 
 
-def _source(method: str) -> str:
+def _source(method: str, manifest: Mapping[str, Any]) -> str:
+    if claims := entered_claims(manifest, method):
+        return f"{claims.about}; trained on {claims.trained_on}"
     try:
         known = find_method(method)
     except BadInput as error:

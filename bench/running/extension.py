@@ -11,8 +11,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from bench.catalogue.claims import address_of
 from bench.catalogue.lookup import find
-from bench.catalogue.methods import Method, find_method
+from bench.catalogue.methods import Method, find_run_method
 from bench.catalogue.truth import truth_entry
 from bench.records.run_folder import (
     MANIFEST,
@@ -96,7 +97,7 @@ def pinned_request(options: Options, protocol: Protocol) -> dict[str, Any]:
     limit = max(map(names.count, {*names}))
     return replace(
         options,
-        methods=tuple(protocol.methods),
+        methods=tuple(method.address for method in protocol.methods.values()),
         conditions=protocol.conditions,
         limit=options.limit if protocol.shard else limit,
         views=protocol.views,
@@ -131,7 +132,8 @@ def with_methods_there(
     if manifest["suite"] != suite:  # which is refused before anything is written
         return asked
     kept = tuple(map(str, manifest.get("methods", ())))
-    _find_kept(directory, options.device, (name for name in kept if name not in asked), ())
+    beyond = [name for name in kept if name not in asked]
+    _find_kept(directory, options.device, manifest, beyond, ())
     methods = joined(asked, kept, listed)
     _tell(directory, [_counted(len(methods) - len(asked), "methods")])
     return methods
@@ -181,7 +183,10 @@ def _kept(directory: Path, protocol: Protocol, manifest: Mapping[str, Any]) -> K
     if not finished and same and {*objects} <= {name_of(obj) for obj in protocol.objects}:
         return None  # only objects may be added, and those that are complete stay so
     beyond = [name for name in ids if name not in protocol.methods]
-    known = {**protocol.methods, **_find_kept(directory, protocol.device, beyond, conditions)}
+    known = {
+        **protocol.methods,
+        **_find_kept(directory, protocol.device, manifest, beyond, conditions),
+    }
     methods = {name: known[name] for name in ids}
     kept = KeptRun(methods, conditions, frozenset(objects), manifest)
     if finished:
@@ -200,7 +205,11 @@ def is_complete(obj: ObjectJobs, store: Store) -> bool:
 
 
 def _find_kept(
-    directory: Path, device: str, ids: Iterable[str], conditions: Iterable[str]
+    directory: Path,
+    device: str,
+    manifest: Mapping[str, Any],
+    ids: Iterable[str],
+    conditions: Iterable[str],
 ) -> dict[str, Method]:
     """Return methods of the run in the folder, by id.
 
@@ -209,7 +218,7 @@ def _find_kept(
     methods = {}
     try:
         for method_id in sorted(ids):
-            methods[method_id] = find_method(method_id)
+            methods[method_id] = find_run_method(address_of(manifest, method_id))
             method_identity(methods[method_id], device)
         for condition in conditions:
             find(condition, CONDITIONS, "condition")

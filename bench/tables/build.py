@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -16,6 +16,7 @@ from bench.analysis.orderings import Ordering, orderings
 from bench.analysis.paper import Published
 from bench.analysis.scored import ScoredRun
 from bench.analysis.scores import QualityRow
+from bench.catalogue.claims import ENTERED
 from bench.catalogue.suite_types import Suite, TableKind, TableSpec
 from bench.records.run_folder import PROTOCOL
 from bench.running.options import UNTIL_DECIDED
@@ -161,7 +162,7 @@ def make_outputs(run: ScoredRun) -> Outputs:
         run,
         headline=headline(run),
         tables=tuple(tables(run)),
-        cost=cost_table(run.records, how_timed(run.manifest)),
+        cost=cost_table(run.records, how_timed(run.manifest), run.manifest.get(ENTERED, ())),
         frontier_tables=frontier_tables(run),
         orderings=class_orderings(run),
         curves=curves(run),
@@ -197,21 +198,23 @@ def how_timed(manifest: Mapping[str, Any]) -> str:
     )
 
 
-def cost_table(records: pd.DataFrame, remark: str) -> str:
+def cost_table(records: pd.DataFrame, remark: str, claimed: Collection[str] = ()) -> str:
     """Return the median costs in milliseconds, per cloud and per view, as Markdown.
 
-    It is not one of the tables: times differ from run to run. `remark` says how they were taken.
+    It is not one of the tables: times differ from run to run. `remark` says how they were taken,
+    `claimed` are the methods whose authors state them.
     """
     ok = records[records["outcome"] == "ok"]
     per_cloud = ok.drop_duplicates(["method", "condition", "class", "object"])
     conditions = list(dict.fromkeys(records["condition"]))
     lines = []
     for method in dict.fromkeys(records["method"]):
-        line = [method]
+        line, of_author = [method], method in claimed
         for condition in conditions:
             chosen = (per_cloud["method"] == method) & (per_cloud["condition"] == condition)
             prepare_s, draw_s = per_cloud.loc[chosen, ["prepare_s", "draw_s"]].median()
-            line.append(f"{1000 * prepare_s:.1f} + {1000 * draw_s:.1f}" if chosen.any() else "-")
+            times = f"{1000 * prepare_s:.1f} + {1000 * draw_s:.1f}" + " claimed" * of_author
+            line.append(times if chosen.any() else "-")
         lines.append(line)
     title = "# Cost: median milliseconds to prepare a cloud + to draw a view (one thread)"
     return markdown.document([title, remark, grid(["method", *conditions], lines)])
