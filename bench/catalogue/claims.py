@@ -132,7 +132,10 @@ def _checked(key: str, value: Any, is_number: bool, where: str) -> str | float:
 
 def manifest_entry(trees: Mapping[str, tuple[Path, Claims]]) -> dict[str, Any]:
     """Return the entry of a manifest for methods entered by images; nothing without any."""
-    facts = {name: {TREE: str(root)} | asdict(claims) for name, (root, claims) in trees.items()}
+    facts = {
+        name: {TREE: str(root)} | {key: fact for key, fact in asdict(claims).items() if fact != ""}
+        for name, (root, claims) in trees.items()
+    }
     return {ENTERED: facts} if facts else {}
 
 
