@@ -101,11 +101,11 @@ def _read_array(path: Path, count: int, whole: bool) -> Any:
                         f"have {size}; write uint8 {list(shape)}"
                     )
                 with archive.open(member) as stream:
-                    found, fortran, dtype = _npy_header(stream)
-                    if dtype != np.uint8 or found != shape or fortran:
+                    stored, fortran, dtype = _npy_header(stream)
+                    if dtype != np.uint8 or stored != shape or fortran:
                         order = ", Fortran order" * fortran
                         raise BadInput(
-                            f"{path}: images are {dtype} {list(found)}{order}, expected uint8 "
+                            f"{path}: images are {dtype} {list(stored)}{order}, expected uint8 "
                             f"{list(shape)} in C order, one a view of the export; write them so"
                         )
                     data = stream.read(size + 1) if whole else b""

@@ -4,7 +4,13 @@ from __future__ import annotations
 
 import csv
 import json
+import re
+import shlex
+import subprocess
+import sys
 from dataclasses import replace
+from hashlib import sha256
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +32,7 @@ from data_prep.files.clouds import load_points
 from data_prep.rendering.images import to_uint8
 from data_prep.scene import PointCloud, View
 
+REPOSITORY = Path(__file__).parents[3]
 TIMES = {"prepare_s": 3.5, "draw_s": 0.25}
 
 
@@ -84,10 +91,8 @@ def keys_of(exported: Path, tree: Path) -> dict[str, str]:
 
 def test_the_checksum_is_that_of_the_two_lists(exported, tree):
     """It is what an author computes with `cat clouds.csv views.csv | sha256sum`."""
-    import hashlib
-
     lists = b"".join((exported / f"{name}.csv").read_bytes() for name in ("clouds", "views"))
-    assert checksum_of(exported) == hashlib.sha256(lists).hexdigest()
+    assert checksum_of(exported) == sha256(lists).hexdigest()
     assert f'export = "{checksum_of(exported)}"' in (tree / "method.toml").read_text()
 
 
@@ -251,3 +256,54 @@ def test_a_run_of_two_trees_has_a_row_of_each(
     status, _, err = command(*run, "--methods", "splat")
     assert status == 2
     assert "its run cannot be kept here: " in err
+
+
+def commands_of_page() -> list[list[str]]:
+    """Return the commands of the section with the walk, in words."""
+    text = (REPOSITORY / "docs" / "entering.md").read_text()
+    section = text.partition("## From an export to a row")[2].partition("\n## ")[0]
+    blocks = re.findall(r"^```\n(.*?)^```", section, re.MULTILINE | re.DOTALL)
+    lines = re.sub(r" *\\\n *", " ", "".join(blocks)).splitlines()
+    return [shlex.split(line) for line in lines]
+
+
+@pytest.mark.slow
+def test_the_page_leads_to_a_row(no_machine, tmp_path, command, monkeypatch):
+    """Its commands on one object; where PyVista is not installed, `splat` draws in its place."""
+    monkeypatch.chdir(tmp_path)
+    exporting, (python, script, *folders), running = commands_of_page()
+    small = ("--limit", 1, "--views", 2, "--workers", 1)
+    assert command(*exporting[1:], *small)[0] == 0
+    assert (python, folders) == ("python", ["exported-chairs", "images"])
+    if find_spec("pyvista"):
+        subprocess.run([sys.executable, REPOSITORY / script, *folders], check=True)
+    else:
+        assert (REPOSITORY / script).is_file()
+        draw_tree(Path("exported-chairs"), Path("images"), "pyvista-points")
+    status, _, err = command(*running[1:], *small, "--out", "out")
+    assert (status, " 0 failed" in err) == (0, True), err
+    table = Path("out/tables/headline.md").read_text()
+    assert re.search(r"^\| pyvista-points +\|", table, re.MULTILINE), table
+    assert len((REPOSITORY / script).read_text().splitlines()) <= 30
+
+
+@pytest.mark.slow
+def test_the_example_draws_from_the_exported_views(exported, tmp_path):
+    """Each image covers the true one from its own view better than that from the other."""
+    pytest.importorskip("pyvista", reason="PyVista is not among the packages of the tests")
+    script = REPOSITORY / "examples" / "images" / "pyvista_points.py"
+    subprocess.run([sys.executable, script, exported, tmp_path / "tree"], check=True)
+
+    def covered(path: Path) -> np.ndarray:
+        return (np.asarray(Image.open(path)) < 250).any(axis=-1)
+
+    for number, name in enumerate(("test-0000", "test-0001")):
+        drawn, true = (
+            [covered(folder / f"{view:02d}.png") for view in (0, 1)]
+            for folder in (
+                tmp_path / "tree/2048/chair" / name,
+                exported / f"images/chair/{number:05d}",
+            )
+        )
+        overlap = np.array([[(d & t).sum() / (d | t).sum() for t in true] for d in drawn])
+        assert (overlap.argmax(axis=1) == [0, 1]).all(), overlap
