@@ -162,7 +162,7 @@ class SubsampledFrontier:
     cost_ms: Estimate
     quality: Estimate
     lost: Estimate
-    claimed: bool
+    claimed: bool = False
 
 
 def thinned(

@@ -22,6 +22,7 @@ import numpy as np
 from bench.catalogue.claims import CLAIMS, PREFIX, Claims, read_claims
 from bench.catalogue.method import Method
 from data_prep.datasets.exported import ExportedObject
+from data_prep.datasets.objects import SceneObject
 from data_prep.failures import BadInput, StageFailure
 from data_prep.files.checksums import file_sha256
 from data_prep.files.safe_read import files_in, folders_in, shown
@@ -134,7 +135,7 @@ class ImageTree:
                 f"under {', '.join(conditions)}; write them there, as docs/entering.md shows"
             )
 
-    def unused(self, objects: Iterable[ExportedObject], conditions: Collection[str]) -> str:
+    def unused(self, objects: Iterable[SceneObject], conditions: Collection[str]) -> str:
         """Return a line about folders and arrays that a run with these objects does not read.
 
         It is empty where there are none. Images beyond the views of the run are not counted.
