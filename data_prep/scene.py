@@ -107,34 +107,6 @@ def in_one_colour(mesh: Mesh, color: tuple[int, int, int]) -> Mesh:
     return Mesh(mesh.vertices, mesh.faces, colors)
 
 
-@dataclass(frozen=True, eq=False)
-class PointCloud:
-    """Points on (or near) a surface, in unit-sphere coordinates.
-
-    Attributes
-    ----------
-    points : float32 array [N, 3]
-        Coordinates. N may be 0 and values may be non-finite: each method judges its clouds.
-    source : Mesh or None
-        Mesh that the points were sampled from, where known. Only the reference method `true-mesh`
-        may use it; the harness hides it from every other method.
-
-    Raises
-    ------
-    ValueError
-        If `points` has another shape.
-    """
-
-    points: Points
-    source: Mesh | None = None
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "points", _read_only(self.points, np.float32, 3, "points"))
-
-    def __len__(self) -> int:
-        return len(self.points)
-
-
 @dataclass(frozen=True)
 class View:
     """A camera position by the conventions of this module.
@@ -160,6 +132,54 @@ class View:
             raise ValueError(f"azimuth_deg must be finite, got {self.azimuth_deg}")
         if not -90.0 <= self.elevation_deg <= 90.0:
             raise ValueError(f"elevation_deg must lie in -90..90, got {self.elevation_deg}")
+
+
+@dataclass(frozen=True)
+class CloudOrigin:
+    """The place of a cloud in a run: the object, the condition and all views that are drawn of it.
+
+    Attributes
+    ----------
+    condition, class_name, object_id : str
+    views : tuple of View
+    """
+
+    condition: str
+    class_name: str
+    object_id: str
+    views: tuple[View, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class PointCloud:
+    """Points on (or near) a surface, in unit-sphere coordinates.
+
+    Attributes
+    ----------
+    points : float32 array [N, 3]
+        Coordinates. N may be 0 and values may be non-finite: each method judges its clouds.
+    source : Mesh or None
+        Mesh that the points were sampled from, where known. Only the reference method `true-mesh`
+        may use it; the harness hides it from every other method.
+    origin : CloudOrigin or None
+        Place of the cloud in a run. Only methods that are entered by images may use it; the harness
+        hides it from every other method.
+
+    Raises
+    ------
+    ValueError
+        If `points` has another shape.
+    """
+
+    points: Points
+    source: Mesh | None = None
+    origin: CloudOrigin | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "points", _read_only(self.points, np.float32, 3, "points"))
+
+    def __len__(self) -> int:
+        return len(self.points)
 
 
 class Renderer(Protocol):

@@ -81,6 +81,7 @@ class Comparison:
                        view, NaN where the method failed
     images             numbers of images that exist and that should, by method
     qualities          by metric and method
+    claimed            methods whose times their authors state; nothing here has measured them
     """
 
     condition: str
@@ -90,6 +91,7 @@ class Comparison:
     draw_s: Mapping[str, Floats]
     images: Mapping[str, tuple[int, int]]
     qualities: Mapping[str, Mapping[str, Quality]]
+    claimed: frozenset[str] = frozenset()
 
     def cost_ms(self, method: str, views: int) -> Estimate:
         """Return the milliseconds for a cloud with its views: the median over managed objects.
@@ -109,6 +111,7 @@ def compare(
     features: Mapping[str, FeatureDistances],
     metrics: Sequence[str],
     methods: Container[str] | None = None,
+    claimed: Iterable[str] = (),
 ) -> list[Comparison]:
     """Return a comparison for each condition and class, in the order of the cells.
 
@@ -116,6 +119,7 @@ def compare(
 
     metrics  metrics of images that the sums have, and set metrics that features exist for
     methods  methods that are compared, by default all; `blank` is needed, but may be left out
+    claimed  methods whose times their authors state
     """
     by_cell: dict[tuple[str, str], list[str]] = {}
     for method, *cell in sums.cells:
@@ -142,7 +146,17 @@ def compare(
             for metric in metrics
         }
         images = {m: sums.images((m, *cell)) for m in names}
-        comparisons.append(Comparison(*cell, objects, prepare_s, draw_s, images, qualities))
+        comparisons.append(
+            Comparison(
+                *cell,
+                objects,
+                prepare_s,
+                draw_s,
+                images,
+                qualities,
+                claimed=frozenset(claimed) & {*names},
+            )
+        )
     return comparisons
 
 
@@ -205,6 +219,7 @@ def _pooled(classes: Sequence[Comparison]) -> Comparison:
             for metric, by_method in first.qualities.items()
             if is_mean(metric)
         },
+        claimed=first.claimed,
     )
 
 

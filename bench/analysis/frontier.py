@@ -28,7 +28,9 @@ from bench.catalogue.methods import FLOOR
 from data_prep.clouds.conditions import CONDITIONS, Stride, Unchanged
 from data_prep.scene import CLOUD_SIZE
 
-Verdict = Literal["frontier", "tied", "dominated", "below a white image", "reference", "no value"]
+Verdict = Literal[
+    "frontier", "tied", "dominated", "below a white image", "reference", "claimed", "no value"
+]
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,7 @@ class FrontierPoint:
              tied       one that costs no more is at least as good, but not by such an interval
              below a white image  it is worse than `blank`, which costs nothing
              reference  no candidate: it sees the mesh, or no cloud
+             claimed    no candidate: its author states the cost, on another machine
              no value   it failed on all objects
     baseline  the method that costs no more and decides the verdict: for a dominated method the best
              that shows it, for a tied one the best, below a white image `blank`; else empty
@@ -76,7 +79,7 @@ def pareto(cost: NDArray[np.float64], quality: NDArray[np.float64]) -> NDArray[n
 def places(comparison: Comparison, metrics: Sequence[str], views: int) -> list[FrontierPoint]:
     """Return the places of all methods by these metrics, in their order and the comparison's."""
     costs = {method: comparison.cost_ms(method, views) for method in comparison.images}
-    could = candidates(costs)
+    could = [method for method in candidates(costs) if method not in comparison.claimed]
     points = []
     for metric in metrics:
         qualities = comparison.qualities[metric]
@@ -88,7 +91,10 @@ def places(comparison: Comparison, metrics: Sequence[str], views: int) -> list[F
         )
         on_frontier = {method for method, is_on in zip(above, ahead, strict=True) if is_on}
         for method, quality in qualities.items():
-            verdict, baseline = _verdict(method, could, below, on_frontier, costs, qualities)
+            if method in comparison.claimed:
+                verdict, baseline = "claimed", ""
+            else:
+                verdict, baseline = _verdict(method, could, below, on_frontier, costs, qualities)
             points.append(
                 FrontierPoint(
                     comparison.condition,
@@ -143,8 +149,9 @@ def _verdict(
 class SubsampledFrontier:
     """A method on clouds of fewer points.
 
-    points  number in each cloud
-    lost    quality that the full cloud has more, paired; over 0 where points help
+    points   number in each cloud
+    lost     quality that the full cloud has more, paired; over 0 where points help
+    claimed  whether the cost is as its author states it
     """
 
     class_name: str
@@ -155,6 +162,7 @@ class SubsampledFrontier:
     cost_ms: Estimate
     quality: Estimate
     lost: Estimate
+    claimed: bool = False
 
 
 def thinned(
@@ -186,6 +194,7 @@ def thinned(
                         cost_ms,
                         quality.estimate,
                         lost,
+                        method in c.claimed,
                     )
                 )
     return frontiers

@@ -131,11 +131,13 @@ def recommend(
 def advise(comparison: Comparison, request: Requirements, metric: str) -> Advice:
     """Return the advice of a comparison by a metric of images.
 
-    Methods without a cost (they failed on all objects) and those worse than a white image are no
-    choice. Of methods that print equal the cheaper one is preferred.
+    Methods without a cost (they failed on all objects), those whose cost is claimed, and those
+    worse than a white image are no choice. Of methods that print equal the cheaper one is
+    preferred.
     """
     qualities = comparison.qualities[metric]
-    costs = {m: comparison.cost_ms(m, request.views) for m in candidates(qualities)}
+    measured = [m for m in candidates(qualities) if m not in comparison.claimed]
+    costs = {m: comparison.cost_ms(m, request.views) for m in measured}
     below = worse_than_blank(qualities)
     valued = [m for m, cost in costs.items() if np.isfinite((cost.value, qualities[m].rank)).all()]
     usable = [m for m in valued if m not in below]

@@ -13,6 +13,7 @@ from bench.analysis.comparison import Comparison, compare
 from bench.analysis.distances import FeatureDistances
 from bench.analysis.object_sums import ObjectSums, sum_records
 from bench.analysis.recognition import confidences, read_class_head
+from bench.catalogue.claims import ENTERED
 from bench.catalogue.metrics import (
     IMAGE_METRICS,
     RECOGNITION_METRICS,
@@ -63,7 +64,9 @@ class ScoredRun:
         """Return methods on the same objects by these metrics, by default all; computed once."""
         key = tuple(metrics), frozenset(self.manifest["methods"] if methods is None else methods)
         if key not in self._compared:
-            self._compared[key] = compare(self.sums, self.features, metrics, key[1])
+            self._compared[key] = compare(
+                self.sums, self.features, metrics, key[1], self.manifest.get(ENTERED, ())
+            )
         return self._compared[key]
 
     def read_images(self, columns: Sequence[str] = COLUMNS, **only: str) -> pd.DataFrame:

@@ -11,10 +11,11 @@ from bench.catalogue.lookup import family_of
 from data_prep.failures import BadInput
 
 if TYPE_CHECKING:
+    from bench.catalogue.image_tree import ImageTree
     from data_prep.scene import Renderer
 
 Kind = Literal["", "reconstruction", "network", "splat", "choice", "reference"]
-TrainedOn = Literal["chairs", "13 classes", "nothing"]
+TrainedOn = Literal["chairs", "13 classes", "nothing"]  # of our own methods
 Color = Literal["", "none", "invented", "true"]
 
 
@@ -43,8 +44,8 @@ class Method:
     weights_file : callable or None
         Finds the file of weights of a network.
     trained_on : str or None
-        The objects that a network has seen: "chairs", "13 classes" or "nothing". None means
-        unknown, as for weights in a file.
+        The objects that a network has seen: "chairs", "13 classes" or "nothing"; free text for a
+        method entered by images. None means unknown, as for weights in a file.
     reconstruction : str
         The chain that makes a surface of the points: "paper" for the paper's chain or a part of
         it, "other" for another one, "" for none.
@@ -55,6 +56,9 @@ class Method:
     color : str
         The colours of its images: "none" (grey), "invented" (guessed by a network) or "true" (of
         the mesh); "" means unknown.
+    images : ImageTree or None
+        The images of a method that was run elsewhere; it draws only clouds of an export, and its
+        times are claimed.
 
     Raises
     ------
@@ -70,10 +74,11 @@ class Method:
     sees_mesh: bool = False
     sees_cloud: bool = True
     weights_file: Callable[[], Path] | None = None
-    trained_on: TrainedOn | None = None
+    trained_on: str | None = None
     reconstruction: Literal["", "paper", "other"] = ""
     kind: Kind = ""
     color: Color = ""
+    images: ImageTree | None = None
 
     def __post_init__(self) -> None:
         if self.reconstruction and self.kind not in ("", "reconstruction"):
@@ -83,6 +88,11 @@ class Method:
             )
         if self.reconstruction:
             object.__setattr__(self, "kind", "reconstruction")
+
+    @property
+    def address(self) -> str:
+        """Return the text by which a run finds the method: its id, or where its images are."""
+        return self.images.address if self.images else self.id
 
     @property
     def family(self) -> str:

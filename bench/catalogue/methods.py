@@ -6,16 +6,17 @@ method's id, the object a `Method`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from bench.catalogue import loaders  # no package that is slow to import: `bench list` needs this
 from bench.catalogue.auto import AUTO, budget_ms_of
 from bench.catalogue.auto_table import TABLE
 from bench.catalogue.chosen import CHOSEN
+from bench.catalogue.claims import PREFIX, entered_claims
 from bench.catalogue.lookup import family_of, find, variant_of
 from bench.catalogue.method import Method
 from bench.catalogue.modules import is_module_name, module_method
@@ -203,19 +204,37 @@ FLOOR = "blank"
 FLOORS = tuple(method.id for method in METHODS if method.role == "floor")
 
 
+def find_run_method(address: str) -> Method:
+    """Return a method of a run: by its id, or with the images in a folder, as "images:TREE".
+
+    Raises BadInput as `find_method`, and as `bench.catalogue.image_tree.entered_method`.
+    """
+    if not address.startswith(PREFIX):
+        return find_method(address)
+    from bench.catalogue.image_tree import entered_method
+
+    taken = OUR_FAMILIES | {family_of(id_) for id_ in plugin_ids()}
+    return entered_method(Path(address.removeprefix(PREFIX)), taken)
+
+
 def find_method(method_id: str) -> Method:
-    """Return the method with this id, or a variant of one.
+    """Return the method with this id, or a variant of one, that draws any cloud.
 
     `pc2pix@FILE.safetensors` and the like (WITH_WEIGHTS_FILE) have weights of your own,
     `METHOD@PARAMETER=VALUE` is a method with one parameter set
     (`bench.catalogue.parameters.PARAMETERS`), `auto@50ms` chooses within a budget, `MODULE:NAME`
     is of a module that the command line names (`bench.catalogue.modules`).
 
-    Raises BadInput for an unknown id (naming the nearest), an unknown parameter or value, a budget
-    that is none or that no method meets (naming the cheapest), weights
+    Raises BadInput for images in place of a method, an unknown id (naming the nearest), an unknown
+    parameter or value, a budget that is none or that no method meets (naming the cheapest), weights
     that are missing or in another format, where another package announces a method that it does
     not have, and as `module_method`.
     """
+    if method_id.startswith(PREFIX):
+        raise BadInput(
+            f"{method_id}: images of an export, which cannot draw other clouds; give them to "
+            "'bench run' of a suite that scores images"
+        )
     if (setting := find_setting(method_id)) is not None:
         method = find(setting.parameter.method, METHODS, "method")
         source = f"{method.id} with {setting.parameter.name} {setting.value:g}"
@@ -272,11 +291,11 @@ def _plugin(method_id: str) -> Method:
     return load_entry_point((plugins.METHODS,), method_id, "method", Method, named, OUR_FAMILIES)
 
 
-def objectives(method_ids: Iterable[str]) -> dict[str, str]:
+def objectives(methods: Iterable[Method]) -> dict[str, str]:
     """Return what the weights of networks were trained with, by id; other methods are left out."""
     from learning.weights import objective_of
 
-    networks = ((id_, find_method(id_).weights_file) for id_ in method_ids)
+    networks = ((method.id, method.weights_file) for method in methods)
     return {id_: objective_of(find_file()) for id_, find_file in networks if find_file}
 
 
@@ -290,6 +309,14 @@ def role(method_id: str) -> str:
         return "chosen"
     method = known_method(method_id)
     return method.role if method else ""
+
+
+def training_objects(method_id: str, manifest: Mapping[str, Any]) -> str:
+    """Return the objects that a method of a run was trained on; "" where nobody says."""
+    if claims := entered_claims(manifest, method_id):
+        return claims.trained_on
+    method = known_method(method_id)
+    return (method and method.trained_on) or ""
 
 
 def known_method(method_id: str) -> Method | None:

@@ -28,7 +28,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bench.analysis.scored import ScoredRun, in_order
-from bench.catalogue.methods import find_method
+from bench.catalogue.methods import known_method
 from bench.checking.thumbnails import NO_IMAGE, read_png, thumbnail, to_png
 from bench.checking.tolerances import object_tolerance
 from bench.records.artifacts import JobName
@@ -193,7 +193,8 @@ def write_objects(run: ScoredRun, protocol: Mapping[str, Any]) -> list[Path]:
     """
     stored = StoredImages(run.directory)
     first = run.manifest["conditions"][0]
-    sees_cloud = {method: find_method(method).sees_cloud for method in run.manifest["methods"]}
+    known = {method: known_method(method) for method in run.manifest["methods"]}
+    sees_cloud = {name: method is None or method.sees_cloud for name, method in known.items()}
     values = object_values(run).reset_index()
     lines, thumbnails = [], []
     for row in values.to_dict("records"):

@@ -12,7 +12,7 @@ import typer
 
 from bench.catalogue.chosen import BEST_RECONSTRUCTION
 from bench.catalogue.lookup import variant_of
-from bench.catalogue.methods import FLOOR, find_method, plugin_ids
+from bench.catalogue.methods import FLOOR, find_run_method, plugin_ids
 from bench.catalogue.modules import allow_modules, is_module_name
 from bench.commands.config import JOB_SUITES, repeated_request
 from bench.commands.contract import printed
@@ -59,7 +59,7 @@ def add(
         if test and is_own(name):
             _pass_test(name)
     finished = run_suite(options)
-    ids = [find_method(name).id for name in asked]
+    ids = [find_run_method(name).id for name in asked]
     if finished.outputs is not None:
         for line in verdict_lines(directory, ids):
             print(line)

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
+from bench.catalogue.claims import address_of
 from bench.catalogue.suites import SUITES
 from bench.commands.options import USAGE_ERROR, read_path
 from bench.records.record import SCHEMA_VERSION
@@ -107,6 +108,8 @@ def repeated_request(path: Path) -> Mapping[str, Any]:
         return request
     names = ("methods", "conditions", "views")
     repeated = request | {name: manifest[name] for name in names if name in manifest}
+    if "methods" in repeated:
+        repeated["methods"] = [address_of(manifest, method) for method in repeated["methods"]]
     if manifest.get("shard"):
         return repeated | {"shard": manifest["shard"]}
     classes = Counter(name.partition("/")[0] for name in manifest.get("objects", ()))

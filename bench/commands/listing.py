@@ -12,6 +12,7 @@ from typing import Annotated
 import typer
 
 from bench.catalogue.chosen import BEST_RECONSTRUCTION, CHOSEN
+from bench.catalogue.claims import PREFIX
 from bench.catalogue.conditions import condition_ids
 from bench.catalogue.costs import cost_of, view_costs_ms
 from bench.catalogue.method import Method
@@ -126,6 +127,11 @@ def _methods(width: int, costs: Mapping[str, float]) -> Iterator[str]:
     yield from wrapped(
         f"* recommended: {RECOMMENDED} for objects of any kind; '{BEST_RECONSTRUCTION}' is one of "
         f"{', '.join(chosen)}, by condition",
+        width,
+    )
+    yield from wrapped(
+        f"{PREFIX}TREE: a method that was run elsewhere, by its images of an export "
+        "(docs/entering.md)",
         width,
     )
     if costs:

@@ -249,7 +249,8 @@ RUN_OPTIONS: dict[str, str | OptionSpec] = {  # of `bench.running.protocol.Optio
         kind=TruthChoice | None,
         convert=lambda value: value and str(value),
     ),
-    "methods": "Methods, comma-separated; blank is always measured. Default: the suite's.",
+    "methods": "Methods, comma-separated; blank is always measured. images:TREE is one that was "
+    "run elsewhere, see docs/entering.md. Default: the suite's.",
     "conditions": "Conditions, comma-separated. Default: the suite's.",
     "metrics": "Further metrics, comma-separated, as for 'bench score'. Default: none.",
     "limit": "Objects of each class at most. Default: all of a folder; of procedural shapes the "

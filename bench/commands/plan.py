@@ -14,7 +14,7 @@ from bench.catalogue.modules import allow_modules
 from bench.catalogue.suite_types import TRUTHS
 from bench.catalogue.suites import ALL_SUITES, Suite
 from bench.commands.options import RUN_OPTIONS, options_from_dataclass
-from bench.records.record import GROUND_TRUTH
+from bench.records.record import CLAIMED, GROUND_TRUTH
 from bench.records.run_folder import read_store
 from bench.records.store import DamagedArtifact
 from bench.running.options import Options
@@ -50,7 +50,9 @@ def recorded_costs(run: RunStatus) -> dict[MethodCondition, Cost]:
                     read[place] += 1
                     records = store.records(job.key)  # times of the method alone
                     draw_s = sum(record.draw_s or 0.0 for record in records)
-                    seconds = (records[0].prepare_s or 0.0) + draw_s + SCORING_S * len(records)
+                    drawn_s = (records[0].prepare_s or 0.0) + draw_s
+                    here_s = 0.0 if records[0].notes == CLAIMED else drawn_s
+                    seconds = here_s + SCORING_S * len(records)
                     costs.append((place, Cost(seconds, size_b)))
             if min(read.values()) == ENOUGH:
                 break

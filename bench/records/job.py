@@ -94,6 +94,8 @@ class Job:
         The key of the ground truth; None where nothing is scored.
     features : tuple of (str, str)
         Id and weights file of each extractor to run.
+    address : str
+        The text by which the method is found; "" where that is its id.
     batch : int or None
         Views drawn in one call; None for all of them.
     reference : bytes or None
@@ -111,6 +113,7 @@ class Job:
     device: str
     features: tuple[tuple[str, str], ...]
     reference_key: str | None
+    address: str = ""
     batch: int | None = None
     reference: bytes | None = field(default=None, repr=False, compare=False)
 

@@ -11,6 +11,7 @@ from typing import Literal
 SCHEMA_VERSION = 4  # of records and manifest; newer ones are refused, never guessed at
 
 Outcome = Literal["ok", "failed", "skipped"]
+CLAIMED = "times as claimed"  # in the notes of records of images that were drawn elsewhere
 GROUND_TRUTH = "ground-truth"  # stands where a method's id stands, in features and artifacts
 
 
@@ -27,7 +28,7 @@ class Record:
     reason : str
         Why there is no image; empty where the outcome is ok.
     notes : str
-        What the method repaired on its way.
+        What the method repaired on its way; CLAIMED where its author states the times.
     prepare_s : float or None
         The time to prepare the object, repeated for each view.
     draw_s : float or None

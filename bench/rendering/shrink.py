@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from bench.catalogue.claims import address_of
 from bench.catalogue.suites import STABILITY, Limits
 from bench.records.job import Job
 from bench.records.parquet import read_records
@@ -145,6 +146,11 @@ def _item(directory: Path, name: str, record: dict[str, Any]) -> FailedJob:
         if not same_case:
             raise BadInput(f"{name}: there is no such case any more; run the suite again")
         return FailedJob(directory, name, record["reason"], same_case[0], STABILITY.limits)
+    if address_of(manifest, method) != method:
+        raise BadInput(
+            f"{name}: the images of {method} were drawn elsewhere, and it cannot draw smaller "
+            "clouds; give a failure of another method"
+        )
     wanted = [(record["class"], record["object"])]
     protocol = stored_protocol(manifest, wanted, (method,), (condition,))
     if not protocol.objects:

@@ -17,6 +17,7 @@ from bench.analysis.comparison import ALL, pooled
 from bench.analysis.object_sums import SECONDS
 from bench.analysis.scored import in_order
 from bench.analysis.scores import QualityRow
+from bench.catalogue.claims import entered_claims
 from bench.catalogue.condition_names import condition_words
 from bench.catalogue.conditions import known_condition
 from bench.catalogue.methods import find_method, known_method, role
@@ -305,7 +306,7 @@ def _meanings(
     )
     return (
         ("Metrics", tuple((m, (metrics | further)[m]) for m in dict.fromkeys(measured))),
-        ("Methods", tuple((m, _source(m)) for m in manifest["methods"])),
+        ("Methods", tuple((m, _source(m, manifest)) for m in manifest["methods"])),
         ("Conditions", tuple((c, _origin(c)) for c in manifest["conditions"])),
     )
 
@@ -315,9 +316,11 @@ def _origin(condition_id: str) -> str:
     return f"{condition_words(condition_id)}; {known.source}" if known else "unknown"
 
 
-def _source(method: str) -> str:
+def _source(method: str, manifest: Mapping[str, Any]) -> str:
     if is_module_name(method) and known_method(method) is None:
         return "of a module that was not loaded for this page"
+    if claims := entered_claims(manifest, method):
+        return f"{claims.about}; trained on {claims.trained_on}"
     try:
         known = find_method(method)
     except BadInput as error:

@@ -388,7 +388,11 @@ def _text(place: FrontierPoint) -> str:
     value = f"{place.quality.value:.{decimals(place.metric)}f}"
     if role(place.method) == "floor":
         return f"{place.method}: {value}, looks at no cloud"
-    verdicts = {"frontier": ", on the frontier", "below a white image": ", below a white image"}
+    verdicts = {
+        "frontier": ", on the frontier",
+        "below a white image": ", below a white image",
+        "claimed": ", cost as claimed",
+    }
     verdict = verdicts.get(place.verdict, "")
     failures = scored_as_blank(place.n_ok, place.n)
     cost = f"{milliseconds(place.cost_ms.value)} ms"

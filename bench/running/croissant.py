@@ -68,10 +68,13 @@ _TYPES = {
 }
 
 
-def metadata(protocol: Protocol, lists: Mapping[str, str], published: str) -> dict[str, Any]:
+def metadata(
+    protocol: Protocol, lists: Mapping[str, str], checksum: str, published: str
+) -> dict[str, Any]:
     """Return the JSON-LD of an export.
 
-    `lists` are its CSV files with their checksums, `published` the date as in 2026-01-31.
+    `lists` are its CSV files with their checksums, `checksum` is that of what methods see of it
+    (`data_prep.datasets.exported.checksum_of`), `published` the date as in 2026-01-31.
     """
     suite = protocol.suite.id + f"-truth-{protocol.suite.truth}" * protocol.suite.truth_chosen
     described = {
@@ -87,6 +90,7 @@ def metadata(protocol: Protocol, lists: Mapping[str, str], published: str) -> di
         ),
         "conformsTo": "http://mlcommons.org/croissant/1.0",
         "version": f"{PROTOCOL_VERSION}.0.0",
+        "identifier": checksum,
         "datePublished": published,
         "url": PAPER,
         "citeAs": "The pc2pix-bench developers: pc2pix-bench (CITATION.cff)",

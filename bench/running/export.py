@@ -33,6 +33,7 @@ from data_prep.datasets.exported import (
     OBJECTS,
     UNPERTURBED,
     VIEWS,
+    checksum_of,
 )
 from data_prep.datasets.objects import MeshObject
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
@@ -91,7 +92,7 @@ def _fill(folder: Path, protocol: Protocol, objects: Sequence[ObjectJobs], worke
             writer.writerows((*obj.truth.name.object, *run, *row) for row in rows_of[place][name])
         write_whole(folder / name, text.getvalue().encode())
     lists = {name: file_sha256(folder / name) for name in COLUMNS}
-    described = metadata(protocol, lists, datetime.now(UTC).date().isoformat())
+    described = metadata(protocol, lists, checksum_of(folder), datetime.now(UTC).date().isoformat())
     text = json.dumps(described, indent=2, ensure_ascii=False) + "\n"
     write_whole(folder / METADATA, text.encode())
 

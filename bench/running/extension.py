@@ -11,8 +11,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from bench.catalogue.claims import address_of
 from bench.catalogue.conditions import find_condition
-from bench.catalogue.methods import Method, find_method
+from bench.catalogue.methods import Method, find_method, find_run_method
 from bench.catalogue.modules import is_module_name
 from bench.catalogue.truth import truth_entry
 from bench.records.run_folder import (
@@ -108,7 +109,7 @@ def pinned_request(options: Options, protocol: Protocol) -> dict[str, Any]:
     limit = max(map(names.count, {*names}))
     return replace(
         options,
-        methods=tuple(protocol.methods),
+        methods=tuple(method.address for method in protocol.methods.values()),
         conditions=protocol.conditions,
         limit=options.limit if protocol.shard else limit,
         views=protocol.views,
@@ -143,7 +144,8 @@ def with_methods_there(
     if manifest["suite"] != suite:  # which is refused before anything is written
         return asked
     kept = tuple(map(str, manifest.get("methods", ())))
-    _find_kept(directory, options.device, (name for name in kept if name not in asked), ())
+    beyond = [name for name in kept if name not in asked]
+    _find_kept(directory, options.device, manifest, beyond, ())
     methods = joined(asked, kept, listed)
     _tell(directory, [_counted(len(methods) - len(asked), "methods")])
     return methods
@@ -219,9 +221,10 @@ def _kept(directory: Path, protocol: Protocol, manifest: Mapping[str, Any]) -> K
     if not finished and same and {*objects} <= {name_of(obj) for obj in protocol.objects}:
         return None  # only objects may be added, and those that are complete stay so
     beyond = [name for name in ids if name not in protocol.methods]
-    identities = manifest.get("identities", {})
-    before = _find_kept(directory, protocol.device, beyond, conditions, identities)
-    known = {**protocol.methods, **before}
+    known = {
+        **protocol.methods,
+        **_find_kept(directory, protocol.device, manifest, beyond, conditions),
+    }
     methods = {name: known[name] for name in ids}
     kept = KeptRun(methods, conditions, frozenset(objects), manifest)
     if finished:
@@ -242,9 +245,9 @@ def is_complete(obj: ObjectJobs, store: Store) -> bool:
 def _find_kept(
     directory: Path,
     device: str,
+    manifest: Mapping[str, Any],
     ids: Iterable[str],
     conditions: Iterable[str],
-    identities: Mapping[str, Sequence[Any]] | None = None,
 ) -> dict[str, Method]:
     """Return methods of the run in the folder, by id.
 
@@ -255,11 +258,11 @@ def _find_kept(
     methods = {}
     try:
         for method_id in sorted(ids):
-            stored = (identities or {}).get(method_id)
+            stored = manifest.get("identities", {}).get(method_id)
             if stored is not None and is_module_name(method_id):
                 methods[method_id] = _unloaded(method_id, stored)
                 continue
-            methods[method_id] = find_method(method_id)
+            methods[method_id] = find_run_method(address_of(manifest, method_id))
             method_identity(methods[method_id], device)
         for condition in conditions:
             find_condition(condition)

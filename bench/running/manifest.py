@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from bench.catalogue.claims import manifest_entry
 from bench.catalogue.conditions import condition_ids, find_condition
 from bench.catalogue.methods import objectives
 from bench.catalogue.truth import truth_entry
@@ -31,7 +32,14 @@ def describe(
         identities={
             id_: method_identity(m, protocol.device) for id_, m in protocol.methods.items()
         },
-        objectives=objectives(protocol.methods),
+        objectives=objectives(protocol.methods.values()),
+        **manifest_entry(
+            {
+                id_: (m.images.root, m.images.claims)
+                for id_, m in protocol.methods.items()
+                if m.images
+            }
+        ),
         **truth_entry(protocol.suite),
         conditions=list(protocol.conditions),
         **_condition_identities(protocol),

@@ -117,7 +117,7 @@ class Plan(Sequence[ObjectJobs]):
         return {name: place for place, name in enumerate(self.names)}
 
     @cached_property
-    def _cells(self) -> list[tuple[str, Condition, str, str]]:
+    def _cells(self) -> list[tuple[Method, Condition, str, str]]:
         """Return method and condition of each job of an object, and both ends of its identity.
 
         They are the same for all objects, and are encoded once: a run has a million jobs.
@@ -132,7 +132,7 @@ class Plan(Sequence[ObjectJobs]):
                 )
                 start = _encoded(self.protocol.suite.id, method.id, cloud)
                 end = _encoded(version, change, SCORES_VERSION)
-                cells.append((method.id, condition, start, end))
+                cells.append((method, condition, start, end))
         return cells
 
     def _jobs_of(self, obj: SceneObject) -> ObjectJobs:
@@ -142,12 +142,18 @@ class Plan(Sequence[ObjectJobs]):
         identity = _encoded(_object_identity(protocol, obj, views))
 
         def job(
-            key: str, method: str, condition: str, change: Perturbation, truth: str | None
+            key: str,
+            method: str,
+            condition: str,
+            change: Perturbation,
+            truth: str | None,
+            address: str = "",
         ) -> Job:
             return Job(
                 key=key,
                 suite=suite,
                 method=method,
+                address=address,
                 condition=condition,
                 perturbation=change,
                 object=obj,
@@ -160,7 +166,14 @@ class Plan(Sequence[ObjectJobs]):
 
         truth = _digest(_encoded(suite, GROUND_TRUTH, ""), identity)
         method_jobs = tuple(
-            job(_digest(start, identity, end), method, cell.id, cell.perturbation, truth)
+            job(
+                _digest(start, identity, end, *_stored_images(method, cell, obj, len(views))),
+                method.id,
+                cell.id,
+                cell.perturbation,
+                truth,
+                method.address,
+            )
             for method, cell, start, end in self._cells
         )
         return ObjectJobs(job(truth, GROUND_TRUTH, "", Unchanged(), None), method_jobs)
@@ -171,12 +184,18 @@ def plan(protocol: Protocol) -> Plan:
 
     Where the truth of the suite is grey, jobs have the objects in grey. Raises BadInput for unknown
     conditions and unusable weights, for bare clouds, which cannot be scored, for more views than
-    objects have images, and for objects without a mesh where they are to be grey.
+    objects have images, for objects without a mesh where they are to be grey, and for images of a
+    method that are not of this run.
     """
     _refuse_bare_clouds(protocol)
-    for obj in protocol.objects:
-        if isinstance(obj, ExportedObject):
-            obj.views(protocol.views, generator(protocol.seed))
+    exported = [obj for obj in protocol.objects if isinstance(obj, ExportedObject)]
+    for obj in exported:
+        obj.views(protocol.views, generator(protocol.seed))
+    for method in protocol.methods.values():
+        if method.images:
+            method.images.check(
+                protocol.dataset, protocol.export, exported, protocol.conditions, protocol.views
+            )
     return Plan(
         protocol,
         tuple(_in_grey(protocol)) if protocol.suite.truth == "grey" else protocol.objects,
@@ -227,6 +246,15 @@ def _object_identity(protocol: Protocol, obj: SceneObject, views: Sequence[View]
         sorted(protocol.feature_identity.items()),
         sorted(protocol.environment.items()),
     ]
+
+
+def _stored_images(method: Method, condition: Condition, obj: SceneObject, views: int) -> list[str]:
+    """Return the rest of the identity of a job: the images and times of a method that has some."""
+    if method.images is None or not isinstance(obj, ExportedObject):
+        return []
+    claims = method.images.claims
+    images = method.images.checksum(condition.id, obj, views)
+    return [_encoded(images, claims.prepare_s, claims.draw_s)]
 
 
 def digest(identity: Sequence[Any]) -> str:

@@ -6,9 +6,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from bench.catalogue.claims import address_of
 from bench.catalogue.conditions import find_condition
 from bench.catalogue.loaders import GPU
-from bench.catalogue.methods import FLOOR, RECOMMENDED, Method, find_method
+from bench.catalogue.methods import FLOOR, RECOMMENDED, Method, find_run_method
 from bench.catalogue.metrics import WeightsUnavailable, find_extractor, metrics_device
 from bench.catalogue.plugins import plugin_problem
 from bench.catalogue.suites import Suite
@@ -55,6 +56,8 @@ class Protocol:
         What images depend on beside our own code: GL driver and library versions.
     shard : Shard or None
         The part of a run that this is; None for a whole run.
+    export : str or None
+        Checksum of the export that the dataset is; None for another dataset.
     """
 
     suite: Suite
@@ -69,6 +72,7 @@ class Protocol:
     feature_identity: Mapping[str, str]
     environment: Mapping[str, str]
     shard: Shard | None = None
+    export: str | None = None
 
 
 def name_of(obj: SceneObject) -> str:
@@ -76,9 +80,21 @@ def name_of(obj: SceneObject) -> str:
     return f"{obj.class_name}/{obj.object_id}"
 
 
-def find_methods(ids: Iterable[str]) -> dict[str, Method]:
-    """Return methods by id, in order. Raises BadInput as `bench.catalogue.methods.find_method`."""
-    return {method_id: find_method(method_id) for method_id in ids}
+def find_methods(addresses: Iterable[str]) -> dict[str, Method]:
+    """Return methods by id, in order.
+
+    Raises BadInput as `bench.catalogue.methods.find_run_method`, and for two methods of one id.
+    """
+    methods: dict[str, Method] = {}
+    for address in addresses:
+        method = find_run_method(address)
+        if method.id in methods:
+            raise BadInput(
+                f"{address}: name {method.id!r} is that of {methods[method.id].address}, too; give "
+                "one of them another name"
+            )
+        methods[method.id] = method
+    return methods
 
 
 def with_floor(methods: Sequence[str]) -> tuple[str, ...]:
@@ -108,9 +124,8 @@ def protocol_of(
     in_colours, suite = suite, with_truth(suite, options.truth)
     if suite.truth_chosen and not options.methods:
         _name_left_out(in_colours)
-    methods = {}
-    for method_id in with_floor(options.methods or suite.methods):
-        methods[method_id] = find_method(method_id)
+    methods = find_methods(with_floor(options.methods or suite.methods))
+    for method_id in methods:
         if problem := plugin_problem("method", method_id):  # ours is run
             log(problem)
     conditions = tuple(dict.fromkeys(options.conditions or suite.conditions))
@@ -123,6 +138,9 @@ def protocol_of(
     dataset = open_dataset(options.dataset)
     seed = seed_of(dataset, options)
     objects = objects_of(suite, dataset, options)
+    for method in methods.values():
+        if method.images and (line := method.images.unused(objects, conditions)):
+            log(line)
     lacking = [name for name in suite.classes if name not in (dataset.classes or suite.classes)]
     if lacking and len(suite.classes) > 1:
         log(f"{dataset.id}: no {', '.join(lacking)}; left out")
@@ -153,6 +171,7 @@ def protocol_of(
         features=tuple(features),
         feature_identity=identity,
         environment=(probe or environment)(),
+        export=dataset.checksum,
     )
     return protocol, skipped
 
@@ -233,7 +252,7 @@ def stored_protocol(
     return Protocol(
         suite=stored_suite(manifest),
         dataset=dataset.id,
-        methods=find_methods(methods),
+        methods=find_methods(address_of(manifest, method) for method in methods),
         conditions=tuple(conditions),
         objects=tuple(
             obj
@@ -247,4 +266,5 @@ def stored_protocol(
         features=(),
         feature_identity={},
         environment={},
+        export=dataset.checksum,
     )

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
-from bench.catalogue.methods import find_method
+from bench.catalogue.methods import find_run_method
 from bench.catalogue.suites import Limits
 from bench.records.job import Job, Result, failed
 from bench.running.environment import code_sha256, environment, versions
@@ -37,7 +37,7 @@ class NodeRequirements:
     code : mapping
         Checksums of this project's packages.
     identities : mapping
-        Identities of the methods, see `bench.running.protocol.method_identity`.
+        Identities of the methods by their addresses, see `bench.running.protocol.method_identity`.
     weights : mapping
         Checksums of the files that extractors load.
     device : str
@@ -113,7 +113,9 @@ def requirements(protocol: Protocol) -> NodeRequirements:
         environment=protocol.environment,
         versions=versions(),
         code=_code(),
-        identities=_identities(protocol.methods, protocol.device),
+        identities=_identities(
+            (method.address for method in protocol.methods.values()), protocol.device
+        ),
         weights={path: _sum(path) for _, path in protocol.features},
         device=protocol.device,
         folder=str(Path.cwd()),
@@ -169,13 +171,13 @@ def _code() -> dict[str, str]:
     return {package: code_sha256([package])[:16] for package in PACKAGES}
 
 
-def _identities(methods: Iterable[str], device: str) -> dict[str, str]:
+def _identities(addresses: Iterable[str], device: str) -> dict[str, str]:
     identities = {}
-    for method in methods:
+    for address in addresses:
         try:
-            identities[method] = json.dumps(method_identity(find_method(method), device))
+            identities[address] = json.dumps(method_identity(find_run_method(address), device))
         except BadInput as error:  # its weights are not here
-            identities[method] = str(error)
+            identities[address] = str(error)
     return identities
 
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.catalogue.methods import FLOORS, Method, find_method
+from bench.catalogue.methods import FLOORS, Method, find_run_method
 from bench.catalogue.metrics import (
     LEARNED_METRICS,
     Extractor,
@@ -27,13 +27,13 @@ from bench.catalogue.metrics import (
 from bench.metrics.image_scores import scores
 from bench.records.artifacts import pack, unpack_images
 from bench.records.job import Job, Result, Stopwatch, failed, records_of
-from bench.records.record import GROUND_TRUTH, Record
+from bench.records.record import CLAIMED, GROUND_TRUTH, Record
 from data_prep.clouds.conditions import Unchanged
 from data_prep.datasets.exported import ExportedObject
 from data_prep.failures import BadInput, MissingDependency, StageFailure
 from data_prep.randomness import generator
 from data_prep.rendering.images import to_uint8
-from data_prep.scene import IMAGE_SIZE, PointCloud, Renderer, UInt8Images, View
+from data_prep.scene import IMAGE_SIZE, CloudOrigin, PointCloud, Renderer, UInt8Images, View
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,16 +82,17 @@ def _first_line(error: BaseException) -> str:
 
 
 def _run_method(job: Job, watch: Stopwatch) -> Result:
-    method = find_method(job.method)
+    address = job.address or job.method
+    method = find_run_method(address)
     try:
         with watch.on("methods"):
-            renderer = load_renderer(job.method, job.device)
+            renderer = load_renderer(address, job.device)
     except BadInput as error:  # unusable weights fail every job alike
         return replace(failed(job, str(error)), unusable=str(error))
     truth = None if job.reference is None else unpack_images(job.reference)
     # The floor stands for failures in all scores: a condition that breaks may not take it along.
     cloud = cloud_of(job if method.sees_cloud else replace(job, perturbation=Unchanged()))
-    rng = rng_of(job)
+    cloud, rng = replace(cloud, origin=_origin(job)), rng_of(job)
     with watch.on("methods"):
         drawn = draw(method, renderer, cloud, job.views, rng, job.batch, truth)
     records = records_of(
@@ -145,13 +146,23 @@ def draw(
     images = np.concatenate([*checked])
     if method.id not in FLOORS:
         _refuse_blank(images, truth)
+    if method.images is not None:  # reading them tells nothing about the method
+        claims = method.images.claims
+        return RenderedViews(images, CLAIMED, claims.prepare_s, claims.draw_s)
     notes = "; ".join(getattr(state, "notes", ()))
     return RenderedViews(images, notes, prepared - start, (done - prepared) / len(views))
 
 
 def seen_by(method: Method, cloud: PointCloud) -> PointCloud:
-    """Return the cloud as the method gets it: without the mesh, unless it is to look at that."""
-    return cloud if method.sees_mesh else PointCloud(cloud.points)
+    """Return the cloud as the method gets it.
+
+    The mesh is there for methods that are to look at it, the origin for those entered by images.
+    """
+    return PointCloud(
+        cloud.points,
+        cloud.source if method.sees_mesh else None,
+        cloud.origin if method.images else None,
+    )
 
 
 def _refuse_blank(images: UInt8Images, truth: UInt8Images | None) -> None:
@@ -178,6 +189,11 @@ def cloud_of(job: Job) -> PointCloud:
         return stored
     sampled = job.object.cloud(generator(job.seed, "cloud", *_identity(job)))
     return job.perturbation.apply(sampled, generator(job.seed, job.condition, *_identity(job)))
+
+
+def _origin(job: Job) -> CloudOrigin:
+    views = job.object.exported_views if isinstance(job.object, ExportedObject) else job.views
+    return CloudOrigin(job.condition, *_identity(job), views)
 
 
 def rng_of(job: Job) -> np.random.Generator:
@@ -217,12 +233,12 @@ def _with_artifact(
 
 
 @functools.cache
-def load_renderer(method: str, device: str) -> Renderer:
-    """Return the renderer of a method, loaded once a process.
+def load_renderer(address: str, device: str) -> Renderer:
+    """Return the renderer of the method with this address, loaded once a process.
 
     Raises BadInput where its weights are unusable.
     """
-    return find_method(method).load(device)
+    return find_run_method(address).load(device)
 
 
 @functools.cache

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -18,6 +18,7 @@ from bench.analysis.orderings import Ordering, orderings
 from bench.analysis.paper import Published
 from bench.analysis.scored import ScoredRun
 from bench.analysis.scores import QualityRow
+from bench.catalogue.claims import ENTERED
 from bench.catalogue.suite_types import Suite, TableKind, TableSpec
 from bench.records.run_folder import PROTOCOL
 from bench.running.options import UNTIL_DECIDED
@@ -164,7 +165,7 @@ def make_outputs(run: ScoredRun) -> Outputs:
         run,
         headline=headline(run),
         tables=(*tables(run), *further_tables(run)),
-        cost=cost_table(run.sums, how_timed(run.manifest)),
+        cost=cost_table(run.sums, how_timed(run.manifest), run.manifest.get(ENTERED, ())),
         frontier_tables=frontier_tables(run),
         orderings=class_orderings(run),
         curves=curves(run),
@@ -200,16 +201,17 @@ def how_timed(manifest: Mapping[str, Any]) -> str:
     )
 
 
-def cost_table(sums: ObjectSums, remark: str) -> str:
+def cost_table(sums: ObjectSums, remark: str, claimed: Collection[str] = ()) -> str:
     """Return the median costs in milliseconds, per cloud and per view, as Markdown.
 
-    It is not one of the tables: times differ from run to run. `remark` says how they were taken.
+    It is not one of the tables: times differ from run to run. `remark` says how they were taken,
+    `claimed` are the methods whose authors state them.
     """
     cells = sums.cells
     conditions = list(dict.fromkeys(condition for _, condition, _ in cells))
     lines = []
     for method in dict.fromkeys(method for method, _, _ in cells):
-        line = [method]
+        line, of_author = [method], method in claimed
         for at in conditions:
             classes = [cell for cell in cells if cell[:2] == (method, at)]
             drawn = any(sums.images(cell)[0] for cell in classes)
@@ -219,7 +221,8 @@ def cost_table(sums: ObjectSums, remark: str) -> str:
                 else NAN
                 for name in SECONDS
             )
-            line.append(f"{1000 * prepare_s:.1f} + {1000 * draw_s:.1f}" if drawn else "-")
+            times = f"{1000 * prepare_s:.1f} + {1000 * draw_s:.1f}" + " claimed" * of_author
+            line.append(times if drawn else "-")
         lines.append(line)
     title = "# Cost: median milliseconds to prepare a cloud + to draw a view (one thread)"
     return markdown.document([title, remark, grid(["method", *conditions], lines)])

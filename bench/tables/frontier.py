@@ -38,6 +38,8 @@ MARKS = {
     "reference": Annotation("reference", "{value}{interval} *ref*"),
 }
 
+CLAIMED = Annotation("claimed", "{value}{interval} *claimed*")  # of a cost
+
 
 def _interval_columns(name: str, path: str, ends: str) -> tuple[Column, ...]:
     """Return the columns `name` of a value, and `ends` with `_low` and `_high` of its interval."""
@@ -66,7 +68,7 @@ def frontier_table(
 def _frontier(remark: str, rows: Sequence[FrontierPoint]) -> Iterator[Block]:
     """Yield a grid for each condition and number of views, methods by rising cost."""
     yield remark
-    yield _LEGEND
+    yield _LEGEND + _OF_CLAIMED * any(p.verdict == "claimed" for p in rows)
     for cell in ordered((p.condition, p.class_name, p.views) for p in rows):
         condition, class_name, views = cell
         yield f"## {markdown.cell(f'{condition}, {class_name}, {_of_views(views)}')}"
@@ -79,7 +81,7 @@ def _frontier(remark: str, rows: Sequence[FrontierPoint]) -> Iterator[Block]:
             _quality,
             PivotLayout(
                 lines=sorted(costs, key=lambda m: (not math.isfinite(costs[m].value), costs[m])),
-                before={"ms": lambda p: number(p.cost_ms, milliseconds)},
+                before={"ms": _cost},
                 after={"images": lambda p: Cell(f"{p.n_ok}/{p.n}")},
             ),
             corner="method",
@@ -93,6 +95,11 @@ _LEGEND = (
     "costs nothing. *ref*: no choice, it sees the mesh or no cloud. Costs in milliseconds for a "
     "cloud with its views, median over objects; qualities are means over objects, failed images "
     "scored as blank ones. [95 % interval over objects]."
+)
+
+
+_OF_CLAIMED = (
+    " *claimed*: the author states this cost, of another machine; it has no part in the frontier."
 )
 
 
@@ -151,6 +158,8 @@ def cost_grid(comparisons: Sequence[Comparison], metric: str, views: int) -> Gri
         if p.verdict in ("frontier", "below a white image")
     }
 
+    claimed = any(c.claimed for c in comparisons)
+
     def cell(condition: str, class_name: str, method: str) -> Cell:
         comparison = at.get((condition, class_name))
         if comparison is None or method not in comparison.images:
@@ -161,7 +170,9 @@ def cost_grid(comparisons: Sequence[Comparison], metric: str, views: int) -> Gri
             cost if math.isfinite(cost) else None,
             rest=_made_of(comparison, method, views),
             caveat=f"of {n_ok} of {n} images" if n_ok < n else "",
-            special=special.get((condition, class_name, method)),
+            special=CLAIMED
+            if method in comparison.claimed
+            else special.get((condition, class_name, method)),
         )
 
     costs = Grid(
@@ -184,6 +195,7 @@ def cost_grid(comparisons: Sequence[Comparison], metric: str, views: int) -> Gri
         notes=(
             f"“frontier”: no other method has at least its {metric} for at most its cost; “below a "
             f"white image”: its {metric} is worse than that of `blank`.",
+            *(["“claimed”: its author states the times, of another machine."] if claimed else []),
         ),
         higher=False,
     )
@@ -201,6 +213,11 @@ def _made_of(comparison: Comparison, method: str, views: int) -> str:
     return f"{milliseconds(float(prepare))} + {milliseconds(float(draw))}{times}"
 
 
+def _cost(place: FrontierPoint) -> Cell:
+    special = CLAIMED if place.verdict == "claimed" else None
+    return number(place.cost_ms, milliseconds, special=special)
+
+
 def _quality(place: FrontierPoint) -> Cell:
     show = _show(place.metric)
     return number(place.quality, show, special=MARKS.get(place.verdict))
@@ -208,7 +225,7 @@ def _quality(place: FrontierPoint) -> Cell:
 
 def _thinned(row: SubsampledFrontier) -> Cell:
     value = number(row.quality, _show(row.metric)).text
-    rest = f", {milliseconds(row.cost_ms.value)} ms"
+    rest = f", {milliseconds(row.cost_ms.value)} ms{' claimed' * row.claimed}"
     if not (math.isfinite(row.lost.low) and any(row.lost)):
         return Cell(value, rest=rest)
     lost = number(row.lost, _show(row.metric, "+"))

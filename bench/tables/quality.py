@@ -17,7 +17,7 @@ from bench.analysis.paper import PAPER_METHODS, Published, published_value
 from bench.analysis.scored import ScoredRun
 from bench.analysis.scores import QualityRow, image_rows, recognition_rows, set_rows
 from bench.catalogue.chosen import CHOSEN
-from bench.catalogue.methods import known_method, role
+from bench.catalogue.methods import role, training_objects
 from bench.catalogue.metrics import JUDGE, higher_is_better
 from bench.catalogue.suite_types import TableSpec
 from bench.records.record import GROUND_TRUTH
@@ -90,7 +90,7 @@ def annotated(
         replace(
             row,
             paper=published_value(published, row.class_name, row.metric, row.condition, row.method),
-            trained_on=_trained_on(row.method),
+            trained_on=training_objects(row.method, manifest),
             objective=objectives.get(row.method, ""),
         )
         for row in rows
@@ -303,11 +303,6 @@ def _cell(row: QualityRow, best: Mapping[tuple[str, str], float]) -> Cell:
 def _about(rows: Sequence[QualityRow]) -> str:
     parts = [role(rows[0].method), _training(rows[0], rows[0].objective)]
     return ", ".join(part for part in parts if part)
-
-
-def _trained_on(method_id: str) -> str:
-    method = known_method(method_id)
-    return (method and method.trained_on) or ""
 
 
 def _training(row: QualityRow, objective: str) -> str:

@@ -39,6 +39,8 @@ class Dataset:
         Function from class, split and index to an object.
     seed : int or None
         Seed of the run that clouds and views were exported from; None where a run decides.
+    checksum : str or None
+        Checksum of exported clouds and views; None where a run makes them.
     """
 
     id: str
@@ -51,6 +53,7 @@ class Dataset:
     irregular: tuple[str, ...] = ()
     infinite: Callable[[str, Split, int], SceneObject] | None = None
     seed: int | None = None
+    checksum: str | None = None
 
     def objects(
         self,

@@ -31,7 +31,7 @@ from data_prep.failures import BadInput
 from data_prep.files.checksums import file_sha256
 from data_prep.files.clouds import load_points
 from data_prep.files.meshes import read_mesh
-from data_prep.files.safe_read import MIB, plain_text, read_text, shown
+from data_prep.files.safe_read import MIB, plain_text, read_file, read_text, shown
 from data_prep.rendering.images import read_image
 from data_prep.scene import CLOUD_SIZE, Mesh, PointCloud, View
 
@@ -79,6 +79,11 @@ class ExportedObject:
     def has_truth(self) -> bool:
         """Return True: the images are exported."""
         return True
+
+    @property
+    def exported_views(self) -> tuple[View, ...]:
+        """Return all views that the object has images from, in their order."""
+        return tuple(view for view, _ in self.images)
 
     def fingerprint(self) -> str:
         """Return a checksum of the listed checksums and angles, without reading the files."""
@@ -198,7 +203,17 @@ def exported_dataset(spec: str, root: Path) -> Dataset:
     if not listing.objects:
         raise BadInput(f"{root / OBJECTS}: no object in this list; export it again")
     dataset = listing.dataset(spec, "clouds, views and true images of an export", OURS.message)
-    return replace(dataset, seed=int(seed or 0))
+    return replace(dataset, seed=int(seed or 0), checksum=checksum_of(root))
+
+
+def checksum_of(root: Path) -> str:
+    """Return the checksum of all that a method sees of an export.
+
+    It is the sha256 of `clouds.csv` and `views.csv`, one after the other: `cat clouds.csv views.csv
+    | sha256sum`.
+    """
+    lists = (read_file(root / name, MOST_BYTES) for name in (CLOUDS, VIEWS))
+    return hashlib.sha256(b"".join(lists)).hexdigest()
 
 
 def listed_files(root: Path) -> dict[str, str]:

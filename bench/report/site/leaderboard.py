@@ -24,7 +24,7 @@ from bench.report.site.board import (
     fraction,
     row_kinds,
 )
-from bench.report.site.site_run import HEADLINE, SiteRun, method_file, method_id_of
+from bench.report.site.site_run import HEADLINE, SiteRun, manifest_of, method_file, method_id_of
 from bench.report.site.words import (
     joined_names,
     letter_range,
@@ -87,7 +87,7 @@ def leaderboard(
             mean = BoardCell(f"{rank.rank:.1f}", rank.rank, beneath=p)
         cells = [_value(run, metric, method) for run in runs for metric in run.metrics]
         cost = _cost(runs, method, len(machines) > 1)
-        taught = trained_on(ids[method])
+        taught = trained_on(ids[method], manifest_of(runs, method))
         of_runs = sum(method in run.methods for run in runs)
         general = [mean, cost, BoardCell(taught), BoardCell(str(of_runs), float(of_runs))]
         cells = [*general, *cells] if general_first else [*cells, *general]
@@ -178,9 +178,10 @@ def _cost(runs: Sequence[SiteRun], method: str, name_machine: bool) -> BoardCell
         if method in run.methods and (id_ := run.methods[method].id) in run.overall.images:
             cost = run.overall.cost_ms(id_, 1).value
             if math.isfinite(cost) and not role(id_):
-                return BoardCell(
-                    milliseconds(cost), cost, beneath=run.machine if name_machine else ""
-                )
+                beneath = run.machine if name_machine else ""
+                if id_ in run.overall.claimed:
+                    beneath = "claimed"
+                return BoardCell(milliseconds(cost), cost, beneath=beneath)
     return EMPTY
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from bench.catalogue.claims import entered_claims
 from bench.catalogue.condition_names import condition_words
 from bench.catalogue.methods import known_method, role
 from bench.catalogue.parameters import PARAMETERS
@@ -93,7 +94,12 @@ def method_page(method: str, ranked: Sequence[str], all_runs: Sequence[SiteRun])
         ]
         settings = grid(["variant", "values", "meaning"], rows, caption="What can be set")
         sections.append(Section("Parameters", grids=(settings,)))
-    about = known.source if known else "no longer installed: its package or its weights are gone"
+    claims = entered_claims(runs[0].run.manifest, on_site.id)
+    about = "no longer installed: its package or its weights are gone"
+    if claims is not None:
+        about = claims.about
+    elif known is not None:
+        about = known.source
     if known and known.weights_file:
         weights = known.weights_file()
         if not _has_weights(on_site, weights):

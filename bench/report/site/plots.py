@@ -261,5 +261,6 @@ def _in_words(point: FrontierPoint) -> str:
     verdict = {
         "frontier": ", on the frontier",
         "below a white image": ", worse than a white image",
+        "claimed": ", cost as claimed",
     }.get(point.verdict, "")
     return f"{point.method}: {milliseconds(point.cost_ms.value)} ms, {value}{verdict}"

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 from bench.analysis.comparison import Comparison, decimals
 from bench.analysis.paired import PairedDifference
@@ -231,6 +232,11 @@ def methods_of(runs: Iterable[SiteRun]) -> list[str]:
 def method_id_of(runs: Iterable[SiteRun], name: str) -> str:
     """Return the id of a method of the site."""
     return next(run.methods[name].id for run in runs if name in run.methods)
+
+
+def manifest_of(runs: Iterable[SiteRun], name: str) -> Mapping[str, Any]:
+    """Return the manifest of the first run that has a method of the site."""
+    return next(run.run.manifest for run in runs if name in run.methods)
 
 
 def cost_grid_of(run: SiteRun, ranked: Sequence[str], only: str | None = None) -> Grid | None:

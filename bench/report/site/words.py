@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import groupby
+from types import MappingProxyType
+from typing import Any
 
-from bench.catalogue.methods import RECOMMENDED, RECOMMENDED_IN_COLOUR, known_method, role
+from bench.catalogue.methods import RECOMMENDED, RECOMMENDED_IN_COLOUR, role, training_objects
 from bench.catalogue.metrics import IMAGE_METRICS, higher_is_better
 
 _ROLES = {"ceiling": "reference: the true mesh", "floor": "reference: sees no cloud"}
@@ -26,10 +28,12 @@ def method_words(method_id: str) -> str:
     return _ROLES.get(role(method_id), "")
 
 
-def trained_on(method_id: str) -> str:
-    """Return the objects that a method was trained on, "unknown" where nobody says."""
-    method = known_method(method_id)
-    return (method and method.trained_on) or "unknown"
+def trained_on(method_id: str, manifest: Mapping[str, Any] = MappingProxyType({})) -> str:
+    """Return the objects that a method was trained on, "unknown" where nobody says.
+
+    `manifest` is that of a run which has the method.
+    """
+    return training_objects(method_id, manifest) or "unknown"
 
 
 def p_words(value: float) -> str:

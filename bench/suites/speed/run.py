@@ -147,7 +147,7 @@ def run(
         options.views or suite.views,
         laboratory.environment(),
         methods=list(methods),
-        objectives=objectives(methods),
+        objectives=objectives(map(find_method, methods)),
         conditions=list(conditions),
         threads=sorted({1, laboratory.cores()}),
         objects=[f"{obj.class_name}/{obj.object_id}" for obj in objects],

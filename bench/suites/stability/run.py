@@ -132,7 +132,7 @@ def run(
         len(VIEWS),
         machine,
         methods=list(methods),
-        objectives=objectives(methods),
+        objectives=objectives(map(find_method, methods)),
         objects=[f"{suite.class_name}/test-{suite.index:04d}"],
         cases=[case.id for case in CASES],
         workers=workers,

@@ -177,3 +177,13 @@ def test_without_the_same_objects_at_full_size_nothing_is_said():
     assert thinned([few], ["ssim"], 20) == []
     other = replace(comparison(FIELD), objects=tuple("efgh"))
     assert [row.points for row in thinned([other, few], ["ssim"], 20)] == [2048] * 7
+
+
+def test_a_claimed_cost_has_no_part_in_the_frontier():
+    """It is neither on it, though it would be the cheapest, nor does it push another off."""
+    field = FIELD | {"entered": (0.1, 0.1, (0.99, 0.99, 0.99, 0.99))}
+    claimed = replace(comparison(field), claimed=frozenset({"entered"}))
+    made = verdicts(places(claimed, ["ssim"], 20))
+    assert made.pop("entered") == ("claimed", "")
+    assert made == verdicts(places(comparison(FIELD), ["ssim"], 20))
+    assert {row.method for row in thinned([claimed], ["ssim"], 20) if row.claimed} == {"entered"}

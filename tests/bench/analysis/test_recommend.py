@@ -313,3 +313,12 @@ def test_conditions():
     assert at_condition(both, "512") == both[1:]
     with pytest.raises(BadInput, match="--condition 511: not in this run; there are 2048, 512"):
         at_condition(both, "511")
+
+
+def test_a_method_whose_cost_is_claimed_is_no_choice():
+    field = FIELD | {"entered": (0.1, 0.1, (0.99, 0.99, 0.99, 0.99))}
+    claimed = replace(comparison(field), claimed=frozenset({"entered"}))
+    request = Requirements(budget_ms=150, views=1)
+    advice, without = advise(claimed, request), advise(comparison(FIELD), request)
+    assert name_of(advice.best) == name_of(without.best) == "pc2pix"
+    assert name_of(advice.cheapest) == name_of(without.cheapest)

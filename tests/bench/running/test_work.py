@@ -75,7 +75,7 @@ def measure(tmp_path, monkeypatch):
         bench.running.work.load_renderer.cache_clear()
         sees_mesh = changes.pop("sees_mesh", False)
         method = Method("fake", load or (lambda device: renderer), str, 1, "", sees_mesh=sees_mesh)
-        monkeypatch.setattr(bench.running.work, "find_method", lambda method_id: method)
+        monkeypatch.setattr(bench.running.work, "find_run_method", lambda method_id: method)
         truth = changes.pop("truth", None)
         reference = make_artifact(make_truth(), 1, **({} if truth is None else {"images": truth}))
         job = make_job(method="fake", **{"reference": reference} | changes)

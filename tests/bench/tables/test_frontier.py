@@ -76,6 +76,14 @@ def test_markdown_has_methods_by_cost_and_marks():
         "| poisson | - | - | - | 0/40 |",
     ]
     assert "## 512, chair, 1 view" in lines
+    assert "claimed" not in table.to_markdown()
+
+
+def test_a_claimed_cost_is_called_so():
+    table = frontier_table(SPEC, (place("pc2pix", verdict="claimed"),), "")
+    line = "| pc2pix | 61.4 [60.0, 62.0] *claimed* | 0.814 [0.800, 0.830] | 39/40 |"
+    assert line in table.to_markdown().splitlines()
+    assert "*claimed*: the author states this cost, of another machine" in table.to_markdown()
 
 
 def test_points():

@@ -1,0 +1,310 @@
+"""Runs with methods entered by images: their scores, failures, costs and what is done again."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+import shlex
+import subprocess
+import sys
+from dataclasses import replace
+from hashlib import sha256
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from PIL import Image
+
+from baselines.splat import Splat
+from bench.catalogue.suites import SUITES
+from bench.commands.config import read_config
+from bench.records.record import CLAIMED, GROUND_TRUTH
+from bench.running.export import export
+from bench.running.options import Options
+from bench.running.plan import ObjectJobs, plan
+from bench.running.protocol import protocol_of
+from bench.running.work import run_job
+from data_prep.datasets.exported import checksum_of
+from data_prep.failures import BadInput
+from data_prep.files.clouds import load_points
+from data_prep.rendering.images import to_uint8
+from data_prep.scene import PointCloud, View
+
+REPOSITORY = Path(__file__).parents[3]
+TIMES = {"prepare_s": 3.5, "draw_s": 0.25}
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory) -> Path:
+    """Two chairs from two views at two conditions."""
+    out = tmp_path_factory.mktemp("export") / "export"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("bench.running.protocol.environment", dict)
+        export(Options("chair-robustness", conditions=("512",), limit=2, views=2, workers=1), out)
+    return out
+
+
+def draw_tree(exported: Path, tree: Path, name="our-splat", **facts) -> Path:
+    """Draw an export with `splat`, from its files alone, as an author would."""
+    views: dict[tuple[str, str], list[View]] = {}
+    for row in csv.DictReader((exported / "views.csv").read_text().splitlines()):
+        view = View(float(row["azimuth_deg"]), float(row["elevation_deg"]))
+        views.setdefault((row["class"], row["object"]), []).append(view)
+    renderer = Splat()
+    for row in csv.DictReader((exported / "clouds.csv").read_text().splitlines()):
+        state = renderer.prepare(PointCloud(load_points(exported / row["file"])))
+        images = to_uint8(renderer.draw(state, views[row["class"], row["object"]]))
+        folder = tree / row["condition"] / row["class"] / row["object"]
+        folder.mkdir(parents=True)
+        for view, image in enumerate(images):
+            Image.fromarray(image).save(folder / f"{view:02d}.png")
+    stated = {
+        "name": name,
+        "source": "discs",
+        "trained_on": "nothing",
+        "hardware": "a processor",
+        **TIMES,
+        "licence": "MIT",
+        "export": json.loads((exported / "croissant.json").read_text())["identifier"],
+    }
+    lines = (f"{key} = {json.dumps(value)}\n" for key, value in (stated | facts).items())
+    (tree / "method.toml").write_text("".join(lines))
+    return tree
+
+
+@pytest.fixture
+def tree(exported, tmp_path) -> Path:
+    return draw_tree(exported, tmp_path / "tree")
+
+
+def jobs_of(exported: Path, *methods: str, conditions=("2048", "512")) -> list[ObjectJobs]:
+    options = Options("chair-robustness", f"exported:{exported}", methods, conditions, views=2)
+    return [*plan(protocol_of(SUITES[0], options)[0])]
+
+
+def keys_of(exported: Path, tree: Path) -> dict[str, str]:
+    jobs = (job for obj in jobs_of(exported, f"images:{tree}", "blank") for job in obj.method_jobs)
+    return {"/".join((job.method, job.condition, job.object.object_id)): job.key for job in jobs}
+
+
+def test_the_checksum_is_that_of_the_two_lists(exported, tree):
+    """It is what an author computes with `cat clouds.csv views.csv | sha256sum`."""
+    lists = b"".join((exported / f"{name}.csv").read_bytes() for name in ("clouds", "views"))
+    assert checksum_of(exported) == sha256(lists).hexdigest()
+    assert f'export = "{checksum_of(exported)}"' in (tree / "method.toml").read_text()
+
+
+@pytest.mark.slow  # the networks of the metrics are loaded
+def test_images_have_the_scores_of_the_method_that_drew_them(no_machine, exported, tree):
+    """To the last bit, and so have all features: splat draws alike in any process."""
+    compared = 0
+    for obj in jobs_of(exported, f"images:{tree}", "splat"):
+        truth = run_job(obj.truth)
+        assert truth.has_images
+        by_method = {}
+        for job in obj.method_jobs:
+            result = run_job(replace(job, reference=truth.artifact))
+            by_method[job.method, job.condition] = result
+        for condition in ("2048", "512"):
+            ours, theirs = by_method["splat", condition], by_method["our-splat", condition]
+            assert ours.artifact_sha256 == theirs.artifact_sha256  # images and features
+            for one, other in zip(ours.records, theirs.records, strict=True):
+                assert one.lpips is not None
+                assert one.ssim is not None
+                assert other.notes == CLAIMED
+                assert (other.prepare_s, other.draw_s) == (3.5, 0.25)
+                same = {"method": "splat", "notes": "", "prepare_s": 0.0, "draw_s": 0.0}
+                assert replace(other, **same) == replace(one, **same)
+                compared += 1
+    assert compared == 2 * 2 * 2
+
+
+def test_a_missing_image_fails_its_cloud_and_no_other(no_machine, exported, tree):
+    (tree / "512/chair/test-0000/01.png").unlink()
+    first, second = (
+        replace(obj, truth=replace(obj.truth, features=()))
+        for obj in jobs_of(exported, f"images:{tree}")
+    )
+    results = {}
+    for obj in (first, second):
+        for job in obj.method_jobs:
+            if job.method == "our-splat":
+                name = job.condition, job.object.object_id
+                results[name] = run_job(replace(job, features=(), reference=None))
+    reasons = {name: result.reason for name, result in results.items()}
+    assert reasons == {
+        ("2048", "test-0000"): "",
+        ("512", "test-0000"): "images: no image at 512/chair/test-0000/01.png",
+        ("2048", "test-0001"): "",
+        ("512", "test-0001"): "",
+    }
+
+
+def test_only_what_has_changed_is_done_again(no_machine, exported, tree):
+    before = keys_of(exported, tree)
+    assert keys_of(exported, tree) == before
+    Image.new("RGB", (128, 128), (9, 9, 9)).save(tree / "512/chair/test-0001/00.png")
+    after = keys_of(exported, tree)
+    changed = {name for name in before if after[name] != before[name]}
+    assert changed == {"our-splat/512/test-0001"}
+    text = (tree / "method.toml").read_text()
+    (tree / "method.toml").write_text(text.replace("draw_s = 0.25", "draw_s = 0.5"))
+    changed = {name for name, key in keys_of(exported, tree).items() if key != before[name]}
+    assert changed == {name for name in before if name.startswith("our-splat/")}
+    (tree / "method.toml").write_text(text.replace("discs", "the same in other words"))
+    assert keys_of(exported, tree) == after
+
+
+def test_only_such_a_method_gets_to_know_which_cloud_it_is(no_machine, exported):
+    from bench.catalogue.methods import find_method
+    from bench.running.work import seen_by
+    from data_prep.scene import CloudOrigin
+
+    cloud = PointCloud(np.zeros((3, 3)), origin=CloudOrigin("512", "chair", "a", ()))
+    assert seen_by(find_method("splat"), cloud).origin is None
+    assert seen_by(find_method("true-mesh"), cloud).origin is None
+
+
+def refusal(*methods: str, dataset: str) -> str:
+    options = Options("chair-robustness", dataset, methods, ("512",), limit=1, views=2)
+    with pytest.raises(BadInput) as error:
+        plan(protocol_of(SUITES[0], options)[0])
+    assert "\n" not in str(error.value)
+    return str(error.value)
+
+
+def test_a_run_that_cannot_use_a_tree_is_refused(no_machine, exported, tree, tmp_path):
+    images, dataset = f"images:{tree}", f"exported:{exported}"
+    assert refusal(images, dataset="procedural").startswith(
+        f"{images}: has images of an export, and procedural is none; give --dataset exported:PATH"
+    )
+    other = draw_tree(exported, tmp_path / "other")
+    assert refusal(images, f"images:{other}", dataset=dataset) == (
+        f"images:{other}: name 'our-splat' is that of {images}, too; give one of them another name"
+    )
+    foreign = draw_tree(exported, tmp_path / "foreign", "foreign", export="0" * 64)
+    assert "the images are of other clouds or views" in refusal(
+        f"images:{foreign}", dataset=dataset
+    )
+
+
+def test_other_commands_do_not_take_images(command, tree, tmp_path):
+    out = tmp_path / "out"
+    for arguments in (
+        ("run", "--suite", "speed", "--methods", f"images:{tree}", "--out", out),
+        ("render", "examples/chair.ply", "--method", f"images:{tree}", "-o", f"{out}.png"),
+    ):
+        status, _, err = command(*arguments)
+        assert status == 2
+        assert f"images:{tree}: images of an export, which cannot draw other clouds;" in err
+        assert err.count("\n") == 1
+        assert not out.exists()
+
+
+@pytest.mark.slow
+def test_a_run_of_two_trees_has_a_row_of_each(
+    no_machine, exported, tree, tmp_path, command, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    draw_tree(exported, tmp_path / "second", "second-splat", trained_on="<b>cars</b>")
+    (tmp_path / "second/512/chair/test-0000/00.png").unlink()
+    run = ("run", "--suite", "chair-robustness", "--dataset", f"exported:{exported}", "--views", 2)
+    run = (*run, "--workers", 1, "--conditions", "2048,512", "--out", "out")
+    status, out, err = command(*run, "--methods", "images:tree,images:second,splat")
+    assert (status, "1 failed" in err) == (0, True), err
+    records = pd.read_parquet("out/records.parquet")
+    assert list(dict.fromkeys(records["method"])) == [
+        *("blank", "our-splat", "second-splat", "splat")
+    ]
+    scores = ["ssim", "ssim_object", "lpips", "psnr", "silhouette_iou", "thin_recall"]
+    ours, theirs = (
+        records[records["method"] == name][scores].to_numpy() for name in ("splat", "our-splat")
+    )
+    np.testing.assert_array_equal(ours, theirs)
+    failed = records[records["outcome"] == "failed"]
+    assert set(failed["reason"]) == {"images: no image at 512/chair/test-0000/00.png"}
+    assert set(failed["method"]) == {"second-splat"}
+    manifest = json.loads(Path("out/manifest.json").read_text())
+    assert manifest["methods"] == ["our-splat", "second-splat", "splat", "blank"]
+    assert manifest["entered"]["our-splat"]["tree"] == str(tree)
+    assert manifest["request"]["methods"] == [
+        *(f"images:{tree}", f"images:{tmp_path / 'second'}", "splat", "blank")
+    ]
+    rows = [line for line in Path("out/cost.md").read_text().splitlines() if "-splat" in line]
+    assert [row.count("3500.0 + 250.0 claimed") for row in rows] == [2, 2]
+    assert GROUND_TRUTH not in out
+    page = Path("out/report.html").read_text()
+    assert "discs; entered by images, drawn elsewhere on a processor, its times are claimed" in page
+    assert "&lt;b&gt;cars&lt;/b&gt;" in page
+    assert "<b>cars" not in page
+    # Without the trees everything can be read, and a narrower run keeps its methods with them.
+    status, _, err = command(*run, "--methods", "splat")
+    assert (status, "0 jobs done, 16 from before" in err) == (0, True), err
+    assert json.loads(Path("out/manifest.json").read_text())["methods"] == manifest["methods"]
+    repeated = read_config(Path("out/manifest.json"))["methods"]
+    assert repeated.split(",") == manifest["request"]["methods"]
+    (tmp_path / "tree").rename("gone")
+    assert command("site", "out", "--out", "site")[0] == 0
+    page = Path("site/method-our-splat.html").read_text()
+    assert "entered by images, drawn elsewhere on a processor, its times are claimed" in page
+    index = Path("site/index.html").read_text()
+    assert "claimed" in index
+    assert "&lt;b&gt;cars&lt;/b&gt;" in index
+    assert command("compare", "out", "--methods", "our-splat,second-splat")[0] == 0
+    status, _, err = command(*run, "--methods", "splat")
+    assert status == 2
+    assert "its run cannot be kept here: " in err
+
+
+def commands_of_page() -> list[list[str]]:
+    """Return the commands of the section with the walk, in words."""
+    text = (REPOSITORY / "docs" / "entering.md").read_text()
+    section = text.partition("## From an export to a row")[2].partition("\n## ")[0]
+    blocks = re.findall(r"^```\n(.*?)^```", section, re.MULTILINE | re.DOTALL)
+    lines = re.sub(r" *\\\n *", " ", "".join(blocks)).splitlines()
+    return [shlex.split(line) for line in lines]
+
+
+@pytest.mark.slow
+def test_the_page_leads_to_a_row(no_machine, tmp_path, command, monkeypatch):
+    """Its commands on one object; where PyVista is not installed, `splat` draws in its place."""
+    monkeypatch.chdir(tmp_path)
+    exporting, (python, script, *folders), running = commands_of_page()
+    small = ("--limit", 1, "--views", 2, "--workers", 1)
+    assert command(*exporting[1:], *small)[0] == 0
+    assert (python, folders) == ("python", ["exported-chairs", "images"])
+    if find_spec("pyvista"):
+        subprocess.run([sys.executable, REPOSITORY / script, *folders], check=True)
+    else:
+        assert (REPOSITORY / script).is_file()
+        draw_tree(Path("exported-chairs"), Path("images"), "pyvista-points")
+    status, _, err = command(*running[1:], *small, "--out", "out")
+    assert (status, " 0 failed" in err) == (0, True), err
+    table = Path("out/tables/headline.md").read_text()
+    assert re.search(r"^\| pyvista-points +\|", table, re.MULTILINE), table
+    assert len((REPOSITORY / script).read_text().splitlines()) <= 30
+
+
+@pytest.mark.slow
+def test_the_example_draws_from_the_exported_views(exported, tmp_path):
+    """Each image covers the true one from its own view better than that from the other."""
+    pytest.importorskip("pyvista", reason="PyVista is not among the packages of the tests")
+    script = REPOSITORY / "examples" / "images" / "pyvista_points.py"
+    subprocess.run([sys.executable, script, exported, tmp_path / "tree"], check=True)
+
+    def covered(path: Path) -> np.ndarray:
+        return (np.asarray(Image.open(path)) < 250).any(axis=-1)
+
+    for number, name in enumerate(("test-0000", "test-0001")):
+        drawn, true = (
+            [covered(folder / f"{view:02d}.png") for view in (0, 1)]
+            for folder in (
+                tmp_path / "tree/2048/chair" / name,
+                exported / f"images/chair/{number:05d}",
+            )
+        )
+        overlap = np.array([[(d & t).sum() / (d | t).sum() for t in true] for d in drawn])
+        assert (overlap.argmax(axis=1) == [0, 1]).all(), overlap
