@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from bench.catalogue.suites import Suite
+from bench.catalogue.truth import stored_suite
 from bench.records.artifacts import IMAGES, JobName, unpack
 from bench.records.parquet import read_records
 from bench.records.record import COLUMNS, GROUND_TRUTH, Record
@@ -64,13 +66,16 @@ def digest_folder(directory: Path, manifest: Mapping[str, Any]) -> FolderDigests
     except BadInput as error:
         records = ""
         problems.append(str(error))
-    tables = {
-        path.name: file_sha256(path, MOST_TABLE_BYTES)
-        for path in sorted((directory / TABLES).glob("*.csv"))
-    }
-    if not tables:
+    if not (tables := digest_tables(directory, stored_suite(manifest))):
         problems.append(f"{directory / TABLES}: no tables")
     return FolderDigests({"jobs": jobs, "records": records, "tables": tables}, problems, parts)
+
+
+def digest_tables(directory: Path, suite: Suite) -> dict[str, str]:
+    """Return the checksum of each CSV file of tables, but for those of times."""
+    timed = {f"{spec.name}.csv" for spec in suite.tables if spec.kind in ("frontier", "points")}
+    paths = sorted((directory / TABLES).glob("*.csv"))
+    return {p.name: file_sha256(p, MOST_TABLE_BYTES) for p in paths if p.name not in timed}
 
 
 def digest_jobs(
@@ -91,12 +96,17 @@ def digest_jobs(
             problems += [f"no {job_title(job)} in its store" for job in sorted(lacking)]
             keys |= {row.key for row in rows}
             digests += digest_object(store, rows, problems)
-        parts.append((sha256("".join(sorted(digests)).encode()).hexdigest(), members))
+        parts.append((part_digest(digests), members))
     listed = sum(1 for _ in store.listed())
     expected = len(objects) * (1 + len(manifest["methods"]) * len(manifest["conditions"]))
     if listed != expected:
         problems.append(f"{listed} jobs are listed in its store, not {expected}")
     return jobs_entry([digest for digest, _ in parts], len(keys)), parts
+
+
+def part_digest(jobs: Iterable[str]) -> str:
+    """Return the digest of a part from those of its jobs, in any order."""
+    return sha256("".join(sorted(jobs)).encode()).hexdigest()
 
 
 def jobs_entry(parts: Sequence[str], count: int) -> dict[str, Any]:

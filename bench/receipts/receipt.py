@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
@@ -43,6 +43,7 @@ SHAPE: dict[str, Any] = {  # of a receipt: the type of each entry
     "format": int,
     "inputs": {"objects": int, "sha256": str},
     "jobs": {"count": int, "parts": str, "sha256": str},
+    "metrics": TEXTS,
     PROTOCOL: int,
     "records": str,
     "request": {
@@ -54,7 +55,12 @@ SHAPE: dict[str, Any] = {  # of a receipt: the type of each entry
     "tables": TEXTS,
     "weights": TEXTS,
 }
-CHOSEN: dict[str, Any] = {TRUTH: str, SHARD: str, "limit": int, "metrics": [str]}  # in some requests
+CHOSEN: dict[str, Any] = {
+    TRUTH: str,
+    SHARD: str,
+    "limit": int,
+    "metrics": [str],
+}  # in some requests
 
 
 def make_receipt(directory: Path) -> dict[str, Any]:
@@ -118,7 +124,8 @@ def describe_manifest(directory: Path, manifest: Mapping[str, Any]) -> dict[str,
             "clean": bool(git.get("clean", True)),
             "sha256": manifest["code"],
         },
-        "weights": weights_of(manifest["identities"], manifest["feature_identity"]),
+        "weights": weights_of({m: i[1] for m, i in manifest["identities"].items()}),
+        "metrics": weights_of(manifest["feature_identity"]),
         "environment": environment_with_python(manifest),
     }
 
@@ -128,13 +135,9 @@ def environment_with_python(manifest: Mapping[str, Any]) -> dict[str, str]:
     return environment_of(manifest) | {"python": str(manifest["versions"].get("python"))}
 
 
-def weights_of(
-    identities: Mapping[str, Sequence[Any]], feature_identity: Mapping[str, str]
-) -> dict[str, str]:
-    """Return a checksum of the weights behind each method and metric that has any."""
-    texts = {method: str(identity[1]) for method, identity in identities.items()}
-    texts |= {f"metric {metric}": identity for metric, identity in feature_identity.items()}
-    sums = {name: CHECKSUM.findall(text) for name, text in texts.items()}
+def weights_of(identities: Mapping[str, str]) -> dict[str, str]:
+    """Return a checksum of the weights that each identity names; none for one without weights."""
+    sums = {name: CHECKSUM.findall(identity) for name, identity in identities.items()}
     # A method may have the weights of several networks.
     return {
         name: found[0] if len(found) == 1 else sha256(" ".join(found).encode()).hexdigest()
