@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,10 +23,10 @@ SCORES = {column(metric): metric for metric in OBJECT_RENDERING}
 
 @dataclass(frozen=True)
 class StoredJob:
-    """The results of a job in a store: its records, and its arrays by name, none where it failed."""
+    """The results of a job: its records, and its arrays by name, none where it failed."""
 
     records: list[Record]
-    arrays: dict[str, NDArray[np.generic]]
+    arrays: dict[str, Any]
 
 
 def read_job(store: Store, key: str) -> StoredJob:
@@ -42,8 +43,8 @@ def compare_job(job: Job, stored: StoredJob, here: StoredJob, same_environment: 
     """Return a line for each metric of a job that differs from the value computed here.
 
     In the same environment records, images and features have to be equal. In another one the means
-    over the views of the object may differ by the tolerances of golden values; there are none of
-    true images, whose outcomes are compared.
+    over the views of the object may differ by the tolerances of golden values, and true images are
+    compared by `bench.receipts.rescore`.
     """
     title = job_title(job.name)
     if len(stored.records) != len(here.records):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import json
+import zipfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
@@ -128,7 +130,10 @@ def _expected(manifest: Mapping[str, Any], name: str) -> set[JobName]:
     """Return the names of the jobs that an object has in a run."""
     class_name, _, obj = name.partition("/")
     cells = [(m, c) for m in manifest["methods"] for c in manifest["conditions"]]
-    return {JobName(*cell, class_name, obj) for cell in [(GROUND_TRUTH, ""), *cells]}
+    return {
+        JobName(method, condition, class_name, obj)
+        for method, condition in [(GROUND_TRUTH, ""), *cells]
+    }
 
 
 def job_title(name: JobName) -> str:
@@ -180,9 +185,6 @@ def arrays_sha256(artifact: bytes) -> dict[str, str]:
 
 def unpack_all(artifact: bytes) -> dict[str, Any]:
     """Return all arrays of an artifact. Raises BadInput for bytes that are none."""
-    import io
-    import zipfile
-
     try:
         with zipfile.ZipFile(io.BytesIO(artifact)) as archive:
             names = [name.removesuffix(".npy") for name in archive.namelist()]

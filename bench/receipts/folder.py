@@ -1,4 +1,4 @@
-"""The check that a run's folder is the one of a receipt, and that its tables follow from its jobs."""
+"""The check that a folder is the one of a receipt, and that its tables follow from its jobs."""
 
 from __future__ import annotations
 
@@ -14,8 +14,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from bench.analysis.scored import scored_run
-from bench.receipts.digests import PART_DIGITS, FolderDigests, digest_folder, digest_records
-from bench.receipts.receipt import PROTOCOL, condensed, describe_manifest
+from bench.receipts.digests import (
+    MOST_TABLE_BYTES,
+    PART_DIGITS,
+    FolderDigests,
+    digest_folder,
+    digest_records,
+)
+from bench.receipts.receipt import PROTOCOL, condensed
 from bench.records.features import unreadable
 from bench.records.parquet import FEATURES, RECORDS, write_features, write_records
 from bench.records.run_folder import write_manifest
@@ -23,26 +29,38 @@ from bench.records.store import open_store
 from bench.tables.build import make_outputs
 from bench.tables.table import TABLES, table_files
 from data_prep.failures import BadInput
-from data_prep.files.safe_read import MIB, read_file
+from data_prep.files.safe_read import read_file
 
 LAST_DIGITS = 2e-6  # files keep 6 decimals, and another processor rounds the last one elsewhere
 MOST_SHOWN = 60  # characters of a value in a message
-FURTHER = "metric_"  # begins the names of tables of metrics on request
 
 
-def compare_folder(
-    receipt: Mapping[str, Any], directory: Path, manifest: Mapping[str, Any]
+def compare_manifest(
+    receipt: Mapping[str, Any],
+    described: Mapping[str, Any],
+    objects: Sequence[str],
+    expected: Sequence[str],
 ) -> list[str]:
-    """Return a line for each difference between a folder and the receipt, by checksums alone."""
-    described = describe_manifest(directory, manifest)
-    folder = digest_folder(directory, manifest)
+    """Return a line for each difference between a receipt and a manifest's entries and objects.
+
+    `expected` are the objects that the receipt's request chooses.
+    """
     lines = []
     for name in ("request", "code", "environment", "weights", "metrics"):
         lines += differing(f"manifest: {name}", _as_long(receipt, described, name), receipt[name])
     for name in ("schema", PROTOCOL):
         lines += differing("manifest", {name: described[name]}, {name: receipt[name]})
-    lines += folder.problems
-    lines += _other_jobs(receipt["jobs"], folder)
+    if objects != expected:
+        lines.append(f"manifest: {len(objects)} objects, not the {len(expected)} of the request")
+    return lines
+
+
+def compare_folder(
+    receipt: Mapping[str, Any], directory: Path, manifest: Mapping[str, Any]
+) -> list[str]:
+    """Return a line for each difference between a folder and its receipt, by checksums alone."""
+    folder = digest_folder(directory, manifest)
+    lines = [*folder.problems, *_other_jobs(receipt["jobs"], folder)]
     if folder.entries["records"] != receipt["records"]:
         lines.append(f"{RECORDS}: its records are not those of the receipt")
     tables = _as_long(receipt, folder.entries, "tables")
@@ -95,21 +113,25 @@ def _other_jobs(jobs: Mapping[str, Any], folder: FolderDigests) -> list[str]:
 
 
 def remake(
-    directory: Path, manifest: Mapping[str, Any], scratch: Path, same_environment: bool
+    directory: Path,
+    manifest: Mapping[str, Any],
+    extractors: Sequence[str],
+    scratch: Path,
+    same_environment: bool,
 ) -> tuple[list[str], list[str]]:
     """Make records, features and tables again from the jobs in a folder's store, in `scratch`.
 
     Return a line for each file of the folder that differs, and the names of its tables that cannot
-    be made from records. In another environment the last digits of tables may differ, and only
-    their values are compared.
+    be made from records. `extractors` are those whose features are in the artifacts. In another
+    environment the last digits of tables may differ, and only their values are compared.
     """
     try:
         write_manifest(scratch, manifest)
         with open_store(directory) as store:
             write_records(scratch, store.listed_columns())
-            write_features(scratch, store, [*manifest["feature_identity"]])
+            write_features(scratch, store, extractors)
         outputs = make_outputs(scored_run(scratch, dict(manifest)))
-    except (ValueError, KeyError, TypeError, pa.ArrowException) as error:
+    except (ValueError, LookupError, TypeError, AttributeError, pa.ArrowException) as error:
         return [f"tables: cannot be made again from the jobs ({error})"], []
     lines = [*_other_records(directory, scratch), *_other_features(directory, scratch)]
     made = table_files([outputs.headline, *outputs.tables, *outputs.further])
@@ -117,7 +139,7 @@ def remake(
         if not same_environment and not name.endswith(".csv"):
             continue
         try:
-            stored = read_file(directory / TABLES / name, 256 * MIB)
+            stored = read_file(directory / TABLES / name, MOST_TABLE_BYTES)
         except BadInput as error:
             lines.append(str(error))
             continue
@@ -192,8 +214,3 @@ def _same_field(first: str, second: str) -> bool:
         )
     except ValueError:
         return False
-
-
-def shown_tables(names: Sequence[str]) -> list[str]:
-    """Return a line on tables of which only the checksums were compared; none without any."""
-    return [f"compared by checksum alone: {', '.join(names)}"] if names else []

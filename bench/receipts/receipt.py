@@ -48,7 +48,8 @@ SHAPE: dict[str, Any] = {  # of a receipt: the type of each entry
     "records": str,
     "request": {
         **dict.fromkeys(("suite", "dataset", "device"), str),
-        **dict.fromkeys(("methods", "conditions"), [str]),
+        "methods": [str],
+        "conditions": [str],
         **dict.fromkeys(("views", "seed"), int),
     },
     "schema": int,
@@ -95,39 +96,42 @@ def make_receipt(directory: Path) -> dict[str, Any]:
 def describe_manifest(directory: Path, manifest: Mapping[str, Any]) -> dict[str, Any]:
     """Return the entries of a receipt that the manifest gives.
 
-    Raises BadInput for a run without jobs, and for one that an earlier version has made.
+    Raises BadInput for a run without jobs, and for a manifest that is damaged or of an earlier
+    version.
     """
     if manifest["suite"] in [suite.id for suite in (LATENT, STABILITY, SPEED)]:
         raise BadInput(
             f"{directory}: a run of {manifest['suite']} has no jobs that could be computed again; "
             "give one of a suite with records"
         )
-    lacking = [
-        name
-        for name in ("request", "code", "methods", "conditions", "objects", "identities")
-        if not manifest.get(name)
-    ]
-    if lacking:
+    needed = ("request", "code", "methods", "conditions", "objects", "identities")
+    if lacking := [name for name in needed if not manifest.get(name)]:
         raise BadInput(
-            f"{directory}: its manifest has no {', '.join(lacking)}, as that of an earlier version; "
+            f"{directory}: no {', '.join(lacking)} in its manifest, as in an earlier version; "
             "start the run again with its command, which keeps its jobs"
         )
-    git = manifest.get("git") or {}
-    return {
-        "format": FORMAT,
-        "schema": manifest["schema_version"],
-        PROTOCOL: manifest[PROTOCOL],
-        "request": _pinned(manifest),
-        "code": {
-            "version": manifest["versions"][PACKAGE],
-            "commit": git.get("commit", ""),
-            "clean": bool(git.get("clean", True)),
-            "sha256": manifest["code"],
-        },
-        "weights": weights_of({m: i[1] for m, i in manifest["identities"].items()}),
-        "metrics": weights_of(manifest["feature_identity"]),
-        "environment": environment_with_python(manifest),
-    }
+    try:
+        git = manifest.get("git") or {}
+        return {
+            "format": FORMAT,
+            "schema": manifest["schema_version"],
+            PROTOCOL: manifest[PROTOCOL],
+            "request": _pinned(manifest),
+            "code": {
+                "version": manifest["versions"][PACKAGE],
+                "commit": git.get("commit", ""),
+                "clean": bool(git.get("clean", True)),
+                "sha256": manifest["code"],
+            },
+            "weights": weights_of({m: i[1] for m, i in manifest["identities"].items()}),
+            "metrics": weights_of(manifest["feature_identity"]),
+            "environment": environment_with_python(manifest),
+        }
+    except (KeyError, TypeError, AttributeError, IndexError) as error:
+        raise BadInput(
+            f"{directory}: its manifest is damaged ({type(error).__name__}: {error}); bring back a "
+            "copy"
+        ) from error
 
 
 def environment_with_python(manifest: Mapping[str, Any]) -> dict[str, str]:

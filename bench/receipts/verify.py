@@ -28,15 +28,18 @@ from bench.receipts.digests import (
     job_title,
     part_digest,
 )
-from bench.receipts.folder import compare_folder, differing, remake
+from bench.receipts.folder import compare_folder, compare_manifest, differing, remake
 from bench.receipts.receipt import (
     condensed,
+    describe_manifest,
     environment_with_python,
     options_of,
     read_receipt,
     weights_of,
 )
+from bench.receipts.rescore import misscored, other_truth
 from bench.receipts.sample import ChosenJobs, compute, draw_jobs, draw_parts
+from bench.records.artifacts import IMAGES
 from bench.records.former import is_former
 from bench.records.job import Job, Result
 from bench.records.parquet import RECORDS
@@ -232,8 +235,15 @@ def _verify_folder(
 ) -> tuple[list[str], list[str]]:
     """Return differences between a folder and the receipt, and jobs computed here; and remarks."""
     directory = choices.run or Path()
-    lines = compare_folder(receipt, directory, manifest)
-    more, not_made = remake(directory, manifest, scratch / "again", here.same_environment)
+    described = describe_manifest(directory, manifest)
+    lines = compare_manifest(receipt, described, manifest["objects"], here.plan.names)
+    if described["request"] != receipt["request"] or manifest["objects"] != here.plan.names:
+        return lines, [f"{directory} has another run; nothing else is compared"]
+    lines += compare_folder(receipt, directory, manifest)
+    extractors = [name for name, _ in here.protocol.features]
+    more, not_made = remake(
+        directory, manifest, extractors, scratch / "again", here.same_environment
+    )
     lines += more
     remarks = [f"the folder is compared with the receipt: {receipt['jobs']['count']} jobs"]
     if not_made:
@@ -249,21 +259,28 @@ def _compare_object(
     obj: ChosenJobs, stored: Store, store: Store, same_environment: bool
 ) -> list[str]:
     """Return a line for each difference between the jobs of an object in two stores."""
-    first = obj.planned.truth.object
-    keys = {row.name: row.key for row in stored.listed_of(first.class_name, first.object_id)}
-    lines = []
+    scene = obj.planned.truth.object
+    keys = {row.name: row.key for row in stored.listed_of(scene.class_name, scene.object_id)}
+    lines, truth = [], None
     for job in obj.all:
-        key = keys.get(job.name, "")
+        title, key = job_title(job.name), keys.get(job.name, "")
         if same_environment and key != job.key:
-            lines.append(f"{job_title(job.name)}: its key is not the one that it has here")
+            lines.append(f"{title}: its key is not the one that it has here")
         try:
             results = read_job(stored, key)
         except KeyError:
-            lines.append(f"{job_title(job.name)}: not in the run")
+            lines.append(f"{title}: not in the run")
+            continue
         except BadInput as error:
-            lines.append(f"{job_title(job.name)}: {error}")
-        else:
-            lines += compare_job(job, results, read_job(store, job.key), same_environment)
+            lines.append(f"{title}: {error}")
+            continue
+        here = read_job(store, job.key)
+        lines += compare_job(job, results, here, same_environment)
+        if not same_environment:
+            lines += misscored(job, results, truth)
+            if job is obj.planned.truth and results.arrays and here.arrays:
+                lines += other_truth(job, results, here)
+                truth = results.arrays[IMAGES]
     return lines
 
 
