@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import zipfile
+import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
@@ -12,13 +13,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from bench.catalogue.suites import Suite
 from bench.catalogue.truth import stored_suite
 from bench.records.artifacts import IMAGES, JobName, unpack
-from bench.records.parquet import read_records
+from bench.records.parquet import RECORDS, read_records
 from bench.records.record import COLUMNS, GROUND_TRUTH, Record
-from bench.records.store import JobRow, Store, open_store
+from bench.records.store import STORE, JobRow, Store, open_store
 from bench.tables.table import TABLES
 from data_prep.datasets.objects import SceneObject
 from data_prep.failures import BadInput
@@ -33,6 +35,11 @@ TIMES = ("prepare_s", "draw_s")
 # records is the first one that it was asked for.
 SCORED = tuple(name for name in Record.__dataclass_fields__ if name not in (*TIMES, "condition"))
 MOST_TABLE_BYTES = 256 * MIB
+# Libraries raise these, beside BadInput, while they read a file of which bytes were changed.
+DAMAGED = (
+    *(ValueError, LookupError, TypeError, AttributeError, OverflowError, EOFError, OSError),
+    *(zlib.error, pa.ArrowException),
+)
 
 
 @dataclass(frozen=True)
@@ -60,14 +67,14 @@ def digest_folder(directory: Path, manifest: Mapping[str, Any]) -> FolderDigests
     try:
         with open_store(directory) as store:
             jobs, parts = digest_jobs(store, manifest, problems)
-    except BadInput as error:
+    except DAMAGED as error:
         jobs, parts = {"count": 0, "parts": "", "sha256": ""}, []
-        problems.append(str(error))
+        problems.append(f"{STORE}: cannot be read ({error})")
     try:
         records = digest_records(directory)
-    except BadInput as error:
+    except DAMAGED as error:
         records = ""
-        problems.append(str(error))
+        problems.append(f"{RECORDS}: cannot be read ({error})")
     if not (tables := digest_tables(directory, stored_suite(manifest))):
         problems.append(f"{directory / TABLES}: no tables")
     return FolderDigests({"jobs": jobs, "records": records, "tables": tables}, problems, parts)
@@ -152,7 +159,7 @@ def digest_object(store: Store, rows: Iterable[JobRow], problems: list[str]) -> 
         except KeyError:
             problems.append(f"{job_title(row.name)}: not in its store")
             continue
-        except BadInput as error:
+        except DAMAGED as error:
             problems.append(f"{job_title(row.name)}: {error}")
             continue
         digests.append(_sha256([*row.name, row.key, contents[row.key]]))
@@ -162,7 +169,7 @@ def digest_object(store: Store, rows: Iterable[JobRow], problems: list[str]) -> 
 def _contents_sha256(store: Store, row: JobRow) -> str:
     """Return a digest of the records without times, the images and the features of a job.
 
-    Raises KeyError for a job that the store does not have, and BadInput where it has changed.
+    Raises KeyError for a job that the store does not have, and one of DAMAGED where it has changed.
     """
     result = store.find([row.key])[row.key]
     records = [[getattr(record, name) for name in SCORED] for record in store.records(row.key)]
@@ -198,7 +205,7 @@ def unpack_all(artifact: bytes) -> dict[str, Any]:
 def digest_records(directory: Path) -> str:
     """Return a digest of `records.parquet` without the times, column by column.
 
-    Raises BadInput for a file that cannot be read.
+    Raises one of DAMAGED for a file that cannot be read.
     """
     frame = read_records(directory, [name for name in COLUMNS if name not in TIMES])
     digest = sha256()

@@ -10,11 +10,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import pyarrow as pa
 import pyarrow.parquet as pq
 
 from bench.analysis.scored import scored_run
 from bench.receipts.digests import (
+    DAMAGED,
     MOST_TABLE_BYTES,
     PART_DIGITS,
     FolderDigests,
@@ -22,7 +22,6 @@ from bench.receipts.digests import (
     digest_records,
 )
 from bench.receipts.receipt import PROTOCOL, condensed
-from bench.records.features import unreadable
 from bench.records.parquet import FEATURES, RECORDS, write_features, write_records
 from bench.records.run_folder import write_manifest
 from bench.records.store import open_store
@@ -131,7 +130,7 @@ def remake(
             write_records(scratch, store.listed_columns())
             write_features(scratch, store, extractors)
         outputs = make_outputs(scored_run(scratch, dict(manifest)))
-    except (ValueError, LookupError, TypeError, AttributeError, pa.ArrowException) as error:
+    except DAMAGED as error:
         return [f"tables: cannot be made again from the jobs ({error})"], []
     lines = [*_other_records(directory, scratch), *_other_features(directory, scratch)]
     made = table_files([outputs.headline, *outputs.tables, *outputs.further])
@@ -152,8 +151,8 @@ def remake(
 def _other_records(directory: Path, scratch: Path) -> list[str]:
     try:
         same = digest_records(directory) == digest_records(scratch)
-    except BadInput as error:
-        return [str(error)]
+    except DAMAGED as error:
+        return [f"{RECORDS}: cannot be read ({error})"]
     return [] if same else [f"{RECORDS}: not the records of the jobs in the store"]
 
 
@@ -167,24 +166,20 @@ def _other_features(directory: Path, scratch: Path) -> list[str]:
         try:
             if not same_parquet(first, second):
                 lines.append(f"{FEATURES}/{name}: not the features of the jobs in the store")
-        except BadInput as error:
-            lines.append(str(error))
+        except DAMAGED as error:
+            lines.append(f"{FEATURES}/{name}: cannot be read ({error})")
     return lines
 
 
 def same_parquet(first: Path, second: Path) -> bool:
     """Return whether two files have the same rows and the same statistics by which rows are found.
 
-    Raises BadInput for a file that cannot be read.
+    Raises one of DAMAGED for a file that cannot be read.
     """
-    if first.is_file() and first.read_bytes() == second.read_bytes():
+    if first.read_bytes() == second.read_bytes():
         return True
-    try:
-        if not pq.read_table(first, use_threads=False).equals(pq.read_table(second)):
-            return False
-        return _statistics(first) == _statistics(second)
-    except (pa.ArrowException, OSError) as error:
-        raise unreadable(first, error) from error
+    stored, made = (pq.read_table(path, use_threads=False) for path in (first, second))
+    return stored.equals(made) and _statistics(first) == _statistics(second)
 
 
 def _statistics(path: Path) -> list[Any]:

@@ -18,6 +18,7 @@ from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
 from bench.receipts.compare import compare_job, read_job
 from bench.receipts.digests import (
+    DAMAGED,
     PART_DIGITS,
     deal,
     digest_inputs,
@@ -271,7 +272,7 @@ def _compare_object(
         except KeyError:
             lines.append(f"{title}: not in the run")
             continue
-        except BadInput as error:
+        except DAMAGED as error:
             lines.append(f"{title}: {error}")
             continue
         here = read_job(store, job.key)

@@ -13,11 +13,18 @@ import pandas as pd
 import pytest
 
 from bench.analysis.scored import scored_run
-from bench.receipts.receipt import make_receipt, read_receipt
+from bench.receipts.folder import compare_folder, compare_manifest
+from bench.receipts.receipt import (
+    describe_manifest,
+    find_objects,
+    make_receipt,
+    read_receipt,
+)
 from bench.receipts.verify import Verification, random_seed, verify
 from bench.records.artifacts import JobName, pack, unpack
 from bench.records.run_folder import read_manifest, read_store
 from bench.records.store import open_store, pack_records
+from bench.running.protocol import name_of
 from bench.running.run import write_parquet
 from bench.tables.build import write_outputs
 
@@ -26,6 +33,7 @@ from .runs import alter_manifest, execute, receipt_of, verified, write_receipt
 
 SPLAT = JobName("splat", "2048", "chair", "test-0001")
 TRUE = SPLAT.truth
+OF = "splat at 2048 of chair/test-0001"
 
 
 @pytest.fixture
@@ -50,9 +58,9 @@ def tree(folder: Path) -> dict[str, tuple[int, bytes]]:
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_an_honest_receipt_is_verified_and_nothing_is_written(finished, check, seed):
-    before = tree(finished[0].parent)
+    before = tree(finished[0])
     assert check(finished[0], share=0.3, seed=seed) == []
-    assert tree(finished[0].parent) == before
+    assert tree(finished[0]) == before
 
 
 def test_all_jobs_are_computed_again_without_the_folder_and_tables_made(finished, receipt, check):
@@ -81,6 +89,17 @@ def test_a_part_is_computed_again_without_the_folder(finished, receipt, check):
     (line,) = check(None, other, share=0.05)
     assert line.startswith("jobs of chair/test-000")
     assert line.endswith("the results here are not those of the receipt")
+
+
+def by_checksums(folder, receipt):
+    """Return the differences that are found without tables made again."""
+    manifest = read_manifest(folder)
+    described, objects = describe_manifest(folder, manifest), find_objects(receipt["request"])
+    names = [name_of(obj) for obj in objects]
+    return [
+        *compare_manifest(receipt, described, manifest["objects"], names),
+        *compare_folder(receipt, folder, manifest),
+    ]
 
 
 def in_file(name, change):
@@ -121,10 +140,8 @@ OF_SPLAT = "key = (SELECT key FROM listed WHERE method = 'splat' AND object = 't
     ("alter", "line"),
     [
         (in_file("tables/table3_ssim.csv", one_digit), "tables/table3_ssim.csv: not the table"),
-        (in_file("tables/table3_ssim.md", one_digit), "tables/table3_ssim.md: not the table that"),
         (lambda folder: (folder / "tables/headline.csv").unlink(), "tables: no headline.csv"),
         (other_score, "records.parquet: its records are not those of the receipt"),
-        (other_feature, "features/fd-views.parquet: "),
         (in_store(f"UPDATE jobs SET reason = 'x' WHERE {OF_SPLAT}"), "jobs of chair/test-0001: "),
         (
             in_store("DELETE FROM listed WHERE object = 'test-0002' AND method = 'blank'"),
@@ -142,16 +159,23 @@ OF_SPLAT = "key = (SELECT key FROM listed WHERE method = 'splat' AND object = 't
         (lambda folder: alter_manifest(folder, seed=1), "manifest: request: seed 1, in the"),
         (lambda folder: alter_manifest(folder, code="x"), "manifest: code: sha256 x, in the"),
         (lambda folder: alter_manifest(folder, objects=["chair/a"]), "manifest: 1 objects, not"),
-        (
-            lambda folder: alter_manifest(folder, skipped_metrics={"fid": "skipped: no"}),
-            "tables/table4_fid.csv: not the table that follows from the jobs",
-        ),
     ],
 )
-def test_an_altered_folder_is_found_by_checksums_alone(copied, check, alter, line):
+def test_an_altered_folder_is_found_by_its_checksums(copied, receipt, alter, line):
     alter(copied)
-    differences = check(copied)
+    differences = by_checksums(copied, read_receipt(receipt))
     assert any(line in difference for difference in differences), differences
+
+
+def test_what_does_not_follow_from_the_jobs_is_found(copied, check):
+    in_file("tables/table3_ssim.md", one_digit)(copied)
+    other_feature(copied)
+    alter_manifest(copied, skipped_metrics={"fid": "skipped: no"})
+    assert check(copied) == [
+        "features/fd-views.parquet: not the features of the jobs in the store",
+        "tables/table3_ssim.md: not the table that follows from the jobs",
+        "tables/table4_fid.csv: not the table that follows from the jobs",
+    ]
 
 
 def test_times_and_jobs_of_no_run_are_no_results(copied, check):
@@ -218,11 +242,11 @@ def other_judge(records, arrays):
 @pytest.mark.parametrize(
     ("name", "change", "start", "end"),
     [
-        (SPLAT, better_ssim, "splat at 2048 of chair/test-0001: ssim ", "by 0.125 (1 of 2 views, most view 1)"),
-        (SPLAT, brighter, "splat at 2048 of chair/test-0001: images of 1 of 2 ", "by up to 9 levels of 255"),
-        (TRUE, other_judge, "ground-truth of chair/test-0001: features of judge of 2 of 2", "by up to 0.5"),
+        (SPLAT, better_ssim, f"{OF}: ssim ", "by 0.125 (1 of 2 views, most view 1)"),
+        (SPLAT, brighter, f"{OF}: images of 1 of 2 views ", "by up to 9 levels of 255"),
+        (TRUE, other_judge, "ground-truth of chair/test-0001: features of judge ", "up to 0.5"),
     ],
-)  # fmt: skip
+)
 def test_a_consistent_forgery_is_found_where_its_job_is_drawn(
     copied, check, tmp_path, name, change, start, end
 ):
