@@ -133,29 +133,22 @@ def tamper(paths: list[Path], count: int, find: Callable[[], list[str]]) -> Coun
     return outcomes
 
 
-def tamper_with_all(folder: Path, count: int) -> dict[str, Counter[str]]:
-    """Return the outcomes of `count` tamperings by what was tampered with."""
+def tamper_with_all(folder: Path, count: int) -> Iterator[tuple[str, Counter[str]]]:
+    """Yield what was tampered with, and the outcomes, of `count` tamperings in all."""
     with TemporaryDirectory() as place:
         copy = Path(shutil.copytree(folder, Path(place) / "run"))
-        receipt = make_receipt(copy)
-        scratch = Path(place) / "scratch"
-        kinds: dict[str, list[Path]] = {
-            "tables": sorted(copy.glob("tables/*")),
-            "records": [copy / "records.parquet"],
-            "features": sorted(copy.glob("features/*")),
-            "manifest": [copy / "manifest.json"],
-            "images and records in the store": [copy / STORE],
+        receipt, scratch = make_receipt(copy), Path(place) / "scratch"
+        kinds: dict[str, tuple[list[Path], int]] = {
+            "tables": (sorted(copy.glob("tables/*")), 2 * count // 10),
+            "records": ([copy / "records.parquet"], 2 * count // 10),
+            "store": ([copy / STORE], 2 * count // 10),
+            "features": (sorted(copy.glob("features/*")), count // 10),
+            "manifest": ([copy / MANIFEST], count // 10),
         }
-        outcomes = {
-            kind: tamper(
-                paths,
-                count // 10 if kind in ("features", "manifest") else count // 5,
-                lambda: differences(receipt, copy, scratch),
-            )
-            for kind, paths in kinds.items()
-        }
-        outcomes |= {"code": tamper_with_code(Path(place), receipt, count // 10)}
-        return outcomes | {"weights": tamper_with_weights(Path(place), receipt, count // 10)}
+        for kind, (paths, part) in kinds.items():
+            yield kind, tamper(paths, part, lambda: differences(receipt, copy, scratch))
+        yield "code", tamper_with_code(Path(place), receipt, count // 10)
+        yield "weights", tamper_with_weights(Path(place), count // 10)
 
 
 def tamper_with_code(place: Path, receipt: dict[str, Any], count: int) -> Counter[str]:
@@ -173,7 +166,7 @@ def tamper_with_code(place: Path, receipt: dict[str, Any], count: int) -> Counte
     )
 
 
-def tamper_with_weights(place: Path, receipt: dict[str, Any], count: int) -> Counter[str]:
+def tamper_with_weights(place: Path, count: int) -> Counter[str]:
     """Return the outcomes of tamperings with a copy of the weights of a network."""
     source = find_method("splat-net@chair-tiny").weights_file
     assert source is not None
@@ -241,11 +234,11 @@ def main() -> None:
     parser.add_argument("--draws", type=int, default=100)
     parser.add_argument("--workers", default="1,2")
     arguments = parser.parse_args()
-    if arguments.tamperings:
-        outcomes = tamper_with_all(arguments.folder, arguments.tamperings)
-        for kind, counts in outcomes.items():
-            print(f"{kind}: {json.dumps(counts)}", flush=True)
-        print(f"all: {json.dumps(sum(outcomes.values(), Counter()))}")
+    every: Counter[str] = Counter()
+    for kind, counts in tamper_with_all(arguments.folder, arguments.tamperings):
+        print(f"{kind}: {json.dumps(counts)}", flush=True)
+        every += counts
+    print(f"all: {json.dumps(every)}", flush=True)
     workers = [int(text) for text in arguments.workers.split(",")]
     for number, count in enumerate(workers):
         draws = arguments.draws // len(workers)

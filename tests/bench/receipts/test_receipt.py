@@ -172,7 +172,7 @@ def test_many_tables_have_one_digest(copied):
 
 def test_a_run_without_receipt_is_refused_in_a_line(copied, tmp_path):
     assert "no such folder" in refusal(make_receipt, tmp_path / "none")
-    execute(copied, ("UPDATE artifacts SET data = 'x' WHERE id = 2",))
+    execute(copied, ("UPDATE artifacts SET data = zeroblob(9) WHERE id = 2",))
     assert "missing or altered" in refusal(make_receipt, copied)
     alter_manifest(copied, objects=["chair/test-0002", "chair/test-0001"])
     assert "are not the 2 that its request chooses now" in refusal(make_receipt, copied)

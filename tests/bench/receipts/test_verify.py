@@ -175,6 +175,7 @@ def test_what_does_not_follow_from_the_jobs_is_found(copied, check):
         "features/fd-views.parquet: not the features of the jobs in the store",
         "tables/table3_ssim.md: not the table that follows from the jobs",
         "tables/table4_fid.csv: not the table that follows from the jobs",
+        "tables/table4_fid.md: not the table that follows from the jobs",
     ]
 
 
