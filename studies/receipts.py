@@ -1,4 +1,4 @@
-"""How many tamperings with a run a receipt finds, and how many honest receipts are refused.
+"""Count the tamperings with a run that its receipt finds, and the honest receipts refused.
 
     python -m studies.receipts FOLDER [--tamperings 1000] [--draws 100] [--workers 1,2]
 
@@ -36,7 +36,7 @@ from bench.receipts.receipt import (
     to_text,
     weights_of,
 )
-from bench.receipts.verify import Verification, verify
+from bench.receipts.verify import VerifierChoices, verify
 from bench.records.job import Job, Result
 from bench.records.run_folder import MANIFEST, read_finished, read_manifest
 from bench.records.store import STORE, unpack_columns
@@ -216,7 +216,7 @@ def verify_honestly(folder: Path, draws: int, workers: int, first: int) -> tuple
             for seed in range(first, first + draws):
                 verdict = verify(
                     path,
-                    Verification(folder, seed=seed),
+                    VerifierChoices(folder, seed=seed),
                     lambda: manifest["environment"],
                     lambda count: KeptPool(pool),
                 )

@@ -16,7 +16,7 @@ from bench.commands.options import (
     worker_count,
 )
 from bench.receipts.receipt import make_receipt, to_text
-from bench.receipts.verify import SHARE, Verification, random_seed
+from bench.receipts.verify import SHARE, VerifierChoices, random_seed
 from bench.receipts.verify import verify as verify_receipt
 from bench.tables.markdown import visible
 from data_prep.files.atomic_write import write_whole
@@ -60,7 +60,7 @@ def verify(
     """Verify a receipt. Exit 0 if all agrees, 1 if something differs."""
     drawn_by = random_seed() if seed is None else seed
     verdict = verify_receipt(
-        path, Verification(run, share, drawn_by, worker_count(workers), dataset)
+        path, VerifierChoices(run, share, drawn_by, worker_count(workers), dataset)
     )
     for line in verdict.remarks:
         print(visible(line))

@@ -133,8 +133,8 @@ def remake(
     except DAMAGED as error:
         return [f"tables: cannot be made again from the jobs ({error})"], []
     lines = [*_other_records(directory, scratch), *_other_features(directory, scratch)]
-    made = table_files([outputs.headline, *outputs.tables, *outputs.further])
-    for name, text in made.items():
+    remade = table_files([outputs.headline, *outputs.tables, *outputs.further])
+    for name, text in remade.items():
         if not same_environment and not name.endswith(".csv"):
             continue
         try:
@@ -145,7 +145,7 @@ def remake(
         if stored != text.encode() and (same_environment or not same_values(stored, text)):
             lines.append(f"{TABLES}/{name}: not the table that follows from the jobs")
     names = {path.name for path in (directory / TABLES).glob("*.csv")}
-    return lines, sorted(names - made.keys())
+    return lines, sorted(names - remade.keys())
 
 
 def _other_records(directory: Path, scratch: Path) -> list[str]:
@@ -159,9 +159,9 @@ def _other_records(directory: Path, scratch: Path) -> list[str]:
 def _other_features(directory: Path, scratch: Path) -> list[str]:
     """Return a line for each file of features that has not what the store has."""
     folders = (directory / FEATURES, scratch / FEATURES)
-    stored, made = ({path.name for path in folder.glob("*.parquet")} for folder in folders)
-    lines = [f"{FEATURES}/{name}: features of no job" for name in sorted(stored - made)]
-    for name in sorted(made):
+    stored, remade = ({path.name for path in folder.glob("*.parquet")} for folder in folders)
+    lines = [f"{FEATURES}/{name}: features of no job" for name in sorted(stored - remade)]
+    for name in sorted(remade):
         first, second = (folder / name for folder in folders)
         try:
             if not same_parquet(first, second):
@@ -178,8 +178,8 @@ def same_parquet(first: Path, second: Path) -> bool:
     """
     if first.read_bytes() == second.read_bytes():
         return True
-    stored, made = (pq.read_table(path, use_threads=False) for path in (first, second))
-    return stored.equals(made) and _statistics(first) == _statistics(second)
+    stored, remade = (pq.read_table(path, use_threads=False) for path in (first, second))
+    return stored.equals(remade) and _statistics(first) == _statistics(second)
 
 
 def _statistics(path: Path) -> list[Any]:

@@ -144,9 +144,9 @@ def weights_of(identities: Mapping[str, str]) -> dict[str, str]:
     sums = {name: CHECKSUM.findall(identity) for name, identity in identities.items()}
     # A method may have the weights of several networks.
     return {
-        name: found[0] if len(found) == 1 else sha256(" ".join(found).encode()).hexdigest()
-        for name, found in sums.items()
-        if found
+        name: parts[0] if len(parts) == 1 else sha256(" ".join(parts).encode()).hexdigest()
+        for name, parts in sums.items()
+        if parts
     }
 
 

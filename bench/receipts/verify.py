@@ -64,7 +64,7 @@ MOST_SEED = 2**32
 
 
 @dataclass(frozen=True)
-class Verification:
+class VerifierChoices:
     """The choices of a verifier.
 
     Attributes
@@ -125,7 +125,7 @@ def random_seed() -> int:
 
 def verify(
     path: Path,
-    choices: Verification,
+    choices: VerifierChoices,
     probe: Callable[[], Mapping[str, str]] | None = None,
     start: Callable[[int], Executor[Job, Result]] | None = None,
 ) -> Verdict:
@@ -134,7 +134,7 @@ def verify(
     Parameters
     ----------
     path : Path
-    choices : Verification
+    choices : VerifierChoices
     probe : callable or None
         Finds out the environment, as for `bench.running.protocol.protocol_of`.
     start : callable or None
@@ -173,7 +173,7 @@ def verify(
 
 def _prepare(
     receipt: Mapping[str, Any],
-    choices: Verification,
+    choices: VerifierChoices,
     probe: Callable[[], Mapping[str, str]] | None,
     start: Callable[[int], Executor[Job, Result]] | None,
 ) -> _Here:
@@ -230,7 +230,7 @@ def _environment_remark(receipt: Mapping[str, Any], here: _Here) -> str:
 def _verify_folder(
     receipt: Mapping[str, Any],
     here: _Here,
-    choices: Verification,
+    choices: VerifierChoices,
     manifest: Mapping[str, Any],
     scratch: Path,
 ) -> tuple[list[str], list[str]]:
@@ -294,7 +294,7 @@ def _computed(here: _Here, chosen: Sequence[ChosenJobs], directory: Path) -> Ite
         yield store
 
 
-def _share_remark(here: _Here, chosen: Sequence[ChosenJobs], choices: Verification) -> str:
+def _share_remark(here: _Here, chosen: Sequence[ChosenJobs], choices: VerifierChoices) -> str:
     jobs = sum(len(obj.jobs) for obj in chosen)
     total = len(here.plan) * (here.plan.jobs_per_object - 1)
     return (
@@ -304,7 +304,7 @@ def _share_remark(here: _Here, chosen: Sequence[ChosenJobs], choices: Verificati
 
 
 def _verify_parts(
-    receipt: Mapping[str, Any], here: _Here, choices: Verification, scratch: Path
+    receipt: Mapping[str, Any], here: _Here, choices: VerifierChoices, scratch: Path
 ) -> tuple[list[str], list[str]]:
     """Return the parts of the jobs whose results here are not those of the receipt, and remarks.
 
@@ -351,8 +351,8 @@ def _compare_tables(
     write_manifest(scratch, manifest)
     write_parquet(manifest, scratch, store, [name for name, _ in here.protocol.features], {})
     write_outputs(scored_run(scratch, manifest))
-    made = digest_tables(scratch, here.protocol.suite)
-    tables = condensed(made) if receipt["tables"].keys() == {"all"} else made
+    remade = digest_tables(scratch, here.protocol.suite)
+    tables = condensed(remade) if receipt["tables"].keys() == {"all"} else remade
     lines = [
         f"{TABLES}/{name}: the table of the results here is not that of the receipt"
         for name, digest in receipt["tables"].items()

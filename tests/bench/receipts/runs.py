@@ -8,7 +8,7 @@ from contextlib import closing
 from pathlib import Path
 
 from bench.receipts.receipt import make_receipt, to_text, with_digest
-from bench.receipts.verify import Verdict, Verification, verify
+from bench.receipts.verify import Verdict, VerifierChoices, verify
 from bench.records.run_folder import read_manifest
 from bench.records.store import STORE
 from bench.running.isolation import one_thread
@@ -41,7 +41,7 @@ def verified(
     """Verify with the driver of the run in a folder, or another one named `gl`, in this process."""
     environment = read_manifest(environment_of)["environment"] | ({"gl": gl} if gl else {})
     return verify(
-        receipt, Verification(folder, **choices), lambda: environment, lambda n: InProcess(n)
+        receipt, VerifierChoices(folder, **choices), lambda: environment, lambda n: InProcess(n)
     )
 
 

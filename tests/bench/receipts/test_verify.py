@@ -20,7 +20,7 @@ from bench.receipts.receipt import (
     make_receipt,
     read_receipt,
 )
-from bench.receipts.verify import Verification, random_seed, verify
+from bench.receipts.verify import VerifierChoices, random_seed, verify
 from bench.records.artifacts import JobName, pack, unpack
 from bench.records.run_folder import read_manifest, read_store
 from bench.records.store import open_store, pack_records
@@ -352,4 +352,4 @@ def test_the_commands(finished, tmp_path, command, same_machine):
 
 def test_the_seed_is_another_each_time(finished, receipt):
     assert len({random_seed() for _ in range(20)}) == 20
-    assert "--share" in refusal(verify, receipt, Verification(share=-0.1))
+    assert "--share" in refusal(verify, receipt, VerifierChoices(share=-0.1))
