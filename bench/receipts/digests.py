@@ -34,6 +34,7 @@ TIMES = ("prepare_s", "draw_s")
 # One job stands for every condition where its method does not see the cloud: the condition of its
 # records is the first one that it was asked for.
 SCORED = tuple(name for name in Record.__dataclass_fields__ if name not in (*TIMES, "condition"))
+UNREADABLE = f"{STORE}: cannot be read"
 MOST_TABLE_BYTES = 256 * MIB
 # Libraries raise these, beside BadInput, while they read a file of which bytes were changed.
 DAMAGED = (
@@ -69,7 +70,7 @@ def digest_folder(directory: Path, manifest: Mapping[str, Any]) -> FolderDigests
             jobs, parts = digest_jobs(store, manifest, problems)
     except DAMAGED as error:
         jobs, parts = {"count": 0, "parts": "", "sha256": ""}, []
-        problems.append(f"{STORE}: cannot be read ({error})")
+        problems.append(f"{UNREADABLE} ({error})")
     try:
         records = digest_records(directory)
     except DAMAGED as error:

@@ -7,6 +7,7 @@ same but for rounding.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bench.catalogue.metrics import (
     LEARNED_METRICS,
@@ -72,7 +73,7 @@ def other_truth(job: Job, stored: StoredJob, here: StoredJob) -> list[str]:
     ]
 
 
-def _close(first: object, second: Floats) -> bool:
+def _close(first: object, second: NDArray[np.floating]) -> bool:
     """Return whether two arrays are the same but for rounding."""
     if not isinstance(first, np.ndarray) or first.shape != second.shape:
         return False

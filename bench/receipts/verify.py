@@ -20,6 +20,7 @@ from bench.receipts.compare import compare_job, read_job
 from bench.receipts.digests import (
     DAMAGED,
     PART_DIGITS,
+    UNREADABLE,
     deal,
     digest_inputs,
     digest_jobs,
@@ -241,6 +242,8 @@ def _verify_folder(
     if described["request"] != receipt["request"] or manifest["objects"] != here.plan.names:
         return lines, [f"{directory} has another run; nothing else is compared"]
     lines += compare_folder(receipt, directory, manifest)
+    if any(line.startswith(UNREADABLE) for line in lines):
+        return lines, ["nothing is computed again: there is no store to compare with"]
     extractors = [name for name, _ in here.protocol.features]
     more, not_made = remake(
         directory, manifest, extractors, scratch / "again", here.same_environment

@@ -179,6 +179,13 @@ def test_what_does_not_follow_from_the_jobs_is_found(copied, check):
     ]
 
 
+@pytest.mark.parametrize("change", [lambda data: data[:5000], lambda data: b"x" * 100 + data[100:]])
+def test_a_store_that_cannot_be_read_is_a_difference(copied, check, change):
+    in_file("run.sqlite", change)(copied)
+    differences = check(copied, share=1.0)
+    assert differences[0].startswith("run.sqlite: cannot be read (")
+
+
 def test_times_and_jobs_of_no_run_are_no_results(copied, check):
     with open_store(copied) as store:
         (row,) = [r for r in store.listed() if r.name == SPLAT]
