@@ -22,7 +22,7 @@ from bench.receipts.digests import (
     digest_records,
 )
 from bench.receipts.receipt import PROTOCOL, condensed
-from bench.records.parquet import FEATURES, RECORDS, write_features, write_records
+from bench.records.parquet import FEATURES, RECORDS, read_records, write_features, write_records
 from bench.records.run_folder import write_manifest
 from bench.records.store import open_store
 from bench.tables.build import make_outputs
@@ -150,6 +150,7 @@ def remake(
 
 def _other_records(directory: Path, scratch: Path) -> list[str]:
     try:
+        read_records(directory)  # all of it: others read the times as well
         same = digest_records(directory) == digest_records(scratch)
     except DAMAGED as error:
         return [f"{RECORDS}: cannot be read ({error})"]

@@ -136,7 +136,19 @@ def describe_manifest(directory: Path, manifest: Mapping[str, Any]) -> dict[str,
 
 def environment_with_python(manifest: Mapping[str, Any]) -> dict[str, str]:
     """Return what the last digits of results depend on beside code and weights."""
-    return environment_of(manifest) | {"python": str(manifest["versions"].get("python"))}
+    identities = {
+        name: [
+            CHECKSUM.sub("", str(part)) for part in identity
+        ]  # weights have entries of their own
+        for name, identity in {
+            **manifest["identities"],
+            **{f"metric {name}": [text] for name, text in manifest["feature_identity"].items()},
+        }.items()
+    }
+    return environment_of(manifest) | {
+        "python": str(manifest["versions"].get("python")),
+        "identities": sha256(to_text(identities).encode()).hexdigest(),
+    }
 
 
 def weights_of(identities: Mapping[str, str]) -> dict[str, str]:
