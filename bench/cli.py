@@ -2,7 +2,8 @@
 
 Exit status: 0 done; 1 a regression, a receipt that is not verified, a machine that cannot run, a
 training that diverged, a failed method (on a cloud, or on all objects of a run), a failure that no
-longer occurs, or a request that no method meets; 2 an error for the user to fix; 130 interrupted; 141 output closed by its reader.
+longer occurs, or a request that no method meets; 2 an error for the user to fix; 130 interrupted;
+141 output closed by its reader.
 """
 
 from __future__ import annotations
