@@ -1,0 +1,1 @@
+"""Receipts of runs, by which others verify them."""
