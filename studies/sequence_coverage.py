@@ -1,7 +1,7 @@
 """The rate of false verdicts of runs that are looked at after each object, and when they decide.
 
     python -m studies.sequence_coverage DIR [--runs 2000] [--objects 100] [--methods A,B]
-        [--counts 8,24,100,1000]
+        [--without 24] [--counts 8,24,100,1000]
 
 First table: simulated runs. The objects of a finished run in DIR are drawn with replacement, all
 their differences together, and `bench.analysis.decided` looks after each. A verdict is false where
@@ -198,9 +198,11 @@ def main() -> None:
     parser.add_argument("--runs", type=positive, default=2000)
     parser.add_argument("--objects", type=positive, default=100)
     parser.add_argument("--methods", type=names)
+    parser.add_argument("--without", type=int, default=0, help="leave out the first objects")
     parser.add_argument("--counts", type=numbers, default=(8, 24, 100, 1000))
     options = parser.parse_args()
-    differences_of = recorded(options.directory, options.methods)
+    every = recorded(options.directory, options.methods)
+    differences_of = {pair: values[options.without :] for pair, values in every.items()}
     within = {p: v.clip(-BOUNDS[p.metric], BOUNDS[p.metric]) for p, v in differences_of.items()}
     populations = {"as recorded": within}
     for title, mean in (("all means 0", 0.0), (f"all means {BEYOND:g}", BEYOND)):
