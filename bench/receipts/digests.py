@@ -197,9 +197,11 @@ def unpack_all(artifact: bytes) -> dict[str, Any]:
         with zipfile.ZipFile(io.BytesIO(artifact)) as archive:
             names = [name.removesuffix(".npy") for name in archive.namelist()]
     except zipfile.BadZipFile as error:
-        raise BadInput(f"images that are no .npz ({error})") from error
+        raise BadInput(
+            f"images that are no .npz ({error}); start the run again with its command"
+        ) from error
     if IMAGES not in names:
-        raise BadInput(f"no images among {', '.join(names)}")
+        raise BadInput(f"no images among {', '.join(names)}; start the run again with its command")
     return unpack(artifact, names)
 
 

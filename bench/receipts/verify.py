@@ -187,7 +187,10 @@ def _prepare(
     protocol, skipped = protocol_of(suite, options, probe)
     if lacking := sorted(receipt["metrics"].keys() - protocol.feature_identity.keys()):
         reason = skipped.get(lacking[0], "not of its suite")
-        raise BadInput(f"{lacking[0]} is measured in the receipt's run, and not here: {reason}")
+        raise BadInput(
+            f"{lacking[0]} is measured in the receipt's run, and not here: {reason}; "
+            "'bench doctor' says what to install"
+        )
     # The weights of fid may be at hand here and not there.
     features = tuple(pair for pair in protocol.features if pair[0] in receipt["metrics"])
     identity = {name: protocol.feature_identity[name] for name, _ in features}
