@@ -471,12 +471,13 @@ def test_default_folder(tmp_path, monkeypatch):
 
 
 class EnoughAfterOne:
-    """A stop rule that keeps what it is offered."""
+    """A stop rule that keeps the objects it is offered, beside the live table of a run."""
 
-    def __init__(self):
-        self.order, self.offered = [], []
+    def __init__(self, live):
+        self.live, self.order, self.offered = live, [], []
 
     def begin(self, manifest, order):
+        self.live.begin(manifest, order)
         self.order = list(order)
 
     def add_missing(self, snapshot):
@@ -493,15 +494,17 @@ def test_a_stop_rule_ends_a_run_and_is_offered_each_object_once(
     finished, same_machine, tiny_weights, tmp_path
 ):
     options = replace(finished_options(tiny_weights, tmp_path / "run"), workers=1)
-    rule = EnoughAfterOne()
-    stopped = run(options, publish, partial(Terminal, LiveTable().table), stop_rule=rule)
+    live = LiveTable()
+    rule = EnoughAfterOne(live)
+    stopped = run(options, publish, partial(Terminal, live.table), stop_rule=rule)
     # an object that was begun while the first went on is finished, too
     assert 1 <= stopped.objects < stopped.planned == 3
     assert (stopped.decided, stopped.interrupted) == (True, False)
     assert sorted(rule.order) == [f"chair/test-000{i}" for i in range(3)]
     assert rule.offered == rule.order[: stopped.objects]
-    again = EnoughAfterOne()  # the objects of before are offered first
-    more = run(options, publish, partial(Terminal, LiveTable().table), stop_rule=again)
+    live = LiveTable()
+    again = EnoughAfterOne(live)  # the objects of before are offered first
+    more = run(options, publish, partial(Terminal, live.table), stop_rule=again)
     assert more.decided
     assert again.offered[: stopped.objects] == sorted(rule.offered)
     assert len(again.offered) == len({*again.offered}) == more.objects
