@@ -11,6 +11,7 @@ import typer
 from bench.commands.options import (
     RunDirectory,
     WorkersOption,
+    names,
     path_argument,
     path_option,
     worker_count,
@@ -55,13 +56,20 @@ def verify(
         str | None,
         typer.Option(help="The dataset here, where its path is another. Default: the receipt's."),
     ] = None,
+    images: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TREE,...",
+            help="The trees of methods entered by images, where their paths are others here.",
+        ),
+    ] = None,
     workers: WorkersOption = None,
 ) -> None:
     """Verify a receipt. Exit 0 if all agrees, 1 if something differs."""
     drawn_by = random_seed() if seed is None else seed
-    verdict = verify_receipt(
-        path, VerifierChoices(run, share, drawn_by, worker_count(workers), dataset)
-    )
+    trees = tuple(map(Path, names(images) or ()))
+    choices = VerifierChoices(run, share, drawn_by, worker_count(workers), dataset, trees)
+    verdict = verify_receipt(path, choices)
     for line in verdict.remarks:
         print(visible(line))
     for line in verdict.differences:

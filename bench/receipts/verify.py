@@ -14,7 +14,9 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from bench.analysis.scored import scored_run
+from bench.catalogue.claims import PREFIX, address_of
 from bench.catalogue.lookup import find
+from bench.catalogue.methods import find_run_method
 from bench.catalogue.suites import SUITES
 from bench.receipts.compare import compare_job, read_job
 from bench.receipts.digests import (
@@ -80,6 +82,8 @@ class VerifierChoices:
         Worker processes; None for one a core.
     dataset : str or None
         Dataset in place of that of the receipt, whose path is one of another machine.
+    images : tuple of Path
+        Trees of methods entered by images, in place of those that the run's manifest names.
     """
 
     run: Path | None = None
@@ -87,6 +91,7 @@ class VerifierChoices:
     seed: int = 0
     workers: int | None = None
     dataset: str | None = None
+    images: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -154,7 +159,7 @@ def verify(
     if choices.run is not None and is_former(choices.run):
         raise BadInput(f"{choices.run}: of an earlier version; bring it over with 'bench table'")
     manifest = None if choices.run is None else read_finished(choices.run)
-    here = _prepare(receipt, choices, probe, start)
+    here = _prepare(receipt, choices, manifest or {}, probe, start)
     differences = _compare_protocol(receipt, here)
     remarks = [_environment_remark(receipt, here)]
     with TemporaryDirectory(prefix="bench-verify-") as scratch:
@@ -175,16 +180,29 @@ def verify(
 def _prepare(
     receipt: Mapping[str, Any],
     choices: VerifierChoices,
+    manifest_there: Mapping[str, Any],
     probe: Callable[[], Mapping[str, str]] | None,
     start: Callable[[int], Executor[Job, Result]] | None,
 ) -> _Here:
     """Return the receipt's request as it would be run here, with the metrics that it has.
 
-    Raises BadInput where the request cannot be made here.
+    `manifest_there` is that of the run, empty where only the receipt is at hand. Raises BadInput
+    where the request cannot be made here.
     """
+    entered = {find_run_method(f"{PREFIX}{tree}").id: f"{PREFIX}{tree}" for tree in choices.images}
     options = replace(options_of(receipt["request"], choices.dataset), workers=choices.workers)
+    addresses = (entered.get(m) or address_of(manifest_there, m) for m in options.methods or ())
+    options = replace(options, methods=tuple(addresses))
     suite = find(options.suite, SUITES, "suite")
-    protocol, skipped = protocol_of(suite, options, probe)
+    try:
+        protocol, skipped = protocol_of(suite, options, probe)
+    except BadInput as error:
+        unknown = str(error).partition(": ")[0]
+        if not unknown.startswith("unknown method "):
+            raise
+        raise BadInput(
+            f"{unknown}: install its package, or give --images TREE if it was entered by images"
+        ) from error
     if lacking := sorted(receipt["metrics"].keys() - protocol.feature_identity.keys()):
         reason = skipped.get(lacking[0], "not of its suite")
         raise BadInput(
