@@ -60,7 +60,7 @@ def verify(
         str | None,
         typer.Option(
             metavar="TREE,...",
-            help="The trees of methods entered by images, where their paths are others here.",
+            help="The trees of methods entered by images. Default: those that the run names.",
         ),
     ] = None,
     workers: WorkersOption = None,
