@@ -201,7 +201,7 @@ def _prepare(
         if not unknown.startswith("unknown method "):
             raise
         raise BadInput(
-            f"{unknown}: install its package, or give --images TREE if it was entered by images"
+            f"{unknown}; install its package, or give --images TREE if it was entered by images"
         ) from error
     if lacking := sorted(receipt["metrics"].keys() - protocol.feature_identity.keys()):
         reason = skipped.get(lacking[0], "not of its suite")

@@ -337,7 +337,7 @@ def test_what_cannot_be_verified_is_refused(finished, receipt, tmp_path, command
     status, err = answer(write_receipt(tmp_path / "unknown.json", unknown))
     assert status == 2
     assert err == (
-        "bench: unknown method 'splta': install its package, or give --images TREE if it was "
+        "bench: unknown method 'splta'; install its package, or give --images TREE if it was "
         "entered by images\n"
     )
 
