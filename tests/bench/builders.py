@@ -6,6 +6,7 @@ import sqlite3
 from collections.abc import Iterable
 from contextlib import closing, suppress
 from dataclasses import asdict, replace
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
 
@@ -20,6 +21,8 @@ from bench.analysis.scored import ScoredRun, scored_run
 from bench.catalogue.methods import FLOORS
 from bench.catalogue.metrics import IMAGE_METRICS, column
 from bench.catalogue.suites import SUITES, Suite
+from bench.commands.live import LiveTable
+from bench.commands.terminal import Terminal
 from bench.metrics.frechet import (
     JackknifeMoments,
     frechet_distance,
@@ -228,6 +231,12 @@ def read_all(directory) -> list[Record]:
     """The records of a run, to be altered and written again by `write_all`."""
     frame = read_records(directory).rename(columns={"class": "class_name"})
     return [Record(**{str(name): row[name] for name in row}) for row in frame.to_dict("records")]
+
+
+def watched(reporter=Terminal, *arguments):
+    """The arguments `watch` and `stop_rule` of a run with a live table, as commands give them."""
+    live = LiveTable()
+    return {"watch": partial(reporter, *arguments, live.table), "stop_rule": live}
 
 
 def refusal(function, *arguments):

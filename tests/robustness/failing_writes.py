@@ -210,7 +210,8 @@ def run_once(out: Path, writes: Writes, done: Any) -> None:
     )
     with mock.patch.object(Store, "append", noted), failing(writes):
         try:
-            run(options, publish, partial(Terminal, LiveTable().table))
+            live = LiveTable()
+            run(options, publish, partial(Terminal, live.table), stop_rule=live)
         except (OSError, BadInput) as error:
             done.send(f"refused: {error}")
         except BaseException as error:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import pytest
@@ -12,7 +11,6 @@ import pytest
 from bench.catalogue.modules import ALLOWED, allow_modules, module_method, source_sha256
 from bench.catalogue.suites import STABILITY, SUITES
 from bench.commands.add import options_of
-from bench.commands.live import LiveTable
 from bench.commands.publish import merge_shards, publish, run_suite
 from bench.commands.terminal import Terminal
 from bench.records.parquet import read_records
@@ -26,7 +24,7 @@ from bench.running.shards import Shard
 from bench.suites.procedure import methods_of
 from data_prep.failures import BadInput
 
-from ..builders import file_bytes, finished_options, make_manifest, stored_keys
+from ..builders import file_bytes, finished_options, make_manifest, stored_keys, watched
 
 TABLE = "tables/table3_ssim.csv"
 
@@ -95,7 +93,7 @@ def test_an_extension_that_is_stopped_leaves_the_outputs_and_goes_on(
     """With a further method: one of three objects is complete when Ctrl-C comes."""
     manifest, seen = read_manifest(copied), []
     options = finished_options(tiny_weights, copied, methods=("constant",))
-    stopped = run(options, publish, partial(Stopped, 1, copied, seen, LiveTable().table))
+    stopped = run(options, publish, **watched(Stopped, 1, copied, seen))
     assert (stopped.interrupted, stopped.outputs) == (True, None)
     assert (stopped.objects, stopped.planned, stopped.done) == (1, 3, 1)
     assert seen == [manifest]  # a kill finds the run as it was, too
@@ -232,7 +230,7 @@ def test_a_suite_with_a_procedure_of_its_own_does_not_narrow_a_run(tmp_path):
 
 def measure(options):
     """Carry out a run without its tables, figures and report, which take most of the time."""
-    return run(options, lambda written: written, partial(Terminal, LiveTable().table))
+    return run(options, lambda written: written, **watched())
 
 
 GREY = """import numpy as np

@@ -39,7 +39,14 @@ from bench.tables.build import tables
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from data_prep.failures import BadInput, MissingDependency
 
-from ..builders import EXTRACTORS, assert_equal_runs, file_bytes, finished_options, stored_keys
+from ..builders import (
+    EXTRACTORS,
+    assert_equal_runs,
+    file_bytes,
+    finished_options,
+    stored_keys,
+    watched,
+)
 from ..conftest import BENCH, start_run
 
 SHARES = ("methods", "metrics", "rendering", "harness")
@@ -288,7 +295,7 @@ def test_some_objects_now_and_the_others_later(
     monkeypatch.setenv("COLUMNS", "100")  # pytest-xdist sets 80
     directory = tmp_path / "run"
     options = finished_options(tiny_weights, directory)
-    first = run(options, publish, partial(Interrupted, LiveTable().table))
+    first = run(options, publish, **watched(Interrupted))
     assert (first.interrupted, first.objects, first.planned, first.done) == (True, 1, 3, 8)
     assert read_manifest(directory)["objects"] == ["chair/test-0000"]
     interim_table = (directory / "tables" / "headline.md").read_text()
@@ -298,8 +305,8 @@ def test_some_objects_now_and_the_others_later(
     )
     assert set(records(directory)["object"]) == {"test-0000"}
 
-    reporter = partial(Terminal, LiveTable().table)
-    second = run(replace(options, budget=100.0), publish, reporter, OneMore)
+    more = replace(options, budget=100.0)
+    second = run(more, publish, make_budget=OneMore, **watched())
     assert (second.interrupted, second.objects, second.reused) == (False, 2, 8)
     assert read_manifest(directory)["finished"]
     status, out, err = command("table", directory)
@@ -371,7 +378,7 @@ def counted_run(options):
     status = run_status(options, protocol)
     to_do = sum(status.left.values())
     counts = {"total": 0, "ended": 0}
-    done = run(options, publish, partial(Counting, counts, LiveTable().table))
+    done = run(options, publish, **watched(Counting, counts))
     assert (done.done, done.reused) == (
         to_do,
         status.plan.job_count - to_do,
