@@ -38,6 +38,7 @@ from bench.receipts.receipt import (
 )
 from bench.receipts.verify import VerifierChoices, verify
 from bench.records.job import Job, Result
+from bench.records.record import TIMES
 from bench.records.run_folder import MANIFEST, read_finished, read_manifest
 from bench.records.store import STORE, unpack_columns
 from bench.running.environment import RESULT_CODE, ROOT, SUFFIXES, code_sha256
@@ -46,7 +47,6 @@ from bench.running.protocol import name_of
 from data_prep.failures import BadInput
 from data_prep.randomness import generator
 
-TIMES = ("prepare_s", "draw_s")
 UNMEASURED = (  # entries of a manifest that no result depends on
     *("command", "started", "finished", "stage_seconds", "worker_shares", "workers", "cluster"),
     *("machine", "git", "versions"),

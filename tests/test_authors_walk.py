@@ -83,7 +83,7 @@ def test_the_walk_of_the_page_ends_with_a_verdict(tmp_path, monkeypatch):
 
 
 def test_the_commands_for_agents_run(tmp_path, monkeypatch):
-    """With the run and the method of the page: the same commands stand there."""
+    """The run and the method are those of the page, where the same commands stand."""
     text = AGENTS.read_text(encoding="utf-8")
     assert len(text.splitlines()) <= 60
     lines = lines_of(AGENTS)

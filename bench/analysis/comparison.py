@@ -25,7 +25,7 @@ from bench.analysis.intervals import (
     mean_interval,
     median_interval,
 )
-from bench.analysis.object_sums import SECONDS, ObjectSums
+from bench.analysis.object_sums import ObjectSums
 from bench.catalogue.methods import FLOOR, role
 from bench.catalogue.metrics import (
     CONTROL_METRICS,
@@ -35,6 +35,7 @@ from bench.catalogue.metrics import (
     is_mean,
     value_range,
 )
+from bench.records.record import TIMES
 from data_prep.arrays import Floats
 
 NAN = float("nan")
@@ -134,7 +135,7 @@ def compare(
             continue
         names = [method for method in every if methods is None or method in methods]
         prepare_s, draw_s = (
-            {m: sums.per_object((m, *cell), name)[known > 0] for m in names} for name in SECONDS
+            {m: sums.per_object((m, *cell), name)[known > 0] for m in names} for name in TIMES
         )
         qualities = {
             metric: {

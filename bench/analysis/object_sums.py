@@ -20,12 +20,11 @@ from bench.analysis.cells import CellKey, cells
 from bench.catalogue.methods import FLOOR
 from bench.catalogue.metrics import IMAGE_METRICS, LEARNED_METRICS, column
 from bench.records.parquet import read_batches
-from bench.records.record import Record
+from bench.records.record import TIMES, Record
 from data_prep.arrays import Floats
 from data_prep.failures import BadInput
 
 KEY = ("method", "condition", "class", "object")
-SECONDS = ("prepare_s", "draw_s")  # are summed as scores are
 ONE = np.uint16(1)  # of the type of the counts: a number of another takes 30 times as long to add
 VIEWS = 2**16  # more than an object can have: numbers of its images are uint16
 
@@ -83,9 +82,9 @@ class ObjectSums:
         self._missing = np.empty((2, 0), np.int64)  # numbers of images and their places
         self.reasons: dict[CellKey, Counter[str]] = {}
         self.metrics: list[str] = []
-        for metric in (*metrics, *SECONDS):
+        for metric in (*metrics, *TIMES):  # which are summed as scores are
             self._begin(metric)
-        self.metrics = [metric for metric in self.metrics if metric not in SECONDS]
+        self.metrics = [metric for metric in self.metrics if metric not in TIMES]
 
     def _begin(self, metric: str) -> None:
         self.metrics.append(metric)

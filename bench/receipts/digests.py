@@ -19,18 +19,17 @@ from bench.catalogue.suites import Suite
 from bench.catalogue.truth import stored_suite
 from bench.records.artifacts import IMAGES, JobName, unpack
 from bench.records.parquet import RECORDS, read_records
-from bench.records.record import COLUMNS, GROUND_TRUTH, Record
+from bench.records.record import COLUMNS, GROUND_TRUTH, TIMES, Record
 from bench.records.store import STORE, JobRow, Store, open_store
+from bench.running.plan import views_of
 from bench.tables.table import TABLES
 from data_prep.datasets.objects import SceneObject
 from data_prep.failures import BadInput
 from data_prep.files.checksums import file_sha256
 from data_prep.files.safe_read import MIB
-from data_prep.randomness import generator
 
 PARTS = 32  # digests of jobs in a receipt, at most
 PART_DIGITS = 16  # of each in the receipt; the digest of all jobs is of whole ones
-TIMES = ("prepare_s", "draw_s")
 # One job stands for every condition where its method does not see the cloud: the condition of its
 # records is the first one that it was asked for.
 SCORED = tuple(name for name in Record.__dataclass_fields__ if name not in (*TIMES, "condition"))
@@ -225,8 +224,7 @@ def digest_inputs(objects: Sequence[SceneObject], views: int, seed: int) -> dict
     """
     digest = sha256()
     for obj in objects:
-        rng = generator(seed, "views", obj.class_name, obj.object_id)
-        seen = [[view.azimuth_deg, view.elevation_deg] for view in obj.views(views, rng)]
+        seen = [[v.azimuth_deg, v.elevation_deg] for v in views_of(obj, views, seed)]
         identity = [obj.class_name, obj.object_id, obj.fingerprint(), seen]
         digest.update(json.dumps(identity).encode())
     return {"objects": len(objects), "sha256": digest.hexdigest()}

@@ -186,9 +186,9 @@ def options_of(request: Mapping[str, Any], dataset: str | None = None) -> Option
     return Options(**given, shard=shard)
 
 
-def find_objects(request: Mapping[str, Any], dataset: str | None = None) -> tuple[SceneObject, ...]:
+def find_objects(request: Mapping[str, Any]) -> tuple[SceneObject, ...]:
     """Return the objects that a receipt's request chooses."""
-    options = options_of(request, dataset)
+    options = options_of(request)
     suite = find(options.suite, SUITES, "suite")
     return objects_of(suite, open_dataset(options.dataset), options)
 

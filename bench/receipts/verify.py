@@ -341,7 +341,7 @@ def _verify_parts(
     chosen = [ChosenJobs(planned, planned.jobs[1:]) for planned in some]
     lines: list[str] = []
     with _computed(here, chosen, scratch) as store:
-        store.list_jobs((j.key, j.name) for o in some for j in (o.truth, *o.method_jobs))
+        store.list_jobs((j.key, j.name) for obj in some for j in obj.listed)
         for number in numbers:
             rows = (store.listed_of(*name.split("/", 1)) for name in parts[number])
             leaves = [leaf for row in rows for leaf in digest_object(store, row, lines)]

@@ -60,6 +60,7 @@ class Record:
     draw_s: float | None = None
 
 
+TIMES = ("prepare_s", "draw_s")  # the columns that differ from run to run
 COLUMNS = tuple(  # of `records.parquet`
     "class" if name == "class_name" else name for name in Record.__dataclass_fields__
 )
@@ -69,5 +70,5 @@ TYPES = {  # of the columns that are not text
     **dict.fromkeys(("ssim", "luminance", "contrast", "structure", "psnr"), "float64"),
     **dict.fromkeys(("ssim_object", "silhouette_iou", "thin_recall", "thin_precision"), "float64"),
     "lpips": "float64",
-    **dict.fromkeys(("prepare_s", "draw_s"), "float64"),
+    **dict.fromkeys(TIMES, "float64"),
 }

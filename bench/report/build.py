@@ -14,7 +14,6 @@ import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from bench.analysis.comparison import ALL, pooled
-from bench.analysis.object_sums import SECONDS
 from bench.analysis.scored import in_order
 from bench.analysis.scores import QualityRow
 from bench.catalogue.claims import entered_claims
@@ -36,6 +35,7 @@ from bench.catalogue.metrics import (
 from bench.catalogue.modules import is_module_name
 from bench.catalogue.suite_types import TRUTHS, Suite, Truth
 from bench.records.artifacts import JobName
+from bench.records.record import TIMES
 from bench.records.store import STORE
 from bench.records.stored_artifacts import read_jobs
 from bench.report.families import family_curves
@@ -96,7 +96,7 @@ def read_page(made: Outputs) -> Page:
     views = int(manifest["views"])
     headline = [metric for metric in run.measured(suite.headline) if is_mean(metric)]
     by = ("method", "condition", "class", "object", "view")
-    columns = (*by, "azimuth_deg", "elevation_deg", "outcome", "reason", "notes", *SECONDS)
+    columns = (*by, "azimuth_deg", "elevation_deg", "outcome", "reason", "notes", *TIMES)
     records = in_order(run.read_images((*columns, column(headline[0]))), manifest, by)
     chosen = extremes(records, headline[0])
     sources = open_sources(run.directory, manifest, _shown(records, chosen))

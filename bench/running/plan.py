@@ -43,6 +43,11 @@ class ObjectJobs:
         return name_of(self.truth.object)
 
     @property
+    def listed(self) -> tuple[Job, ...]:
+        """Return the ground truth and the jobs of all cells, of which some may be one job."""
+        return (self.truth, *self.method_jobs)
+
+    @property
     def jobs(self) -> tuple[Job, ...]:
         """Return each job once, the ground truth first."""
         unique: dict[str, Job] = {}
@@ -137,8 +142,7 @@ class Plan(Sequence[ObjectJobs]):
 
     def _jobs_of(self, obj: SceneObject) -> ObjectJobs:
         protocol, suite = self.protocol, self.protocol.suite.id
-        rng = generator(protocol.seed, "views", obj.class_name, obj.object_id)
-        views = obj.views(protocol.views, rng)
+        views = views_of(obj, protocol.views, protocol.seed)
         identity = _encoded(_object_identity(protocol, obj, views))
 
         def job(
@@ -177,6 +181,11 @@ class Plan(Sequence[ObjectJobs]):
             for method, cell, start, end in self._cells
         )
         return ObjectJobs(job(truth, GROUND_TRUTH, "", Unchanged(), None), method_jobs)
+
+
+def views_of(obj: SceneObject, count: int, seed: int) -> tuple[View, ...]:
+    """Return the views that a run with this seed has of an object."""
+    return obj.views(count, generator(seed, "views", obj.class_name, obj.object_id))
 
 
 def plan(protocol: Protocol) -> Plan:

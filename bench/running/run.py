@@ -290,9 +290,7 @@ def _carry_out(
         outputs = None
         if part is not None:
             write_manifest(directory, part.manifest)  # the tables are of these objects
-            store.list_jobs(
-                (job.key, job.name) for obj in part.plan for job in (obj.truth, *obj.method_jobs)
-            )
+            store.list_jobs((job.key, job.name) for obj in part.plan for job in obj.listed)
             extractors = [metric for metric, _ in prepared.protocol.features]
             outputs = publish(write_parquet(part.manifest, directory, store, extractors, seconds))
         of_workers = shares(

@@ -13,13 +13,14 @@ from bench.analysis.comparison import NAN
 from bench.analysis.condition_sweep import ConditionCurve, condition_curves, paired_comparisons
 from bench.analysis.decided import decided_pairs
 from bench.analysis.frontier import FrontierPoint, SubsampledFrontier, places, thinned
-from bench.analysis.object_sums import SECONDS, ObjectSums
+from bench.analysis.object_sums import ObjectSums
 from bench.analysis.orderings import Ordering, orderings
 from bench.analysis.paper import Published
 from bench.analysis.scored import ScoredRun
 from bench.analysis.scores import QualityRow
 from bench.catalogue.claims import ENTERED
 from bench.catalogue.suite_types import Suite, TableKind, TableSpec
+from bench.records.record import TIMES
 from bench.records.run_folder import PROTOCOL
 from bench.running.options import UNTIL_DECIDED
 from bench.tables import markdown
@@ -219,7 +220,7 @@ def cost_table(sums: ObjectSums, remark: str, claimed: Collection[str] = ()) -> 
                 np.nanmedian(np.concatenate([sums.per_object(cell, name) for cell in classes]))
                 if drawn
                 else NAN
-                for name in SECONDS
+                for name in TIMES
             )
             times = f"{1000 * prepare_s:.1f} + {1000 * draw_s:.1f}" + " claimed" * of_author
             line.append(times if drawn else "-")

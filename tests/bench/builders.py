@@ -162,7 +162,7 @@ def to_frame(records) -> pd.DataFrame:
 
 
 def names_of(records: pd.DataFrame) -> dict[str, list[str]]:
-    """What a manifest says of a run with these records, in their order."""
+    """Return the names in the manifest of a run with these records, in their order."""
     names = {f"{name}s": records[name].unique().tolist() for name in ("method", "condition")}
     return names | {"objects": (records["class"] + "/" + records["object"]).unique().tolist()}
 

@@ -20,6 +20,7 @@ import numpy as np
 
 from bench.catalogue.methods import Method, find_method
 from bench.catalogue.suites import SpeedSuite
+from bench.running.plan import views_of
 from bench.running.work import draw, reason_of
 from bench.suites.speed.samples import CloudFailure, Measurement, Stage, TimingSample
 from data_prep.clouds.conditions import Perturbation
@@ -157,7 +158,7 @@ def subjects_of(unit: Unit) -> tuple[list[Subject], list[CloudFailure]]:
         except (BadInput, StageFailure) as error:
             failures.append(CloudFailure(name, reason_of(error)))
             continue
-        views = obj.views(unit.views, generator(unit.seed, "views", *names))
+        views = views_of(obj, unit.views, unit.seed)
         of_method = (unit.seed, "method", unit.method, unit.condition, *names)
         subjects.append(Subject(name, cloud, views, lambda key=of_method: generator(*key)))
     return subjects, failures

@@ -45,7 +45,7 @@ def test_student_s_quantiles_times_the_error():
 
 @pytest.mark.parametrize(("objects", "tolerance"), [(12, 0.001), (24, 0.0005), (100, 0.0005)])
 def test_the_paired_t_test_shows_it_with_that_power(objects, tolerance):
-    """By the noncentral t distribution, of which the formula is the usual approximation."""
+    """The formula is the usual approximation of the noncentral t distribution, which is exact."""
     error = StandardError(1.0, objects - 1)
     least = detectable(error, SIGNIFICANCE)
     critical = t.ppf(1 - SIGNIFICANCE / 2, objects - 1)
@@ -67,14 +67,14 @@ def test_too_few_objects_and_equal_ones_have_none():
 
 
 def test_a_distance_of_sets_has_the_error_of_its_jackknife():
-    """Of distances without each object of 0, ..., 7: (g - 1) / g times the sum of squares, 42."""
+    """The squared error of left-out distances 0, ..., 7 is (g - 1) / g times their squares, 42."""
     distance = quality(np.arange(8.0), "fd-views")
     error = difference_error([distance], [quality(np.zeros(8), "fd-views")])
     assert error == pytest.approx((math.sqrt(7 / 8 * 42), 7))
 
 
 def test_levels_are_those_at_which_holm_decides():
-    """For each cell the p value where its verdict changes, all others as they are."""
+    """A level is the p value of a cell at which its verdict changes, all others as they are."""
     p_values = [0.001, 0.2, math.nan, 0.012, 0.04, 0.9]
     levels = cell_levels(p_values, SIGNIFICANCE)
     assert math.isnan(levels[2])

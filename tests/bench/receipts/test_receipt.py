@@ -63,7 +63,7 @@ def test_weights_of_several_networks_have_one_checksum():
 
 
 def test_the_digest_of_all_jobs_by_another_way(finished):
-    """From the database and the bytes of arrays, without the functions of the package."""
+    """The other way reads the database and the bytes of arrays without the package's functions."""
     folder, times = finished[0], ("prepare_s", "draw_s", "condition")
     with closing(sqlite3.connect(folder / "run.sqlite")) as connection:
         rows = connection.execute(
@@ -145,7 +145,7 @@ def test_a_receipt_of_another_kind_is_refused(finished, tmp_path, changes, messa
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("methods", "blank"), ("methods", [1]), ("views", True), ("seed", 0.5), ("out", "/tmp/x")],
+    [("methods", "blank"), ("methods", [1]), ("views", True), ("seed", 0.5), ("out", "elsewhere")],
 )
 def test_a_request_of_other_types_is_refused(finished, tmp_path, name, value):
     receipt = make_receipt(finished[0])

@@ -25,7 +25,7 @@ ONE, OTHER = "1" * 64, "2" * 64
 
 
 def drawn_with(weights, scipy):
-    """What a manifest says of weights and libraries."""
+    """Return the entries of a manifest about weights and libraries."""
     stated = {"splat-net": [2, f"scipy {scipy}, weights {weights}", "cpu"]}
     stated |= {"splat": [1, f"scipy {scipy}", "cpu"]}
     identities = {method: stated.get(method, [1, "", "cpu"]) for method in METHODS}

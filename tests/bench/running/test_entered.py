@@ -99,7 +99,7 @@ def test_the_checksum_is_that_of_the_two_lists(exported, tree):
 
 @pytest.mark.slow  # the networks of the metrics are loaded
 def test_images_have_the_scores_of_the_method_that_drew_them(no_machine, exported, tree):
-    """To the last bit, and so have all features: splat draws alike in any process."""
+    """Scores and features agree to the last bit: splat draws alike in any process."""
     compared = 0
     for obj in jobs_of(exported, f"images:{tree}", "splat"):
         truth = run_job(obj.truth)

@@ -185,7 +185,7 @@ def test_an_export_has_it_and_names_one_that_breaks(package, no_machine, tmp_pat
 
 @pytest.mark.slow
 def test_a_run_with_a_broken_one_ends_with_its_tables(package, tmp_path, command):
-    """In workers: one ends its process, another hangs no run, a third draws global numbers."""
+    """One condition ends its process, another draws global numbers; the others are unharmed."""
     names = ("2048", "good", "a-global-numbers", "a-leaves")
     small = ("--limit", "1", "--views", "1", "--workers", "2", "--out", tmp_path / "run")
     run = ("run", "--suite", "chair-robustness", "--methods", "splat")

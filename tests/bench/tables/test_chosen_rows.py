@@ -129,7 +129,7 @@ def test_without_two_reconstructions_there_is_none(choice, tmp_path):
 
 
 def test_a_method_is_compared_with_each_baseline_that_the_run_has(directory):
-    """As `bench compare` does for the two, with the same corrections."""
+    """The comparison is that of `bench compare`, with the same corrections."""
     baselines = ("best-reconstruction", "splat-net", "blank", "splat")
     present = ("best-reconstruction", "blank")
     differences = against_each(directory, "splat", baselines)
