@@ -13,6 +13,7 @@ from data_prep.failures import StageFailure
 from data_prep.rendering.images import to_float
 from data_prep.rendering.mesh import draw_mesh
 from data_prep.scene import NEUTRAL_GREY, Images, Mesh, Points, View
+from data_prep.stages import stage as mark_stage
 
 SPACING_NEIGHBOURS = 16
 
@@ -60,12 +61,13 @@ def check_finite(points: Points) -> None:
 
 
 def run(stage: str, step: Callable[[], None]) -> None:
-    """Run one step of MeshLab.
+    """Run one step of MeshLab, which is a stage of the method.
 
     Raises StageFailure(stage, ...) where MeshLab refuses.
     """
     try:
-        step()
+        with mark_stage(stage):
+            step()
     except RuntimeError as error:
         raise StageFailure(stage, str(error)) from error
 

@@ -17,6 +17,7 @@ from baselines.splat_net.weights import SplatNetWeights
 from baselines.splat_net.window import Box, in_groups
 from data_prep.failures import StageFailure
 from data_prep.scene import IMAGE_SIZE, Images, PointCloud, View
+from data_prep.stages import NETWORK, stage
 from learning.exact import exact_inference
 
 BEYOND = 5  # pixels that a window has around its channels: the network draws 1 or 2 beyond them,
@@ -166,7 +167,9 @@ class SplatNetRenderer:
     def _draw(self, seen: Projection, boxes: Mapping[int, Box], images: Images) -> None:
         """Draw into `images` the box of each that `boxes` has by its number."""
         for windows in in_groups(boxes, self.size, GROUP):
-            drawn = self.engine(seen.channels(windows, self.engine.dtype), windows, seen.points)
+            channels = seen.channels(windows, self.engine.dtype)
+            with stage(NETWORK):
+                drawn = self.engine(channels, windows, seen.points)
             if not drawn.sum().isfinite():  # of values in 0..1
                 raise StageFailure("draw", "the image is not finite")
             parts = zip(windows.numbers, windows.corners, drawn.cpu().numpy(), strict=True)

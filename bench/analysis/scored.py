@@ -20,7 +20,7 @@ from bench.catalogue.metrics import (
     declared_metric,
     find_extractor,
 )
-from bench.catalogue.suites import LATENT, SPEED, STABILITY, Suite
+from bench.catalogue.suites import PROCEDURES, Suite
 from bench.catalogue.truth import stored_suite
 from bench.judges import VIEWS_WEIGHTS
 from bench.records.features import Features
@@ -95,7 +95,7 @@ def scored_run(directory: Path, manifest: dict[str, Any]) -> ScoredRun:
     Raises BadInput where they cannot be read, for a manifest that does not describe them, and for a
     suite that makes its tables itself.
     """
-    if manifest.get("suite") in [suite.id for suite in (LATENT, STABILITY, SPEED)]:
+    if manifest.get("suite") in [suite.id for suite in PROCEDURES]:
         raise BadInput(
             f"{directory}: a run of {manifest['suite']} writes its tables itself; they are in "
             f"{directory / 'tables'}"

@@ -172,6 +172,29 @@ class StabilitySuite:
 
 
 @dataclass(frozen=True)
+class RoundingSuite:
+    """A suite repeated under other roundings, which `bench.suites.rounding.run` measures.
+
+    of           methods, conditions and metrics; few objects and views
+    repetitions  random roundings of each job; `stage_repetitions` of each of its stages
+    told_apart   conditions at which stages, directed modes, threads, batches and number formats are
+                 told apart
+    """
+
+    id: str
+    about: str
+    of: Suite
+    repetitions: int
+    stage_repetitions: int
+    told_apart: tuple[str, ...]
+
+    @property
+    def methods(self) -> tuple[str, ...]:
+        """Return the methods of the suite that is repeated."""
+        return self.of.methods
+
+
+@dataclass(frozen=True)
 class SpeedSuite:
     """The cost of images, which `bench.suites.speed.run` measures.
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.catalogue.lookup import find
-from bench.catalogue.suites import LATENT, SPEED, STABILITY, SUITES
+from bench.catalogue.suites import PROCEDURES, SUITES
 from bench.checking.objects import environment_of
 from bench.receipts.digests import digest_folder, digest_inputs
 from bench.records.record import SCHEMA_VERSION
@@ -99,7 +99,7 @@ def describe_manifest(directory: Path, manifest: Mapping[str, Any]) -> dict[str,
     Raises BadInput for a run without jobs, and for a manifest that is damaged or of an earlier
     version.
     """
-    if manifest["suite"] in [suite.id for suite in (LATENT, STABILITY, SPEED)]:
+    if manifest["suite"] in [suite.id for suite in PROCEDURES]:
         raise BadInput(
             f"{directory}: a run of {manifest['suite']} has no jobs that could be computed again; "
             "give one of a suite with records"

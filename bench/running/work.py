@@ -28,12 +28,15 @@ from bench.metrics.image_scores import scores
 from bench.records.artifacts import pack, unpack_images
 from bench.records.job import Job, Result, Stopwatch, failed, records_of
 from bench.records.record import CLAIMED, GROUND_TRUTH, Record
+from bench.running.arithmetic import computed
 from data_prep.clouds.conditions import Unchanged
 from data_prep.datasets.exported import ExportedObject
 from data_prep.failures import BadInput, MissingDependency, StageFailure
 from data_prep.randomness import generator
 from data_prep.rendering.images import to_uint8
+from data_prep.rounding import move_last_bits
 from data_prep.scene import IMAGE_SIZE, CloudOrigin, PointCloud, Renderer, UInt8Images, View
+from data_prep.stages import METRICS, stage
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,29 +89,48 @@ def _run_method(job: Job, watch: Stopwatch) -> Result:
     method = find_run_method(address)
     try:
         with watch.on("methods"):
-            renderer = load_renderer(address, job.device)
+            renderer = load_renderer(address, job.device, job.arithmetic.number_format)
     except BadInput as error:  # unusable weights fail every job alike
         return replace(failed(job, str(error)), unusable=str(error))
     truth = None if job.reference is None else unpack_images(job.reference)
     # The floor stands for failures in all scores: a condition that breaks may not take it along.
     cloud = cloud_of(job if method.sees_cloud else replace(job, perturbation=Unchanged()))
     cloud, rng = replace(cloud, origin=_origin(job)), rng_of(job)
-    with watch.on("methods"):
-        drawn = draw(method, renderer, cloud, job.views, rng, job.batch, truth)
-    records = records_of(
-        job, "ok", notes=drawn.notes, prepare_s=drawn.prepare_s, draw_s=drawn.draw_s
-    )
-    if truth is not None:
-        with watch.on("metrics"):
-            scored = scores(truth, drawn.images) | _learned(job, truth, drawn.images)
-        records = [
-            replace(
-                record,
-                **{n: float(v[i]) if np.isfinite(v[i]) else None for n, v in scored.items()},
-            )
-            for i, record in enumerate(records)
-        ]
-    return _with_artifact(job, records, drawn.images, watch)
+    roundings = generator(job.seed, "rounding", job.method, job.condition, *_identity(job))
+    if job.is_repeated:
+        cloud = _without_shared_state(job, cloud)
+    if job.arithmetic.moves_input:
+        cloud = replace(cloud, points=move_last_bits(cloud.points, roundings))
+    with computed(job.arithmetic, roundings):
+        with watch.on("methods"):
+            drawn = draw(method, renderer, cloud, job.views, rng, job.batch, truth)
+        records = records_of(
+            job, "ok", notes=drawn.notes, prepare_s=drawn.prepare_s, draw_s=drawn.draw_s
+        )
+        if truth is not None:
+            with watch.on("metrics"), stage(METRICS):
+                scored = scores(truth, drawn.images) | _learned(job, truth, drawn.images)
+            records = [
+                replace(
+                    record,
+                    **{n: float(v[i]) if np.isfinite(v[i]) else None for n, v in scored.items()},
+                )
+                for i, record in enumerate(records)
+            ]
+        return _with_artifact(job, records, drawn.images, watch)
+
+
+def _without_shared_state(job: Job, cloud: PointCloud) -> PointCloud:
+    """Return a cloud for which nothing is kept from another arithmetic, nor for another one.
+
+    The networks of the metrics are loaded, and a mesh is one that no tree of faces is known of.
+    """
+    device = metrics_device(job.device)
+    for extractor, weights in job.features:
+        _extractor(extractor, weights, device)
+    if weights := dict(job.features).get(LEARNED_METRICS["lpips"]):
+        lpips_network(weights, device)
+    return replace(cloud, source=None if cloud.source is None else replace(cloud.source))
 
 
 def _learned(job: Job, truth: UInt8Images, images: UInt8Images) -> dict[str, NDArray[np.float64]]:
@@ -136,11 +158,13 @@ def draw(
     """
     cloud = seen_by(method, cloud)
     start = time.perf_counter()
-    state = renderer.prepare(cloud, rng)
+    with stage("prepare"):
+        state = renderer.prepare(cloud, rng)
     prepared = time.perf_counter()
     size = batch or len(views)
     batches = [views[i : i + size] for i in range(0, len(views), size)]
-    drawn = [renderer.draw(state, part, rng) for part in batches]
+    with stage("draw"):
+        drawn = [renderer.draw(state, part, rng) for part in batches]
     done = time.perf_counter()
     checked = (checked_images(i, len(part)) for i, part in zip(drawn, batches, strict=True))
     images = np.concatenate([*checked])
@@ -184,21 +208,22 @@ def cloud_of(job: Job) -> PointCloud:
 
     An exported dataset has it as a file, unless it was made without that condition.
     """
-    stored = job.object.perturbed(job.condition) if isinstance(job.object, ExportedObject) else None
+    condition = job.cloud_condition
+    stored = job.object.perturbed(condition) if isinstance(job.object, ExportedObject) else None
     if stored is not None:
         return stored
     sampled = job.object.cloud(generator(job.seed, "cloud", *_identity(job)))
-    return job.perturbation.apply(sampled, generator(job.seed, job.condition, *_identity(job)))
+    return job.perturbation.apply(sampled, generator(job.seed, condition, *_identity(job)))
 
 
 def _origin(job: Job) -> CloudOrigin:
     views = job.object.exported_views if isinstance(job.object, ExportedObject) else job.views
-    return CloudOrigin(job.condition, *_identity(job), views)
+    return CloudOrigin(job.cloud_condition, *_identity(job), views)
 
 
 def rng_of(job: Job) -> np.random.Generator:
     """Return the source of random numbers for the method of a job."""
-    return generator(job.seed, "method", job.method, job.condition, *_identity(job))
+    return generator(job.seed, "method", job.method, job.cloud_condition, *_identity(job))
 
 
 def _identity(job: Job) -> tuple[str, str]:
@@ -223,7 +248,7 @@ def _with_artifact(
     job: Job, records: Sequence[Record], images: UInt8Images, watch: Stopwatch
 ) -> Result:
     arrays: dict[str, NDArray[Any]] = {"images": images}
-    with watch.on("metrics"):
+    with watch.on("metrics"), stage(METRICS):
         for extractor, weights in job.features:
             device = metrics_device(job.device)
             arrays[extractor] = _extractor(extractor, weights, device)(images)
@@ -233,11 +258,17 @@ def _with_artifact(
 
 
 @functools.cache
-def load_renderer(address: str, device: str) -> Renderer:
+def load_renderer(address: str, device: str, number_format: str = "") -> Renderer:
     """Return the renderer of the method with this address, loaded once a process.
 
-    Raises BadInput where its weights are unusable.
+    One that is to compute in another `number_format` lays out no kernels for its own. Raises
+    BadInput where its weights are unusable.
     """
+    if number_format:
+        from learning.number_formats import plain_layouts
+
+        with plain_layouts():
+            return find_run_method(address).load(device)
     return find_run_method(address).load(device)
 
 

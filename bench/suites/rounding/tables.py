@@ -1,0 +1,91 @@
+"""The tables of the suite `rounding`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+from bench.suites.rounding.deviations import GREY, Deviation, Move, StageDeviation
+from bench.tables.grid import Block, Cell, PivotLayout, pivot
+from bench.tables.table import Table, columns_of
+
+SHOWN = ("ssim", "ssim-object", "lpips", "fd-views")  # for people; CSV files have all metrics
+SIX_DIGITS = ".6g"
+
+
+def deviations_table(rows: Sequence[Deviation]) -> Table[Deviation]:
+    """Return the deviations in random rounding, which `results/rounding.csv` is a copy of."""
+
+    def layout(rows: Sequence[Deviation]) -> Iterator[Block]:
+        yield (
+            "Standard deviation of the value of one object over repetitions in random rounding; of "
+            "a mean over n objects it is the root of n times smaller. 0: no digit ever changes."
+        )
+        yield from _grids(rows, "condition", lambda row: row.object_deviation)
+
+    return Table(
+        "rounding", "Random rounding", columns_of(Deviation, SIX_DIGITS), tuple(rows), layout
+    )
+
+
+def stages_table(rows: Sequence[StageDeviation]) -> Table[StageDeviation]:
+    """Return the deviations by the stage that alone is rounded at random."""
+
+    def layout(rows: Sequence[StageDeviation]) -> Iterator[Block]:
+        yield "The same where one stage alone is rounded at random, and the input where it says so."
+        for condition in dict.fromkeys(row.condition for row in rows):
+            yield f"## {condition}"
+            of_condition = [row for row in rows if row.condition == condition]
+            yield from _grids(of_condition, "stage", lambda row: row.object_deviation)
+
+    title = "Stages that lose the digits"
+    columns = columns_of(StageDeviation, SIX_DIGITS)
+    return Table("rounding_stages", title, columns, tuple(rows), layout)
+
+
+def moves_table(rows: Sequence[Move]) -> Table[Move]:
+    """Return the moves by directed modes, threads, batches and number formats."""
+
+    def layout(rows: Sequence[Move]) -> Iterator[Block]:
+        yield (
+            "Moves from the plain arithmetic: `grey-levels` is the mean absolute difference of all "
+            "pixels, 0..255, the others are the largest move of an object's value."
+        )
+        for condition in dict.fromkeys(row.condition for row in rows):
+            yield f"## {condition}"
+            of_condition = [row for row in rows if row.condition == condition]
+            yield from _grids(
+                of_condition,
+                "arithmetic",
+                lambda row: row.move if row.metric == GREY else row.largest,
+                (GREY, *SHOWN),
+            )
+
+    title = "Directed modes, threads, batches and number formats"
+    return Table("rounding_moves", title, columns_of(Move, SIX_DIGITS), tuple(rows), layout)
+
+
+def _grids(
+    rows: Sequence[Any],
+    column: str,
+    value: Callable[[Any], float],
+    metrics: Sequence[str] = SHOWN,
+) -> Iterator[Block]:
+    """Yield a grid of methods by an attribute for each of some metrics."""
+    for metric in metrics:
+        of_metric = [row for row in rows if row.metric == metric]
+        if of_metric:
+            yield pivot(
+                of_metric,
+                "method",
+                column,
+                lambda row: Cell(_short(value(row)), value(row)),
+                PivotLayout(),
+                corner="method",
+                caption=metric,
+            )
+
+
+def _short(value: float) -> str:
+    return f"{value:.1e}" if value and math.isfinite(value) else "0" if value == 0 else "-"
