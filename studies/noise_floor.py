@@ -28,6 +28,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -42,7 +43,9 @@ from data_prep.randomness import generator
 from data_prep.rendering.images import to_uint8
 from data_prep.rendering.raycast import OPENGL, cast
 from data_prep.scene import UInt8Images
-from pc2pix.number_formats import Format, infer
+from data_prep.stages import NETWORK as FORWARD
+from data_prep.stages import at_stages
+from learning.number_formats import NumberFormat, in_format, plain_layouts
 from pc2pix.renderer import Pc2pixRenderer
 from pc2pix.weights import load_weights
 from studies.cells import (
@@ -60,6 +63,7 @@ from studies.tables import markdown
 
 METHODS = ("pc2pix", "pc2pix@acgan", "splat", "constant", "blank")
 NETWORK, WEIGHTS = "pc2pix", "chair"
+FORMATS: tuple[NumberFormat, ...] = ("float64", "bfloat16")
 CEILING = "true-mesh"
 
 
@@ -202,20 +206,13 @@ class Study:
             for method, drawn in self.images.items()
         }
         floors = self.moved(IN_FEATURES, again)
-        formats: tuple[Format, ...] = ("float64", "bfloat16")
-        for fmt in formats:
-            drawn = np.stack(
-                [
-                    to_uint8(
-                        infer(self.network.weights, cloud.points, views, fmt).images.astype(
-                            np.float32
-                        )
-                    )
-                    for cloud, views in zip(self.scene.clouds, self.scene.views, strict=True)
-                ]
-            )
-            again = {NETWORK: self.measure(drawn, self.encode(drawn))}
-            floors += self.moved(f"{IN_DRAWING}, {fmt}", again)
+        with plain_layouts():
+            renderer = Pc2pixRenderer(self.network.weights)
+            for fmt in FORMATS:
+                with at_stages((FORWARD,), partial(in_format, fmt)):
+                    drawn = draw_all(renderer, self.scene.clouds, self.scene.views)
+                again = {NETWORK: self.measure(drawn, self.encode(drawn))}
+                floors += self.moved(f"{IN_DRAWING}, {fmt}", again)
         return floors
 
     def by_turn(self) -> list[Floor]:

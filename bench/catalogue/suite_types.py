@@ -155,7 +155,7 @@ class LatentSuite:
 
 @dataclass(frozen=True)
 class StabilitySuite:
-    """Extreme inputs, and what is expected of methods, metrics and number formats there.
+    """Extreme inputs, and what is expected of methods and metrics there.
 
     methods     methods that draw `bench.suites.stability.cases.CASES`
     class_name  class of the one procedural test object

@@ -174,7 +174,9 @@ class Plan(Sequence[ObjectJobs]):
                 _digest(start, identity, end, *_stored_images(method, cell, obj, len(views))),
                 method.id,
                 cell.id,
-                cell.perturbation,
+                # The floor stands for failures in all scores: a condition that breaks may not take
+                # it along.
+                cell.perturbation if method.sees_cloud else Unchanged(),
                 truth,
                 method.address,
             )

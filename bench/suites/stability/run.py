@@ -1,14 +1,14 @@
 """The suite `stability`: extreme inputs, and whether the outcomes are as expected.
 
-It has three matrices: methods on extreme clouds and views (in killable workers, resumable), metrics
-on extreme images and features, and pc2pix in other number formats.
+It has two matrices: methods on extreme clouds and views (in killable workers, resumable), and
+metrics on extreme images and features.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -20,7 +20,6 @@ from bench.records.parquet import write_records
 from bench.records.record import SCHEMA_VERSION
 from bench.running.environment import cores, environment
 from bench.running.executors import JobPool, run_jobs
-from bench.running.isolation import one_thread
 from bench.running.manifest import manifest_of
 from bench.running.options import Options
 from bench.running.plan import digest
@@ -30,12 +29,6 @@ from bench.suites.procedure import SuiteRun, methods_of
 from bench.suites.stability.cases import CASES, TURN_DEG, VIEWS
 from bench.suites.stability.expectations import EXPECTED
 from bench.suites.stability.figures import extremes_figure, matrix_figure
-from bench.suites.stability.formats import (
-    FormatRow,
-    format_outcomes,
-    formats_table,
-    measure_formats,
-)
 from bench.suites.stability.metrics import metric_outcomes
 from bench.suites.stability.outcomes import CaseOutcome, Observation, observe, outcome
 from bench.suites.stability.tables import counts, matrix, observations_table, unexpected
@@ -91,20 +84,14 @@ def stability_jobs(
     return jobs
 
 
-@dataclass(frozen=True)
-class FixedMatrices:
-    """The computations of the two matrices that do not depend on the methods of a run."""
-
-    metrics: Callable[[], list[CaseOutcome]] = metric_outcomes
-    formats: Callable[[], list[FormatRow]] = measure_formats
-
-
 def run(
     options: Options,
     suite: StabilitySuite = STABILITY,
-    fixed_matrices: FixedMatrices = FixedMatrices(),
+    of_metrics: Callable[[], list[CaseOutcome]] = metric_outcomes,
 ) -> SuiteRun:
     """Carry out the suite, or the rest of a run that was stopped.
+
+    `of_metrics` computes the matrix that does not depend on the methods.
 
     Raises BadInput for options that the user has to fix.
     """
@@ -144,12 +131,9 @@ def run(
         store.list_jobs((job.key, job.name) for job in jobs)
         write_records(directory, store.listed_columns())
         observations = observe(jobs, store)
-        log("metrics and number formats")
-        with one_thread():
-            formats = fixed_matrices.formats()
-        matrices = _matrices(methods, observations, fixed_matrices.metrics(), formats)
-        numbers = observations_table(observations), formats_table(formats)
-        write_tables(directory, [*matrices, *numbers])
+        log("metrics")
+        matrices = _matrices(methods, observations, of_metrics())
+        write_tables(directory, [*matrices, observations_table(observations)])
         images = {
             (job.condition, job.method): unpack_images(store.artifact(job.key))[0]
             for job in jobs
@@ -168,7 +152,6 @@ def _matrices(
     methods: Sequence[str],
     observations: Sequence[Observation],
     of_metrics: Sequence[CaseOutcome],
-    formats: Sequence[FormatRow],
 ) -> tuple[Table[CaseOutcome], ...]:
     return (
         matrix(
@@ -182,12 +165,6 @@ def _matrices(
             "Metrics at the extremes",
             "Closed forms, invariants and refusals.",
             of_metrics,
-        ),
-        matrix(
-            "stability_formats",
-            "pc2pix in other number formats",
-            "Against float64 on the same cloud; the figures are in number_formats.",
-            format_outcomes(formats),
         ),
     )
 

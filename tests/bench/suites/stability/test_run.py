@@ -17,26 +17,23 @@ from bench.suites.stability.cases import CASES
 from bench.suites.stability.expectations import KINDS
 from bench.suites.stability.figures import ACROSS, COLOURS, MISSING, matrix_figure, sheet
 from bench.suites.stability.outcomes import CaseOutcome
-from bench.suites.stability.run import FixedMatrices, run
+from bench.suites.stability.run import run
 from bench.suites.stability.tables import matrix as matrix_of
 from bench.suites.stability.tables import read_outcomes, subjects, unexpected
 from bench.tables.build import tables
 from bench.tables.figure import save
 from data_prep.failures import BadInput
 
-from .test_formats import ROW
-
 HOLDS = CaseOutcome("identical", "pairs", "ssim", "1", "1", "holds")
 OPTIONS = Options("stability", methods=("blank", "true-mesh"), workers=2)
-FIXED = FixedMatrices(metrics=lambda: [HOLDS], formats=lambda: [ROW])
 STORED = ("jobs", "artifacts", "listed")
-NAMES = ("stability_methods", "stability_metrics", "stability_formats")
+NAMES = ("stability_methods", "stability_metrics")
 
 
 @pytest.fixture
 def finished(tmp_path):
-    """A run of two methods, without the matrices that have tests of their own."""
-    return run(replace(OPTIONS, out=tmp_path / "run"), fixed_matrices=FIXED)
+    """A run of two methods, without the matrix of metrics, which has tests of its own."""
+    return run(replace(OPTIONS, out=tmp_path / "run"), of_metrics=lambda: [HOLDS])
 
 
 def matrix(*outcomes):
@@ -68,11 +65,11 @@ def test_a_run_leaves_tables_and_figures_and_goes_on(finished, tmp_path):
         return rows, tables
 
     before = files()
-    run(replace(OPTIONS, out=out), fixed_matrices=FIXED)
+    run(replace(OPTIONS, out=out), of_metrics=lambda: [HOLDS])
     assert files() == before
 
     verdict = check(out)
-    assert (verdict.compared, verdict.regressions) == (2 * len(CASES) + 2, ())
+    assert (verdict.compared, verdict.regressions) == (2 * len(CASES) + 1, ())
     path = out / "tables" / "stability_methods.csv"
     path.write_text(path.read_text().replace(",holds", ",unexpected", 1))
     (regression,) = check(out).regressions
