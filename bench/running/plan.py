@@ -174,9 +174,7 @@ class Plan(Sequence[ObjectJobs]):
                 _digest(start, identity, end, *_stored_images(method, cell, obj, len(views))),
                 method.id,
                 cell.id,
-                # The floor stands for failures in all scores: a condition that breaks may not take
-                # it along.
-                cell.perturbation if method.sees_cloud else Unchanged(),
+                cell.perturbation,
                 truth,
                 method.address,
             )

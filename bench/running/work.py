@@ -29,6 +29,7 @@ from bench.records.artifacts import pack, unpack_images
 from bench.records.job import Job, Result, Stopwatch, failed, records_of
 from bench.records.record import CLAIMED, GROUND_TRUTH, Record
 from bench.running.arithmetic import computed
+from data_prep.clouds.conditions import Unchanged
 from data_prep.datasets.exported import ExportedObject
 from data_prep.failures import BadInput, MissingDependency, StageFailure
 from data_prep.randomness import generator
@@ -92,7 +93,9 @@ def _run_method(job: Job, watch: Stopwatch) -> Result:
     except BadInput as error:  # unusable weights fail every job alike
         return replace(failed(job, str(error)), unusable=str(error))
     truth = None if job.reference is None else unpack_images(job.reference)
-    cloud, rng = replace(cloud_of(job), origin=_origin(job)), rng_of(job)
+    # The floor stands for failures in all scores: a condition that breaks may not take it along.
+    cloud = cloud_of(replace(job, perturbation=Unchanged()) if method.role == "floor" else job)
+    cloud, rng = replace(cloud, origin=_origin(job)), rng_of(job)
     roundings = generator(job.seed, "rounding", job.method, job.condition, *_identity(job))
     if job.is_repeated:
         cloud = _without_shared_state(job, cloud)
