@@ -33,14 +33,14 @@ PROCESSOR = "x86_64"
 
 
 @cache
-def rounding_modes() -> Any:
+def rounding_modes(machine: str = platform.machine()) -> Any:
     """Return the C library's mathematics, which has `fesetround`.
 
-    Raises MissingDependency for a machine whose rounding modes we do not know.
+    Raises MissingDependency for a `machine` whose rounding modes we do not know.
     """
     try:
-        if platform.machine() != PROCESSOR:
-            raise OSError(f"its processor is {platform.machine()}")
+        if machine != PROCESSOR:
+            raise OSError(f"its processor is {machine}")
         return ctypes.CDLL("libm.so.6")
     except OSError as error:
         raise MissingDependency(
