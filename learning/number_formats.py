@@ -10,7 +10,7 @@ methods with `@bf16` in their ids.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, Literal
 
@@ -50,9 +50,7 @@ def plain_layouts() -> Iterator[None]:
 class _Float64(TorchDispatchMode):
     """Float64 in place of float32, in arguments, results and requested types."""
 
-    def __torch_dispatch__(
-        self, func: Callable[..., Any], types: Any, args: Any = (), kwargs: Any = None
-    ) -> Any:
+    def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
         given = args, kwargs or {}
         if func.is_view:  # of memory that is written into later, perhaps
             return func(*args, **given[1])
@@ -63,8 +61,10 @@ class _Float64(TorchDispatchMode):
             for before, after in pairs:
                 if before is not after and isinstance(before, torch.Tensor):
                     before.copy_(after)
-            own = {id(after): before for before, after in pairs}
-            return tree_map_only(torch.Tensor, lambda value: own.get(id(value), value), returned)
+            originals = {id(after): before for before, after in pairs}
+            return tree_map_only(
+                torch.Tensor, lambda value: originals.get(id(value), value), returned
+            )
         wide = tree_map_only(
             torch.dtype, lambda t: torch.float64 if t == torch.float32 else t, wide
         )
@@ -82,9 +82,7 @@ class _Rounded(TorchDispatchMode):
         super().__init__()
         self.dtype = dtype
 
-    def __torch_dispatch__(
-        self, func: Callable[..., Any], types: Any, args: Any = (), kwargs: Any = None
-    ) -> Any:
+    def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
         def rounded(value: torch.Tensor) -> torch.Tensor:
             # A view shares the memory of a result that is rounded already.
             if value.dtype == torch.float32 and not func.is_view:

@@ -175,7 +175,7 @@ class StabilitySuite:
 class RoundingSuite:
     """A suite repeated under other roundings, which `bench.suites.rounding.run` measures.
 
-    of           methods, conditions and metrics; few objects and views
+    base         methods, conditions and metrics; few objects and views
     repetitions  random roundings of each job; `stage_repetitions` of each of its stages
     told_apart   conditions at which stages, directed modes, threads, batches and number formats are
                  told apart
@@ -183,7 +183,7 @@ class RoundingSuite:
 
     id: str
     about: str
-    of: Suite
+    base: Suite
     repetitions: int
     stage_repetitions: int
     told_apart: tuple[str, ...]
@@ -191,7 +191,7 @@ class RoundingSuite:
     @property
     def methods(self) -> tuple[str, ...]:
         """Return the methods of the suite that is repeated."""
-        return self.of.methods
+        return self.base.methods
 
 
 @dataclass(frozen=True)

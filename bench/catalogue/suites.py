@@ -302,7 +302,7 @@ ROUNDING = RoundingSuite(
     id="rounding",
     about="which digits of Tables 3 and 4 are above rounding, and where the others are lost",
     # Each chair is drawn some 200 times by the slowest methods: few chairs and views.
-    of=replace(ROBUSTNESS, id="rounding", views=4, endless_limit=4),
+    base=replace(ROBUSTNESS, id="rounding", views=4, endless_limit=4),
     repetitions=30,  # of one object: its deviation is known to 26 % at 95 %
     stage_repetitions=10,
     told_apart=("2048",),

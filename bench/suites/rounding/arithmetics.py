@@ -36,7 +36,7 @@ def stages_of(method: Method) -> tuple[str, ...]:
 
 def arithmetics(method: Method, condition: str, suite: RoundingSuite) -> Iterator[Arithmetic]:
     """Yield the arithmetics that a method is repeated in at a condition, the plain one first."""
-    if not method.sees_cloud and condition != suite.of.conditions[0]:
+    if not method.sees_cloud and condition != suite.base.conditions[0]:
         return  # the same images whatever the condition
     yield PLAIN
     yield from (Arithmetic("random", (), n) for n in range(suite.repetitions))

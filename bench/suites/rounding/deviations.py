@@ -112,8 +112,8 @@ def deviation(values: Floats) -> tuple[float, int]:
 
 def deviations(run: ScoredRun, suite: RoundingSuite, conditions: Iterable[str]) -> list[Deviation]:
     """Return the deviations of all metrics of a run in random rounding of all stages."""
-    metrics = run.measured((*suite.of.image_metrics, *suite.of.detail_metrics))
-    of_sets = run.measured(suite.of.set_metrics)
+    metrics = run.measured((*suite.base.image_metrics, *suite.base.detail_metrics))
+    of_sets = run.measured(suite.base.set_metrics)
     rows = []
     for method, condition, repeated in _repeated(run, suite, conditions):
         images = run.read_images([*KEY, "view", *map(column, metrics)], method=method)
@@ -126,7 +126,7 @@ def deviations(run: ScoredRun, suite: RoundingSuite, conditions: Iterable[str]) 
                 Deviation(
                     *(method, condition, metric, float(table), spread, degrees),
                     values.shape[1],
-                    suite.of.views,
+                    suite.base.views,
                     len(repeated),
                     image_deviation(images, column(metric)),
                 )
@@ -141,7 +141,7 @@ def deviations(run: ScoredRun, suite: RoundingSuite, conditions: Iterable[str]) 
                     *(method, condition, metric, float(distances.mean())),
                     *(spread * math.sqrt(objects / count), degrees),
                     objects,
-                    suite.of.views,
+                    suite.base.views,
                     len(repeated),
                     NAN,
                 )
@@ -171,7 +171,7 @@ def stage_deviations(
     run: ScoredRun, suite: RoundingSuite, conditions: Iterable[str]
 ) -> list[StageDeviation]:
     """Return the deviations of image metrics where one stage at a time is rounded at random."""
-    metrics = run.measured((*suite.of.image_metrics, *suite.of.detail_metrics))
+    metrics = run.measured((*suite.base.image_metrics, *suite.base.detail_metrics))
     rows = []
     told_apart = [condition for condition in conditions if condition in suite.told_apart]
     for method, condition, _ in _repeated(run, suite, told_apart):
@@ -192,7 +192,7 @@ def moves(
     artifacts: Mapping[JobName, Artifact],
 ) -> list[Move]:
     """Return how far other arithmetics than random rounding move images and image metrics."""
-    metrics = run.measured((*suite.of.image_metrics, *suite.of.detail_metrics))
+    metrics = run.measured((*suite.base.image_metrics, *suite.base.detail_metrics))
     told_apart = [condition for condition in conditions if condition in suite.told_apart]
     rows = []
     for method, condition, _ in _repeated(run, suite, told_apart):
@@ -201,7 +201,7 @@ def moves(
         for kind in (*ALONE, *(FORMATS if find_method(method).kind == "network" else ())):
             other = _cell(condition, Arithmetic(kind))
             after = _images(run, artifacts, method, other)
-            failed = suite.of.views * len(before.keys() ^ after.keys())
+            failed = suite.base.views * len(before.keys() ^ after.keys())
             shared = before.keys() & after.keys()
             grey = [np.abs(before[name].astype(np.int16) - after[name]) for name in shared]
             mean, largest = (

@@ -46,9 +46,9 @@ def run(options: Options, suite: RoundingSuite = ROUNDING) -> SuiteRun:
     methods = methods_of(
         options, suite, **dict.fromkeys(("shard", "ray"), "whose jobs are repeated on one machine")
     )
-    views = options.views or suite.of.views
-    suite = replace(suite, of=replace(suite.of, views=views))
-    protocol, skipped = protocol_of(suite.of, replace(options, methods=methods))
+    views = options.views or suite.base.views
+    suite = replace(suite, base=replace(suite.base, views=views))
+    protocol, skipped = protocol_of(suite.base, replace(options, methods=methods))
     workers = options.workers or cores()
     planned = plan(protocol)
     truths = [obj.truth for obj in planned]
@@ -64,7 +64,7 @@ def run(options: Options, suite: RoundingSuite = ROUNDING) -> SuiteRun:
     }
     directory = options.directory
     with open_run(directory, manifest, options.fresh) as store:
-        pool = partial(JobPool, limits=suite.of.limits, workers=workers)
+        pool = partial(JobPool, limits=suite.base.limits, workers=workers)
         run_jobs(truths, store, f"{suite.id}, ground truths", pool)
         run_jobs(jobs, store, suite.id, pool)
         store.list_jobs((job.key, job.name) for job in (*truths, *jobs))
@@ -77,7 +77,7 @@ def run(options: Options, suite: RoundingSuite = ROUNDING) -> SuiteRun:
             for name in extractors
             if (values := read_features(directory, name)) is not None
         }
-        scored = score(directory, suite.of, cells, sum_records(directory, cells), features)
+        scored = score(directory, suite.base, cells, sum_records(directory, cells), features)
         with threadpool_limits(1):
             tables = (
                 deviations_table(deviations(scored, suite, protocol.conditions)),
