@@ -34,9 +34,23 @@ from data_prep.datasets.exported import ExportedObject
 from data_prep.failures import BadInput, MissingDependency, StageFailure
 from data_prep.randomness import generator
 from data_prep.rendering.images import to_uint8
+from data_prep.rendering.opengl import render
 from data_prep.rounding import move_last_bits
-from data_prep.scene import IMAGE_SIZE, CloudOrigin, PointCloud, Renderer, UInt8Images, View
+from data_prep.scene import (
+    IMAGE_SIZE,
+    CloudOrigin,
+    Mesh,
+    PointCloud,
+    Renderer,
+    UInt8Images,
+    View,
+)
 from data_prep.stages import METRICS, stage
+
+
+TRIANGLE = Mesh(
+    np.eye(3, dtype=np.float32), np.array([[0, 1, 2]], np.int32), np.zeros((1, 3), np.uint8)
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,8 +137,12 @@ def _run_method(job: Job, watch: Stopwatch) -> Result:
 def _without_shared_state(job: Job, cloud: PointCloud) -> PointCloud:
     """Return a cloud for which nothing is kept from another arithmetic, nor for another one.
 
-    The networks of the metrics are loaded, and a mesh is one that no tree of faces is known of.
+    The networks of the metrics are loaded, OpenGL has drawn, and a mesh is one that no tree of
+    faces is known of.
     """
+    # Threads of Mesa keep the rounding mode in which they were started; that moves an image by 0.2
+    # grey levels for as long as the worker lives.
+    render(TRIANGLE, job.views[:1])
     device = metrics_device(job.device)
     for extractor, weights in job.features:
         _extractor(extractor, weights, device)
