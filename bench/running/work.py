@@ -47,7 +47,6 @@ from data_prep.scene import (
 )
 from data_prep.stages import METRICS, stage
 
-
 TRIANGLE = Mesh(
     np.eye(3, dtype=np.float32), np.array([[0, 1, 2]], np.int32), np.zeros((1, 3), np.uint8)
 )
