@@ -186,7 +186,7 @@ def print_ending(finished: RunResult[Outputs]) -> None:
     if finished.hopeless:
         print(
             f"bench: without a single image: {', '.join(finished.hopeless)}; the reasons are in "
-            f"{directory / REPORT}, 'bench shrink' makes a small case of one",
+            f"{directory / REPORT}",
             file=sys.stderr,
         )
 
