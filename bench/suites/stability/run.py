@@ -38,6 +38,7 @@ from bench.suites.stability.formats import (
 )
 from bench.suites.stability.metrics import metric_outcomes
 from bench.suites.stability.outcomes import CaseOutcome, Observation, observe, outcome
+from bench.suites.stability.search_run import run_search
 from bench.suites.stability.tables import counts, matrix, observations_table, unexpected
 from bench.tables import markdown
 from bench.tables.figure import FIGURES, save
@@ -108,6 +109,8 @@ def run(
 
     Raises BadInput for options that the user has to fix.
     """
+    if options.search is not None:
+        return run_search(options, suite)
     start = time.perf_counter()
     methods = methods_of(
         options,
