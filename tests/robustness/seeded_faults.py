@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -35,7 +36,7 @@ def _extent(points: Points) -> Any:
 
 
 def _divide(points: Points) -> None:
-    1.0 / float(_extent(points).max())
+    assert 1.0 / float(_extent(points).max()) >= 0.0
 
 
 def _hang(points: Points) -> None:
@@ -48,8 +49,8 @@ def _end(points: Points) -> None:
         os._exit(3)
 
 
-def _refuse_odd(points: Points) -> None:
-    points.reshape(-1, 2, 3) if len(points) > 1 else points
+def _pair_up(points: Points) -> None:
+    points[1:].reshape(-1, 2, 3)
 
 
 def _fill_memory(points: Points) -> None:
@@ -64,8 +65,7 @@ def _denormal(points: Points) -> None:
 
 
 def _alpha_wrap(points: Points) -> None:
-    import pymeshlab
-
+    pymeshlab: Any = import_module("pymeshlab")  # without types
     meshes = pymeshlab.MeshSet()
     meshes.add_mesh(pymeshlab.Mesh(points.astype(np.float64)))
     meshes.generate_alpha_wrap()
@@ -74,7 +74,7 @@ def _alpha_wrap(points: Points) -> None:
 IN_PREPARE: Mapping[str, Callable[[Points], object]] = {
     "no first point": lambda points: points[0],
     "division by the extent": _divide,
-    "odd counts": _refuse_odd,
+    "pairs of points": _pair_up,
     "hang on equal points": _hang,
     "end without depth": _end,
     "square of the count in memory": _fill_memory,
@@ -86,7 +86,7 @@ IN_VIEW: Mapping[str, Callable[[View], object]] = {
     "huge azimuth": lambda view: int(view.azimuth_deg).to_bytes(8, signed=True),
 }
 # Functions of the images, and of the cloud.
-IN_DRAW: Mapping[str, Callable[[Images, Points], Images]] = {
+IN_DRAW: Mapping[str, Callable[[Images, Points], Any]] = {
     "NaN above 1e19": lambda i, p: i * np.where((np.abs(p) > 1e19).any(), np.nan, 1).astype("f4"),
     "overflow at 1e30": lambda i, p: i * (1 + np.abs(p).max(initial=0) // np.float32(1e30)),
     "order": lambda i, p: i * np.float32(0.5 if len(p) > 1 and p[0, 0] > p[-1, 0] else 1.0),

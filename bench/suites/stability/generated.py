@@ -31,6 +31,7 @@ MAGNITUDES = (  # with both ends of float32, its denormal numbers, and squares t
     *(0.0, 1.0, 0.5, 2.0, -1.0, 1e-3, 1e3, 1e6, 1e-9, 1e9, 1e19, 1e30, 3e38, 1e-30, 1e-38, 1e-45),
     *(float("nan"), float("inf"), float("-inf")),
 )
+STEPS = (1, 2, 3, 10, 1_000_000)  # the last one takes the first row alone
 
 
 @dataclass(frozen=True)
@@ -211,24 +212,39 @@ def _numbers() -> SearchStrategy[float]:
 def _counts(most: int) -> SearchStrategy[int]:
     from hypothesis import strategies as st
 
-    # One of 100 may be the largest, which takes as much time as all others.
-    bounds = [16] * 45 + [256] * 35 + [2048] * 17 + [16_384] * 2 + [most]
-    return st.sampled_from([min(bound, most) for bound in bounds]).flatmap(
-        lambda bound: st.integers(0, bound)
+    usual = [*range(17), *range(17), 31, 32, 33, 100, 255, 256, 257, 1000, 2047, 2048, 2049]
+    rare = [16_384, most]  # which take as much time as all others
+    counts = [count for count in usual + rare if count <= most]
+    return st.sampled_from(counts) | st.integers(0, min(most, 2048))
+
+
+@functools.cache
+def _changes(columns: int) -> tuple[Change, ...]:
+    """Return changes to choose from in one draw, which is faster than to draw each part."""
+    kinds: tuple[Kind, ...] = ("times", "plus", "put", "round")
+    places = [None, *range(min(columns, 3))]
+    return (
+        *(
+            Change(kind, value, column, step)
+            for step, column, kind, value in itertools.product(STEPS, places, kinds, MAGNITUDES)
+        ),
+        *(Change("repeat", step=step) for step in (2, 3, 10) * 40),
+        *(Change("sort", column=column) for column in range(min(columns, 3)) for _ in range(20)),
     )
 
 
 def _rows(columns: int, most: int, shapes: tuple[Shape, ...]) -> SearchStrategy[Rows]:
     from hypothesis import strategies as st
 
-    changes = st.builds(
+    changed = st.builds(
         Change,
-        st.sampled_from(("times", "plus", "put", "round", "repeat", "sort")),
-        st.sampled_from(MAGNITUDES) | st.floats(width=32),
+        st.sampled_from(("times", "plus", "put", "round")),
+        st.floats(width=32),
         st.none() | st.integers(0, columns - 1),
-        st.sampled_from((1, 2, 3, 10, 1_000_000)),  # the last one is the first row alone
+        st.sampled_from(STEPS),
     )
-    lists = st.lists(changes, max_size=3).map(tuple)
+    usual = st.sampled_from(_changes(columns))
+    lists = st.lists(usual | usual | changed, max_size=3).map(tuple)
     numbers = _numbers()
     written = st.lists(st.tuples(*[numbers] * min(columns, 3)), max_size=5).map(
         lambda rows: tuple(tuple(itertools.islice(itertools.cycle(r), columns)) for r in rows)
@@ -244,20 +260,22 @@ def _rows(columns: int, most: int, shapes: tuple[Shape, ...]) -> SearchStrategy[
     return st.builds(Rows, written) | sampled | sampled
 
 
+@functools.cache  # the same strategy each time
 def clouds(most_points: int = MOST_POINTS) -> SearchStrategy[CloudInput]:
     """Return the strategy of clouds of at most so many points, with one or two views."""
     from hypothesis import strategies as st
 
-    degrees = st.floats(allow_nan=False, allow_infinity=False)
-    view = st.builds(
-        View,
-        st.integers(-180, 180).map(float) | st.sampled_from((-180.0, 180.0, 720.0)) | degrees,
-        st.integers(-90, 90).map(float) | st.sampled_from((90.0, -90.0)) | st.floats(-90.0, 90.0),
+    usual = itertools.product(
+        (0.0, 30.0, -150.0, 90.0, 180.0, -180.0, 720.0, 1e9, 1e300), (0.0, 20.0, -35.0, 90.0, -90.0)
     )
+    degrees = st.floats(allow_nan=False, allow_infinity=False)
+    view = st.sampled_from([View(*angles) for angles in usual])
+    view = view | st.builds(View, degrees, st.floats(-90.0, 90.0))
     views = st.lists(view, min_size=1, max_size=2).map(tuple)
     return st.builds(CloudInput, _rows(3, most_points, ("ball", "cube", "chair")), views)
 
 
+@functools.cache
 def images() -> SearchStrategy[ImagesInput]:
     """Return the strategy of pairs of sets of images, of which most have the usual size."""
     from hypothesis import strategies as st
@@ -276,6 +294,7 @@ def images() -> SearchStrategy[ImagesInput]:
     return st.builds(ImagesInput, picture, picture, counts, usual | usual | st.tuples(side, side))
 
 
+@functools.cache
 def features() -> SearchStrategy[FeaturesInput]:
     """Return the strategy of pairs of sets of up to 64 features."""
     from hypothesis import strategies as st
@@ -288,6 +307,7 @@ def features() -> SearchStrategy[FeaturesInput]:
     return st.sampled_from((1, 2, 3, 8, 64)).flatmap(pair)
 
 
+@functools.cache
 def angles() -> SearchStrategy[AnglesInput]:
     """Return the strategy of finite answers and angles."""
     from hypothesis import strategies as st

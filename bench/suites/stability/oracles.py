@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any, Protocol
@@ -100,7 +101,7 @@ class _Strict:
         self.renderer = renderer
         self.prepare = renderer.prepare
 
-    def draw(self, state: Any, views: tuple[View, ...], rng: np.random.Generator) -> Images:
+    def draw(self, state: Any, views: Sequence[View], rng: np.random.Generator) -> Images:
         """Return the renderer's images. Raises ValueError for anything but images in [0, 1]."""
         images = self.renderer.draw(state, views, rng)
         try:

@@ -23,9 +23,12 @@ ROUND = 500  # inputs
 REPEATED = 5  # inputs of a round that the next one examines once more, after others
 SEED_STEP = 1_000_003  # between rounds, so that searches with seeds 0 and 1 share none
 LIMITS = Limits(time_s=30.0, memory_gib=4.0)  # of one input
+MOST_KEPT = 200  # rounds, some 2 kB an input
 REDUCTION_S = 60.0  # for the reduction of one kind of failure
 # Not the digits of a name: float32, SIGUSR1.
 _NUMBER = re.compile(r"(?<![\w.])[-+]?(0x[0-9a-f]+|\d[\d,]*(\.\d+)?(e[-+]?\d+)?)(?!\w)", re.I)
+
+_KEPT: dict[tuple[Any, int], list[Any]] = {}  # inputs of a round by strategy and seed
 
 
 @dataclass(frozen=True)
@@ -125,7 +128,12 @@ class Rounds:
         drawn = list(self._repeated)
         for given in self._repeated:
             self._take(given)
-        generate(self._subject, seed, lambda given: (self._take(given), drawn.append(given)))
+        for given in _KEPT.get((self._subject.inputs(), seed), ()):
+            self._take(given)
+            drawn.append(given)
+        if len(drawn) == len(self._repeated):
+            generate(self._subject, seed, lambda given: (self._take(given), drawn.append(given)))
+            _keep(self._subject, seed, drawn[len(self._repeated) :])
         while self._under_way:
             self._wait()
         for kind, failing in self.result.failing.items():
@@ -213,6 +221,13 @@ class Rounds:
         return smallest
 
 
+def _keep(subject: Subject, seed: int, inputs: list[Any]) -> None:
+    """Keep the inputs of a round for other subjects: to generate them takes as long as to draw."""
+    _KEPT[subject.inputs(), seed] = inputs
+    if len(_KEPT) > MOST_KEPT:
+        del _KEPT[next(iter(_KEPT))]
+
+
 class _FailsAlike(Exception):
     """The failure that hypothesis reduces the input of."""
 
@@ -227,13 +242,15 @@ def generate(
     import hypothesis
     from hypothesis import HealthCheck, Phase
 
+    checks: Any = HealthCheck  # an enum, which pyright does not see
+
     @hypothesis.seed(seed)
     @hypothesis.settings(
         max_examples=ROUND,
         database=None,
         deadline=None,
         phases=(Phase.generate, Phase.shrink) if reduces else (Phase.generate,),
-        suppress_health_check=list(HealthCheck),
+        suppress_health_check=tuple(checks),
         report_multiple_bugs=False,
         print_blob=False,
     )

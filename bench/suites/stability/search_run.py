@@ -70,16 +70,16 @@ def run_search(
     Without methods and metrics in the request, all are searched. The tables are written anew after
     each method or metric. Raises BadInput for options that the user has to fix.
     """
-    assert options.search is not None
-    start, directory = time.perf_counter(), options.out or RUNS / "stability-search"
+    start, seconds = time.perf_counter(), options.search or 0.0
+    directory = options.out or RUNS / "stability-search"
     options = replace(options, out=directory)
     if subjects is None:
         subjects = _subjects(options, suite)
     require_hypothesis()
     if (directory / MANIFEST).exists() and not options.fresh:
         raise BadInput(f"{directory}: holds a run; give another --out, or --fresh to start over")
-    hours = options.search * len(subjects) / 3600
-    log(f"{len(subjects)} methods and metrics, {options.search:g} s each: {hours:.2g} h")
+    hours = seconds * len(subjects) / 3600
+    log(f"{len(subjects)} methods and metrics, {seconds:g} s each: {hours:.2g} h")
     workers, seed = options.workers or cores(), options.seed or 0
     methods = [subject.id for subject in subjects if subject.id not in METRICS]
     manifest = manifest_of(
@@ -89,7 +89,7 @@ def run_search(
         environment(),
         methods=methods,
         objectives=objectives(map(find_method, methods)),
-        search_s=options.search,
+        search_s=seconds,
         workers=workers,
     )
     del manifest["request"]  # `--config` knows no search
@@ -97,7 +97,7 @@ def run_search(
     tables: tuple[Table[SearchRow], Table[CaseOutcome]] = _tables(rows)
     with open_run(directory, manifest, options.fresh):
         for subject in subjects:
-            rows += _rows(search(subject, options.search, seed, workers), directory)
+            rows += _rows(search(subject, seconds, seed, workers), directory)
             tables = _tables(rows)
             write_tables(directory, tables)
     printed = [markdown.document(list(_layout(rows)))]
