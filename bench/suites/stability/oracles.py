@@ -40,7 +40,10 @@ if TYPE_CHECKING:
 SLOW_POINTS = 2_000  # the most for methods that are expected to take minutes for MANY
 MANY, SHUFFLED = "100000-points", "shuffled"
 ANGLES = ("azimuth-error-deg", "elevation-error-deg")
-DIRECTED = ("thin-recall", "thin-precision", "alexnet-precision", "alexnet-recall", JUDGE, *ANGLES)
+DIRECTED = (  # silhouettes are drawn by the contrast of the true image
+    *("ssim-object", "silhouette-iou", "silhouette-distance", "thin-recall", "thin-precision"),
+    *("alexnet-precision", "alexnet-recall", JUDGE, *ANGLES),
+)
 NETWORKS = 1e-5  # rounding of metrics whose network computes in float32
 DECIBELS = 0.01  # the largest PSNR has two digits
 RANGE_OF = RANGES | {JUDGE: (1 - CODE_LENGTH, 1 + CODE_LENGTH), ANGLES[0]: (0.0, 180.0)}

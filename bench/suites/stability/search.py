@@ -22,11 +22,11 @@ from data_prep.progress import PLAIN_EVERY_S, log
 ROUND = 500  # inputs
 REPEATED = 5  # inputs of a round that the next one examines once more, after others
 SEED_STEP = 1_000_003  # between rounds, so that searches with seeds 0 and 1 share none
-LIMITS = Limits(time_s=30.0, memory_gib=4.0)  # of one input
+LIMITS = Limits(time_s=60.0, memory_gib=4.0)  # of one input, as of a case
 MOST_KEPT = 200  # rounds, some 2 kB an input
 REDUCTION_S = 60.0  # for the reduction of one kind of failure
 # Not the digits of a name: float32, SIGUSR1.
-_NUMBER = re.compile(r"(?<![\w.])[-+]?(0x[0-9a-f]+|\d[\d,]*(\.\d+)?(e[-+]?\d+)?)(?!\w)", re.I)
+_NUMBER = re.compile(r"(?<![\w.])[-+]?(0x[0-9a-f]+|\d(,?\d)*(\.\d+)?(e[-+]?\d+)?)(?!\w)", re.I)
 
 _KEPT: dict[tuple[Any, int], list[Any]] = {}  # inputs of a round by strategy and seed
 

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from bench.catalogue.loaders import GPU
-from bench.catalogue.methods import find_method, objectives
 from bench.catalogue.suites import StabilitySuite
 from bench.records.run_folder import MANIFEST
 from bench.running.environment import cores, environment
@@ -88,7 +87,6 @@ def run_search(
         0,
         environment(),
         methods=methods,
-        objectives=objectives(map(find_method, methods)),
         search_s=seconds,
         workers=workers,
     )
@@ -104,11 +102,29 @@ def run_search(
     return SuiteRun(directory, tables, printed, f"{time.perf_counter() - start:.0f} s")
 
 
+def stability_methods(options: Options, suite: StabilitySuite) -> tuple[str, ...]:
+    """Return the methods of a run of the suite. Raises BadInput for options without a meaning."""
+    methods = methods_of(
+        options,
+        suite,
+        conditions="its cases take their place",
+        views="each case has its own",
+        **dict.fromkeys(("limit", "shard", "ray"), "all cases are taken of one object"),
+        inception_weights="no fid is taken",
+    )
+    if options.dataset != "procedural":
+        raise BadInput(
+            f"--dataset {options.dataset}: the suite {suite.id} states what happens to one "
+            "procedural object; leave it"
+        )
+    return methods
+
+
 def _subjects(options: Options, suite: StabilitySuite) -> list[Subject]:
     methods: tuple[str, ...] = ()
     if options.methods is not None or options.metrics is None:
         # The folder of a search has no methods to keep.
-        methods = methods_of(replace(options, metrics=None, fresh=True), suite)
+        methods = stability_methods(replace(options, metrics=None, fresh=True), suite)
     metrics = options.metrics or () if options.methods or options.metrics else tuple(METRICS)
     device = GPU if options.device == GPU else "cpu"
     return [
