@@ -177,11 +177,11 @@ SUBJECTS: Mapping[str, MethodSubject | MetricSubject] = {
 
 
 def first_failure(
-    subject: Subject, seconds: float, seed: int = 0, workers: int = 1
+    subject: Subject, seconds: float, seed: int = 0, clock: Callable[[], float] = time.monotonic
 ) -> FailingInput | None:
     """Return the first failure within a time, its input reduced; None where there is none."""
-    with closing(TaskPool(examine, workers, LIMITS)) as pool:
-        rounds = Rounds(subject, seconds, pool, time.monotonic)
+    with closing(TaskPool(examine, 1, LIMITS)) as pool:
+        rounds = Rounds(subject, seconds, pool, clock)
         while not rounds.result.failing and rounds.result.seconds < seconds:
             rounds.carry_out(seed)
             seed += SEED_STEP

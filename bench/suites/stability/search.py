@@ -125,15 +125,20 @@ class Rounds:
     def carry_out(self, seed: int) -> None:
         """Examine the inputs of a seed, and reduce each new kind of failure."""
         self._seed, self._findings = seed, {}
-        drawn = list(self._repeated)
-        for given in self._repeated:
-            self._take(given)
-        for given in _KEPT.get((self._subject.inputs(), seed), ()):
+        drawn: list[Any] = []
+
+        def take(given: Any) -> None:
+            if self._elapsed() >= self._seconds:
+                raise _TimeOver
             self._take(given)
             drawn.append(given)
-        if len(drawn) == len(self._repeated):
-            generate(self._subject, seed, lambda given: (self._take(given), drawn.append(given)))
-            _keep(self._subject, seed, drawn[len(self._repeated) :])
+
+        with suppress(_TimeOver):
+            for given in (*self._repeated, *_KEPT.get((self._subject.inputs(), seed), ())):
+                take(given)
+            if len(drawn) == len(self._repeated):
+                generate(self._subject, seed, take)
+                _keep(self._subject, seed, drawn[len(self._repeated) :])
         while self._under_way:
             self._wait()
         for kind, failing in self.result.failing.items():
@@ -160,9 +165,9 @@ class Rounds:
             )
 
     def _take(self, given: Any) -> None:
-        """Give an input to a worker, unless the time is over or the round had the same before."""
+        """Give an input to a worker, unless the round had the same before."""
         text = repr(given)
-        if self._elapsed() >= self._seconds or text in self._findings | self._under_way:
+        if text in self._findings or text in self._under_way:
             return
         while len(self._under_way) >= self._pool.capacity:
             self._wait()
@@ -226,6 +231,10 @@ def _keep(subject: Subject, seed: int, inputs: list[Any]) -> None:
     _KEPT[subject.inputs(), seed] = inputs
     if len(_KEPT) > MOST_KEPT:
         del _KEPT[next(iter(_KEPT))]
+
+
+class _TimeOver(Exception):
+    """The end of a round, as the time of the search is over."""
 
 
 class _FailsAlike(Exception):
