@@ -103,7 +103,9 @@ class Rows:
             return sample_surface(chair(), rng, self.count).points
         if self.shape == "cube":
             rows = rng.uniform(-0.5, 0.5, (self.count, 3))
-            rows[np.arange(self.count), rng.integers(0, 3, self.count)] = rng.choice([-0.5, 0.5])
+            rows[np.arange(self.count), rng.integers(0, 3, self.count)] = rng.choice(
+                [-0.5, 0.5], self.count
+            )
             return rows
         return 0.3 * rng.standard_normal((self.count, columns))
 

@@ -18,7 +18,6 @@ from bench.suites.stability import generated
 from bench.suites.stability.cases import CASES
 from bench.suites.stability.expectations import (
     EXACT_MEAN,
-    EXACT_MOST,
     EXPECTED,
     Agrees,
     Either,
@@ -38,6 +37,9 @@ if TYPE_CHECKING:
     from hypothesis.strategies import SearchStrategy
 
 SLOW_POINTS = 2_000  # the most for methods that are expected to take minutes for MANY
+# Qhull takes over a minute for 12,000 points of the faces of a cube, and a second for 16,000 of a
+# chair (tests/upstream/test_library_defects.py).
+SLOW = ("alpha-shape", "denoised-alpha")
 MANY, SHUFFLED = "100000-points", "shuffled"
 ANGLES = ("azimuth-error-deg", "elevation-error-deg")
 DIRECTED = (  # silhouettes are drawn by the contrast of the true image
@@ -152,7 +154,8 @@ class MethodSubject:
             if bool(other_reason) != bool(reason):
                 return Finding(f"other in reverse: {other_reason or 'images'}; {reason}")
             change = np.abs(images.astype(np.int16) - reordered)
-            if change.size and not _agrees(change):
+            # Single pixels may change: of faces that share an edge, the first drawn has it.
+            if change.size and change.mean() > EXACT_MEAN:
                 mean, most = change.mean(), change.max()
                 return Finding(f"images change in reverse by {mean:.2g}, at most {most}")
         return Finding(refused=reason, digest=sha256(images.tobytes()).hexdigest())
@@ -175,17 +178,13 @@ def _is_plain(cloud: PointCloud) -> bool:
     return len(points) <= CLOUD_SIZE and bool((np.abs(points) <= 1.0).all())
 
 
-def _agrees(change: Array) -> bool:
-    return bool(change.mean() <= EXACT_MEAN and change.max() <= EXACT_MOST)
-
-
 def method_subject(method: str, device: str) -> MethodSubject:
     """Return the subject of a method; what is expected of it is in `EXPECTED`."""
     cases = {case.id: case for case in CASES}
     order_free = isinstance(expectation(method, cases[SHUFFLED]), Agrees)
     many = expectation(method, cases[MANY])
     options = many.options if isinstance(many, Either) else (many,)
-    slow = any(isinstance(o, Fails) and o.kind == "contained" for o in options)
+    slow = method in SLOW or any(isinstance(o, Fails) and o.kind == "contained" for o in options)
     most = SLOW_POINTS if slow else generated.MOST_POINTS
     return MethodSubject(method, device, order_free and method in EXPECTED, most)
 
