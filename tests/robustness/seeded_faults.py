@@ -22,7 +22,7 @@ from bench.metrics.structural_similarity import ssim_per_image
 from bench.running.isolation import TaskPool
 from bench.running.work import load_renderer
 from bench.suites.stability.metrics import Metric
-from bench.suites.stability.oracles import MethodSubject, MetricSubject, Subject, examine
+from bench.suites.stability.oracles import MethodSubject, MetricSubject, SearchSubject, examine
 from bench.suites.stability.search import SEED_STEP, FailingInput, Rounds
 from data_prep.scene import Images, PointCloud, Points, Renderer, View
 
@@ -177,7 +177,10 @@ SUBJECTS: Mapping[str, MethodSubject | MetricSubject] = {
 
 
 def first_failure(
-    subject: Subject, seconds: float, seed: int = 0, clock: Callable[[], float] = time.monotonic
+    subject: SearchSubject,
+    seconds: float,
+    seed: int = 0,
+    clock: Callable[[], float] = time.monotonic,
 ) -> FailingInput | None:
     """Return the first failure within a time, its input reduced; None where there is none."""
     with closing(TaskPool(examine, 1, LIMITS)) as pool:

@@ -35,7 +35,7 @@ STEPS = (1, 2, 3, 10, 1_000_000)  # the last one takes the first row alone
 
 
 @dataclass(frozen=True)
-class Change:
+class RowChange:
     """A change of every `step`-th row of an array, in one column or (None) in all of them.
 
     times   multiply by `value`: another scale, or two scales in one cloud
@@ -74,8 +74,8 @@ class Change:
 
 
 @dataclass(frozen=True)
-class Rows:
-    """Rows of numbers: a few that are written out, or else `count` random ones; then changes.
+class NumberRows:
+    """NumberRows of numbers: a few that are written out, or else `count` random ones; then changes.
 
     ball   normal deviates, the only shape with other than three columns
     cube   points of the surface of a cube
@@ -86,7 +86,7 @@ class Rows:
     count: int = 0
     shape: Shape = "ball"
     seed: int = 0
-    changes: tuple[Change, ...] = ()
+    changes: tuple[RowChange, ...] = ()
 
     def array(self, columns: int, dtype: str = "float32") -> Array:
         """Return the rows [n, columns]."""
@@ -122,7 +122,7 @@ def chair() -> Mesh:
 class CloudInput:
     """A cloud and views of it."""
 
-    points: Rows
+    points: NumberRows
     views: tuple[View, ...]
 
     def cloud(self) -> PointCloud:
@@ -178,8 +178,8 @@ class ImagesInput:
 class FeaturesInput:
     """Two sets of features, for distances between sets."""
 
-    first: Rows
-    second: Rows
+    first: NumberRows
+    second: NumberRows
     columns: int
     dtype: str = "float32"
 
@@ -221,25 +221,25 @@ def _counts(most: int) -> SearchStrategy[int]:
 
 
 @functools.cache
-def _changes(columns: int) -> tuple[Change, ...]:
+def _changes(columns: int) -> tuple[RowChange, ...]:
     """Return changes to choose from in one draw, which is faster than to draw each part."""
     kinds: tuple[Kind, ...] = ("times", "plus", "put", "round")
     places = [None, *range(min(columns, 3))]
     return (
         *(
-            Change(kind, value, column, step)
+            RowChange(kind, value, column, step)
             for step, column, kind, value in itertools.product(STEPS, places, kinds, MAGNITUDES)
         ),
-        *(Change("repeat", step=step) for step in (2, 3, 10) * 40),
-        *(Change("sort", column=column) for column in range(min(columns, 3)) for _ in range(20)),
+        *(RowChange("repeat", step=step) for step in (2, 3, 10) * 40),
+        *(RowChange("sort", column=column) for column in range(min(columns, 3)) for _ in range(20)),
     )
 
 
-def _rows(columns: int, most: int, shapes: tuple[Shape, ...]) -> SearchStrategy[Rows]:
+def _rows(columns: int, most: int, shapes: tuple[Shape, ...]) -> SearchStrategy[NumberRows]:
     from hypothesis import strategies as st
 
     changed = st.builds(
-        Change,
+        RowChange,
         st.sampled_from(("times", "plus", "put", "round")),
         st.floats(width=32),
         st.none() | st.integers(0, columns - 1),
@@ -253,14 +253,14 @@ def _rows(columns: int, most: int, shapes: tuple[Shape, ...]) -> SearchStrategy[
         lambda rows: tuple(tuple(itertools.islice(itertools.cycle(r), columns)) for r in rows)
     )
     sampled = st.builds(
-        Rows,
+        NumberRows,
         st.just(()),
         _counts(most),
         st.sampled_from(shapes),
         st.integers(0, 2**16),
         lists,
     )
-    return st.builds(Rows, written) | sampled | sampled
+    return st.builds(NumberRows, written) | sampled | sampled
 
 
 @functools.cache  # the same strategy each time

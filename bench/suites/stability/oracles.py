@@ -57,7 +57,7 @@ BEST = {  # of an array and itself
 
 
 @dataclass(frozen=True)
-class Finding:
+class Examination:
     """The outcome of one input.
 
     problem  why it is unexpected; empty where it is as expected
@@ -70,7 +70,7 @@ class Finding:
     digest: str = ""
 
 
-class Subject(Protocol):
+class SearchSubject(Protocol):
     """A method or a metric to be searched. It crosses process boundaries."""
 
     @property
@@ -82,18 +82,18 @@ class Subject(Protocol):
         """Return the strategy of its inputs."""
         ...
 
-    def examine(self, given: Any) -> Finding:
+    def examine(self, given: Any) -> Examination:
         """Return the outcome of an input, in a worker."""
         ...
 
 
-def examine(task: tuple[Subject, Any]) -> Finding:
+def examine(task: tuple[SearchSubject, Any]) -> Examination:
     """Return the outcome of an input, whatever the subject raises: the work of a worker."""
     subject, given = task
     try:
         return subject.examine(given)
     except BaseException as error:  # a method may call exit(), or raise KeyboardInterrupt
-        return Finding(reason_of(error))
+        return Examination(reason_of(error))
 
 
 # --- methods --------------------------------------------------------------------------------------
@@ -139,26 +139,26 @@ class MethodSubject:
         """Return the method and its renderer."""
         return find_method(self.id), load_renderer(self.id, self.device)
 
-    def examine(self, given: CloudInput) -> Finding:
+    def examine(self, given: CloudInput) -> Examination:
         """Draw a cloud twice, and where the order is not to count in reverse."""
         cloud = given.cloud()
         images, reason = self._draw(cloud, given.views)
         again, reason_again = self._draw(cloud, given.views)
         if reason and not names_stage(reason):
-            return Finding(reason)
+            return Examination(reason)
         if reason != reason_again or not np.array_equal(images, again):
-            return Finding(f"other the second time: {reason_again or 'images'}; {reason}")
+            return Examination(f"other the second time: {reason_again or 'images'}; {reason}")
         if self.order_free and _is_plain(cloud):
             reversed_cloud = PointCloud(cloud.points[::-1], cloud.source)
             reordered, other_reason = self._draw(reversed_cloud, given.views)
             if bool(other_reason) != bool(reason):
-                return Finding(f"other in reverse: {other_reason or 'images'}; {reason}")
+                return Examination(f"other in reverse: {other_reason or 'images'}; {reason}")
             change = np.abs(images.astype(np.int16) - reordered)
             # Single pixels may change: of faces that share an edge, the first drawn has it.
             if change.size and change.mean() > EXACT_MEAN:
                 mean, most = change.mean(), change.max()
-                return Finding(f"images change in reverse by {mean:.2g}, at most {most}")
-        return Finding(refused=reason, digest=sha256(images.tobytes()).hexdigest())
+                return Examination(f"images change in reverse by {mean:.2g}, at most {most}")
+        return Examination(refused=reason, digest=sha256(images.tobytes()).hexdigest())
 
     def _draw(self, cloud: PointCloud, views: tuple[View, ...]) -> tuple[UInt8Images, str]:
         """Return the images, or none and the reason."""
@@ -212,7 +212,7 @@ class MetricSubject:
         """Return the function."""
         return METRICS[self.id]
 
-    def examine(self, given: Any) -> Finding:
+    def examine(self, given: Any) -> Examination:
         """Measure a pair, a thing with itself, and the pair in reverse."""
         first, second = given.arrays()
         try:
@@ -223,18 +223,18 @@ class MetricSubject:
                 slack = DECIBELS if self.id == "psnr" else NETWORKS
                 nan = np.isnan(values) & (self.id in UNDEFINED)
                 if not (nan | ((values >= low - slack) & (values <= high + slack))).all():
-                    return Finding(f"{_shown(values)}: outside {low:g} to {high:g}")
+                    return Examination(f"{_shown(values)}: outside {low:g} to {high:g}")
                 if self.id in BEST and (problem := self._off_itself(first)):
-                    return Finding(problem)
+                    return Examination(problem)
                 if self.id not in DIRECTED:
                     reverse = np.atleast_1d(self.load()(second, first))
                     if not self._equal(values, reverse, first, second):
-                        return Finding(f"{_shown(values)}, in reverse {_shown(reverse)}")
+                        return Examination(f"{_shown(values)}, in reverse {_shown(reverse)}")
         except ValueError as error:
             if type(error).__name__ == "ValueError" and not str(error):
-                return Finding("ValueError: no message")
-            return Finding(refused=reason_of(error))
-        return Finding(digest=sha256(values.tobytes()).hexdigest())
+                return Examination("ValueError: no message")
+            return Examination(refused=reason_of(error))
+        return Examination(digest=sha256(values.tobytes()).hexdigest())
 
     def _off_itself(self, array: Array) -> str:
         """Return why the metric of an array and itself is not the best; empty where it is."""

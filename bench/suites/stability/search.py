@@ -15,7 +15,7 @@ from typing import Any
 
 from bench.catalogue.suites import Limits
 from bench.running.isolation import TaskPool, WorkerFailure
-from bench.suites.stability.oracles import Finding, Subject, examine
+from bench.suites.stability.oracles import Examination, SearchSubject, examine
 from data_prep.failures import MissingDependency
 from data_prep.progress import PLAIN_EVERY_S, log
 
@@ -86,7 +86,7 @@ def require_hypothesis() -> None:
 
 
 def search(
-    subject: Subject,
+    subject: SearchSubject,
     seconds: float,
     seed: int,
     workers: int,
@@ -107,9 +107,9 @@ class Rounds:
 
     def __init__(
         self,
-        subject: Subject,
+        subject: SearchSubject,
         seconds: float,
-        pool: TaskPool[tuple[Subject, Any], Finding],
+        pool: TaskPool[tuple[SearchSubject, Any], Examination],
         clock: Callable[[], float],
     ) -> None:
         self.result = SearchResult(subject.id)
@@ -118,7 +118,7 @@ class Rounds:
         self._start = self._logged = clock()
         self._seed = 0
         self._under_way: dict[str, Any] = {}
-        self._findings: dict[str, Finding] = {}  # of this round, by the text of the input
+        self._findings: dict[str, Examination] = {}  # of this round, by the text of the input
         self._digests: dict[str, str] = {}  # of those inputs of the round before that are repeated
         self._repeated: list[Any] = []
 
@@ -154,7 +154,7 @@ class Rounds:
         return self._clock() - self._start
 
     def _digest(self, given: Any) -> str:
-        return self._findings.get(repr(given), Finding()).digest
+        return self._findings.get(repr(given), Examination()).digest
 
     def _report(self) -> None:
         if self._clock() - self._logged > PLAIN_EVERY_S:
@@ -187,16 +187,16 @@ class Rounds:
                     given, finding.problem, self._seed, self._elapsed(), result.inputs
                 )
 
-    def _ended(self) -> list[tuple[Any, Finding]]:
+    def _ended(self) -> list[tuple[Any, Examination]]:
         ended = []
         for (_, given), finding in self._pool.wait_any():
             text = repr(given)
             self._under_way.pop(text, None)
             if isinstance(finding, WorkerFailure):
-                finding = Finding(finding.reason)
+                finding = Examination(finding.reason)
             before = self._digests.get(text, "")
             if before and not finding.problem and finding.digest != before:
-                finding = Finding("another result after other inputs")
+                finding = Examination("another result after other inputs")
             self._findings[text] = finding
             ended.append((given, finding))
         return ended
@@ -226,7 +226,7 @@ class Rounds:
         return smallest
 
 
-def _keep(subject: Subject, seed: int, inputs: list[Any]) -> None:
+def _keep(subject: SearchSubject, seed: int, inputs: list[Any]) -> None:
     """Keep the inputs of a round for other subjects: to generate them takes as long as to draw."""
     _KEPT[subject.inputs(), seed] = inputs
     if len(_KEPT) > MOST_KEPT:
@@ -242,7 +242,7 @@ class _FailsAlike(Exception):
 
 
 def generate(
-    subject: Subject, seed: int, take: Callable[[Any], object], reduces: bool = False
+    subject: SearchSubject, seed: int, take: Callable[[Any], object], reduces: bool = False
 ) -> None:
     """Call `take` with the inputs of a round, the same for the same seed; some may be equal.
 

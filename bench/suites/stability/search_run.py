@@ -19,7 +19,7 @@ from bench.running.run import open_run
 from bench.suites.procedure import SuiteRun, methods_of
 from bench.suites.stability.generated import CloudInput
 from bench.suites.stability.metrics import METRICS
-from bench.suites.stability.oracles import Subject, method_subject, metric_subject
+from bench.suites.stability.oracles import SearchSubject, method_subject, metric_subject
 from bench.suites.stability.outcomes import CaseOutcome
 from bench.suites.stability.search import FailingInput, SearchResult, require_hypothesis, search
 from bench.suites.stability.tables import matrix
@@ -64,7 +64,7 @@ class SearchRow:
 def run_search(
     options: Options,
     suite: StabilitySuite,
-    subjects: Sequence[Subject] | None = None,
+    subjects: Sequence[SearchSubject] | None = None,
     clock: Callable[[], float] = time.monotonic,
 ) -> SuiteRun:
     """Search the methods and metrics of a request, and write tables and the smallest clouds.
@@ -123,7 +123,7 @@ def stability_methods(options: Options, suite: StabilitySuite) -> tuple[str, ...
     return methods
 
 
-def _subjects(options: Options, suite: StabilitySuite) -> list[Subject]:
+def _subjects(options: Options, suite: StabilitySuite) -> list[SearchSubject]:
     methods: tuple[str, ...] = ()
     if options.methods is not None or options.metrics is None:
         # The folder of a search has no methods to keep.

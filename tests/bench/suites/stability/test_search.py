@@ -15,11 +15,11 @@ from bench.checking.golden import check
 from bench.running.options import Options
 from bench.suites.stability import generated
 from bench.suites.stability.generated import (
-    Change,
     CloudInput,
     ImagesInput,
+    NumberRows,
     Picture,
-    Rows,
+    RowChange,
 )
 from bench.suites.stability.metrics import METRICS
 from bench.suites.stability.oracles import (
@@ -99,13 +99,13 @@ def test_the_same_seed_gives_the_same_inputs():
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        (Change("times", 2.0), [[2, 4, 6], [8, 10, 12], [14, 16, 18]]),
-        (Change("times", 0.0, 2), [[1, 2, 0], [4, 5, 0], [7, 8, 0]]),
-        (Change("plus", 1.0, 0, 2), [[2, 2, 3], [4, 5, 6], [8, 8, 9]]),
-        (Change("put", 0.5, step=100), [[0.5, 0.5, 0.5], [4, 5, 6], [7, 8, 9]]),
-        (Change("round", 4.0), [[0, 0, 4], [4, 4, 8], [8, 8, 8]]),
-        (Change("repeat", step=2), [[1, 2, 3], [1, 2, 3], [7, 8, 9]]),
-        (Change("sort", column=0), [[1, 2, 3], [4, 5, 6], [7, 8, 9]]),
+        (RowChange("times", 2.0), [[2, 4, 6], [8, 10, 12], [14, 16, 18]]),
+        (RowChange("times", 0.0, 2), [[1, 2, 0], [4, 5, 0], [7, 8, 0]]),
+        (RowChange("plus", 1.0, 0, 2), [[2, 2, 3], [4, 5, 6], [8, 8, 9]]),
+        (RowChange("put", 0.5, step=100), [[0.5, 0.5, 0.5], [4, 5, 6], [7, 8, 9]]),
+        (RowChange("round", 4.0), [[0, 0, 4], [4, 4, 8], [8, 8, 8]]),
+        (RowChange("repeat", step=2), [[1, 2, 3], [1, 2, 3], [7, 8, 9]]),
+        (RowChange("sort", column=0), [[1, 2, 3], [4, 5, 6], [7, 8, 9]]),
     ],
 )
 def test_changes_of_rows(change, expected):
@@ -129,7 +129,7 @@ def test_a_fault_is_found_and_reduced_to_no_point():
     found = first_failure(SUBJECTS["no first point"], 1.0, clock=ticking())
     assert found is not None
     assert found.problem.startswith("IndexError: index 0 is out of bounds")
-    assert found.input == CloudInput(Rows(), found.input.views[:1])
+    assert found.input == CloudInput(NumberRows(), found.input.views[:1])
 
 
 def test_a_metric_fault_is_found_and_reduced():
@@ -189,19 +189,27 @@ def test_a_sound_subject_has_no_failure(subject):
 @pytest.mark.parametrize(
     ("fault", "given", "problem"),
     [
-        ("NaN above 1e19", Rows(((1e20, 0.0, 0.0),)), "ValueError: 49152 pixel values are not"),
-        ("overflow at 1e30", Rows(((2e30, 0.0, 0.0),)), "ValueError: pixels "),
-        ("shape of one view", Rows(((0.0, 0.0, 0.0),)), "ValueError: images of shape (128, 128, "),
-        ("two points", Rows(((0.0, 0.0, 0.0),) * 2), "ValueError: images are uint8"),
-        ("count of calls", Rows(count=9), "other the second time: images"),
-        ("denormal numbers", Rows(((1e-40, 0.0, 0.0),)), "FloatingPointError: underflow"),
-        ("order", Rows(((0.1, 0.0, 0.0), (0.0, 0.1, 0.0))), "images change in reverse by "),
+        (
+            "NaN above 1e19",
+            NumberRows(((1e20, 0.0, 0.0),)),
+            "ValueError: 49152 pixel values",
+        ),
+        ("overflow at 1e30", NumberRows(((2e30, 0.0, 0.0),)), "ValueError: pixels "),
+        (
+            "shape of one view",
+            NumberRows(((0.0, 0.0, 0.0),)),
+            "ValueError: images of shape (1",
+        ),
+        ("two points", NumberRows(((0.0, 0.0, 0.0),) * 2), "ValueError: images are uint8"),
+        ("count of calls", NumberRows(count=9), "other the second time: images"),
+        ("denormal numbers", NumberRows(((1e-40, 0.0, 0.0),)), "FloatingPointError: underflow"),
+        ("order", NumberRows(((0.1, 0.0, 0.0), (0.0, 0.1, 0.0))), "images change in reverse by "),
     ],
 )
 def test_what_is_unexpected_of_a_method(fault, given, problem):
     finding = FaultyMethod(fault).examine(CloudInput(given, FRONT))
     assert finding.problem.startswith(problem)
-    sound = FaultyMethod(fault).examine(CloudInput(Rows(), FRONT))
+    sound = FaultyMethod(fault).examine(CloudInput(NumberRows(), FRONT))
     assert (sound.problem, sound.refused) == ("", "input: no points")
 
 
