@@ -38,10 +38,6 @@ COMMANDS = {  # name: module and name in it, first line of its help
     "recommend": ("results:recommend", "Recommend a method for a budget, or for a quality."),
     "score": ("score:score_run", "Measure a finished run with metrics of other packages."),
     "render": ("render:render_clouds", "Draw the point clouds of files."),
-    "shrink": (
-        "render:shrink_record",
-        "Find the smallest cloud that still makes a method fail.",
-    ),
     "train": ("train:app", "Train the networks."),
     "data": ("data:app", "Inspect, verify and export datasets."),
     "new": ("new:new", "Write a package to start from: a method, metric or dataset."),

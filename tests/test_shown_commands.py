@@ -61,7 +61,6 @@ ENDS_WITH = {  # all others with 0
     "check DIR": (2, "no golden values for this protocol"),
     "data verify FOLDER": (1, "0 files are those of the list"),
     "score DIR": (2, "no installed package adds a metric"),
-    "shrink RECORD": (2, "first"),
 }
 
 

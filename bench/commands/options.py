@@ -228,10 +228,10 @@ def _shard(text: str | None) -> Any:
     return read_shard(text) if text else None
 
 
-def _budget(text: str | None) -> float | None:
+def _seconds(option: str, text: str | None) -> float | None:
     from bench.running.schedule import seconds_of
 
-    return None if text is None else seconds_of(text)
+    return None if text is None else seconds_of(text, option)
 
 
 def expand_file(text: str | None) -> str | None:
@@ -260,12 +260,19 @@ RUN_OPTIONS: dict[str, str | OptionSpec] = {  # of `bench.running.protocol.Optio
         "the same command goes on. Default: no limit.",
         metavar="90s|2m|1.5h",
         kind=str | None,
-        convert=_budget,
+        convert=functools.partial(_seconds, "--budget"),
     ),
     "until_decided": OptionSpec(
         "End when each network is ahead of the best reconstruction, behind it, or equal within "
         "0.01, at each condition; see docs/deciding.md. Default: measure all objects.",
         flag="--until-decided/--no-until-decided",  # a file may switch it on
+    ),
+    "search": OptionSpec(
+        "Suite stability: generate inputs for so long, for each method and each of --metrics, in "
+        "place of its cases; see docs/stability.md. Default: its cases.",
+        metavar="90s|2m|1.5h",
+        kind=str | None,
+        convert=functools.partial(_seconds, "--search"),
     ),
     "views": "Images of each object. Default: the suite's number.",
     "workers": OptionSpec(

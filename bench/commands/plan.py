@@ -168,7 +168,7 @@ def _workers(run: RunStatus) -> str:
 NO_LONGER = typer.Option(metavar="TEXT", help="Not used. Default: none.", hidden=True)
 
 
-@options_from_dataclass(Options, RUN_OPTIONS, leave_out=("fresh", "ray", "budget"))
+@options_from_dataclass(Options, RUN_OPTIONS, leave_out=("fresh", "ray", "budget", "search"))
 def plan(
     options: Options,
     pilot: Annotated[

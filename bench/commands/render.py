@@ -20,11 +20,8 @@ from bench.commands.options import (
     DEVICE,
     Device,
     OptionSpec,
-    WorkersOption,
     options_from_dataclass,
     path_argument,
-    path_option,
-    worker_count,
 )
 from bench.rendering.batch import image_of_cloud, images_of_clouds
 from bench.rendering.cloud import (
@@ -258,30 +255,3 @@ def render_clouds(
         print(image)
     if result.without_image:
         raise typer.Exit(1)
-
-
-def shrink_record(
-    record: Annotated[
-        str,
-        typer.Argument(
-            metavar="RECORD",
-            help="DIR:METHOD/CONDITION/CLASS/OBJECT; of the suite stability DIR:METHOD/CASE. "
-            "DIR alone lists some that failed.",
-        ),
-    ],
-    budget_s: Annotated[
-        float, typer.Option(help="Seconds after which the smallest cloud so far is kept.")
-    ] = 600.0,
-    workers: WorkersOption = None,
-    out: Annotated[
-        Path | None, path_option("Folder. Default: DIR/shrunk/RECORD.", "--out", "-o")
-    ] = None,
-) -> None:
-    """Find the smallest cloud that still makes a method fail. Exit 1 if it does not fail here."""
-    from bench.rendering import shrink as shrinking
-
-    result = shrinking.shrink(record, budget_s, worker_count(workers) or cores(), out)
-    if isinstance(result, shrinking.NotReproduced):
-        print(f"bench: {result.message}", file=sys.stderr)
-        raise typer.Exit(1)
-    print(result.message)

@@ -28,7 +28,7 @@ START_S, END_S, END_OF_OBJECT_S = 8.0, 12.0, 1.2
 JOB_S = 0.6  # of a worker for a job, in the mean of the default suite
 
 
-def seconds_of(text: str) -> float:
+def seconds_of(text: str, option: str = "--budget") -> float:
     """Return the seconds of a time like "90s", "2m" or "1.5h".
 
     Raises BadInput for any other text, and for zero.
@@ -36,7 +36,7 @@ def seconds_of(text: str) -> float:
     match = re.fullmatch(r"([0-9]{1,9}(?:\.[0-9]{1,9})?)([smh])", text.strip())
     seconds = float(match[1]) * UNITS_S[match[2]] if match else 0.0
     if not seconds:
-        raise BadInput(f"--budget {text}: give a time over 0 with its unit, as in 90s, 2m or 1.5h")
+        raise BadInput(f"{option} {text}: give a time over 0 with its unit, as in 90s, 2m or 1.5h")
     return seconds
 
 

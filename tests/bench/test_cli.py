@@ -193,7 +193,7 @@ def test_the_version_is_that_of_the_package(command):
 def test_help_names_all_commands(command):
     status, out, err = command("--help")
     assert (status, err) == (0, "")
-    names = "run list plan table report check compare recommend merge score render shrink data "
+    names = "run list plan table report check compare recommend merge score render data "
     trained = "autoencoder gan decoder splat-net views judge constant"
     for text, expected in ((out, names + "train doctor"), (command("train", "--help")[1], trained)):
         assert all(f"\n  {name} " in text for name in expected.split())

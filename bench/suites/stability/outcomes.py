@@ -134,9 +134,7 @@ def verdict(expected: Expectation, observed: Observation) -> Kind:
                     return kind
             return "unexpected"
         case NoExpectation() if observed.reason:
-            # A stage is named in kebab-case; Python's exceptions and lost workers are no stages.
-            stage = re.match(r"(?!timeout|memory|crash)[a-z][a-z0-9-]*: ", observed.reason)
-            return "refused" if stage else "unexpected"
+            return "refused" if names_stage(observed.reason) else "unexpected"
         case NoExpectation():
             return "holds" if change is None or change <= ROUNDED_MEAN else "differs"
         case _ if observed.reason:
@@ -150,6 +148,12 @@ def verdict(expected: Expectation, observed: Observation) -> Kind:
             return "holds" if agrees else "unexpected"
         case Changes():
             return "differs" if change is not None and change > expected.mean else "unexpected"
+
+
+def names_stage(reason: str) -> bool:
+    """Return whether the reason of a failure names a stage of the method."""
+    # A stage is named in kebab-case; Python's exceptions and lost workers are no stages.
+    return re.match(r"(?!timeout|memory|crash)[a-z][a-z0-9-]*: ", reason) is not None
 
 
 def _observed_in_words(observed: Observation) -> str:

@@ -48,7 +48,6 @@ def runs(tmp_path_factory):
         ("site", "ours", "OTHER", "--out", "site"),
         ("site", "OTHER", "--out", "site"),
         ("merge", "OTHER", "--out", "whole"),
-        ("shrink", "OTHER:splat/2048/chair/a"),
         (*RUN, "--out", "OTHER"),
         (*RUN, "--dry-run", "--out", "OTHER"),
         ("run", "--suite", "stability", "--methods", "splat", "--out", "OTHER"),

@@ -48,8 +48,7 @@ def test_a_method_without_an_image_is_no_success(copied, same_machine, arguments
     status, printed, err = command(*arguments, "--out", copied)
     assert (status, err.splitlines()[-1]) == (
         1,
-        f"bench: without a single image: splat; the reasons are in {copied / 'report.html'}, "
-        "'bench shrink' makes a small case of one",
+        f"bench: without a single image: splat; the reasons are in {copied / 'report.html'}",
     )
     assert printed.startswith("ssim-object and lpips: 3 of 3 objects")
     frame = pd.read_parquet(copied / "records.parquet")
