@@ -196,13 +196,18 @@ def filled(
     Raises Unfilled for a mark that is not understood, has no end or no source, or whose source has
     not exactly one line for a cell.
     """
+    tables: list[str] = []
 
     def table(mark: re.Match[str]) -> str:
         try:
             written = _table(parsed(mark["asked"]), numbers, errors or rounding_errors())
         except (ValueError, KeyError, OSError) as reason:
             raise Unfilled(f"{page}:{_line(text, mark.start())}: {reason}") from reason
-        return f"{BEGIN}{mark['asked']}-->\n{written}{END}"
+        # The meaning stands once in a page, on the line of the end: pages are short.
+        explained = MOVED in written and not any(MOVED in table for table in tables)
+        tables.append(written)
+        note = f"\n{FEWER} " if explained else ""
+        return f"{BEGIN}{mark['asked']}-->\n{written}{note}{END}"
 
     whole = {mark.start() for mark in PLACE.finditer(text)}
     for mark in re.finditer(re.escape(BEGIN), text):
@@ -222,8 +227,7 @@ def _table(request: TableRequest, numbers: Path, errors: RoundingErrors) -> str:
     left = len(request.rows)
     head = [request.corner, *[""] * (left - 1), *(column.head for column in request.columns)]
     body = [[*_in_words(row), *of_row] for row, *of_row in zip(rows, *cells, strict=True)]
-    note = f"\n{FEWER}\n" if any(MOVED in cell for of_row in body for cell in of_row) else ""
-    return markdown(head, body, left) + note
+    return markdown(head, body, left)
 
 
 def _cells(
@@ -333,7 +337,9 @@ def _short(number: str, digits: int, sign: bool) -> str:
 
 def moved_values(text: str) -> int:
     """Return how many values of a page are marked as having fewer digits."""
-    return len(re.findall(rf"{MOVED}[+−]?[.\d]", text))
+    return sum(
+        len(re.findall(rf"{MOVED}[+−]?[.\d]", mark["table"])) for mark in PLACE.finditer(text)
+    )
 
 
 def main() -> None:

@@ -20,7 +20,7 @@ import numpy as np
 
 from bench.analysis.comparison import decimals, milliseconds
 from bench.analysis.paper import AVERAGE
-from bench.analysis.significant_digits import Precision, rounding_errors
+from bench.analysis.significant_digits import Precision, RoundingErrors, rounding_errors
 from bench.catalogue.chosen import BEST_RECONSTRUCTION
 from bench.catalogue.condition_names import condition_words
 from bench.catalogue.costs import cost_of, view_costs_ms
@@ -82,12 +82,18 @@ GROUPS = (
 )
 
 
-def board(numbers: Path = NUMBERS, groups: Sequence[ResultGroup] = GROUPS) -> Board:
+def board(
+    numbers: Path = NUMBERS,
+    groups: Sequence[ResultGroup] = GROUPS,
+    errors: RoundingErrors | None = None,
+) -> Board:
     """Return the leaderboard of the results in a folder.
 
+    Digits are those that survive `errors`, by default the ones of `results/rounding.csv`.
     Methods are sorted by the mean of their places in the columns that they have values in; weights
     that are no method of the package are left out. Raises OSError where a file is missing.
     """
+    errors = errors or rounding_errors()
     lines = {g.name: _read(numbers / f"{g.measurement}.csv") for g in groups}
     found_methods = dict.fromkeys(
         line["method"] for of_group in lines.values() for line in of_group
@@ -115,7 +121,7 @@ def board(numbers: Path = NUMBERS, groups: Sequence[ResultGroup] = GROUPS) -> Bo
             verdicts = _verdicts(numbers / differences_of(group.measurement), group, method)
             for metric in HEADLINE:
                 of_column = values[group.name, metric]
-                digits = _precision(lines[group.name], group, metric, method)
+                digits = _precision(lines[group.name], group, metric, method, errors)
                 cells.append(_cell(metric, method, of_column, verdicts.get(metric, ""), digits))
         cost = cost_of(method, costs) if method not in references else None
         cells += [
@@ -168,11 +174,11 @@ def _lines(lines: Sequence[Line], group: ResultGroup, metric: str, method: str) 
 
 
 def _precision(
-    lines: Sequence[Line], group: ResultGroup, metric: str, method: str
+    lines: Sequence[Line], group: ResultGroup, metric: str, method: str, errors: RoundingErrors
 ) -> Precision | None:
     """Return the digits of a method's value; None without one."""
     of_cell = _lines(lines, group, metric, method)
-    return line_precision(of_cell[0], rounding_errors()) if of_cell else None
+    return line_precision(of_cell[0], errors) if of_cell else None
 
 
 def _value(lines: Sequence[Line], group: ResultGroup, metric: str, method: str) -> float | None:
