@@ -201,7 +201,8 @@ def precision_of_difference(declared: int, sides: Iterable[tuple[float, float]])
 
     So a difference has as many digits as the values that it is shown beside.
     """
-    both = [(precision(declared, *side), side[1]) for side in sides]
-    halves = [half for _, half in both if math.isfinite(half)]
-    moved = any(one.half is not None for one, _ in both)
-    return Precision(min(one.decimals for one, _ in both), math.hypot(*halves) if moved else None)
+    sides = list(sides)
+    printed = [precision(declared, *side) for side in sides]
+    moved = any(half is not None for _, half in printed)
+    error = math.hypot(*(half for _, half in sides if math.isfinite(half)))
+    return Precision(min(decimals for decimals, _ in printed), error if moved else None)
