@@ -52,7 +52,7 @@ from pathlib import Path
 from bench.analysis.comparison import milliseconds
 from bench.analysis.significant_digits import RoundingErrors, rounding_errors
 from bench.catalogue.methods import find_method
-from bench.tables.grid import MOVED
+from bench.tables.grid import FEWER, MOVED
 from data_prep.files.atomic_write import write_whole
 from studies.printed_digits import Line, line_precision, with_objects
 from studies.provenance import origins
@@ -81,7 +81,6 @@ PLACE = re.compile(
     re.escape(BEGIN) + r"(?P<asked>[^>]*?)-->\n(?P<table>.*?)" + re.escape(END), re.S
 )
 
-FEWER = f"{MOVED}: fewer digits, as rounding alone moves the others."
 Axis = Sequence[tuple[str, Sequence[str]]]
 
 
@@ -206,7 +205,7 @@ def filled(
         # The meaning stands once in a page, on the line of the end: pages are short.
         explained = MOVED in written and not any(MOVED in table for table in tables)
         tables.append(written)
-        note = f"\n{FEWER} " if explained else ""
+        note = f"\n{FEWER}. " if explained else ""
         return f"{BEGIN}{mark['asked']}-->\n{written}{note}{END}"
 
     whole = {mark.start() for mark in PLACE.finditer(text)}

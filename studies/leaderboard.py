@@ -40,8 +40,8 @@ from bench.report.site.board import (
 )
 from bench.report.site.site_run import HEADLINE
 from bench.report.site.words import method_words, metric_words, trained_on
-from bench.tables.grid import MOVED
-from studies.documents import FEWER, NUMBERS, VERDICTS
+from bench.tables.grid import FEWER, MOVED
+from studies.documents import NUMBERS, VERDICTS
 from studies.measurements import differences_of
 from studies.printed_digits import Line, line_precision, with_objects
 
@@ -143,7 +143,7 @@ def board(
             f"Better, worse, not decided: against {BEST_RECONSTRUCTION}, object by object, p below "
             ".05 after Holm's correction. A failed image is scored as a blank one. "
             " Results has commands, dates and intervals.",
-            *([FEWER] if any(MOVED in c.text for row in rows for c in row.cells) else []),
+            *([f"{FEWER}."] if any(MOVED in c.text for row in rows for c in row.cells) else []),
         ),
     )
 

@@ -128,6 +128,7 @@ def number(
 
 
 MOVED = "≈"  # before a value that has fewer digits
+FEWER = f"{MOVED}: fewer digits, as rounding alone moves the others"  # where no grid says more
 
 
 def measured(

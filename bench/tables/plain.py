@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from rich.cells import cell_len, set_cell_size
 
-from bench.tables.grid import BEST, MOVED, Cell, Grid
+from bench.tables.grid import BEST, FEWER, Cell, Grid
 from bench.tables.markdown import visible
 
 WIDEST_NAME = 30
@@ -15,7 +15,6 @@ GAP = "  "
 NOTES = 3  # of all grids
 FEWEST_LINES = 10
 STAR = "* best of those that compete"
-FEWER = f"{MOVED} fewer digits, as rounding alone moves the others"
 
 
 def plain(grids: Sequence[Grid], width: int, lines: int) -> list[str]:

@@ -15,7 +15,7 @@ from bench.analysis.paired import SIGNIFICANCE, Ahead, PairedDifference
 from bench.analysis.resolution import POWER
 from bench.analysis.run_pairs import Differences
 from bench.catalogue.condition_names import condition_name
-from bench.tables.grid import MOVED, ordered
+from bench.tables.grid import FEWER, MOVED, ordered
 from bench.tables.markdown import visible
 from bench.tables.plain import GAP, in_groups
 from bench.tables.wrap import wrapped
@@ -95,7 +95,7 @@ def verdict(cells: Sequence[PairedDifference], name: str, objects: str, hint: st
     if any(math.isfinite(cell.resolution) for cell in valued):
         text += f" Could show: with a power of {100 * POWER:.0f} %."
     if any(cell.pair.precision.half is not None for cell in valued):
-        text += f" {MOVED}: fewer digits, as rounding alone moves the others."
+        text += f" {FEWER}."
     return f"{text} {hint}".rstrip()
 
 

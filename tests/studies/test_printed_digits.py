@@ -8,7 +8,8 @@ import math
 import pytest
 
 from bench.analysis.significant_digits import ObjectDeviation, RoundingErrors
-from studies.documents import FEWER, NUMBERS, filled, moved_values
+from bench.tables.grid import FEWER
+from studies.documents import NUMBERS, filled, moved_values
 from studies.leaderboard import ResultGroup, board
 from studies.printed_digits import VIEWS, line_precision, with_objects
 
@@ -53,7 +54,7 @@ def test_a_value_that_rounding_moves_is_marked_and_the_page_says_so_once(numbers
         "| splat | .777 [.751, .802] |",
         "| best-reconstruction | ≈.8 |",  # as alpha-wrap, which its note names
         "",
-        f"{FEWER} <!-- end -->",
+        f"{FEWER}. <!-- end -->",
         f"<!-- numbers: {asked} intervals=no -->",
         "| method | 2,048 points |",
         "|---|---:|",
@@ -148,5 +149,5 @@ def test_the_leaderboard_has_them(tmp_path):
     })  # fmt: skip
     made = board(tmp_path, (group,), errors)
     assert [cell.text for cell in made.rows[0].cells[:2]] == ["≈.78", ".776"]
-    assert FEWER in made.notes
-    assert FEWER not in board(tmp_path, (group,), RoundingErrors({})).notes
+    assert f"{FEWER}." in made.notes
+    assert f"{FEWER}." not in board(tmp_path, (group,), RoundingErrors({})).notes

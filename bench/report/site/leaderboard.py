@@ -34,7 +34,7 @@ from bench.report.site.words import (
     trained_on,
 )
 from bench.tables.differences import too_few
-from bench.tables.grid import MOVED
+from bench.tables.grid import FEWER, MOVED
 
 MOST_RUNS = 3  # beside each other on a screen
 MEANS = "means-"  # begins the anchors of the glossary
@@ -201,7 +201,7 @@ def _notes(runs: Sequence[SiteRun], ranks: MeanRanks) -> tuple[str, ...]:
         for ranking in run.overall_rankings.values()
         for rank in ranking.ranks
     ):
-        notes.append(f"{MOVED}: fewer digits, as rounding alone moves the others.")
+        notes.append(f"{FEWER}.")
     if ranks.objects_needed:
         notes.append(f"Mean ranks without letters: {too_few(ranks.objects_needed)}.")
     for run in runs:

@@ -25,8 +25,8 @@ from bench.tables.build import make_outputs
 from bench.tables.classes import table_of_classes
 from bench.tables.differences import difference_cell
 from bench.tables.frontier import frontier_table
-from bench.tables.grid import BEST, Grid
-from bench.tables.plain import FEWER, STAR, plain
+from bench.tables.grid import BEST, FEWER, Grid
+from bench.tables.plain import STAR, plain
 from bench.tables.quality import (
     all_methods,
     best_printed,
