@@ -11,9 +11,10 @@ A file is what `bench table DIR --format csv` prints, or one of the files of a r
 several, joined by commas, the lines stand together. `rows` and `columns` name a field and its
 values in their order, or several fields, `metric:ssim,lpips*condition:2048,512`, and then all their
 combinations; further `field=value` choose among the lines; `intervals=no` leaves intervals out, and
-`show=paper` shows another field as it is. Conditions stand in words, "512 of 2,048 points". A
-difference is called better, worse or not decided, after Holm's correction; a method on the frontier
-and one worse than a white image are called so.
+`show=paper` shows another field as it is. Values have the digits that survive rounding
+(`studies.printed_digits`); one with fewer than its metric has is marked. Conditions stand in words,
+"512 of 2,048 points". A difference is called better, worse or not decided, after Holm's correction;
+a method on the frontier and one worse than a white image are called so.
 
 `marks=a-pc2pix.csv,a-splat-net@chair.csv` puts these three words beside values: what the
 comparison of a row's method in those files says at the same metric, condition and class. A method
@@ -29,9 +30,10 @@ Columns with sources of their own are named one by one, in place of files and `c
 `best-reconstruction:alpha-shape` shows the value of another method in that row; `catalogue` stands
 for what `bench list` knows. A row that such a column has no line for gets a dash.
 
-Prints how many numbers are generated, measured with date and commit, and settings, and fails where
-`studies.provenance` knows no origin. `--check` changes nothing: it also fails where a page differs
-from what would be written.
+Prints how many numbers are generated, measured with date and commit, and settings, how many values
+have fewer digits because of rounding, and how many of these had more in the pages until now. Fails
+where `studies.provenance` knows no origin. `--check` changes nothing: it also fails where a page
+differs from what would be written.
 """
 
 from __future__ import annotations
@@ -41,14 +43,18 @@ import csv
 import re
 import sys
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import product
 from pathlib import Path
 
-from bench.analysis.comparison import decimals, milliseconds
+from bench.analysis.comparison import milliseconds
+from bench.analysis.significant_digits import RoundingErrors, rounding_errors
 from bench.catalogue.methods import find_method
+from bench.tables.grid import FEWER, MOVED
 from data_prep.files.atomic_write import write_whole
+from studies.printed_digits import Line, line_precision, with_objects
 from studies.provenance import origins
 from studies.tables import markdown
 from studies.wording import condition_in_words
@@ -75,7 +81,6 @@ PLACE = re.compile(
     re.escape(BEGIN) + r"(?P<asked>[^>]*?)-->\n(?P<table>.*?)" + re.escape(END), re.S
 )
 
-Line = Mapping[str, str]
 Axis = Sequence[tuple[str, Sequence[str]]]
 
 
@@ -180,19 +185,28 @@ def _axis(text: str) -> Axis:
     return [(name, values.split(",")) for name, values in fields]
 
 
-def filled(text: str, page: str, numbers: Path = NUMBERS) -> str:
+def filled(
+    text: str, page: str, numbers: Path = NUMBERS, errors: RoundingErrors | None = None
+) -> str:
     """Return the text of a page with the table of every marked place written anew.
+
+    Digits are those that survive `errors`, by default the ones of `results/rounding.csv`.
 
     Raises Unfilled for a mark that is not understood, has no end or no source, or whose source has
     not exactly one line for a cell.
     """
+    tables: list[str] = []
 
     def table(mark: re.Match[str]) -> str:
         try:
-            written = _table(parsed(mark["asked"]), numbers)
+            written = _table(parsed(mark["asked"]), numbers, errors or rounding_errors())
         except (ValueError, KeyError, OSError) as reason:
             raise Unfilled(f"{page}:{_line(text, mark.start())}: {reason}") from reason
-        return f"{BEGIN}{mark['asked']}-->\n{written}{END}"
+        # The meaning stands once in a page, on the line of the end: pages are short.
+        explained = MOVED in written and not any(MOVED in table for table in tables)
+        tables.append(written)
+        note = f"\n{FEWER}. " if explained else ""
+        return f"{BEGIN}{mark['asked']}-->\n{written}{note}{END}"
 
     whole = {mark.start() for mark in PLACE.finditer(text)}
     for mark in re.finditer(re.escape(BEGIN), text):
@@ -205,9 +219,10 @@ def _line(text: str, place: int) -> int:
     return text.count("\n", 0, place) + 1
 
 
-def _table(request: TableRequest, numbers: Path) -> str:
+def _table(request: TableRequest, numbers: Path, errors: RoundingErrors) -> str:
     rows = _combinations(request.rows)
-    cells = [_cells(column, rows, request.intervals, numbers) for column in request.columns]
+    show = partial(_cell, intervals=request.intervals, errors=errors)
+    cells = [_cells(column, rows, show, numbers) for column in request.columns]
     left = len(request.rows)
     head = [request.corner, *[""] * (left - 1), *(column.head for column in request.columns)]
     body = [[*_in_words(row), *of_row] for row, *of_row in zip(rows, *cells, strict=True)]
@@ -215,7 +230,10 @@ def _table(request: TableRequest, numbers: Path) -> str:
 
 
 def _cells(
-    column: DocumentColumn, rows: Sequence[Mapping[str, str]], intervals: bool, numbers: Path
+    column: DocumentColumn,
+    rows: Sequence[Mapping[str, str]],
+    show: Callable[[Line, str], str],
+    numbers: Path,
 ) -> list[str]:
     renamed = [
         {name: column.renamed.get(value, value) for name, value in row.items()} for row in rows
@@ -227,7 +245,7 @@ def _cells(
         raise ValueError(f"no line for the column '{column.head}'")
     verdicts = read_lines(column.marks, column.marked, numbers)
     return [
-        f"{_mark(verdicts, row, column)} {_only_cell(lines, row, column, intervals)}".strip()
+        f"{_mark(verdicts, row, column)} {_only_cell(lines, row, column, show)}".strip()
         for row in renamed
     ]
 
@@ -242,7 +260,8 @@ def read_lines(
     lines: list[Line] = []
     for name in names:
         with (numbers / name).open(encoding="utf-8", newline="") as file:
-            lines += [line for line in csv.DictReader(file) if _has(line, wanted)]
+            known = with_objects(csv.DictReader(file), name)
+            lines += [line for line in known if _has(line, wanted)]
     return lines
 
 
@@ -269,11 +288,14 @@ def _combinations(axis: Axis) -> list[dict[str, str]]:
 
 
 def _only_cell(
-    lines: Sequence[Line], row: Mapping[str, str], column: DocumentColumn, intervals: bool
+    lines: Sequence[Line],
+    row: Mapping[str, str],
+    column: DocumentColumn,
+    show: Callable[[Line, str], str],
 ) -> str:
     """Return the cell of a row; lines of several files may repeat it."""
     matching = [line for line in lines if _has(line, row)]
-    cells = {_cell(line, column.shown, intervals) for line in matching}
+    cells = {show(line, column.shown) for line in matching}
     if column.gaps and not cells:
         return GAP
     if len(cells) != 1:
@@ -286,17 +308,17 @@ def _has(line: Line, wanted: Mapping[str, str]) -> bool:
     return all(line[name] == value for name, value in wanted.items())
 
 
-def _cell(line: Line, shown: str, intervals: bool) -> str:
+def _cell(line: Line, shown: str, intervals: bool, errors: RoundingErrors) -> str:
     if shown.endswith("_ms"):
         return milliseconds(float(line[shown]))
     if shown:
         return re.sub(r"(\.\d*?)0+$", r"\1", line[shown]).removesuffix(".") or "-"
-    digits = decimals(line["metric"])
+    digits, half = line_precision(line, errors)
     differs = "difference" in line
     value = line["difference" if differs else "value"]
     if not value:
         return "-"
-    text = _short(value, digits, sign=differs)
+    text = MOVED * (half is not None) + _short(value, digits, sign=differs)
     if differs:
         text = f"{VERDICTS[line['ahead']]} {text}"
     text = f"{FRONTIER.get(line.get('verdict') or '', '')} {text}".strip()
@@ -312,12 +334,20 @@ def _short(number: str, digits: int, sign: bool) -> str:
     return re.sub(r"^([+-]?)0\.", r"\1.", text).replace("-", "−")
 
 
+def moved_values(text: str) -> int:
+    """Return how many values of a page are marked as having fewer digits."""
+    return sum(
+        len(re.findall(rf"{MOVED}[+−]?[.\d]", mark["table"])) for mark in PLACE.finditer(text)
+    )
+
+
 def main() -> None:
     """Fill or check all pages."""
     parser = argparse.ArgumentParser(description="Tables of the documentation.")
     parser.add_argument("--check", action="store_true")
     options = parser.parse_args()
     stale, unknown = [], []
+    moved = moved_before = 0
     counts: Counter[str] = Counter()
     for page in PAGES:
         text, name = page.read_text(encoding="utf-8"), str(page.relative_to(REPOSITORY))
@@ -327,12 +357,16 @@ def main() -> None:
             sys.exit(str(reason))
         counted, lines = origins(new)
         counts.update(counted)
+        moved += moved_values(new)
+        moved_before += moved_values(text)
         unknown += [f"{name}:{line}: numbers without an origin" for line in lines]
         if new != text:
             stale.append(name)
             if not options.check:
                 write_whole(page, new.encode())
     print(*(f"{count} {origin}" for origin, count in sorted(counts.items())), sep=", ")
+    excess = max(0, moved - moved_before)
+    print(f"{moved} values have fewer digits because of rounding, {excess} had more until now")
     if unknown:
         sys.exit("\n".join(unknown))
     if options.check and stale:

@@ -20,6 +20,7 @@ import numpy as np
 
 from bench.analysis.comparison import decimals, milliseconds
 from bench.analysis.paper import AVERAGE
+from bench.analysis.significant_digits import Precision, RoundingErrors, rounding_errors
 from bench.catalogue.chosen import BEST_RECONSTRUCTION
 from bench.catalogue.condition_names import condition_words
 from bench.catalogue.costs import cost_of, view_costs_ms
@@ -39,15 +40,15 @@ from bench.report.site.board import (
 )
 from bench.report.site.site_run import HEADLINE
 from bench.report.site.words import method_words, metric_words, trained_on
+from bench.tables.grid import FEWER, MOVED
 from studies.documents import NUMBERS, VERDICTS
 from studies.measurements import differences_of
+from studies.printed_digits import Line, line_precision, with_objects
 
 FULL = "2048"
 COSTS = "view-costs.csv"
 NAMED = {RECOMMENDED, "splat-net@grey"}  # by the front page: never hidden as variants
 MARK = "<!-- leaderboard -->"
-
-Line = Mapping[str, str]
 
 
 @dataclass(frozen=True)
@@ -81,12 +82,18 @@ GROUPS = (
 )
 
 
-def board(numbers: Path = NUMBERS, groups: Sequence[ResultGroup] = GROUPS) -> Board:
+def board(
+    numbers: Path = NUMBERS,
+    groups: Sequence[ResultGroup] = GROUPS,
+    errors: RoundingErrors | None = None,
+) -> Board:
     """Return the leaderboard of the results in a folder.
 
+    Digits are those that survive `errors`, by default the ones of `results/rounding.csv`.
     Methods are sorted by the mean of their places in the columns that they have values in; weights
     that are no method of the package are left out. Raises OSError where a file is missing.
     """
+    errors = errors or rounding_errors()
     lines = {g.name: _read(numbers / f"{g.measurement}.csv") for g in groups}
     found_methods = dict.fromkeys(
         line["method"] for of_group in lines.values() for line in of_group
@@ -114,7 +121,8 @@ def board(numbers: Path = NUMBERS, groups: Sequence[ResultGroup] = GROUPS) -> Bo
             verdicts = _verdicts(numbers / differences_of(group.measurement), group, method)
             for metric in HEADLINE:
                 of_column = values[group.name, metric]
-                cells.append(_cell(metric, method, of_column, verdicts.get(metric, "")))
+                digits = _precision(lines[group.name], group, metric, method, errors)
+                cells.append(_cell(metric, method, of_column, verdicts.get(metric, ""), digits))
         cost = cost_of(method, costs) if method not in references else None
         cells += [
             BoardCell(f"{ranks[method]:.1f}", ranks[method]) if method in ranks else EMPTY,
@@ -135,6 +143,7 @@ def board(numbers: Path = NUMBERS, groups: Sequence[ResultGroup] = GROUPS) -> Bo
             f"Better, worse, not decided: against {BEST_RECONSTRUCTION}, object by object, p below "
             ".05 after Holm's correction. A failed image is scored as a blank one. "
             " Results has commands, dates and intervals.",
+            *([f"{FEWER}."] if any(MOVED in c.text for row in rows for c in row.cells) else []),
         ),
     )
 
@@ -154,15 +163,29 @@ def _columns(group: ResultGroup) -> BoardGroup:
 @cache
 def _read(path: Path) -> tuple[Line, ...]:
     with path.open(encoding="utf-8", newline="") as file:
-        return tuple(csv.DictReader(file))
+        return tuple(with_objects(csv.DictReader(file), path.name))
+
+
+def _lines(lines: Sequence[Line], group: ResultGroup, metric: str, method: str) -> list[Line]:
+    """Return the line of a value, which is an average over classes where there are several."""
+    wanted = {"method": method, "metric": metric, "condition": group.condition}
+    of_cell = [line for line in lines if wanted.items() <= line.items()]
+    return [line for line in of_cell if line["class"] == AVERAGE] or of_cell
+
+
+def _precision(
+    lines: Sequence[Line], group: ResultGroup, metric: str, method: str, errors: RoundingErrors
+) -> Precision | None:
+    """Return the digits of a method's value; None without one."""
+    of_cell = _lines(lines, group, metric, method)
+    return line_precision(of_cell[0], errors) if of_cell else None
 
 
 def _value(lines: Sequence[Line], group: ResultGroup, metric: str, method: str) -> float | None:
     """Return a method's value, the mean over classes of several; None without one."""
-    wanted = {"method": method, "metric": metric, "condition": group.condition}
-    of_cell = [line for line in lines if wanted.items() <= line.items()]
-    average = [line for line in of_cell if line["class"] == AVERAGE]
-    texts = [line["failures_as_blank"] or line["value"] for line in average or of_cell]
+    texts = [
+        line["failures_as_blank"] or line["value"] for line in _lines(lines, group, metric, method)
+    ]
     return float(np.mean([float(text) for text in texts])) if texts and all(texts) else None
 
 
@@ -195,15 +218,19 @@ def _verdicts(path: Path, group: ResultGroup, method: str) -> dict[str, str]:
 
 
 def _cell(
-    metric: str, method: str, of_column: Mapping[str, float | None], verdict: str
+    metric: str,
+    method: str,
+    of_column: Mapping[str, float | None],
+    verdict: str,
+    precision: Precision | None,
 ) -> BoardCell:
     value, blank = of_column[method], of_column.get(FLOOR)
-    if value is None:
+    if value is None or precision is None:
         return EMPTY
     sign = 1 if higher_is_better(metric) else -1
     competes = role(method) not in REFERENCES
     below = competes and blank is not None and sign * value < sign * blank
-    text = fraction(value, decimals(metric))
+    text = MOVED * (precision.half is not None) + fraction(value, precision.decimals)
     return BoardCell(text, value, beneath=verdict, caveat="worse than blank" if below else "")
 
 

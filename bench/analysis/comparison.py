@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Container, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +26,12 @@ from bench.analysis.intervals import (
     median_interval,
 )
 from bench.analysis.object_sums import ObjectSums
+from bench.analysis.significant_digits import (
+    Precision,
+    precision,
+    precision_of_difference,
+    rounding_errors,
+)
 from bench.catalogue.methods import FLOOR, role
 from bench.catalogue.metrics import (
     CONTROL_METRICS,
@@ -58,15 +64,22 @@ class Quality:
                 without thin parts has no thin-recall). A Fréchet distance, which no single object
                 has: the distance of all images without those of the object, or of each block of
                 objects where there are many (`bench.metrics.frechet.object_blocks`)
+    rounding    half width of the error of the value by rounding; NaN for unknown
     """
 
     metric: str
     estimate: Estimate
     per_object: Floats
+    rounding: float = NAN
+
+    @property
+    def precision(self) -> Precision:
+        """Return the digits that the value is printed with."""
+        return precision(decimals(self.metric), self.estimate.value, self.rounding)
 
     @property
     def rank(self) -> float:
-        """Return the value as tables print it, signed so that more is better; NaN without one."""
+        """Return the value with the metric's decimals, signed so that more is better, or NaN."""
         # Rounded: the same images drawn in another order of sums differ by 1e-6, which must not
         # decide.
         value = round(self.estimate.value, decimals(self.metric))
@@ -154,11 +167,25 @@ def compare(
                 prepare_s,
                 draw_s,
                 images,
-                qualities,
+                _with_rounding(qualities, cell[0], len(objects)),
                 claimed=frozenset(claimed) & {*names},
             )
         )
     return comparisons
+
+
+def _with_rounding(
+    qualities: Mapping[str, Mapping[str, Quality]], condition: str, objects: int
+) -> dict[str, dict[str, Quality]]:
+    """Return the qualities by metric and method with their errors by rounding."""
+    errors = rounding_errors()
+    return {
+        metric: {
+            m: replace(q, rounding=errors.half_width(m, condition, metric, objects))
+            for m, q in by_method.items()
+        }
+        for metric, by_method in qualities.items()
+    }
 
 
 def _mean_quality(metric: str, per_object: Floats) -> Quality:
@@ -205,6 +232,12 @@ def _pooled(classes: Sequence[Comparison]) -> Comparison:
         per_object = np.concatenate([c.qualities[metric][method].per_object for c in classes])
         return _mean_quality(metric, per_object)
 
+    qualities = {
+        metric: {method: quality(metric, method) for method in by_method}
+        for metric, by_method in first.qualities.items()
+        if is_mean(metric)
+    }
+    objects = sum(len(c.objects) for c in classes)
     return Comparison(
         first.condition,
         ALL,
@@ -215,11 +248,7 @@ def _pooled(classes: Sequence[Comparison]) -> Comparison:
             m: (sum(c.images[m][0] for c in classes), sum(c.images[m][1] for c in classes))
             for m in first.images
         },
-        qualities={
-            metric: {method: quality(metric, method) for method in by_method}
-            for metric, by_method in first.qualities.items()
-            if is_mean(metric)
-        },
+        qualities=_with_rounding(qualities, first.condition, objects),
         claimed=first.claimed,
     )
 
@@ -246,6 +275,12 @@ def difference(a: Quality, b: Quality) -> Estimate:
         return _mean_of_objects(paired(a, b), (least - largest, largest - least))
     value = a.estimate.value - b.estimate.value
     return Estimate(value, *jackknife_interval(value, [a.per_object - b.per_object]))
+
+
+def difference_precision(a: Quality, b: Quality) -> Precision:
+    """Return the digits that the difference of two qualities is printed with."""
+    sides = ((quality.estimate.value, quality.rounding) for quality in (a, b))
+    return precision_of_difference(decimals(a.metric), sides)
 
 
 def better_by(a: Quality, b: Quality) -> Estimate:

@@ -12,7 +12,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from bench.analysis.comparison import NAN, Comparison, Estimate, Quality, better_by
+from bench.analysis.comparison import (
+    NAN,
+    Comparison,
+    Estimate,
+    Quality,
+    better_by,
+    difference_precision,
+)
+from bench.analysis.significant_digits import Precision
 from bench.catalogue.families import Family, families_of
 from bench.catalogue.lookup import family_of
 
@@ -24,13 +32,17 @@ NO_VALUE = "no value"
 
 @dataclass(frozen=True)
 class ConditionCurve:
-    """The values of one method along a family, in the order of its conditions."""
+    """The values of one method along a family, in the order of its conditions.
+
+    precisions  the digits that the values are printed with
+    """
 
     class_name: str
     family: Family
     metric: str
     method: str
     estimates: tuple[Estimate, ...]
+    precisions: tuple[Precision, ...]
 
 
 @dataclass(frozen=True)
@@ -55,6 +67,7 @@ class PairedComparison:
 
     values, baseline_values  of both, at each step
     differences              how much better the method is than its baseline, paired over objects
+    precisions               the digits that the differences are printed with
     """
 
     class_name: str
@@ -65,6 +78,7 @@ class PairedComparison:
     values: tuple[float, ...]
     baseline_values: tuple[float, ...]
     differences: tuple[Estimate, ...]
+    precisions: tuple[Precision, ...]
 
     @property
     def sides(self) -> tuple[Family, str, str]:
@@ -98,7 +112,9 @@ def condition_curves(
     """Return every method along every family of the conditions, by class, family and metric."""
     return tuple(
         ConditionCurve(
-            class_name, family, metric, method, tuple(step[method].estimate for step in steps)
+            *(class_name, family, metric, method),
+            tuple(step[method].estimate for step in steps),
+            tuple(step[method].precision for step in steps),
         )
         for class_name, family, metric, steps in _steps(comparisons, metrics)
         for method in steps[0]
@@ -119,6 +135,7 @@ def paired_comparisons(
             tuple(step[method].estimate.value for step in steps),
             tuple(step[baseline].estimate.value for step in steps),
             tuple(better_by(step[method], step[baseline]) for step in steps),
+            tuple(difference_precision(step[method], step[baseline]) for step in steps),
         )
         for class_name, family, metric, steps in _steps(comparisons, metrics)
         for method, baseline in pairs_among(list(steps[0]))

@@ -1,9 +1,9 @@
 """The frontier of quality and cost: the methods that are worth their cost.
 
 A method is on the frontier where it is not worse than a white image, and no other is at least as
-good for at most its cost. That is decided by the values as they are printed; whether a method off
-the frontier is really worse, or only happened to come out so, is decided by pairing it with the
-cheaper ones, object by object.
+good for at most its cost. That is decided by the values with the decimals of the metric; whether a
+method off the frontier is really worse, or only happened to come out so, is decided by pairing it
+with the cheaper ones, object by object.
 """
 
 from __future__ import annotations
@@ -16,14 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.analysis.comparison import (
+    NAN,
     Comparison,
     Estimate,
     Quality,
     better_by,
     candidates,
     decimals,
+    difference_precision,
     worse_than_blank,
 )
+from bench.analysis.significant_digits import Precision, precision
 from bench.catalogue.methods import FLOOR
 from data_prep.clouds.conditions import CONDITIONS, Stride, Unchanged
 from data_prep.scene import CLOUD_SIZE
@@ -48,6 +51,7 @@ class FrontierPoint:
              no value   it failed on all objects
     baseline  the method that costs no more and decides the verdict: for a dominated method the best
              that shows it, for a tied one the best, below a white image `blank`; else empty
+    rounding   half width of the error of the quality by rounding; NaN for unknown
     """
 
     condition: str
@@ -61,6 +65,12 @@ class FrontierPoint:
     n: int
     verdict: Verdict
     baseline: str
+    rounding: float = NAN
+
+    @property
+    def precision(self) -> Precision:
+        """Return the digits that the quality is printed with."""
+        return precision(decimals(self.metric), self.quality.value, self.rounding)
 
 
 def pareto(cost: NDArray[np.float64], quality: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -107,6 +117,7 @@ def places(comparison: Comparison, metrics: Sequence[str], views: int) -> list[F
                     *comparison.images[method],
                     verdict,
                     baseline,
+                    quality.rounding,
                 )
             )
     return points
@@ -152,6 +163,7 @@ class SubsampledFrontier:
     points   number in each cloud
     lost     quality that the full cloud has more, paired; over 0 where points help
     claimed  whether the cost is as its author states it
+    precision, lost_precision  digits that quality and loss are printed with
     """
 
     class_name: str
@@ -162,6 +174,8 @@ class SubsampledFrontier:
     cost_ms: Estimate
     quality: Estimate
     lost: Estimate
+    precision: Precision
+    lost_precision: Precision
     claimed: bool = False
 
 
@@ -183,7 +197,8 @@ def thinned(
             cost_ms = c.cost_ms(method, views)
             for metric in metrics:
                 quality = c.qualities[metric][method]
-                lost = better_by(whole.qualities[metric][method], quality)
+                of_whole = whole.qualities[metric][method]
+                lost = better_by(of_whole, quality)
                 frontiers.append(
                     SubsampledFrontier(
                         c.class_name,
@@ -194,6 +209,8 @@ def thinned(
                         cost_ms,
                         quality.estimate,
                         lost,
+                        quality.precision,
+                        difference_precision(of_whole, quality),
                         method in c.claimed,
                     )
                 )

@@ -22,6 +22,7 @@ from bench.analysis.comparison import Comparison, Estimate, Quality, candidates
 from bench.analysis.intervals import FEWEST, clipped, mean_interval
 from bench.analysis.paired import SIGNIFICANCE, fewest_objects, holm, sign_flip_p
 from bench.analysis.ranks import letters
+from bench.analysis.significant_digits import half_of_mean
 from bench.catalogue.metrics import higher_is_better, value_range
 from data_prep.arrays import Floats
 
@@ -49,7 +50,8 @@ def over_conditions(compared: Sequence[Comparison]) -> Comparison:
         known = per_object[~np.isnan(per_object)]
         value = float(known.mean()) if len(known) else math.nan
         interval = clipped(mean_interval(known), value_range(metric))
-        return Quality(metric, Estimate(value, *interval), per_object)
+        rounding = half_of_mean([c.qualities[metric][method].rounding for c in compared])
+        return Quality(metric, Estimate(value, *interval), per_object, rounding)
 
     return replace(
         first,

@@ -20,9 +20,16 @@ from typing import Literal
 
 import numpy as np
 
-from bench.analysis.comparison import Estimate, Quality, difference, paired
+from bench.analysis.comparison import (
+    Estimate,
+    Quality,
+    difference,
+    difference_precision,
+    paired,
+)
 from bench.analysis.intervals import FEWEST, MOST_RESAMPLED, jackknife_error, mean_error
 from bench.analysis.resolution import cell_levels, detectable, difference_error
+from bench.analysis.significant_digits import Precision
 from bench.catalogue.metrics import higher_is_better, is_mean
 from data_prep.arrays import Floats
 
@@ -62,6 +69,11 @@ class ComparedPair:
     def metric(self) -> str:
         """Return the metric of both qualities."""
         return self.quality_a.metric
+
+    @property
+    def precision(self) -> Precision:
+        """Return the digits that both values and their difference are printed with."""
+        return difference_precision(self.quality_a, self.quality_b)
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from string import ascii_lowercase
 
 from bench.analysis.comparison import Comparison, Estimate, candidates
 from bench.analysis.paired import ComparedPair, PairedDifference, Side, paired_differences
+from bench.analysis.significant_digits import Precision
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,7 @@ class Rank:
     method: str
     estimate: Estimate
     letters: str
+    precision: Precision
 
     @property
     def first(self) -> bool:
@@ -84,7 +86,10 @@ def ranking(comparison: Comparison, metric: str) -> Ranking:
     return Ranking(
         metric,
         comparison.condition,
-        tuple(Rank(m, qualities[m].estimate, given.get(m, "")) for m in [*ranked, *references]),
+        tuple(
+            Rank(m, qualities[m].estimate, given.get(m, ""), qualities[m].precision)
+            for m in [*ranked, *references]
+        ),
         (*family, *differences(with_reference)),
         None if lettered else needed,
     )

@@ -20,6 +20,7 @@ from bench.analysis.comparison import (
     worse_than_blank,
 )
 from bench.analysis.intervals import mean_interval
+from bench.analysis.significant_digits import Precision
 from bench.catalogue.metrics import higher_is_better
 from data_prep.arrays import Floats
 from data_prep.failures import BadInput
@@ -46,8 +47,9 @@ class Requirements:
 class MethodOption:
     """A method to choose, and its quality by one metric.
 
-    gap        how much worse it is than the best affordable method, paired
-    qualities  by each metric of the comparison
+    gap         how much worse it is than the best affordable method, paired
+    qualities   by each metric of the comparison
+    precisions  the digits that they are printed with
     """
 
     method: str
@@ -57,6 +59,7 @@ class MethodOption:
     n: int
     gap: Estimate
     qualities: Mapping[str, Estimate]
+    precisions: Mapping[str, Precision]
 
 
 @dataclass(frozen=True)
@@ -153,7 +156,8 @@ def advise(comparison: Comparison, request: Requirements, metric: str) -> Advice
             gap = better_by(qualities[affordable[0]], qualities[method])
         images = comparison.images[method]
         every = {name: by[method].estimate for name, by in comparison.qualities.items()}
-        return MethodOption(method, costs[method], every[metric], *images, gap, every)
+        precisions = {name: by[method].precision for name, by in comparison.qualities.items()}
+        return MethodOption(method, costs[method], every[metric], *images, gap, every, precisions)
 
     required = -np.inf if request.min_ssim is None or metric != SSIM else request.min_ssim
     by_mean = [m for m in by_cost if qualities[m].estimate.value >= required]

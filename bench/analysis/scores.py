@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from bench.analysis.cells import CellKey, image_keys, read_cell
-from bench.analysis.comparison import NAN, Estimate
+from bench.analysis.comparison import NAN, Estimate, decimals
 from bench.analysis.distances import FeatureDistances, SetDistance, set_distance
 from bench.analysis.intervals import (
     clipped,
@@ -29,6 +29,13 @@ from bench.analysis.object_sums import ObjectSums
 from bench.analysis.paper import AVERAGE
 from bench.analysis.recognition import true_gallery
 from bench.analysis.scored import ScoredRun
+from bench.analysis.significant_digits import (
+    Precision,
+    half_of_mean,
+    precision,
+    rounding_errors,
+    significant_digits,
+)
 from bench.catalogue.chosen import CHOSEN
 from bench.catalogue.methods import FLOOR
 from bench.catalogue.metrics import JUDGE, UNDEFINED, extractor_of, is_mean, value_range
@@ -54,6 +61,7 @@ class QualityRow:
     trained_on         the objects that a network was trained on; "nothing" for methods that are not
                        trained, empty where it is unknown
     objective          what the weights of a network were trained with; empty for other methods
+    rounding           half width of the error of the value by rounding; NaN for unknown
     """
 
     suite: str
@@ -72,6 +80,17 @@ class QualityRow:
     debiased: float = NAN
     trained_on: str = ""
     objective: str = ""
+    rounding: float = NAN
+
+    @property
+    def precision(self) -> Precision:
+        """Return the digits that the value is printed with."""
+        return precision(decimals(self.metric), self.value, self.rounding)
+
+    @property
+    def digits(self) -> int | None:
+        """Return how many digits of the value survive rounding; None for unknown."""
+        return significant_digits(self.value, self.rounding)
 
     @property
     def skipped(self) -> bool:
@@ -333,6 +352,7 @@ def _average(of_cell: Sequence[RowWithSamples]) -> QualityRow:
         failures_as_blank=float(np.mean([row.failures_as_blank for row in rows])),
         note=note if valued else first.note,
         debiased=debiased,
+        rounding=half_of_mean([sampled.row.rounding for sampled in valued]),
     )
 
 
@@ -345,6 +365,8 @@ def quality_row(
     message = [f"{count} x {reason}" for reason, count in reasons.most_common()]
     if value.undefined:
         message.append(f"{value.undefined} x {NO_VALUE}: {UNDEFINED[metric]}")
+    method, condition, _ = cell
+    objects = len(value.per_object) if is_mean(metric) else sums.drawn_objects(cell)
     row = QualityRow(
         suite,
         *cell,
@@ -356,6 +378,7 @@ def quality_row(
         failures_as_blank=value.failures_as_blank,
         note=value.note or "; ".join(message),
         debiased=value.debiased,
+        rounding=rounding_errors().half_width(method, condition, metric, objects),
     )
     return RowWithSamples(row, value.per_object)
 

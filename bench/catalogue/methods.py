@@ -319,6 +319,12 @@ def training_objects(method_id: str, manifest: Mapping[str, Any]) -> str:
     return (method and method.trained_on) or ""
 
 
+def has_papers_chain(method_id: str) -> bool:
+    """Return whether a method is the paper's chain of reconstruction or a part of it."""
+    known = known_method(method_id)
+    return known is not None and known.reconstruction == "paper"
+
+
 def known_method(method_id: str) -> Method | None:
     """Return the method with this id; None if its weights file or its package is gone."""
     try:

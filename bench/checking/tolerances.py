@@ -91,7 +91,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from bench.catalogue.lookup import family_of
-from bench.catalogue.methods import known_method
+from bench.catalogue.methods import has_papers_chain
 
 
 @dataclass(frozen=True)
@@ -191,17 +191,12 @@ def tolerance(method: str, metric: str) -> Tolerance | None:
         return EXACT
     if (method, metric) in _FEW_IMAGES:
         return _FEW_IMAGES[method, metric]
-    if not _has_papers_chain(method):
+    if not has_papers_chain(method):
         return RENDERING.get(metric)
     rule = RECONSTRUCTION.get(metric)
     if rule is None or rule.reason == _DRIVER or family_of(method) == "surface-apss":
         return rule
     return replace(rule, reason=_OF_APSS)
-
-
-def _has_papers_chain(method: str) -> bool:
-    known = known_method(method)
-    return known is not None and known.reconstruction == "paper"
 
 
 def object_tolerance(method: str, metric: str, same_environment: bool) -> float:
@@ -211,5 +206,5 @@ def object_tolerance(method: str, metric: str, same_environment: bool) -> float:
     """
     if same_environment or method == "true-mesh":
         return PRINTED
-    table = OBJECT_RECONSTRUCTION if _has_papers_chain(method) else OBJECT_RENDERING
+    table = OBJECT_RECONSTRUCTION if has_papers_chain(method) else OBJECT_RENDERING
     return table[metric]

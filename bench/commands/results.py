@@ -22,11 +22,13 @@ from bench.analysis.recommend import (
 )
 from bench.analysis.recommend import recommend as best_methods
 from bench.analysis.scored import ScoredRun, read_scored
+from bench.analysis.significant_digits import Precision
 from bench.catalogue.metrics import declared_metric
 from bench.catalogue.suite_types import TRUTHS
 from bench.commands.browser import OpenOption, open_page
 from bench.commands.options import FormatOption, RunDirectory, names, path_argument, path_option
 from bench.tables.build import how_timed
+from bench.tables.grid import FEWER, MOVED, measured
 from bench.tables.markdown import visible
 from bench.tables.wrap import line_width, wrapped
 from data_prep.failures import BadInput, CannotWrite
@@ -238,7 +240,7 @@ def advice_lines(
         lines += [f"{visible(name)}: {line}" for line in _in_short(recommendation, request)]
         if in_full:
             lines += [f"  {line}" for line in _alternatives(recommendation, request)]
-    return lines
+    return [*lines, *([f"{FEWER}."] if any(MOVED in line for line in lines) else [])]
 
 
 def _in_short(recommendation: Recommendation, request: Requirements) -> list[str]:
@@ -277,10 +279,11 @@ def _alternatives(recommendation: Recommendation, request: Requirements) -> list
         if request.budget_ms is None:
             lines.append(f"best at any cost{by}: {_text([(advice, advice.best)], request)}")
         for choice in advice.next:
-            gap = _estimated(choice.gap, advice.metric)
+            gap = _estimated(choice.gap, choice.precisions[advice.metric])
             lines.append(f"next{by}: {_text([(advice, choice)], request)}; behind by {gap}")
         regret, blind = (
-            _estimated(value, advice.metric) for value in (advice.regret, advice.regret_blind)
+            _estimated(value, Precision(decimals(advice.metric)))
+            for value in (advice.regret, advice.regret_blind)
         )
         lines.append(
             f"regret: {regret} {advice.metric} against the best of {advice.affordable} such "
@@ -335,7 +338,9 @@ def _text(chosen: Sequence[tuple[Advice, MethodOption]], request: Requirements) 
     choice = chosen[0][1]
     metrics = [advice.metric for advice, _ in chosen]
     shown = choice.qualities if metrics == [SSIM] else metrics
-    qualities = ", ".join(f"{name} {_estimated(choice.qualities[name], name)}" for name in shown)
+    qualities = ", ".join(
+        f"{name} {_estimated(choice.qualities[name], choice.precisions[name])}" for name in shown
+    )
     cost = f"{milliseconds(choice.cost_ms.value)} ms{_interval(choice.cost_ms, milliseconds)}"
     failed = f", {choice.n - choice.n_ok} of {choice.n} images failed" * (choice.n_ok < choice.n)
     image = milliseconds(choice.cost_ms.value / request.views)
@@ -348,11 +353,11 @@ def _interval(estimate: Estimate, shown: Callable[[float], str]) -> str:
     return f" [{shown(estimate.low)}, {shown(estimate.high)}]"
 
 
-def _estimated(estimate: Estimate, metric: str) -> str:
-    if not math.isfinite(estimate.value):
+def _estimated(estimate: Estimate, precision: Precision) -> str:
+    cell = measured(estimate, precision)
+    if cell.value is None:
         return "unknown"
-    digits = f"{{:z.{decimals(metric)}f}}".format
-    return digits(estimate.value) + _interval(estimate, digits)
+    return cell.text + (" [{}, {}]".format(*cell.interval) if cell.interval else "")
 
 
 def make_request(views: int, budget_ms: float | None, min_ssim: float | None) -> Requirements:

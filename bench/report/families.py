@@ -119,10 +119,12 @@ def _draw_panel(
     _draw_bands(drawn, axis, family, places, {c.method: styles[c.method].colour for c in curves})
     for c in curves:
         points = [
-            Point(x, condition, c.class_name, estimate)
-            for x, condition, estimate in zip(places, family.conditions, c.estimates, strict=True)
+            Point(x, condition, c.class_name, estimate, precision)
+            for x, condition, estimate, precision in zip(
+                places, family.conditions, c.estimates, c.precisions, strict=True
+            )
         ]
-        line = draw_curve(drawn, axis, c.metric, c.method, points, styles[c.method])
+        line = draw_curve(drawn, axis, c.method, points, styles[c.method])
         drawn.mark(line, Tags(method=c.method), series=not styles[c.method].marker)
     axis.set_xticks(places, [f"{value:g}" for value in family.values])
     axis.tick_params(labelsize=fontsize)
@@ -169,12 +171,11 @@ def family_curves(
         of_cell = [c for c in curves if (c.class_name, c.family, c.metric) == cell]
         figure = beyond_figure(of_cell, styles, plot_in=PLOT_IN, fontsize=PLOT_TEXT)
         description = in_words(
-            metric,
-            (
-                (c.method, condition, estimate.value)
-                for c in of_cell
-                for condition, estimate in zip(family.conditions, c.estimates, strict=True)
-            ),
+            (c.method, condition, estimate.value, precision)
+            for c in of_cell
+            for condition, estimate, precision in zip(
+                family.conditions, c.estimates, c.precisions, strict=True
+            )
         )
         plots.append(
             Plot(

@@ -11,7 +11,8 @@ from bench.catalogue.condition_names import condition_name, condition_words
 from bench.catalogue.methods import FLOOR, role
 from bench.catalogue.metrics import higher_is_better
 from bench.report.page import CompactCell, CompactColumn, CompactTable
-from bench.tables.grid import Tags, ordered, shown
+from bench.tables.grid import MOVED, Tags, ordered, shown
+from bench.tables.quality import best_printed, is_worse
 
 
 def compact_table(rows: Sequence[QualityRow]) -> CompactTable | None:
@@ -27,20 +28,19 @@ def compact_table(rows: Sequence[QualityRow]) -> CompactTable | None:
     columns = ordered((row.metric, row.condition) for row in rows)
     columns.sort(key=lambda column: metrics.index(column[0]))
     at = {(row.method, row.metric, row.condition): row for row in rows}
-    best, blank = {}, {}
+    best: set[tuple[str, str, str]] = set()
+    blank: dict[tuple[str, str], QualityRow] = {}
     for metric, condition in columns:
         of_column = [row for row in rows if (row.metric, row.condition) == (metric, condition)]
-        values = [_signed(r) for r in of_column if not role(r.method) and math.isfinite(r.value)]
-        best[metric, condition] = max(values) if len(values) > 1 else math.inf
-        blank[metric, condition] = next(
-            (_signed(row) for row in of_column if row.method == FLOOR), math.nan
-        )
+        best |= {(method, metric, condition) for _, _, method in best_printed(of_column)}
+        if floor := [row for row in of_column if row.method == FLOOR]:
+            blank[metric, condition] = floor[0]
 
     def cell(method: str, column: tuple[str, str]) -> CompactCell:
         row = at.get((method, *column))
         if row is None or not math.isfinite(row.value):
             return CompactCell("–", None, row.note if row else "not measured")
-        digits = decimals(row.metric)
+        digits, half = row.precision
         texts = [f"{method}, {row.metric}, {condition_words(row.condition)}"]
         if math.isfinite(row.ci_low):
             ends = shown(row.ci_low, digits), shown(row.ci_high, digits)
@@ -48,12 +48,15 @@ def compact_table(rows: Sequence[QualityRow]) -> CompactTable | None:
         if row.failed:
             blanks = shown(row.failures_as_blank, digits)
             texts.append(f"{row.n_ok} of {row.n} images; {blanks} with blank ones for the others")
+        moved = half is not None
+        if moved:
+            texts.append(f"rounding alone moves it by up to {half:.2g}")
         return CompactCell(
-            shown(row.value, digits) + "*" * row.failed,
+            MOVED * moved + shown(row.value, digits) + "*" * row.failed,
             row.value,
             "; ".join(texts),
-            best=not role(method) and _signed(row) == best[column],
-            below=_signed(row) < blank[column],
+            best=(method, *column) in best,
+            below=column in blank and is_worse(row, blank[column]),
         )
 
     def place(method: str) -> tuple[bool, float]:
@@ -86,10 +89,11 @@ def compact_table(rows: Sequence[QualityRow]) -> CompactTable | None:
             for method in methods
         ),
         failed=any(row.failed for row in rows),
+        moved=any(row.precision.half is not None for row in rows),
     )
 
 
 def _signed(row: QualityRow) -> float:
-    """Return the value as it is shown, signed so that more is better."""
+    """Return the value with the metric's decimals, signed so that more is better."""
     value = round(row.value, decimals(row.metric))
     return value if higher_is_better(row.metric) else -value

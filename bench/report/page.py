@@ -113,11 +113,16 @@ class CompactCell:
 
 @dataclass(frozen=True)
 class CompactTable:
-    """The headline table; `lines` are (method, role, tags, cells)."""
+    """The headline table; `lines` are (method, role, tags, cells).
+
+    failed  whether images of any cell failed
+    moved   whether any value has fewer digits because rounding moves it
+    """
 
     columns: tuple[CompactColumn, ...]
     lines: tuple[tuple[str, str, Tags, tuple[CompactCell, ...]], ...]
     failed: bool
+    moved: bool = False
 
     @property
     def groups(self) -> tuple[tuple[str, bool, int], ...]:

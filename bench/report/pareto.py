@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis.comparison import Comparison, decimals, milliseconds
+from bench.analysis.comparison import Comparison, milliseconds
 from bench.analysis.frontier import FrontierPoint, places
 from bench.catalogue.condition_names import condition_words
 from bench.catalogue.lookup import family_of, variant_of
@@ -30,7 +30,7 @@ from bench.report.robustness import (
 )
 from bench.report.styles import INK, RULE, SOFT, MethodStyle, method_styles
 from bench.tables.figure import TEXT, WIDTH_IN, drawing, panels, save
-from bench.tables.grid import Tags, scored_as_blank
+from bench.tables.grid import Tags, measured, scored_as_blank
 from bench.tables.markdown import visible
 from data_prep.arrays import Floats
 
@@ -385,7 +385,7 @@ def _limits(
 
 
 def _text(place: FrontierPoint) -> str:
-    value = f"{place.quality.value:.{decimals(place.metric)}f}"
+    value = measured(place.quality, place.precision).text
     if role(place.method) == "floor":
         return f"{place.method}: {value}, looks at no cloud"
     verdicts = {

@@ -12,8 +12,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bench.analysis.comparison import Estimate, decimals
+from bench.analysis.comparison import Estimate
 from bench.analysis.scores import QualityRow
+from bench.analysis.significant_digits import Precision
 from bench.catalogue.condition_names import ConditionName, condition_name, condition_words, places
 from bench.catalogue.methods import COST_VARIANTS, FLOOR, role
 from bench.catalogue.metrics import (
@@ -32,7 +33,7 @@ from bench.report.inline import MarkedFigure, inline
 from bench.report.page import Plot
 from bench.report.styles import PAPER, RULE, MethodStyle, method_styles
 from bench.tables.figure import FIGURES, TEXT, WIDTH_IN, drawing, panels, save
-from bench.tables.grid import Tags, ordered, shown
+from bench.tables.grid import Tags, measured, ordered, shown
 from bench.tables.markdown import visible
 from bench.tables.table import Table
 
@@ -156,8 +157,10 @@ def curves(
 def _plot(panel: CurvePanel, styles: Mapping[str, MethodStyle], name: str) -> Plot:
     place, axis = panel.place, axis_title(panel.metric)
     steps = (f"{panel.step(row)}{f' ({row.n_ok} of {row.n})' * row.failed}" for row in panel.rows)
-    values = ((row.method, step, row.value) for row, step in zip(panel.rows, steps, strict=True))
-    description = in_words(panel.metric, values)
+    description = in_words(
+        (row.method, step, row.value, row.precision)
+        for row, step in zip(panel.rows, steps, strict=True)
+    )
     where = f" at {condition_words(place)}, by class" if panel.by_class else f", class {place}"
     wide = len(panel.steps) > MOST_STEPS
     figure = robustness_figure([panel], styles, WIDE_IN if wide else PLOT_IN, PLOT_TEXT)
@@ -225,6 +228,7 @@ def _draw_panel(
                 row.condition,
                 row.class_name,
                 Estimate(row.value, row.ci_low, row.ci_high),
+                row.precision,
                 _caveat(row),
                 names[steps.index(panel.step(row))].axis,
             )
@@ -233,7 +237,7 @@ def _draw_panel(
         ]
         # Classes have no order that a line could follow.
         joined = not panel.by_class
-        line = draw_curve(drawn, axis, panel.metric, method, points, styles[method], joined)
+        line = draw_curve(drawn, axis, method, points, styles[method], joined)
         drawn.mark(line, Tags(method=method), series=not styles[method].marker)
     axis.grid(axis="y", color=RULE, linewidth=0.8)
     axis.set_axisbelow(True)
@@ -276,7 +280,7 @@ def _caveat(row: QualityRow) -> str:
     """Return how many images a value is of, and the value with blank ones; "" without failures."""
     if not row.failed:
         return ""
-    with_blank = shown(row.failures_as_blank, decimals(row.metric))
+    with_blank = shown(row.failures_as_blank, row.precision.decimals)
     return f"{row.n_ok} of {row.n} images, {with_blank} with blank ones for the others"
 
 
@@ -290,6 +294,7 @@ class Point(NamedTuple):
     condition: str
     class_name: str
     estimate: Estimate
+    precision: Precision
     caveat: str = ""
     kind: str = ""
 
@@ -297,7 +302,6 @@ class Point(NamedTuple):
 def draw_curve(
     drawn: MarkedFigure,
     axis: Any,
-    metric: str,
     method: str,
     points: Sequence[Point],
     style: MethodStyle,
@@ -316,14 +320,15 @@ def draw_curve(
         left, right = np.array(at) - 0.5, np.array(at) + 0.5
         levels = axis.hlines(values, left, right, style.colour, style.dashes, linewidth=1)
         drawn.mark(levels, Tags(method=method))
-    for x, condition, class_name, (value, low, high), caveat, _ in points if style.marker else ():
+    for at_point in points if style.marker else ():
+        x, condition, class_name, (value, low, high), precision, caveat, _ = at_point
         if not math.isfinite(value):
             continue
         tags = Tags(method, condition, class_name)
-        digits = decimals(metric)
-        description = f"{method}, {condition}, {class_name}: {value:.{digits}f}"
-        if math.isfinite(low):
-            description += f" [{low:.{digits}f}, {high:.{digits}f}]"
+        cell = measured((value, low, high), precision)
+        description = f"{method}, {condition}, {class_name}: {cell.text}"
+        if cell.interval:
+            description += " [{}, {}]".format(*cell.interval)
             (interval,) = axis.plot([x, x], [low, high], color=style.colour, linewidth=0.9)
             drawn.mark(interval, tags)
         (point,) = axis.plot(x, value, **point_style(style, 5.5))
@@ -347,11 +352,12 @@ def _broken(points: Sequence[Point]) -> tuple[list[float], list[float]]:
     return at, values
 
 
-def in_words(metric: str, values: Iterable[tuple[str, str, float]]) -> str:
-    """Return (method, step, value) in words, for readers who do not see the plot."""
+def in_words(values: Iterable[tuple[str, str, float, Precision]]) -> str:
+    """Return (method, step, value, digits) in words, for readers who do not see the plot."""
     by_method: dict[str, list[str]] = {}
-    for method, step, value in values:
-        by_method.setdefault(method, []).append(f"{step} {value:.{decimals(metric)}f}")
+    for method, step, value, precision in values:
+        cell = measured((value, math.nan, math.nan), precision)
+        by_method.setdefault(method, []).append(f"{step} {cell.text}")
     return " ".join(f"{method}: {', '.join(steps)}." for method, steps in by_method.items())
 
 

@@ -6,8 +6,9 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from bench.analysis.comparison import Estimate, decimals
+from bench.analysis.comparison import Estimate
 from bench.analysis.condition_sweep import Crossover, PairedComparison
+from bench.analysis.significant_digits import Precision
 from bench.catalogue.families import Family
 from bench.catalogue.suite_types import TableSpec
 from bench.tables import markdown
@@ -18,7 +19,7 @@ from bench.tables.grid import (
     Grid,
     PivotLayout,
     Tags,
-    number,
+    measured,
     ordered,
     pivot,
 )
@@ -45,6 +46,7 @@ class ConditionStep:
     value: float
     baseline_value: float
     difference: Estimate
+    precision: Precision
     ahead: str
     crossover: Crossover
 
@@ -83,6 +85,7 @@ def _steps(c: PairedComparison) -> Iterator[ConditionStep]:
             value=c.values[i],
             baseline_value=c.baseline_values[i],
             difference=c.differences[i],
+            precision=c.precisions[i],
             ahead=c.ahead[i],
             crossover=crossovers.get(i, NOWHERE),
         )
@@ -194,6 +197,5 @@ def _leads(rows: Sequence[ConditionStep]) -> Grid:
 
 
 def _lead(row: ConditionStep) -> Cell:
-    show = f"{{:+.{decimals(row.paired.metric)}f}}".format
     marks = {row.paired.method: AHEAD, row.paired.baseline: BEHIND}
-    return number(row.difference, show, special=marks.get(row.ahead))
+    return measured(row.difference, row.precision, "+", special=marks.get(row.ahead))

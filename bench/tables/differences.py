@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
-from bench.analysis.comparison import decimals
 from bench.analysis.intervals import FEWEST
 from bench.analysis.paired import SIGNIFICANCE, PairedDifference
 from bench.analysis.resolution import POWER
@@ -21,6 +20,7 @@ from bench.tables.grid import (
     Block,
     Cell,
     PivotLayout,
+    marked,
     number,
     ordered,
     pivot,
@@ -100,7 +100,8 @@ def difference_cell(row: PairedDifference) -> Cell:
     """Return both values and their difference with its interval; a dash where it has none."""
     if not math.isfinite(row.difference.value):
         return NOTHING
-    digits = decimals(row.pair.metric)
+    precision = row.pair.precision
+    digits = precision.decimals
     of_a, of_b = row.pair.quality_a.estimate, row.pair.quality_b.estimate
     values = f"{shown(of_a.value, digits)} to {shown(of_b.value, digits)}: "
     special = _TOO_FEW if row.objects_needed else _MARKS.get(row.ahead)
@@ -108,4 +109,4 @@ def difference_cell(row: PairedDifference) -> Cell:
         least = shown(row.resolution, digits)
         special = Annotation(f"tie, could show {least}", f"{{value}}{{interval}} = ({least})")
     cell = number(row.difference, f"{{:+.{digits}f}}".format, special=special)
-    return replace(cell, text=values + cell.text)
+    return marked(replace(cell, text=values + cell.text), precision)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
 
 import numpy as np
 
-from bench.analysis.comparison import Comparison, decimals, milliseconds
+from bench.analysis.comparison import Comparison, milliseconds
 from bench.analysis.frontier import FrontierPoint, SubsampledFrontier, places
 from bench.catalogue.methods import role
 from bench.catalogue.suite_types import TableSpec
@@ -23,6 +23,7 @@ from bench.tables.grid import (
     PivotLayout,
     TableRow,
     Tags,
+    measured,
     number,
     ordered,
     pivot,
@@ -219,21 +220,17 @@ def _cost(place: FrontierPoint) -> Cell:
 
 
 def _quality(place: FrontierPoint) -> Cell:
-    show = _show(place.metric)
-    return number(place.quality, show, special=MARKS.get(place.verdict))
+    return measured(place.quality, place.precision, special=MARKS.get(place.verdict))
 
 
 def _thinned(row: SubsampledFrontier) -> Cell:
-    value = number(row.quality, _show(row.metric)).text
+    value = measured(row.quality, row.precision).text
     rest = f", {milliseconds(row.cost_ms.value)} ms{' claimed' * row.claimed}"
     if not (math.isfinite(row.lost.low) and any(row.lost)):
-        return Cell(value, rest=rest)
-    lost = number(row.lost, _show(row.metric, "+"))
-    return Cell(f"{value}, {lost.text}", interval=lost.interval, rest=rest)
-
-
-def _show(metric: str, sign: str = "") -> Callable[[float], str]:
-    return f"{{:{sign}.{decimals(metric)}f}}".format
+        return Cell(value, rest=rest, rounding=row.precision.half)
+    lost = measured(row.lost, row.lost_precision, "+")
+    text = f"{value}, {lost.text}"
+    return Cell(text, interval=lost.interval, rest=rest, rounding=lost.rounding)
 
 
 def _of_views(views: int) -> str:

@@ -7,9 +7,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from operator import attrgetter
 from typing import Any, NamedTuple, TypeVar
+
+from bench.analysis.significant_digits import Precision
 
 R = TypeVar("R")
 K = TypeVar("K")
@@ -58,6 +61,7 @@ class Cell:
     blank     the value with a blank image in place of each that failed, "-" without one; None
               where none failed
     caveat    what speaks against a value that scores failed images as blank ones already
+    rounding  half width of the error of a value that has fewer digits because of it; else None
     paper     the published value; empty without one
     special   a remark on the value
     link      address that the value leads to, on a page
@@ -73,6 +77,12 @@ class Cell:
     paper: str = ""
     special: Annotation | None = None
     link: str = ""
+    rounding: float | None = None
+
+    @property
+    def moved(self) -> str:
+        """Return how far rounding alone moves a value that has fewer digits because of it."""
+        return "" if self.rounding is None else f"rounding alone: up to {self.rounding:.2g}"
 
     @property
     def beside(self) -> str:
@@ -115,6 +125,29 @@ def number(
         return Cell("-", **beside)
     interval = (show(low), show(high)) if math.isfinite(low) else None
     return Cell(show(value), value, interval, **beside)
+
+
+MOVED = "≈"  # before a value that has fewer digits
+FEWER = f"{MOVED}: fewer digits, as rounding alone moves the others"  # where no grid says more
+
+
+def measured(
+    estimate: tuple[float, float, float], precision: Precision, sign: str = "", **beside: Any
+) -> Cell:
+    """Return the cell of a number with its interval, in the digits that survive rounding.
+
+    `sign` is "+" for a number that has one always; `beside` are more fields.
+    """
+    digits = precision.decimals
+    show = f"{{:+.{digits}f}}".format if sign else partial(shown, decimals=digits)
+    return marked(number(estimate, show, **beside), precision)
+
+
+def marked(cell: Cell, precision: Precision) -> Cell:
+    """Return a cell, marked where its value has fewer digits because of rounding."""
+    if precision.half is None or cell.value is None:
+        return cell
+    return replace(cell, text=MOVED + cell.text, rounding=precision.half)
 
 
 def shown(value: float, decimals: int) -> str:
@@ -180,6 +213,19 @@ class Grid:
     def valued(self) -> bool:
         """Return whether any cell has a number."""
         return any(cell.value is not None for line in self.lines for cell in line.cells)
+
+    @property
+    def all_notes(self) -> tuple[str, ...]:
+        """Return the notes, and last the meaning of the mark of values with fewer digits."""
+        cells = [cell for line in self.lines for cell in line.cells]
+        halves = [cell.rounding for cell in cells if cell.rounding is not None]
+        if not halves:
+            return self.notes
+        return (
+            *self.notes,
+            f"{MOVED} rounding alone moves this value by up to {max(halves):.2g} (95 %): fewer "
+            "digits are shown; the interval over objects includes it",
+        )
 
 
 Block = str | Grid  # a paragraph, a heading or a list in Markdown; or a grid

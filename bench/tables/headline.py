@@ -29,8 +29,8 @@ from bench.catalogue.metrics import is_mean
 from bench.catalogue.suite_types import Suite
 from bench.records.run_folder import PROTOCOL
 from bench.tables.grid import Block, Cell, Grid, TableRow, shown
-from bench.tables.quality import all_methods, annotated, with_chosen_rows
-from bench.tables.table import Column, Table, columns_of, of_protocol
+from bench.tables.quality import QUALITY_COLUMNS, all_methods, annotated, with_chosen_rows
+from bench.tables.table import Column, Table, of_protocol
 
 HEADLINE = "headline"
 COULD_SHOW = "could show"  # name of the line of resolutions
@@ -103,7 +103,7 @@ def headline_of(
         return by_row.get((row.metric, row.class_name, row.condition, method), NAN)
 
     every = with_chosen_rows(annotated(chosen, manifest, {}))
-    columns = (*columns_of(QualityRow), Column("resolution", resolution))
+    columns = (*QUALITY_COLUMNS, Column("resolution", resolution))
     table = Table(HEADLINE, title, columns, every, layout)
     return of_protocol(table, suite, manifest[PROTOCOL])
 

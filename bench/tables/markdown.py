@@ -52,11 +52,12 @@ def table(grid: Grid) -> str:
     """Return a grid as a Markdown table, and its notes as a list; a void grid: the notes alone."""
     if grid.void:
         return "\n".join(map(cell, grid.notes))
+    notes = grid.all_notes
     heads = [grid.corner, *(head.name for head in grid.columns)]
     lines = [cell(grid.remark), ""] if grid.remark else []
     lines += [row(list(map(cell, heads))), "|---" * len(heads) + "|", *map(_line, grid.lines)]
-    if grid.notes:
-        lines += ["", *(f"* {cell(note)}" for note in grid.notes)]
+    if notes:
+        lines += ["", *(f"* {cell(note)}" for note in notes)]
     return "\n".join(lines)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
-from bench.analysis.comparison import NAN, decimals
+from bench.analysis.comparison import NAN
 from bench.analysis.intervals import FEWEST
 from bench.analysis.orderings import VERDICTS, Ordering
 from bench.analysis.paper import AVERAGE, NETWORK, SURFACE
@@ -20,6 +20,7 @@ from bench.tables.grid import (
     PivotLayout,
     Tags,
     grid,
+    measured,
     number,
     ordered,
     pivot,
@@ -108,8 +109,7 @@ def _differences(rows: Sequence[Ordering]) -> Grid:
 
 
 def _cell(row: Ordering) -> Cell:
-    show = f"{{:+.{decimals(row.metric)}f}}".format
-    return number(row.difference, show, special=MARKS.get(row.verdict))
+    return measured(row.difference, row.precision, "+", special=MARKS.get(row.verdict))
 
 
 _REMARK = (

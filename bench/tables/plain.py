@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from rich.cells import cell_len, set_cell_size
 
-from bench.tables.grid import BEST, Cell, Grid
+from bench.tables.grid import BEST, FEWER, Cell, Grid
 from bench.tables.markdown import visible
 
 WIDEST_NAME = 30
@@ -33,6 +33,8 @@ def plain(grids: Sequence[Grid], width: int, lines: int) -> list[str]:
         marks = [STAR] if any(cell.special is BEST for cell in cells) else []
         if intervals and any(cell.interval for cell in cells):
             marks.append(f"[{shown[0].interval}]")
+        if any(cell.rounding is not None for cell in cells):
+            marks.append(FEWER)
         end = [*([_cut("; ".join(marks), width)] if marks else []), *notes]
         for beside in (True, False):
             fits, rows = _rows(shown, intervals, beside, width)

@@ -7,12 +7,13 @@ then all methods with intervals and counts.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from operator import attrgetter
 from typing import Any
 
-from bench.analysis.comparison import NAN, decimals
+from bench.analysis.comparison import NAN
 from bench.analysis.paper import PAPER_METHODS, Published, published_value
 from bench.analysis.scored import ScoredRun
 from bench.analysis.scores import QualityRow, image_rows, recognition_rows, set_rows
@@ -24,6 +25,7 @@ from bench.records.record import GROUND_TRUTH
 from bench.tables import markdown
 from bench.tables.grid import (
     BEST,
+    NOTHING,
     Block,
     Cell,
     ColumnHeader,
@@ -31,12 +33,12 @@ from bench.tables.grid import (
     PivotLayout,
     TableRow,
     Tags,
-    number,
+    measured,
     ordered,
     pivot,
     shown,
 )
-from bench.tables.table import Table, columns_of
+from bench.tables.table import Column, Table, columns_of
 
 DETAIL_REMARK = (
     "Means are over the images that have a value; where some have none, a line below says why."
@@ -44,6 +46,10 @@ DETAIL_REMARK = (
 _DEBIASED = (
     "What the distance would be with endless objects, extrapolated by the jackknife: for comparing "
     "runs of different numbers of objects."
+)
+DIGITS = Column("digits", attrgetter("digits"))  # in place of how far rounding moves the value
+QUALITY_COLUMNS = tuple(
+    DIGITS if column.name == "rounding" else column for column in columns_of(QualityRow)
 )
 
 
@@ -114,7 +120,7 @@ def quality_table(
 
     rows = with_chosen_rows(rows)
     remark = " ".join(filter(None, [remark, which_are_chosen(rows)]))
-    return Table(spec.name, spec.title, columns_of(QualityRow), rows, layout, remark)
+    return Table(spec.name, spec.title, QUALITY_COLUMNS, rows, layout, remark)
 
 
 def with_chosen_rows(rows: Iterable[QualityRow]) -> tuple[QualityRow, ...]:
@@ -184,10 +190,10 @@ def with_paper_values(
     lines = []
     for metric in metrics:
         of_metric = [rows.get((metric, *key)) for key in heads]
-        texts = [shown(row.value, decimals(metric)) if row else "-" for row in of_metric]
+        cells = [replace(_value(row), interval=None) if row else NOTHING for row in of_metric]
         if all(row.skipped for row in of_metric if row):
-            texts = ["skipped"] * len(of_metric)
-        lines.append(TableRow(metric, tuple(map(Cell, texts))))
+            cells = [Cell("skipped")] * len(of_metric)
+        lines.append(TableRow(metric, tuple(cells)))
         paper = [row.paper if row else NAN for row in of_metric]
         if any(map(math.isfinite, paper)):
             texts = [f"{value:g}" if math.isfinite(value) else "-" for value in paper]
@@ -248,7 +254,7 @@ def _grid(rows: Sequence[QualityRow], by_class: bool, how: str = "") -> Grid:
         rows,
         line,
         column,
-        partial(_cell, best=_best(rows)),
+        partial(_cell, best=best_printed(rows)),
         layout if by_class else replace(layout, about=_about),
         corner,
         caption=f"{metric}{how}, {where} ({'higher' if higher else 'lower'} is better)",
@@ -273,31 +279,48 @@ def _gaps(rows: Sequence[QualityRow], across: str) -> list[str]:
     return notes + [f"{', '.join(ordered(names))}: {note}" for note, names in undefined.items()]
 
 
-def _best(rows: Sequence[QualityRow]) -> dict[tuple[str, str], float]:
-    """Return the best printed value by class and condition; NaN where fewer than two compete."""
-    values: dict[tuple[str, str], list[float]] = {}
+def best_printed(rows: Sequence[QualityRow]) -> set[tuple[str, str, str]]:
+    """Return the methods that compete in each class and condition and are the best of it, printed.
+
+    None where fewer than two compete.
+    """
+    by_cell: dict[tuple[str, str], list[QualityRow]] = {}
     for row in rows:
-        of_cell = values.setdefault((row.class_name, row.condition), [])
         if math.isfinite(row.value) and not role(row.method):
-            of_cell.append(round(row.value, decimals(row.metric)))
-    best = max if higher_is_better(rows[0].metric) else min
-    return {key: best(of_cell) if len(of_cell) > 1 else NAN for key, of_cell in values.items()}
+            by_cell.setdefault((row.class_name, row.condition), []).append(row)
+    return {
+        (*key, row.method)
+        for key, of_cell in by_cell.items()
+        for row in of_cell
+        if len(of_cell) > 1 and not any(is_worse(row, other) for other in of_cell)
+    }
 
 
-def _cell(row: QualityRow, best: Mapping[tuple[str, str], float]) -> Cell:
-    show = partial(shown, decimals=decimals(row.metric))
-    is_best = round(row.value, decimals(row.metric)) == best[row.class_name, row.condition]
+def is_worse(row: QualityRow, other: QualityRow) -> bool:
+    """Return whether a value is worse than another in the digits that both are printed with."""
+    digits = min(row.precision.decimals, other.precision.decimals)
+    ahead = round(other.value, digits) - round(row.value, digits)
+    return ahead > 0 if higher_is_better(row.metric) else ahead < 0
+
+
+def _cell(row: QualityRow, best: Container[tuple[str, str, str]]) -> Cell:
     paper = f"{row.paper:g}" if math.isfinite(row.paper) else ""
     if row.skipped:
         return Cell("skipped", paper=paper)
-    return number(
-        (row.value, row.ci_low, row.ci_high),
-        show,
+    blank = shown(row.failures_as_blank, row.precision.decimals) if row.failed else None
+    is_best = (row.class_name, row.condition, row.method) in best
+    return replace(
+        _value(row),
         count=(row.n_ok, row.n),
-        blank=show(row.failures_as_blank) if row.failed else None,
+        blank=blank,
         paper=paper,
-        special=BEST if is_best and not role(row.method) else None,
+        special=BEST if is_best else None,
     )
+
+
+def _value(row: QualityRow) -> Cell:
+    """Return the cell of a value with its interval alone."""
+    return measured((row.value, row.ci_low, row.ci_high), row.precision)
 
 
 def _about(rows: Sequence[QualityRow]) -> str:

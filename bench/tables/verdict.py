@@ -15,7 +15,7 @@ from bench.analysis.paired import SIGNIFICANCE, Ahead, PairedDifference
 from bench.analysis.resolution import POWER
 from bench.analysis.run_pairs import Differences
 from bench.catalogue.condition_names import condition_name
-from bench.tables.grid import ordered
+from bench.tables.grid import FEWER, MOVED, ordered
 from bench.tables.markdown import visible
 from bench.tables.plain import GAP, in_groups
 from bench.tables.wrap import wrapped
@@ -94,6 +94,8 @@ def verdict(cells: Sequence[PairedDifference], name: str, objects: str, hint: st
         text += f" Too few objects in {len(needed)}: at least {max(needed)} are needed."
     if any(math.isfinite(cell.resolution) for cell in valued):
         text += f" Could show: with a power of {100 * POWER:.0f} %."
+    if any(cell.pair.precision.half is not None for cell in valued):
+        text += f" {FEWER}."
     return f"{text} {hint}".rstrip()
 
 
@@ -149,8 +151,9 @@ def _word(cell: PairedDifference | None) -> str:
 def _difference(cell: PairedDifference | None) -> str:
     if cell is None or not math.isfinite(cell.difference.value):
         return NO_VALUE
-    text = f"{cell.difference.value:+.{decimals(cell.pair.metric)}f}"
-    return re.sub(r"^([+-])0\.", r"\1.", text)
+    precision = cell.pair.precision
+    text = f"{cell.difference.value:+.{precision.decimals}f}"
+    return MOVED * (precision.half is not None) + re.sub(r"^([+-])0\.", r"\1.", text)
 
 
 def _resolution(cell: PairedDifference | None) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from bench.analysis.comparison import Comparison, decimals
+from bench.analysis.comparison import Comparison
 from bench.analysis.leaderboard import over_conditions
 from bench.analysis.ranks import ranking
 from bench.report.site.methods import under_site_names
@@ -17,7 +17,7 @@ from bench.report.site.site_run import (
     method_file,
 )
 from bench.report.site.words import letter_range
-from bench.tables.grid import NOTHING, Cell, Grid, TableRow, ordered
+from bench.tables.grid import NOTHING, Cell, Grid, TableRow, marked, ordered
 
 
 def class_grids(run: SiteRun, methods: Sequence[str]) -> tuple[Grid, ...]:
@@ -44,8 +44,9 @@ def class_grids(run: SiteRun, methods: Sequence[str]) -> tuple[Grid, ...]:
                     cells.append(NOTHING)
                     continue
                 value = rank.estimate.value
-                text = f"{value:.{decimals(metric)}f} {letter_range(rank.letters)}".rstrip()
-                cells.append(Cell(text, value, special=FIRST if rank.first else None))
+                text = f"{value:.{rank.precision.decimals}f} {letter_range(rank.letters)}".rstrip()
+                cell = Cell(text, value, special=FIRST if rank.first else None)
+                cells.append(marked(cell, rank.precision))
             lines.append(TableRow(method, tuple(cells), link=method_file(method)))
         grids.append(
             Grid(

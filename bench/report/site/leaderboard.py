@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from bench.analysis.comparison import decimals, milliseconds, worse_than_blank
+from bench.analysis.comparison import milliseconds, worse_than_blank
 from bench.analysis.leaderboard import MeanRanks, mean_ranks, object_scores
 from bench.analysis.paired import SIGNIFICANCE
 from bench.analysis.ranks import Ranking
@@ -34,6 +34,7 @@ from bench.report.site.words import (
     trained_on,
 )
 from bench.tables.differences import too_few
+from bench.tables.grid import FEWER, MOVED
 
 MOST_RUNS = 3  # beside each other on a screen
 MEANS = "means-"  # begins the anchors of the glossary
@@ -151,8 +152,9 @@ def _value(run: SiteRun, metric: str, method: str) -> BoardCell:
     n_ok, n = run.overall.images[id_]
     below = not role(id_) and id_ in worse_than_blank(run.overall.qualities[metric])
     caveats = [f"{n - n_ok} of {n} failed"] * (n_ok < n) + ["worse than blank"] * below
+    digits, half = rank.precision
     return BoardCell(
-        fraction(rank.estimate.value, decimals(metric)),
+        MOVED * (half is not None) + fraction(rank.estimate.value, digits),
         rank.estimate.value,
         letter_range(rank.letters),
         _against_best(ranking, method),
@@ -193,6 +195,13 @@ def _notes(runs: Sequence[SiteRun], ranks: MeanRanks) -> tuple[str, ...]:
         "failed image is scored as a blank one. Without letters: too few objects in common with "
         "others to decide."
     ]
+    if any(
+        rank.precision.half is not None
+        for run in runs
+        for ranking in run.overall_rankings.values()
+        for rank in ranking.ranks
+    ):
+        notes.append(f"{FEWER}.")
     if ranks.objects_needed:
         notes.append(f"Mean ranks without letters: {too_few(ranks.objects_needed)}.")
     for run in runs:

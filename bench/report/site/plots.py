@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis.comparison import Comparison, decimals, milliseconds
+from bench.analysis.comparison import Comparison, milliseconds
 from bench.analysis.frontier import FrontierPoint, places
 from bench.catalogue.condition_names import condition_name, condition_words
 from bench.catalogue.families import families_of
@@ -33,7 +33,7 @@ from bench.report.robustness import (
 from bench.report.site.site_run import SiteRun
 from bench.report.styles import INK, RULE, MethodStyle, method_styles
 from bench.tables.figure import drawing, name_lines, panels
-from bench.tables.grid import Tags
+from bench.tables.grid import Tags, measured
 from bench.tables.markdown import visible
 from data_prep.arrays import Floats
 
@@ -89,12 +89,10 @@ def run_plots(run: SiteRun, methods: Sequence[str]) -> tuple[Plot, ...]:
                     title=f"{metric} {title}",
                     axis=f"{axis_title(metric)}; shaded: worse than a white image",
                     description=in_words(
-                        metric,
-                        (
-                            (m, condition_words(c.condition), c.qualities[metric][m].estimate.value)
-                            for m in chosen
-                            for c in compared
-                        ),
+                        (m, condition_words(c.condition), quality.estimate.value, quality.precision)
+                        for m in chosen
+                        for c in compared
+                        for quality in [c.qualities[metric][m]]
                     ),
                     svg=inline(
                         curve_figure(compared, metric, chosen, styles), f"{name}-{metric}-{number}"
@@ -128,12 +126,13 @@ def curve_figure(
     labelled = []
     for method in methods:
         points = [
-            Point(x, c.condition, c.class_name, c.qualities[metric][method].estimate)
+            Point(x, c.condition, c.class_name, quality.estimate, quality.precision)
             for (x, _), c in zip(steps, compared, strict=True)
+            for quality in [c.qualities[metric][method]]
         ]
         of_kinds = groupby(zip(steps, points, strict=True), key=lambda pair: pair[0][1])
         segments = [[point for _, point in of_kind] for _, of_kind in of_kinds]
-        lines = [draw_curve(drawn, axis, metric, method, s, styles[method]) for s in segments]
+        lines = [draw_curve(drawn, axis, method, s, styles[method]) for s in segments]
         for line in lines:
             drawn.mark(line, Tags(method=method))
         lines[-1].set_label(shortened(visible(method), LONGEST))
@@ -257,7 +256,7 @@ def _name_points(
 
 
 def _in_words(point: FrontierPoint) -> str:
-    value = f"{point.quality.value:.{decimals(point.metric)}f}"
+    value = measured(point.quality, point.precision).text
     verdict = {
         "frontier": ", on the frontier",
         "below a white image": ", worse than a white image",

@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from bench.analysis.comparison import Comparison, decimals
+from bench.analysis.comparison import Comparison
 from bench.analysis.paired import PairedDifference
 from bench.analysis.ranks import Ranking
 from bench.analysis.scored import ScoredRun
@@ -24,7 +24,7 @@ from bench.tables.grid import (
     Cell,
     ColumnHeader,
     Grid,
-    number,
+    measured,
     scored_as_blank,
 )
 from bench.tables.ranks import RankedValue
@@ -170,8 +170,7 @@ def rank_cell(run: SiteRun, ranking: Ranking, method: str) -> Cell:
     caveat = scored_as_blank(*run.images.get((ranking.condition, method), (0, 0)))
     if rank is None:
         return replace(NOTHING, caveat=caveat)
-    digits = decimals(ranking.metric)
-    cell = number(rank.estimate, f"{{:.{digits}f}}".format, special=FIRST if rank.first else None)
+    cell = measured(rank.estimate, rank.precision, special=FIRST if rank.first else None)
     return replace(cell, text=f"{cell.text} {rank.letters}".rstrip(), caveat=caveat)
 
 

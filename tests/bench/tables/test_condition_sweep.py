@@ -8,6 +8,7 @@ from dataclasses import replace
 import pytest
 
 from bench.analysis.condition_sweep import Crossover
+from bench.analysis.significant_digits import Precision
 from bench.catalogue.families import FAMILIES
 from bench.catalogue.suites import TableSpec
 from bench.tables.condition_sweep import (
@@ -127,7 +128,8 @@ def test_grids():
 
 
 def test_markdown_of_several_classes_tells_them_apart():
-    made = (paired(LEADS), replace(SURE, class_name="a|b", metric="fd-views"))
+    other = {"class_name": "a|b", "metric": "fd-views", "precisions": (Precision(1),) * 3}
+    made = (paired(LEADS), replace(SURE, **other))
     lines = condition_sweep_table(SPEC, "s", made).to_markdown().splitlines()
     axis = "## noise: standard deviation, in radii of the unit sphere"
     assert [line for line in lines if line.startswith("## ")] == [

@@ -5,6 +5,7 @@ import io
 
 from bench.analysis.comparison import NAN, Estimate
 from bench.analysis.frontier import FrontierPoint, SubsampledFrontier
+from bench.analysis.significant_digits import Precision
 from bench.catalogue.suites import TableSpec
 from bench.tables.frontier import frontier_table, points_table
 
@@ -90,10 +91,12 @@ def test_points():
     full = SubsampledFrontier(
         "chair", "ssim", "splat", "2048", 2048, Estimate(21.0, 20.0, 22.0),
         Estimate(0.6, 0.5, 0.7), Estimate(0.0, 0.0, 0.0),
+        Precision(3), Precision(3),
     )  # fmt: skip
     few = SubsampledFrontier(
         "chair", "ssim", "splat", "512", 512, Estimate(10.5, 10.0, 11.0),
         Estimate(0.45, 0.4, 0.5), Estimate(0.15, -0.01, 0.31),
+        Precision(3), Precision(3),
     )  # fmt: skip
     table = points_table(SPEC, (few, full), 20)
     first, _ = rows(table.to_csv())

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.analysis.comparison import Estimate
+from bench.analysis.comparison import Estimate, decimals
 from bench.analysis.distances import FeatureDistances
 from bench.analysis.intervals import (
     distance_interval,
@@ -17,6 +17,7 @@ from bench.analysis.intervals import (
     mean_interval,
 )
 from bench.analysis.orderings import Ordering, orderings
+from bench.analysis.significant_digits import Precision
 from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES, TableSpec
 from bench.metrics.frechet import (
@@ -156,7 +157,8 @@ def test_csv():
 
 def ordering(class_name, metric, difference, paper):
     return Ordering(
-        "2048", class_name, metric, 0.5, 0.6, Estimate(*difference), paper, 4, "pc2pix@all"
+        *("2048", class_name, metric, 0.5, 0.6, Estimate(*difference), paper, 4, "pc2pix@all"),
+        precision=Precision(decimals(metric)),
     )
 
 

@@ -364,11 +364,11 @@ def test_csv_to_the_letter():
     rows = (row, replace(row, value=np.inf, note='a, "b"'))
     assert quality_table(SPEC, rows).to_csv() == (
         "suite,method,condition,class,metric,value,ci_low,ci_high,n_ok,n,paper,failures_as_blank,"
-        "note,debiased,trained_on,objective\n"
+        "note,debiased,trained_on,objective,digits\n"
         f"chair-robustness,splat,2048,chair,ssim,0.420000,{low:.6f},{high:.6f},5,8,0.700000,"
-        "0.270000,2 x apss: no faces; 1 x timeout: 120 s,,nothing,\n"
+        "0.270000,2 x apss: no faces; 1 x timeout: 120 s,,nothing,,\n"
         f"chair-robustness,splat,2048,chair,ssim,,{low:.6f},{high:.6f},5,8,0.700000,"
-        '0.270000,"a, ""b""",,nothing,\n'
+        '0.270000,"a, ""b""",,nothing,,\n'
     )
 
 
@@ -534,7 +534,7 @@ def test_tables_say_what_weights_were_trained_with():
     assert trained_on == {"surface-apss": "nothing", "pc2pix": "chairs", "blank": "nothing"}
     assert "`pc2pix`: trained on chairs, with `paired`.  \n" in table.to_markdown()
     _, *lines = table.to_csv().splitlines()
-    assert all(line.endswith(",chairs,paired") == (",pc2pix," in line) for line in lines)
+    assert all((",chairs,paired," in line) == (",pc2pix," in line) for line in lines)
 
 
 def test_without_the_package_lpips_and_its_distances_are_skipped(tmp_path):
