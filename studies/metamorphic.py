@@ -244,7 +244,10 @@ def study(
 
 
 def choose_clouds(datasets: Sequence[Dataset]) -> Iterator[CloudSpec]:
-    """Yield the clouds of all datasets, one of each in turn while they have any."""
+    """Yield the clouds of all datasets, one of each in turn while they have any.
+
+    Raises BadInput for a dataset without any of the 13 classes.
+    """
     remaining = [_clouds_of(dataset) for dataset in datasets]
     while remaining:
         for clouds in tuple(remaining):
@@ -255,9 +258,14 @@ def choose_clouds(datasets: Sequence[Dataset]) -> Iterator[CloudSpec]:
 
 
 def _clouds_of(dataset: Dataset) -> Iterator[CloudSpec]:
-    """Yield the clouds of a dataset: the classes in turn, and the conditions in turn."""
+    """Yield the clouds of a dataset: the classes in turn, and the conditions in turn.
+
+    Raises BadInput for a dataset without any of the 13 classes.
+    """
     kind = dataset.id.partition(":")[0]
     known = [name for name in dataset.classes if name in CLASSES]
+    if not known:
+        raise BadInput(f"{dataset.id}: no class of {', '.join(CLASSES)}; name its sub-folders so")
     if dataset.infinite is not None:
         for i in count():
             index, of_class = divmod(i, len(known))
