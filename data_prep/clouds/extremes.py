@@ -146,6 +146,28 @@ class Repeated(_ChangesPoints):
 
 
 @dataclass(frozen=True)
+class Duplicated(_ChangesPoints):
+    """All rows, each `times` times in succession."""
+
+    times: int
+
+    def _changed(self, points: Points) -> NDArray[Any]:
+        return np.repeat(points, self.times, axis=0)
+
+
+@dataclass(frozen=True)
+class LastBit:
+    """Each coordinate moved up, down or not at all by one unit in its last place, at random."""
+
+    def apply(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
+        """Return the cloud with coordinates that are off by a rounding error."""
+        step = rng.integers(-1, 2, cloud.points.shape)
+        beyond = np.copysign(np.float32(np.inf), step).astype(np.float32)
+        goal = np.where(step == 0, cloud.points, beyond)
+        return replace(cloud, points=np.nextafter(cloud.points, goal))
+
+
+@dataclass(frozen=True)
 class Shuffled:
     """A cloud with its points in another order."""
 
@@ -214,6 +236,20 @@ class Turned:
         if source is not None:
             source = Mesh(source.vertices @ turn.T, source.faces, source.face_colors)
         return PointCloud(cloud.points @ turn.T, source=source)
+
+
+@dataclass(frozen=True)
+class Mirrored:
+    """Cloud and source mirrored in X: a camera at minus the azimuth sees the mirror image."""
+
+    def apply(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
+        """Return the mirrored cloud and source, without randomness."""
+        del rng
+        mirror = np.array([-1.0, 1.0, 1.0], np.float32)
+        source = cloud.source
+        if source is not None:  # a mirror turns faces inside out, the other order back
+            source = Mesh(source.vertices * mirror, source.faces[:, ::-1], source.face_colors)
+        return PointCloud(cloud.points * mirror, source=source)
 
 
 @dataclass(frozen=True)

@@ -202,3 +202,23 @@ def test_boxes_by_hand():
     assert box([0.0, 1.09, 0.0], 128) == (0, 6, 59, 70)
     assert box([0.0, 9.0, 0.0], 128) == (59, 70, 59, 70)
     assert box([0.0, 0.0, 0.0], 256) == (119, 138, 119, 138)  # windows of 17 pixels, and one more
+
+
+@pytest.mark.parametrize("size", [64, 128])
+def test_a_mirrored_cloud_has_mirrored_channels(size):
+    """A network that draws the mirror image otherwise has learned to."""
+    surfels = made_up(400)
+    x = torch.tensor([-1.0, 1.0, 1.0])
+    mirrored = Surfels(
+        surfels.points * x, surfels.flattened * x, surfels.normals * x, surfels.variation
+    )
+    for view in VIEWS[:3]:
+        other = View(-view.azimuth_deg, view.elevation_deg)
+        seen, reflected = (
+            project(stack([some]), cameras([camera]), ALL_INPUTS, size)[0]
+            for some, camera in ((surfels, view), (mirrored, other))
+        )
+        sign = torch.tensor([-1.0 if n.endswith(" x") else 1.0 for n in ALL_INPUTS.names])
+        back = reflected.flip(2) * sign[:, None, None]
+        assert (back - seen).abs().max() < CLOSE
+        assert (reflected - seen).abs().max() > 0.5
