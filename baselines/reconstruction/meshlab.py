@@ -32,7 +32,7 @@ class MeshLab:
         self,
         points: Points | Floats,
         *,
-        normals: Points | None = None,
+        normals: Points | Floats | None = None,
         faces: NDArray[np.integer] | None = None,
     ) -> None:
         try:
@@ -76,14 +76,18 @@ class MeshLab:
             deletefaces=False,
         )
 
-    def close_holes(self, max_edges: int) -> None:
-        """Fill holes of fewer than `max_edges` edges without letting faces intersect."""
+    def close_holes(self, max_edges: int, intersecting: bool = False) -> None:
+        """Fill holes of fewer than `max_edges` edges.
+
+        Unless `intersecting`, triangles that intersect others are avoided. A rounding error may
+        decide about that: see `docs/noise-floor.md`.
+        """
         self._apply(
             "meshing_close_holes",
             maxholesize=max_edges,
             selected=False,
             newfaceselected=True,
-            selfintersection=True,
+            selfintersection=not intersecting,
         )
 
     def marching_cubes_apss(

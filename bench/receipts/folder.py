@@ -24,6 +24,7 @@ from bench.receipts.digests import (
 from bench.receipts.receipt import PROTOCOL, condensed
 from bench.records.parquet import FEATURES, RECORDS, read_records, write_features, write_records
 from bench.records.run_folder import write_manifest
+from bench.records.seal import check_seal
 from bench.records.store import open_store
 from bench.tables.build import make_outputs
 from bench.tables.table import TABLES, table_files
@@ -172,15 +173,16 @@ def _other_features(directory: Path, scratch: Path) -> list[str]:
     return lines
 
 
-def same_parquet(first: Path, second: Path) -> bool:
-    """Return whether two files have the same rows and the same statistics by which rows are found.
+def same_parquet(stored_file: Path, remade_file: Path) -> bool:
+    """Return whether a stored file has the rows and the statistics of a remade one.
 
     Raises one of DAMAGED for a file that cannot be read.
     """
-    if first.read_bytes() == second.read_bytes():
+    if stored_file.read_bytes() == remade_file.read_bytes():
         return True
-    stored, remade = (pq.read_table(path, use_threads=False) for path in (first, second))
-    return stored.equals(remade) and _statistics(first) == _statistics(second)
+    check_seal(stored_file)
+    stored, remade = (pq.read_table(path, use_threads=False) for path in (stored_file, remade_file))
+    return stored.equals(remade) and _statistics(stored_file) == _statistics(remade_file)
 
 
 def _statistics(path: Path) -> list[Any]:

@@ -16,6 +16,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from bench.records.seal import check_seal
 from data_prep.arrays import Floats32
 from data_prep.failures import BadInput
 
@@ -48,6 +49,8 @@ class _Range(NamedTuple):
 class FeatureFile:
     """The features in a Parquet file. In memory are its footer and the images asked for.
 
+    All bytes are compared to their checksum first.
+
     `pyarrow.dataset` reads the same in half the code; it holds several row groups at a time, takes
     15 times the memory and is slower.
     """
@@ -56,6 +59,7 @@ class FeatureFile:
         """Raise BadInput for a file that cannot be read."""
         self._path = path
         try:
+            check_seal(path)
             self._footer = pq.read_metadata(path)
             arrow = self._footer.schema.to_arrow_schema()
         except (pa.ArrowException, OSError) as error:
@@ -142,8 +146,10 @@ class FeatureFile:
 
 
 def unreadable(path: Path, error: Exception) -> BadInput:
-    """Return the refusal of a Parquet file that Arrow cannot read; its messages may have lines."""
-    return BadInput(f"{path}: not readable ({' '.join(str(error).split())}); start the run again")
+    """Return the refusal of a Parquet file that Arrow cannot read."""
+    # Arrow's messages may have several lines, and bytes of the file.
+    reason = "".join(c if c.isprintable() else " " for c in str(error))
+    return BadInput(f"{path}: not readable ({' '.join(reason.split())}); start the run again")
 
 
 def _images(table: pa.Table) -> list[ImageKey]:

@@ -24,6 +24,7 @@ import pyarrow.parquet as pq
 from bench.records.artifacts import JobName
 from bench.records.job import Result
 from bench.records.record import Record
+from bench.records.seal import check_seal
 from bench.records.store import STORE, open_store
 from data_prep.failures import CannotWrite
 from data_prep.progress import log
@@ -104,6 +105,7 @@ def _read_jobs(path: Path) -> Iterator[tuple[str, JobName]]:
     """Yield key and name of each job of the complete run; nothing where the list is unreadable."""
     names = ("key", "method", "condition", "class", "object")
     with suppress(OSError, pa.ArrowException, KeyError):
+        check_seal(path)  # it has none: another process reads it first
         table = pq.read_table(path)
         for key, *name in zip(*(table.column(n).to_pylist() for n in names), strict=True):
             yield key, JobName(*name)

@@ -16,6 +16,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from bench.records.parquet import RECORDS
+from bench.records.seal import check_seal, seal
 from data_prep.arrays import Floats
 from data_prep.failures import BadInput
 from data_prep.files.atomic_write import atomic_write
@@ -64,6 +65,7 @@ def write_scores(
     table = table.replace_schema_metadata({_ABOUT: json.dumps(about).encode()})
     with atomic_write(scores_file(directory, metric.id)) as new:
         pq.write_table(table, new)
+        seal(new)
 
 
 def scores_file(directory: Path, metric_id: str) -> Path:
@@ -86,6 +88,7 @@ def read_scores(directory: Path, metric_id: str) -> tuple[ScoredMetric, pd.DataF
     if not path.is_file():
         raise BadInput(f"{directory}: is not scored by {metric_id}; {again} first")
     try:
+        check_seal(path)
         table = pq.read_table(path)
         about = json.loads((table.schema.metadata or {})[_ABOUT])
         records = about.pop("records")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from itertools import groupby, islice
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from bench.records.artifacts import JobName, unpack
 from bench.records.features import FeatureFile, may_hold, unreadable
 from bench.records.record import COLUMNS, SCHEMA_VERSION, TYPES, Record
+from bench.records.seal import check_seal, seal
 from bench.records.store import JobRow, Store
 from data_prep.failures import BadInput
 from data_prep.files.atomic_write import atomic_write
@@ -59,7 +60,7 @@ def write_records(
         Records written at a time.
     """
     with (
-        atomic_write(directory / RECORDS) as new,
+        _sealed_file(directory / RECORDS) as new,
         pq.ParquetWriter(new, _RECORDS_SCHEMA) as writer,
     ):
         columns: dict[str, list[Any]] = {name: [] for name in _FIELDS}
@@ -75,6 +76,14 @@ def write_records(
                 columns = {name: [] for name in _FIELDS}
         if columns["view"]:
             _write_group(writer, columns)
+
+
+@contextmanager
+def _sealed_file(path: Path) -> Iterator[Path]:
+    """Yield a file as `atomic_write`; what the block has written is sealed before it is renamed."""
+    with atomic_write(path) as new:
+        yield new
+        seal(new)
 
 
 def _write_group(writer: pq.ParquetWriter, columns: Mapping[str, Sequence[Any]]) -> None:
@@ -137,6 +146,7 @@ def _open_records(directory: Path, dictionaries: bool) -> pq.ParquetFile:
         raise BadInput(f"{directory}: no {path.name}; the run is not finished, start it again")
     text = [name for name in COLUMNS if name not in TYPES] if dictionaries else None
     try:
+        check_seal(path)
         file = pq.ParquetFile(path, read_dictionary=text)
     except (pa.ArrowException, OSError) as error:
         raise unreadable(path, error) from error
@@ -181,7 +191,7 @@ def write_features(
                 )
                 if metric not in writers:
                     path = directory / FEATURES / f"{metric}.parquet"
-                    new = files.enter_context(atomic_write(path))
+                    new = files.enter_context(_sealed_file(path))
                     writers[metric] = files.enter_context(pq.ParquetWriter(new, table.schema))
                 writers[metric].write_table(table)
 

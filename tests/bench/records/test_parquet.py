@@ -18,6 +18,7 @@ from bench.records.parquet import (
 )
 from bench.records.record import COLUMNS, SCHEMA_VERSION
 from bench.records.run_folder import open_folder
+from bench.records.seal import SEAL, seal
 from bench.records.store import pack_records, unpack_columns
 from data_prep.failures import BadInput
 
@@ -162,14 +163,16 @@ def wanted(expected, job, images):
 
 
 def spoil(path, groups):
-    """Overwrite the data of some row groups; the footer stays."""
+    """Overwrite the data of some row groups and seal the file anew; the footer stays."""
     footer, data = pq.read_metadata(path), bytearray(path.read_bytes())
     for group in groups:
         for number in range(footer.num_columns):
             column = footer.row_group(group).column(number)
             start = column.dictionary_page_offset or column.data_page_offset
             data[start : start + column.total_compressed_size] = b"x" * column.total_compressed_size
-    path.write_bytes(data)
+    at = data.rindex(SEAL)
+    path.write_bytes(data[:at] + data[at + len(SEAL) + 32 :])
+    seal(path)
 
 
 def test_only_the_row_groups_that_are_asked_for_are_read(tmp_path):
