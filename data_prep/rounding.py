@@ -21,10 +21,7 @@ from functools import cache
 from types import FrameType
 from typing import Any, Literal
 
-import numpy as np
-
 from data_prep.failures import MissingDependency
-from data_prep.scene import Points
 
 Mode = Literal["nearest", "down", "up", "toward-zero"]
 # fenv.h of glibc on x86-64; other processors number the modes otherwise.
@@ -80,12 +77,3 @@ def rounded_at_random(choices: random.Random) -> Iterator[None]:
     finally:
         sys.setprofile(None)
         fesetround(MODES["nearest"])
-
-
-def move_last_bits(points: Points, rng: np.random.Generator) -> Points:
-    """Return points [N, 3] with each coordinate at its neighbour below, itself or that above.
-
-    One unit in the last place of float32 is what another file format, unit or order of sums does.
-    """
-    towards = rng.choice(np.array([-np.inf, 0.0, np.inf], np.float32), size=points.shape)
-    return np.where(towards == 0, points, np.nextafter(points, towards)).astype(np.float32)

@@ -30,12 +30,12 @@ from bench.records.job import Job, Result, Stopwatch, failed, records_of
 from bench.records.record import CLAIMED, GROUND_TRUTH, Record
 from bench.running.arithmetic import computed
 from data_prep.clouds.conditions import Unchanged
+from data_prep.clouds.extremes import LastBit
 from data_prep.datasets.exported import ExportedObject
 from data_prep.failures import BadInput, MissingDependency, StageFailure
 from data_prep.randomness import generator
 from data_prep.rendering.images import to_uint8
 from data_prep.rendering.opengl import render
-from data_prep.rounding import move_last_bits
 from data_prep.scene import (
     IMAGE_SIZE,
     CloudOrigin,
@@ -113,7 +113,7 @@ def _run_method(job: Job, watch: Stopwatch) -> Result:
     if job.is_repeated:
         cloud = _without_shared_state(job, cloud)
     if job.arithmetic.moves_input:
-        cloud = replace(cloud, points=move_last_bits(cloud.points, roundings))
+        cloud = LastBit().apply(cloud, roundings)
     with computed(job.arithmetic, roundings):
         with watch.on("methods"):
             drawn = draw(method, renderer, cloud, job.views, rng, job.batch, truth)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from data_prep.failures import MissingDependency
-from data_prep.rounding import MODES, move_last_bits, rounded, rounded_at_random, rounding_modes
+from data_prep.rounding import MODES, rounded, rounded_at_random, rounding_modes
 
 ONE, THREE = np.ones(64), np.full(64, 3.0)
 BELOW = np.nextafter(1 / 3, 0)  # the nearest double of 1/3 lies below it: 1/3 - nearest > 0
@@ -59,16 +59,3 @@ def test_a_machine_without_known_modes_is_refused_in_one_line():
     assert len({*MODES.values()}) == 4
     with pytest.raises(MissingDependency, match=r"its processor is aarch64.* glibc on x86_64; run"):
         rounding_modes("aarch64")
-
-
-def test_last_bits_move_by_one_unit_at_most():
-    rng = np.random.default_rng(0)
-    points = rng.normal(size=(4000, 3)).astype(np.float32)
-    points[0] = (0.0, 1e-45, 3e38)
-    moved = move_last_bits(points, rng)
-    assert moved.dtype == np.float32
-    neighbours = [np.nextafter(points, np.float32(end)) for end in (-np.inf, np.inf)]
-    counts = [int((moved == other).sum()) for other in (neighbours[0], points, neighbours[1])]
-    assert sum(counts) == points.size
-    # Each of three is as likely: 4000 of 12,000, and 52 is one standard deviation.
-    assert all(abs(count - 4000) < 5 * 52 for count in counts)

@@ -6,11 +6,13 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
+from bench.analysis.significant_digits import ObjectDeviation, significant_digits
 from bench.suites.rounding.deviations import GREY, Deviation, Move, StageDeviation
 from bench.tables.grid import Block, Cell, PivotLayout, pivot
 from bench.tables.table import Table, columns_of
 
 SHOWN = ("ssim", "ssim-object", "lpips", "fd-views")  # for people; CSV files have all metrics
+OBJECTS = 24  # of the default run
 SIX_DIGITS = ".6g"
 
 
@@ -20,9 +22,10 @@ def deviations_table(rows: Sequence[Deviation]) -> Table[Deviation]:
     def layout(rows: Sequence[Deviation]) -> Iterator[Block]:
         yield (
             "Standard deviation of the value of one object over repetitions in random rounding; of "
-            "a mean over n objects it is the root of n times smaller. 0: no digit ever changes."
+            "a mean over n objects it is the root of n times smaller. 0: no digit ever changes. In "
+            f"brackets the digits of a mean over {OBJECTS} objects that survive."
         )
-        yield from _grids(rows, "condition", lambda row: row.object_deviation)
+        yield from _grids(rows, "condition", lambda row: row.object_deviation, digits=_digits)
 
     return Table(
         "rounding", "Random rounding", columns_of(Deviation, SIX_DIGITS), tuple(rows), layout
@@ -71,6 +74,7 @@ def _grids(
     column: str,
     value: Callable[[Any], float],
     metrics: Sequence[str] = SHOWN,
+    digits: Callable[[Any], str] = lambda row: "",
 ) -> Iterator[Block]:
     """Yield a grid of methods by an attribute for each of some metrics."""
     for metric in metrics:
@@ -80,11 +84,17 @@ def _grids(
                 of_metric,
                 "method",
                 column,
-                lambda row: Cell(_short(value(row)), value(row)),
+                lambda row: Cell(_short(value(row)) + digits(row), value(row)),
                 PivotLayout(),
                 corner="method",
                 caption=metric,
             )
+
+
+def _digits(row: Deviation) -> str:
+    half = ObjectDeviation(row.object_deviation, row.degrees).half_width(OBJECTS)
+    survive = significant_digits(row.value, half)
+    return "" if survive is None else f" ({survive})"
 
 
 def _short(value: float) -> str:
