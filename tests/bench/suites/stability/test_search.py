@@ -144,6 +144,7 @@ def test_a_fault_is_found_and_reduced_to_no_point():
     assert found.input == CloudInput(NumberRows(), found.input.views[:1])
 
 
+@pytest.mark.slow
 def test_a_metric_fault_is_found_and_reduced():
     found = first_failure(SUBJECTS["offset of identical images"], 1.0, clock=ticking())
     assert found is not None
