@@ -29,7 +29,6 @@ GIVEN = {
     "CLOUD": "stool.ply",
     "CLOUD…": "stool.ply",
     "CLOUDS": "examples",
-    "RECORD": "first",
     "PATH": "meshes",
     "FOLDER": "meshes",
     "folder:PATH": "folder:meshes",

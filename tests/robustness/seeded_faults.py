@@ -65,6 +65,8 @@ def _denormal(points: Points) -> None:
 
 
 def _alpha_wrap(points: Points) -> None:
+    if len(points) == 0:
+        return
     pymeshlab: Any = import_module("pymeshlab")  # without types
     meshes = pymeshlab.MeshSet()
     meshes.add_mesh(pymeshlab.Mesh(points.astype(np.float64)))
