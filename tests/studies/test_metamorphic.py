@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from collections import Counter
 from dataclasses import asdict, dataclass, replace
 from itertools import islice
@@ -10,6 +11,7 @@ import pytest
 from scipy.ndimage import maximum_filter, minimum_filter
 
 from bench.catalogue.method import Method
+from bench.catalogue.networks import COST_VARIANTS, NETWORK_METHODS
 from bench.running.isolation import WorkerFailure
 from bench.running.work import load_renderer
 from data_prep.datasets.registry import ProceduralObject, open_dataset
@@ -17,7 +19,9 @@ from data_prep.failures import StageFailure
 from data_prep.rendering.camera import project
 from data_prep.rendering.images import blank, to_float, to_uint8
 from data_prep.scene import IMAGE_SIZE, View
+from studies.documents import NUMBERS, PAGES
 from studies.metamorphic import (
+    METHODS,
     RELATIONS,
     CloudSpec,
     Difference,
@@ -326,3 +330,50 @@ def test_a_folder_of_other_classes_is_refused(tmp_path):
     with pytest.raises(SystemExit, match="no class of airplane, bench"):
         main(["--out", str(tmp_path / "out"), "--dataset", f"folder:{tmp_path / 'meshes'}"])
     assert not (tmp_path / "out").exists()
+
+
+# --- model cards ----------------------------------------------------------------------------------
+
+CARDS = [
+    page
+    for page in PAGES
+    if page.parent.name == "weights" and "metamorphic.csv" in page.read_text(encoding="utf-8")
+]
+MARK = re.compile(r"<!-- numbers: ([^>]*metamorphic\.csv[^>]*)-->")
+FEWEST_CLOUDS = 20  # a 95th percentile is then another number than the worst
+NETWORKS = {method.id: method for method in (*NETWORK_METHODS, *COST_VARIANTS)}
+
+
+def measured_in(card):
+    """Return the networks in the table of a card."""
+    (mark,) = MARK.findall(card.read_text())
+    return [name for name in NETWORKS if re.search(rf"method:[^ *;]*\b{name}(?=[,*;\s])", mark)]
+
+
+@pytest.mark.parametrize("card", CARDS, ids=lambda card: f"{card.parents[1].name}-{card.stem}")
+def test_each_card_has_its_relations(card):
+    methods = measured_in(card)
+    assert methods
+    for method in methods:
+        weights = NETWORKS[method].weights_file()
+        assert (weights.parent, weights.stem[: len(card.stem)]) == (card.parent, card.stem)
+
+
+def test_the_networks_of_every_family_are_in_a_card():
+    measured = {name for card in CARDS for name in measured_in(card)}
+    assert measured >= {*METHODS, "pc2pix@acgan", "pc2pix@all", "pc2pix@widened"}
+
+
+def test_the_numbers_of_the_cards():
+    rows = list(csv.DictReader((NUMBERS / "metamorphic.csv").read_text().splitlines()))
+    of_all = {
+        (row["method"], row["relation"]): row
+        for row in rows
+        if (row["dataset"], row["condition"]) == ("all", "all")
+    }
+    measured = [name for card in CARDS for name in measured_in(card)]
+    assert of_all.keys() == {(name, relation.id) for name in measured for relation in RELATIONS}
+    for (name, relation), row in of_all.items():
+        assert int(row["n"]) >= FEWEST_CLOUDS, name
+        if not name.startswith("pc2pix") and relation in ("shuffled", "points-twice"):
+            assert (row["identical_percent"], row["worst"]) == ("100.0", "0"), name
