@@ -75,7 +75,7 @@ class RowChange:
 
 @dataclass(frozen=True)
 class NumberRows:
-    """NumberRows of numbers: a few that are written out, or else `count` random ones; then changes.
+    """Rows of numbers: a few that are written out, or else `count` random ones; then changes.
 
     ball   normal deviates, the only shape with other than three columns
     cube   points of the surface of a cube
