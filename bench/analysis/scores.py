@@ -151,8 +151,7 @@ def mean_rows(
 ) -> list[RowWithSamples]:
     """Return the means over images by metrics of images, for all cells of some sums.
 
-    `skipped` has the reasons for metrics that were not measured, `errors` how far rounding moves
-    values; by default they are those of `results/rounding.csv`.
+    `skipped` has the reasons for metrics that were not measured, `errors` what rounding moves.
     """
     errors = errors or rounding_errors()
     return [
@@ -254,8 +253,7 @@ def recognition_rows(run: ScoredRun) -> list[QualityRow]:
             images = read_cell(run.directory, cell)
             values = {m: _recognised(m, cell, images, answers, galleries[cell[2]]) for m in values}
         for metric, value in values.items():
-            row = quality_row(run.suite.id, run.sums, cell, metric, value, run.errors)
-            rows.append(row.row)
+            rows.append(quality_row(run.suite.id, run.sums, cell, metric, value, run.errors).row)
     return rows
 
 
@@ -380,7 +378,6 @@ def quality_row(
     message = [f"{count} x {reason}" for reason, count in reasons.most_common()]
     if value.undefined:
         message.append(f"{value.undefined} x {NO_VALUE}: {UNDEFINED[metric]}")
-    method, condition, _ = cell
     objects = len(value.per_object) if is_mean(metric) else sums.drawn_objects(cell)
     row = QualityRow(
         suite,
@@ -393,7 +390,7 @@ def quality_row(
         failures_as_blank=value.failures_as_blank,
         note=value.note or "; ".join(message),
         debiased=value.debiased,
-        rounding=errors.half_width(method, condition, metric, objects),
+        rounding=errors.half_width(*cell[:2], metric, objects),
     )
     return RowWithSamples(row, value.per_object)
 
