@@ -28,6 +28,7 @@ from bench.analysis.intervals import (
 from bench.analysis.object_sums import ObjectSums
 from bench.analysis.significant_digits import (
     Precision,
+    RoundingErrors,
     precision,
     precision_of_difference,
     rounding_errors,
@@ -126,6 +127,7 @@ def compare(
     metrics: Sequence[str],
     methods: Container[str] | None = None,
     claimed: Iterable[str] = (),
+    errors: RoundingErrors | None = None,
 ) -> list[Comparison]:
     """Return a comparison for each condition and class, in the order of the cells.
 
@@ -134,7 +136,9 @@ def compare(
     metrics  metrics of images that the sums have, and set metrics that features exist for
     methods  methods that are compared, by default all; `blank` is needed, but may be left out
     claimed  methods whose times their authors state
+    errors   how far rounding moves values, by default `results/rounding.csv`
     """
+    errors = errors or rounding_errors()
     by_cell: dict[tuple[str, str], list[str]] = {}
     for method, *cell in sums.cells:
         by_cell.setdefault((cell[0], cell[1]), []).append(method)
@@ -167,7 +171,7 @@ def compare(
                 prepare_s,
                 draw_s,
                 images,
-                _with_rounding(qualities, cell[0], len(objects)),
+                _with_rounding(qualities, cell[0], len(objects), errors),
                 claimed=frozenset(claimed) & {*names},
             )
         )
@@ -175,10 +179,12 @@ def compare(
 
 
 def _with_rounding(
-    qualities: Mapping[str, Mapping[str, Quality]], condition: str, objects: int
+    qualities: Mapping[str, Mapping[str, Quality]],
+    condition: str,
+    objects: int,
+    errors: RoundingErrors,
 ) -> dict[str, dict[str, Quality]]:
     """Return the qualities by metric and method with their errors by rounding."""
-    errors = rounding_errors()
     return {
         metric: {
             m: replace(q, rounding=errors.half_width(m, condition, metric, objects))
@@ -229,15 +235,12 @@ def _pooled(classes: Sequence[Comparison]) -> Comparison:
     first = classes[0]
 
     def quality(metric: str, method: str) -> Quality:
-        per_object = np.concatenate([c.qualities[metric][method].per_object for c in classes])
-        return _mean_quality(metric, per_object)
+        of_classes = [c.qualities[metric][method] for c in classes]
+        per_object = np.concatenate([q.per_object for q in of_classes])
+        errors = (len(c.objects) * q.rounding for c, q in zip(classes, of_classes, strict=True))
+        rounding = math.hypot(*errors) / sum(len(c.objects) for c in classes)
+        return replace(_mean_quality(metric, per_object), rounding=rounding)
 
-    qualities = {
-        metric: {method: quality(metric, method) for method in by_method}
-        for metric, by_method in first.qualities.items()
-        if is_mean(metric)
-    }
-    objects = sum(len(c.objects) for c in classes)
     return Comparison(
         first.condition,
         ALL,
@@ -248,7 +251,11 @@ def _pooled(classes: Sequence[Comparison]) -> Comparison:
             m: (sum(c.images[m][0] for c in classes), sum(c.images[m][1] for c in classes))
             for m in first.images
         },
-        qualities=_with_rounding(qualities, first.condition, objects),
+        qualities={
+            metric: {method: quality(metric, method) for method in by_method}
+            for metric, by_method in first.qualities.items()
+            if is_mean(metric)
+        },
         claimed=first.claimed,
     )
 

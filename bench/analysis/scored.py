@@ -13,6 +13,7 @@ from bench.analysis.comparison import Comparison, compare
 from bench.analysis.distances import FeatureDistances
 from bench.analysis.object_sums import ObjectSums, sum_records
 from bench.analysis.recognition import confidences, read_class_head
+from bench.analysis.significant_digits import RoundingErrors, rounding_errors
 from bench.catalogue.claims import ENTERED
 from bench.catalogue.metrics import (
     IMAGE_METRICS,
@@ -39,6 +40,7 @@ class ScoredRun:
 
     features  by extractor
     skipped   reasons of the extractors without features, and of the metrics without values
+    errors    how far rounding moves values
     """
 
     directory: Path
@@ -47,6 +49,7 @@ class ScoredRun:
     sums: ObjectSums
     features: dict[str, FeatureDistances]
     skipped: dict[str, str]
+    errors: RoundingErrors = field(default_factory=rounding_errors, repr=False)
     _compared: dict[tuple[tuple[str, ...], frozenset[str]], list[Comparison]] = field(
         default_factory=dict, repr=False, init=False
     )
@@ -65,7 +68,8 @@ class ScoredRun:
         key = tuple(metrics), frozenset(self.manifest["methods"] if methods is None else methods)
         if key not in self._compared:
             self._compared[key] = compare(
-                self.sums, self.features, metrics, key[1], self.manifest.get(ENTERED, ())
+                *(self.sums, self.features, metrics, key[1], self.manifest.get(ENTERED, ())),
+                errors=self.errors,
             )
         return self._compared[key]
 

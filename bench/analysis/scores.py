@@ -31,6 +31,7 @@ from bench.analysis.recognition import true_gallery
 from bench.analysis.scored import ScoredRun
 from bench.analysis.significant_digits import (
     Precision,
+    RoundingErrors,
     half_of_mean,
     precision,
     rounding_errors,
@@ -138,16 +139,21 @@ class CellValue(NamedTuple):
 
 def image_rows(run: ScoredRun, metrics: Sequence[str]) -> list[RowWithSamples]:
     """Return the means over images by metrics of images, for all cells."""
-    return mean_rows(run.suite.id, run.sums, metrics, run.skipped)
+    return mean_rows(run.suite.id, run.sums, metrics, run.skipped, run.errors)
 
 
 def mean_rows(
-    suite: str, sums: ObjectSums, metrics: Sequence[str], skipped: Mapping[str, str]
+    suite: str,
+    sums: ObjectSums,
+    metrics: Sequence[str],
+    skipped: Mapping[str, str],
+    errors: RoundingErrors | None = None,
 ) -> list[RowWithSamples]:
     """Return the means over images by metrics of images, for all cells of some sums.
 
-    `skipped` has the reasons for metrics that were not measured.
+    `skipped` has the reasons for metrics that were not measured, `errors` what rounding moves.
     """
+    errors = errors or rounding_errors()
     return [
         quality_row(
             suite,
@@ -157,6 +163,7 @@ def mean_rows(
             CellValue(note=skipped[metric])
             if metric in skipped
             else _mean_of_images(sums, cell, metric),
+            errors,
         )
         for cell in sums.cells
         for metric in metrics
@@ -202,6 +209,7 @@ def distance_rows(
             cell,
             metric,
             CellValue(note=reason) if features is None else _distance(cell, features, distance),
+            run.errors,
         )
         for cell in run.sums.cells
     ]
@@ -245,7 +253,7 @@ def recognition_rows(run: ScoredRun) -> list[QualityRow]:
             images = read_cell(run.directory, cell)
             values = {m: _recognised(m, cell, images, answers, galleries[cell[2]]) for m in values}
         for metric, value in values.items():
-            rows.append(quality_row(run.suite.id, run.sums, cell, metric, value).row)
+            rows.append(quality_row(run.suite.id, run.sums, cell, metric, value, run.errors).row)
     return rows
 
 
@@ -357,7 +365,12 @@ def _average(of_cell: Sequence[RowWithSamples]) -> QualityRow:
 
 
 def quality_row(
-    suite: str, sums: ObjectSums, cell: CellKey, metric: str, value: CellValue
+    suite: str,
+    sums: ObjectSums,
+    cell: CellKey,
+    metric: str,
+    value: CellValue,
+    errors: RoundingErrors,
 ) -> RowWithSamples:
     """Return the row of a value, with the counts of images and the reasons for failures."""
     drawn, planned = sums.images(cell)
@@ -365,7 +378,6 @@ def quality_row(
     message = [f"{count} x {reason}" for reason, count in reasons.most_common()]
     if value.undefined:
         message.append(f"{value.undefined} x {NO_VALUE}: {UNDEFINED[metric]}")
-    method, condition, _ = cell
     objects = len(value.per_object) if is_mean(metric) else sums.drawn_objects(cell)
     row = QualityRow(
         suite,
@@ -378,7 +390,7 @@ def quality_row(
         failures_as_blank=value.failures_as_blank,
         note=value.note or "; ".join(message),
         debiased=value.debiased,
-        rounding=rounding_errors().half_width(method, condition, metric, objects),
+        rounding=errors.half_width(*cell[:2], metric, objects),
     )
     return RowWithSamples(row, value.per_object)
 

@@ -18,6 +18,7 @@ from harness_objects import Tetrahedron
 from bench.analysis.intervals import distance_interval
 from bench.analysis.object_sums import ObjectSums
 from bench.analysis.scored import ScoredRun, scored_run
+from bench.analysis.significant_digits import RoundingErrors
 from bench.catalogue.methods import FLOORS
 from bench.catalogue.metrics import IMAGE_METRICS, column
 from bench.catalogue.suites import SUITES, Suite
@@ -179,12 +180,16 @@ def sums_of(records: pd.DataFrame, manifest=None) -> ObjectSums:
 
 
 def scored_records(
-    records: pd.DataFrame, suite: Suite, features=None, skipped=None, **manifest
+    records: pd.DataFrame, suite: Suite, features=None, skipped=None, errors=None, **manifest
 ) -> ScoredRun:
-    """Return a scored run of these records, with distances by extractor, without a folder."""
+    """Return a scored run of these records, with distances by extractor, without a folder.
+
+    Nothing is known of rounding, unless `errors` say it.
+    """
     manifest = names_of(records) | manifest
     sums = sums_of(records, manifest)
-    return ScoredRun(Path("run"), suite, manifest, sums, features or {}, skipped or {})
+    errors = errors or RoundingErrors({})
+    return ScoredRun(Path("run"), suite, manifest, sums, features or {}, skipped or {}, errors)
 
 
 def feature_index(methods, objects_of_class) -> pd.DataFrame:

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 from report_parser import parse
 
-from bench.analysis.comparison import Estimate, Quality
+from bench.analysis.comparison import Estimate, Quality, pooled
 from bench.analysis.frontier import FrontierPoint
 from bench.analysis.paired import ComparedPair, PairedDifference, Side
 from bench.analysis.run_pairs import Differences
 from bench.analysis.scored import read_scored
 from bench.analysis.scores import QualityRow, RowWithSamples, with_averages
+from bench.analysis.significant_digits import ObjectDeviation, RoundingErrors
 from bench.catalogue.suite_types import TRUTHS
 from bench.catalogue.suites import SUITES, TableSpec
 from bench.report.build import read_page
@@ -36,7 +37,7 @@ from bench.tables.quality import (
 )
 from bench.tables.verdict import comparison_lines
 
-from ..builders import make_record, scored_records, to_frame, write_run
+from ..builders import make_failed, make_record, scored_records, to_frame, write_run
 
 NAN = float("nan")
 SPEC = TableSpec("images", "t", "T")
@@ -223,6 +224,37 @@ def test_rows_of_a_run_without_known_errors_have_none(tmp_path):
     assert all(np.isnan(r.rounding) and r.digits is None for r in stranger)
 
 
-def worked_rows(records):
-    run = scored_records(to_frame(records), SUITES[0])
+def worked_rows(records, errors=None):
+    run = scored_records(to_frame(records), SUITES[0], errors=errors)
     return image_table(run, SPEC, {}).rows
+
+
+def test_a_run_takes_its_errors_by_the_objects_of_each_cell():
+    """A failed object has no part in the value, nor in how far rounding moves it."""
+    measured = ObjectDeviation(0.01, 24)
+    errors = RoundingErrors({("splat", "2048", "ssim"): measured})
+    records = [make_record(obj=o) for o in "abcd"] + [make_failed(obj="e")]
+    records += [make_record("blank", obj=o) for o in "abcde"]
+    rows = worked_rows(records, errors)
+    (of_splat,) = [r for r in rows if (r.method, r.metric) == ("splat", "ssim")]
+    assert of_splat.rounding == measured.half_width(4)
+    run = scored_records(to_frame(records), SUITES[0], errors=errors)
+    (comparison,) = run.compared(["ssim"])  # where a failed image is scored as a blank one
+    assert comparison.qualities["ssim"]["splat"].rounding == measured.half_width(5)
+    assert np.isnan(comparison.qualities["ssim"]["blank"].rounding)
+
+
+def test_objects_of_several_classes_are_pooled_with_their_errors():
+    measured = ObjectDeviation(0.01, 24)
+    errors = RoundingErrors({("splat", "2048", "ssim"): measured})
+    records = [
+        make_record(method, obj=f"{name}{i}", class_name=name)
+        for method in ("splat", "blank")
+        for name, count in (("chair", 2), ("sofa", 3))
+        for i in range(count)
+    ]
+    run = scored_records(to_frame(records), SUITES[0], errors=errors)
+    (of_all,) = pooled(run.compared(["ssim"]))
+    # as of one class of 5 objects; a handful of float64 operations
+    expected = pytest.approx(measured.half_width(5), rel=1e-12)
+    assert of_all.qualities["ssim"]["splat"].rounding == expected
