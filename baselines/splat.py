@@ -13,7 +13,7 @@ from baselines.reconstruction.stages import check_finite
 from data_prep.failures import StageFailure
 from data_prep.rendering.camera import CAMERA_DISTANCE, FOCAL_PX, project
 from data_prep.rendering.images import to_float
-from data_prep.scene import IMAGE_SIZE, Images, PointCloud, Points, View
+from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE, Images, PointCloud, Points, View
 
 NEAR_GREY, FAR_GREY = 0.75, 0.35  # depth cue: at the nearest and farthest point of the unit sphere
 MAX_RADIUS_PX = 16.0  # a lone point must not paint the image
@@ -56,9 +56,7 @@ class Splat:
         check_finite(points)
         if len(points) == 1:
             return Discs(points, 0.0, self.colors)
-        distances, _ = cKDTree(points).query(points, k=[2])  # the first is the point itself
-        nearest = np.ravel(distances)
-        return Discs(points, self.spread * float(np.median(nearest)), self.colors)
+        return Discs(points, self.spread * float(np.median(_nearest(points))), self.colors)
 
     def draw(
         self, state: Discs, views: Sequence[View], rng: np.random.Generator | None = None
@@ -69,6 +67,22 @@ class Splat:
         for i, view in enumerate(views):
             images[i] = _paint(state, view)
         return images
+
+
+def _nearest(points: Points) -> NDArray[np.float64]:
+    """Return the distances [N] to the nearest other point, in any order; N is at least 2."""
+    repeated = 0
+    if len(points) > CLOUD_SIZE:
+        # A leaf of the tree cannot divide equal points: a query takes time in proportion to them.
+        distinct, counts = np.unique(points, axis=0, return_counts=True)
+        repeated = int(counts[counts > 1].sum())
+        if len(distinct) == 1:
+            return np.zeros(len(points))
+        alone = distinct[counts == 1]
+        distances, _ = cKDTree(distinct).query(alone, k=[2])
+    else:
+        distances, _ = cKDTree(points).query(points, k=[2])  # the first is the point itself
+    return np.append(np.zeros(repeated), distances)
 
 
 def _paint(discs: Discs, view: View) -> NDArray[np.float32]:

@@ -120,3 +120,26 @@ def test_colours_of_points_are_those_of_their_discs_whatever_the_depth() -> None
         Splat(colors=colors[:1]).prepare(PointCloud(points[:1] * 0)), [FRONT]
     )
     assert np.rint(255 * lone[63, 63]).tolist() == [255, 0, 10]
+
+
+@pytest.mark.parametrize("step", [1, 2, 700])
+def test_many_equal_points_take_no_more_time(step):
+    """Some rows are repeated; the radius is the median of all distances, one by one."""
+    rows = np.random.default_rng(0).standard_normal((700, 3)).astype(np.float32)[::step]
+    points = np.concatenate([rows, rows[: len(rows) // 2 + 1], rows[:1].repeat(2500, axis=0)])
+    few = np.unique(points, axis=0)
+    distances = np.linalg.norm(points[:, None].astype(float) - few, axis=-1)
+    counts = (distances == 0) @ np.array([(points == row).all(axis=1).sum() for row in few])
+    other = np.where(distances == 0, np.inf, distances).min(axis=1)
+    expected = np.median(np.where(counts > 1, 0.0, other))
+    assert Splat().prepare(PointCloud(points)).radius == pytest.approx(expected, rel=1e-12)
+
+
+def test_100_000_equal_points_are_drawn_as_one():
+    one = np.array([[0.1, 0.2, 0.3]], np.float32)
+    views = (View(30.0, 20.0),)
+    images = [
+        Splat().draw(Splat().prepare(PointCloud(one.repeat(count, axis=0))), views)
+        for count in (1, 100_000)
+    ]
+    assert np.array_equal(*images)

@@ -1,4 +1,4 @@
-"""The proof of the search for extremes: 20 seeded faults, and how soon each is found.
+"""The proof of the search for extremes: 21 seeded faults, and how soon each is found.
 
 `python -m tests.robustness.seeded_faults --seconds 60` prints them.
 """
