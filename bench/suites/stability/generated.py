@@ -131,7 +131,7 @@ class CloudInput:
 
 
 @dataclass(frozen=True)
-class Picture:
+class ImagePattern:
     """Images: bytes repeated to fill them, or (with a seed) noise; then rectangles of one level.
 
     patches  top, left, height, width and level of each
@@ -163,8 +163,8 @@ class Picture:
 class ImagesInput:
     """Two sets of images of one size, for metrics of images."""
 
-    truth: Picture
-    image: Picture
+    truth: ImagePattern
+    image: ImagePattern
     counts: tuple[int, int] = (1, 1)
     size: tuple[int, int] = (IMAGE_SIZE, IMAGE_SIZE)
 
@@ -285,8 +285,8 @@ def images() -> SearchStrategy[ImagesInput]:
 
     place, level = st.integers(0, IMAGE_SIZE - 1), st.integers(0, 255)
     extent = st.integers(1, 8) | place
-    picture = st.builds(
-        Picture,
+    pattern = st.builds(
+        ImagePattern,
         st.binary(max_size=12) | st.sampled_from((b"\xff", b"\x00")),
         st.none() | st.none() | st.integers(0, 2**16),
         st.lists(st.tuples(place, place, extent, extent, level), max_size=3).map(tuple),
@@ -294,7 +294,7 @@ def images() -> SearchStrategy[ImagesInput]:
     count = st.sampled_from((1, 1, 1, 2, 3, 0, 12))
     counts = count.map(lambda n: (n, n)) | count.map(lambda n: (n, n)) | st.tuples(count, count)
     usual, side = st.just((IMAGE_SIZE, IMAGE_SIZE)), st.integers(1, 70)
-    return st.builds(ImagesInput, picture, picture, counts, usual | usual | st.tuples(side, side))
+    return st.builds(ImagesInput, pattern, pattern, counts, usual | usual | st.tuples(side, side))
 
 
 @functools.cache

@@ -19,7 +19,7 @@ from bench.suites.stability.generated import (
     CloudInput,
     ImagesInput,
     NumberRows,
-    Picture,
+    ImagePattern,
     RowChange,
 )
 from bench.suites.stability.metrics import METRICS
@@ -128,10 +128,10 @@ def test_changes_of_rows(change, expected):
 
 
 def test_pictures_are_filled_and_patched():
-    (image,) = Picture(b"\x01\x02\x03", None, ((0, 1, 1, 1, 9),)).images(1, 2, 2)
+    (image,) = ImagePattern(b"\x01\x02\x03", None, ((0, 1, 1, 1, 9),)).images(1, 2, 2)
     assert image.tolist() == [[[1, 2, 3], [9, 9, 9]], [[1, 2, 3], [1, 2, 3]]]
-    assert not Picture(b"").images(1, 1, 1).any()
-    assert Picture(seed=0).images(2, 5, 5).std() > 50
+    assert not ImagePattern(b"").images(1, 1, 1).any()
+    assert ImagePattern(seed=0).images(2, 5, 5).std() > 50
 
 
 # --- seeded faults and sound subjects -------------------------------------------------------------
@@ -226,13 +226,13 @@ def test_what_is_unexpected_of_a_method(fault, given, problem):
 
 
 def test_what_is_unexpected_of_a_metric():
-    flat = ImagesInput(Picture(), Picture())
+    flat = ImagesInput(ImagePattern(), ImagePattern())
     finding = examine((SUBJECTS["correlation of flat images"], flat))
     assert finding.problem.startswith("RuntimeWarning: invalid value")
-    object_ = ImagesInput(Picture(), Picture(b"\0"))
+    object_ = ImagesInput(ImagePattern(), ImagePattern(b"\0"))
     finding = SUBJECTS["overlap by the true object"].examine(object_)
     assert "of identical inputs, expected 1" in finding.problem
-    other = ImagesInput(Picture(), Picture(), counts=(1, 2))
+    other = ImagesInput(ImagePattern(), ImagePattern(), counts=(1, 2))
     finding = metric_subject("ssim").examine(other)
     assert (finding.problem, finding.refused[:10]) == ("", "ValueError")
 
