@@ -35,96 +35,36 @@ import csv
 import io
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
-from functools import cache, lru_cache
+from dataclasses import asdict, dataclass, fields
+from functools import cache
 from hashlib import sha256
-from itertools import chain, count, islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote, unquote
 
 import numpy as np
 
-from bench.catalogue.lookup import find
 from bench.catalogue.methods import Method, find_method
 from bench.catalogue.suites import Limits
 from bench.running.isolation import WorkerFailure, run_tasks
 from bench.running.work import draw, load_renderer, reason_of
 from bench.tables.table import csv_text
-from data_prep.clouds.conditions import CONDITIONS, Perturbation, Unchanged
-from data_prep.clouds.extremes import Duplicated, LastBit, Mirrored, Shuffled, Turned
-from data_prep.datasets.objects import SceneObject
-from data_prep.datasets.registry import Dataset, open_dataset
+from data_prep.datasets.registry import open_dataset
 from data_prep.failures import BadInput, MissingDependency
 from data_prep.files.atomic_write import write_whole
 from data_prep.progress import log, progress
 from data_prep.randomness import generator
 from data_prep.scene import PointCloud, Renderer, UInt8Images, View
-from data_prep.shapes.catalogue import CLASSES
 from studies.arguments import names, positive
+from studies.relation_clouds import CONDITION_IDS, CloudSpec, choose_clouds, cloud_and_view
+from studies.relations import RELATIONS
 
 DATASETS = ("procedural:validation",)
 METHODS = ("pc2pix", "splat-net", "splat-net@tiny", "occupancy-net", "fused-net")
-CONDITION_IDS = ("2048", "noise-0.05", "512")
 LIMITS = Limits(time_s=300.0, memory_gib=4.0)
 ALL = "all"
 SUMMARY = "metamorphic.csv"
-YARDSTICK_DEG = 1.0
-
-
-@dataclass(frozen=True)
-class Relation:
-    """A change of cloud and camera that should leave the image as it is, or mirror it.
-
-    id          kebab-case
-    change      makes the perturbation of the cloud from a random angle in degrees
-    camera      makes the changed azimuth from the azimuth and that angle
-    mirrored    whether the changed image is the mirror image
-    """
-
-    id: str
-    change: Callable[[float], Perturbation]
-    camera: Callable[[float, float], float] = lambda azimuth, angle: azimuth
-    mirrored: bool = False
-
-    def apply(
-        self, cloud: PointCloud, view: View, rng: np.random.Generator
-    ) -> tuple[PointCloud, View]:
-        """Return the changed cloud and view."""
-        angle = float(rng.uniform(-180.0, 180.0))
-        azimuth = self.camera(view.azimuth_deg, angle)
-        return self.change(angle).apply(cloud, rng), replace(view, azimuth_deg=azimuth)
-
-    def restore(self, images: UInt8Images) -> UInt8Images:
-        """Return changed images [V, H, W, 3] as they are to be compared with the original."""
-        return images[:, :, ::-1] if self.mirrored else images
-
-
-RELATIONS = (
-    Relation("turned", Turned, lambda azimuth, angle: azimuth + angle),
-    Relation("shuffled", lambda _: Shuffled()),
-    Relation("points-twice", lambda _: Duplicated(2)),
-    Relation("mirrored", lambda _: Mirrored(), lambda azimuth, _: -azimuth, mirrored=True),
-    Relation("last-bit", lambda _: LastBit()),
-    Relation("camera-1-degree", lambda _: Unchanged(), lambda a, _: a + YARDSTICK_DEG),
-)
-
-
-@dataclass(frozen=True)
-class CloudSpec:
-    """A cloud of the study: an object of a dataset under a condition.
-
-    dataset  kind of dataset, such as "folder", without its place on this machine
-    """
-
-    dataset: str
-    object: SceneObject
-    condition: str
-
-    @property
-    def key(self) -> tuple[str, str, str, str]:
-        """Return dataset, class, object and condition."""
-        return self.dataset, self.object.class_name, self.object.object_id, self.condition
 
 
 @dataclass(frozen=True)
@@ -243,58 +183,7 @@ def study(
             advance(failed)
 
 
-def choose_clouds(datasets: Sequence[Dataset]) -> Iterator[CloudSpec]:
-    """Yield the clouds of all datasets, one of each in turn while they have any.
-
-    Raises BadInput for a dataset without any of the 13 classes.
-    """
-    remaining = [_clouds_of(dataset) for dataset in datasets]
-    while remaining:
-        for clouds in tuple(remaining):
-            try:
-                yield next(clouds)
-            except StopIteration:
-                remaining.remove(clouds)
-
-
-def _clouds_of(dataset: Dataset) -> Iterator[CloudSpec]:
-    """Yield the clouds of a dataset: the classes in turn, and the conditions in turn.
-
-    Raises BadInput for a dataset without any of the 13 classes.
-    """
-    kind = dataset.id.partition(":")[0]
-    known = [name for name in dataset.classes if name in CLASSES]
-    if not known:
-        raise BadInput(f"{dataset.id}: no class of {', '.join(CLASSES)}; name its sub-folders so")
-    if dataset.infinite is not None:
-        for i in count():
-            index, of_class = divmod(i, len(known))
-            shape = dataset.infinite(known[of_class], dataset.measured, index)
-            yield CloudSpec(kind, shape, CONDITION_IDS[i % len(CONDITION_IDS)])
-    classes = [dataset.objects(name, None, 0) for name in known]
-    shapes = [
-        of_class[i]
-        for i in range(max(map(len, classes), default=0))
-        for of_class in classes
-        if i < len(of_class)
-    ]
-    for turn in range(len(CONDITION_IDS)):  # another condition for each object in each turn
-        for i, shape in enumerate(shapes):
-            yield CloudSpec(kind, shape, CONDITION_IDS[(i + turn) % len(CONDITION_IDS)])
-
-
 # --- one cloud ------------------------------------------------------------------------------------
-
-
-@lru_cache(maxsize=1)
-def cloud_and_view(spec: CloudSpec) -> tuple[PointCloud, View]:
-    """Return the cloud and the view of a specification, the same for every method."""
-    shape = spec.object
-    cloud = shape.cloud(generator("metamorphic", "cloud", *spec.key[:3]))
-    perturbation = find(spec.condition, CONDITIONS, "condition").perturbation
-    cloud = perturbation.apply(cloud, generator("metamorphic", "condition", *spec.key))
-    (view,) = shape.views(1, generator("metamorphic", "view", *spec.key))
-    return cloud, view
 
 
 def measure(task: Task) -> list[Difference]:

@@ -157,7 +157,7 @@ class Duplicated(_ChangesPoints):
 
 @dataclass(frozen=True)
 class LastBit:
-    """Each coordinate moved up, down or not at all by one unit in its last place, at random."""
+    """A rounding error: coordinates move by one unit in the last place, up, down or not at all."""
 
     def apply(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
         """Return the cloud with coordinates that are off by a rounding error."""

@@ -22,11 +22,7 @@ from data_prep.scene import IMAGE_SIZE, View
 from studies.documents import NUMBERS, PAGES
 from studies.metamorphic import (
     METHODS,
-    RELATIONS,
-    CloudSpec,
     Difference,
-    choose_clouds,
-    cloud_and_view,
     compare,
     decimal,
     main,
@@ -36,6 +32,8 @@ from studies.metamorphic import (
     summarise,
     to_csv,
 )
+from studies.relation_clouds import CloudSpec, choose_clouds, cloud_and_view
+from studies.relations import RELATIONS
 
 PIXELS = IMAGE_SIZE**2
 SPEC = CloudSpec("procedural", ProceduralObject("chair", "validation", 0), "512")
