@@ -59,7 +59,7 @@ def test_files_without_a_seal_are_read_by_another_process_first(path):
     data = path.read_bytes()
     for harmed in (data[:-20] + data[-19:], b"PAR1"):
         path.write_bytes(harmed)
-        with pytest.raises(pa.ArrowInvalid, match="(?i)parquet|thrift"):
+        with pytest.raises(pa.ArrowInvalid, match=r"(?i)parquet|thrift"):
             check_seal(path)
     with pytest.raises(FileNotFoundError):
         check_seal(path.with_name("b.parquet"))
