@@ -9,7 +9,7 @@ from typing import Any
 from bench.analysis.significant_digits import ObjectDeviation, significant_digits
 from bench.suites.rounding.deviations import GREY, Deviation, Move, StageDeviation
 from bench.tables.grid import Block, Cell, PivotLayout, pivot
-from bench.tables.table import Table, columns_of
+from bench.tables.table import Column, Table, columns_of
 
 SHOWN = ("ssim", "ssim-object", "lpips", "fd-views")  # for people; CSV files have all metrics
 OBJECTS = 24  # of the default run
@@ -25,11 +25,10 @@ def deviations_table(rows: Sequence[Deviation]) -> Table[Deviation]:
             "a mean over n objects it is the root of n times smaller. 0: no digit ever changes. In "
             f"brackets the digits of a mean over {OBJECTS} objects that survive."
         )
-        yield from _grids(rows, "condition", lambda row: row.object_deviation, digits=_digits)
+        yield from _grids(rows, "condition", lambda row: row.object_deviation, digits=True)
 
-    return Table(
-        "rounding", "Random rounding", columns_of(Deviation, SIX_DIGITS), tuple(rows), layout
-    )
+    columns = (*columns_of(Deviation, SIX_DIGITS), Column(f"digits_of_{OBJECTS}", _digits))
+    return Table("rounding", "Random rounding", columns, tuple(rows), layout)
 
 
 def stages_table(rows: Sequence[StageDeviation]) -> Table[StageDeviation]:
@@ -74,7 +73,7 @@ def _grids(
     column: str,
     value: Callable[[Any], float],
     metrics: Sequence[str] = SHOWN,
-    digits: Callable[[Any], str] = lambda row: "",
+    digits: bool = False,
 ) -> Iterator[Block]:
     """Yield a grid of methods by an attribute for each of some metrics."""
     for metric in metrics:
@@ -84,17 +83,20 @@ def _grids(
                 of_metric,
                 "method",
                 column,
-                lambda row: Cell(_short(value(row)) + digits(row), value(row)),
+                lambda row: Cell(
+                    _short(value(row)) + (f" ({_digits(row)})" if digits else ""), value(row)
+                ),
                 PivotLayout(),
                 corner="method",
                 caption=metric,
             )
 
 
-def _digits(row: Deviation) -> str:
+def _digits(row: Deviation) -> int | str:
+    """Return the digits of a mean over OBJECTS that survive, or a dash where nothing is known."""
     half = ObjectDeviation(row.object_deviation, row.degrees).half_width(OBJECTS)
     survive = significant_digits(row.value, half)
-    return "" if survive is None else f" ({survive})"
+    return "-" if survive is None else survive
 
 
 def _short(value: float) -> str:
