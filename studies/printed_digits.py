@@ -41,7 +41,7 @@ def with_objects(lines: Iterable[Line], name: str) -> list[Line]:
     moved as much: the harmonic mean over its classes, for each of them.
     """
     lines = list(lines)
-    if not lines or OBJECTS in lines[0] or "n" not in lines[0]:
+    if not lines or OBJECTS in lines[0] or not {"n", "class"} <= lines[0].keys():
         return lines
     largest = max((int(line.get("views") or 0) for line in lines), default=0)
     result: list[Line] = []

@@ -111,7 +111,10 @@ def deviation(values: Floats) -> tuple[float, int]:
 
 
 def deviations(run: ScoredRun, suite: RoundingSuite, conditions: Iterable[str]) -> list[Deviation]:
-    """Return the deviations of all metrics of a run in random rounding of all stages."""
+    """Return the deviations of all metrics of a run in random rounding of all stages.
+
+    A metric without a value, as that of thin parts where none is drawn, has no row.
+    """
     metrics = run.measured((*suite.base.image_metrics, *suite.base.detail_metrics))
     of_sets = run.measured(suite.base.set_metrics)
     rows = []
@@ -146,7 +149,7 @@ def deviations(run: ScoredRun, suite: RoundingSuite, conditions: Iterable[str]) 
                     NAN,
                 )
             )
-    return rows
+    return [row for row in rows if math.isfinite(row.object_deviation)]
 
 
 def image_deviation(images: pd.DataFrame, name: str) -> float:

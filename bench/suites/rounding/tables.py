@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 from bench.analysis.significant_digits import ObjectDeviation, significant_digits
@@ -13,7 +14,7 @@ from bench.tables.table import Column, Table, columns_of
 
 SHOWN = ("ssim", "ssim-object", "lpips", "fd-views")  # for people; CSV files have all metrics
 OBJECTS = 24  # of the default run
-SIX_DIGITS = ".6g"
+THREE_DIGITS = ".3g"  # of deviations, which are known to a tenth or less
 
 
 def deviations_table(rows: Sequence[Deviation]) -> Table[Deviation]:
@@ -27,7 +28,13 @@ def deviations_table(rows: Sequence[Deviation]) -> Table[Deviation]:
         )
         yield from _grids(rows, "condition", lambda row: row.object_deviation, digits=True)
 
-    columns = (*columns_of(Deviation, SIX_DIGITS), Column(f"digits_of_{OBJECTS}", _digits))
+    columns = (
+        *(
+            replace(column, digits=".6g") if column.name == "value" else column
+            for column in columns_of(Deviation, THREE_DIGITS)
+        ),
+        Column(f"digits_of_{OBJECTS}", _digits),
+    )
     return Table("rounding", "Random rounding", columns, tuple(rows), layout)
 
 
@@ -42,7 +49,7 @@ def stages_table(rows: Sequence[StageDeviation]) -> Table[StageDeviation]:
             yield from _grids(of_condition, "stage", lambda row: row.object_deviation)
 
     title = "Stages that lose the digits"
-    columns = columns_of(StageDeviation, SIX_DIGITS)
+    columns = columns_of(StageDeviation, THREE_DIGITS)
     return Table("rounding_stages", title, columns, tuple(rows), layout)
 
 
@@ -65,7 +72,7 @@ def moves_table(rows: Sequence[Move]) -> Table[Move]:
             )
 
     title = "Directed modes, threads, batches and number formats"
-    return Table("rounding_moves", title, columns_of(Move, SIX_DIGITS), tuple(rows), layout)
+    return Table("rounding_moves", title, columns_of(Move, THREE_DIGITS), tuple(rows), layout)
 
 
 def _grids(
