@@ -21,8 +21,6 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
-from scipy.special import chdtri, ndtri
-
 from bench.catalogue.lookup import family_of
 from bench.catalogue.methods import has_papers_chain
 from data_prep.failures import BadInput
@@ -65,6 +63,8 @@ class ObjectDeviation(NamedTuple):
 @cache
 def _half_widths(degrees: float) -> float:
     """Return the half width for a deviation of 1, known with so many degrees of freedom."""
+    from scipy.special import chdtri, ndtri  # `bench list` answers without it
+
     largest = math.sqrt(degrees / float(chdtri(degrees, CONFIDENCE)))
     return float(ndtri((1 + PROBABILITY) / 2)) * largest
 

@@ -60,7 +60,7 @@ def write_records(
         Records written at a time.
     """
     with (
-        _sealed_file(directory / RECORDS) as new,
+        _file_with_seal(directory / RECORDS) as new,
         pq.ParquetWriter(new, _RECORDS_SCHEMA) as writer,
     ):
         columns: dict[str, list[Any]] = {name: [] for name in _FIELDS}
@@ -79,8 +79,8 @@ def write_records(
 
 
 @contextmanager
-def _sealed_file(path: Path) -> Iterator[Path]:
-    """Yield a file as `atomic_write`; what the block has written is sealed before it is renamed."""
+def _file_with_seal(path: Path) -> Iterator[Path]:
+    """Yield a file as `atomic_write`; what the block writes gets a seal before it is renamed."""
     with atomic_write(path) as new:
         yield new
         seal(new)
@@ -191,7 +191,7 @@ def write_features(
                 )
                 if metric not in writers:
                     path = directory / FEATURES / f"{metric}.parquet"
-                    new = files.enter_context(_sealed_file(path))
+                    new = files.enter_context(_file_with_seal(path))
                     writers[metric] = files.enter_context(pq.ParquetWriter(new, table.schema))
                 writers[metric].write_table(table)
 

@@ -22,7 +22,7 @@ import pyarrow as pa
 from data_prep.files.safe_read import MIB
 
 SEAL = b"pc2pixSL"
-_SEALED = len(SEAL) + sha256().digest_size
+_SEAL_BYTES = len(SEAL) + sha256().digest_size
 _END = 8  # bytes: the length of the footer, and "PAR1"
 _LONGEST_S = 600.0  # for a file without a seal
 # Everything that the readers of `bench.records` ask Arrow for.
@@ -56,10 +56,10 @@ def check_seal(path: Path) -> None:
     """
     with path.open("rb") as file:
         footer_start = _footer_start(file)
-        data_end = footer_start - _SEALED
+        data_end = footer_start - _SEAL_BYTES
         if data_end >= 0:
             file.seek(data_end)
-            stored = file.read(_SEALED)
+            stored = file.read(_SEAL_BYTES)
             if stored.startswith(SEAL):
                 if stored.removeprefix(SEAL) != _digest(file, data_end, footer_start):
                     raise pa.ArrowInvalid("damaged: its bytes do not have its checksum")

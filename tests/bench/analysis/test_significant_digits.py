@@ -241,7 +241,7 @@ def test_the_packaged_file_knows_methods_of_the_package():
     if not ROUNDING_FILE.is_file():
         pytest.skip("no results/rounding.csv in this checkout")
     lines = ROUNDING_FILE.read_text(encoding="utf-8").splitlines()
-    assert tuple(lines[0].split(",")) == COLUMNS
+    assert tuple(lines[0].split(","))[: len(COLUMNS)] == COLUMNS
     known = {method.id for method in METHODS}
     assert {line.split(",")[0].partition("@")[0] for line in lines[1:]} <= {
         method_id.partition("@")[0] for method_id in known

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 import shutil
 import sqlite3
@@ -35,12 +37,22 @@ def stored(tmp_path, monkeypatch):
     return Path(shutil.copytree(STORED, tmp_path / "run"))
 
 
-def test_its_tables_are_made_again_to_the_byte(stored):
+def rows(text):
+    return list(csv.reader(io.StringIO(text)))
+
+
+def without_digits(text):
+    """Return rows without the column `digits`, which that release had not."""
+    (header, *_) = table = rows(text)
+    return [[v for v, name in zip(row, header, strict=True) if name != "digits"] for row in table]
+
+
+def test_its_tables_are_made_again_to_the_last_digit(stored):
     made = make_outputs(read_scored(stored))
     files = table_files([*made.tables, *made.further])
     found = {path.name: path.read_text(encoding="utf-8") for path in (stored / TABLES).iterdir()}
-    csv = [name for name in found if name.endswith(".csv")]
-    assert {name: files[name] for name in csv} == {name: found[name] for name in csv}
+    names = [name for name in found if name.endswith(".csv")]
+    assert {n: without_digits(files[n]) for n in names} == {n: rows(found[n]) for n in names}
     assert files.keys() == found.keys()
 
 

@@ -17,9 +17,9 @@ from bench.running.options import Options
 from bench.suites.stability import generated
 from bench.suites.stability.generated import (
     CloudInput,
+    ImagePattern,
     ImagesInput,
     NumberRows,
-    ImagePattern,
     RowChange,
 )
 from bench.suites.stability.metrics import METRICS
