@@ -110,6 +110,14 @@ def scored_run(directory: Path, manifest: dict[str, Any]) -> ScoredRun:
             f"{directory}: its manifest has no {', '.join(missing)}; start the run again with its "
             "command"
         )
+    return read_run(directory, suite, manifest)
+
+
+def read_run(directory: Path, suite: Suite, manifest: dict[str, Any]) -> ScoredRun:
+    """Return a run from its written records and features.
+
+    Raises BadInput where they cannot be read, or where the manifest does not describe them.
+    """
     stored = {metric: read_features(directory, metric) for metric in suite.extractors}
     features = {metric: values for metric, values in stored.items() if values is not None}
     return score(directory, suite, manifest, sum_records(directory, manifest), features)

@@ -155,7 +155,7 @@ class LatentSuite:
 
 @dataclass(frozen=True)
 class StabilitySuite:
-    """Extreme inputs, and what is expected of methods and metrics there.
+    """A suite of extreme inputs with expected outcomes of methods and metrics.
 
     methods     methods that draw `bench.suites.stability.cases.CASES`
     class_name  class of the one procedural test object

@@ -17,6 +17,7 @@ Kind = Literal[
     "bfloat16",
     "float16",
 ]
+FORMATS: tuple[Kind, ...] = ("float64", "bfloat16", "float16")  # of networks
 INPUT = "input"  # the stage of a job that is its cloud
 SEPARATOR = "~"  # between a condition and the id of an arithmetic
 
@@ -56,7 +57,7 @@ class Arithmetic:
     @property
     def number_format(self) -> str:
         """Return the number format that networks compute in; empty for that of their weights."""
-        return self.kind if self.kind in ("float64", "bfloat16", "float16") else ""
+        return self.kind if self.kind in FORMATS else ""
 
 
 PLAIN = Arithmetic("plain")

@@ -16,10 +16,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from bench.records.parquet import RECORDS
-from bench.records.seal import check_seal, seal
+from bench.records.seal import check_seal, file_with_seal
 from data_prep.arrays import Floats
 from data_prep.failures import BadInput
-from data_prep.files.atomic_write import atomic_write
 from data_prep.files.checksums import file_sha256
 
 SCORES = "scores"  # folder of a run
@@ -63,9 +62,8 @@ def write_scores(
     about = {**asdict(metric), "records": file_sha256(directory / RECORDS)}
     table = pa.Table.from_pandas(records[IMAGE].assign(value=values), preserve_index=False)
     table = table.replace_schema_metadata({_ABOUT: json.dumps(about).encode()})
-    with atomic_write(scores_file(directory, metric.id)) as new:
+    with file_with_seal(scores_file(directory, metric.id)) as new:
         pq.write_table(table, new)
-        seal(new)
 
 
 def scores_file(directory: Path, metric_id: str) -> Path:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from itertools import groupby, islice
 from pathlib import Path
 from typing import Any
@@ -18,10 +18,9 @@ from numpy.typing import NDArray
 from bench.records.artifacts import JobName, unpack
 from bench.records.features import FeatureFile, may_hold, unreadable
 from bench.records.record import COLUMNS, SCHEMA_VERSION, TYPES, Record
-from bench.records.seal import check_seal, seal
+from bench.records.seal import check_seal, file_with_seal
 from bench.records.store import JobRow, Store
 from data_prep.failures import BadInput
-from data_prep.files.atomic_write import atomic_write
 
 # Arrow's own pool keeps what has been freed: some 35 MB after the records of 20,000 images.
 pa.set_memory_pool(pa.system_memory_pool())
@@ -60,7 +59,7 @@ def write_records(
         Records written at a time.
     """
     with (
-        _file_with_seal(directory / RECORDS) as new,
+        file_with_seal(directory / RECORDS) as new,
         pq.ParquetWriter(new, _RECORDS_SCHEMA) as writer,
     ):
         columns: dict[str, list[Any]] = {name: [] for name in _FIELDS}
@@ -76,14 +75,6 @@ def write_records(
                 columns = {name: [] for name in _FIELDS}
         if columns["view"]:
             _write_group(writer, columns)
-
-
-@contextmanager
-def _file_with_seal(path: Path) -> Iterator[Path]:
-    """Yield a file as `atomic_write`; what the block writes gets a seal before it is renamed."""
-    with atomic_write(path) as new:
-        yield new
-        seal(new)
 
 
 def _write_group(writer: pq.ParquetWriter, columns: Mapping[str, Sequence[Any]]) -> None:
@@ -191,7 +182,7 @@ def write_features(
                 )
                 if metric not in writers:
                     path = directory / FEATURES / f"{metric}.parquet"
-                    new = files.enter_context(_file_with_seal(path))
+                    new = files.enter_context(file_with_seal(path))
                     writers[metric] = files.enter_context(pq.ParquetWriter(new, table.schema))
                 writers[metric].write_table(table)
 

@@ -12,6 +12,8 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import lru_cache
 from hashlib import sha256
 from pathlib import Path
@@ -19,6 +21,7 @@ from typing import BinaryIO
 
 import pyarrow as pa
 
+from data_prep.files.atomic_write import atomic_write
 from data_prep.files.safe_read import MIB
 
 SEAL = b"pc2pixSL"
@@ -35,6 +38,14 @@ with pq.ParquetFile(sys.argv[1]) as file:
             file.metadata.row_group(group).column(column).to_dict()
         file.read_row_group(group, use_threads=False).validate(full=True)
 """
+
+
+@contextmanager
+def file_with_seal(path: Path) -> Iterator[Path]:
+    """Yield a file as `atomic_write`; what the block writes gets a seal before it is renamed."""
+    with atomic_write(path) as new:
+        yield new
+        seal(new)
 
 
 def seal(path: Path) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from bench.records.arithmetic import Arithmetic
+from bench.running.isolation import library_threads
 from data_prep.rounding import rounded, rounded_at_random
 from data_prep.stages import NETWORK, at_stages
 
@@ -30,23 +31,9 @@ def computed(arithmetic: Arithmetic, rng: np.random.Generator) -> AbstractContex
         case "down" | "up" | "toward-zero" as mode:
             return at_stages(stages, partial(rounded, mode))
         case "two-threads":
-            return _threads(2)
+            return library_threads(2)
         case "float64" | "bfloat16" | "float16" as name:
             return _number_format(name)
-
-
-@contextmanager
-def _threads(count: int) -> Iterator[None]:
-    import torch
-    from threadpoolctl import threadpool_limits
-
-    before = torch.get_num_threads()
-    torch.set_num_threads(count)
-    try:
-        with threadpool_limits(count):
-            yield
-    finally:
-        torch.set_num_threads(before)
 
 
 @contextmanager

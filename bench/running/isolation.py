@@ -25,15 +25,15 @@ from bench.running.worker_process import SAFE_PATH, WorkerProcess, watched_memor
 
 
 @contextmanager
-def one_thread() -> Iterator[None]:
-    """Compute on one thread within the block; afterwards on as many as before."""
+def library_threads(count: int) -> Iterator[None]:
+    """Compute on so many threads within the block; afterwards on as many as before."""
     import torch
     from threadpoolctl import threadpool_limits
 
     before = torch.get_num_threads()
-    torch.set_num_threads(1)
+    torch.set_num_threads(count)
     try:
-        with threadpool_limits(1):
+        with threadpool_limits(count):
             yield
     finally:
         torch.set_num_threads(before)

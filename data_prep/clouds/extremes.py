@@ -147,7 +147,7 @@ class Repeated(_ChangesPoints):
 
 @dataclass(frozen=True)
 class Duplicated(_ChangesPoints):
-    """All rows, each `times` times in succession."""
+    """A cloud with each row `times` times in succession."""
 
     times: int
 
@@ -240,7 +240,7 @@ class Turned:
 
 @dataclass(frozen=True)
 class Mirrored:
-    """Cloud and source mirrored in X: a camera at minus the azimuth sees the mirror image."""
+    """A cloud and its source mirrored in X: a camera at minus the azimuth sees them mirrored."""
 
     def apply(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
         """Return the mirrored cloud and source, without randomness."""

@@ -17,7 +17,7 @@ from bench.catalogue.suites import LATENT, LatentSuite
 from bench.judges import VIEWS_WEIGHTS
 from bench.judges.views import load_views_network
 from bench.running.environment import environment
-from bench.running.isolation import one_thread
+from bench.running.isolation import library_threads
 from bench.running.manifest import manifest_of
 from bench.running.options import Options
 from bench.running.run import open_run
@@ -73,7 +73,7 @@ def run(
     pairs, triples = pairs[: options.limit], triples[: options.limit]
     view = View(suite.azimuth_deg, suite.elevation_deg)
     directory = options.directory
-    with one_thread():
+    with library_threads(1):
         networks = [load_network(method, options.device, view) for method in methods]
         manifest = manifest_of(
             replace(options, methods=methods, seed=seed),  # a repetition has no defaults

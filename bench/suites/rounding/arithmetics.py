@@ -7,14 +7,13 @@ from dataclasses import replace
 
 from bench.catalogue.methods import Method
 from bench.catalogue.suites import RoundingSuite
-from bench.records.arithmetic import INPUT, PLAIN, SEPARATOR, Arithmetic, Kind
+from bench.records.arithmetic import FORMATS, INPUT, PLAIN, SEPARATOR, Arithmetic, Kind
 from bench.records.job import Job
 from bench.running.plan import digest
 from data_prep.stages import METRICS, NETWORK
 
 ARITHMETICS_VERSION = 1  # raise when an arithmetic of the same id computes otherwise
 ALONE: tuple[Kind, ...] = ("down", "up", "toward-zero", "two-threads", "one-view")
-FORMATS: tuple[Kind, ...] = ("float64", "bfloat16", "float16")  # of networks
 CHAIN = ("normals", "ball-pivoting", "close-holes", "apss")
 STAGES = {  # by the family of a method, between the input and the metrics, in order
     "surface-apss": (*CHAIN, "draw"),

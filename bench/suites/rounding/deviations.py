@@ -15,10 +15,10 @@ from bench.analysis.scored import ScoredRun
 from bench.catalogue.methods import find_method
 from bench.catalogue.metrics import column, extractor_of
 from bench.catalogue.suites import RoundingSuite
-from bench.records.arithmetic import PLAIN, SEPARATOR, Arithmetic
+from bench.records.arithmetic import FORMATS, PLAIN, SEPARATOR, Arithmetic
 from bench.records.artifacts import JobName
 from bench.records.stored_artifacts import Artifact
-from bench.suites.rounding.arithmetics import ALONE, FORMATS, arithmetics, stages_of
+from bench.suites.rounding.arithmetics import ALONE, arithmetics, stages_of
 from data_prep.arrays import Floats
 from data_prep.scene import UInt8Images
 
@@ -210,18 +210,14 @@ def moves(
             failed = suite.base.views * len(before.keys() ^ after.keys())
             shared = before.keys() & after.keys()
             grey = [np.abs(before[name].astype(np.int16) - after[name]) for name in shared]
-            mean, largest = (
-                (float(np.mean([d.mean() for d in grey])), float(max(d.max() for d in grey)))
-                if grey
-                else (NAN, NAN)
-            )
+            mean = float(np.mean([d.mean() for d in grey])) if grey else NAN
+            largest = float(max((d.max() for d in grey), default=NAN))
             rows.append(Move(method, condition, kind, GREY, mean, largest, failed))
             for metric in metrics:
                 first, second = values_of(run, method, [plain, other], metric)
                 apart = (second - first)[~np.isnan(second - first)]
-                mean, largest = (
-                    (float(apart.mean()), float(np.abs(apart).max())) if len(apart) else (NAN, NAN)
-                )
+                mean = float(apart.mean()) if len(apart) else NAN
+                largest = float(np.abs(apart).max()) if len(apart) else NAN
                 rows.append(Move(method, condition, kind, metric, mean, largest, failed))
     return rows
 

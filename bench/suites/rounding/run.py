@@ -13,11 +13,9 @@ from functools import partial
 
 from threadpoolctl import threadpool_limits
 
-from bench.analysis.object_sums import sum_records
-from bench.analysis.scored import score
+from bench.analysis.scored import read_run
 from bench.catalogue.methods import find_method
 from bench.catalogue.suites import ROUNDING, RoundingSuite
-from bench.records.parquet import read_features
 from bench.records.stored_artifacts import StoredArtifacts
 from bench.running.environment import cores
 from bench.running.executors import JobPool, run_jobs
@@ -72,12 +70,7 @@ def run(options: Options, suite: RoundingSuite = ROUNDING) -> SuiteRun:
         extractors = [name for name, _ in protocol.features]
         write_parquet(manifest, directory, store, extractors, {})
         cells = manifest | {"conditions": list(dict.fromkeys(job.condition for job in jobs))}
-        features = {
-            name: values
-            for name in extractors
-            if (values := read_features(directory, name)) is not None
-        }
-        scored = score(directory, suite.base, cells, sum_records(directory, cells), features)
+        scored = read_run(directory, suite.base, cells)
         with threadpool_limits(1):
             tables = (
                 deviations_table(deviations(scored, suite, protocol.conditions)),

@@ -23,7 +23,7 @@ from bench.metrics.precision_recall import share_within
 from bench.metrics.silhouette import silhouette_iou
 from bench.metrics.structural_similarity import ssim_per_image
 from bench.metrics.thin_parts import thin_scores
-from bench.running.isolation import one_thread
+from bench.running.isolation import library_threads
 from bench.suites.stability.expectations import Kind
 from bench.suites.stability.feature_cases import (
     ANGLE_CASES,
@@ -73,7 +73,7 @@ def metric_outcomes(
     `metrics` are METRICS by default. It never raises and takes some seconds.
     """
     functions = METRICS if metrics is None else metrics
-    with one_thread():
+    with library_threads(1):
         return [
             _outcome(case, metric, functions[metric], stated)
             for case in cases

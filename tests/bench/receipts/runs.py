@@ -11,7 +11,7 @@ from bench.receipts.receipt import make_receipt, to_text, with_digest
 from bench.receipts.verify import Verdict, VerifierChoices, verify
 from bench.records.run_folder import read_manifest
 from bench.records.store import STORE
-from bench.running.isolation import one_thread
+from bench.running.isolation import library_threads
 from bench.running.work import run_job
 
 
@@ -24,7 +24,7 @@ class InProcess:
         self._ended: list = []
 
     def submit(self, job) -> None:
-        with one_thread():
+        with library_threads(1):
             self._ended.append(run_job(job))
 
     def wait_any(self):

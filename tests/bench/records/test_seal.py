@@ -46,7 +46,7 @@ def test_damaged_files_are_refused_without_arrow(path, harm, message):
 
 
 def test_the_seal_may_lie_anywhere_in_a_large_file(tmp_path):
-    """Where its place is not known it is looked for piece by piece, also across two pieces."""
+    """A seal at an unknown place is looked for piece by piece, also across two pieces."""
     for before in (2**20 - 3, 2**20, 2**21 + 5):
         path = tmp_path / str(before)
         path.write_bytes(bytes(before) + SEAL + bytes(50))
