@@ -127,9 +127,14 @@ class Commands(Group):
 
 def _refused(error: Any) -> typer.Exit:
     """Print a usage error as one line, and return the exit with status 2."""
+    from bench.catalogue.gone import instead_of
     from bench.tables.markdown import visible
 
     command = error.ctx.command_path if error.ctx else "bench"
+    option = f"{command.removeprefix('bench ')} {getattr(error, 'option_name', '')}"
+    if line := instead_of("option", option):
+        print(f"bench: {line}", file=sys.stderr)
+        return typer.Exit(2)
     # Some Typers pass on what pydantic puts before the message of a ValueError.
     message = error.format_message().rstrip(".").replace("Value error, ", "")
     print(f"bench: {visible(message)}; see '{command} --help'", file=sys.stderr)

@@ -14,9 +14,10 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING
 
+from bench.catalogue.gone import unknown
 from data_prep import plugins
 from data_prep.clouds.conditions import CONDITIONS, Condition
-from data_prep.failures import BadInput, MissingDependency, StageFailure, unknown
+from data_prep.failures import BadInput, MissingDependency, StageFailure
 from data_prep.plugins import entry_point_names, load_entry_point
 
 if TYPE_CHECKING:  # `bench list` answers at once

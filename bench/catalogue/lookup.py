@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from data_prep.failures import unknown
+from bench.catalogue.gone import unknown
 from data_prep.plugins import Entry
 
 

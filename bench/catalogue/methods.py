@@ -17,13 +17,14 @@ from bench.catalogue.auto import AUTO, budget_ms_of
 from bench.catalogue.auto_table import TABLE
 from bench.catalogue.chosen import CHOSEN
 from bench.catalogue.claims import PREFIX, entered_claims
+from bench.catalogue.gone import instead_of, unknown
 from bench.catalogue.lookup import family_of, find, variant_of
 from bench.catalogue.method import Method
 from bench.catalogue.modules import is_module_name, module_method
 from bench.catalogue.networks import COST_VARIANTS, NETWORK_METHODS
 from bench.catalogue.parameters import find_setting
 from data_prep import plugins
-from data_prep.failures import BadInput, unknown
+from data_prep.failures import BadInput
 from data_prep.files.safe_read import is_regular_file
 from data_prep.plugins import entry_point_names, load_entry_point
 
@@ -235,6 +236,8 @@ def find_method(method_id: str) -> Method:
             f"{method_id}: images of an export, which cannot draw other clouds; give them to "
             "'bench run' of a suite that scores images"
         )
+    if (line := instead_of("method", method_id)) and method_id not in plugin_ids():
+        raise BadInput(line)
     if (setting := find_setting(method_id)) is not None:
         method = find(setting.parameter.method, METHODS, "method")
         source = f"{method.id} with {setting.parameter.name} {setting.value:g}"

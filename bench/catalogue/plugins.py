@@ -13,6 +13,7 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 from bench.catalogue.conditions import OUR_CONDITIONS
+from bench.catalogue.gone import unknown
 from bench.catalogue.methods import OUR_FAMILIES
 from bench.catalogue.metrics import (
     CONTROL_METRICS,
@@ -30,7 +31,7 @@ from bench.catalogue.metrics import (
     higher_is_better,
 )
 from data_prep import plugins
-from data_prep.failures import BadInput, unknown
+from data_prep.failures import BadInput
 from data_prep.plugins import OUR_KINDS, entry_point_names, load_entry_point, refusal
 
 if TYPE_CHECKING:

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from bench.catalogue.gone import unknown
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import find_method
 from bench.catalogue.suite_types import (
@@ -23,7 +24,7 @@ from bench.catalogue.suite_types import (
 )
 from bench.catalogue.suites import SUITES
 from bench.records.run_folder import TRUTH
-from data_prep.failures import BadInput, unknown
+from data_prep.failures import BadInput
 
 # The networks behind these were trained on images in colours.
 _OF_COLOURS = {"fid", "kid", "fd-views", "kd-views", "class-confidence"}

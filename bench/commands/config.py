@@ -12,6 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from bench.catalogue.claims import address_of
+from bench.catalogue.gone import unknown
 from bench.catalogue.suites import SUITES
 from bench.commands.options import USAGE_ERROR, read_path
 from bench.records.record import SCHEMA_VERSION
@@ -20,7 +21,7 @@ from bench.running.options import Options
 from bench.running.protocol import name_of, objects_of
 from data_prep.datasets.protocol_version import refuse_other_version
 from data_prep.datasets.registry import open_dataset
-from data_prep.failures import BadInput, unknown
+from data_prep.failures import BadInput
 from data_prep.files.safe_read import MIB, read_text
 
 REQUEST = "request"  # key in a manifest: the options of the command

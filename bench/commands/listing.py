@@ -15,6 +15,7 @@ from bench.catalogue.chosen import BEST_RECONSTRUCTION, CHOSEN
 from bench.catalogue.claims import PREFIX
 from bench.catalogue.conditions import condition_ids
 from bench.catalogue.costs import cost_of, view_costs_ms
+from bench.catalogue.gone import unknown
 from bench.catalogue.method import Method
 from bench.catalogue.methods import COST_VARIANTS, METHODS, RECOMMENDED, plugin_ids
 from bench.catalogue.metrics import (
@@ -33,7 +34,6 @@ from bench.catalogue.plugins import metric_ids, plugin_problem
 from bench.catalogue.suites import ALL_SUITES, ROBUSTNESS
 from bench.tables.wrap import line_width, wrapped
 from data_prep.clouds.conditions import CONDITIONS
-from data_prep.failures import unknown
 from data_prep.plugins import DATASETS, entry_point_names
 
 KINDS = {  # of methods, with the heads of their sections

@@ -15,7 +15,8 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 import typer
 from typer.core import TyperGroup
 
-from data_prep.failures import BadInput, unknown
+from bench.catalogue.gone import unknown
+from data_prep.failures import BadInput
 
 # Click's, which some Typers contain.
 USAGE_ERROR: Any = typer.BadParameter.__mro__[1]

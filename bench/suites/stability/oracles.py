@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from bench.catalogue.gone import unknown
 from bench.catalogue.methods import Method, find_method
 from bench.catalogue.metrics import DISTANCES_OF_IMAGES, JUDGE, RANGES, UNDEFINED
 from bench.running.work import checked_images, draw, load_renderer, reason_of
@@ -29,7 +30,7 @@ from bench.suites.stability.generated import Array, CloudInput
 from bench.suites.stability.metric_cases import CODE_LENGTH, FRECHET, rounding
 from bench.suites.stability.metrics import DISTANCES, METRICS, Metric
 from bench.suites.stability.outcomes import names_stage
-from data_prep.failures import StageFailure, unknown
+from data_prep.failures import StageFailure
 from data_prep.randomness import generator
 from data_prep.scene import CLOUD_SIZE, Images, PointCloud, Renderer, UInt8Images, View
 

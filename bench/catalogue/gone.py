@@ -1,0 +1,38 @@
+"""Names that versions before 2.0 had, as a literal table, with what to use now.
+
+Whoever has them in a script or a manifest gets one line that says what replaces them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from data_prep import failures
+from data_prep.failures import BadInput
+
+# By kind, the name and what to use now. An option stands with its command: "run --open".
+GONE: dict[str, dict[str, str]] = {
+    "command": {},
+    "option": {},
+    "suite": {},
+    "method": {},
+    "metric": {},
+    "condition": {},
+}
+
+
+def instead_of(kind: str, wanted: str) -> str | None:
+    """Return the line about a name that is gone, or about a variant of one; None for others."""
+    for name in (wanted, wanted.partition("@")[0]):
+        if instead := GONE.get(kind, {}).get(name):
+            return f"{kind} '{wanted}' went with version 2.0: {instead}"
+    return None
+
+
+def unknown(
+    wanted: str, names: Sequence[str], kind: str, near: str = "", see: str = "bench list"
+) -> BadInput:
+    """Return an error as `data_prep.failures.unknown`; for a name that is gone what replaces it."""
+    if line := instead_of(kind, wanted):
+        return BadInput(line)
+    return failures.unknown(wanted, names, kind, near, see)
