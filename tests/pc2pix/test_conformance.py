@@ -1,6 +1,6 @@
 """The networks against the original's outputs under weights drawn by a written rule.
 
-The vectors are read from the folder named by PC2PIX_REFERENCE. Tolerances: float64 sums of some
+Tolerances: float64 sums of some
 10^4 products of order one round at about 1e-12; 1e-9 leaves room for the depth of the networks.
 The discriminator divides by singular values found by iteration, hence 1e-8.
 """
@@ -8,8 +8,6 @@ The discriminator divides by singular values found by iteration, hence 1e-8.
 from __future__ import annotations
 
 import json
-import os
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,15 +15,11 @@ import torch
 
 from pc2pix.losses import chamfer
 from pc2pix.model import Decoder, Discriminator, Encoder, Generator
+from tests.bench.metrics.reference import REFERENCE
 
 from .reference import fill_by_reference_rule
 
-FOLDER = Path(os.environ.get("PC2PIX_REFERENCE", Path(__file__).parents[2] / "../shared/reference"))
-FILE = FOLDER / "model_reference.json"
-
-pytestmark = pytest.mark.skipif(
-    not FILE.is_file(), reason=f"no model_reference.json in {FOLDER}; set PC2PIX_REFERENCE"
-)
+FILE = REFERENCE / "model_reference.json"
 
 
 @pytest.fixture(scope="module")
@@ -34,8 +28,6 @@ def reference():
 
 
 def filled(network_class, reference, name):
-    if name not in reference:
-        pytest.skip(f"{FILE} has no {name}")
     entry = reference[name]
     network = network_class().double()
     fill_by_reference_rule(network, entry["seed"], entry["fill_order"])

@@ -19,11 +19,7 @@ from bench.metrics.inception import FidInception, inception_features, load_incep
 from bench.metrics.inception_weights import WeightsUnavailable, find_weights
 from data_prep.failures import BadInput
 
-from .reference import MISSING, REFERENCE
-
-needs_reference = pytest.mark.skipif(
-    not (REFERENCE / "inception_reference.npz").is_file(), reason=MISSING
-)
+from .reference import REFERENCE
 
 # Error budget, relative to the largest value. float32 through some fifty layers: the reference's
 # own float32 and float64 differ by 8e-7, another order of summation by as much; ten times that.
@@ -70,13 +66,11 @@ def off(actual, expected):
     return np.abs(np.asarray(actual, np.float64) - expected).max() / np.abs(expected).max()
 
 
-@needs_reference
 def test_has_the_published_keys():
     published = json.loads((REFERENCE / "inception_keys.json").read_text())
     assert {key: list(v.shape) for key, v in FidInception().state_dict().items()} == published
 
 
-@needs_reference
 def test_features_conform_to_reference(model, reference):
     features = inception_features(model, reference["images"])
     assert features.dtype == np.float32
@@ -84,7 +78,6 @@ def test_features_conform_to_reference(model, reference):
     assert off(features, reference["features_2048_f64"]) < FLOAT32
 
 
-@needs_reference
 def test_every_stage_conforms_in_float64(model, reference):
     seen = {}
 

@@ -60,8 +60,6 @@ PAIRS = {
 
 @pytest.fixture(scope="module")
 def reference():
-    if not FILE.is_file():
-        pytest.skip(f"no conformance vectors at {FILE}")
     return json.loads(FILE.read_text())
 
 
