@@ -3,7 +3,7 @@
 The mean over classes is the paper's AVERAGE: every class counts alike, however many objects.
 Classes are fixed, and intervals draw objects within them. Means have a studentised bootstrap,
 distances of sets a jackknife. Below FEWEST objects there is no interval: `docs/protocol.md` has the
-rates at which a true null is rejected, by `studies.interval_coverage`.
+rates at which a true null is rejected.
 """
 
 from __future__ import annotations

@@ -146,16 +146,6 @@ class Repeated(_ChangesPoints):
 
 
 @dataclass(frozen=True)
-class Duplicated(_ChangesPoints):
-    """A cloud with each row `times` times in succession."""
-
-    times: int
-
-    def _changed(self, points: Points) -> NDArray[Any]:
-        return np.repeat(points, self.times, axis=0)
-
-
-@dataclass(frozen=True)
 class LastBit:
     """A rounding error: coordinates move by one unit in the last place, up, down or not at all."""
 
@@ -236,20 +226,6 @@ class Turned:
         if source is not None:
             source = Mesh(source.vertices @ turn.T, source.faces, source.face_colors)
         return PointCloud(cloud.points @ turn.T, source=source)
-
-
-@dataclass(frozen=True)
-class Mirrored:
-    """A cloud and its source mirrored in X: a camera at minus the azimuth sees them mirrored."""
-
-    def apply(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
-        """Return the mirrored cloud and source, without randomness."""
-        del rng
-        mirror = np.array([-1.0, 1.0, 1.0], np.float32)
-        source = cloud.source
-        if source is not None:  # a mirror turns faces inside out, the other order back
-            source = Mesh(source.vertices * mirror, source.faces[:, ::-1], source.face_colors)
-        return PointCloud(cloud.points * mirror, source=source)
 
 
 @dataclass(frozen=True)

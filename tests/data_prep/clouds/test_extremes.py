@@ -6,14 +6,12 @@ import pytest
 from data_prep.clouds.extremes import (
     Cast,
     Count,
-    Duplicated,
     Equal,
     FirstPoint,
     Flattened,
     Half,
     Kept,
     LastBit,
-    Mirrored,
     Normalised,
     Repeated,
     Scaled,
@@ -56,7 +54,6 @@ EVERY = (
     Cast("int64"),
     Strided(),
     Repeated(4),
-    Duplicated(2),
     LastBit(),
     Shuffled(),
     Kept(0.01),
@@ -118,8 +115,6 @@ def test_scale_shift_and_types(cloud, rng):
     assert not Cast("int64").apply(cloud, rng).points.any()  # all within +-0.5
     points = Repeated(4).apply(cloud, rng).points.reshape(512, 4, 3)
     assert (points == cloud.points[::4, None]).all()
-    twice = Duplicated(2).apply(cloud, rng).points.reshape(2048, 2, 3)
-    assert (twice == cloud.points[:, None]).all()
 
 
 def test_last_bits(rng):
@@ -178,26 +173,3 @@ def test_place_and_size_are_nothing_once_normalised(cloud, rng):
     # half a millimetre, of the point and of the centre, in a cloud of radius above 0.5; and as
     # much again by the radius
     assert 1e-5 < np.abs(rounded - plain).max() < 4 * 0.0005 / 0.5
-
-
-@pytest.mark.parametrize("azimuth", [0.0, 37.0, -150.0])
-def test_a_mirrored_cloud_is_seen_mirrored_from_minus_the_azimuth(cloud, rng, azimuth):
-    mirrored = Mirrored().apply(cloud, rng)
-    pixels, depth = project(cloud.points, View(azimuth, 25.0))
-    others, other_depth = project(mirrored.points, View(-azimuth, 25.0))
-    # float64 of numbers up to 128, after some ten operations
-    np.testing.assert_allclose(others[:, 0], 128 - pixels[:, 0], rtol=0, atol=1e-11)
-    np.testing.assert_allclose(others[:, 1], pixels[:, 1], rtol=0, atol=1e-11)
-    np.testing.assert_allclose(other_depth, depth, rtol=0, atol=1e-13)
-    assert np.array_equal(Mirrored().apply(mirrored, rng).points, cloud.points)
-
-
-def test_the_source_is_mirrored_along_and_its_faces_still_look_outwards(rng):
-    box = UnitBox().apply(PointCloud(np.zeros((1, 3))), rng)
-    mirrored = Mirrored().apply(box, rng)
-    for source in (box.source, mirrored.source):
-        a, b, c = (source.vertices[source.faces[:, i]] for i in range(3))
-        normals = np.cross(b - a, c - a)
-        assert ((normals * (a + b + c)).sum(axis=1) > 0).all()  # the box is about the origin
-    assert np.array_equal(mirrored.source.vertices[:, 0], -box.source.vertices[:, 0])
-    assert np.array_equal(mirrored.source.face_colors, box.source.face_colors)
