@@ -1,6 +1,6 @@
 """Agreement of the metrics of a run about the order of its methods.
 
-    bench score DIR --metrics ms-ssim,cw-ssim,flip,silhouette-distance,dists,fd-effnet
+    bench score DIR --metrics ms-ssim,cw-ssim,flip,dists
     python -m studies.metric_agreement DIR [--metrics ssim,lpips] [-o metric-agreement.csv]
 
 Of all tables of a finished run, those of `bench score` included: Kendall's rank correlation (tau-b)
@@ -35,8 +35,7 @@ from studies.wording import condition_in_words
 FIELDS = {"method", "condition", "class", "metric", "failures_as_blank"}
 METRICS = (
     *("ssim", "ssim-object", "lpips", "ms-ssim", "cw-ssim", "flip"),
-    *("dists", "silhouette-iou", "silhouette-distance"),
-    *("fd-views", "fd-alexnet", "fd-effnet", "alexnet-recall"),
+    *("dists", "silhouette-iou", "fd-views", "fd-alexnet"),
 )
 
 

@@ -323,7 +323,7 @@ def decimals(metric: str) -> int:
     """Return the digits after the point that values of a metric are printed with."""
     if declared := declared_metric(metric):
         return declared.decimals
-    if metric in CONTROL_METRICS or metric in ("psnr", "silhouette-distance"):  # deg, dB, px
+    if metric in CONTROL_METRICS or metric == "psnr":  # deg, dB
         return 2
     return 1 if any(metric == source.id for source in SET_METRICS) else 3
 

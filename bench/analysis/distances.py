@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Mapping, Sequence, Set
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.analysis.cells import CellKey
-from bench.analysis.intervals import clipped, debiased, distance_interval, jackknife_interval
+from bench.analysis.intervals import debiased, distance_interval, jackknife_interval
 from bench.catalogue.methods import FLOOR, known_method
-from bench.catalogue.metrics import KERNEL_METRICS, value_range
+from bench.catalogue.metrics import KERNEL_METRICS
 from bench.metrics.frechet import (
     EXACT_OBJECTS,
     JackknifeMoments,
@@ -23,7 +22,6 @@ from bench.metrics.frechet import (
 )
 from bench.metrics.grouped_moments import GroupedMoments, grouped_distances
 from bench.metrics.kernel_distance import KernelSet, kernel_distances
-from bench.metrics.precision_recall import NEIGHBOURS, left_out_shares, share_within
 from bench.records.features import Features, ImageKey
 from bench.records.record import GROUND_TRUTH
 from data_prep.arrays import Floats
@@ -175,7 +173,7 @@ class FeatureDistances:
 
 
 class SetDistance(NamedTuple):
-    """A kind of distance between images of a cell and the true ones of the same views, or a share.
+    """A kind of distance between images of a cell and the true ones of the same views.
 
     Attributes
     ----------
@@ -185,24 +183,11 @@ class SetDistance(NamedTuple):
         Returns the 95 % interval from the distance and those without each block of objects.
     debiased : callable
         Returns the distance as it would be with infinitely many objects, from the same two.
-    fewest : int
-        The fewest images that have a distance.
     """
 
     between: Callable[[FeatureDistances, CellKey, Sequence[ImageKey]], Distance]
     interval: Callable[[float, Floats], tuple[float, float]]
     debiased: Callable[[float, Floats], float]
-    fewest: int = 2
-
-
-def _share(
-    metric: str, features: FeatureDistances, cell: CellKey, shown: Sequence[ImageKey]
-) -> Distance:
-    x, y = features.filled(cell, shown), features.of(GROUND_TRUTH, "", cell[2], shown)
-    if metric == RECALL:
-        x, y = y, x
-    objects = np.array([obj for obj, _ in shown])
-    return Distance(share_within(x, y), left_out_shares(x, y, objects, objects))
 
 
 def _unbiased(value: float, leave_one_out: Floats) -> float:
@@ -211,25 +196,14 @@ def _unbiased(value: float, leave_one_out: Floats) -> float:
     return float("nan")
 
 
-def _share_interval(metric: str, value: float, leave_one_out: Floats) -> tuple[float, float]:
-    return clipped(jackknife_interval(value, [leave_one_out]), value_range(metric))
-
-
 FRECHET = SetDistance(FeatureDistances.distance, distance_interval, debiased)
 KERNEL = SetDistance(
     FeatureDistances.kernel_distance,
     lambda value, leave_one_out: jackknife_interval(value, [leave_one_out]),
     _unbiased,
 )
-PRECISION, RECALL = "alexnet-precision", "alexnet-recall"
-SHARES = {
-    metric: SetDistance(
-        partial(_share, metric), partial(_share_interval, metric), _unbiased, NEIGHBOURS + 1
-    )
-    for metric in (PRECISION, RECALL)
-}
 
 
 def set_distance(metric: str) -> SetDistance:
     """Return the kind of distance that a set metric is."""
-    return KERNEL if metric in KERNEL_METRICS else SHARES.get(metric, FRECHET)
+    return KERNEL if metric in KERNEL_METRICS else FRECHET

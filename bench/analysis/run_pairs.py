@@ -14,6 +14,7 @@ from bench.analysis.further_metrics import with_further
 from bench.analysis.paired import ComparedPair, PairedDifference, Side, paired_differences
 from bench.analysis.scored import ScoredRun, read_scored
 from bench.catalogue.chosen import CHOSEN
+from bench.catalogue.gone import instead_of
 from bench.catalogue.methods import FLOOR
 from bench.catalogue.metrics import declared_metric, is_mean
 from bench.catalogue.suite_types import TRUTHS
@@ -226,7 +227,8 @@ def _refuse_unknown(option: str, wanted: Sequence[str], known: Sequence[str]) ->
     for name in wanted:
         if name not in known:
             raise BadInput(
-                f"{option} {name}: cannot be compared here; there are {', '.join(known)}"
+                instead_of("metric" if option == "--metric" else "method", name)
+                or f"{option} {name}: cannot be compared here; there are {', '.join(known)}"
             )
 
 

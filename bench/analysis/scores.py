@@ -218,9 +218,8 @@ def distance_rows(
 def _distance(cell: CellKey, features: FeatureDistances, distance: SetDistance) -> CellValue:
     _, condition, class_name = cell
     drawn = features.images(*cell)
-    if len(drawn) < distance.fewest:
-        fewest = "two" if distance.fewest == 2 else distance.fewest
-        return CellValue(note=f"fewer than {fewest} images")
+    if len(drawn) < 2:
+        return CellValue(note="fewer than two images")
     value, leave_one_out = distance.between(features, cell, drawn)
     true = features.images(GROUND_TRUTH, "", class_name)
     wanted = set() if drawn == true else set(true) - set(drawn)  # sets of all images take memory

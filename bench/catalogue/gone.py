@@ -16,7 +16,13 @@ GONE: dict[str, dict[str, str]] = {
     "option": {},
     "suite": {},
     "method": {},
-    "metric": {},
+    "metric": {
+        "silhouette-distance": "use silhouette-iou, which every suite with true images shows",
+        "alexnet-precision": "use kd-alexnet, the kernel distance on the same features",
+        "alexnet-recall": "use kd-alexnet, the kernel distance on the same features",
+        "fd-effnet": "use fd-alexnet, of another network of photographs",
+        "kd-effnet": "use kd-alexnet, of another network of photographs",
+    },
     "condition": {},
 }
 

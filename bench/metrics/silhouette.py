@@ -13,15 +13,11 @@ of the neutral grey (75) is not asked for, so that half of it, a pixel half cove
 face of a grey reconstruction, is always enough. Where the truth is white there is nothing to halve,
 and the median contrast of what it shows stands in.
 
-The scores are the intersection over union (Jaccard 1912) of the two sets of pixels, and the average
-symmetric distance of their boundaries (Heimann et al., "Comparison and evaluation of methods for
-liver segmentation from CT datasets", IEEE TMI 28(8), 2009). Colour, shading and parts inside do not
-count, so that a method that knows neither may have the best of both.
+The score is the intersection over union (Jaccard 1912) of the two sets of pixels. Colour, shading
+and parts inside do not count, so that a method that knows neither may have the best.
 """
 
 from __future__ import annotations
-
-import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -139,68 +135,3 @@ def overlap(a: Masks, b: Masks) -> NDArray[np.float64]:
     both = np.count_nonzero(a & b, axis=(1, 2))
     either = np.count_nonzero(a | b, axis=(1, 2))
     return np.where(either == 0, 1.0, both / np.maximum(either, 1))
-
-
-def silhouette_distance(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """Return the mean distance between boundaries of drawn and true silhouettes; lower is better.
-
-    An image's value does not depend on its neighbours.
-
-    Parameters
-    ----------
-    truth, images : uint8 array, [N, H, W, 3]
-        True images on white and images of them.
-
-    Returns
-    -------
-    float64 array, [N]
-        Pixels, as in `boundary_distance`: 0 for the same silhouette and where neither image shows
-        anything, the image's diagonal where one of them shows nothing. It always has a value, as
-        `silhouette_iou`: a failed image counts as a blank one.
-
-    Raises
-    ------
-    ValueError
-        As `Pairs`.
-    """
-    pairs = Pairs(truth, images)
-    return boundary_distance(pairs.shown, pairs.drawn(pairs.shown))
-
-
-def boundary_distance(a: Masks, b: Masks) -> NDArray[np.float64]:
-    """Return the average symmetric distance [N] of the boundaries of masks [N, H, W], in pixels.
-
-    It is the mean, over all boundary pixels of both, of the distance to the nearest of the other,
-    from centre to centre; 0 where both masks are empty, the diagonal where one is.
-    """
-    from scipy.ndimage import distance_transform_edt  # `bench list` imports this module
-
-    values = np.full(len(a), math.hypot(*a.shape[1:]))
-    for i, (x, y) in enumerate(zip(boundary(a), boundary(b), strict=True)):
-        if x.any() and y.any():
-            to_other = distance_transform_edt(~y)[x], distance_transform_edt(~x)[y]
-            values[i] = np.concatenate(to_other).mean()
-        elif not (x.any() or y.any()):
-            values[i] = 0.0
-    return values
-
-
-def boundary(masks: Masks) -> Masks:
-    """Return the pixels of masks [N, H, W] with an open side."""
-    return np.logical_or.reduce(open_sides(masks))
-
-
-def open_sides(masks: Masks) -> NDArray[np.bool_]:
-    """Return the pixels of masks [N, H, W] with an open side above, below, left, right.
-
-    The result is [4, N, H, W]. Beyond the frame is outside.
-    """
-    padded = np.pad(masks, ((0, 0), (1, 1), (1, 1)))
-    middle = slice(1, -1)
-    neighbours = (
-        padded[:, :-2, middle],
-        padded[:, 2:, middle],
-        padded[:, middle, :-2],
-        padded[:, middle, 2:],
-    )
-    return np.stack([masks & ~neighbour for neighbour in neighbours])

@@ -25,7 +25,6 @@ from bench.catalogue.metrics import (
     FURTHER_METRICS,
     IMAGE_METRICS,
     KERNEL_METRICS,
-    NEIGHBOUR_METRICS,
     RECOGNITION_METRICS,
     SET_METRICS,
     column,
@@ -294,7 +293,7 @@ def _meanings(
     manifest: Mapping[str, Any], suite: Suite, tables: Sequence[Table[QualityRow]]
 ) -> tuple[tuple[str, tuple[tuple[str, str], ...]], ...]:
     distances = {m.id: f"Fréchet distance, lower is better: {m.about}" for m in SET_METRICS}
-    kernel = {m: about for m, (_, about) in (KERNEL_METRICS | NEIGHBOUR_METRICS).items()}
+    kernel = {m: about for m, (_, about) in KERNEL_METRICS.items()}
     metrics = IMAGE_METRICS | distances | kernel | RECOGNITION_METRICS | CONTROL_METRICS
     shown = {row.metric for table in tables for row in table.rows}
     requested = manifest.get("request", {}).get("metrics", ())

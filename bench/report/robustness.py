@@ -17,12 +17,7 @@ from bench.analysis.scores import QualityRow
 from bench.analysis.significant_digits import Precision
 from bench.catalogue.condition_names import ConditionName, condition_name, condition_words, places
 from bench.catalogue.methods import COST_VARIANTS, FLOOR, role
-from bench.catalogue.metrics import (
-    FURTHER_METRICS,
-    NEIGHBOUR_METRICS,
-    higher_is_better,
-    is_mean,
-)
+from bench.catalogue.metrics import FURTHER_METRICS, higher_is_better, is_mean
 from bench.catalogue.parameters import find_setting
 from bench.records.artifacts import JobName
 from bench.records.record import GROUND_TRUTH
@@ -41,9 +36,8 @@ from bench.tables.table import Table
 METRICS = (
     *("ssim-object", "lpips", "silhouette-iou", "fd-views"),
     *("structure", "ssim", "fd-alexnet", "fid"),
-    *(*FURTHER_METRICS, "fd-effnet", *NEIGHBOUR_METRICS),
+    *FURTHER_METRICS,
 )
-LOGARITHMIC = ("silhouette-distance",)  # of means: a white image has the diagonal
 COLUMNS = 2  # of panels in the file
 MOST_STEPS = 8  # conditions or classes beside each other in a panel of half the width
 HEIGHT_IN = 2.7
@@ -214,8 +208,7 @@ def _draw_panel(
     names = [ConditionName("", step, step) for step in steps]
     names = names if panel.by_class else list(map(condition_name, steps))
     places_ = list(map(float, range(len(steps)))) if panel.by_class else places(steps)
-    is_share = is_mean(panel.metric) or panel.metric in NEIGHBOUR_METRICS
-    if not is_share or panel.metric in LOGARITHMIC:
+    if not is_mean(panel.metric):
         scale_distances(axis)
     dodged = [method for method in methods if styles[method].marker]
     for method in methods:

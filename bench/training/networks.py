@@ -24,9 +24,8 @@ from baselines.splat_net import weights as splat_net_weights
 from baselines.splat_net.losses import OBJECTIVES, FeatureMaps
 from baselines.splat_net.network import COLOUR_HEADS, NETWORKS, Material, NetworkConfig
 from baselines.splat_net.start import grey_beside, read_start
-from bench.metrics.efficientnet import load_efficientnet
 from bench.metrics.inception_weights import WeightsUnavailable
-from bench.metrics.learned_weights import find_efficientnet_weights
+from bench.training import efficientnet
 from bench.training.options import (
     DEFAULT_OBJECTS,
     AutoencoderOptions,
@@ -252,7 +251,7 @@ def _find_network(name: str) -> NetworkConfig:
 
 
 def compared_features(
-    objective: str, find: Callable[[], Path] = find_efficientnet_weights
+    objective: str, find: Callable[[], Path] = efficientnet.WEIGHTS.find
 ) -> FeatureMaps | None:
     """Return the maps that an objective compares; None where it compares none, or is unknown.
 
@@ -262,7 +261,7 @@ def compared_features(
     if chosen is None or not chosen.features:
         return None
     try:
-        return load_efficientnet(find()).first_maps
+        return efficientnet.load_efficientnet(find()).first_maps
     except WeightsUnavailable as error:
         raise BadInput(
             f"--objective {objective}: {error}; or choose --objective relief, which compares none"

@@ -168,7 +168,7 @@ def set_values(run: ScoredRun, method: str, condition: str, metric: str) -> Floa
     for name in run.sums.objects_of:
         cell = method, condition, name
         images = features.images(*cell)
-        enough = len(images) >= distance.fewest
+        enough = len(images) >= 2
         values.append(distance.between(features, cell, images).value if enough else NAN)
     return np.array(values)
 

@@ -3,28 +3,20 @@
 from __future__ import annotations
 
 import functools
-import math
 
 import numpy as np
 
 from bench.metrics.frechet import TooFewSamples
-from bench.suites.stability.feature_cases import SAME, of_constants, rounding_of
+from bench.suites.stability.feature_cases import SAME, rounding_of
 from bench.suites.stability.metric_cases import (
-    FLOAT32_FEATURES,
     Near,
     Refused,
-    U,
     boxes,
-    cases,
     cases_of,
     flat,
-    largest_move,
-    near,
     noise,
-    refused,
     twice,
 )
-from data_prep.scene import UInt8Images
 
 _WHITE_BLACK = 0.78644050453  # float64, computed apart by the original's rule (version 0.1)
 _LPIPS_SINGLE = 1e-5  # its error in float32
@@ -57,13 +49,6 @@ ALEXNET_CASES = (
 
 _DISTS_WHITE_BLACK = 0.373687821513  # float64, by the code of DISTS_pytorch 0.1
 _DISTS_SINGLE = 1e-5  # its error in float32
-_SHARES = ("alexnet-precision", "alexnet-recall")
-
-
-def _one_of(images: UInt8Images) -> UInt8Images:
-    """Return as many images, all of them the first: mode collapse."""
-    return np.repeat(images[:1], len(images), axis=0)
-
 
 LEARNED_CASES = (
     *cases_of("dists", "learned judges on request",
@@ -80,31 +65,5 @@ LEARNED_CASES = (
          Refused(ValueError, "must have the same shape")),
         ("dists-too-small", lambda: twice(flat(0, side=15)),
          Refused(ValueError, "of 16 x 16 pixels or more")),
-    ),
-    *cases_of("fd-effnet", "learned judges on request",
-        ("effnet-identical", lambda: twice(boxes()),
-         Near(SAME, 0.0, functools.partial(rounding_of, "fd-effnet"))),
-        ("effnet-white-against-black", lambda: (flat(255, 3), flat(0, 3)),
-         Near("nothing varies: the squared distance of two feature vectors",
-              functools.partial(of_constants, "fd-effnet"),
-              lambda a, b: largest_move(
-                  math.sqrt(of_constants("fd-effnet", a, b)), 1280, 3, FLOAT32_FEATURES))),
-        ("effnet-one-image", lambda: (flat(0), flat(255)), Refused(TooFewSamples, "[1, 1280]")),
-        ("effnet-in-0-to-1", lambda: twice(boxes() / 255),
-         Refused(ValueError, "images must be uint8")),
-        ("effnet-too-small", lambda: twice(flat(0, 3, side=31)),
-         Refused(ValueError, "of 32 x 32 pixels or more")),
-    ),
-    *cases("learned judges on request",
-        ("shares-identical", lambda: twice(boxes(12)), near("1", 1.0, *_SHARES)),
-        ("shares-white-against-black", lambda: (flat(255, 12), flat(0, 12)),
-         near("0", 0.0, *_SHARES)),
-        ("shares-of-one-image-again-and-again", lambda: (boxes(12), _one_of(boxes(12))),
-         near("it is a true one", 1.0, "alexnet-precision")
-         | near("one true image of 12", 1 / 12, "alexnet-recall", within=U)),
-        ("shares-of-10-images", lambda: twice(boxes(10)),
-         refused("features must be [n, d] with n > 10, got [10, 256]", *_SHARES)),
-        ("shares-in-0-to-1", lambda: twice(boxes(12) / 255),
-         refused("images must be uint8", *_SHARES)),
     ),
 )  # fmt: skip

@@ -19,7 +19,6 @@ from bench.metrics.frechet import frechet_distance
 from bench.metrics.image_scores import FURTHER_SCORES, scores
 from bench.metrics.inception_weights import WeightsUnavailable
 from bench.metrics.peak_signal_to_noise import psnr
-from bench.metrics.precision_recall import share_within
 from bench.metrics.silhouette import silhouette_iou
 from bench.metrics.structural_similarity import ssim_per_image
 from bench.metrics.thin_parts import thin_scores
@@ -61,7 +60,7 @@ CASES = (
     + FRECHET_CASES
     + ANGLE_CASES
 )
-DISTANCES = (FRECHET, *FD_VIEWS, "fd-alexnet", "fd-effnet")
+DISTANCES = (FRECHET, *FD_VIEWS, "fd-alexnet")
 Metric = Callable[[Any, Any], Any]  # of the two arrays of a case
 
 
@@ -151,15 +150,6 @@ def _lpips(truth: UInt8Images, images: UInt8Images) -> Floats:
     return lpips(truth, images, single=True)
 
 
-def _precision(truth: UInt8Images, images: UInt8Images) -> float:
-    features = extractor("fd-alexnet")
-    return share_within(features(images), features(truth))
-
-
-def _recall(truth: UInt8Images, images: UInt8Images) -> float:
-    return _precision(images, truth)
-
-
 def _between(name: str, truth: UInt8Images, images: UInt8Images) -> float:
     features = extractor(name)
     return frechet_distance(features(truth), features(images))
@@ -190,9 +180,6 @@ METRICS: Mapping[str, Metric] = {
     "fd-views-grey": functools.partial(_between, "fd-views-grey"),
     "lpips": _lpips,
     "fd-alexnet": functools.partial(_between, "fd-alexnet"),
-    "fd-effnet": functools.partial(_between, "fd-effnet"),
-    "alexnet-precision": _precision,
-    "alexnet-recall": _recall,
     JUDGE: _code_lengths,
     "azimuth-error-deg": azimuth_error_deg,
     "elevation-error-deg": elevation_error_deg,

@@ -44,8 +44,7 @@ SLOW = ("alpha-shape", "denoised-alpha")
 MANY, SHUFFLED = "100000-points", "shuffled"
 ANGLES = ("azimuth-error-deg", "elevation-error-deg")
 DIRECTED = (  # silhouettes are drawn by the contrast of the true image
-    *("ssim-object", "silhouette-iou", "silhouette-distance", "thin-recall", "thin-precision"),
-    *("alexnet-precision", "alexnet-recall", JUDGE, *ANGLES),
+    *("ssim-object", "silhouette-iou", "thin-recall", "thin-precision", JUDGE, *ANGLES),
 )
 NETWORKS = 1e-5  # rounding of metrics whose network computes in float32
 DECIBELS = 0.01  # the largest PSNR has two digits

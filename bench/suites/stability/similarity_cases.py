@@ -1,4 +1,4 @@
-"""Cases on metrics that no suite has: multi-scale and wavelet similarity, FLIP, outlines.
+"""Cases on metrics that no suite has: multi-scale and wavelet similarity, FLIP.
 
 Tolerances: a mean of SSIM's windows errs by `SUMS`, and a power below 1 of it by less; the bands of
 a flat image err by 1e-12 of 255, beside K = 1. FLIP computes in float32.
@@ -6,41 +6,30 @@ a flat image err by 1e-12 of 255, beside K = 1. FLIP computes in float32.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
-from bench.suites.stability.image_cases import NO_VALUES, one_window
+from bench.suites.stability.image_cases import one_window
 from bench.suites.stability.metric_cases import (
     ONE_WINDOW,
     SUMS,
     WINDOW,
-    Near,
-    Refused,
-    U,
     cases,
-    cases_of,
     flat,
     leg,
     luminance_of_flat,
     near,
     noise,
     refused,
-    speck,
     twice,
 )
 from data_prep.scene import IMAGE_SIZE, UInt8Images
 
-MS_SSIM, CW_SSIM, FLIP, OUTLINE = "ms-ssim", "cw-ssim", "flip", "silhouette-distance"
+MS_SSIM, CW_SSIM, FLIP = "ms-ssim", "cw-ssim", "flip"
 OF_PIXELS = (MS_SSIM, CW_SSIM, FLIP)
 COARSEST = 0.2363 / (0.0448 + 0.2856 + 0.3001 + 0.2363)  # weight of the fourth scale
 BANDS = 1e-9
 FLOAT32 = 1e-6
 WHITE_BLACK = 0.967388  # of every pixel, printed by the tool `flip` of the package, version 1.7
-DIAGONAL = math.hypot(IMAGE_SIZE, IMAGE_SIZE)
-# A leg of 40 x 3 px has 40 + 40 + 2 boundary pixels. One pixel to the right, 40 of them on the left
-# and 38 on the right are 1 px from the other's boundary, the others on it.
-LEG_MOVED = 78 / 82
 
 
 def _waves(shift: int) -> UInt8Images:
@@ -53,9 +42,8 @@ def _waves(shift: int) -> UInt8Images:
 _SAME = (
     near("identical", 1.0, MS_SSIM)
     | near("identical", 1.0, CW_SSIM, within=BANDS)
-    | near("identical", 0.0, FLIP, OUTLINE)
+    | near("identical", 0.0, FLIP)
 )
-_NOTHING_AND_A_LEG = near("one shows nothing: the diagonal", DIAGONAL, OUTLINE)
 
 SIMILARITY_CASES = (
     *cases(
@@ -68,10 +56,9 @@ SIMILARITY_CASES = (
          near("luminance to the power of the fourth scale's weight",
               luminance_of_flat(0, 255) ** COARSEST, MS_SSIM, within=SUMS)
          | near("no structure in either", 1.0, CW_SSIM, within=BANDS)
-         | near("that of the package's tool", WHITE_BLACK, FLIP, within=FLOAT32)
-         | _NOTHING_AND_A_LEG),
+         | near("that of the package's tool", WHITE_BLACK, FLIP, within=FLOAT32)),
         ("similarity-of-black-and-white", lambda: (flat(0), flat(255)),
-         near("symmetric", WHITE_BLACK, FLIP, within=FLOAT32) | _NOTHING_AND_A_LEG),
+         near("symmetric", WHITE_BLACK, FLIP, within=FLOAT32)),
         ("similarity-of-noise-and-its-negative",
          lambda: (noise(2, WINDOW), 255 - noise(2, WINDOW)),
          near("one scale, whose structure is negative", 0.0, MS_SSIM)),
@@ -85,28 +72,14 @@ SIMILARITY_CASES = (
         ("stripes-against-their-negative", lambda: (_waves(0), _waves(16)),
          near("a shift of phases alone", 1.0, CW_SSIM, within=1e-3)
          | near("structure is negative", 0.0, MS_SSIM)),
-        ("similarity-of-two-pairs",
-         lambda: (np.concatenate([leg(), leg()]), np.concatenate([leg(), flat(255)])),
-         near("each by itself", lambda a, b: [0.0, DIAGONAL], OUTLINE)),
         ("similarity-of-no-images", lambda: twice(flat(0, 0)),
-         refused("nothing to compare", *OF_PIXELS) | {OUTLINE: NO_VALUES}),
+         refused("nothing to compare", *OF_PIXELS)),
         ("similarity-of-nan-pixels",
          lambda: (flat(255) / 255, np.full((1, IMAGE_SIZE, IMAGE_SIZE, 3), np.nan)),
-         refused("images must be uint8", *OF_PIXELS, OUTLINE)),
+         refused("images must be uint8", *OF_PIXELS)),
         ("similarity-of-another-size", lambda: (flat(0, side=64), flat(0)),
-         refused("the same shape", *OF_PIXELS) | refused("of truths [1, 64, 64, 3]", OUTLINE)),
+         refused("the same shape", *OF_PIXELS)),
         ("similarity-of-four-channels", lambda: twice(np.zeros((2, 128, 128, 4), np.uint8)),
          refused("images must be [N, H, W, 3]", FLIP)),
-    ),
-    *cases_of(OUTLINE, "outlines",
-        ("outline-of-nothing-drawn", lambda: (leg(), flat(255)), Near("the diagonal", DIAGONAL)),
-        ("outline-of-a-leg-on-nothing", lambda: (flat(255), leg()), Near("the diagonal", DIAGONAL)),
-        ("outline-of-a-leg-one-pixel-off", lambda: (leg(), leg(columns=slice(61, 64))),
-         Near("78 of 82 boundary pixels are 1 px off", LEG_MOVED, 4 * U)),
-        ("outline-of-two-specks", lambda: (speck(255, 0, 10), speck(255, 0, 13)),
-         Near("3 px along each axis", math.hypot(3, 3), 8 * U)),
-        ("outline-of-a-leg-in-haze", lambda: (leg(), np.minimum(leg(), flat(218))),
-         Near("contrast 37 all over the background is no object", 0.0)),
-        ("outline-without-a-stack", lambda: twice(leg()[0]), Refused(ValueError, "[128, 128, 3]")),
     ),
 )  # fmt: skip

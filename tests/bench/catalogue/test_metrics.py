@@ -8,15 +8,12 @@ import torch
 from safetensors.torch import save_file
 
 import bench.catalogue.metrics
-from bench.analysis.distances import SHARES
 from bench.catalogue.metrics import (
     EXTRACTORS,
     FURTHER_METRICS,
-    FURTHER_SETS,
     IMAGE_METRICS,
     JUDGE,
     LEARNED_METRICS,
-    NEIGHBOUR_METRICS,
     UNDEFINED,
     FeatureSource,
     WeightsUnavailable,
@@ -33,10 +30,8 @@ from bench.judges import JUDGE_WEIGHTS, VIEWS_WEIGHTS
 from bench.judges.judge import CODE, JudgeNetwork, greyscale, judge, load_judge_network
 from bench.judges.views import load_views_network, view_features
 from bench.metrics.dists import dists
-from bench.metrics.efficientnet import EfficientNet
 from bench.metrics.image_scores import FURTHER_SCORES, further_score
 from bench.metrics.inception import FidInception, inception_features
-from bench.metrics.learned_weights import find_efficientnet_weights
 from bench.metrics.lpips_network import Lpips
 from bench.metrics.lpips_weights import find_lpips_weights
 from bench.records.record import Record
@@ -70,21 +65,10 @@ def test_metrics_on_request_are_means_of_no_suite():
     for metric in FURTHER_METRICS:
         assert column(metric) not in Record.__dataclass_fields__
         assert is_mean(metric)
-    assert value_range("silhouette-distance") == (0, pytest.approx(181.0193, abs=1e-4))
-    assert value_range("dists") == value_range("fd-effnet") == (0, math.inf)
+    assert value_range("dists") == value_range("fd-alexnet") == (0, math.inf)
     assert value_range("flip") == value_range("ms-ssim") == (0, 1)
-
-
-def test_shares_are_of_no_suite_and_more_is_better():
-    assert list(SHARES) == list(NEIGHBOUR_METRICS)
-    for metric in NEIGHBOUR_METRICS:
-        assert (extractor_of(metric), value_range(metric)) == ("fd-alexnet", (0, 1))
-        assert higher_is_better(metric)
-        assert not is_mean(metric)
-    asked = {m for suite in SUITES for m in (*suite.set_metrics, *suite.class_metrics)}
-    assert not asked & set(FURTHER_SETS)
     assert not higher_is_better("dists")
-    assert not higher_is_better("kd-effnet")
+    assert not higher_is_better("kd-alexnet")
 
 
 def test_grey_features_do_not_see_colour():
@@ -131,7 +115,6 @@ def test_a_network_without_a_device_of_its_own_is_on_the_cpu():
         "fd-views": view_features(views, IMAGES),
         "fd-views-grey": view_features(views, grey),
         "fd-alexnet": Lpips(find_lpips_weights()).encode(IMAGES).features.numpy(),
-        "fd-effnet": EfficientNet(find_efficientnet_weights()).features(IMAGES),
         JUDGE: judge(judged, IMAGES),
     }
     loaded = of_every_extractor()

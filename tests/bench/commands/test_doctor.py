@@ -17,9 +17,10 @@ from bench.catalogue.metrics import SET_METRICS
 from bench.commands.doctor import WITHOUT_DEPENDENCIES, conclude, examine, install, pinned
 from bench.metrics import flip
 from bench.metrics.inception_weights import WeightsUnavailable
-from bench.metrics.learned_weights import DISTS, EFFICIENTNET
+from bench.metrics.learned_weights import DISTS
 from bench.metrics.lpips_weights import CHECKPOINTS
 from bench.running.environment import PACKAGES
+from bench.training import efficientnet
 from data_prep.failures import BadInput, MissingDependency
 from data_prep.rendering.opengl import DEBIAN_PACKAGES
 
@@ -70,7 +71,6 @@ def test_a_healthy_machine(command, monkeypatch, tmp_path, capsys):
     assert findings["metric fid"][1].startswith(missing)  # which is no fault
     assert Path(findings["metric fd-alexnet"][1]).name == "alexnet.ckpt"
     assert Path(findings["metric dists"][1]).parts[-2:] == ("DISTS_pytorch", "weights.pt")
-    assert Path(findings["metric fd-effnet"][1]).name == "efficientnet-lite0-57934424.pth"
     assert "cores" in findings["machine"][1]
     summary = f"ready: all of {len(findings)} checks passed"
     assert outcome(capsys) == (0, f"{summary}\n")
@@ -178,7 +178,7 @@ def test_what_the_wheel_cannot_require_is_installed_by_pip():
 def test_versions_without_dependencies_are_those_of_the_release():
     constraints = (ROOT / "constraints.txt").read_text(encoding="utf-8")
     assert set(pinned()) <= set(constraints.splitlines())
-    files = (*CHECKPOINTS.values(), DISTS, EFFICIENTNET)
+    files = (*CHECKPOINTS.values(), DISTS, efficientnet.WEIGHTS)
     weights = {f"{file.package}=={file.version}" for file in files}
     assert weights | {f"{flip.PACKAGE}=={flip.VERSION}"} <= set(pinned())
 

