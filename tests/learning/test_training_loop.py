@@ -10,6 +10,7 @@ import torch
 from data_prep.failures import BadInput
 from learning import checkpoint, training_loop
 from learning.divergence import TrainingDiverged
+from learning.trainer import CooledTrainer
 from learning.training_loop import Cadence
 
 CADENCE = Cadence(log=1, sheet=100, checkpoint=2)
@@ -236,3 +237,24 @@ def test_fingerprints_of_data():
     assert len({known, *(training_loop.hash_arrays(*d) for d in different)}) == 6
     wide = np.arange(12, dtype=np.float32)[::2]
     assert training_loop.hash_arrays(wide) == training_loop.hash_arrays(wide.copy())
+
+
+@dataclass(frozen=True)
+class Cooled:
+    """A configuration whose rate falls over the last `cool_down` steps."""
+
+    steps: int
+    cool_down: int
+    learning_rate: float = 0.8
+    seed: int = 0
+
+
+def test_the_rate_falls_in_equal_steps_and_the_last_step_has_one():
+    """Of 4 steps of cooling down the first has the whole rate, the last a quarter: none has 0."""
+    trainer = CooledTrainer(Cooled(steps=8, cool_down=4), torch.device("cpu"))
+    rates = [trainer.rate(done) for done in range(8)]
+    assert rates == pytest.approx([0.8] * 5 + [0.6, 0.4, 0.2])
+    assert trainer.learning_rates(8) == "0.8 up to step 5, then falling linearly to 0.2 at step 8"
+    assert trainer.learning_rates(5) == "0.8"
+    constant = CooledTrainer(Cooled(steps=3, cool_down=0), torch.device("cpu"))
+    assert [constant.rate(done) for done in range(3)] == [0.8] * 3

@@ -100,6 +100,21 @@ def test_distances_are_better_the_smaller_they_are():
     assert cell.ahead == "a"
 
 
+@pytest.mark.parametrize("metric", ["ssim", "fd-views"])
+def test_with_its_sides_exchanged_a_difference_has_its_interval_turned(metric):
+    """The objects' differences are skewed, so that no interval is its own mirror image."""
+    a = np.linspace(0.5, 0.6, 12)
+    b = a + 0.02 * np.arange(12) ** 2 / 50
+    (cell,) = paired_differences([pair(a, b, metric, (0.5, 1.5))])
+    (exchanged,) = paired_differences([pair(b, a, metric, (1.5, 0.5))])
+    value, low, high = cell.difference
+    assert low < value < high
+    assert exchanged.difference == pytest.approx((-value, -high, -low), rel=1e-12)
+    assert cell.turned().difference == (-value, -high, -low)
+    assert {cell.ahead, exchanged.ahead} == {cell.ahead, cell.turned().ahead} == {"a", "b"}
+    assert exchanged.p == pytest.approx(cell.p, rel=1e-12)
+
+
 def test_ties_and_what_cannot_be_known():
     a = np.linspace(0.5, 0.7, 8)
     difference = np.array([0.1] * 6 + [-0.1] * 2)
@@ -330,6 +345,7 @@ def test_two_methods_of_a_run(command, two_runs, tmp_path):
         (lambda r: r[r["object"] != r["object"].iloc[0]], "different objects: only "),
         (lambda r: r[r["view"] == 0], "different views: "),
         (lambda r: r.assign(azimuth_deg=r["azimuth_deg"] + 1), "different views: view "),
+        (lambda r: r.assign(elevation_deg=r["elevation_deg"] + 1), "different views: view "),
         (lambda r: r.assign(ssim=r["ssim"] + 0.1), "different true images: "),
     ],
 )

@@ -65,6 +65,22 @@ def test_a_stored_result_is_read_back_whole(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["lock", STORE]
 
 
+def test_a_store_that_is_written_syncs_at_commit(tmp_path, monkeypatch):
+    """NORMAL, which many set beside WAL, would let a power cut take back what was stored."""
+    opened, connect = [], sqlite3.connect
+
+    def noted(*args, **options):
+        opened.append(connect(*args, **options))
+        return opened[-1]
+
+    monkeypatch.setattr(sqlite3, "connect", noted)
+    fill(tmp_path, "splat")  # also where the file is there already
+    with open_folder(tmp_path) as store:
+        store.append(finish(make_job(method="blank")))
+        settings = [opened[-1].execute(f"PRAGMA {n}") for n in ("journal_mode", "synchronous")]
+        assert [rows.fetchone()[0] for rows in settings] == ["wal", 2]  # FULL
+
+
 def test_a_later_result_replaces_an_earlier_one(tmp_path):
     job = make_job()
     with open_folder(tmp_path) as store:

@@ -13,7 +13,14 @@ import pytest
 from bench.analysis.scored import read_scored
 from bench.commands.publish import merge_shards, run_suite
 from bench.records.job import Result
-from bench.records.run_folder import open_folder, read_manifest, read_store, write_manifest
+from bench.records.record import SCHEMA_VERSION
+from bench.records.run_folder import (
+    FIXED,
+    open_folder,
+    read_manifest,
+    read_store,
+    write_manifest,
+)
 from bench.records.store import STORE
 from bench.records.stored_artifacts import read_jobs
 from bench.running.shards import Shard
@@ -140,6 +147,32 @@ def test_what_does_not_belong_together_is_refused(shards, tmp_path, changes, mes
     write_manifest(shards[1], manifest | changes)
     with pytest.raises(BadInput, match=message):
         merge_shards(shards, tmp_path / "whole")
+    assert not (tmp_path / "whole").exists()
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("suite", "dataset", "views", "seed", "device", "truth", "methods", "identities"),
+        *("conditions", "condition_identities", "skipped_metrics", "feature_identity"),
+        *("environment", "versions"),
+    ],
+)
+def test_shards_that_were_not_made_alike_are_refused(tmp_path, name):
+    """Other weights of a method or a metric, other packages, another machine: each by its name."""
+    manifest = dict.fromkeys(FIXED, "one") | {
+        "schema_version": SCHEMA_VERSION,
+        "protocol": PROTOCOL_VERSION,
+        "objects": ["chair/a"],
+        "finished": "now",
+    }
+    for number in (1, 2):
+        (tmp_path / str(number)).mkdir()
+        of_shard = {"shard": f"{number}/2", name: f"made by {number}"}
+        write_manifest(tmp_path / str(number), manifest | of_shard)
+    message = f"not of one run with .*1: its {name} is 'made by 2', there "
+    with pytest.raises(BadInput, match=message):
+        merge_shards([tmp_path / "1", tmp_path / "2"], tmp_path / "whole")
     assert not (tmp_path / "whole").exists()
 
 

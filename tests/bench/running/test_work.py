@@ -303,6 +303,17 @@ def test_clouds_come_from_seed_object_and_condition_and_not_from_the_method(tmp_
     assert not np.allclose(points("noise-0.10") - plain, 2 * (noisy - plain), atol=1e-3)
 
 
+@pytest.mark.parametrize("obj", [Tetrahedron("b"), Tetrahedron("a", "sofa")])
+def test_each_object_has_noise_of_its_own(obj):
+    """Else the noise of a run would be one draw, and no mean over objects would be rid of it."""
+    first, other = (
+        cloud_of(make_job(condition="noise-0.05", obj=some)).points
+        - cloud_of(make_job(obj=some)).points
+        for some in (Tetrahedron("a"), obj)
+    )
+    assert abs(np.corrcoef(first.ravel(), other.ravel())[0, 1]) < 0.06  # 5 / sqrt(6144)
+
+
 def test_randomness_comes_from_the_job_alone(measure):
     def draws(**changes):
         fake = Fake()
