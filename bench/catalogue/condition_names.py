@@ -11,7 +11,6 @@ from data_prep.clouds.conditions import (
     Missing,
     Outliers,
     Perturbation,
-    RandomSubset,
     Stride,
     Unchanged,
     UnevenDensity,
@@ -19,47 +18,31 @@ from data_prep.clouds.conditions import (
 from data_prep.scene import CLOUD_SIZE
 
 GAP = 0.6  # of a step of an axis, between kinds of conditions
-READINGS = {"random": "random", "code": "original code"}  # of the paper, by the end of an id
 
 
 class ConditionName(NamedTuple):
-    """The names of a condition; conditions of one `axis` stand together on an axis.
+    """The names of a condition; conditions of one kind stand together on an axis.
 
     kind     the kind of the change; "" for a condition that is not known
     short    name beside others of its kind
     words    name that needs nothing beside it
-    reading  "random" or "code" for another reading of the paper, else ""
     """
 
     kind: str
     short: str
     words: str
-    reading: str = ""
-
-    @property
-    def axis(self) -> str:
-        """Return the kind, with the reading of the paper."""
-        return self.kind + self._reading
 
     @property
     def brief(self) -> str:
         """Return the name for a narrow column: "noise 5 %", "2,048"."""
         kind = self.kind if self.kind != "points" else ""
-        return f"{kind} {self.short}{self._reading}".lstrip()
-
-    @property
-    def _reading(self) -> str:
-        return f" ({self.reading})" if self.reading else ""
+        return f"{kind} {self.short}".lstrip()
 
 
 def condition_name(condition_id: str) -> ConditionName:
     """Return the names of a condition; of one that is not known its id."""
     known = (c.perturbation for c in CONDITIONS if c.id == condition_id)
-    kind, short, words = _names(next(known, None), condition_id)
-    reading = condition_id.rpartition("-")[2]
-    if not kind or reading not in READINGS:
-        return ConditionName(kind, short, words)
-    return ConditionName(kind, short, f"{words} ({READINGS[reading]})", reading)
+    return ConditionName(*_names(next(known, None), condition_id))
 
 
 def condition_words(condition_id: str) -> str:
@@ -71,9 +54,8 @@ def _names(change: Perturbation | None, condition_id: str) -> tuple[str, str, st
     match change:
         case Unchanged():
             return "points", f"{CLOUD_SIZE:,}", f"{CLOUD_SIZE:,} points"
-        case Stride() | RandomSubset():
-            step = change.step if isinstance(change, Stride) else None
-            count = -(-CLOUD_SIZE // step) if step else change.count  # type: ignore[union-attr]
+        case Stride(step):
+            count = -(-CLOUD_SIZE // step)
             return "points", f"{count:,}", f"{count:,} of {CLOUD_SIZE:,} points"
         case GaussianNoise(sigma):
             return "noise", _percent(sigma), f"noise {_percent(sigma)} of the radius"
@@ -94,7 +76,7 @@ def _percent(share: float) -> str:
 
 def places(conditions: Sequence[str]) -> list[float]:
     """Return places on an axis, a step apart, with a gap where another kind of change begins."""
-    kinds = [condition_name(condition).axis for condition in conditions]
+    kinds = [condition_name(condition).kind for condition in conditions]
     at, gaps = [], 0.0
     for i, kind in enumerate(kinds):
         gaps += GAP * (i > 0 and kind != kinds[i - 1])
@@ -112,7 +94,7 @@ def listed(conditions: Iterable[str], every: Sequence[str]) -> str:
         return f"every condition but {listed(others, every)}"
     by_kind: dict[str, list[str]] = {}
     for condition in every:
-        by_kind.setdefault(condition_name(condition).axis, []).append(condition)
+        by_kind.setdefault(condition_name(condition).kind, []).append(condition)
     parts = []
     for kind, of_kind in by_kind.items():
         if kind and len(of_kind) > 1 and chosen.issuperset(of_kind):

@@ -23,7 +23,12 @@ GONE: dict[str, dict[str, str]] = {
         "fd-effnet": "use fd-alexnet, of another network of photographs",
         "kd-effnet": "use kd-alexnet, of another network of photographs",
     },
-    "condition": {},
+    "condition": {
+        "1024-random": "use 1024, which is a random subset where points are independent draws",
+        "512-random": "use 512, which is a random subset where points are independent draws",
+        "noise-0.05-code": "use noise-0.10, which has the same deviation in units of the radius",
+        "noise-0.10-code": "use noise-0.20, which has the same deviation in units of the radius",
+    },
 }
 
 

@@ -78,7 +78,7 @@ def compact_table(rows: Sequence[QualityRow]) -> CompactTable | None:
     return CompactTable(
         tuple(
             CompactColumn(
-                *(metric, name.axis * (name.axis != "points"), name.short, name.words),
+                *(metric, name.kind * (name.kind != "points"), name.short, name.words),
                 higher_is_better(metric),
                 Tags(condition=condition),
             )

@@ -223,7 +223,7 @@ def _draw_panel(
                 Estimate(row.value, row.ci_low, row.ci_high),
                 row.precision,
                 _caveat(row),
-                names[steps.index(panel.step(row))].axis,
+                names[steps.index(panel.step(row))].kind,
             )
             for row in panel.rows
             if row.method == method
@@ -251,7 +251,7 @@ def _draw_panel(
         title = f"class{title}"
     else:
         title = title.removeprefix("; ")
-        _name_kinds(axis, places_, [name.axis for name in names], fontsize)
+        _name_kinds(axis, places_, [name.kind for name in names], fontsize)
     # Below the names of kinds, for which an empty line keeps the room.
     axis.set_xlabel(
         title or " ", fontsize=fontsize, labelpad=4 if panel.by_class else 1.3 * fontsize

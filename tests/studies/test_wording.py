@@ -17,7 +17,7 @@ from studies.wording import condition_in_words
         ("outliers-0.10", "10\N{NO-BREAK SPACE}% outliers"),
         ("missing-0.50", "50\N{NO-BREAK SPACE}% missing"),
         ("density-10", "density 10 : 1"),
-        ("1024-random", "1024-random"),
+        ("of-a-plug-in", "of-a-plug-in"),
     ],
 )
 def test_conditions_in_words(condition, words):

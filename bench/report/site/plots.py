@@ -219,7 +219,7 @@ def _tick(condition: str, steps: int) -> str:
         return f"noise\n{name.short}" if steps > 3 else f"noise {name.short}"
     if name.kind in ("outliers", "missing"):
         return f"{name.short}\n{name.kind}"
-    return f"{name.short} ({name.reading})" if name.reading else name.short
+    return name.short
 
 
 def _name_points(

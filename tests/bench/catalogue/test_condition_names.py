@@ -13,9 +13,7 @@ from bench.catalogue.condition_names import condition_name, listed, places
     [
         ("2048", "2,048 points", "2,048"),
         ("512", "512 of 2,048 points", "512"),
-        ("512-random", "512 of 2,048 points (random)", "512 (random)"),
         ("noise-0.10", "noise 10 % of the radius", "noise 10 %"),
-        ("noise-0.05-code", "noise 10 % of the radius (original code)", "noise 10 % (code)"),
         ("outliers-0.01", "1 % outliers", "outliers 1 %"),
         ("missing-0.50", "50 % missing on one side", "missing 50 %"),
         ("density-10", "1,024 points, 10 times as dense at one end", "density 10 : 1"),

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from harness_objects import Tetrahedron
 
+import bench.catalogue.conditions
 import bench.running.plan
 from bench.catalogue.conditions import find_condition
 from bench.catalogue.lookup import find
@@ -20,7 +21,7 @@ from bench.running.options import Options
 from bench.running.plan import SCORES_VERSION, plan
 from bench.running.protocol import find_methods, method_identity, protocol_of, with_floor
 from bench.running.work import cloud_of, run_job
-from data_prep.clouds.conditions import GaussianNoise
+from data_prep.clouds.conditions import CONDITIONS, GaussianNoise
 from data_prep.datasets.registry import PROCEDURAL_VERSION, PaperObject, ProceduralObject
 from data_prep.failures import BadInput
 from data_prep.scene import View
@@ -300,9 +301,11 @@ def test_a_truth_that_a_suite_does_not_have_is_refused(command, tmp_path, suite,
     assert not (tmp_path / "run").exists()
 
 
-def test_two_conditions_of_equal_effect_are_two_items():
-    found = keys(conditions=("noise-0.10", "noise-0.05-code"))  # both N(0, 0.10)
-    assert found["a", "splat", "noise-0.10"] != found["a", "splat", "noise-0.05-code"]
+def test_two_conditions_of_equal_effect_are_two_items(monkeypatch):
+    again = replace(find_condition("noise-0.10"), id="noise-again")
+    monkeypatch.setattr(bench.catalogue.conditions, "CONDITIONS", (*CONDITIONS, again))
+    found = keys(conditions=("noise-0.10", "noise-again"))
+    assert found["a", "splat", "noise-0.10"] != found["a", "splat", "noise-again"]
 
 
 def test_a_longer_run_begins_with_the_shorter_one():

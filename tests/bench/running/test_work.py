@@ -287,7 +287,7 @@ def test_clouds_come_from_seed_object_and_condition_and_not_from_the_method(tmp_
     def points(condition="2048", **changes):
         return cloud_of(make_job(condition=condition, **changes)).points
 
-    for condition in ("2048", "noise-0.05", "512-random"):
+    for condition in ("2048", "noise-0.05", "missing-0.25"):
         assert np.array_equal(points(condition), points(condition, method="blank"))
     plain, noisy = points(), points("noise-0.05")
     expected = sample_surface(Tetrahedron().load(), generator(0, "cloud", "chair", "a"))
