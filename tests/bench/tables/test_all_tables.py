@@ -1,0 +1,215 @@
+"""Every table of a tiny run of each suite, and what compare and recommend print, as kept files.
+
+The scores, features and times are made up by the names of their jobs; nothing is drawn. Numbers are
+kept to nine digits: the last ones are those of a machine's linear algebra. Where a change moves a
+table on purpose, `PC2PIX_KEEP=1 pytest tests/bench/tables/test_all_tables.py` writes the files
+again, and their difference is read and committed with the change.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.analysis.scored import read_scored
+from bench.catalogue.suites import SPEED
+from bench.records.parquet import write_features
+from bench.records.run_folder import open_folder, write_manifest
+from bench.suites.latent.paths import PATH_METRICS, PATHS
+from bench.suites.latent.tables import LatentValue, latent_table, means, values_table
+from bench.suites.speed.samples import Measurement, TimingSample
+from bench.suites.speed.summary import summarise
+from bench.suites.speed.tables import amortised_table, samples_table, speed_table
+from bench.suites.stability.outcomes import CaseOutcome
+from bench.suites.stability.tables import matrix
+from bench.tables.build import make_outputs
+from bench.tables.published import published
+from bench.tables.table import table_files
+
+from ..builders import (
+    EXTRACTORS,
+    SCORES,
+    make_failed,
+    make_job,
+    make_manifest,
+    make_record,
+    make_result,
+    make_truth,
+    write_all,
+)
+from ..harness_objects import Tetrahedron
+
+KEPT = Path(__file__).parents[1] / "data" / "tables"
+FLOAT = re.compile(r"-?\d+\.\d{7,}(?:e-?\d+)?")
+LATE = "timeout: 3 s"
+BROKEN = "input: broken: points are not finite"
+METHODS = ("surface-apss", "alpha-wrap", "pc2pix", "wrecked", "blank")
+SWEEP = ("2048", "512", "noise-0.05", "noise-0.10", "broken")
+RUNS = {
+    "chair-robustness": {"conditions": SWEEP},
+    "chair-robustness-truth-grey": {"conditions": SWEEP, "truth": "grey"},
+    "speed-accuracy": {
+        "methods": ("surface-apss@resolution=50", "surface-apss", "pc2pix", "wrecked", "blank"),
+        "conditions": ("2048", "512", "broken"),
+    },
+    "thirteen-classes": {
+        "methods": ("surface-apss", "pc2pix@all", "splat-net@grey", "wrecked", "blank"),
+        "conditions": ("2048", "broken"),
+        "classes": ("airplane", "chair"),
+    },
+    "beyond-training": {"conditions": (*SWEEP, "256", "outliers-0.05", "density-3")},
+}
+SAYS = {  # by name: the arguments after the command
+    "compare-methods": ("compare", "RUN", "--methods", "pc2pix,surface-apss"),
+    "recommend": ("recommend", "RUN", "--budget-ms", "2000", "--min-ssim", "0.4"),
+    "recommend-in-full": ("recommend", "RUN", "--budget-ms", "2000", "--condition", "512"),
+}
+
+
+def kept(name, text):
+    """Compare a text with the file of that name, or write it."""
+    path = KEPT / name
+    text = FLOAT.sub(lambda number: f"{float(number[0]):.9g}", text)
+    if os.environ.get("PC2PIX_KEEP"):
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    assert text == path.read_text(encoding="utf-8")
+
+
+def as_text(files):
+    return "\n".join(f"=== {name}\n{files[name].rstrip()}\n" for name in sorted(files))
+
+
+def tiny_run(directory, run_id, seed=0):
+    """Two objects a class; `wrecked` always fails, and every method that sees a broken cloud."""
+    asked = {"methods": METHODS, "classes": ("chair",)} | RUNS[run_id]
+    truth = {"truth": asked["truth"]} if "truth" in asked else {}
+    manifest = make_manifest(
+        suite=run_id.removesuffix("-truth-grey"),
+        methods=[*asked["methods"]],
+        conditions=[*asked["conditions"]],
+        objects=[f"{name}/{obj}" for name in asked["classes"] for obj in ("a", "b")],
+        **truth,
+    )
+    write_manifest(directory, manifest)
+    results, jobs, records = [], [], []
+    for name in manifest["objects"]:
+        class_name, _, object_id = name.partition("/")
+        obj = Tetrahedron(object_id, class_name)
+        true = np.random.default_rng([*name.encode()]).random((2, 4), np.float32)
+        jobs.append(make_truth(obj))
+        results.append(make_result(jobs[-1], **dict.fromkeys(EXTRACTORS, true)))
+        for method in manifest["methods"]:
+            for condition in manifest["conditions"]:
+                cell = (method, condition, object_id)
+                common = {"class_name": class_name, "suite": manifest["suite"]}
+                # A white image has the same scores in both runs and under each condition.
+                drawn = (
+                    f"blank {name}" if method == "blank" else f"{seed} {method} {condition} {name}"
+                )
+                rng = np.random.default_rng([*drawn.encode()])
+                times = {"prepare_s": rng.random(), "draw_s": rng.random() / 10}
+                job = make_job(obj, method, condition)
+                jobs.append(job)
+                failed = method == "wrecked" or (condition == "broken" and method != "blank")
+                if failed:
+                    reason = LATE if method == "wrecked" else BROKEN
+                    records += [make_failed(*cell, view, reason, **common) for view in (0, 1)]
+                    continue
+                records += [
+                    make_record(
+                        *cell, view, **{score: rng.random() for score in SCORES}, **common, **times
+                    )
+                    for view in (0, 1)
+                ]
+                features = true + rng.random((2, 4), np.float32)
+                results.append(make_result(job, (), 0, **dict.fromkeys(EXTRACTORS, features)))
+    write_all(directory, records)
+    with open_folder(directory) as store:
+        for result in results:
+            store.append(result)
+        store.list_jobs((job.key, job.name) for job in jobs)
+        write_features(directory, store, EXTRACTORS)
+    return directory
+
+
+@pytest.mark.usefixtures("few_objects")
+@pytest.mark.parametrize("run_id", RUNS)
+def test_tables_of_suites(tmp_path, run_id):
+    outputs = make_outputs(read_scored(tiny_run(tmp_path / "run", run_id)))
+    kept(f"{run_id}.txt", as_text(table_files([*outputs.tables, *outputs.further])))
+
+
+@pytest.mark.usefixtures("few_objects")
+@pytest.mark.parametrize("name", SAYS)
+def test_what_commands_say_of_one_run(tmp_path, command, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    tiny_run(Path("run"), "chair-robustness")
+    status, out, _ = command(*(text.replace("RUN", "run") for text in SAYS[name]))
+    kept(f"{name}.txt", f"exit {status}\n{out}")
+
+
+@pytest.mark.usefixtures("few_objects")
+def test_what_compare_says_of_two_runs(tmp_path, command, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for folder, seed in (("old", 0), ("new", 1)):
+        tiny_run(Path(folder), "chair-robustness", seed)
+    for form in ("text", "csv"):
+        status, out, _ = command("compare", "old", "new", "--format", form)
+        kept(f"compare-runs.{form}", f"exit {status}\n{out}")
+
+
+def test_tables_of_latent():
+    rng = np.random.default_rng(0)
+    values = [
+        LatentValue("pc2pix", path, "all", f"pair {i}", metric, rng.random())
+        for path in PATHS
+        for metric in PATH_METRICS
+        for i in range(8)
+    ]
+    tables = [
+        latent_table("latent", "Paths", "Remark.", PATH_METRICS, PATHS, means("latent", values)),
+        values_table("latent_values", values),
+    ]
+    kept("latent.txt", as_text(table_files(tables)))
+
+
+def test_tables_of_speed():
+    suite = replace(SPEED, methods=("surface-apss", "splat"), baselines=("surface-apss",))
+    measured = []
+    for key, (method, factor) in enumerate((("surface-apss", 1.0), ("splat", 0.01))):
+        rng = np.random.default_rng(key)
+        stages = [("prepare", 0), ("draw", 1), ("draw", 20)]
+        samples = tuple(
+            TimingSample(f"chair/{obj}", call, stage, views, *(factor * rng.random(2)))
+            for obj in ("a", "b")
+            for call in range(4)
+            for stage, views in stages
+        )
+        sizes = {"threads": 1, "views": 20, "clouds": 2, "device": "cpu", "failures": ()}
+        memory = {"idle_mib": 50.0, "peak_mib": 75.0, "elsewhere_cores": 0.0}
+        measured.append(Measurement(f"{key}", method, "2048", samples=samples, **sizes, **memory))
+    summaries = [summarise(measurement) for measurement in measured]
+    machine = {"cpu": "some cpu", "cores": 2}
+    tables = [
+        speed_table(summaries, suite, machine, published("speed")),
+        amortised_table(summaries, suite),
+        samples_table(measured),
+    ]
+    kept("speed.txt", as_text(table_files(tables)))
+
+
+def test_tables_of_stability():
+    outcomes = [
+        CaseOutcome("one-point", "points", "splat", "images", "images", "holds"),
+        CaseOutcome("one-point", "points", "pc2pix", "images", "fails: no points", "unexpected"),
+        CaseOutcome("turned", "views", "splat", "agrees", "0.01, at most 1", "holds"),
+        CaseOutcome("turned", "views", "pc2pix", "fails", "fails: too few", "refused"),
+    ]
+    table = matrix("stability_methods", "Methods at the extremes", "Remark.", outcomes)
+    kept("stability.txt", as_text(table_files([table])))
