@@ -36,7 +36,7 @@ from bench.records.seal import SEAL, seal
 from bench.running.isolation import WorkerFailure, run_tasks
 from data_prep.failures import BadInput
 
-STORED = Path(__file__).parents[1] / "bench" / "data" / "run-of-schema-4"
+STORED = Path(__file__).parents[1] / "bench" / "data" / "stored-run"
 LIMITS = Limits(time_s=60.0, memory_gib=2.0)
 EXTRACTOR, METRIC = "judge", ScoredMetric("dark", 1, "Darkness", True, 3)
 FILES = (RECORDS, f"{FEATURES}/{EXTRACTOR}.parquet", f"scores/{METRIC.id}.parquet")

@@ -1,4 +1,4 @@
-"""A run as an earlier version of the same schema has left it; and the same with a part missing."""
+"""A run that an earlier commit has left: going on with it, its tables, and missing parts."""
 
 from __future__ import annotations
 
@@ -6,91 +6,79 @@ import csv
 import io
 import json
 import shutil
-import sqlite3
-from contextlib import closing
-from dataclasses import replace
+from importlib import metadata
 from itertools import product
 from pathlib import Path
 
 import pytest
 
 from bench.analysis.scored import read_scored
-from bench.catalogue.suites import SUITES
-from bench.records.former import JOBS
-from bench.records.run_folder import read_manifest, read_store
-from bench.records.store import STORE
+from bench.records.run_folder import read_manifest
 from bench.running.options import Options
-from bench.running.protocol import protocol_of
-from bench.running.status import run_status
+from bench.running.run import run
 from bench.tables.build import make_outputs
 from bench.tables.table import TABLES, table_files
+from data_prep.plugins import CONDITIONS
+from tests.bench import plugin_conditions, plugin_methods
+from tests.bench.checking import broken_conditions
 
 from ..builders import stored_keys
 
-STORED = Path(__file__).parents[1] / "data" / "run-of-schema-4"
+STORED = Path(__file__).parents[1] / "data" / "stored-run"
+"""Made by commit d75c6426: six methods, of which one fails, and four conditions, of which one is
+broken, of two chairs from two views."""
 
 
 @pytest.fixture
 def stored(tmp_path, monkeypatch):
-    # As the release of its protocol reads it: this is about the form of records.
-    monkeypatch.setattr("data_prep.datasets.protocol_version.PROTOCOL_VERSION", 1)
-    return Path(shutil.copytree(STORED, tmp_path / "run"))
+    """Return a copy of the run, as on the machine that made it, whose drivers are in the keys."""
+    manifest = read_manifest(STORED)
+    monkeypatch.setattr("bench.running.protocol.environment", lambda: manifest["environment"])
+    installed = metadata.version
+    versions = manifest["versions"]
+    monkeypatch.setattr(metadata, "version", lambda name: versions.get(name) or installed(name))
+    package = tmp_path / "plug-ins"
+    with plugin_methods.installed(package, monkeypatch):
+        (entries,) = package.glob("*/entry_points.txt")
+        condition = f"a-raises = {broken_conditions.__name__}:RAISES\n"
+        entries.write_text(f"{entries.read_text()}[{CONDITIONS}]\n{condition}")
+        for cache in plugin_conditions.CACHES:
+            cache.cache_clear()
+        yield Path(shutil.copytree(STORED, tmp_path / "run"))
+    for cache in plugin_conditions.CACHES:
+        cache.cache_clear()
+
+
+def test_going_on_with_it_does_no_job(stored, monkeypatch):
+    """Keys of jobs stay byte for byte: methods, conditions, objects, views, seeds, features."""
+    request = read_manifest(stored)["request"]
+    options = Options(
+        request["suite"],
+        methods=tuple(request["methods"]),
+        conditions=tuple(request["conditions"]),
+        limit=request["limit"],
+        views=request["views"],
+        workers=1,
+        out=stored,
+    )
+    before = stored_keys(stored)
+    assert len(before) == 2 * (1 + 4 * 4 + 2)  # true-mesh and blank see no cloud
+    result = run(options, publish=lambda written: None, watch=None)
+    assert (result.done, result.reused) == (0, len(before))
+    assert stored_keys(stored) == before
 
 
 def rows(text):
-    return list(csv.reader(io.StringIO(text)))
-
-
-def without_digits(text):
-    """Return rows without the column `digits`, which that release had not."""
-    (header, *_) = table = rows(text)
-    return [[v for v, name in zip(row, header, strict=True) if name != "digits"] for row in table]
+    return list(csv.DictReader(io.StringIO(text)))
 
 
 def test_its_tables_are_made_again_to_the_last_digit(stored):
-    made = make_outputs(read_scored(stored))
-    files = table_files([*made.tables, *made.further])
-    found = {path.name: path.read_text(encoding="utf-8") for path in (stored / TABLES).iterdir()}
-    names = [name for name in found if name.endswith(".csv")]
-    assert {n: without_digits(files[n]) for n in names} == {n: rows(found[n]) for n in names}
-    assert files.keys() == found.keys()
-
-
-def test_its_journal_is_imported_and_used_again(stored):
-    manifest = read_manifest(stored)
-    (suite,) = (suite for suite in SUITES if suite.id == manifest["suite"])
-    cells = {"methods": ("splat",), "conditions": tuple(manifest["conditions"])}
-    place = {"views": manifest["views"], "device": "cpu", "out": stored}
-    options = Options(suite.id, **cells, limit=1, **place)
-    # As on the machine that made it: drivers and libraries are part of the keys.
-    protocol, _ = protocol_of(suite, options, lambda: manifest["environment"])
-    methods = {}
-    for name, (version, identity, _) in manifest["identities"].items():
-        method = protocol.methods[name]
-        methods[name] = replace(
-            method, version=version, identity=lambda identity=identity: identity
-        )
-    lines = sum(file.read_bytes().count(b"\n") for file in (stored / "journal").glob("*.jsonl"))
-    status = run_status(options, replace(protocol, methods=methods))
-    assert set(status.left.values()) == {0}
-    assert len(stored_keys(stored)) == lines
-    assert {path.name for path in stored.iterdir()}.isdisjoint({"journal", "artifacts", JOBS})
-
-
-def test_jobs_that_an_earlier_version_has_added_are_imported_too(stored):
-    """It has written beside the store, which it does not know."""
-    former = [shutil.copytree(stored / n, stored.parent / n) for n in ("journal", "artifacts")]
-    with read_store(stored):
-        pass
-    keys = stored_keys(stored)
-    with closing(sqlite3.connect(stored / STORE)) as database, database:
-        database.execute("DELETE FROM jobs WHERE key = ?", [min(keys)])
-    for folder in former:
-        shutil.copytree(folder, stored / folder.name)
-    with read_store(stored) as store:
-        assert stored_keys(stored) == keys
-        assert [row.key for row in store.listed()]
-    assert not (stored / "journal").exists()
+    outputs = make_outputs(read_scored(stored))
+    files = table_files([*outputs.tables, *outputs.further])
+    for path in sorted((stored / TABLES).iterdir()):
+        before, after = rows(path.read_text(encoding="utf-8")), rows(files[path.name])
+        assert before[0].keys() == after[0].keys()
+        assert before == after, path.name
 
 
 def altered_manifest(change):
