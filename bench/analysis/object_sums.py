@@ -259,28 +259,6 @@ class ObjectSums:
             if metric in self.metrics and not self._tallies(metric)[0].counts.any()
         }
 
-    def means_of(
-        self, object_name: str, metrics: Iterable[str]
-    ) -> dict[tuple[str, str, str], float]:
-        """Return the means of an object "class/name" by method, condition and metric.
-
-        Blank images count in place of failed ones; NaN where no image has a score.
-        """
-        class_name, _, name = object_name.partition("/")
-        place = self._objects[class_name, name]
-        means = {}
-        for metric in metrics:
-            scores, blank = self._tallies(metric)
-            sums, counts = (
-                (part.reshape(self._shape)[..., place] + other.reshape(self._shape)[..., place])
-                for part, other in ((scores.sums, blank.sums), (scores.counts, blank.counts))
-            )
-            values = np.divide(sums, counts, out=np.full(sums.shape, np.nan), where=counts > 0)
-            for method, of_method in zip(self._methods, values.tolist(), strict=True):
-                for condition, value in zip(self._conditions, of_method, strict=True):
-                    means[method, condition, metric] = value
-        return means
-
 
 def sum_records(directory: Path, manifest: Mapping[str, Any]) -> ObjectSums:
     """Return the sums of the records of a run, which are read part by part.

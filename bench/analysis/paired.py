@@ -28,7 +28,6 @@ from bench.analysis.comparison import (
     paired,
 )
 from bench.analysis.intervals import FEWEST, MOST_RESAMPLED, jackknife_error, mean_error
-from bench.analysis.resolution import cell_levels, detectable, difference_error
 from bench.analysis.significant_digits import Precision
 from bench.catalogue.metrics import higher_is_better, is_mean
 from data_prep.arrays import Floats
@@ -86,8 +85,6 @@ class PairedDifference:
     ahead       who is better; a tie where `p_holm` is not below SIGNIFICANCE; unknown where so few
                 objects could not have shown a difference
     objects_needed  then the fewest that could; else None
-    resolution  smallest difference that these objects show in POWER of all runs, at the level of
-                Holm's procedure (`bench.analysis.resolution`); NaN where they are too few
     """
 
     pair: ComparedPair
@@ -96,7 +93,6 @@ class PairedDifference:
     p_holm: float
     ahead: Ahead
     objects_needed: int | None
-    resolution: float = math.nan
 
     def turned(self) -> PairedDifference:
         """Return the same with its sides exchanged."""
@@ -120,19 +116,12 @@ def paired_differences(pairs: Sequence[ComparedPair]) -> list[PairedDifference]:
     tested = sum(not math.isnan(p) for p in values)
     testable = sum(math.isfinite(change.value) for change in changes)  # with enough objects
     differences = []
-    levels = cell_levels(values, SIGNIFICANCE)
-    for i, (pair, change, p, corrected) in enumerate(
-        zip(pairs, changes, values, holm(values), strict=True)
-    ):
+    for pair, change, p, corrected in zip(pairs, changes, values, holm(values), strict=True):
         needed = None
         if not corrected < SIGNIFICANCE and _undecidable(pair, change, p, tested):
             needed = fewest_objects(testable) if is_mean(pair.metric) else FEWEST
         ahead = "unknown" if needed else _ahead(pair.metric, change, corrected)
-        shown = math.nan
-        if not needed:
-            error = difference_error([pair.quality_b], [pair.quality_a])
-            shown = detectable(error, levels[i])
-        differences.append(PairedDifference(pair, change, p, corrected, ahead, needed, shown))
+        differences.append(PairedDifference(pair, change, p, corrected, ahead, needed))
     return differences
 
 

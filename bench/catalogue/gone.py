@@ -13,7 +13,10 @@ from data_prep.failures import BadInput
 # By kind, the name and what to use now. An option stands with its command: "run --open".
 GONE: dict[str, dict[str, str]] = {
     "command": {},
-    "option": {},
+    "option": {
+        "run --until-decided": "use --budget, or end the run with Ctrl-C",
+        "run --no-until-decided": "leave it; no run ends by itself",
+    },
     "suite": {},
     "method": {},
     "metric": {

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from bench.catalogue.claims import address_of
-from bench.catalogue.gone import unknown
+from bench.catalogue.gone import instead_of, unknown
 from bench.catalogue.suites import SUITES
 from bench.commands.options import USAGE_ERROR, read_path
 from bench.records.record import SCHEMA_VERSION
@@ -133,8 +133,12 @@ def _take(context: typer.Context, path: Path | None) -> Path | None:
     defaults = dict(context.default_map or {})
     for name, value in read_config(path).items():
         if name not in known:
-            see = f"{context.command_path} --help"
-            raise BadInput(f"{path}: {unknown(name, sorted(known), 'option', see=see)}")
+            command = context.command_path
+            option = f"{command.removeprefix('bench ')} --{name.replace('_', '-')}"
+            refusal = instead_of("option", option) or unknown(
+                name, sorted(known), "option", see=f"{command} --help"
+            )
+            raise BadInput(f"{path}: {refusal}")
         option = known[name]
         _check(path, context, name, option, value)
         defaults[option.name] = value

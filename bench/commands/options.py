@@ -263,11 +263,6 @@ RUN_OPTIONS: dict[str, str | OptionSpec] = {  # of `bench.running.protocol.Optio
         kind=str | None,
         convert=functools.partial(_seconds, "--budget"),
     ),
-    "until_decided": OptionSpec(
-        "End when each network is ahead of the best reconstruction, behind it, or equal within "
-        "0.01, at each condition; see docs/deciding.md. Default: measure all objects.",
-        flag="--until-decided/--no-until-decided",  # a file may switch it on
-    ),
     "search": OptionSpec(
         "Suite stability: generate inputs for so long, for each method and each of --metrics, in "
         "place of its cases; see docs/stability.md. Default: its cases.",

@@ -46,10 +46,7 @@ def run_suite(options: Options) -> RunResult[Outputs]:
             "--metrics: has no meaning for a part of a run; leave it, and give it to 'bench score' "
             "once the shards are merged"
         )
-    live = LiveTable()
-    finished = run(
-        options, partial(publish, further=further), partial(Terminal, live.table), stop_rule=live
-    )
+    finished = run(options, partial(publish, further=further), partial(Terminal, LiveTable().table))
     if finished.outputs is not None:
         _report(finished.outputs)
     return finished
@@ -85,8 +82,6 @@ def print_outputs(outputs: Outputs, format_: Format | None) -> None:
     directory = outputs.run.directory
     if format_ is None:
         print("\n".join(shown(outputs.headline)))
-        if outputs.decided is not None:
-            print("\n".join(["", *shown(outputs.decided)]))
         print(f"report: {directory / REPORT}\ntables: {directory / TABLES}")
     elif format_ is Format.md:
         tables = (table.to_markdown() for table in outputs.tables)

@@ -176,8 +176,6 @@ def print_ending(finished: RunResult[Outputs]) -> None:
         kept = "" if finished.outputs is not None else "; the tables there stay those of before"
         if finished.interrupted:
             why, without = "interrupted", ""
-        elif finished.decided:
-            why, without = "all headline pairs are decided", " without --until-decided"
         else:
             why, without = "the budget is used up", " without --budget"
         print(

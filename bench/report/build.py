@@ -139,9 +139,9 @@ def read_page(made: Outputs) -> Page:
         curves_remark=" ".join(filter(None, [remark.strip(), all_failed])),
         tables=(
             *(
-                replace(table_group(table), unfolded=True)
-                for table in (made.decided, made.condition_sweep)
-                if table is not None
+                [replace(table_group(made.condition_sweep), unfolded=True)]
+                if made.condition_sweep
+                else ()
             ),
             *map(table_group, made.tables),
             *([table_group(made.orderings, folded=False)] if made.orderings else ()),

@@ -24,7 +24,7 @@ from bench.records.run_folder import (
     read_store,
 )
 from bench.records.store import Store
-from bench.running.options import UNTIL_DECIDED, Options
+from bench.running.options import Options
 from bench.running.plan import ObjectJobs, Plan, plan
 from bench.running.protocol import Protocol, method_identity, name_of
 from bench.running.shards import WHOLE, objects_to_search
@@ -58,8 +58,7 @@ class KeptRun:
 
     def with_intention(self, manifest: Mapping[str, Any]) -> dict[str, Any]:
         """Return a manifest whose run is to have as many objects at last as this one was."""
-        names = ("planned", UNTIL_DECIDED)
-        intended = {name: self.manifest[name] for name in names if name in self.manifest}
+        intended = {k: v for k, v in self.manifest.items() if k == "planned"}
         limit = {k: v for k, v in self.manifest["request"].items() if k == "limit"}
         return {**manifest, **intended, "request": manifest["request"] | limit}
 

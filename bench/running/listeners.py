@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -26,12 +26,15 @@ class PartialRun:
         Jobs of the complete objects.
     store : Store
         Has their results.
+    planned : sequence of str
+        Names of all objects that the run is to have.
     """
 
     directory: Path
     manifest: dict[str, Any]
     plan: Plan
     store: Store
+    planned: Sequence[str]
 
     def read_records(self, obj: ObjectJobs) -> list[Record]:
         """Return all records of an object.
@@ -54,22 +57,6 @@ class ProgressReporter(Protocol):
 
     def on_object_done(self, snapshot: Callable[[], PartialRun]) -> None:
         """Report that an object is complete. `snapshot` takes the longer the more there are."""
-        ...
-
-
-class StopRule(Protocol):
-    """A rule that ends a run before another object is begun."""
-
-    def begin(self, manifest: Mapping[str, Any], order: Sequence[str]) -> None:
-        """Take the manifest, and the objects "class/name" in the order of their start."""
-        ...
-
-    def add_missing(self, snapshot: PartialRun) -> None:
-        """Take the objects of a part of the run that are new. Each object is offered once."""
-        ...
-
-    def enough(self) -> bool:
-        """Return whether no other object is to be begun."""
         ...
 
 

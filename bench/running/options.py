@@ -25,7 +25,6 @@ MOST_OBJECTS = 10_000
 # A job draws all views of an object at once; so many in float32 are half of what a worker may have.
 MOST_VIEWS = 10_000
 RUNS = Path("results/runs")
-UNTIL_DECIDED = "until_decided"  # in the manifest of a run that was to end when decided
 # Options that say what is measured, and not how or where.
 REPEATED = (
     *("suite", "dataset", "truth", "methods", "conditions", "metrics", "limit", "views", "device"),
@@ -44,7 +43,6 @@ class Options:
     conditions: tuple[str, ...] | None = None
     limit: int | None = None
     budget: float | None = None  # seconds
-    until_decided: bool = False
     views: int | None = None
     workers: int | None = None
     device: str = "auto"

@@ -38,9 +38,9 @@ from bench.running.extension import (
 )
 from bench.running.factory import ExecutorFactory, executor_factory
 from bench.running.isolation import Executor
-from bench.running.listeners import PartialRun, StopRule, Watch
+from bench.running.listeners import PartialRun, Watch
 from bench.running.manifest import describe
-from bench.running.options import UNTIL_DECIDED, Options
+from bench.running.options import Options
 from bench.running.plan import Plan, plan
 from bench.running.protocol import Protocol, protocol_of
 from bench.running.schedule import Budget, Schedule, guess_s
@@ -85,8 +85,6 @@ class RunResult(Generic[Outputs]):
         Complete objects, and objects of the whole run.
     interrupted : bool
         Whether Ctrl-C ended the run.
-    decided : bool
-        Whether the stop rule ended it.
     done, reused, failed : int
         Jobs of this start, of earlier ones, and without images; with a failed ground truth all of
         its object. A job that is the same under every condition counts once, as in progress.
@@ -103,7 +101,6 @@ class RunResult(Generic[Outputs]):
     objects: int
     planned: int
     interrupted: bool
-    decided: bool
     done: int
     reused: int
     failed: int
@@ -137,7 +134,6 @@ class _PreparedRun:
     kept: KeptRun | None
     budget: Budget
     begun: float
-    stop_rule: StopRule | None
 
     def narrows(self, schedule: Schedule) -> bool:
         """Return whether outputs of the complete objects would lack an object of the kept run."""
@@ -146,7 +142,8 @@ class _PreparedRun:
     def snapshot(self, names: Iterable[str], store: Store) -> PartialRun:
         """Return the run of these complete objects."""
         part = self.plan.select(names)
-        return PartialRun(self.directory, self.manifest | {"objects": part.names}, part, store)
+        manifest = self.manifest | {"objects": part.names}
+        return PartialRun(self.directory, manifest, part, store, self.plan.names)
 
 
 def run(
@@ -154,7 +151,6 @@ def run(
     publish: Callable[[WrittenRun], Outputs],
     watch: Watch,
     make_budget: Callable[[float | None, float], Budget] = Budget,
-    stop_rule: StopRule | None = None,
 ) -> RunResult[Outputs]:
     """Carry out a run, or what is left of it, for as long as its budget allows.
 
@@ -171,8 +167,6 @@ def run(
         Gives the reporter of progress.
     make_budget : callable
         Makes the budget from `--budget` and the expected cost of an object, both in seconds.
-    stop_rule : StopRule or None
-        Is asked before another object is begun.
 
     Raises
     ------
@@ -188,11 +182,6 @@ def run(
             f"--budget: has no meaning with --shard {options.shard}, whose objects are fixed; "
             "leave one of the two"
         )
-    if options.until_decided and options.shard is not None:
-        raise BadInput(
-            f"--until-decided: has no meaning with --shard {options.shard}, which sees a part of "
-            "the objects; leave one of the two"
-        )
     requested, skipped = protocol_of(suite, options)
     protocol, kept = join(options, requested)
     planned = plan(protocol)  # refuses weights that cannot be used
@@ -207,15 +196,12 @@ def run(
             "request": pinned_request(options, protocol),
             "cluster": factory.cluster,
             "planned": len(planned),  # "objects" are those that are complete, at the end
-            **({UNTIL_DECIDED: True} if options.until_decided else {}),
         }
         if options.same_objects and kept is not None:
             manifest = kept.with_intention(manifest)
-        if stop_rule is not None:
-            stop_rule.begin(manifest, in_turns.names)
         prepared = _PreparedRun(
             *(options.directory, options.fresh, protocol, planned, in_turns, manifest, kept),
-            *(budget, begun, stop_rule),
+            *(budget, begun),
         )
         return _carry_out(prepared, factory, publish, watch)
 
@@ -268,12 +254,10 @@ def _carry_out(
             write_manifest(directory, prepared.manifest)
         elif read_manifest(directory) != prepared.kept.manifest:  # it had the lock meanwhile
             raise BadInput(f"{directory}: another run has changed it just now; run again")
-        rule = prepared.stop_rule
         schedule = Schedule(
             prepared.in_turns,
             store,
             prepared.budget,
-            None if rule is None else rule.enough,
             ahead=math.ceil(factory.capacity / planned.jobs_per_object),
         )
         reused = schedule.total - schedule.left
@@ -309,7 +293,6 @@ def _carry_out(
         objects=len(schedule.complete),
         planned=len(planned),
         interrupted=interrupted,
-        decided=rule is not None and rule.enough(),
         done=schedule.total - reused - schedule.left,
         reused=reused,
         failed=schedule.failures,
@@ -343,9 +326,6 @@ def _do_jobs(
     title = prepared.protocol.suite.id
     if reused := schedule.total - schedule.left:
         log(f"{title}: {reused} jobs are there from before")
-    rule = prepared.stop_rule
-    if rule is not None:
-        rule.add_missing(prepared.snapshot(schedule.complete, store))
     try:
         with (
             watch(f"{title}, jobs", schedule.left) as reporter,
@@ -356,8 +336,6 @@ def _do_jobs(
                 complete = schedule.take(result)
                 # With a ground truth all jobs of its object fail.
                 reporter.on_jobs_done(before - schedule.left, schedule.failures)
-                if complete and rule is not None:
-                    rule.add_missing(prepared.snapshot(schedule.complete[-1:], store))
                 if complete and schedule.scored and not prepared.narrows(schedule):
                     reporter.on_object_done(partial(prepared.snapshot, schedule.complete, store))
     except KeyboardInterrupt:

@@ -137,16 +137,15 @@ class Schedule:
         planned: Plan,
         store: Store,
         budget: Budget,
-        enough: Callable[[], bool] | None = None,
         ahead: int = 1,
     ) -> None:
         """Note what the store has of the plan, whose objects are in the order of their start.
 
-        `enough` is asked before another object is begun. `ahead` is how many objects have their
-        ground truths drawn before their jobs are due: those that idle workers could begin.
+        `ahead` is how many objects have their ground truths drawn before their jobs are due: those
+        that idle workers could begin.
         """
         self._ahead = ahead
-        self._plan, self._store, self._budget, self._enough = planned, store, budget, enough
+        self._plan, self._store, self._budget = planned, store, budget
         self._under_way: dict[str, _UnderWay] = {}
         self._object_of: dict[str, str] = {}  # by the keys of the open jobs
         self.complete: list[str] = []
@@ -163,8 +162,7 @@ class Schedule:
     def jobs(self) -> Iterator[Job | None]:
         """Yield the jobs to be done; None where the next job waits for a ground truth.
 
-        They end where the budget does not allow another object, or enough are done. The first
-        object is always done.
+        They end where the budget does not allow another object. The first object is always done.
         """
         rest = (
             self._plan[i] for i, name in enumerate(self._plan.names) if name not in self._complete
@@ -175,8 +173,7 @@ class Schedule:
             obj = coming.popleft()
             begun = [name for name in begun if name in self._under_way]
             under_way = sum(self._under_way[name].share for name in begun)
-            enough = self._enough is not None and self._enough()
-            allowed = not enough and self._budget.allows(len(self.complete), under_way)
+            allowed = self._budget.allows(len(self.complete), under_way)
             if (self.complete or begun) and not allowed:
                 return
             begun.append(obj.name)

@@ -11,7 +11,6 @@ from threadpoolctl import threadpool_limits
 
 from bench.analysis.comparison import NAN
 from bench.analysis.condition_sweep import ConditionCurve, condition_curves, paired_comparisons
-from bench.analysis.decided import decided_pairs
 from bench.analysis.frontier import FrontierPoint, SubsampledFrontier, places, thinned
 from bench.analysis.object_sums import ObjectSums
 from bench.analysis.orderings import Ordering, orderings
@@ -22,11 +21,9 @@ from bench.catalogue.claims import ENTERED
 from bench.catalogue.suite_types import Suite, TableKind, TableSpec
 from bench.records.record import TIMES
 from bench.records.run_folder import PROTOCOL
-from bench.running.options import UNTIL_DECIDED
 from bench.tables import markdown
 from bench.tables.classes import class_table
 from bench.tables.condition_sweep import ConditionStep, condition_sweep_table
-from bench.tables.decided import DECIDED, DecidedRow, decided_table
 from bench.tables.frontier import frontier_table, points_table
 from bench.tables.further_metrics import further_tables
 from bench.tables.grid import grid
@@ -34,7 +31,7 @@ from bench.tables.headline import headline
 from bench.tables.orderings import orderings_table
 from bench.tables.published import published
 from bench.tables.quality import detail_table, image_table, recognition_table, set_table
-from bench.tables.table import TABLES, Table, of_protocol, write_tables
+from bench.tables.table import Table, of_protocol, write_tables
 from data_prep.files.atomic_write import write_whole
 
 R = TypeVar("R")
@@ -120,22 +117,6 @@ def frontier_tables(
     return _of_run(run, by_cost), _of_run(run, points_table(points, fewer, views))
 
 
-def decided(run: ScoredRun) -> Table[DecidedRow] | None:
-    """Return the headline pairs with intervals that hold at any moment.
-
-    None for a run of all its objects: its number of objects was fixed, unless it was to end when
-    decided.
-    """
-    manifest = run.manifest
-    count = len(manifest["objects"])
-    planned = int(manifest.get("planned", count))
-    if count == planned and not manifest.get(UNTIL_DECIDED):
-        return None
-    pairs = decided_pairs(run)
-    table = decided_table(run.suite.id, pairs, count, planned) if pairs else None
-    return table and _of_run(run, table)
-
-
 @dataclass(frozen=True)
 class Outputs:
     """The tables of a run, by the functions of the same names."""
@@ -148,15 +129,11 @@ class Outputs:
     orderings: Table[Ordering] | None
     curves: tuple[ConditionCurve, ...]
     condition_sweep: Table[ConditionStep] | None
-    decided: Table[DecidedRow] | None
 
     @property
     def further(self) -> list[Table[Any]]:
         """Return the tables that only some suites have."""
-        optional = (
-            *(self.frontier_tables or ()),
-            *(self.orderings, self.condition_sweep, self.decided),
-        )
+        optional = (*(self.frontier_tables or ()), self.orderings, self.condition_sweep)
         return [table for table in optional if table is not None]
 
 
@@ -171,16 +148,12 @@ def make_outputs(run: ScoredRun) -> Outputs:
         orderings=class_orderings(run),
         curves=curves(run),
         condition_sweep=condition_sweep(run),
-        decided=decided(run),
     )
 
 
 def write_outputs(run: ScoredRun) -> Outputs:
     """Make the tables of a run and write them into its folder."""
     outputs = make_outputs(run)
-    if outputs.decided is None:  # of fewer objects, from before
-        for suffix in ("csv", "md"):
-            (run.directory / TABLES / f"{DECIDED}.{suffix}").unlink(missing_ok=True)
     write_tables(run.directory, [outputs.headline, *outputs.tables, *outputs.further])
     write_whole(run.directory / COST, outputs.cost.encode())
     return outputs

@@ -9,7 +9,6 @@ from functools import partial
 
 from bench.analysis.intervals import FEWEST
 from bench.analysis.paired import SIGNIFICANCE, PairedDifference
-from bench.analysis.resolution import POWER
 from bench.analysis.run_pairs import Differences
 from bench.catalogue.metrics import higher_is_better
 from bench.tables import markdown
@@ -46,7 +45,7 @@ def differences_table(differences: Differences) -> Table[PairedDifference]:
         *columns(("value_b", "pair.quality_b.estimate.value")),
         *columns(("difference", "difference.value"), ("ci_low", "difference.low")),
         *columns(("ci_high", "difference.high"), "p", "p_holm", "ahead"),
-        *columns(("objects", "pair.objects"), "objects_needed", "resolution"),
+        *columns(("objects", "pair.objects"), "objects_needed"),
     )
     title = f"{differences.b} against {differences.a}, scored against {differences.truth}"
     layout = partial(_layout, differences.remarks)
@@ -77,9 +76,7 @@ def _legend(rows: Sequence[PairedDifference]) -> str:
     if tested := sum(not math.isnan(row.p) for row in rows):
         legend += (
             f" **Bold**: the two differ (p below {SIGNIFICANCE} after Holm's correction for "
-            f"{tested} cells). `=`: a tie, no difference is shown; in brackets the smallest one "
-            f"that so many objects show in {100 * POWER:.0f} % of all runs, at the level of Holm's "
-            "procedure."
+            f"{tested} cells). `=`: a tie, no difference is shown."
         )
     if needed := [row.objects_needed for row in rows if row.objects_needed]:
         legend += f" `?`: {too_few(max(needed))}."
@@ -105,8 +102,5 @@ def difference_cell(row: PairedDifference) -> Cell:
     of_a, of_b = row.pair.quality_a.estimate, row.pair.quality_b.estimate
     values = f"{shown(of_a.value, digits)} to {shown(of_b.value, digits)}: "
     special = _TOO_FEW if row.objects_needed else _MARKS.get(row.ahead)
-    if row.ahead == "tie" and math.isfinite(row.resolution):
-        least = shown(row.resolution, digits)
-        special = Annotation(f"tie, could show {least}", f"{{value}}{{interval}} = ({least})")
     cell = number(row.difference, f"{{:+.{digits}f}}".format, special=special)
     return marked(replace(cell, text=values + cell.text), precision)

@@ -10,9 +10,8 @@ from typing import NamedTuple
 
 from rich.cells import cell_len, set_cell_size
 
-from bench.analysis.comparison import ALL, decimals
+from bench.analysis.comparison import ALL
 from bench.analysis.paired import SIGNIFICANCE, Ahead, PairedDifference
-from bench.analysis.resolution import POWER
 from bench.analysis.run_pairs import Differences
 from bench.catalogue.condition_names import condition_name
 from bench.tables.grid import FEWER, MOVED, ordered
@@ -32,21 +31,16 @@ HINT = "Intervals: --format md"  # an option of `bench compare`
 
 
 class _Verdict(NamedTuple):
-    """The cells of one metric in a row of conditions: words, differences, and resolutions.
-
-    `resolutions` are empty where no cell has one.
-    """
+    """The cells of one metric in a row of conditions: words and differences."""
 
     metric: str
     words: tuple[str, ...]
     differences: tuple[str, ...]
-    resolutions: tuple[str, ...]
 
     @property
     def lines(self) -> list[tuple[str, tuple[str, ...]]]:
         """Return the name and the cells of each line."""
-        lines = [(self.metric, self.words), ("  difference", self.differences)]
-        return [*lines, *([("  could show", self.resolutions)] if self.resolutions else [])]
+        return [(self.metric, self.words), ("  difference", self.differences)]
 
 
 def comparison_lines(differences: Differences, width: int, hint: str = HINT) -> list[str]:
@@ -92,8 +86,6 @@ def verdict(cells: Sequence[PairedDifference], name: str, objects: str, hint: st
         text = f"No difference is shown in {len(valued)} cell{plural} {tested}."
     if needed:
         text += f" Too few objects in {len(needed)}: at least {max(needed)} are needed."
-    if any(math.isfinite(cell.resolution) for cell in valued):
-        text += f" Could show: with a power of {100 * POWER:.0f} %."
     if any(cell.pair.precision.half is not None for cell in valued):
         text += f" {FEWER}."
     return f"{text} {hint}".rstrip()
@@ -136,10 +128,7 @@ def _verdicts(cells: Sequence[PairedDifference], conditions: Sequence[str]) -> I
     for metric in ordered(cell.pair.metric for cell in cells):
         by_condition = {c.pair.condition: c for c in cells if c.pair.metric == metric}
         row = [by_condition.get(condition) for condition in conditions]
-        resolutions = tuple(map(_resolution, row))
-        if {*resolutions} == {NO_VALUE}:
-            resolutions = ()
-        yield _Verdict(metric, tuple(map(_word, row)), tuple(map(_difference, row)), resolutions)
+        yield _Verdict(metric, tuple(map(_word, row)), tuple(map(_difference, row)))
 
 
 def _word(cell: PairedDifference | None) -> str:
@@ -154,12 +143,6 @@ def _difference(cell: PairedDifference | None) -> str:
     precision = cell.pair.precision
     text = f"{cell.difference.value:+.{precision.decimals}f}"
     return MOVED * (precision.half is not None) + re.sub(r"^([+-])0\.", r"\1.", text)
-
-
-def _resolution(cell: PairedDifference | None) -> str:
-    if cell is None or not math.isfinite(cell.resolution):
-        return NO_VALUE
-    return f"{cell.resolution:.{decimals(cell.pair.metric)}f}".removeprefix("0")
 
 
 def _laid_out(corner: str, heads: Sequence[str], rows: Sequence[_Verdict], width: int) -> list[str]:
@@ -187,7 +170,6 @@ def _stacked(corner: str, heads: Sequence[str], rows: Sequence[_Verdict], width:
     lines = wrapped(corner, width)
     for row in rows:
         lines += wrapped(row.metric, width)
-        least = [f", could show {text}" for text in row.resolutions] or [""] * len(heads)
-        for cell in zip(heads, row.words, row.differences, least, strict=True):
-            lines += wrapped("  {}: {} {}{}".format(*cell), width, further="    ")
+        for cell in zip(heads, row.words, row.differences, strict=True):
+            lines += wrapped("  {}: {} {}".format(*cell), width, further="    ")
     return lines

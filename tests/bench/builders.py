@@ -239,9 +239,8 @@ def read_all(directory) -> list[Record]:
 
 
 def watched(reporter=Terminal, *arguments):
-    """The arguments `watch` and `stop_rule` of a run with a live table, as commands give them."""
-    live = LiveTable()
-    return {"watch": partial(reporter, *arguments, live.table), "stop_rule": live}
+    """The argument `watch` of a run with a live table, as commands give it."""
+    return {"watch": partial(reporter, *arguments, LiveTable().table)}
 
 
 def refusal(function, *arguments):

@@ -210,8 +210,7 @@ def run_once(out: Path, writes: Writes, done: Any) -> None:
     )
     with mock.patch.object(Store, "append", noted), failing(writes):
         try:
-            live = LiveTable()
-            run(options, publish, partial(Terminal, live.table), stop_rule=live)
+            run(options, publish, partial(Terminal, LiveTable().table))
         except (OSError, BadInput) as error:
             done.send(f"refused: {error}")
         except BaseException as error:

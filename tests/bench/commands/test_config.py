@@ -133,6 +133,7 @@ def test_the_request_of_a_run_states_its_defaults(finished, tmp_path, asked):
     [
         ("a.toml", "metods = 3", "unknown option 'metods': did you mean 'methods'.* --help'"),
         ("a.toml", "config = 'b.toml'", "unknown option 'config'"),
+        ("a.toml", "until_decided = true", "option 'run --until-decided' went with version 2.0: "),
         ("a.toml", "limit = 'x'", "a.toml: limit = 'x': .*integer"),
         ("a.toml", "limit = true", "a.toml: limit = True: give text, a whole number or a list"),
         ("a.toml", "views = 1.5", "a.toml: views = 1.5: give text, a whole number or a list"),

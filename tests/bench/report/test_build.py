@@ -367,21 +367,3 @@ def test_a_place_that_cannot_be_written_is_reported(of_random_values, tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(CannotWrite, match=r"file/r\.html: cannot be written .*another --out"):
         write_report(of_random_values, tmp_path / "file" / "r.html")
-
-
-def test_a_run_that_ended_when_decided_shows_its_pairs_first(tmp_path):
-    """Two conditions by two metrics; six objects decide nothing."""
-    directory = write_run(
-        tmp_path / "run",
-        methods=["splat-net@chair", "alpha-wrap", "blank"],
-        objects=[f"chair/{name}" for name in "abcdef"],
-        planned=100,
-    )
-    made = make_outputs(read_scored(directory))
-    group = read_page(made).tables[0]
-    assert made.decided is not None
-    assert group.unfolded
-    assert group.title.startswith("0 of 4 headline pairs decided: 6 of 100 objects; ")
-    assert "confidence sequences" in group.remark
-    found = {cell.value for grid in group.tables for line in grid.lines for cell in line.cells}
-    assert {row.ahead_by for row in made.decided.rows} <= found

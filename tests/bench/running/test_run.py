@@ -10,7 +10,6 @@ import sqlite3
 import time
 from contextlib import closing
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +21,6 @@ import bench.catalogue.truth
 import bench.running.run
 from bench.analysis.scored import read_scored
 from bench.catalogue.suites import SUITES
-from bench.commands.live import LiveTable
 from bench.commands.publish import publish, run_suite
 from bench.commands.terminal import Terminal
 from bench.records.record import GROUND_TRUTH
@@ -475,54 +473,3 @@ def test_default_folder(tmp_path, monkeypatch):
     ):
         assert Options("s", dataset).directory == Path("results/runs", name)
     assert Options("s", shard=Shard(2, 3)).directory.name == "s-procedural-shard-2-of-3"
-
-
-class EnoughAfterOne:
-    """A stop rule that keeps the objects it is offered, beside the live table of a run."""
-
-    def __init__(self, live):
-        self.live, self.order, self.offered = live, [], []
-
-    def begin(self, manifest, order):
-        self.live.begin(manifest, order)
-        self.order = list(order)
-
-    def add_missing(self, snapshot):
-        self.offered += snapshot.manifest["objects"]
-        assert snapshot.plan.names == snapshot.manifest["objects"]
-        for obj in snapshot.plan:
-            assert {record.object for record in snapshot.read_records(obj)} == {obj.name[6:]}
-
-    def enough(self):
-        return len(self.offered) >= 1
-
-
-def test_a_stop_rule_ends_a_run_and_is_offered_each_object_once(
-    finished, same_machine, tiny_weights, tmp_path
-):
-    options = replace(finished_options(tiny_weights, tmp_path / "run"), workers=1)
-    live = LiveTable()
-    rule = EnoughAfterOne(live)
-    stopped = run(options, publish, partial(Terminal, live.table), stop_rule=rule)
-    # an object that was begun while the first went on is finished, too
-    assert 1 <= stopped.objects < stopped.planned == 3
-    assert (stopped.decided, stopped.interrupted) == (True, False)
-    assert sorted(rule.order) == [f"chair/test-000{i}" for i in range(3)]
-    assert rule.offered == rule.order[: stopped.objects]
-    live = LiveTable()
-    again = EnoughAfterOne(live)  # the objects of before are offered first
-    more = run(options, publish, partial(Terminal, live.table), stop_rule=again)
-    assert more.decided
-    assert again.offered[: stopped.objects] == sorted(rule.offered)
-    assert len(again.offered) == len({*again.offered}) == more.objects
-
-
-def test_until_decided_is_refused_where_nothing_can_be_decided(tiny_weights, tmp_path):
-    options = finished_options(tiny_weights, tmp_path / "run")
-    shard = replace(options, until_decided=True, shard=Shard(1, 2))
-    with pytest.raises(BadInput, match=r"--until-decided: has no meaning with --shard 1/2"):
-        run_suite(shard)
-    alone = replace(options, until_decided=True, methods=("splat", "blank"))
-    with pytest.raises(BadInput, match=r"--until-decided: splat, blank have no pair to decide"):
-        run_suite(alone)
-    assert not (tmp_path / "run").exists()

@@ -99,21 +99,6 @@ def test_as_many_truths_come_ahead_as_workers_need(schedule_of):
     assert schedule.complete == ["chair/a", "chair/b", "chair/c", "chair/d"]
 
 
-def test_objects_come_in_their_order_until_there_are_enough(tmp_path):
-    made, schedules = plan_of("c", "a", "b"), []
-    rules = (lambda: False, lambda: len(schedules[1].complete) >= 2, lambda: True)
-    for number, enough in enumerate(rules):
-        (tmp_path / str(number)).mkdir()
-        with open_store(tmp_path / str(number), write=True) as store:
-            schedules.append(Schedule(made, store, Budget(), enough))
-            carried_out(schedules[-1])
-    assert schedules[0].complete == ["chair/c", "chair/a", "chair/b"]
-    # asked once the second is complete, or while it goes on: an object that is begun is finished
-    assert schedules[1].complete[:2] == ["chair/c", "chair/a"]
-    assert schedules[2].complete == ["chair/c"]  # the first is always done
-    assert all(schedule.scored == len(schedule.complete) for schedule in schedules)
-
-
 def test_what_is_there_is_not_done_again(schedule_of):
     made = plan_of("a", "b")
     first = schedule_of(made)

@@ -15,7 +15,6 @@ from bench.analysis.comparison import Estimate, Quality
 from bench.analysis.paired import ComparedPair, PairedDifference, Side
 from bench.analysis.run_pairs import Differences
 from bench.catalogue.suite_types import TRUTHS
-from bench.tables.differences import differences_table
 from bench.tables.verdict import comparison_lines
 
 REPOSITORY = Path(__file__).parents[3]
@@ -29,8 +28,8 @@ def cell(metric, condition, value, ahead="b", **changes):
     quality = Quality(metric, Estimate(0.5, nan, nan), np.zeros(0))
     a, b = (Side("run", method) for method in about["method"])
     pair = ComparedPair(condition, about["class_name"], a, b, quality, quality, about["objects"])
-    needed, resolution = about.get("needed"), about.get("resolution", nan)
-    return PairedDifference(pair, Estimate(value, nan, nan), nan, nan, ahead, needed, resolution)
+    change = Estimate(value, nan, nan)
+    return PairedDifference(pair, change, nan, nan, ahead, about.get("needed"))
 
 
 def lines(cells, width=80, remarks=(), a="poisson", b="splat-net"):
@@ -84,34 +83,6 @@ def test_a_mixed_verdict_counts_the_cells(aheads, verdict):
     assert shown[-1] == f"{verdict} Intervals: --format md"
     words = {"b": "better", "a": "worse", "=": "not decided", "?": "undecided"}
     assert re.split(" {2,}", shown[4]) == ["lpips", *(words[ahead] for ahead in aheads)]
-
-
-def test_what_each_cell_could_show_stands_below_its_verdict():
-    """A cell without a resolution has a dash, and a metric without any has no such line."""
-    cells = [
-        cell("ssim-object", "2048", 0.1484, resolution=0.0204),
-        cell("ssim-object", "512", -0.004, "tie", resolution=0.0123),
-        cell("ssim-object", "noise-0.05", 0.3, "unknown", needed=9),
-        *better(("lpips",)),
-    ]
-    shown = lines(cells)
-    assert shown[3:9] == [
-        "                    2,048          512    noise 5 %",
-        "ssim-object        better  not decided    undecided",
-        "  difference        +.148        -.004        +.300",
-        "  could show         .020         .012            -",
-        "lpips              better       better       better",
-        "  difference        -.058        -.058        -.058",
-    ]
-    assert " ".join(shown[10:]).endswith("Could show: with a power of 80 %. Intervals: --format md")
-    narrow = lines(cells, 24)
-    assert max(map(cell_len, narrow)) <= 24
-    assert "-.004, could show .012" in " ".join(" ".join(narrow).split())
-    written = differences_table(Differences("a", "b", tuple(cells), (), TRUTHS["coloured"]))
-    assert [row["resolution"] for row in written.to_rows()[:3]] == [0.0204, 0.0123, None]
-    markdown = written.to_markdown()
-    assert "0.500 to 0.500: -0.004 = (0.012)" in markdown
-    assert "0.020" not in markdown  # what is decided needs none
 
 
 def test_the_page_shows_the_verdict_on_the_sealed_chairs():
