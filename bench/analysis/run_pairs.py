@@ -277,8 +277,10 @@ def _refuse_other_objects(a: ScoredRun, b: ScoredRun) -> None:
         of_b = in_b[name, view]
         if of_a[:2] != of_b[:2]:
             raise BadInput(
-                f"different views: view {view} of {name} is at azimuth {of_a.azimuth_deg:.2f} and "
-                f"{of_b.azimuth_deg:.2f} degrees; give both the same --seed"
+                f"different views: view {view} of {name} is at azimuth/elevation "
+                f"{of_a.azimuth_deg:.2f}/{of_a.elevation_deg:.2f} and "
+                f"{of_b.azimuth_deg:.2f}/{of_b.elevation_deg:.2f} degrees; give both the same "
+                "--seed"
             )
         if abs(of_a.blank_ssim - of_b.blank_ssim) > SAME_TRUTH:  # not for NaN: a blank that failed
             raise BadInput(
