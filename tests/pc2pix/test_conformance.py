@@ -61,7 +61,6 @@ def test_generator(reference, generator, case):
     assert_image_like(images.permute(0, 2, 3, 1).numpy(), reference["generator"][case], 1e-9)
 
 
-@pytest.mark.slow
 def test_discriminator(reference):
     network = filled(Discriminator, reference, "discriminator")
     entry = reference["discriminator"]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sqlite3
 import sys
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,10 +16,12 @@ from bench.commands.add import options_of
 from bench.commands.publish import merge_shards, publish, run_suite
 from bench.commands.terminal import Terminal
 from bench.records.parquet import read_records
-from bench.records.run_folder import read_manifest, write_manifest
-from bench.running.extension import join, joined
+from bench.records.run_folder import read_manifest, read_store, write_manifest
+from bench.records.store import STORE
+from bench.running.extension import is_complete, join, joined
 from bench.running.factory import executor_factory
 from bench.running.options import Options
+from bench.running.plan import plan
 from bench.running.protocol import protocol_of
 from bench.running.run import open_run, run
 from bench.running.shards import Shard
@@ -329,3 +333,12 @@ def test_methods_of_modules_do_not_go_to_other_nodes(no_machine):
         executor_factory(Options("chair-robustness", ray="local"), protocol),
     ):
         pytest.fail("a cluster was asked")
+
+
+def test_an_object_is_complete_when_all_its_jobs_are_finished(copied, same_machine, tiny_weights):
+    protocol, _ = protocol_of(SUITES[0], finished_options(tiny_weights, copied))
+    first, second, _ = plan(protocol)
+    with closing(sqlite3.connect(copied / STORE)) as database, database:
+        database.execute("DELETE FROM jobs WHERE key = ?", [first.jobs[-1].key])
+    with read_store(copied) as store:
+        assert (is_complete(first, store), is_complete(second, store)) == (False, True)
