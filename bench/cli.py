@@ -1,6 +1,6 @@
 """The list of commands, each loaded when it is called. Results go to stdout, the rest to stderr.
 
-Exit status: 0 done; 1 a regression, a receipt that is not verified, a machine that cannot run, a
+Exit status: 0 done; 1 a regression, jobs that are others again, a machine that cannot run, a
 training that diverged, a failed method (on a cloud, or on all objects of a run), a failure that no
 longer occurs, or a request that no method meets; 2 an error for the user to fix; 130 interrupted;
 141 output closed by its reader.
@@ -29,9 +29,7 @@ COMMANDS = {  # name: module and name in it, first line of its help
         "List suites, methods and variants, conditions, metrics, datasets.",
     ),
     "table": ("results:table", "Make the tables of a run again, from its records."),
-    "check": ("results:check", "Compare a run with the golden values; exit 1 if one differs."),
-    "receipt": ("receipt:receipt", "Make the receipt of a run: 4 kB by which others verify it."),
-    "verify": ("receipt:verify", "Verify a receipt; compute a part of its run again."),
+    "check": ("results:check", "Compare a run with golden values or itself; exit 1 if not equal."),
     "report": ("results:report", "Make an HTML page of a run: tables, curves, images; offline."),
     "site": ("results:site", "Make a static site over many runs: ranks, methods, comparisons."),
     "compare": ("compare:compare", "Compare two runs, or two methods of one, object by object."),

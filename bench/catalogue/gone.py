@@ -12,10 +12,17 @@ from data_prep.failures import BadInput
 
 # By kind, the name and what to use now. An option stands with its command: "run --open".
 GONE: dict[str, dict[str, str]] = {
-    "command": {},
+    "command": {
+        "receipt": "'bench check DIR --again 0.05' computes a share of a run's jobs again",
+        "verify": "'bench check DIR --again 0.05' computes a share of a run's jobs again",
+    },
     "option": {
         "run --until-decided": "use --budget, or end the run with Ctrl-C",
         "run --no-until-decided": "leave it; no run ends by itself",
+        **dict.fromkeys(
+            ("run --open", "report --open", "site --open"),
+            "the path of the page is printed; open it in a browser",
+        ),
     },
     "suite": {},
     "method": {},

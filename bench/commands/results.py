@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import secrets
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -25,13 +26,14 @@ from bench.analysis.scored import ScoredRun, read_scored
 from bench.analysis.significant_digits import Precision
 from bench.catalogue.metrics import declared_metric
 from bench.catalogue.suite_types import TRUTHS
-from bench.commands.browser import OpenOption, open_page
 from bench.commands.options import FormatOption, RunDirectory, names, path_argument, path_option
 from bench.tables.build import how_timed
 from bench.tables.grid import FEWER, MOVED, measured
 from bench.tables.markdown import visible
 from bench.tables.wrap import line_width, wrapped
 from data_prep.failures import BadInput, CannotWrite
+
+MOST_SEED = 2**32
 
 
 def merge(
@@ -67,32 +69,23 @@ def report(
     out: Annotated[
         Path | None, path_option("The HTML file. Default: DIR/report.html.", "--out", "-o")
     ] = None,
-    open_: OpenOption = False,
 ) -> None:
     """Make an HTML page of a run: tables, curves, images, worst cases, failures; offline."""
     from bench.analysis.scored import read_scored
     from bench.report.build import write_report
     from bench.tables.build import make_outputs
 
-    page = write_report(make_outputs(read_scored(directory)), out)
-    print(page)
-    if open_:
-        open_page(page)
+    print(write_report(make_outputs(read_scored(directory)), out))
 
 
 def site(
     directories: Annotated[list[Path], path_argument("DIR...", "The folders of finished runs.")],
     out: Annotated[Path, path_option("The new folder.", "--out", "-o")],
-    open_: OpenOption = False,
 ) -> None:
     """Make a static site over many runs: ranks, methods, comparisons, downloads; offline."""
     from bench.report.site.write import write_site
 
-    count = write_site(directories, out)
-    index = out / "index.html"
-    print(f"{count} pages; open {index}")
-    if open_:
-        open_page(index)
+    print(f"{write_site(directories, out)} pages; open {out / 'index.html'}")
 
 
 def check(
@@ -113,11 +106,26 @@ def check(
         str | None,
         typer.Option(help="Methods, comma-separated, for --claims. Default: all pc2pix."),
     ] = None,
+    again: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SHARE",
+            help="Part of the jobs to compute again and to compare, over 0 to 1. Default: none.",
+        ),
+    ] = None,
+    seed: Annotated[
+        int | None,
+        typer.Option(help="Which jobs, for --again. Default: another each time, printed."),
+    ] = None,
 ) -> None:
-    """Compare a run with the golden values. Exit 0 if all agree, 1 if one does not."""
+    """Compare a run with the golden values, or with itself. Exit 0 if all agree, else 1."""
     from bench.checking import golden as checks
     from bench.commands.golden_deviation import write_deviations
 
+    if again is not None and (bless or claims):
+        raise BadInput("--again: compares a run with itself; leave --bless and --claims")
+    if seed is not None and again is None:
+        raise BadInput("--seed: chooses the jobs that are computed again; give --again with it")
     if claims:
         _check_claims(directories, names(methods) or ())
         return
@@ -128,6 +136,9 @@ def check(
             f"{len(directories)} folders: golden values are of one run; or give --claims"
         )
     (directory,) = directories
+    if again is not None:
+        _check_again(directory, again, secrets.randbelow(MOST_SEED) if seed is None else seed)
+        return
     if bless:
         for path in checks.bless(directory):
             print(f"golden values written to {path}")
@@ -153,6 +164,21 @@ def check(
     if drawn:
         print(f"the objects that moved most: {drawn}")
     if verdict.regressions:
+        raise typer.Exit(1)
+
+
+def _check_again(directory: Path, share: float, seed: int) -> None:
+    """Print a line for each job whose results are others than in the run, and how many are not."""
+    from bench.checking.again import check_again
+
+    print(f"jobs drawn by --seed {seed}", file=sys.stderr)
+    result = check_again(directory, share, seed)
+    for line in result.differing:
+        print(visible(f"DIFFERS {line}"))
+    agree = "equal" if result.same_environment else "within tolerances"
+    verdict = f"{len(result.differing)} differ" if result.differing else f"all {agree}"
+    print(f"{result.computed} of {result.total} jobs computed again: {verdict}")
+    if result.differing:
         raise typer.Exit(1)
 
 

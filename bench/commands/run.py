@@ -17,7 +17,6 @@ from bench.catalogue.metrics import find_extractor, metrics_device
 from bench.catalogue.modules import allow_modules
 from bench.catalogue.suite_types import TRUTHS
 from bench.catalogue.suites import ALL_SUITES, STABILITY, Suite
-from bench.commands.browser import OpenOption, open_page
 from bench.commands.config import ConfigOption, refuse_other_objects
 from bench.commands.options import RUN_OPTIONS, FormatOption, options_from_dataclass
 from bench.commands.plan import expected_cost
@@ -29,7 +28,6 @@ from bench.running.protocol import Protocol, method_identity, protocol_of
 from bench.running.run import RunResult
 from bench.running.status import RunStatus, refuse_small, run_status
 from bench.tables.markdown import visible
-from data_prep.failures import BadInput
 
 FID = "fid"
 STAGES = {"items": "jobs"}  # the manifest keeps the older name
@@ -138,7 +136,6 @@ def run(
         ),
     ] = False,
     format_: FormatOption = None,
-    open_: OpenOption = False,
 ) -> None:
     """Run a suite, or go on with a stopped run; print its headline table."""
     refuse_other_objects(options, config)
@@ -152,8 +149,6 @@ def run(
         print(describe_run(options))
         return
     if not isinstance(suite, Suite):
-        if open_:
-            raise BadInput(f"--open: the suite {suite.id} makes tables and no page; leave it out")
         result = import_module(f"bench.suites.{suite.id}.run").run(options)
         texts = result.printed if format_ is None else [in_format(result.tables, format_)]
         print("\n".join(texts))
@@ -163,8 +158,6 @@ def run(
     if finished.outputs is not None:
         print_outputs(finished.outputs, format_)
     print_ending(finished)
-    if open_ and finished.outputs is not None:
-        open_page(options.directory / REPORT)
     leave(finished)
 
 

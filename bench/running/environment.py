@@ -37,16 +37,11 @@ PACKAGES = (
     "pandas",
     "pyarrow",
 )
-RESULT_CODE = (  # folders of the code that results depend on, as checksums in manifests have it
-    *("data_prep", "learning", "baselines", "pc2pix"),
-    *("bench/analysis", "bench/catalogue", "bench/judges", "bench/metrics", "bench/records"),
-    *("bench/running", "bench/suites", "bench/tables"),
-)
 VECTOR = ("sse4", "avx", "fma", "amx", "asimd", "sve")  # begin the names of such instructions
 
 
 def machine_info() -> dict[str, Any]:
-    """Return the entries of a manifest on command, time, versions, machine and code."""
+    """Return the entries of a manifest on command, time, versions and machine."""
     return {
         "command": sys.argv,
         "started": now(),
@@ -62,7 +57,6 @@ def machine_info() -> dict[str, Any]:
             ),
         },
         "git": _git(),
-        "code": code_sha256(RESULT_CODE),
     }
 
 

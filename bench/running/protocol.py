@@ -145,19 +145,7 @@ def protocol_of(
     if lacking and len(suite.classes) > 1:
         log(f"{dataset.id}: no {', '.join(lacking)}; left out")
     device = device_of(options)
-    on_gpu = f" {GPU}" * (metrics_device(device) == GPU)
-    features: list[tuple[str, str]] = []
-    identity: dict[str, str] = {}
-    skipped: dict[str, str] = {}
-    for metric in suite.extractors:
-        try:
-            extractor = find_extractor(metric)
-            weights = extractor.weights(options.inception_weights)
-        except WeightsUnavailable as error:
-            skipped[metric] = f"skipped: weights; {error}"
-            continue
-        features.append((metric, str(weights)))
-        identity[metric] = f"{extractor.version} {file_sha256(weights)}{on_gpu}"
+    features, identity, skipped = extractors_of(suite.extractors, options.inception_weights, device)
     protocol = Protocol(
         suite=suite,
         dataset=dataset.id,
@@ -168,12 +156,32 @@ def protocol_of(
         views=options.views or suite.views,
         seed=seed,
         device=device,
-        features=tuple(features),
+        features=features,
         feature_identity=identity,
         environment=(probe or environment)(),
         export=dataset.checksum,
     )
     return protocol, skipped
+
+
+def extractors_of(
+    metrics: Iterable[str], inception_weights: str | None, device: str
+) -> tuple[tuple[tuple[str, str], ...], dict[str, str], dict[str, str]]:
+    """Return features and identities as a protocol has them, and the reasons of those without."""
+    on_gpu = f" {GPU}" * (metrics_device(device) == GPU)
+    features: list[tuple[str, str]] = []
+    identity: dict[str, str] = {}
+    skipped: dict[str, str] = {}
+    for metric in metrics:
+        try:
+            extractor = find_extractor(metric)
+            weights = extractor.weights(inception_weights)
+        except WeightsUnavailable as error:
+            skipped[metric] = f"skipped: weights; {error}"
+            continue
+        features.append((metric, str(weights)))
+        identity[metric] = f"{extractor.version} {file_sha256(weights)}{on_gpu}"
+    return tuple(features), identity, skipped
 
 
 def _name_left_out(suite: Suite) -> None:

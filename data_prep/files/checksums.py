@@ -14,9 +14,9 @@ from data_prep.files.safe_read import MIB, open_file
 MOST_BYTES = 2**32  # of weights or a checkpoint; pc2pix at the paper's width has one of 1.2 GB
 
 
-def file_sha256(path: Path, most_bytes: int = MOST_BYTES) -> str:
+def file_sha256(path: Path) -> str:
     """Return the sha256 of a file, read piece by piece. Raises BadInput as `open_file`."""
-    with open_file(path, most_bytes) as file:
+    with open_file(path, MOST_BYTES) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 

@@ -1,1 +1,0 @@
-"""Receipts of runs, by which others verify them."""

@@ -1,0 +1,223 @@
+"""Jobs of a finished run computed again: honest runs, altered ones, and what is refused."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from dataclasses import replace
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.checking.again import check_again, draw_jobs
+from bench.records.artifacts import JobName, pack, unpack
+from bench.records.job import Result
+from bench.records.run_folder import open_folder, read_manifest
+from bench.running.isolation import library_threads
+from bench.running.plan import plan
+from bench.running.protocol import stored_protocol
+from bench.running.work import run_job
+
+from ..builders import damage_images, refusal
+
+SPLAT = JobName("splat", "2048", "chair", "test-0001")
+OF = "splat at 2048 of chair/test-0001"
+
+
+class InProcess:
+    """An executor of jobs in this process, one at a time on one thread."""
+
+    capacity = 1
+
+    def __init__(self, count: int) -> None:
+        self._ended: list = []
+
+    def submit(self, job) -> None:
+        with library_threads(1):
+            self._ended.append(run_job(job))
+
+    def wait_any(self):
+        ended, self._ended = self._ended, []
+        yield from ended
+
+    def close(self) -> None:
+        pass
+
+
+@pytest.fixture
+def again(finished):
+    """Return the result for a folder, by default of all jobs, with the driver of the run."""
+    environment = read_manifest(finished[0])["environment"]
+
+    def check(folder, share=1.0, seed=0, **changes):
+        return check_again(folder, share, seed, lambda: environment | changes, InProcess)
+
+    return check
+
+
+def tree(folder: Path) -> dict[str, tuple[int, bytes]]:
+    files = (path for path in sorted(folder.rglob("*")) if path.is_file())
+    return {str(p): (p.stat().st_mtime_ns, sha256(p.read_bytes()).digest()) for p in files}
+
+
+def rewrite(folder, name, change):
+    """Replace records and arrays of a job by what `change` makes of them, by the store itself."""
+    with open_folder(folder) as store:
+        (key,) = (row.key for row in store.listed() if row.name == name)
+        names = ["images", *read_manifest(folder)["feature_identity"]]
+        records, arrays = change(store.records(key), unpack(store.artifact(key), names))
+        artifact = pack(arrays)
+        checksum = sha256(artifact).hexdigest()
+        store.append(Result(key, tuple(records), checksum, artifact=artifact))
+    return key
+
+
+def alter_manifest(folder, **entries):
+    path = folder / "manifest.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | entries))
+
+
+def one_pixel(records, arrays):
+    images = arrays["images"].copy()
+    images[1, 0, 0, 0] -= 9
+    return records, arrays | {"images": images}
+
+
+def other_scores(by):
+    return lambda records, arrays: ([replace(r, ssim=r.ssim + by) for r in records], arrays)
+
+
+def other_judge(records, arrays):
+    return records, arrays | {"judge": arrays["judge"] + np.float32(0.5)}
+
+
+def no_score(records, arrays):
+    return [records[0], replace(records[1], lpips=None)], arrays
+
+
+def test_an_honest_run_is_equal_and_nothing_is_written(finished, same_machine, command):
+    folder = finished[0]
+    before = tree(folder)
+    status, out, err = command("check", folder, "--again", "0.1", "--seed", "3")
+    assert (status, out) == (0, "3 of 21 jobs computed again: all equal\n")
+    assert err.startswith("jobs drawn by --seed 3\n")
+    assert tree(folder) == before
+
+
+def test_all_jobs_are_computed_again(finished, again):
+    result = again(finished[0])
+    assert result.differing == ()
+    assert (result.computed, result.total, result.same_environment) == (21, 21, True)
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "line"),
+    [
+        (SPLAT, one_pixel, f"{OF}: images of 1 of 2 views differ by up to 9 levels of 255"),
+        (SPLAT, other_scores(0.125), f"{OF}: ssim of 2 of 2 views differ by up to 0.125"),
+        (SPLAT, no_score, f"{OF}: lpips of 1 of 2 views differ by up to inf"),
+        (
+            SPLAT.truth,
+            other_judge,
+            "ground-truth of chair/test-0001: judge of 2 of 2 views differ by up to 0.5",
+        ),
+    ],
+)
+def test_what_was_altered_is_named(copied, again, name, change, line):
+    rewrite(copied, name, change)
+    assert again(copied).differing == (line,)
+
+
+def test_a_job_that_differs_ends_the_command_with_1(copied, same_machine, command):
+    rewrite(copied, SPLAT, one_pixel)
+    status, out, _ = command("check", copied, "--again", "1")
+    assert status == 1
+    assert out.splitlines() == [
+        f"DIFFERS {OF}: images of 1 of 2 views differ by up to 9 levels of 255",
+        "21 of 21 jobs computed again: 1 differ",
+    ]
+
+
+def test_damaged_and_missing_jobs_and_other_failures_are_named(copied, again):
+    with open_folder(copied) as store:
+        keys = {row.name: row.key for row in store.listed()}
+        for name in (SPLAT._replace(object_id="test-0000"), SPLAT._replace(condition="noise-0.10")):
+            records = [replace(r, outcome="failed") for r in store.records(keys[name])]
+            store.append(Result(keys[name], tuple(records), None, "draw: no memory"))
+        store.list_jobs((key, name) for name, key in keys.items() if name.method != "blank")
+    damage_images(copied, [keys[SPLAT]])
+    lines = again(copied).differing
+    altered = [line for line in lines if "blank" not in line]
+    assert altered[0] == (
+        "splat at 2048 of chair/test-0000: failed (draw: no memory) in the run, images here"
+    )
+    assert altered[1].startswith(f"{OF}: ")
+    assert "missing or altered" in altered[1]
+    assert altered[2].startswith("splat at noise-0.10 of chair/test-0001: failed (draw: no memory)")
+    assert len(altered) == 3
+    assert len(lines) == 6
+    assert "blank at 2048 of chair/test-0002: not in the store of the run" in lines
+
+
+def test_in_another_environment_means_may_differ_within_tolerances(copied, again, capsys):
+    rewrite(copied, SPLAT, other_scores(0.002))
+    rewrite(copied, SPLAT.truth, one_pixel)
+    result = again(copied, gl="another")
+    assert (result.differing, result.same_environment) == ((), False)
+    assert "another environment than that of the run, wider tolerances: gl another (" in (
+        capsys.readouterr().err
+    )
+    rewrite(copied, SPLAT, other_scores(0.001))
+    line = f"{OF}: ssim differs by 0.003, allowed 0.0022"
+    assert again(copied, gl="another").differing == (line,)
+
+
+def test_other_weights_are_named(copied, again, capsys):
+    manifest = read_manifest(copied)
+    identity = manifest["feature_identity"] | {"judge": "another"}
+    alter_manifest(copied, feature_identity=identity)
+    assert again(copied, 0.01).differing == ()
+    assert "judge: of another version or with other weights than in the run" in (
+        capsys.readouterr().err
+    )
+
+
+def test_every_job_is_as_probable(finished):
+    """3 of 9 jobs in 900 draws: each 300 times, with a standard deviation of 14.1."""
+    manifest = read_manifest(finished[0])
+    objects = [tuple(name.split("/")) for name in manifest["objects"]]
+    planned = plan(stored_protocol(manifest, objects, ["splat", "blank"], manifest["conditions"]))
+    assert planned.jobs_per_object == 4
+    drawn = Counter(
+        job.key for seed in range(900) for _, jobs in draw_jobs(planned, 0.3, seed) for job in jobs
+    )
+    assert len(drawn) == 9
+    assert all(abs(times - 300) < 5 * 14.1 for times in drawn.values())
+    assert [len(jobs) for _, jobs in draw_jobs(planned, 1.0, 0)] == [3, 3, 3]
+    assert sum(len(jobs) for _, jobs in draw_jobs(planned, 1e-9, 0)) == 1
+
+
+def test_what_cannot_be_computed_again_is_refused(finished, copied, again, command):
+    for share in ("0", "2", "nan"):
+        status, out, err = command("check", finished[0], "--again", share)
+        assert (status, out) == (2, "")
+        assert err.endswith(f"bench: --again {share}: must be over 0 and at most 1\n")
+    assert command("check", copied.parent / "none", "--again", "1")[0] == 2
+    assert command("check", copied, "--seed", "1")[2] == (
+        "bench: --seed: chooses the jobs that are computed again; give --again with it\n"
+    )
+    assert "leave --bless and --claims" in command("check", copied, "--again", "1", "--bless")[2]
+    manifest = read_manifest(copied)
+    alter_manifest(copied, methods=["splta"])
+    assert refusal(again, copied).startswith("unknown method 'splta'")
+    alter_manifest(copied, methods=manifest["methods"], dataset="cow")
+    assert "cow" in refusal(again, copied)
+    alter_manifest(copied, dataset="procedural", objects=[*manifest["objects"], "chair/cow"])
+    assert refusal(again, copied) == (
+        f"{copied}: chair/cow is not in procedural any more (1 of 4 objects are not); bring the "
+        "dataset back as it was"
+    )
+    alter_manifest(copied, objects=manifest["objects"], suite="stability")
+    assert "has no jobs that could be computed again" in refusal(again, copied)
