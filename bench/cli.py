@@ -22,7 +22,6 @@ from bench.commands.options import SETTINGS, USAGE_ERROR, Group
 
 COMMANDS = {  # name: module and name in it, first line of its help
     "run": ("run:run", "Run a suite, or go on with a stopped run; print its tables."),
-    "plan": ("plan:plan", "Measure a few jobs; estimate time, disk and memory of a run."),
     "merge": ("results:merge", "Join shards ('bench run --shard k/N') to the whole run."),
     "list": (
         "listing:list_all",

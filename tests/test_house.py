@@ -41,7 +41,7 @@ MORE_PARAMETERS = {
     "data_prep/shapes/sitting_bench/indoor.py:_shell",
 }
 # Class names that two files define: each is private to its file, or a part of a report or a shape.
-TWICE = {"Case", "Cost", "Grid", "Outputs", "Proportions"}
+TWICE = {"Case", "Grid", "Outputs", "Proportions"}
 
 
 @cache

@@ -47,7 +47,6 @@ GIVEN = {
 FURTHER = {
     "run --suite ID": f"{SMALL} --dataset folder:meshes --out own",  # goes on: nothing is left
     "run --suite chair-robustness --dataset folder:PATH": f"{SMALL} --out own",
-    "plan --suite ID": f"{SMALL} --pilot 1",
     "run --suite chair-robustness --dataset exported:exported-chairs": f"{SMALL} --out of-export",
     "data export --dataset procedural --conditions all --out exported-chairs": (
         "--limit 1 --views 2 --workers 1"

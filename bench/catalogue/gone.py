@@ -13,6 +13,7 @@ from data_prep.failures import BadInput
 # By kind, the name and what to use now. An option stands with its command: "run --open".
 GONE: dict[str, dict[str, str]] = {
     "command": {
+        "plan": "'bench run --dry-run' says jobs, disk and time",
         "receipt": "'bench check DIR --again 0.05' computes a share of a run's jobs again",
         "verify": "'bench check DIR --again 0.05' computes a share of a run's jobs again",
     },

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
+from bench.catalogue.costs import view_costs_ms
 from bench.catalogue.loaders import GPU
 from bench.catalogue.lookup import find
 from bench.catalogue.metrics import find_extractor, metrics_device
@@ -19,15 +20,15 @@ from bench.catalogue.suite_types import TRUTHS
 from bench.catalogue.suites import ALL_SUITES, STABILITY, Suite
 from bench.commands.config import ConfigOption, refuse_other_objects
 from bench.commands.options import RUN_OPTIONS, FormatOption, options_from_dataclass
-from bench.commands.plan import expected_cost
 from bench.commands.publish import Outputs, in_format, print_outputs, run_suite
 from bench.metrics.inception_weights import DOWNLOAD, WEIGHTS_SHA256
 from bench.report.build import REPORT
 from bench.running.options import Options, refuse
 from bench.running.protocol import Protocol, method_identity, protocol_of
 from bench.running.run import RunResult
-from bench.running.status import RunStatus, refuse_small, run_status
+from bench.running.status import RunStatus, run_status
 from bench.tables.markdown import visible
+from data_prep.failures import BadInput
 
 FID = "fid"
 STAGES = {"items": "jobs"}  # the manifest keeps the older name
@@ -40,7 +41,7 @@ def describe_run(options: Options) -> str:
     """
     suite = find(options.suite, ALL_SUITES, "suite")
     if not isinstance(suite, Suite):
-        raise refuse_small(suite.id, "--dry-run")
+        raise BadInput(f"--dry-run: the suite {suite.id} takes minutes and has no plan; run it")
     protocol, skipped = _protocol(suite, options)
     status = run_status(options, protocol)
     methods = {}
@@ -56,7 +57,7 @@ def describe_run(options: Options) -> str:
             *_section("weights", weights | dict(status.protocol.features)),
             *_section("skipped", skipped),
             "",
-            expected_cost(status),
+            *_expected(status, view_costs_ms()),
         ]
     )
 
@@ -116,6 +117,23 @@ def _settings(status: RunStatus, options: Options) -> list[tuple[str, str]]:
         ("environment", ", ".join(f"{k} {v}" for k, v in protocol.environment.items())),
         ("folder", f"{status.directory} ({state})"),
     ]
+
+
+def _expected(status: RunStatus, costs_ms: Mapping[str, float]) -> list[str]:
+    """Return the jobs that are left, and the time and disk space that they take."""
+    lines = [f"jobs: {status.jobs:,} to do, {status.plan.job_count - status.jobs:,} done"]
+    if not status.jobs:
+        return lines
+    seconds = status.seconds(costs_ms)
+    if seconds < 120:
+        time = f"{seconds:.0f} s"
+    else:
+        time = f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
+    workers = "one worker" if status.workers == 1 else f"{status.workers} workers"
+    lines.append(f"time: about {time} with {workers}, by the costs that 'bench list' shows")
+    if unmeasured := status.unmeasured(costs_ms):
+        lines.append(f"without a measured cost, left out of the time: {', '.join(unmeasured)}")
+    return [*lines, f"disk: about {status.size_b / 1e6:,.0f} MB"]
 
 
 def _section(title: str, lines: Mapping[str, str]) -> list[str]:

@@ -1,21 +1,29 @@
-"""The state of a run before its start: what is left to do. Nothing is written, nor locked."""
+"""The state of a run before its start: what is left to do, and what that takes. Nothing is written.
+
+The time is that of the table of costs, which `bench list` shows too; the disk space is that of the
+jobs in the folder.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from bench.catalogue.costs import cost_of
+from bench.records.record import GROUND_TRUTH
 from bench.records.run_folder import MANIFEST, check_directory, read_store
-from bench.records.store import Store
+from bench.records.store import STORE, Store
 from bench.running.extension import join
 from bench.running.options import Options, workers_of
 from bench.running.plan import Plan, plan
 from bench.running.protocol import Protocol
-from data_prep.failures import BadInput
+from bench.running.schedule import START_S, end_s
 
-MethodCondition = tuple[str, str]  # of ground truths GROUND_TRUTH and an empty condition
+# Of an image, beside the method's first one: it is scored in some 15 ms of a core, and drawn in 5;
+# its bytes are those of the default suite.
+IMAGE_S, IMAGE_B = 0.02, 7_000
 
 
 @dataclass(frozen=True)
@@ -28,17 +36,50 @@ class RunStatus:
     directory : Path
     plan : Plan
     left : dict
-        Jobs that are left, by method and condition; zeros included. A job that is the same under
-        every condition counts at the first.
+        Jobs that are left, by method; zeros included. A job that is the same under every condition
+        counts once.
     workers : int
         Processes of this machine.
+    stored_b : int
+        Size of the store in the folder.
     """
 
     protocol: Protocol
     directory: Path
     plan: Plan
-    left: dict[MethodCondition, int]
+    left: dict[str, int]
     workers: int
+    stored_b: int
+
+    @property
+    def jobs(self) -> int:
+        """Return the number of jobs that are left."""
+        return sum(self.left.values())
+
+    @property
+    def size_b(self) -> float:
+        """Return the bytes of disk that the jobs left are expected to take."""
+        done = self.plan.job_count - self.jobs
+        return self.jobs * (self.stored_b / done if done else IMAGE_B * self.protocol.views)
+
+    def unmeasured(self, costs_ms: Mapping[str, float]) -> list[str]:
+        """Return the methods with jobs left whose cost is not known."""
+        known = {m for m in self.left if m == GROUND_TRUTH or cost_of(m, costs_ms) is not None}
+        return [method for method, jobs in self.left.items() if jobs and method not in known]
+
+    def seconds(self, costs_ms: Mapping[str, float]) -> float:
+        """Return the time that the jobs left are expected to take, tables and figures included.
+
+        `costs_ms` are those of `bench.catalogue.costs`. Methods without a cost are left out.
+        """
+        unknown = self.unmeasured(costs_ms)
+        of_cores = sum(
+            jobs * ((cost_of(method, costs_ms) or 0.0) / 1000 + IMAGE_S * self.protocol.views)
+            for method, jobs in self.left.items()
+            if method not in unknown
+        )
+        busy = max(1, min(self.workers, self.jobs))
+        return START_S + of_cores / busy + end_s(len(self.plan))
 
 
 def run_status(options: Options, protocol: Protocol) -> RunStatus:
@@ -50,28 +91,24 @@ def run_status(options: Options, protocol: Protocol) -> RunStatus:
     workers = workers_of(protocol.suite, options)
     protocol, _ = join(options, protocol)
     planned = plan(protocol)
-    left = dict.fromkeys(((job.method, job.condition) for job in planned[0].jobs), len(planned))
+    left = Counter(job.method for job in planned[0].jobs)
+    left = {method: jobs * len(planned) for method, jobs in left.items()}
+    stored_b = 0
     if not options.fresh:
         with read_store(directory) as store:
             if not store.is_empty:
-                for cell, done in Counter(_done(planned, store)).items():
-                    left[cell] -= done
+                stored_b = (directory / STORE).stat().st_size
+                for method, done in Counter(_done(planned, store)).items():
+                    left[method] -= done
     elif not (directory / MANIFEST).exists():  # else it would be renamed
         check_directory(directory, {})
-    return RunStatus(protocol, directory, planned, left, workers)
+    return RunStatus(protocol, directory, planned, left, workers, stored_b)
 
 
-def _done(planned: Plan, store: Store) -> Iterator[MethodCondition]:
-    """Yield the cell of each job that is done, or has no true image to be scored with."""
+def _done(planned: Plan, store: Store) -> Iterator[str]:
+    """Yield the method of each job that is done, or has no true image to be scored with."""
     for obj in planned:
         results = store.find([job.key for job in obj.jobs])
         truth = results.get(obj.truth.key)
         undrawn = truth is not None and not truth.has_images
-        yield from (
-            (job.method, job.condition) for job in obj.jobs if undrawn or job.key in results
-        )
-
-
-def refuse_small(suite: str, request: str) -> BadInput:
-    """Return the refusal of a request for a plan of a suite with a procedure of its own."""
-    return BadInput(f"{request}: the suite {suite} takes minutes and has no plan; run it")
+        yield from (job.method for job in obj.jobs if undrawn or job.key in results)

@@ -101,10 +101,10 @@ def test_datasets_that_are_refused_by_name(command, no_machine, tmp_path):
         (("run", "--suit", SUITE), "No such option: --suit (Possible options: "),
         (
             ("rnder",),
-            "unknown command 'rnder': did you mean 'render'? there are run, plan, merge, list, "
-            "table and 13 more; see 'bench --help'",
+            "unknown command 'rnder': did you mean 'render'? there are run, merge, list, table, "
+            "check and 12 more; see 'bench --help'",
         ),
-        (("xyz",), "unknown command 'xyz': there are run, plan, merge, list, table and 13 more; "),
+        (("xyz",), "unknown command 'xyz': there are run, merge, list, table, check and 12 more; "),
         (("train", "gann"), "unknown command 'gann': did you mean 'gan'? there are autoencoder, "),
         (
             ("list", "metrcs"),
@@ -193,7 +193,7 @@ def test_the_version_is_that_of_the_package(command):
 def test_help_names_all_commands(command):
     status, out, err = command("--help")
     assert (status, err) == (0, "")
-    names = "run list plan table report check compare recommend merge score render data "
+    names = "run list table report check compare recommend merge score render data "
     trained = "autoencoder gan decoder splat-net views judge constant"
     for text, expected in ((out, names + "train doctor"), (command("train", "--help")[1], trained)):
         assert all(f"\n  {name} " in text for name in expected.split())

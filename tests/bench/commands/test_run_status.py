@@ -20,7 +20,7 @@ from bench.records.stored_artifacts import read_jobs
         ("run", "--suite", "chair-robustness", "--ray", "local"),
         ("run", "--suite", "chair-robustness", "--dry-run"),
         ("run", "--suite", "stability"),
-        ("plan", "--suite", "speed-accuracy"),
+        ("run", "--suite", "speed-accuracy"),
     ],
 )
 def test_a_gpu_that_is_not_there_is_refused_before_the_first_job(

@@ -314,7 +314,7 @@ def test_a_longer_run_begins_with_the_shorter_one():
     assert short.items() < long.items()
 
 
-@pytest.mark.parametrize("command_line", ["run --dry-run", "plan", "data export", "run"])
+@pytest.mark.parametrize("command_line", ["run --dry-run", "data export", "run"])
 @pytest.mark.parametrize(
     ("option", "value", "message"),
     [

@@ -1,0 +1,173 @@
+"""A dry run: what it prints, and that it changes nothing."""
+
+from __future__ import annotations
+
+import re
+import sqlite3
+from contextlib import closing
+
+import pytest
+from harness_objects import Tetrahedron
+
+from bench.catalogue.costs import view_costs_ms
+from bench.catalogue.lookup import find
+from bench.catalogue.suites import SUITES
+from bench.records.job import failed
+from bench.records.record import GROUND_TRUTH
+from bench.records.run_folder import open_folder, read_store, write_manifest
+from bench.records.store import STORE
+from bench.running.manifest import describe
+from bench.running.options import Options
+from bench.running.plan import plan
+from bench.running.protocol import protocol_of
+from bench.running.status import RunStatus, run_status
+
+from ..builders import SUITE, make_protocol
+
+DRY = ("--suite", SUITE, "--dry-run")
+FEW = ("--methods", "splat,blank", "--conditions", "2048,512", "--limit", "3", "--views", "2")
+
+
+def tree(directory):
+    """Return all files below, with times and bytes."""
+    files = (path for path in directory.rglob("*") if path.is_file())
+    return {path: (path.stat().st_mtime_ns, path.read_bytes()) for path in files}
+
+
+@pytest.fixture
+def no_cache(monkeypatch, tmp_path_factory):
+    """Return the cache folder, without weights of Inception."""
+    folder = tmp_path_factory.mktemp("cache")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
+    return folder
+
+
+def test_dry_run_of_a_new_run_prints_all_and_writes_nothing(
+    command, tmp_path, no_cache, no_machine
+):
+    status, out, err = command("run", *DRY, *FEW, "--workers", "2", "--out", tmp_path / "a")
+    assert (status, err) == (0, "")
+    assert list(tmp_path.iterdir()) == []
+    for line in (
+        r"objects +3 chair",
+        rf"folder +{tmp_path}/a \(new\)",
+        r"  splat +version 1, scipy .*",
+        r"  fd-views +/.*views_network.safetensors",
+        r"  fid +skipped: weights.*",
+        r"jobs: 12 to do, 0 done",
+        r"time: about 24 s with 2 workers, by the costs that 'bench list' shows",
+        r"disk: about 0 MB",
+    ):
+        assert re.search(f"^{line}$", out, re.M), line
+
+
+@pytest.mark.usefixtures("same_machine")
+def test_dry_run_of_a_finished_run_leaves_it_as_it_is(copied, command, arguments):
+    before = tree(copied)
+    dry = (*arguments, "--dry-run", "--out", copied)
+    status, out, _ = command(*dry)
+    assert status == 0
+    assert "jobs: 0 to do, 21 done" in out
+    _, out, _ = command(*dry, "--fresh")
+    assert "jobs: 21 to do, 0 done" in out
+    assert "the run there would be renamed" in out
+    assert tree(copied) == before
+
+
+@pytest.mark.usefixtures("same_machine")
+def test_dry_run_counts_what_is_left_and_takes_the_disk_of_the_folder(copied, command, arguments):
+    with read_store(copied) as store:
+        jobs = [job for job in store.listed() if job.name.method == "splat"]  # 3 objects x 2
+    with closing(sqlite3.connect(copied / STORE)) as connection, connection:
+        connection.executemany("DELETE FROM jobs WHERE key = ?", [(job.key,) for job in jobs[:3]])
+    with (copied / STORE).open("ab") as file:
+        file.truncate(18_000_000)  # as if the 18 jobs that are there had a megabyte each
+    before = tree(copied)
+    _, out, _ = command(*arguments, "--dry-run", "--out", copied)
+    assert "jobs: 3 to do, 18 done\n" in out
+    assert out.endswith("\ndisk: about 3 MB\n")
+    assert tree(copied) == before  # the store is not repaired
+
+
+def test_dry_run_of_a_download_fetches_nothing(command, no_cache, no_machine):
+    arguments = ("--methods", "blank", "--limit", "1", "--inception-weights", "download")
+    status, out, _ = command("run", "--suite", SUITE, *arguments, "--dry-run")
+    assert status == 0
+    assert re.search(r"^  fid +to be downloaded first$", out, re.M)
+    assert "skipped:" not in out
+    assert "fid, fd-views" in out
+    assert list(no_cache.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ("run --dry-run --suite speed", "--dry-run: the suite speed takes minutes and has no plan"),
+        ("run --dry-run --suite latent", "--dry-run: the suite latent takes minutes and has no "),
+        ("run --dry-run --suite speed-accuracy --workers 2", "--workers: has no meaning"),
+        (f"run --dry-run --suite {SUITE} --methods splta", "unknown method 'splta': did you mean"),
+    ],
+)
+def test_dry_run_refuses_as_the_run_does(command, arguments, message, tmp_path, no_machine):
+    status, out, err = command(*arguments.split(), "--limit", "1", "--out", tmp_path / "a")
+    assert (status, out) == (2, "")
+    assert err.startswith(f"bench: {message}")
+
+
+@pytest.mark.usefixtures("same_machine")
+def test_dry_run_refuses_a_folder_of_another_run(copied, command, arguments):
+    other = copied.parent / "other"
+    other.mkdir()
+    (other / "mine").write_text("")
+    for message, more in (
+        ("holds a run of seed 0, not 1", ("--out", copied, "--seed", "1")),
+        ("not empty and not a run", ("--out", other)),
+        ("not empty and not a run", ("--out", other, "--fresh")),
+    ):
+        status, _, err = command(*arguments, "--dry-run", *more)
+        assert (status, err.count(message)) == (2, 1)
+
+
+def test_jobs_of_an_object_that_cannot_be_drawn_are_done(tmp_path, no_machine):
+    suite = find(SUITE, SUITES, "suite")
+    options = Options(SUITE, methods=("blank",), conditions=("2048",), limit=3, out=tmp_path)
+    protocol, _ = protocol_of(suite, options)
+    with open_folder(tmp_path) as store:
+        store.append(failed(plan(protocol)[1].truth, "input: no such shape"))
+    write_manifest(tmp_path, describe(protocol, 1, {}))
+    left = run_status(options, protocol).left
+    assert left == {GROUND_TRUTH: 2, "blank": 2}
+
+
+def make_status(tmp_path, left, workers=2, stored_b=0) -> RunStatus:
+    """Return a run of 8 objects with 20 views and two conditions."""
+    protocol = make_protocol(
+        methods=("pc2pix", "blank"),
+        objects=tuple(Tetrahedron(str(number)) for number in range(8)),
+        views=20,
+    )
+    return RunStatus(protocol, tmp_path, plan(protocol), left, workers, stored_b)
+
+
+def test_time_and_disk_of_the_jobs_left(tmp_path):
+    costs = {"pc2pix": 1600.0, "blank": 0.0}
+    run = make_status(tmp_path, {GROUND_TRUTH: 8, "pc2pix": 16, "blank": 8})
+    # 32 jobs x 20 images x 0.02 s and 16 clouds x 1.6 s on two cores; 8 s to start, 12 s and 1.2 s
+    # an object for tables and figures
+    assert run.seconds(costs) == pytest.approx((12.8 + 25.6) / 2 + 8 + 12 + 8 * 1.2)
+    assert run.size_b == 32 * 20 * 7000
+    rest = make_status(tmp_path, {GROUND_TRUTH: 0, "pc2pix": 1, "blank": 0}, stored_b=31_000)
+    assert rest.seconds(costs) == pytest.approx(2.0 + 8 + 12 + 8 * 1.2)  # one of the workers
+    assert rest.size_b == 1000
+    assert (run.unmeasured(costs), rest.unmeasured({})) == ([], ["pc2pix"])
+    assert run.unmeasured({"pc2pix": 1.0}) == ["blank"]
+    without = run.seconds({"pc2pix": 1600.0})
+    assert without == pytest.approx((24 * 0.4 + 25.6) / 2 + 8 + 12 + 8 * 1.2)
+
+
+def test_a_method_without_a_measured_cost_is_named(command, tmp_path, no_cache, no_machine):
+    assert "occupancy-net" not in view_costs_ms()
+    few = ("--methods", "occupancy-net,splat", "--limit", "1")
+    status, out, _ = command("run", *DRY, *few, "--out", tmp_path / "a")
+    assert status == 0
+    assert "\nwithout a measured cost, left out of the time: occupancy-net\n" in out
