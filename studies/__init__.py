@@ -2,5 +2,4 @@
 
 Each module with a command line (`python -m studies.NAME`, from a checkout) is one study; its head
 says what it measures and how to run it. They are not installed, and no package imports them.
-`plain_loop` and `plain_pyrender` are independent implementations to compare with.
 """

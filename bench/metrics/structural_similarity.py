@@ -25,7 +25,7 @@ separable blur of a tile is products with a banded matrix, 8 windows at a time: 
 would be zeros for two thirds, that of 8 is for less than half. Tiles where both images agree score
 exactly 1 and are not computed: with a white background, a third of them. A tile is computed by the
 same operations wherever it stands in a batch, so an image's value does not depend on its company,
-bit for bit. `studies.metric_speed` measures it.
+bit for bit.
 """
 
 from __future__ import annotations

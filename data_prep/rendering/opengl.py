@@ -2,9 +2,9 @@
 
 A mesh is uploaded once. Its views are drawn one after another into one small multisampled buffer,
 which stays in the processor's cache, and resolved into one sheet, which is read back once. Of
-pyrender only the context is used: its renderer is slower and does not shade the back of a face
-(`studies/render_speed.py` compares both). One GL context is made per process and reused, with
-buffers for each size of images. OpenGL keeps global state: use it in one thread only.
+pyrender only the context is used: its renderer is slower and does not shade the back of a face.
+One GL context is made per process and reused, with buffers for each size of images. OpenGL keeps
+global state: use it in one thread only.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Images of meshes by pyrender's own renderer, as `data_prep.rendering.opengl` drew them at first.
 
-The bytes are the same, for checks and for comparing speed. A scene is made for each mesh and
-rendered from one view after another; pyrender looks up program and uniforms, resolves and reads
-back colour and depth for each.
+The bytes are the same. A scene is made for each mesh and rendered from one view after another;
+pyrender looks up program and uniforms, resolves and reads back colour and depth for each.
 """
 
 from __future__ import annotations

@@ -1,12 +1,8 @@
-"""The paper's networks and its training step in plain PyTorch, as the reference for speed.
+"""The paper's networks and its losses in plain PyTorch, to compare a training step with.
 
 No code is shared with `pc2pix` and none of its savings is used: nearest up-sampling and then a 3x3
 convolution, a 3x3 convolution and then average pooling, real and drawn images in passes of their
-own, contiguous memory, float32, PyTorch's default Adam. The names of the layers are the same, so
-that weights can be handed over (PyTorch's `load_state_dict`).
-
-Objective `acgan-code`, azimuth as one number, encoder frozen. There is no average of the weights
-and no writing, which `pc2pix` does pay for.
+own, singular values in place of power iteration. The names of the layers are the same.
 """
 
 from __future__ import annotations
@@ -23,7 +19,6 @@ from torch.nn.functional import (
     interpolate,
     l1_loss,
     linear,
-    normalize,
     relu,
 )
 
@@ -39,7 +34,7 @@ class Target(NamedTuple):
 
 
 class PlainUpBlock(nn.Module):
-    """The up-sampling block: BN-ReLU-conv-up-BN-ReLU-conv beside conv-up, as in the paper."""
+    """BN-ReLU-conv-up-BN-ReLU-conv beside conv-up: [B, cin, H, W] to [B, cout, 2H, 2W]."""
 
     def __init__(self, cin: int, cout: int) -> None:
         super().__init__()
@@ -50,7 +45,6 @@ class PlainUpBlock(nn.Module):
         self.shortcut = nn.Conv2d(cin, cout, 1)
 
     def forward(self, x: Tensor) -> Tensor:
-        """Map [B, cin, H, W] to [B, cout, 2H, 2W]."""
         y = self.conv1(relu(self.bn1(x)))
         y = interpolate(y, scale_factor=2.0, mode="nearest")
         y = self.conv2(relu(self.bn2(y)))
@@ -69,57 +63,32 @@ class PlainGenerator(nn.Module):
         self.conv = nn.Conv2d(c[-1], 3, 3, padding=1)
 
     def forward(self, noise: Tensor, wanted: Target) -> Tensor:
-        """Return images [B, 3, 128, 128]."""
         x = self.dense(torch.cat([noise, *wanted], dim=1))
-        x = x.reshape(len(x), 4, 4, -1).permute(0, 3, 1, 2).contiguous()
+        x = x.reshape(len(x), 4, 4, -1).permute(0, 3, 1, 2)
         return torch.tanh(self.conv(relu(self.bn(self.blocks(x)))))
 
 
-class SpectralNorm(nn.Module):
-    """A kernel divided by its largest singular value, one power iteration a pass."""
-
-    u: Tensor
-
-    def __init__(self, *shape: int) -> None:
-        super().__init__()
-        self.weight = nn.Parameter(torch.empty(shape))
-        self.bias = nn.Parameter(torch.zeros(shape[0]))
-        self.register_buffer("u", torch.randn(shape[0]))
-
-    def normalised(self) -> Tensor:
-        """Return the kernel to use in this pass."""
-        matrix = self.weight.reshape(len(self.weight), -1)
-        with torch.no_grad():
-            v = normalize(matrix.t() @ self.u, dim=0)
-            u = normalize(matrix @ v, dim=0)
-            self.u.copy_(u)
-        return self.weight / (u @ (matrix @ v))
+def normalised(weight: Tensor) -> Tensor:
+    """Return a kernel divided by its largest singular value."""
+    return weight / torch.linalg.matrix_norm(weight.flatten(1), 2)
 
 
-class PlainConv(SpectralNorm):
-    """A "same" convolution."""
-
-    def __init__(self, cin: int, cout: int, size: int) -> None:
-        super().__init__(cout, cin, size, size)
+class PlainConv(nn.Conv2d):
+    """A "same" convolution with a normalised kernel."""
 
     def forward(self, x: Tensor) -> Tensor:
-        """Map [B, cin, H, W] to [B, cout, H, W]."""
-        return conv2d(x, self.normalised(), self.bias, padding="same")
+        return conv2d(x, normalised(self.weight), self.bias, padding="same")
 
 
-class PlainDense(SpectralNorm):
-    """A dense layer."""
-
-    def __init__(self, cin: int, cout: int) -> None:
-        super().__init__(cout, cin)
+class PlainDense(nn.Linear):
+    """A dense layer with a normalised kernel."""
 
     def forward(self, x: Tensor) -> Tensor:
-        """Map [B, cin] to [B, cout]."""
-        return linear(x, self.normalised(), self.bias)
+        return linear(x, normalised(self.weight), self.bias)
 
 
 class PlainDownBlock(nn.Module):
-    """The down-sampling block: ReLU-conv-ReLU-conv-pool beside conv-pool; the last has no pool."""
+    """ReLU-conv-ReLU-conv-pool beside conv-pool, which halves the size; the last has no pool."""
 
     def __init__(self, cin: int, cout: int, pool: bool) -> None:
         super().__init__()
@@ -129,10 +98,8 @@ class PlainDownBlock(nn.Module):
         self.pool = pool
 
     def forward(self, x: Tensor) -> Tensor:
-        """Map [B, cin, H, W] to [B, cout, H/2, W/2], or to H and W without pooling."""
-        y = self.conv2(relu(self.conv1(relu(x))))
-        shortcut = self.shortcut(x)
-        return avg_pool2d(y, 2) + avg_pool2d(shortcut, 2) if self.pool else y + shortcut
+        y = self.conv2(relu(self.conv1(relu(x)))) + self.shortcut(x)
+        return avg_pool2d(y, 2) if self.pool else y
 
 
 class PlainDiscriminator(nn.Module):
@@ -152,7 +119,7 @@ class PlainDiscriminator(nn.Module):
         """Return the logit of being real [B, 1], and what is recognised."""
         for block in self.blocks[:4]:
             x = block(x)
-        code = x.permute(0, 2, 3, 1).reshape(len(x), -1)
+        code = x.permute(0, 2, 3, 1).flatten(1)
         for layer in self.code_hidden:
             code = relu(layer(code))
         x = relu(self.last_block(self.blocks[4](x))).sum(dim=(2, 3))
@@ -175,45 +142,3 @@ def loss(judged: tuple[Tensor, Target], wanted: Target, label: float) -> Tensor:
         + 10 * angle_loss(recognised.elevation, wanted.elevation, 0.4444 * math.pi)
         + 10 * angle_loss(recognised.azimuth, wanted.azimuth, 2 * math.pi)
     )
-
-
-class PlainLoop:
-    """The alternating training: one step of the discriminator, one of the generator."""
-
-    def __init__(
-        self, width: float, code: int, generator_lr: float = 1e-4, discriminator_lr: float = 2e-4
-    ) -> None:
-        self.generator = PlainGenerator(width, code)
-        self.discriminator = PlainDiscriminator(width, code)
-        self.g_adam = torch.optim.Adam(self.generator.parameters(), generator_lr, (0.5, 0.999))
-        self.d_adam = torch.optim.Adam(
-            self.discriminator.parameters(), discriminator_lr, (0.5, 0.999)
-        )
-
-    def step(
-        self,
-        images: Tensor,
-        shown: Target,
-        noises: tuple[Tensor, Tensor],
-        wanted: tuple[Target, Target],
-    ) -> tuple[float, float]:
-        """Return the losses of discriminator and generator.
-
-        `noises` and `wanted` have one entry for each.
-        """
-        with torch.no_grad():
-            drawn = self.generator(noises[0], wanted[0])
-        d_loss = loss(self.discriminator(images), shown, 1.0)
-        d_loss = d_loss + loss(self.discriminator(drawn), wanted[0], 0.0)
-        self.d_adam.zero_grad()
-        d_loss.backward()
-        self.d_adam.step()
-
-        self.discriminator.requires_grad_(False)
-        drawn = self.generator(noises[1], wanted[1])
-        g_loss = loss(self.discriminator(drawn), wanted[1], 1.0)
-        self.g_adam.zero_grad()
-        g_loss.backward()
-        self.g_adam.step()
-        self.discriminator.requires_grad_(True)
-        return d_loss.item(), g_loss.item()
