@@ -18,7 +18,7 @@ Outline  The pixels that a disc beside the points cannot reach, likewise (an alp
 
 Noisy points, by the estimate of `baselines.reconstruction.noise`, are first moved onto planes of
 their neighbourhoods, and the sparsest left out. How the constants were chosen:
-docs/reconstruction-constants.md.
+docs/reconstruction-constants.md at commit d75c6426.
 """
 
 from __future__ import annotations

@@ -51,13 +51,13 @@ from pathlib import Path
 
 from bench.analysis.comparison import milliseconds
 from bench.analysis.significant_digits import RoundingErrors, rounding_errors
+from bench.catalogue.condition_names import condition_name
 from bench.catalogue.methods import find_method
 from bench.tables.grid import FEWER, MOVED
 from data_prep.files.atomic_write import write_whole
 from studies.printed_digits import Line, line_precision, with_objects
 from studies.provenance import origins
 from studies.tables import markdown
-from studies.wording import condition_in_words
 
 REPOSITORY = Path(__file__).parents[1]
 NUMBERS = REPOSITORY / "results" / "docs"
@@ -175,9 +175,16 @@ def _single_column(head: str, parts: Sequence[str], row_values: set[str]) -> Doc
 def _in_words(values: Mapping[str, str]) -> list[str]:
     """Return the values of a row or column as the table shows them."""
     return [
-        condition_in_words(value) if name == "condition" else value
+        _condition_in_words(value) if name == "condition" else value
         for name, value in values.items()
     ]
+
+
+def _condition_in_words(condition: str) -> str:
+    """Return a condition in words that are short enough for the head of a column."""
+    name = condition_name(condition)
+    shorter = {"missing": f"{name.short} missing", "density": f"density {name.short}"}
+    return shorter.get(name.kind, name.words).replace(" %", "\N{NO-BREAK SPACE}%")
 
 
 def _axis(text: str) -> Axis:

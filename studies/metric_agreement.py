@@ -24,13 +24,13 @@ from scipy.stats import kendalltau
 
 from bench.analysis.comparison import decimals
 from bench.catalogue.chosen import CHOSEN
+from bench.catalogue.condition_names import condition_words
 from bench.catalogue.methods import role
 from bench.catalogue.metrics import higher_is_better
 from bench.tables.table import TABLES
 from data_prep.failures import BadInput
 from data_prep.files.atomic_write import write_whole
 from studies.tables import markdown
-from studies.wording import condition_in_words
 
 FIELDS = {"method", "condition", "class", "metric", "failures_as_blank"}
 METRICS = (
@@ -94,7 +94,7 @@ def main() -> None:
     for (condition, class_name), cell in pairs.groupby(["condition", "class"], sort=False):  # type: ignore[misc]
         names = list(dict.fromkeys(cell["metric"]))
         taus = cell.pivot(index="metric", columns="other", values="tau")
-        where = f"{class_name}, {condition_in_words(str(condition))}"
+        where = f"{class_name}, {condition_words(str(condition))}"
         print(f"\n{where}, {cell['methods'].iloc[0]} methods\n")
         body = [[a, *("" if a == b else f"{taus.loc[a, b]:.2f}" for b in names)] for a in names]
         print(markdown(["", *names], body), end="")

@@ -18,8 +18,6 @@ from markdown_it import MarkdownIt
 from markdown_it.token import Token
 from typer.core import TyperGroup
 
-from bench.analysis.intervals import FEWEST
-from bench.analysis.paired import fewest_objects
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import find_method
 from bench.catalogue.suites import SUITES
@@ -213,14 +211,6 @@ def test_the_page_shows_parts_of_the_examples():
     assert len(shown_parts) == 3
     for code in shown_parts:
         assert code in files
-
-
-def test_the_number_of_objects_that_the_page_recommends_decides():
-    page = EXTENDING.read_text()
-    assert "Fewer than eight objects decide\n  nothing" in page
-    assert FEWEST == 8
-    assert "twelve can decide up to 66 comparisons" in page
-    assert fewest_objects(66) == 12 < fewest_objects(132)
 
 
 def example(name: str) -> Any:

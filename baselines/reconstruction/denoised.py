@@ -10,7 +10,7 @@ Meshes  Ball pivoting, the alpha shape and screened Poisson, as in the methods w
         The radii follow the spacing of the points, which grows with noise, the depth of the octree
         the noise.
 
-How the constants were chosen: docs/reconstruction-constants.md.
+How the constants were chosen: docs/reconstruction-constants.md at commit d75c6426.
 """
 
 from __future__ import annotations

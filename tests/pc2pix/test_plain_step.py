@@ -32,9 +32,7 @@ def both():
     torch.manual_seed(0)
     config = GanConfig(model=TINY, batch=3, generator_lr=0.0, discriminator_lr=0.0)
     encoder = seeded(0, lambda: Encoder(TINY))
-    ours = _GanTrainer(
-        noise_in_the_shape_of_a_training_set(), encoder, config, torch.device("cpu")
-    )
+    ours = _GanTrainer(noise_in_the_shape_of_a_training_set(), encoder, config, torch.device("cpu"))
     for module in ours.discriminator.modules():
         if hasattr(module, "u"):  # where power iteration ends
             module.u.copy_(torch.linalg.svd(module.weight.detach().flatten(1))[0][:, 0])

@@ -2,29 +2,9 @@
 
 from __future__ import annotations
 
-import re
-
 import pytest
-from PIL import Image
 
 from studies.documents import PAGES, REPOSITORY, Unfilled, filled
-
-DOCS = REPOSITORY / "docs"
-WIDEST = 1660  # pixels: twice the column of GitHub
-SHORT_PAGES = {
-    "results": 150,
-    "splat-net": 150,
-    "thirteen-classes": 150,
-    "trade": 200,
-    "studies": 200,
-}
-CAPTIONED = [REPOSITORY / "README.md", *sorted(DOCS.glob("*.md"))]
-RESULT_PAGES = [
-    REPOSITORY / "README.md",
-    *(DOCS / f"{name}.md" for name in SHORT_PAGES),
-    *(DOCS / f"{name}.md" for name in ("reconstruction", "noise-floor", "claims", "latent")),
-    *(DOCS / f"{name}.md" for name in ("scene-economy", "real-clouds")),
-]
 
 VALUES = """\
 method,condition,class,metric,value,ci_low,ci_high
@@ -218,61 +198,3 @@ def test_pages_are_what_the_numbers_say(path):
     """Run python -m studies.documents where this fails."""
     text = path.read_text(encoding="utf-8")
     assert filled(text, str(path.relative_to(REPOSITORY))) == text
-
-
-def tables_without_caption(text: str) -> list[str]:
-    """Return the heads of tables with no sentence directly before or after them."""
-    text = re.sub(r"```.*?```", "", text, flags=re.S)
-    text = re.sub(r"<!--.*?-->\n", "\n", text, flags=re.S)
-    parts = re.split(r"\n\s*\n", text)
-    return [
-        part.partition("\n")[0]
-        for before, part, after in zip(["", *parts], parts, [*parts[1:], ""], strict=False)
-        if part.lstrip().startswith("|")
-        and not any(_is_sentence(beside.strip()) for beside in (before, after))
-    ]
-
-
-def _is_sentence(part: str) -> bool:
-    return part.endswith((".", ":")) and not part.startswith(("#", "|", "!", "```"))
-
-
-@pytest.mark.parametrize(
-    ("text", "heads"),
-    [
-        ("Means of ten chairs:\n\n| a |\n|---|\n| 1 |\n", []),
-        ("# A\n\n<!-- numbers: x -->\n| a |\n|---|\n<!-- end -->\n\nMeans of ten chairs.\n", []),
-        ("![Figure.](x.png)\n\n| a |\n|---|\n\n## B\n", ["| a |"]),
-        ("Means:\n\n| a |\n|---|\n\n| b |\n|---|\n", ["| b |"]),
-        ("```\n| a |\n```\n", []),
-    ],
-)
-def test_a_table_without_a_caption_is_noticed(text, heads):
-    assert tables_without_caption(text) == heads
-
-
-@pytest.mark.parametrize("path", CAPTIONED, ids=lambda path: path.stem)
-def test_tables_have_captions(path):
-    assert tables_without_caption(path.read_text(encoding="utf-8")) == []
-
-
-@pytest.mark.parametrize("path", RESULT_PAGES, ids=lambda path: path.stem)
-def test_images_of_results_fit_a_page(path):
-    shown = re.findall(r"!\[[^\]]*\]\(([^)]+\.png)\)", path.read_text(encoding="utf-8"))
-    for name in shown:
-        with Image.open(path.parent / name) as image:
-            assert 800 <= image.width <= WIDEST, name
-            assert image.height <= 1000, name
-
-
-@pytest.mark.parametrize(("name", "most"), SHORT_PAGES.items())
-def test_pages_of_results_are_short(name, most):
-    """Values belong into results/docs, with a link to the file."""
-    text = (DOCS / f"{name}.md").read_text(encoding="utf-8")
-    assert len(text.splitlines()) <= most
-    assert (
-        re.findall(
-            r"\[[^\]]*,[^\]]*\]", re.sub(r"\]\([^)]*\)|```.*?```|`[^`]*`", "", text, flags=re.S)
-        )
-        == []
-    )

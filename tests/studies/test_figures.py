@@ -1,4 +1,4 @@
-"""Figures of the result pages: what they show, their sizes, and that they are up to date."""
+"""Figures of the result pages: what they show, and that they are up to date."""
 
 from __future__ import annotations
 
@@ -6,14 +6,12 @@ import io
 
 import numpy as np
 import pytest
-from matplotlib.text import Text
 from PIL import Image
 
 from studies.documents import REPOSITORY, read_lines
 from studies.figures import FIGURES
-from studies.plot_parts import DPI, SMALL_PT
+from studies.plot_parts import DPI
 
-WIDTH_PX = 800
 DIFFERENT = 32  # grey levels; smaller differences come from other versions of matplotlib
 SHARE = 0.0005  # of the pixels: a marker that moved changes more
 
@@ -52,14 +50,6 @@ def test_differences_are_hollow_where_nothing_is_decided(figures):
     assert [p.get_xdata()[0] for p in points] == [float(line["difference"]) for line in lines]
     filled = [p.get_markerfacecolor() == p.get_color() for p in points]
     assert filled == [line["ahead"] in ("a", "b") for line in lines]
-
-
-@pytest.mark.parametrize("name", FIGURES)
-def test_figures_are_800_pixels_wide_with_text_of_8_points(figures, name):
-    figure = figures[name]
-    assert figure.get_figwidth() * DPI == WIDTH_PX
-    texts = [text for text in figure.findobj(Text) if text.get_text().strip()]
-    assert min(text.get_fontsize() for text in texts) >= SMALL_PT
 
 
 @pytest.mark.parametrize("name", FIGURES)

@@ -1,25 +1,47 @@
 from __future__ import annotations
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from bench.catalogue.metrics import IMAGE_METRICS
 from bench.metrics.image_scores import scores
 from data_prep.rendering.opengl import render
+from data_prep.scene import PointCloud
 from studies.cells import make_chairs
 from studies.images import turned
-from studies.object_noise import ROUNDING, TURN, means, moves, summary
+from studies.object_noise import (
+    ONE_IN,
+    ROUNDING,
+    TURN,
+    ClassMeasure,
+    ObjectImages,
+    means,
+    moves_of_chairs,
+    nudged,
+    summary_of_chairs,
+    summary_of_classes,
+)
 
 
 def white(views):
     return np.full((views, 128, 128, 3), 255, np.uint8)
 
 
+def test_one_point_in_fifty_is_moved_by_one_rounding_error() -> None:
+    points = np.random.default_rng(0).uniform(-1, 1, (20_000, 3)).astype(np.float32)
+    moved = nudged(PointCloud(points), np.random.default_rng(1)).points
+    changed = (moved != points).any(axis=1)
+    # 400 are expected; four standard errors are 79
+    assert abs(changed.sum() - len(points) / ONE_IN) < 79
+    assert np.array_equal(moved[changed], np.nextafter(points[changed], np.float32(np.inf)))
+
+
 def test_means_are_over_the_views_that_have_a_value() -> None:
     drawn = np.stack([white(2), white(2)])
     truth = drawn.copy()
     truth[0, 0, 40:42, 20:100] = 0  # a thin bar, in one view only
-    actual = means(truth, drawn)
+    actual = means(ObjectImages(truth, drawn))
     assert actual["thin-recall"].tolist() == [0.0, pytest.approx(np.nan, nan_ok=True)]
     assert actual["ssim"][0] == pytest.approx(scores(truth[0], drawn[0])["ssim"].mean(), abs=1e-12)
     assert actual["ssim"][1] == 1.0
@@ -28,7 +50,7 @@ def test_means_are_over_the_views_that_have_a_value() -> None:
 @pytest.mark.opengl
 def test_moves_of_white_images_are_those_of_the_truth() -> None:
     scene = make_chairs(2, 2, 0, "2048")
-    result = moves(scene, "2048", {TURN: ("blank",), ROUNDING: ("constant",)})
+    result = moves_of_chairs(scene, "2048", {TURN: ("blank",), ROUNDING: ("constant",)})
     assert set(result) == {
         (change, method, metric)
         for change, method in ((TURN, "blank"), (ROUNDING, "constant"))
@@ -44,10 +66,32 @@ def test_moves_of_white_images_are_those_of_the_truth() -> None:
     assert (result[ROUNDING, "constant", "ssim"] == 0).all()  # it sees no cloud
 
 
-def test_the_summary_has_deviation_and_the_two_largest() -> None:
+def test_the_summary_of_chairs_has_deviation_and_the_two_largest() -> None:
     nothing = np.full(3, np.nan)
     result = {(TURN, "splat", metric): nothing for metric in IMAGE_METRICS}
     result[TURN, "splat", "ssim"] = np.array([0.03, -0.04, np.nan])
-    cells = summary(result).splitlines()[-1].strip("| ").split(" | ")
+    cells = summary_of_chairs(result).splitlines()[-1].strip("| ").split(" | ")
     # sqrt((0.03^2 + 0.04^2) / 2) = 0.03536
     assert cells[:4] == ["turn", "splat", "0.035, 0.04, 0.03", "-"]
+
+
+def test_true_images_are_perfect_by_all_that_compares_images() -> None:
+    truth = np.full((2, 3, 128, 128, 3), 255, np.uint8)
+    truth[:, :, 40:90, 30:100] = (120, 60, 20)
+    sample = ObjectImages(truth, truth)
+    measure = ClassMeasure()
+    actual = measure.objects("table", sample)
+    for metric in ("ssim", "luminance", "contrast", "structure", "silhouette-iou"):
+        assert np.allclose(actual[metric], 1.0, atol=1e-12), metric
+    assert ((actual["class-confidence"] > 0) & (actual["class-confidence"] < 1)).all()
+    assert measure.distances(sample)["fd-views"] < 1e-9
+
+
+def test_the_summary_has_the_largest_move_of_a_class_and_that_of_their_mean() -> None:
+    columns = ["change", "method", "class", "metric", "value", "by", "deviation"]
+    of_a, of_b = (0.5, 0.25, 0.125), (0.8, -0.05, 0.0625)
+    cells = [("turn", "splat", c, "ssim", *values) for c, values in (("a", of_a), ("b", of_b))]
+    rows = pd.DataFrame(cells, columns=columns)
+    assert summary_of_classes(rows).splitlines()[-1] == (
+        "| turn | splat | ssim | 0.25 | 0.5 | 0.1 | 0.12 |"
+    )
