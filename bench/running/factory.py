@@ -14,7 +14,7 @@ from bench.running.executors import JobPool
 from bench.running.isolation import QUEUED, Executor
 from bench.running.options import LOCAL, Options, workers_of
 from bench.running.protocol import Protocol
-from bench.running.ray import RayPool, capacity_of, connected, networks_on_gpu
+from bench.running.ray import RayPool, connected
 from data_prep.failures import BadInput
 
 
@@ -28,16 +28,18 @@ class ExecutorFactory:
         Returns an executor for a number of jobs.
     workers : int
         Processes at work at once.
-    capacity : int
-        Jobs that keep these busy when the run starts.
     cluster : dict or None
         What the manifest says about the cluster; None for this machine.
     """
 
     start: Callable[[int], Executor[Job, Result]]
     workers: int
-    capacity: int
     cluster: dict[str, Any] | None
+
+    @property
+    def capacity(self) -> int:
+        """Return how many jobs keep the workers busy when the run starts."""
+        return QUEUED * max(1, self.workers)
 
 
 @contextmanager
@@ -50,7 +52,7 @@ def executor_factory(options: Options, protocol: Protocol) -> Iterator[ExecutorF
     workers = workers_of(suite, options)
     if options.ray is None:
         start = partial(JobPool, workers=workers, limits=suite.limits)
-        yield ExecutorFactory(start, workers, QUEUED * workers, None)
+        yield ExecutorFactory(start, workers, None)
         return
     if suite.timed:
         raise BadInput(
@@ -64,8 +66,4 @@ def executor_factory(options: Options, protocol: Protocol) -> Iterator[ExecutorF
     if options.workers is not None and options.ray != LOCAL:
         raise BadInput("--workers: has no meaning with --ray, whose nodes bring theirs; leave it")
     with connected(options.ray, workers) as cluster:
-        batched = networks_on_gpu(cluster, protocol)
-        capacity = capacity_of(cluster.cpus, cluster.gpus, batched)
-        yield ExecutorFactory(
-            lambda _: RayPool(cluster, protocol), cluster.cpus, capacity, asdict(cluster)
-        )
+        yield ExecutorFactory(lambda _: RayPool(cluster, protocol), cluster.cpus, asdict(cluster))

@@ -3,7 +3,7 @@
 Ray decides where a job is done, and does the jobs of a lost node again elsewhere. A job that fails,
 hangs or ends its process is a result like on one machine, and is not tried again. Only the process
 of the run reads and writes its folder: true images come with a job, and its artifact goes back with
-the result (about 0.1 MB for 20 views). Jobs of networks on a GPU go in batches, several a task.
+the result (about 0.1 MB for 20 views).
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import os
 import socket
 import time
 from collections import OrderedDict
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from contextlib import chdir, contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
@@ -31,11 +31,10 @@ COUNTED_EVERY_S = 5.0  # the CPUs of a cluster
 NODES_PER_JOB = 5  # lost nodes; then it is the job that takes them down
 REFERENCES_KEPT = 64  # true images in the object store; jobs of one object follow each other
 STORE_BYTES = 256 * 2**20  # of the object store of a cluster of our own
-# Of a GPU, for each task that uses it. On an H200, jobs of 20 images with the networks of metrics
+# Of a GPU, for each job that uses it. On an H200, jobs of 20 images with the networks of metrics
 # give 1,900 images a second with one process, 3,260 with two, 4,350 with four, 4,620 with eight and
 # 4,680 with sixteen, and each process takes 0.85 GiB of the GPU's memory.
 GPU_SHARE = 0.25
-BATCH_JOBS = 8  # most jobs of a network in a task on a GPU, where 20 images take some 20 ms
 INSTALL = "Ray is not installed; pip install 'pc2pix-bench[ray]'"
 
 
@@ -104,53 +103,12 @@ def _no_cluster(address: str, message: str) -> BadInput:
     )
 
 
-class JobBatches:
-    """Jobs that wait to be sent together with others of their method."""
-
-    def __init__(self) -> None:
-        self._by_method: dict[str, list[Job]] = {}
-
-    def __bool__(self) -> bool:
-        return bool(self._by_method)
-
-    def add(self, job: Job) -> None:
-        """Let a job wait."""
-        self._by_method.setdefault(job.method, []).append(job)
-
-    def take(self) -> list[Job]:
-        """Remove the jobs of the next method in turn, at most BATCH_JOBS, and return them."""
-        method = next(iter(self._by_method))
-        jobs = self._by_method.pop(method)
-        if len(jobs) > BATCH_JOBS:
-            self._by_method[method] = jobs[BATCH_JOBS:]
-        return jobs[:BATCH_JOBS]
-
-
-def gpu_workers(cpus: int, gpus: int) -> int:
-    """Return how many tasks on GPUs can be under way at once: each takes a CPU as well."""
-    return min(cpus, int(gpus / GPU_SHARE))
-
-
-def networks_on_gpu(cluster: Cluster, protocol: Protocol) -> frozenset[str]:
-    """Return the methods whose jobs take a share of a GPU to draw, and go in batches."""
-    if not cluster.gpus or protocol.device == "cpu":
-        return frozenset()
-    return frozenset(name for name, method in protocol.methods.items() if method.weights_file)
-
-
-def capacity_of(cpus: int, gpus: int, batched: Collection[str]) -> int:
-    """Return how many jobs keep all workers of a cluster busy; those of `batched` in batches."""
-    batches = gpu_workers(cpus, gpus) if batched else 0
-    return QUEUED * max(1, cpus + BATCH_JOBS * batches)
-
-
 class RayPool:
     """An executor of jobs on the nodes of a cluster, within `connected`.
 
-    A task takes a CPU. Where the cluster has GPUs, it takes a share of one as well, if the device
-    is "cuda", which is that of the networks of metrics, too, or if the task is of a network and
-    the device is not "cpu". Jobs of a network with a share of a GPU are sent in batches: all that
-    wait for it when a worker is about to become free. Others are a task each.
+    A job is a task, and takes a CPU. Where the cluster has GPUs, it takes a share of one as well,
+    if the device is "cuda", which is that of the networks of metrics, too, or if the job is of a
+    network and the device is not "cpu".
 
     Parameters
     ----------
@@ -164,45 +122,42 @@ class RayPool:
         if api is None:
             import ray as api
         self._ray = api
-        self._batched = networks_on_gpu(cluster, protocol)
-        self._all_on_gpu = bool(cluster.gpus) and protocol.device == GPU
-        self._cpus, self._gpus, self._counted = cluster.cpus, cluster.gpus, float("-inf")
+        has_gpu = bool(cluster.gpus) and protocol.device != "cpu"
+        self._all_on_gpu = has_gpu and protocol.device == GPU
+        networks = (name for name, method in protocol.methods.items() if method.weights_file)
+        self._networks = frozenset(networks if has_gpu else ())
+        self._cpus, self._counted = cluster.cpus, float("-inf")
         self._message = api.put((requirements(protocol), protocol.suite.limits))
         remote = api.remote(num_cpus=1, max_retries=NODES_PER_JOB, max_calls=0)  # 0: no end
         self._do = remote(do_on_node)
-        self._batches = JobBatches()
-        self._sent: dict[Any, list[Job]] = {}
+        self._sent: dict[Any, Job] = {}
         self._references: OrderedDict[str, Any] = OrderedDict()
 
     @property
     def capacity(self) -> int:
         """Return twice the jobs that the workers have in hand: nodes come and go."""
         if time.monotonic() > self._counted + COUNTED_EVERY_S:  # a question to another process
-            resources = self._ray.cluster_resources()
-            self._cpus, self._gpus = (int(resources.get(kind, 0)) for kind in ("CPU", "GPU"))
+            self._cpus = int(self._ray.cluster_resources().get("CPU", 0))
             self._counted = time.monotonic()
-        return capacity_of(self._cpus, self._gpus, self._batched)
+        return QUEUED * max(1, self._cpus)
 
     def submit(self, job: Job) -> None:
-        """Start a job, or let it wait for others of its batch until `wait_any`."""
-        if job.method in self._batched:
-            self._batches.add(job)
-        else:
-            self._send([job])
+        """Start a job."""
+        on_gpu = self._all_on_gpu or job.method in self._networks
+        task = self._do.options(num_gpus=GPU_SHARE if on_gpu else 0).remote(
+            self._message,
+            replace(job, reference=None),
+            fingerprint_of(job.object),
+            self._reference(job),
+        )
+        self._sent[task] = job
 
     def wait_any(self) -> Iterator[Result]:
         """Wait until jobs have ended, and yield the result of each."""
-        # No job is left waiting while a GPU has nothing to do, so that the end of a run and of an
-        # object need no rule of their own; and with all GPUs at work, batches grow.
-        under_way = sum(jobs[0].method in self._batched for jobs in self._sent.values())
-        most = QUEUED * max(1, gpu_workers(self._cpus, self._gpus))
-        while self._batches and under_way < most:
-            self._send(self._batches.take())
-            under_way += 1
         ready, _ = self._ray.wait(list(self._sent), num_returns=1, fetch_local=False)
         more, _ = self._ray.wait(list(self._sent), num_returns=len(self._sent), timeout=0)
         for task in dict.fromkeys((*ready, *more)):
-            yield from self._results(task)
+            yield self._result(task)
 
     def close(self) -> None:
         """Stop all jobs that are under way."""
@@ -210,15 +165,6 @@ class RayPool:
             self._ray.cancel(task, force=True)
         self._sent.clear()
         self._references.clear()
-
-    def _send(self, jobs: list[Job]) -> None:
-        on_gpu = self._all_on_gpu or jobs[0].method in self._batched
-        task = self._do.options(num_gpus=GPU_SHARE if on_gpu else 0).remote(
-            self._message,
-            [(replace(job, reference=None), fingerprint_of(job.object)) for job in jobs],
-            *map(self._reference, jobs),  # each an argument: Ray looks into no list for references
-        )
-        self._sent[task] = jobs
 
     def _reference(self, job: Job) -> Any:
         if job.reference_key is None:
@@ -229,11 +175,11 @@ class RayPool:
                 self._references.popitem(last=False)
         return self._references[job.reference_key]
 
-    def _results(self, task: Any) -> Iterator[Result]:
-        """Yield the results of a task that has ended."""
-        jobs, errors = self._sent.pop(task), self._ray.exceptions
+    def _result(self, task: Any) -> Result:
+        """Return the result of a task that has ended."""
+        job, errors = self._sent.pop(task), self._ray.exceptions
         try:
-            results = self._ray.get(task)
+            return self._ray.get(task)
         except (errors.RayTaskError, errors.RaySystemError) as error:
             # Not of a job, whose failures are results.
             message = str(error).strip().splitlines()[-1]
@@ -242,10 +188,5 @@ class RayPool:
                 "the same packages in the same folders"
             ) from error
         except errors.RayError as error:
-            if len(jobs) > 1:  # one of them may take nodes down: the others are not to fail with it
-                for job in jobs:
-                    self._send([job])
-                return
             reason = f"crash: its node was lost {NODES_PER_JOB + 1} times ({type(error).__name__})"
-            results = [failed(jobs[0], reason)]
-        yield from results
+            return failed(job, reason)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import socket
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -89,22 +89,17 @@ _node: Node | None = None  # of this process, where it is one of Ray's
 
 
 def do_on_node(
-    message: tuple[NodeRequirements, Limits],
-    jobs: Sequence[tuple[Job, str]],
-    *references: bytes | None,
-) -> list[Result]:
-    """Do jobs on the node that this process is, one by one; Ray calls this for each task.
+    message: tuple[NodeRequirements, Limits], job: Job, fingerprint: str, reference: bytes | None
+) -> Result:
+    """Do a job on the node that this process is; Ray calls this for each task.
 
-    `jobs` come with the fingerprints of their objects. `references` are the true images of each,
-    which Ray sends once for the jobs of an object.
+    `fingerprint` is that of its object. `reference` are the true images, which Ray sends once for
+    the jobs of an object.
     """
     global _node
     if _node is None:
         _node = Node(*message)
-    return [
-        _node.run_job(replace(job, reference=reference), fingerprint)
-        for (job, fingerprint), reference in zip(jobs, references, strict=True)
-    ]
+    return _node.run_job(replace(job, reference=reference), fingerprint)
 
 
 def requirements(protocol: Protocol) -> NodeRequirements:

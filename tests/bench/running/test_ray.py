@@ -13,6 +13,7 @@ from harness_objects import Killed, Tetrahedron
 
 from bench.records.run_folder import read_manifest
 from bench.running.environment import environment
+from bench.running.isolation import submit_all
 from bench.running.ray import RayPool, connected
 
 from ..builders import (
@@ -90,7 +91,7 @@ def test_no_cluster_answers(arguments, tmp_path):
     assert not (tmp_path / "run").exists()
 
 
-def test_a_node_with_a_gpu_makes_the_same_tables_by_batches(cluster, finished, arguments, tmp_path):
+def test_a_node_with_a_gpu_makes_the_same_tables(cluster, finished, arguments, tmp_path):
     """The GPU is only said to be there: the network draws on the CPU."""
     cluster.add_node(num_cpus=2, num_gpus=1)
     _, err = end(start(arguments, tmp_path / "run", "--ray", cluster.address))
@@ -99,7 +100,7 @@ def test_a_node_with_a_gpu_makes_the_same_tables_by_batches(cluster, finished, a
     assert read_manifest(tmp_path / "run")["cluster"]["gpus"] == 1
 
 
-def test_a_batch_takes_a_quarter_of_a_gpu_and_a_lost_process_costs_one_job(cluster):
+def test_a_job_takes_a_quarter_of_a_gpu_and_a_lost_process_costs_one_job(cluster):
     cluster.add_node(num_cpus=1, num_gpus=1)
     method = "splat-net@chair"
     objects = (Tetrahedron("1"), Killed("2"), Tetrahedron("3"))
@@ -108,10 +109,8 @@ def test_a_batch_takes_a_quarter_of_a_gpu_and_a_lost_process_costs_one_job(clust
     with connected(cluster.address, 1) as found, closing(RayPool(found, protocol)) as pool:
         import ray
 
-        for job in jobs:
-            pool.submit(job)
         with ThreadPoolExecutor() as thread:
-            results = thread.submit(lambda: list(pool.wait_any()))
+            results = thread.submit(lambda: list(submit_all(jobs, pool)))
             left = {1.0}
             while not results.done():
                 left.add(ray.available_resources().get("GPU", 0.0))

@@ -8,11 +8,8 @@ import pytest
 from harness_objects import Tetrahedron
 
 from bench.records.job import Result
-from bench.records.store import open_store
 from bench.running.isolation import submit_all
-from bench.running.plan import plan
-from bench.running.ray import BATCH_JOBS, Cluster, RayPool
-from bench.running.schedule import Budget, Schedule
+from bench.running.ray import Cluster, RayPool
 from data_prep.failures import MissingDependency
 
 from ..builders import make_job, make_protocol, make_truth
@@ -31,7 +28,7 @@ class RayTaskError(RayError):
 class OneTaskAtATime:
     """The part of `ray` that a pool uses: a wait ends the first task of those under way.
 
-    `fail` gets the objects of a task, and may raise. `tasks` are the shares of a GPU, methods and
+    `fail` gets the object of a task, and may raise. `tasks` are the shares of a GPU, methods and
     objects of all tasks, in the order of their coming.
     """
 
@@ -39,7 +36,7 @@ class OneTaskAtATime:
         RayError=RayError, RayTaskError=RayTaskError, RaySystemError=RayTaskError
     )
 
-    def __init__(self, cpus, gpus, fail=lambda objects: None):
+    def __init__(self, cpus, gpus, fail=lambda obj: None):
         self.resources, self.fail = {"CPU": float(cpus), "GPU": float(gpus)}, fail
         self.tasks, self.jobs, self.most = [], [], 0
 
@@ -54,11 +51,11 @@ class OneTaskAtATime:
         return lambda function: self
 
     def options(self, num_gpus):
-        def start(message, jobs, *references):
-            assert len(references) == len(jobs)
-            (method,) = {job.method for job, _ in jobs}
-            self.tasks.append((num_gpus, method, [job.object.object_id for job, _ in jobs]))
-            self.jobs.append([job for job, _ in jobs])
+        def start(message, job, fingerprint, reference):
+            assert fingerprint == job.object.fingerprint()
+            assert (job.reference, reference) == (None, None if job.reference_key is None else b"")
+            self.tasks.append((num_gpus, job.method, job.object.object_id))
+            self.jobs.append(job)
             return len(self.tasks) - 1
 
         return SimpleNamespace(remote=start)
@@ -70,7 +67,7 @@ class OneTaskAtATime:
 
     def get(self, task):
         self.fail(self.tasks[task][2])
-        return [Result(job.key, (), "sha") for job in self.jobs[task]]
+        return Result(self.jobs[task].key, (), "sha")
 
 
 def pool_of(ray, device="auto", methods=(*NETWORKS, "blank"), **changes):
@@ -106,74 +103,31 @@ def test_what_computes_on_a_gpu_takes_a_quarter_of_one(device, gpus, of_networks
     assert shares == {NETWORKS[0]: of_networks} | others
 
 
-def test_batches_are_full_as_long_as_there_are_jobs():
-    # Four of 20 CPUs work on the GPU, with a batch each and one that waits on the node.
-    ray = OneTaskAtATime(cpus=20, gpus=1)
-    pool = pool_of(ray)
-    assert pool.capacity == 2 * 20 + 2 * 4 * BATCH_JOBS
-    jobs = jobs_of(NETWORKS[0], range(300))
-    assert [result.key for result in submit_all(jobs, pool)] == keys(jobs)  # each once
-    assert [len(objects) for _, _, objects in ray.tasks] == [BATCH_JOBS] * 37 + [4]
-    assert ray.most == 8
-
-
-def test_a_batch_is_of_one_method_and_waits_for_nothing_that_does_not_come():
-    ray = OneTaskAtATime(cpus=4, gpus=1)
-    first, second = (jobs_of(method, "abc") for method in NETWORKS)
-    mixed = [job for pair in zip(first, second, strict=True) for job in pair]
-    blanks = jobs_of("blank", "ab")
-    found = [result.key for result in submit_all((*mixed, None, *blanks), pool_of(ray))]
-    assert sorted(found) == sorted(keys((*mixed, *blanks)))
-    assert ray.tasks == [
-        (0.25, NETWORKS[0], ["a", "b", "c"]),
-        (0.25, NETWORKS[1], ["a", "b", "c"]),
-        (0, "blank", ["a"]),
-        (0, "blank", ["b"]),
-    ]
-
-
-@pytest.mark.parametrize(("device", "gpus"), [("auto", 0), ("cpu", 2)])
-def test_on_cpus_a_job_is_a_task(device, gpus):
+@pytest.mark.parametrize(("device", "gpus"), [("auto", 0), ("cpu", 2), ("cuda", 1)])
+def test_a_job_is_a_task_and_each_worker_has_a_further_one(device, gpus):
     ray = OneTaskAtATime(cpus=3, gpus=gpus)
     pool = pool_of(ray, device)
     assert pool.capacity == 6
     jobs = jobs_of(NETWORKS[0], range(20))
     assert [result.key for result in submit_all(jobs, pool)] == keys(jobs)
-    assert [objects for _, _, objects in ray.tasks] == [[str(i)] for i in range(20)]
+    assert [obj for _, _, obj in ray.tasks] == [str(i) for i in range(20)]
     assert ray.most == 6
 
 
-@pytest.mark.parametrize(("ahead", "largest"), [(1, 2), (18, BATCH_JOBS)])
-def test_batches_have_jobs_of_several_objects_where_truths_are_ahead(tmp_path, ahead, largest):
-    """An object has two jobs of a network, which is all that is known with one truth ahead."""
-    ray = OneTaskAtATime(cpus=4, gpus=1)
-    protocol = {"methods": (NETWORKS[0], "blank"), "device": "auto"}
-    planned = plan(make_protocol(objects=tuple(map(Tetrahedron, map(str, range(40)))), **protocol))
-    with open_store(tmp_path, write=True) as store:
-        schedule = Schedule(planned, store, Budget(), ahead=ahead)
-        for result in submit_all(schedule.jobs(), pool_of(ray, **protocol)):
-            store.append(result)
-            schedule.take(result)
-    assert (schedule.left, len(schedule.complete)) == (0, 40)
-    sizes = [len(objects) for _, method, objects in ray.tasks if method == NETWORKS[0]]
-    assert (sum(sizes), max(sizes)) == (80, largest)
-
-
-def test_the_jobs_of_a_batch_whose_nodes_are_lost_are_sent_one_by_one():
-    def fail(objects):
-        if "b" in objects:
+def test_a_job_whose_nodes_are_lost_has_failed():
+    def fail(obj):
+        if obj == "b":
             raise RayError
 
-    ray = OneTaskAtATime(cpus=4, gpus=1, fail=fail)
     jobs = jobs_of(NETWORKS[0], "abc")
-    results = {result.key: result.reason for result in submit_all(jobs, pool_of(ray))}
+    pool = pool_of(OneTaskAtATime(cpus=4, gpus=1, fail=fail))
+    results = {result.key: result.reason for result in submit_all(jobs, pool)}
     lost = "crash: its node was lost 6 times (RayError)"
     assert results == dict(zip(keys(jobs), ("", lost, ""), strict=True))
-    assert [objects for _, _, objects in ray.tasks] == [["a", "b", "c"], ["a"], ["b"], ["c"]]
 
 
 def test_a_node_without_the_packages_ends_the_run():
-    def fail(objects):
+    def fail(obj):
         raise RayTaskError("Traceback\nModuleNotFoundError: no bench")
 
     pool = pool_of(OneTaskAtATime(cpus=4, gpus=1, fail=fail))
