@@ -24,6 +24,7 @@ GONE: dict[str, dict[str, str]] = {
             ("run --open", "report --open", "site --open"),
             "the path of the page is printed; open it in a browser",
         ),
+        "run --search": "hypothesis tests in tests/robustness/test_generated_inputs.py",
     },
     "suite": {},
     "method": {},

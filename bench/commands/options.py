@@ -229,10 +229,10 @@ def _shard(text: str | None) -> Any:
     return read_shard(text) if text else None
 
 
-def _seconds(option: str, text: str | None) -> float | None:
+def _seconds(text: str | None) -> float | None:
     from bench.running.schedule import seconds_of
 
-    return None if text is None else seconds_of(text, option)
+    return None if text is None else seconds_of(text, "--budget")
 
 
 def expand_file(text: str | None) -> str | None:
@@ -261,14 +261,7 @@ RUN_OPTIONS: dict[str, str | OptionSpec] = {  # of `bench.running.protocol.Optio
         "the same command goes on. Default: no limit.",
         metavar="90s|2m|1.5h",
         kind=str | None,
-        convert=functools.partial(_seconds, "--budget"),
-    ),
-    "search": OptionSpec(
-        "Suite stability: generate inputs for so long, for each method and each of --metrics, in "
-        "place of its cases; see docs/stability.md. Default: its cases.",
-        metavar="90s|2m|1.5h",
-        kind=str | None,
-        convert=functools.partial(_seconds, "--search"),
+        convert=_seconds,
     ),
     "views": "Images of each object. Default: the suite's number.",
     "workers": OptionSpec(

@@ -17,13 +17,13 @@ from bench.catalogue.lookup import find
 from bench.catalogue.metrics import find_extractor, metrics_device
 from bench.catalogue.modules import allow_modules
 from bench.catalogue.suite_types import TRUTHS
-from bench.catalogue.suites import ALL_SUITES, STABILITY, Suite
+from bench.catalogue.suites import ALL_SUITES, Suite
 from bench.commands.config import ConfigOption, refuse_other_objects
 from bench.commands.options import RUN_OPTIONS, FormatOption, options_from_dataclass
 from bench.commands.publish import Outputs, in_format, print_outputs, run_suite
 from bench.metrics.inception_weights import DOWNLOAD, WEIGHTS_SHA256
 from bench.report.build import REPORT
-from bench.running.options import Options, refuse
+from bench.running.options import Options
 from bench.running.protocol import Protocol, method_identity, protocol_of
 from bench.running.run import RunResult
 from bench.running.status import RunStatus, run_status
@@ -161,8 +161,6 @@ def run(
     if config is None or source.name == "COMMANDLINE":
         allow_modules(options.methods or ())  # a file may come from anywhere
     suite = find(options.suite, ALL_SUITES, "suite")
-    if suite.id != STABILITY.id:
-        refuse(suite.id, [("search", options.search, "which has inputs of its own")])
     if dry_run:
         print(describe_run(options))
         return

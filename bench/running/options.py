@@ -54,7 +54,6 @@ class Options:
     inception_weights: str | None = None
     truth: Truth | None = None
     metrics: tuple[str, ...] | None = None  # beside those of the suite
-    search: float | None = None  # seconds for each method and metric, in place of the suite's cases
     same_objects: bool = False  # no others than those of the run in the folder: 'bench add'
 
     @property

@@ -15,7 +15,6 @@ import re
 import resource
 import subprocess
 import sys
-import time
 import types
 import warnings
 from collections.abc import Callable
@@ -589,24 +588,6 @@ def skimage_refuses_small_images() -> str:
     """Images with a side below the window of 11 are refused."""
     image = np.zeros((10, 10), np.uint8)
     return similarity(image, image, data_range=255)
-
-
-@defect(r"^slower by", "bench.suites.stability.oracles.SLOW")
-def scipy_delaunay_is_slow_on_faces() -> str:
-    """Points of the faces of a cube take Qhull time that grows with more than the square of their
-    number: 5,000 took 7 times as long as scattered ones, and 12,000 over a minute."""
-    from scipy.spatial import Delaunay
-
-    rng, count = np.random.default_rng(0), 5_000
-    scattered = rng.uniform(-0.5, 0.5, (count, 3))
-    cube = scattered.copy()
-    cube[np.arange(count), rng.integers(0, 3, count)] = rng.choice([-0.5, 0.5], count)
-    seconds = []
-    for points in (scattered, cube):
-        start = time.process_time()
-        Delaunay(points)
-        seconds.append(time.process_time() - start)
-    return f"slower by {seconds[1] / seconds[0]:.1f}" if seconds[1] > 3 * seconds[0] else "as fast"
 
 
 @pytest.fixture(scope="module")

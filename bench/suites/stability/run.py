@@ -25,18 +25,18 @@ from bench.running.options import Options
 from bench.running.plan import digest
 from bench.running.protocol import method_identity
 from bench.running.run import open_run
-from bench.suites.procedure import SuiteRun
+from bench.suites.procedure import SuiteRun, methods_of
 from bench.suites.stability.cases import CASES, TURN_DEG, VIEWS
 from bench.suites.stability.expectations import EXPECTED
 from bench.suites.stability.figures import extremes_figure, matrix_figure
 from bench.suites.stability.metrics import metric_outcomes
 from bench.suites.stability.outcomes import CaseOutcome, Observation, observe, outcome
-from bench.suites.stability.search_run import run_search, stability_methods
 from bench.suites.stability.tables import counts, matrix, observations_table, unexpected
 from bench.tables import markdown
 from bench.tables.figure import FIGURES, save
 from bench.tables.table import Table, write_tables
 from data_prep.datasets.registry import ProceduralObject
+from data_prep.failures import BadInput
 from data_prep.progress import log
 from data_prep.scene import UInt8Images
 
@@ -95,10 +95,20 @@ def run(
 
     Raises BadInput for options that the user has to fix.
     """
-    if options.search is not None:
-        return run_search(options, suite)
     start = time.perf_counter()
-    methods = stability_methods(options, suite)
+    methods = methods_of(
+        options,
+        suite,
+        conditions="its cases take their place",
+        views="each case has its own",
+        **dict.fromkeys(("limit", "shard", "ray"), "all cases are taken of one object"),
+        inception_weights="no fid is taken",
+    )
+    if options.dataset != "procedural":
+        raise BadInput(
+            f"--dataset {options.dataset}: the suite {suite.id} states what happens to one "
+            "procedural object; leave it"
+        )
     directory = options.directory
     workers = options.workers or cores()
     machine = environment()
