@@ -15,7 +15,7 @@ STEPS = {
     "pc2pix.draw_cloud, pc2pix.turntable": {"numpy"},
     "import pc2pix.weights, baselines.splat_net.weights, learning.weights": {"numpy"},
     "import baselines.fused_net.weights, baselines.occupancy_net.weights": {"numpy"},
-    "import bench.suites.stability.metrics": {"numpy", "pandas"},
+    "import bench.metrics.image_scores, bench.judges.answers": {"numpy"},
 }
 
 

@@ -155,7 +155,7 @@ class LatentSuite:
 
 @dataclass(frozen=True)
 class StabilitySuite:
-    """A suite of extreme inputs with expected outcomes of methods and metrics.
+    """A suite of extreme inputs with expected outcomes of methods.
 
     methods     methods that draw `bench.suites.stability.cases.CASES`
     class_name  class of the one procedural test object

@@ -261,7 +261,7 @@ LATENT = LatentSuite(
 
 STABILITY = StabilitySuite(
     id="stability",
-    about="extreme clouds, views, images and features: a value, an invariant or a named failure",
+    about="extreme clouds and views: images, an invariant or a named failure",
     methods=(
         "surface-apss",
         "surface-fit",

@@ -1,4 +1,4 @@
-"""Figures of the suite `stability`: coloured matrices, and images of the extremes."""
+"""Figures of the suite `stability`: a coloured matrix, and images of the extremes."""
 
 from __future__ import annotations
 

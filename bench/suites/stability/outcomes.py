@@ -89,11 +89,11 @@ def observe(jobs: Sequence[Job], store: Store) -> list[Observation]:
 
 @dataclass(frozen=True)
 class CaseOutcome:
-    """The verdict on one case of one subject, which is a cell of a matrix of cases and subjects.
+    """The verdict on one case of one method, which is a cell of a matrix of cases and methods.
 
-    case      kebab-case id, unique within a matrix
+    case      kebab-case id
     group     kind of case, such as "outlier"; the cases of a group follow each other
-    subject   the method, metric or number format
+    subject   the method
     expected  in words: a value with its tolerance, an invariant, or a named failure
     observed  in words; compared with `expected`
     kind      the verdict, see `KINDS`

@@ -1,13 +1,12 @@
-"""The suite `stability`: extreme inputs, and whether the outcomes are as expected.
+"""The suite `stability`: methods at the extremes, and whether the outcomes are as expected.
 
-It has two matrices: methods on extreme clouds and views (in killable workers, resumable), and
-metrics on extreme images and features.
+Workers that can be killed draw the clouds, and a run that was stopped goes on.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -29,15 +28,13 @@ from bench.suites.procedure import SuiteRun, methods_of
 from bench.suites.stability.cases import CASES, TURN_DEG, VIEWS
 from bench.suites.stability.expectations import EXPECTED
 from bench.suites.stability.figures import extremes_figure, matrix_figure
-from bench.suites.stability.metrics import metric_outcomes
-from bench.suites.stability.outcomes import CaseOutcome, Observation, observe, outcome
+from bench.suites.stability.outcomes import CaseOutcome, observe, outcome
 from bench.suites.stability.tables import counts, matrix, observations_table, unexpected
 from bench.tables import markdown
 from bench.tables.figure import FIGURES, save
 from bench.tables.table import Table, write_tables
 from data_prep.datasets.registry import ProceduralObject
 from data_prep.failures import BadInput
-from data_prep.progress import log
 from data_prep.scene import UInt8Images
 
 CASES_VERSION = 1  # raise when a perturbation of `data_prep.clouds.extremes` changes a cloud
@@ -84,14 +81,8 @@ def stability_jobs(
     return jobs
 
 
-def run(
-    options: Options,
-    suite: StabilitySuite = STABILITY,
-    of_metrics: Callable[[], list[CaseOutcome]] = metric_outcomes,
-) -> SuiteRun:
+def run(options: Options, suite: StabilitySuite = STABILITY) -> SuiteRun:
     """Carry out the suite, or the rest of a run that was stopped.
-
-    `of_metrics` computes the matrix that does not depend on the methods.
 
     Raises BadInput for options that the user has to fix.
     """
@@ -131,42 +122,19 @@ def run(
         store.list_jobs((job.key, job.name) for job in jobs)
         write_records(directory, store.listed_columns())
         observations = observe(jobs, store)
-        log("metrics")
-        matrices = _matrices(methods, observations, of_metrics())
-        write_tables(directory, [*matrices, observations_table(observations)])
+        table = matrix(_remark(methods), map(outcome, observations))
+        write_tables(directory, [table, observations_table(observations)])
         images = {
             (job.condition, job.method): unpack_images(store.artifact(job.key))[0]
             for job in jobs
             if outcomes[job.key].has_images
         }
-        _draw(directory, matrices, images, methods)
-    printed = [markdown.table(counts(matrices))] + [
+        _draw(directory, table, images, methods)
+    printed = [markdown.table(counts(table))] + [
         f"UNEXPECTED {cell.subject}, {cell.case}: {cell.observed}; stated was: {cell.expected}"
-        for table in matrices
         for cell in unexpected(table)
     ]
-    return SuiteRun(directory, matrices, printed, f"{time.perf_counter() - start:.0f} s")
-
-
-def _matrices(
-    methods: Sequence[str],
-    observations: Sequence[Observation],
-    of_metrics: Sequence[CaseOutcome],
-) -> tuple[Table[CaseOutcome], ...]:
-    return (
-        matrix(
-            "stability_methods",
-            "Methods at the extremes",
-            _remark(methods),
-            map(outcome, observations),
-        ),
-        matrix(
-            "stability_metrics",
-            "Metrics at the extremes",
-            "Closed forms, invariants and refusals.",
-            of_metrics,
-        ),
-    )
+    return SuiteRun(directory, (table,), printed, f"{time.perf_counter() - start:.0f} s")
 
 
 def _remark(methods: Sequence[str]) -> str:
@@ -184,14 +152,13 @@ def _remark(methods: Sequence[str]) -> str:
 
 def _draw(
     directory: Path,
-    matrices: Sequence[Table[CaseOutcome]],
+    table: Table[CaseOutcome],
     images: Mapping[tuple[str, str], UInt8Images],
     methods: Sequence[str],
 ) -> None:
     """Write the figures; `images` are the first views by case and method."""
     folder = directory / FIGURES
-    for table in matrices:
-        save(matrix_figure(table), folder / f"{table.name}.png")
+    save(matrix_figure(table), folder / f"{table.name}.png")
     shown = [method for method in methods if method not in FLOORS]
     extremes = extremes_figure([case.id for case in CASES], shown, images)
     save(extremes, folder / "extremes.png", dpi=100)

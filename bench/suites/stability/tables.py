@@ -1,4 +1,4 @@
-"""The matrices of the suite `stability`, cases by subjects."""
+"""The matrix of the suite `stability`, cases by methods."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from bench.tables.markdown import cell
 from bench.tables.table import Table, columns_of
 from data_prep.failures import BadInput
 
+NAME, TITLE = "stability_methods", "Methods at the extremes"
 
-def matrix(
-    name: str, title: str, remark: str, outcomes: Iterable[CaseOutcome]
-) -> Table[CaseOutcome]:
+
+def matrix(remark: str, outcomes: Iterable[CaseOutcome]) -> Table[CaseOutcome]:
     """Return outcomes, a row each; for people `remark`, counts by kind, expected and observed."""
     layout = partial(_layout, remark)
-    return Table(name, title, columns_of(CaseOutcome), tuple(outcomes), layout)
+    return Table(NAME, TITLE, columns_of(CaseOutcome), tuple(outcomes), layout)
 
 
 def subjects(table: Table[CaseOutcome]) -> list[str]:
@@ -36,12 +36,10 @@ def unexpected(table: Table[CaseOutcome]) -> list[CaseOutcome]:
     return [outcome for outcome in table.rows if outcome.kind == "unexpected"]
 
 
-def counts(matrices: Iterable[Table[CaseOutcome]]) -> Grid:
-    """Return the number of outcomes of each kind in every matrix."""
-    kinds = [(table.title, Counter(outcome.kind for outcome in table.rows)) for table in matrices]
-    return grid(
-        ["matrix", *KINDS], ([t, *(str(counter[kind]) for kind in KINDS)] for t, counter in kinds)
-    )
+def counts(table: Table[CaseOutcome]) -> Grid:
+    """Return the number of outcomes of each kind."""
+    counter = Counter(outcome.kind for outcome in table.rows)
+    return grid([*KINDS], [[str(counter[kind]) for kind in KINDS]])
 
 
 def _layout(remark: str, outcomes: Sequence[CaseOutcome]) -> Iterator[Block]:
@@ -66,25 +64,23 @@ def _layout(remark: str, outcomes: Sequence[CaseOutcome]) -> Iterator[Block]:
 
 
 def read_outcomes(folder: Path) -> list[CaseOutcome]:
-    """Return the outcomes of all matrices that a run has left in its folder of tables.
+    """Return the outcomes of the matrix that a run has left in its folder of tables.
 
-    Raises BadInput for a folder without matrices, and for a file that is not one.
+    Raises BadInput for a folder without it, and for a file that is none.
     """
-    header = [field.name for field in fields(CaseOutcome)]
-    outcomes: list[CaseOutcome] = []
-    for path in sorted(folder.glob("stability_*.csv")):
-        try:
-            with path.open(encoding="utf-8", newline="") as file:
-                reader = csv.DictReader(file)
-                names, rows = reader.fieldnames, [dict[str, Any](row) for row in reader]
-        except (UnicodeDecodeError, csv.Error):
-            names, rows = None, []
-        if names != header or any(row["kind"] not in KINDS for row in rows):
-            raise BadInput(f"{path}: not a table of this suite; run it again with --fresh")
-        outcomes += [CaseOutcome(**row) for row in rows]
-    if not outcomes:
+    path = folder / f"{NAME}.csv"
+    if not path.is_file():
         raise BadInput(f"{folder}: no tables of the suite stability; run it again")
-    return outcomes
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            reader = csv.DictReader(file)
+            names, rows = reader.fieldnames, [dict[str, Any](row) for row in reader]
+    except (UnicodeDecodeError, csv.Error):
+        names, rows = None, []
+    header = [field.name for field in fields(CaseOutcome)]
+    if names != header or any(row["kind"] not in KINDS for row in rows):
+        raise BadInput(f"{path}: not a table of this suite; run it again with --fresh")
+    return [CaseOutcome(**row) for row in rows]
 
 
 def observations_table(observations: Sequence[Observation]) -> Table[Observation]:

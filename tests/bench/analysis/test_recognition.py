@@ -1,5 +1,5 @@
-"""Who is recognised: retrieval by the judge's codes, and the class. Errors of angles are cases of
-the suite `stability`."""
+"""Who is recognised: retrieval by the judge's codes, and the class. Errors of angles are in
+`tests.bench.metrics.test_extreme_inputs`."""
 
 from __future__ import annotations
 

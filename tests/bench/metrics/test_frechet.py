@@ -1,5 +1,4 @@
-"""Fréchet distances and their intervals; types, refusals and magnitudes are cases of the suite
-`stability`, which states them."""
+"""Fréchet distances: values, extremes and refusals, and their intervals."""
 
 from __future__ import annotations
 
@@ -25,6 +24,7 @@ from bench.metrics.frechet import (
 )
 from bench.metrics.grouped_moments import GroupedMoments, grouped_distances
 
+from .metrics_by_id import rounding_of_frechet
 from .reference import reference_cases
 
 # Error budget. A singular value errs by a few eps = 2.2e-16 of the largest, and the sum of d of
@@ -114,6 +114,163 @@ def test_factor_squares_to_the_covariance(n, d):
         actual.factor.T @ actual.factor, np.cov(x, rowvar=False), rtol=0, atol=1e-12
     )
     assert centred_to_frechet(actual, centred(2 * x)) == frechet_distance(x, 2 * x)
+
+
+# --- extremes -------------------------------------------------------------------------------------
+
+X, Y = normal(1, 40, 8), 1.4 * normal(2, 40, 8) + 0.2
+PLAIN = frechet_distance(X, Y)
+PLAIN_ROUNDING = rounding_of_frechet(X, Y)
+IN_3, ALSO_IN_3 = normal(4, 50, 3), 2 * normal(5, 60, 3)
+AXES = np.linalg.qr(normal(9, 40, 40))[0]
+TURN = np.linalg.qr(normal(9, 8, 8))[0]
+SPREAD = 10.0 ** np.arange(-8, 9)  # deviations
+CENTRED = normal(0, 20, 256) - normal(0, 20, 256).mean(axis=0)
+U = 2.0**-53
+
+
+def diagonal(deviations, mean=0.0):
+    """Rows +-a e_j [2 d, d] about `mean`, with the covariance diag(deviations^2) exactly."""
+    d = len(deviations)
+    rows = np.diag(deviations * np.sqrt((2 * d - 1) / 2))
+    return np.concatenate([rows, -rows]) + mean
+
+
+def on_a_line(x, y):
+    """(m1 - m2)^2 + (s1 - s2)^2 of one feature; in longdouble no square overflows."""
+    x, y = x.astype(np.longdouble), y.astype(np.longdouble)
+    return float((x.mean() - y.mean()) ** 2 + (x.std(ddof=1) - y.std(ddof=1)) ** 2)
+
+
+def shift_and_traces(x, y):
+    """The distance where the covariances share no direction: the root's trace is 0."""
+    shift = x.mean(axis=0) - y.mean(axis=0)
+    return shift @ shift + traces(x, y)
+
+
+def of_two_rows(x, y):
+    """Of covariances a a' and b b', a = (x1 - x2) / sqrt(2): the trace of the root is |a'b|."""
+    a, b = ((z[0] - z[1]) / np.sqrt(2) for z in (x, y))
+    return shift_and_traces(x, y) - 2 * abs(a @ b)
+
+
+def whole_numbers(shift):
+    """Two sets of rows with exact sums and means, even far from 0."""
+    x, y = np.random.default_rng(3).integers(-50, 50, (2, 32, 8)).astype(float)
+    return x + shift, y + shift
+
+
+def of_the_rest(x):
+    """The distance of x to each of its rows twice: S2 = c S1, c = 2 (n - 1) / (2 n - 1)."""
+    n = len(x)
+    return traces(x, x) / 2 * (1 - np.sqrt(2 * (n - 1) / (2 * n - 1))) ** 2
+
+
+VALUES = {  # two sets, the distance, and the tolerance where it is not that of rounding
+    "two rows": (X[:2], Y[:2], of_two_rows(X[:2], Y[:2])),
+    "two rows of one feature": (X[:2, :1], Y[:2, :1], on_a_line(X[:2, :1], Y[:2, :1])),
+    "one feature": (X[:, :1], 3 + 5 * Y[:, :1], on_a_line(X[:, :1], 3 + 5 * Y[:, :1])),
+    "fewer rows than features": (CENTRED, 3 * CENTRED, 2 * traces(CENTRED, CENTRED)),
+    "identical": (CENTRED, CENTRED, 0.0),
+    "identical, another order": (X, np.random.default_rng(1).permutation(X), 0.0),
+    "another order": (X[::-1], Y, PLAIN),
+    "swapped": (Y, X, PLAIN),
+    "every row twice": (X, np.repeat(X, 2, axis=0), of_the_rest(X)),
+    "constant": (np.full((10, 3), 2.0), np.full((4, 3), 5.0), 27.0, 0.0),
+    # Means of n equal values are off by n U of them, and so are the deviations.
+    "tenths": (np.full((7, 3), 0.1), np.full((13, 3), 0.1), 0.0, 12 * (13 * U * 0.1) ** 2),
+    "constant, normal": (np.full((9, 8), 2.0), X, shift_and_traces(np.full((9, 8), 2.0), X)),
+    "diagonal": (diagonal(np.arange(1.0, 9)), diagonal(np.arange(8.0, 0, -1), 0.5), 2.0 + 168),
+    "all magnitudes": (diagonal(SPREAD), diagonal(2 * SPREAD), (SPREAD**2).sum()),
+    "3 of 40": (  # eigenvalues of a product that is not symmetric err more than singular values
+        *(IN_3 @ AXES[:3], ALSO_IN_3 @ AXES[:3], by_eigenvalues(IN_3, ALSO_IN_3)),
+        10 * ROUNDING * traces(IN_3, ALSO_IN_3),
+    ),
+    "subspaces that do not meet": (
+        *(IN_3 @ AXES[:3], normal(5, 60, 4) @ AXES[3:7]),
+        shift_and_traces(IN_3 @ AXES[:3], normal(5, 60, 4) @ AXES[3:7]),
+    ),
+    "rotated": (X @ TURN, Y @ TURN, PLAIN),
+    **{
+        f"times {scale:g}": (X * scale, Y * scale, PLAIN * scale**2, PLAIN_ROUNDING * scale**2)
+        for scale in (1e8, 1e-8, 1e149)
+    },
+    # Powers of two round nothing.
+    "times 2^30": (X * 2.0**30, Y * 2.0**30, PLAIN * 2.0**60, 0.0),
+    "times 2^-30": (X * 2.0**-30, Y * 2.0**-30, PLAIN * 2.0**-60, 0.0),
+    "largest": (np.full((4, 3), 1e150), np.full((5, 3), -1e150), 1.2e301, ROUNDING * 1.2e301),
+    "squares underflow": (X * 1e-200, Y * 1e-200, 0.0, 0.0),
+    "subnormal": (X * 1e-310, Y * 1e-310, 0.0, 0.0),
+    "one of 1e100": (
+        *(np.append(X[:9, :1], [[1e100]], axis=0), Y[:10, :1]),
+        on_a_line(np.append(X[:9, :1], [[1e100]], axis=0), Y[:10, :1]),
+    ),
+    "whole numbers at 1e8": (*whole_numbers(1e8), frechet_distance(*whole_numbers(0)), 0.0),
+    "float16": (
+        *(X.astype("f2"), Y.astype("f2")),
+        frechet_distance(X.astype("f2").astype(float), Y.astype("f2").astype(float)),
+        0.0,
+    ),
+    "float16, squares overflow": (np.array([[-6e4], [6e4]], "f2"), np.zeros((2, 1), "f2"), 7.2e9),
+    "ends of int8": (
+        *(np.array([[-128], [127]], np.int8), np.array([[127], [127]], np.int8)),
+        127.5**2 + 255**2 / 2,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", VALUES)
+def test_extreme_features(name):
+    """A distance is real, finite and not negative."""
+    x, y, expected, *tolerance = VALUES[name]
+    (within,) = tolerance or [rounding_of_frechet(x, y)]
+    actual = frechet_distance(x, y)
+    assert isinstance(actual, float)
+    assert 0.0 <= actual < np.inf
+    np.testing.assert_allclose(actual, expected, rtol=0, atol=within)
+
+
+def test_features_far_from_0():
+    """Of 1e8 they are rounded by half a unit, and their means, sums of 40, by 40.
+
+    The root of a distance moves by at most D = e sqrt(d n / (n - 1)) a set, of features off by e.
+    """
+    move = 2 * 41 * U * 2.0**27 * np.sqrt(8 * 40 / 39)
+    within = 2 * np.sqrt(PLAIN) * move + move**2
+    assert frechet_distance(X + 1e8, Y + 1e8) == pytest.approx(PLAIN, rel=0, abs=within)
+
+
+def with_value(x, value):
+    x = x.copy()
+    x[3, 2] = value
+    return x
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "error", "says"),
+    [
+        (X[:0], Y, TooFewSamples, "[0, 8]"),
+        (X, Y[:1], TooFewSamples, "[1, 8]"),
+        (X * 1e200, Y * 1e200, ValueError, "no finite covariance; scale them down"),
+        (X.astype(complex), Y, ValueError, "features must be real numbers, got complex128"),
+        (X > 0, Y > 0, ValueError, "features must be real numbers, got bool"),
+        (X.astype(str), Y, ValueError, "features must be real numbers, got <U"),
+        (X[:, 0], Y, ValueError, "features must be [n, d], got float64 [40]"),
+        (X[:, :0], Y[:, :0], ValueError, "features must be [n, d], got float64 [40, 0]"),
+        (X[:, :4], Y[:, :5], ValueError, "sets of 4 and 5 features"),
+        (with_value(X, np.nan), Y, ValueError, "1 of 320 feature values are not finite"),
+        (X, with_value(Y, np.inf), ValueError, "1 of 320 feature values are not finite"),
+        (X, with_value(Y.astype("f2"), -np.inf), ValueError, "1 of 320 feature values are not"),
+        (X, Y.astype("g") * np.longdouble("1e400"), ValueError, "320 of 320 feature values are"),
+    ],
+)
+def test_refused_features(x, y, error, says):
+    with pytest.raises(ValueError, match=re.escape(says)) as caught:
+        frechet_distance(x, y)
+    assert caught.type is error
+
+
+# --- intervals ------------------------------------------------------------------------------------
 
 
 def views_of_objects(seed, n_objects, n_views, d, offset=0.0):

@@ -1,5 +1,4 @@
-"""MS-SSIM by published values and by its definition; closed forms are cases of the suite
-`stability`."""
+"""MS-SSIM by published values and by its definition; closed forms are in `test_extreme_inputs`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""PSNR against scikit-image; closed forms and refusals are cases of the suite `stability`."""
+"""PSNR against scikit-image, its largest value, and refusals."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""Silhouettes and the SSIM of what they cover, by their definitions; boxes, haze and refusals are
-cases of the suite `stability`."""
+"""Silhouettes and the SSIM of what they cover, by their definitions; boxes and haze are in
+`test_extreme_inputs`, too."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""SSIM against independent implementations; closed forms and refusals are cases of the suite
-`stability`, which states them."""
+"""SSIM against independent implementations; closed forms and refusals are in
+`test_extreme_inputs`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Thin parts by scipy and by hand; scores of a leg are cases of the suite `stability`."""
+"""Thin parts by scipy and by hand; `test_extreme_inputs` has scores of a leg, too."""
 
 from __future__ import annotations
 

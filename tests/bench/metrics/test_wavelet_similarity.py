@@ -1,5 +1,5 @@
-"""CW-SSIM by published values, and what it is for: small shifts; closed forms and refusals are
-cases of the suite `stability`."""
+"""CW-SSIM by published values, and what it is for: small shifts; closed forms and refusals are in
+`test_extreme_inputs`."""
 
 from __future__ import annotations
 

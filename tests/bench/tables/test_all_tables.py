@@ -211,5 +211,5 @@ def test_tables_of_stability():
         CaseOutcome("turned", "views", "splat", "agrees", "0.01, at most 1", "holds"),
         CaseOutcome("turned", "views", "pc2pix", "fails", "fails: too few", "refused"),
     ]
-    table = matrix("stability_methods", "Methods at the extremes", "Remark.", outcomes)
+    table = matrix("Remark.", outcomes)
     kept("stability.txt", as_text(table_files([table])))

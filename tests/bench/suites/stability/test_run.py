@@ -24,33 +24,30 @@ from bench.tables.build import tables
 from bench.tables.figure import save
 from data_prep.failures import BadInput
 
-HOLDS = CaseOutcome("identical", "pairs", "ssim", "1", "1", "holds")
+HOLDS = CaseOutcome("shuffled", "metamorphic", "splat", "as plain", "images", "holds")
 OPTIONS = Options("stability", methods=("blank", "true-mesh"), workers=2)
 STORED = ("jobs", "artifacts", "listed")
-NAMES = ("stability_methods", "stability_metrics")
 
 
 @pytest.fixture
 def finished(tmp_path):
-    """A run of two methods, without the matrix of metrics, which has tests of its own."""
-    return run(replace(OPTIONS, out=tmp_path / "run"), of_metrics=lambda: [HOLDS])
+    """A run of two methods."""
+    return run(replace(OPTIONS, out=tmp_path / "run"))
 
 
 def matrix(*outcomes):
-    return matrix_of("stability_methods", "Methods", "One chair.", outcomes)
+    return matrix_of("One chair.", outcomes)
 
 
 @pytest.mark.slow
 def test_a_run_leaves_tables_and_figures_and_goes_on(finished, tmp_path):
     out = tmp_path / "run"
-    assert [table.name for table in finished.tables] == list(NAMES)
-    methods = finished.tables[0]
+    (methods,) = finished.tables
     expected = {(case.id, method) for case in CASES for method in ("blank", "true-mesh")}
     assert {(o.case, o.subject) for o in methods.rows} == expected
     assert {o.kind for o in methods.rows} == {"holds"}
-    for name in NAMES:
-        assert (out / "tables" / f"{name}.md").stat().st_size > 100
-        assert (out / "figures" / f"{name}.png").stat().st_size > 1000
+    assert (out / "tables" / "stability_methods.md").stat().st_size > 100
+    assert (out / "figures" / "stability_methods.png").stat().st_size > 1000
     assert (out / "figures" / "extremes.png").stat().st_size > 10_000
     with (out / "tables" / "observations.csv").open(newline="") as file:
         assert len(list(csv.DictReader(file))) == 2 * len(CASES)
@@ -65,11 +62,11 @@ def test_a_run_leaves_tables_and_figures_and_goes_on(finished, tmp_path):
         return rows, tables
 
     before = files()
-    run(replace(OPTIONS, out=out), of_metrics=lambda: [HOLDS])
+    run(replace(OPTIONS, out=out))
     assert files() == before
 
     verdict = check(out)
-    assert (verdict.compared, verdict.regressions) == (2 * len(CASES) + 1, ())
+    assert (verdict.compared, verdict.regressions) == (2 * len(CASES), ())
     path = out / "tables" / "stability_methods.csv"
     path.write_text(path.read_text().replace(",holds", ",unexpected", 1))
     (regression,) = check(out).regressions
@@ -85,7 +82,7 @@ def test_a_matrix_survives_its_file(tmp_path):
     (tmp_path / "observations.csv").write_text("a,b\n1,2\n")  # none of the matrices
     assert read_outcomes(tmp_path) == [HOLDS, odd]
     assert unexpected(table) == [odd]
-    assert subjects(table) == ["ssim"]
+    assert subjects(table) == ["splat"]
 
 
 def test_markdown_counts_and_groups():
@@ -94,8 +91,8 @@ def test_markdown_counts_and_groups():
     assert "2 cases, 2 outcomes:" in text
     for kind in KINDS:
         assert f"* **{kind}** {int(kind in ('holds', 'unexpected'))}: " in text
-    assert text.index("## pairs") < text.index("| identical |") < text.index("## alone")
-    assert "| blank | ssim | 1 | a\\|b | **unexpected** |" in text
+    assert text.index("## metamorphic") < text.index("| shuffled |") < text.index("## alone")
+    assert "| blank | splat | as plain | a\\|b | **unexpected** |" in text
 
 
 @pytest.mark.parametrize("text", ["", "a,b\n1,2\n", "{header}\na,b,c,d,e,fine\n"])
