@@ -13,6 +13,7 @@ from data_prep.clouds.extremes import (
     Flattened,
     Half,
     Kept,
+    LastBit,
     Normalised,
     Repeated,
     Scaled,
@@ -39,6 +40,7 @@ class Case:
     like   the case whose images these should be, view by view, from the first again where this case
            has more views: a metamorphic check
     batch  views drawn in one call; None draws all at once
+    repetitions  clouds that the perturbation makes, with other random numbers each
     """
 
     id: str
@@ -48,6 +50,12 @@ class Case:
     like: str | None = None
     views: tuple[View, ...] = VIEWS
     batch: int | None = None
+    repetitions: int = 1
+
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """Return the condition of each repetition; that of the first is the id."""
+        return (self.id, *(f"{self.id}-{number}" for number in range(2, self.repetitions + 1)))
 
 
 def _turned(views: tuple[View, ...], degrees: float) -> tuple[View, ...]:
@@ -161,4 +169,12 @@ CASES = (
         2 * VIEWS,
     ),
     Case("batch-split", "metamorphic", "one view a call", Unchanged(), like="plain", batch=1),
+    Case(
+        "last-bit",
+        "metamorphic",
+        "coordinates off by up to one unit in the last place, 30 times",
+        LastBit(),
+        "plain",
+        repetitions=30,
+    ),
 )

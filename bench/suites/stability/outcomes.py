@@ -8,11 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bench.metrics.inception_weights import WeightsUnavailable
 from bench.metrics.silhouette import foreground
+from bench.metrics.structural_similarity import ssim_per_image
 from bench.records.artifacts import unpack_images
 from bench.records.job import Job
 from bench.records.store import Store
-from bench.suites.stability.cases import CASES
+from bench.suites.stability.cases import CASES, Case
 from bench.suites.stability.expectations import (
     ROUNDED_MEAN,
     Agrees,
@@ -26,6 +28,8 @@ from bench.suites.stability.expectations import (
     expectation,
     in_words,
 )
+from data_prep.arrays import Floats
+from data_prep.scene import UInt8Images
 
 
 @dataclass(frozen=True)
@@ -39,6 +43,8 @@ class Observation:
                    0..255; None without `like`, or without images of either
     most_change    largest absolute difference to them
     prepare_s, draw_s  as in a record; None without images
+    ssim_change, lpips_change  largest change of the score against the true images, mean over the
+                   views, in a repetition of the case; None without repetitions
     """
 
     case: str
@@ -50,31 +56,44 @@ class Observation:
     most_change: int | None
     prepare_s: float | None
     draw_s: float | None
+    ssim_change: float | None = None
+    lpips_change: float | None = None
 
 
 def observe(jobs: Sequence[Job], store: Store) -> list[Observation]:
-    """Return an observation for each job, in their order; the store has all of them."""
-    first = {job.key: store.records(job.key)[0] for job in jobs}
-    drawn = {(job.method, job.condition): job for job in jobs if first[job.key].outcome == "ok"}
-    likes = {case.id: case.like for case in CASES}
-    observations = []
+    """Return an observation for each method and case, in their order; the store has all jobs."""
+    case_of = {condition: case for case in CASES for condition in case.conditions}
+    repetitions: dict[tuple[str, Case], list[Job]] = {}
     for job in jobs:
-        record = first[job.key]
-        shown = mean = most = None
-        if (job.method, job.condition) in drawn:
-            images = unpack_images(store.artifact(job.key))
+        repetitions.setdefault((job.method, case_of[job.condition]), []).append(job)
+    # The first failure of several stands for them.
+    records = {
+        key: min((store.records(job.key)[0] for job in group), key=lambda r: r.outcome == "ok")
+        for key, group in repetitions.items()
+    }
+    drawn = {
+        (method, case.id): group
+        for (method, case), group in repetitions.items()
+        if records[method, case].outcome == "ok"
+    }
+    observations = []
+    for (method, case), record in records.items():
+        shown = mean = most = ssim = lpips = None
+        if (method, case.id) in drawn:
+            images = _images(drawn[method, case.id], store)
             shown = float(foreground(images).mean())
-            other = drawn.get((job.method, likes[job.condition] or ""))
-            if other is not None:
-                like = unpack_images(store.artifact(other.key))
-                # A case may have more views than its `like`, which is repeated then.
+            if others := drawn.get((method, case.like or "")):
+                like = _images(others, store)
+                # A case may have more images than its `like`, which is repeated then.
                 counterpart = like[np.arange(len(images)) % len(like)]
                 difference = np.abs(images.astype(np.int16) - counterpart)
                 mean, most = float(difference.mean()), int(difference.max())
+                if case.repetitions > 1:
+                    ssim, lpips = _score_changes(others[0], like, images)
         observations.append(
             Observation(
-                case=job.condition,
-                method=job.method,
+                case=case.id,
+                method=method,
                 reason=record.reason,
                 notes=record.notes,
                 shown=shown,
@@ -82,9 +101,33 @@ def observe(jobs: Sequence[Job], store: Store) -> list[Observation]:
                 most_change=most,
                 prepare_s=record.prepare_s,
                 draw_s=record.draw_s,
+                ssim_change=ssim,
+                lpips_change=lpips,
             )
         )
     return observations
+
+
+def _images(jobs: Sequence[Job], store: Store) -> UInt8Images:
+    return np.concatenate([unpack_images(store.artifact(job.key)) for job in jobs])
+
+
+def _score_changes(job: Job, like: UInt8Images, images: UInt8Images) -> tuple[float, float | None]:
+    """Return the largest changes of SSIM and LPIPS from `like`; no LPIPS without its package."""
+    from bench.metrics.lpips_network import lpips  # imports torch
+
+    drawn = np.concatenate([like, images])
+    truth = np.resize(job.object.truth(job.views), drawn.shape)
+
+    def largest_change(scores: Floats) -> float:
+        values = scores.reshape(-1, len(like)).mean(axis=1)
+        return float(np.abs(values - values[0]).max())
+
+    ssim = largest_change(ssim_per_image(truth, drawn).ssim)
+    try:
+        return ssim, largest_change(lpips(truth, drawn, single=True))
+    except WeightsUnavailable:
+        return ssim, None
 
 
 @dataclass(frozen=True)
@@ -162,4 +205,8 @@ def _observed_in_words(observed: Observation) -> str:
     words = f"images, {100 * (observed.shown or 0):.1f} % not white"
     if observed.mean_change is not None:
         words += f"; change {observed.mean_change:.3g}, at most {observed.most_change}"
+    if observed.ssim_change is not None:
+        words += f"; ssim moves by up to {observed.ssim_change:.2g}"
+    if observed.lpips_change is not None:
+        words += f", lpips by {observed.lpips_change:.2g}"
     return f"{words}; {observed.notes}" if observed.notes else words

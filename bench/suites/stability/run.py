@@ -47,7 +47,7 @@ def stability_jobs(
     device: str,
     environment: Mapping[str, str],
 ) -> list[Job]:
-    """Return one job per method and case, without ground truth: nothing is scored.
+    """Return one job per method, case and repetition, without ground truth.
 
     Raises BadInput for an unknown method.
     """
@@ -60,24 +60,25 @@ def stability_jobs(
         ]
         for case in CASES:
             views = [[view.azimuth_deg, view.elevation_deg] for view in case.views]
-            # The key has the case's name, too, as random numbers are drawn by it.
-            key = digest([*common, case.id, repr(case.perturbation), views, case.batch])
-            jobs.append(
-                Job(
-                    key=key,
-                    suite=suite.id,
-                    method=method,
-                    condition=case.id,
-                    perturbation=case.perturbation,
-                    object=obj,
-                    views=case.views,
-                    seed=seed,
-                    device=device,
-                    features=(),
-                    reference_key=None,
-                    batch=case.batch,
+            for condition in case.conditions:
+                # The key has the condition, too, as random numbers are drawn by it.
+                key = digest([*common, condition, repr(case.perturbation), views, case.batch])
+                jobs.append(
+                    Job(
+                        key=key,
+                        suite=suite.id,
+                        method=method,
+                        condition=condition,
+                        perturbation=case.perturbation,
+                        object=obj,
+                        views=case.views,
+                        seed=seed,
+                        device=device,
+                        features=(),
+                        reference_key=None,
+                        batch=case.batch,
+                    )
                 )
-            )
     return jobs
 
 

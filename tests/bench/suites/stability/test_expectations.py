@@ -49,6 +49,8 @@ def test_views_that_should_agree_are_the_same_direction():
     assert BY_ID["batch-doubled"].views == VIEWS + VIEWS
     assert {view.elevation_deg for view in BY_ID["elevation+90"].views} == {90.0}
     assert View(30.0, -90.0) in BY_ID["elevation-90"].views
+    assert BY_ID["last-bit"].conditions[:2] == ("last-bit", "last-bit-2")
+    assert len({condition for case in CASES for condition in case.conditions}) == len(CASES) + 29
 
 
 @pytest.mark.parametrize(
@@ -57,6 +59,8 @@ def test_views_that_should_agree_are_the_same_direction():
         ("splat", "plain", Draws()),
         ("splat", "shuffled", Agrees(0.01, 1)),
         ("splat", "millimetres", Agrees(1.0)),
+        ("splat", "last-bit", Agrees(0.01)),
+        ("surface-apss", "last-bit", Agrees(0.5)),
         ("splat", "0-points", Fails("input: no points")),
         ("other", "plain", NoExpectation()),
         ("other", "shuffled", NoExpectation()),
@@ -107,5 +111,10 @@ def test_outcomes_say_what_was_expected_and_what_came():
     assert named == ("shuffled", "metamorphic", "splat", "unexpected")
     assert result.expected == "as plain: mean change up to 0.01 grey levels, at most 1"
     assert result.observed == "images, 25.0 % not white; change 1.25, at most 7; 3 faces"
+    moved = replace(changed(0.5, 9), case="last-bit", ssim_change=0.00123, lpips_change=0.0456)
+    result = outcome(replace(moved, method="surface-apss"))
+    assert result.observed.endswith(
+        "change 0.5, at most 9; ssim moves by up to 0.0012, lpips by 0.046"
+    )
     result = outcome(replace(FAILED, case="coplanar", method="surface-apss"))
     assert (result.observed, result.kind) == ("failed: apss: no faces", "refused")

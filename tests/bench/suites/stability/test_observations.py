@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from harness_objects import Tetrahedron
 
+from bench.metrics import ssim
 from bench.records.job import failed
 from bench.records.run_folder import open_folder
 from bench.suites.stability.cases import VIEWS
@@ -80,3 +81,25 @@ def test_no_images(store, plain):
     assert (seen[0].shown, seen[0].prepare_s) == (None, None)
     assert seen[1].shown == 0.5
     assert seen[1].mean_change is None  # there is nothing to compare it with
+
+
+def test_repetitions_are_one_observation_with_the_largest_change_of_scores(store, plain):
+    job, images = plain
+    moved = images.copy()
+    moved[0, 40:60, 40:60] = 255
+    jobs = [job_of(condition) for condition in ("last-bit", "last-bit-2", "last-bit-3")]
+    for other, drawn in zip(jobs, (images, moved, images), strict=True):
+        append(store, other, drawn)
+    _, seen = observe([job, *jobs], store)
+    difference = np.abs(moved.astype(int) - images)
+    assert (seen.case, seen.most_change) == ("last-bit", difference.max())
+    assert seen.mean_change == pytest.approx(difference.mean() / 3, rel=1e-12)
+    truth = job.object.truth(VIEWS)
+    assert seen.ssim_change == pytest.approx(
+        abs(ssim(truth, moved).ssim - ssim(truth, images).ssim)
+    )
+    assert seen.lpips_change > 1e-4
+    still = observe([job, jobs[0], jobs[2]], store)[1]
+    assert (still.mean_change, still.ssim_change, still.lpips_change) == (0.0, 0.0, 0.0)
+    store.append(failed(jobs[1], "apss: no faces"))
+    assert observe([job, *jobs], store)[1].reason == "apss: no faces"
