@@ -182,7 +182,7 @@ def test_the_command_line_takes_the_commands(command, known):
     ("command", "problem"),
     [
         (["run", "--suit", "speed"], "No such option: --suit"),
-        (["report"], "directory"),
+        (["report"], "directories"),
         (["train", "gan", "--steps", "few"], "valid integer"),
         (["rum"], "rum"),
     ],

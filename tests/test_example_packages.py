@@ -230,13 +230,10 @@ def test_the_dataset_keeps_its_contract(bench, tmp_path, name):
     assert last.endswith(f"bench run --suite thirteen-classes --dataset mesh-list:{tmp_path}")
 
 
-def test_a_method_that_passes_works_in_the_other_commands(bench, run_folder, tmp_path):
+def test_a_method_that_passes_works_in_the_other_commands(bench, run_folder):
     compared = bench("compare", run_folder, "--methods", "convex-hull,true-mesh")
     assert compared.returncode == 0, compared.stderr
     assert "convex-hull" in compared.stdout
     reported = bench("report", run_folder)
     assert reported.returncode == 0, reported.stderr
     assert "convex-hull" in (run_folder / "report.html").read_text()
-    site = bench("site", run_folder, "--out", tmp_path / "site")
-    assert site.returncode == 0, site.stderr
-    assert "convex-hull" in (tmp_path / "site" / "index.html").read_text()

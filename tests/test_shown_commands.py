@@ -38,7 +38,7 @@ GIVEN = {
     "DIR_A": "first",
     "DIR_B": "first",
     "merge DIR…": "merge part-1 part-2",
-    "site DIR…": "site first",
+    "report DIR…": "report first own",
     "SITE": "site",
     "TREE": "tree",
     "--out DIR": "--out whole",

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import count, product
 from typing import Literal
 
@@ -93,20 +93,6 @@ class PairedDifference:
     p_holm: float
     ahead: Ahead
     objects_needed: int | None
-
-    def turned(self) -> PairedDifference:
-        """Return the same with its sides exchanged."""
-        pair = replace(
-            self.pair,
-            a=self.pair.b,
-            b=self.pair.a,
-            quality_a=self.pair.quality_b,
-            quality_b=self.pair.quality_a,
-        )
-        value, low, high = self.difference
-        exchanged: dict[Ahead, Ahead] = {"a": "b", "b": "a"}
-        ahead = exchanged.get(self.ahead, self.ahead)
-        return replace(self, pair=pair, difference=Estimate(-value, -high, -low), ahead=ahead)
 
 
 def paired_differences(pairs: Sequence[ComparedPair]) -> list[PairedDifference]:

@@ -53,10 +53,6 @@ class Ranking:
     pairs: tuple[PairedDifference, ...]
     objects_needed: int | None
 
-    def of(self, method: str) -> Rank | None:
-        """Return the rank of a method; None where it has no value."""
-        return next((rank for rank in self.ranks if rank.method == method), None)
-
 
 def ranking(comparison: Comparison, metric: str) -> Ranking:
     """Return the ranks of all methods that have a value."""

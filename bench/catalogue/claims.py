@@ -48,7 +48,8 @@ class Claims:
     export : str
         Checksum of the export whose clouds it drew (`data_prep.datasets.exported.checksum_of`).
     version : str
-        Version or commit of the method; "" for none. Another version is another method on a site.
+        Version or commit of the method; "" for none. Another version is another method
+        on a leaderboard of runs.
     """
 
     name: str

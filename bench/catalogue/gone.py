@@ -16,12 +16,13 @@ GONE: dict[str, dict[str, str]] = {
         "plan": "'bench run --dry-run' says jobs, disk and time",
         "receipt": "'bench check DIR --again 0.05' computes a share of a run's jobs again",
         "verify": "'bench check DIR --again 0.05' computes a share of a run's jobs again",
+        "site": "use 'bench report DIR...', which writes an index over the runs",
     },
     "option": {
         "run --until-decided": "use --budget, or end the run with Ctrl-C",
         "run --no-until-decided": "leave it; no run ends by itself",
         **dict.fromkeys(
-            ("run --open", "report --open", "site --open"),
+            ("run --open", "report --open"),
             "the path of the page is printed; open it in a browser",
         ),
         "run --search": "hypothesis tests in tests/robustness/test_generated_inputs.py",

@@ -1,4 +1,4 @@
-"""The commands on finished runs: merge, table, report, site, check, recommend."""
+"""The commands on finished runs: merge, table, report, check, recommend."""
 
 from __future__ import annotations
 
@@ -57,7 +57,6 @@ def merge(
 
 def table(directory: RunDirectory, format_: FormatOption = None) -> None:
     """Make the tables of a run again, from its records."""
-    from bench.analysis.scored import read_scored
     from bench.commands.publish import print_outputs
     from bench.tables.build import write_outputs
 
@@ -65,27 +64,28 @@ def table(directory: RunDirectory, format_: FormatOption = None) -> None:
 
 
 def report(
-    directory: RunDirectory,
+    directories: Annotated[
+        list[Path], path_argument("DIR...", "The folder of a finished run, or of several.")
+    ],
     out: Annotated[
-        Path | None, path_option("The HTML file. Default: DIR/report.html.", "--out", "-o")
+        Path | None,
+        path_option(
+            "The HTML file; of several runs a folder. Default: where the runs are.", "--out", "-o"
+        ),
     ] = None,
 ) -> None:
-    """Make an HTML page of a run: tables, curves, images, worst cases, failures; offline."""
-    from bench.analysis.scored import read_scored
+    """Make an HTML page of a run: tables, curves, images, worst cases, failures; offline.
+
+    Of several runs a page each, and an index over them: their leaderboards by data set and truth.
+    """
     from bench.report.build import write_report
+    from bench.report.index import write_index
     from bench.tables.build import make_outputs
 
-    print(write_report(make_outputs(read_scored(directory)), out))
-
-
-def site(
-    directories: Annotated[list[Path], path_argument("DIR...", "The folders of finished runs.")],
-    out: Annotated[Path, path_option("The new folder.", "--out", "-o")],
-) -> None:
-    """Make a static site over many runs: ranks, methods, comparisons, downloads; offline."""
-    from bench.report.site.write import write_site
-
-    print(f"{write_site(directories, out)} pages; open {out / 'index.html'}")
+    if len(directories) > 1:
+        print(write_index(directories, out))
+    else:
+        print(write_report(make_outputs(read_scored(directories[0])), out))
 
 
 def check(

@@ -71,21 +71,21 @@ _MARKUP = re.compile(r"`|\*\*|\\(.)")  # what remarks have, and escapes
 OPEN_PLOTS = 4  # of a group: two by two, or two wide ones
 
 
-def write_report(made: Outputs, out: Path | None = None) -> Path:
+def write_report(
+    made: Outputs, out: Path | None = None, remedy: str = "give another --out"
+) -> Path:
     """Write the report of a finished run to `out` (default: report.html in its folder).
 
     The same run gives the same bytes. Images that are no longer there, and clouds that cannot be
     made again, are named as missing. Raises BadInput where the store cannot be read, and
-    CannotWrite where `out` cannot be written.
+    CannotWrite where `out` cannot be written, with the `remedy`.
     """
     path = out or made.run.directory / REPORT
     text = html(read_page(made))
     try:
         write_whole(path, text.encode())
     except OSError as error:
-        raise CannotWrite(
-            f"{path}: cannot be written ({error.strerror}); give another --out"
-        ) from error
+        raise CannotWrite(f"{path}: cannot be written ({error.strerror}); {remedy}") from error
     return path
 
 

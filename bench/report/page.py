@@ -275,13 +275,15 @@ def html(page: Page) -> str:
 def rendered(template: str, **values: Any) -> str:
     """Return a template of the assets with these values, the style sheet and its checksum.
 
-    Everything is escaped. `script`, where it is among the values, is trusted, and gets a checksum.
+    Everything is escaped. `board_style` and `script`, where they are among the values, are trusted,
+    and get a checksum.
     """
     from markupsafe import Markup
 
-    for name, text in (("style", bundled("report.css")), ("script", values.get("script"))):
-        if text is not None:
-            values |= {name: Markup(text), f"{name}_hash": _hash(text)}
+    inline = {"style": bundled("report.css")}
+    inline |= {name: values[name] for name in ("board_style", "script") if name in values}
+    for name, text in inline.items():
+        values |= {name: Markup(text), f"{name}_hash": _hash(text)}
     return _environment().get_template(template).render(**values) + "\n"
 
 

@@ -1,9 +1,8 @@
 """The answer of a run in a few lines: who is ahead, what is not decided, below blank, cheapest.
 
 All pairs of methods under a condition are compared object by object and corrected by Holm's
-procedure (`bench.analysis.ranks`), so that who is ahead here has the first letter on a site, too.
-Reference methods, settings of a parameter and methods measured for their cost alone do not take
-part.
+procedure (`bench.analysis.ranks`), as on a leaderboard of runs. Reference methods, settings of a
+parameter and methods measured for their cost alone do not take part.
 """
 
 from __future__ import annotations

@@ -64,7 +64,6 @@ class Cell:
     rounding  half width of the error of a value that has fewer digits because of it; else None
     paper     the published value; empty without one
     special   a remark on the value
-    link      address that the value leads to, on a page
     """
 
     text: str
@@ -76,7 +75,6 @@ class Cell:
     caveat: str = ""
     paper: str = ""
     special: Annotation | None = None
-    link: str = ""
     rounding: float | None = None
 
     @property
@@ -167,17 +165,13 @@ class ColumnHeader(NamedTuple):
 
 @dataclass(frozen=True)
 class TableRow:
-    """A row of a grid: its name, `about` it in small letters, and a cell for each column.
-
-    On a page the name may `link` to an address.
-    """
+    """A row of a grid: its name, `about` it in small letters, and a cell for each column."""
 
     name: str
     cells: tuple[Cell, ...]
     about: str = ""
     tags: Tags = ANY
     special: Annotation | None = None
-    link: str = ""
 
 
 OVER_OBJECTS = "95 % interval over objects"

@@ -74,8 +74,6 @@ def test_the_best_comes_first_and_references_have_no_rank():
     ]
     assert len(found.pairs) == 6
     assert [rank.first for rank in found.ranks] == [True, False, False, False]
-    assert found.of("splat") == found.ranks[1]
-    assert found.of("poisson") is None
 
 
 def test_reference_methods_cost_the_others_nothing():

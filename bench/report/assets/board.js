@@ -34,7 +34,7 @@
         head.setAttribute("aria-sort", order);
         status.textContent = `Sorted by ${name}, ${order}.`;
       });
-      head.querySelector("a, span").after(button);
+      head.querySelector("span").after(button);
     });
   }
 })();

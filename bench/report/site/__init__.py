@@ -1,1 +1,0 @@
-"""A static site over many runs."""
