@@ -65,7 +65,7 @@ MEASUREMENTS: Mapping[str, QuotedRun] = {
         ("splat-net@chair", "splat-net", "fused-net", "pc2pix"),
     ),
     "known-chairs-grey": QuotedRun(
-        "--suite chair-robustness-grey --conditions 2048,noise-0.10 "
+        "--suite chair-robustness --truth grey --conditions 2048,noise-0.10 "
         f"--methods {OPPONENTS},pc2pix,pc2pix@all,splat-net@chair-grey,{GREY},blank",
         ("splat-net@chair-grey", "splat-net@grey", "fused-net@grey", "occupancy-net"),
     ),

@@ -27,7 +27,9 @@ GONE: dict[str, dict[str, str]] = {
         ),
         "run --search": "hypothesis tests in tests/robustness/test_generated_inputs.py",
     },
-    "suite": {},
+    "suite": {
+        "chair-robustness-grey": "use 'bench run --suite chair-robustness --truth grey'",
+    },
     "method": {},
     "metric": {
         "silhouette-distance": "use silhouette-iou, which every suite with true images shows",

@@ -84,9 +84,9 @@ class Suite:
     frontier         metrics that cost is traded for
     condition_sweep  metrics by which methods are compared along `bench.catalogue.families`
     headline         metrics of the table that a run shows while it goes on, and at its end
-    truth            true images in the colours of their objects, or with all faces in neutral grey;
-                     points and views are the same
-    truth_chosen     whether `--truth` has replaced the truth of the suite, see `with_truth`
+    truth            true images in the colours of their objects or, by `with_truth` alone, with all
+                     faces in neutral grey; points and views are the same
+    grey_methods     methods that join the list where the truth is in grey
     timed            whether one worker does all, so that times are taken with nothing beside them
     tables           in the order in which they are shown; without those that a part of a run, or
                      one with few methods, does not give
@@ -110,7 +110,7 @@ class Suite:
     condition_sweep: tuple[str, ...] = ()
     headline: tuple[str, ...] = ("ssim-object", "lpips")
     truth: Truth = "coloured"
-    truth_chosen: bool = False
+    grey_methods: tuple[str, ...] = ()
     timed: bool = False
     tables: tuple[TableSpec, ...] = (IMAGE_TABLE, SET_TABLE, DETAIL_TABLE)
     figures: Figures = "robustness"

@@ -61,6 +61,7 @@ ROBUSTNESS = Suite(
     views=20,
     endless_limit=24,
     limits=Limits(time_s=120.0, memory_gib=4.0),
+    grey_methods=("occupancy-net", "splat-net@grey", "fused-net@grey"),
     tables=(
         TableSpec(
             "images",
@@ -81,26 +82,6 @@ ROBUSTNESS = Suite(
 
 SUITES = (
     ROBUSTNESS,
-    replace(
-        ROBUSTNESS,
-        id="chair-robustness-grey",
-        about="the same chairs, clouds and views in neutral grey: drawing without colour",
-        methods=(  # that make up no colour
-            "surface-apss",
-            "alpha-wrap",
-            "denoised-wrap",
-            "occupancy-net",
-            "splat-net@chair-grey",
-            "splat-net@grey",
-            "fused-net@grey",
-            "true-mesh",
-            "constant",
-            "blank",
-        ),
-        set_metrics=("fd-views-grey", "fd-alexnet", "kd-alexnet"),
-        truth="grey",
-        tables=(IMAGE_TABLE, SET_TABLE, DETAIL_TABLE, RECOGNITION_TABLE),
-    ),
     Suite(
         id="speed-accuracy",
         about="quality against cost: every method over its parameters, and the frontier",

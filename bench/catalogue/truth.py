@@ -23,8 +23,7 @@ from bench.catalogue.suite_types import (
     Truth,
 )
 from bench.catalogue.suites import SUITES
-from bench.records.run_folder import TRUTH
-from data_prep.failures import BadInput
+from bench.records.run_folder import COLOURED, TRUTH
 
 # The networks behind these were trained on images in colours.
 _OF_COLOURS = {"fid", "kid", "fd-views", "kd-views", "class-confidence"}
@@ -41,22 +40,18 @@ _UNNUMBERED: dict[TableKind, TableSpec] = {
 def with_truth(suite: Suite, truth: str | None) -> Suite:
     """Return the suite with true images in colours or in grey; None leaves it as it is.
 
-    In grey, the list of methods has none that makes up colours, and there are no metrics that need
-    colours, none of the paper's values and no check of its orderings.
-
-    Raises BadInput for an unknown truth, and for colours in a suite that is in grey itself.
+    In grey, the list of methods has none that makes up colours and those of `grey_methods`, and
+    there are no metrics that need colours, none of the paper's values and no check of its
+    orderings. Raises BadInput for an unknown truth.
     """
-    if truth is None or truth == suite.truth:
+    if truth is None or truth == COLOURED:
         return suite
     if truth not in TRUTHS:
         raise unknown(truth, list(TRUTHS), "truth")
-    if truth == "coloured":
-        raise BadInput(f"--truth {truth}: the suite {suite.id} is in grey; take one in colours")
-    left = left_out_in_grey(suite)
     return replace(
         suite,
         about=f"{suite.about}; here in grey",
-        methods=tuple(m for m in suite.methods if m not in left),
+        methods=_methods_in_grey(suite),
         set_metrics=_metrics_in_grey(suite.set_metrics),
         class_metrics=_metrics_in_grey(suite.class_metrics),
         frontier=_metrics_in_grey(suite.frontier),
@@ -67,7 +62,6 @@ def with_truth(suite: Suite, truth: str | None) -> Suite:
             if table.kind != "orderings"
         ),
         truth="grey",
-        truth_chosen=True,
     )
 
 
@@ -85,19 +79,24 @@ def left_out_in_grey(suite: Suite) -> dict[str, str]:
     return reasons
 
 
+def _methods_in_grey(suite: Suite) -> tuple[str, ...]:
+    left = left_out_in_grey(suite)
+    kept = [method for method in suite.methods if method not in left]
+    references = [method for method in kept if find_method(method).kind == "reference"]
+    compete = [method for method in kept if method not in references]
+    return tuple(dict.fromkeys((*compete, *suite.grey_methods, *references)))
+
+
 def _metrics_in_grey(metrics: Sequence[str]) -> tuple[str, ...]:
     names = (_IN_GREY.get(metric, metric) for metric in metrics)
     return tuple(dict.fromkeys(name for name in names if name not in _OF_COLOURS))
 
 
 def stored_suite(manifest: Mapping[str, Any]) -> Suite:
-    """Return the suite of a run, with the truth of the run. Raises BadInput for unknown ones.
-
-    A run from before there was `--truth` has the truth of its suite.
-    """
+    """Return the suite of a run, with the truth of the run. Raises BadInput for unknown ones."""
     return with_truth(find(str(manifest.get("suite")), SUITES, "suite"), manifest.get(TRUTH))
 
 
 def truth_entry(suite: Suite) -> dict[str, Truth]:
-    """Return the entry of manifests for the truth: none where it is that of the suite."""
-    return {TRUTH: suite.truth} if suite.truth_chosen else {}
+    """Return the entry of manifests for the truth; none for colours."""
+    return {TRUTH: suite.truth} if suite.truth != COLOURED else {}

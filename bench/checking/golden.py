@@ -31,7 +31,7 @@ from bench.checking.objects import (
     write_objects,
 )
 from bench.checking.tolerances import tolerance
-from bench.records.run_folder import read_finished
+from bench.records.run_folder import COLOURED, read_finished
 from bench.running.options import Options
 from bench.suites.stability.tables import read_outcomes
 from bench.tables.build import class_orderings, condition_sweep, tables
@@ -91,7 +91,7 @@ def check(directory: Path) -> CheckResult:
     sweep = (class_orderings(run), condition_sweep(run))
     written: list[Table[Any]] = [*own_tables, *filter(None, sweep)]
     compared, regressions = Counter[str](), _stale_tables(directory, written)
-    if run.suite.truth_chosen:
+    if run.suite.truth != COLOURED:
         against = TRUTHS[run.suite.truth]
         not_compared = f"{run.suite.id} has no golden values against {against}: none compared"
         return CheckResult(0, tuple(regressions), (not_compared,))
@@ -197,7 +197,7 @@ def _refuse_other_protocol(run: ScoredRun) -> None:
     suite, manifest = run.suite, run.manifest
     default = Options(suite.id)
     objects = suite.endless_limit * len(suite.classes)
-    if suite.truth_chosen:
+    if suite.truth != COLOURED:
         raise BadInput(
             f"{run.directory}: golden values are not against {TRUTHS[suite.truth]}; run 'bench run "
             f"--suite {suite.id}' and give its folder"

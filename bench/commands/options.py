@@ -246,7 +246,7 @@ RUN_OPTIONS: dict[str, str | OptionSpec] = {  # of `bench.running.protocol.Optio
     "modelnet:PATH, paper:PATH or exported:PATH; see 'bench data inspect PATH'.",
     "truth": OptionSpec(
         "The true images: in the colours of the objects, or with all faces in grey, where only the "
-        "shape counts; see docs/protocol.md. Default: the suite's.",
+        "shape counts; see docs/protocol.md. Default: coloured.",
         kind=TruthChoice | None,
         convert=lambda value: value and str(value),
     ),

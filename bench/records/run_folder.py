@@ -29,9 +29,9 @@ MOST_BYTES = 64 * MIB  # of a manifest: one line an object
 FIXED = ("suite", "dataset", "views", "seed", "device")  # one directory, one value of each
 PROTOCOL = "protocol"  # its version
 SHARD = "shard"  # one value, too; manifests from before there were shards have none
-TRUTH = "truth"  # likewise; there only where --truth has replaced the truth of the suite
+TRUTH = "truth"  # likewise; there only where it is not COLOURED
 CONDITION_IDENTITIES = "condition_identities"  # there only for conditions of other packages
-COLOURED = "coloured"  # truth of the suites for which it can be replaced
+COLOURED = "coloured"  # the truth without --truth
 
 
 @contextmanager

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.catalogue.suite_types import TRUTHS
+from bench.records.run_folder import COLOURED
 from bench.running.protocol import Protocol
 from data_prep.datasets.exported import CLOUDS, COLUMNS, OBJECTS, VIEWS
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
@@ -41,7 +42,9 @@ def metadata(
     `lists` are its CSV files with their checksums, `checksum` is that of what methods see of it
     (`data_prep.datasets.exported.checksum_of`), `published` the date as in 2026-01-31.
     """
-    suite = protocol.suite.id + f"-truth-{protocol.suite.truth}" * protocol.suite.truth_chosen
+    suite = protocol.suite.id + f"-truth-{protocol.suite.truth}" * (
+        protocol.suite.truth != COLOURED
+    )
     described = {
         "@context": json.loads(CONTEXT.read_text(encoding="utf-8")),
         "@type": "sc:Dataset",

@@ -12,7 +12,7 @@ from unicodedata import category, normalize
 
 from bench.catalogue.loaders import GPU, chosen_device
 from bench.catalogue.suite_types import Suite, Truth
-from bench.catalogue.suites import SUITES
+from bench.records.run_folder import COLOURED
 from bench.running.environment import cores
 from bench.running.shards import Shard
 from data_prep.datasets.registry import Dataset
@@ -72,8 +72,7 @@ class Options:
     @property
     def directory(self) -> Path:
         """Return the run's folder."""
-        of_suite = next((suite.truth for suite in SUITES if suite.id == self.suite), None)
-        truth = None if self.truth == of_suite else self.truth
+        truth = None if self.truth == COLOURED else self.truth
         return self.out or RUNS / default_name(self.suite, self.dataset, self.shard, truth)
 
 

@@ -224,7 +224,7 @@ def _refuse_bare_clouds(protocol: Protocol) -> None:
 
 
 def _in_grey(protocol: Protocol) -> Iterator[SceneObject]:
-    suite = protocol.suite.id + " --truth grey" * protocol.suite.truth_chosen
+    suite = f"{protocol.suite.id} --truth grey"
     for obj in protocol.objects:
         if isinstance(obj, ExportedObject):  # its images are as they were exported
             if not obj.in_grey:

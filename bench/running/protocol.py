@@ -117,12 +117,12 @@ def protocol_of(
     """Return the protocol of a run, and the metrics that cannot be taken, with the reasons.
 
     The suite of the protocol has the truth of the options. A line on stderr names methods of the
-    suite that are left out for it. `probe` finds out the environment (default:
+    suite that are left out for it, and those that join. `probe` finds out the environment (default:
     `bench.running.environment.environment`). Raises BadInput for options that cannot be met, and
     MissingDependency where nothing can be drawn.
     """
     in_colours, suite = suite, with_truth(suite, options.truth)
-    if suite.truth_chosen and not options.methods:
+    if suite is not in_colours and not options.methods:
         _name_left_out(in_colours)
     methods = find_methods(with_floor(options.methods or suite.methods))
     for method_id in methods:
@@ -190,10 +190,10 @@ def _name_left_out(suite: Suite) -> None:
         by_reason.setdefault(reason, []).append(method_id)
     if by_reason:
         names = "; ".join(f"{', '.join(ids)} ({reason})" for reason, ids in by_reason.items())
-        log(
-            f"--truth grey leaves out {names}: give --methods for them, or for networks in grey "
-            f"like {RECOMMENDED}"
-        )
+        others = f"them, or for networks in grey like {RECOMMENDED}"
+        if suite.grey_methods:
+            names, others = f"{names}, and adds {', '.join(suite.grey_methods)}", "others"
+        log(f"--truth grey leaves out {names}: give --methods for {others}")
 
 
 def objects_of(suite: Suite, dataset: Dataset, options: Options) -> tuple[SceneObject, ...]:

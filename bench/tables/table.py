@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from bench.catalogue.suite_types import TRUTHS, Suite
-from bench.records.run_folder import TRUTH
+from bench.records.run_folder import COLOURED, TRUTH
 from bench.tables import markdown
 from bench.tables.grid import Block, Grid
 from data_prep.files.atomic_write import write_whole
@@ -123,9 +123,9 @@ class Table(Generic[R]):
 def of_truth(table: Table[R], suite: Suite) -> Table[R]:
     """Return the table with the truth of its suite in its title.
 
-    Where `--truth` has replaced that of the suite, which is in no column, there is a last column.
+    In grey there is a last column, for the suite alone does not tell.
     """
-    more = (constant(TRUTH, suite.truth),) if suite.truth_chosen else ()
+    more = (constant(TRUTH, suite.truth),) if suite.truth != COLOURED else ()
     title = f"{table.title}; against {TRUTHS[suite.truth]}"
     return replace(table, title=title, columns=(*table.columns, *more))
 

@@ -45,8 +45,8 @@ def run_refused(command, *arguments):
         (
             ("--suite", "chair-robustnes"),
             "unknown suite 'chair-robustnes': did you mean 'chair-robustness'? there are "
-            "chair-robustness, chair-robustness-grey, speed-accuracy, thirteen-classes, "
-            "beyond-training and 4 more; see 'bench list'",
+            "chair-robustness, speed-accuracy, thirteen-classes, beyond-training, "
+            "latent and 3 more; see 'bench list'",
         ),
         (("--methods", "splta,blank"), "unknown method 'splta': did you mean 'splat'? there are "),
         (("--methods", "pc2pix@x"), "unknown method 'pc2pix@x': did you mean 'pc2pix'? there are "),

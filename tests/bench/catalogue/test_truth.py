@@ -5,24 +5,40 @@ from dataclasses import replace
 import pytest
 
 from bench.catalogue.lookup import find
-from bench.catalogue.suites import ROBUSTNESS, SUITES
+from bench.catalogue.methods import find_method
+from bench.catalogue.suite_types import DETAIL_TABLE, IMAGE_TABLE, SET_TABLE
+from bench.catalogue.suites import RECOGNITION_TABLE, ROBUSTNESS, SUITES
 from bench.catalogue.truth import left_out_in_grey, stored_suite, truth_entry, with_truth
 from data_prep.failures import BadInput
 
-IN_GREY = find("chair-robustness-grey", SUITES, "suite")
 CLASSES = find("thirteen-classes", SUITES, "suite")
 
 
-def test_the_option_makes_of_chair_robustness_the_suite_in_grey():
+def test_chairs_in_grey_have_the_methods_that_make_up_no_colour_and_networks_in_grey():
     chosen = with_truth(ROBUSTNESS, "grey")
-    names = {"id": IN_GREY.id, "about": IN_GREY.about, "methods": IN_GREY.methods}
-    assert replace(chosen, **names, truth_chosen=False) == IN_GREY
-    assert chosen.id == ROBUSTNESS.id
+    assert chosen.methods == (
+        *("surface-apss", "alpha-wrap", "denoised-wrap"),
+        *("occupancy-net", "splat-net@grey", "fused-net@grey"),
+        *("true-mesh", "constant", "blank"),
+    )
+    assert chosen.set_metrics == ("fd-views-grey", "fd-alexnet", "kd-alexnet")
+    assert chosen.tables == (IMAGE_TABLE, SET_TABLE, DETAIL_TABLE, RECOGNITION_TABLE)
+    assert chosen.truth == "grey"
+    same = ("id", "conditions", "classes", "image_metrics", "detail_metrics", "control_metrics")
+    same += ("views", "endless_limit", "limits", "headline")
+    assert all(getattr(chosen, name) == getattr(ROBUSTNESS, name) for name in same)
+
+
+def test_no_method_that_joins_makes_up_colours_and_none_comes_twice():
+    for suite in SUITES:
+        assert {find_method(m).color for m in suite.grey_methods} <= {"none"}
+        methods = with_truth(suite, "grey").methods
+        assert len(set(methods)) == len(methods)
 
 
 @pytest.mark.parametrize("suite", SUITES, ids=lambda suite: suite.id)
-def test_a_truth_that_is_the_suites_own_changes_nothing(suite):
-    assert with_truth(suite, None) is with_truth(suite, suite.truth) is suite
+def test_every_suite_is_in_colours(suite):
+    assert with_truth(suite, None) is with_truth(suite, "coloured") is suite
     assert truth_entry(suite) == {}
 
 
@@ -31,7 +47,7 @@ def test_methods_of_colours_and_the_twin_of_the_ceiling_are_left_out_with_reason
         *("splat-net@chair", "splat-net@chair-grey", "true-mesh", "true-mesh@grey"),
         *("constant", "blank"),
     )
-    suite = replace(ROBUSTNESS, methods=methods)
+    suite = replace(ROBUSTNESS, methods=methods, grey_methods=())
     assert left_out_in_grey(suite) == {
         "splat-net@chair": "makes up colours",
         "true-mesh@grey": "is true-mesh in grey",
@@ -66,16 +82,13 @@ def test_no_table_in_grey_is_one_of_the_papers():
     assert not any(table.paper_layout for table in chosen.tables)
 
 
-def test_a_manifest_names_a_truth_that_is_not_the_suites_own():
+def test_a_manifest_names_a_truth_in_grey():
     chosen = with_truth(CLASSES, "grey")
     assert truth_entry(chosen) == {"truth": "grey"}
     assert stored_suite({"suite": CLASSES.id, "truth": "grey"}) == chosen
-    before = [stored_suite({"suite": suite.id}).truth for suite in (CLASSES, IN_GREY)]
-    assert before == ["coloured", "grey"]  # of runs from before there was the option
+    assert stored_suite({"suite": CLASSES.id}) is CLASSES
 
 
 def test_truths_that_there_are_not():
     with pytest.raises(BadInput, match="unknown truth 'gray'"):
         stored_suite({"suite": CLASSES.id, "truth": "gray"})
-    with pytest.raises(BadInput, match="--truth coloured: the suite chair-robustness-grey is in"):
-        with_truth(IN_GREY, "coloured")

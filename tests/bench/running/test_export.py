@@ -113,12 +113,13 @@ def test_the_seed_is_that_of_the_export(no_machine, tmp_path, command):
 
 
 def test_a_grey_suite_reads_its_own_export(no_machine, tmp_path, exported):
-    suite = find("chair-robustness-grey", SUITES, "suite")
+    suite = find("chair-robustness", SUITES, "suite")
     tree = tmp_path / "grey"
-    export(Options(suite.id, conditions=("512",), limit=1, views=2, workers=1), tree)
+    some = {"conditions": ("512",), "limit": 1, "views": 2, "workers": 1}
+    export(Options(suite.id, **some, truth="grey"), tree)
 
     def jobs(dataset):
-        options = Options(suite.id, dataset, ("splat",), ("2048", "512"), 1, views=2)
+        options = Options(suite.id, dataset, ("splat",), ("2048", "512"), 1, views=2, truth="grey")
         return plan(protocol_of(suite, options)[0])[0]
 
     ours, theirs = jobs("procedural"), jobs(f"exported:{tree}")

@@ -215,14 +215,11 @@ def test_another_version_of_the_code_concerns_what_it_makes(monkeypatch, patch, 
     assert changed(before, keys()) == {cell for cell in before if concerned(*cell)}
 
 
-@pytest.mark.parametrize(
-    "in_grey", [find("chair-robustness-grey", SUITES, "suite"), with_truth(SUITES[0], "grey")]
-)
-def test_a_suite_in_grey_has_the_same_points_and_views_of_grey_objects(tmp_path, in_grey):
+def test_a_suite_in_grey_has_the_same_points_and_views_of_grey_objects(tmp_path):
     """There the true mesh is the ceiling; in the coloured suite its grey twin falls short of it."""
     objects = (ProceduralObject("chair", "test", 0),)
     made = {}
-    for suite in (SUITES[0], in_grey):
+    for suite in (SUITES[0], with_truth(SUITES[0], "grey")):
         methods = ("true-mesh", "true-mesh@grey")
         some = {"methods": methods, "conditions": ("noise-0.05",), "objects": objects, "views": 2}
         truth, *others = plan(make_protocol(suite=suite, features=(), **some)).jobs
@@ -247,11 +244,9 @@ def test_a_suite_in_grey_has_the_same_points_and_views_of_grey_objects(tmp_path,
 
 def test_a_suite_in_grey_needs_meshes(tmp_path):
     obj = PaperObject("chair", "a", tmp_path / "a.ply", tmp_path)
-    suite = find("chair-robustness-grey", SUITES, "suite")
-    with pytest.raises(BadInput, match="chair/a has images but no mesh, and chair-robustness-gr"):
-        plan(make_protocol(suite=suite, objects=(obj,)))
     chosen = with_truth(SUITES[0], "grey")
-    with pytest.raises(BadInput, match="and chair-robustness --truth grey draws meshes in grey"):
+    message = "chair/a has images but no mesh, and chair-robustness --truth grey draws meshes in gr"
+    with pytest.raises(BadInput, match=message):
         plan(make_protocol(suite=chosen, objects=(obj,)))
 
 
@@ -259,15 +254,21 @@ def test_the_option_leaves_out_methods_that_make_up_colours_unless_they_are_aske
     options = Options("chair-robustness", limit=1, truth="grey")
     protocol, _ = protocol_of(SUITES[0], options, dict)
     assert {find_method(m).color for m in protocol.methods if m != "constant"} == {"none", "true"}
+    assert {"occupancy-net", "splat-net@grey", "fused-net@grey"} <= protocol.methods.keys()
     assert capfd.readouterr().err == (
         "--truth grey leaves out pc2pix, pc2pix@acgan, splat-net, splat-net@chair, fused-net "
-        "(makes up colours); true-mesh@grey (is true-mesh in grey): give --methods for them, or "
-        "for networks in grey like fused-net@grey\n"
+        "(makes up colours); true-mesh@grey (is true-mesh in grey), and adds occupancy-net, "
+        "splat-net@grey, fused-net@grey: give --methods for others\n"
     )
     asked = replace(options, methods=("splat-net@chair", "true-mesh@grey"))
     protocol, _ = protocol_of(SUITES[0], asked, dict)
     assert tuple(protocol.methods) == ("splat-net@chair", "true-mesh@grey", "blank")
     assert capfd.readouterr().err == ""
+    classes = find("thirteen-classes", SUITES, "suite")
+    protocol_of(classes, Options(classes.id, limit=1, truth="grey"), dict)
+    assert capfd.readouterr().err.endswith(
+        ": give --methods for them, or for networks in grey like fused-net@grey\n"
+    )
 
 
 def test_the_device_is_in_the_key_of_every_job():
@@ -289,7 +290,6 @@ def test_the_device_is_in_the_key_of_every_job():
         ("latent", "grey", "has no meaning for the suite latent, which has no true images in "),
         ("stability", "grey", "has no meaning for the suite stability, which has no true images "),
         ("speed", "coloured", "has no meaning for the suite speed, which has no true images in "),
-        ("chair-robustness-grey", "coloured", "coloured: the suite chair-robustness-grey is in "),
     ],
 )
 def test_a_truth_that_a_suite_does_not_have_is_refused(command, tmp_path, suite, truth, message):

@@ -75,7 +75,6 @@ def test_csv_of_a_dataclass():
     ("suite", "title", "csv"),
     [
         (SUITES[0], "in its colours; protocol 3", "method,n,protocol\na|b,2,3\n"),
-        (SUITES[1], "in grey; protocol 3", "method,n,protocol\na|b,2,3\n"),
         (
             with_truth(SUITES[0], "grey"),
             "in grey; protocol 3",
