@@ -141,9 +141,17 @@ def read_weights(
 ) -> tuple[dict[str, Tensor], dict[str, str]]:
     """Return tensors and header of exported weights, whose header names the format `expected`.
 
-    Raises BadInput as `read_safetensors`, and with the `remedy` where it names another format.
+    Raises BadInput as `read_safetensors`, for an earlier number of the format, and with the
+    `remedy` where it names another one.
     """
     tensors, header = read_safetensors(path)
+    kind, _, number = str(header.get("format")).rpartition("-")
+    expected_kind, _, current = expected.rpartition("-")
+    if kind == expected_kind and number.isdecimal() and int(number) < int(current):
+        raise BadInput(
+            f"{path}: weights of version 1.0.0 or earlier (format {kind}-{number}, now "
+            f"{expected}); train them again"
+        )
     if header.get("format") != expected:
         raise BadInput(
             f"{path}: expected format {expected!r} in the header, found {header.get('format')!r}; "

@@ -171,9 +171,10 @@ def read_objects(suite: str) -> GoldenObjects | None:
             raise
         path = about if not isinstance(error, OSError) else Path(error.filename)
         raise BadInput(f"{path}: golden values by object are damaged; {remedy}") from error
+    if "protocol" not in protocol:
+        raise BadInput(f"{about}: golden values of version 1.0.0 or earlier; {remedy}")
     text = dict.fromkeys([*KEY, IMAGES], str)
     lines = pd.read_csv(csv, dtype=text, keep_default_na=False, na_values=[""])
-    protocol = {"protocol": 1} | protocol  # the first version was not written down
     return GoldenObjects(protocol, environment, lines.fillna({IMAGES: ""}))
 
 

@@ -31,7 +31,6 @@ from bench.tables.markdown import visible
 from data_prep.failures import BadInput
 
 FID = "fid"
-STAGES = {"items": "jobs"}  # the manifest keeps the older name
 
 
 def describe_run(options: Options) -> str:
@@ -209,9 +208,7 @@ def leave(finished: RunResult[Outputs]) -> None:
 
 
 def _summary(finished: RunResult[Outputs]) -> str:
-    stages = ", ".join(
-        f"{STAGES.get(name, name)} {value:.1f} s" for name, value in finished.seconds.items()
-    )
+    stages = ", ".join(f"{name} {value:.1f} s" for name, value in finished.seconds.items())
     parts = ", ".join(f"{name} {share:.0%}" for name, share in finished.shares.items())
     return (
         f"{finished.done} jobs done, {finished.reused} from before, {finished.failed} failed "

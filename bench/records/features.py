@@ -1,8 +1,7 @@
 """The features of a run, read class by class: all of them at once need not fit in memory.
 
 `bench.records.parquet.write_features` writes the files so that a row group holds images of one
-method, condition and class, and says in the footer of which; other row groups are not read. Files
-in another order are read as well, more slowly.
+method, condition and class, and says in the footer of which; other row groups are not read.
 """
 
 from __future__ import annotations
@@ -69,17 +68,16 @@ class FeatureFile:
         self._width = int(getattr(arrow.field(VALUES).type, "list_size", 0))
         if self._width < 1:  # of variable length, or -1
             raise BadInput(f"{path}: features of no fixed number; start the run again")
-        self._ranges = [
-            {name: _range(self._footer, number, name) for name in (*GROUP, "object")}
-            for number in range(self._footer.num_row_groups)
-        ]
-        self._of_group: dict[tuple[str, ...], list[int]] = {}  # row groups of one group each
-        self._mixed: list[int] = []  # the others
-        for number, ranges in enumerate(self._ranges):
-            of_group = [ranges[name] for name in GROUP]
-            known = tuple(r.low for r in of_group if r is not None and r.low == r.high)
-            numbers = self._of_group.setdefault(known, []) if len(known) == 3 else self._mixed
-            numbers.append(number)
+        self._of_group: dict[tuple[str, ...], list[int]] = {}  # row groups
+        for number in range(self._footer.num_row_groups):
+            ranges = [_range(self._footer, number, name) for name in GROUP]
+            group = tuple(r.low for r in ranges if r is not None and r.low == r.high)
+            if len(group) < len(GROUP):
+                raise BadInput(
+                    f"{path}: several methods, conditions or classes lie together, as in version "
+                    "1.0.0 or earlier; start the run again"
+                )
+            self._of_group.setdefault(group, []).append(number)
 
     def images(self, method: str, condition: str, class_name: str) -> list[ImageKey]:
         """Return all images that have features, sorted; an empty list where none have.
@@ -122,25 +120,17 @@ class FeatureFile:
 
         `objects` is the range of those wanted; row groups without any are not read.
         """
-        exact = {name: _Range(value, value) for name, value in zip(GROUP, group, strict=True)}
-        wanted = exact if objects is None else exact | {"object": objects}
         numbers = [
             number
-            for number in sorted([*self._of_group.get(group, ()), *self._mixed])
-            if all(_overlap(self._ranges[number][name], range_) for name, range_ in wanted.items())
+            for number in self._of_group.get(group, ())
+            if objects is None or _overlap(_range(self._footer, number, "object"), objects)
         ]
         if not numbers:
             return
         try:
             with pq.ParquetFile(self._path, metadata=self._footer) as file:
                 for number in numbers:
-                    table = file.read_row_group(number, [*GROUP, *columns], use_threads=False)
-                    if any(self._ranges[number][name] != exact[name] for name in GROUP):
-                        stored = (table.column(name).to_pylist() for name in GROUP)
-                        groups = enumerate(zip(*stored, strict=True))
-                        rows = [row for row, other in groups if other == group]
-                        table = table.take(pa.array(rows, pa.int64()))
-                    yield table
+                    yield file.read_row_group(number, columns, use_threads=False)
         except (pa.ArrowException, OSError) as error:
             raise unreadable(self._path, error) from error
 

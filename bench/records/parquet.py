@@ -150,13 +150,12 @@ def _open_records(directory: Path, dictionaries: bool) -> pq.ParquetFile:
         raise BadInput(
             f"{path}: schema {schema} is newer than {SCHEMA_VERSION}; update pc2pix-bench"
         )
-    if 0 < schema < SCHEMA_VERSION:  # scores are missing that only the images could give
+    if schema < SCHEMA_VERSION:  # scores are missing that only the images could give
         raise BadInput(
-            f"{path}: schema {schema} is older than {SCHEMA_VERSION}; start the run again with its "
-            "command, to measure what is new"
+            f"{path}: of version 1.0.0 or earlier (schema {schema}, now {SCHEMA_VERSION}); start "
+            "the run again with its command"
         )
-    lacking = [name for name in COLUMNS if name not in stored.names]
-    if lacking:
+    if lacking := [name for name in COLUMNS if name not in stored.names]:
         raise BadInput(f"{path}: no column {', '.join(lacking)}; start the run again")
     return file
 

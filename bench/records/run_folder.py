@@ -16,7 +16,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from bench.records.former import import_former, is_former
 from bench.records.record import SCHEMA_VERSION
 from bench.records.store import STORE, Store, open_store
 from data_prep.datasets.protocol_version import refuse_other_version
@@ -25,10 +24,11 @@ from data_prep.files.atomic_write import write_whole
 from data_prep.files.safe_read import MIB, read_file
 
 MANIFEST = "manifest.json"
+JOURNAL = "journal"  # of folders of version 1.0.0, which had no store
 MOST_BYTES = 64 * MIB  # of a manifest: one line an object
 FIXED = ("suite", "dataset", "views", "seed", "device")  # one directory, one value of each
 PROTOCOL = "protocol"  # its version
-SHARD = "shard"  # one value, too; manifests from before there were shards have none
+SHARD = "shard"  # one value, too; in manifests of suites that can be divided
 TRUTH = "truth"  # likewise; there only where it is not COLOURED
 CONDITION_IDENTITIES = "condition_identities"  # there only for conditions of other packages
 COLOURED = "coloured"  # the truth without --truth
@@ -50,22 +50,16 @@ def open_folder(directory: Path) -> Iterator[Store]:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise _not_writable(directory, error) from error
-    with _locked(directory):
-        import_former(directory)
-        with open_store(directory, write=True) as store:
-            yield store
+    with _locked(directory), open_store(directory, write=True) as store:
+        yield store
 
 
 @contextmanager
 def read_store(directory: Path) -> Iterator[Store]:
     """Yield the store of a run's folder, to be read only; an empty one for a folder without one.
 
-    A folder that an earlier version wrote gets its store first, once. Raises BadInput as
-    `open_folder`.
+    Raises BadInput as `bench.records.store.open_store`.
     """
-    if is_former(directory):
-        with _locked(directory):
-            import_former(directory)
     with open_store(directory) as store:
         yield store
 
@@ -141,8 +135,8 @@ def read_finished(directory: Path, older: bool = False) -> dict[str, Any]:
 def read_manifest(directory: Path, older: bool = False) -> dict[str, Any]:
     """Return the manifest of a run.
 
-    Raises BadInput where there is no run, and for one that is damaged, of a newer schema or of
-    another version of the protocol, but for an earlier one with `older`.
+    Raises BadInput where there is no run, and for one that is damaged, of version 1.0.0, of a newer
+    schema or of another version of the protocol, but for an earlier one with `older`.
     """
     path = directory / MANIFEST
     if not directory.exists():
@@ -166,7 +160,11 @@ def read_manifest(directory: Path, older: bool = False) -> dict[str, Any]:
         raise BadInput(
             f"{path}: not a manifest (no {', '.join(lacking)}); move it away and run again"
         )
-    manifest = {PROTOCOL: 1} | manifest  # the first version was not written down at first
+    if PROTOCOL not in manifest or (directory / JOURNAL).is_dir():
+        raise BadInput(
+            f"{directory}: a run of version 1.0.0 or earlier, which this one does not read; start "
+            "it again with another --out or --fresh"
+        )
     refuse_other_version(directory, manifest[PROTOCOL], older=older)
     return manifest
 

@@ -10,11 +10,8 @@ The footer says where the data are, so that other readers of Parquet pass over t
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import lru_cache
 from hashlib import sha256
 from pathlib import Path
 from typing import BinaryIO
@@ -27,17 +24,6 @@ from data_prep.files.safe_read import MIB
 SEAL = b"pc2pixSL"
 _SEAL_BYTES = len(SEAL) + sha256().digest_size
 _END = 8  # bytes: the length of the footer, and "PAR1"
-_LONGEST_S = 600.0  # for a file without a seal
-# Everything that the readers of `bench.records` ask Arrow for.
-_READ_ALL = """
-import sys
-import pyarrow.parquet as pq
-with pq.ParquetFile(sys.argv[1]) as file:
-    for group in range(file.num_row_groups):
-        for column in range(file.metadata.num_columns):
-            file.metadata.row_group(group).column(column).to_dict()
-        file.read_row_group(group, use_threads=False).validate(full=True)
-"""
 
 
 @contextmanager
@@ -62,8 +48,8 @@ def seal(path: Path) -> None:
 def check_seal(path: Path) -> None:
     """Compare a Parquet file to its seal.
 
-    A file of an earlier version has none. It is read once by another process, which Arrow may end.
-    Raises OSError, or pyarrow.ArrowInvalid as Arrow does for a damaged file.
+    Raises OSError, or pyarrow.ArrowInvalid as Arrow does for a damaged file; likewise for a file
+    without a seal, as version 1.0.0 wrote them.
     """
     with path.open("rb") as file:
         footer_start = _footer_start(file)
@@ -75,10 +61,7 @@ def check_seal(path: Path) -> None:
                 if stored.removeprefix(SEAL) != _digest(file, data_end, footer_start):
                     raise pa.ArrowInvalid("damaged: its bytes do not have its checksum")
                 return
-        status = os.fstat(file.fileno())
-        if _contains_seal(file):
-            raise pa.ArrowInvalid("damaged: its checksum is not where its footer begins")
-    _check_by_reading(path, (status.st_ino, status.st_size, status.st_mtime_ns))
+    raise pa.ArrowInvalid("no checksum before its footer: damaged, or of version 1.0.0 or earlier")
 
 
 def _footer_start(file: BinaryIO) -> int:
@@ -98,29 +81,3 @@ def _digest(file: BinaryIO, data_end: int, footer_start: int) -> bytes:
     while piece := file.read(MIB):
         digest.update(piece)
     return digest.digest()
-
-
-def _contains_seal(file: BinaryIO) -> bool:
-    file.seek(0)
-    overlap = b""
-    while piece := file.read(MIB):
-        if SEAL in overlap + piece:
-            return True
-        overlap = piece[-len(SEAL) :]
-    return False
-
-
-@lru_cache(maxsize=64)
-def _check_by_reading(path: Path, identity: tuple[int, int, int]) -> None:
-    """Read a whole file in another process, once for each `identity` that has been readable."""
-    del identity
-    command = [sys.executable, "-P", "-c", _READ_ALL, os.fspath(path)]
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=_LONGEST_S)
-    except subprocess.TimeoutExpired as error:
-        raise pa.ArrowInvalid(f"not read within {_LONGEST_S:.0f} s") from error
-    if done.returncode < 0:
-        raise pa.ArrowInvalid(f"damaged: Arrow was ended by signal {-done.returncode}")
-    if done.returncode > 0:
-        lines = done.stderr.split("\n")
-        raise pa.ArrowInvalid(next((line for line in lines[::-1] if line), "damaged"))

@@ -261,7 +261,7 @@ def _carry_out(
             ahead=math.ceil(factory.capacity / planned.jobs_per_object),
         )
         reused = schedule.total - schedule.left
-        with timed("items", seconds):
+        with timed("jobs", seconds):
             interrupted = _do_jobs(prepared, schedule, store, factory.start, watch)
         if schedule.undrawn and not schedule.scored:
             # One bad object among many is a failed record; if none can be drawn, the input is

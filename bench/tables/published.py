@@ -43,13 +43,16 @@ def golden_path(suite: str) -> Path:
 
 
 def golden(suite: str) -> pd.DataFrame:
-    """Return the golden values of a suite. Raises BadInput without any."""
+    """Return the golden values of a suite. Raises BadInput without any, and for those of 1.0.0."""
     path = golden_path(suite)
     if not path.is_file():
         raise BadInput(f"{path}: no golden values for '{suite}'; run from a checkout that has them")
     values = pd.read_csv(path, dtype={"condition": str}, keep_default_na=False)
-    if "protocol" not in values:  # the first version was not written down
-        values.insert(0, "protocol", 1)
+    if "protocol" not in values:
+        raise BadInput(
+            f"{path}: golden values of version 1.0.0 or earlier; write them with 'bench check DIR "
+            "--bless'"
+        )
     return values
 
 

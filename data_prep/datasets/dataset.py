@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from warnings import warn
 
 from data_prep.datasets.objects import SceneObject, Split
 from data_prep.failures import BadInput
@@ -194,15 +193,3 @@ def differences(named: Mapping[Split, Sequence[str]], on_disk: Sequence[str]) ->
     if extra:
         lines.append(f"{len(extra)} are in no split and left out: {listed(extra)}")
     return lines
-
-
-def __getattr__(name: str) -> type[DatasetListing]:
-    """Return `DatasetListing` under its old name, with a DeprecationWarning."""
-    if name != "Found":
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    warn(
-        f"{__name__}.Found is now DatasetListing; the old name goes with the next version",
-        DeprecationWarning,
-        2,
-    )
-    return DatasetListing

@@ -12,6 +12,8 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from harness_objects import Tetrahedron
 
@@ -36,6 +38,7 @@ from bench.records.job import Job, Result
 from bench.records.parquet import read_records, write_features, write_records
 from bench.records.record import GROUND_TRUTH, SCHEMA_VERSION, TYPES, Record
 from bench.records.run_folder import open_folder, write_manifest
+from bench.records.seal import seal
 from bench.records.store import STORE, pack_records, unpack_columns
 from bench.records.stored_artifacts import Artifact
 from bench.running.options import Options
@@ -371,3 +374,11 @@ def write_run(directory: Path, **changes) -> Path:
         write_features(directory, store, EXTRACTORS)
     write_outputs(scored_run(directory, manifest))
     return directory
+
+
+def overwrite(path, frame):
+    """Write a frame in place of records or features, with their types and a seal."""
+    schema = pq.read_schema(path)
+    table = pa.Table.from_pandas(frame, schema, preserve_index=False)
+    pq.write_table(table.replace_schema_metadata(schema.metadata), path)
+    seal(path)

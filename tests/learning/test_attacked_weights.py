@@ -105,6 +105,18 @@ def test_another_format(tmp_path, name):
     assert "found None" in changed(name, path, lambda _, header: header.pop("format"))
 
 
+def test_an_earlier_number_of_a_format_names_the_version(tmp_path):
+    """The first splat-net had a code of the whole cloud, which no network here understands."""
+    path = tmp_path / "w.safetensors"
+    message = changed(
+        "splat-net", path, lambda _, header: header.update(format="splat-net-weights-1")
+    )
+    assert message == (
+        f"{path}: weights of version 1.0.0 or earlier (format splat-net-weights-1, now "
+        "splat-net-weights-2); train them again"
+    )
+
+
 @pytest.mark.parametrize("text", [None, "{", "[]", "null", '{"depth": 1}', DEEP])
 @pytest.mark.parametrize("name", CHECKED)
 def test_a_header_that_cannot_be_read(tmp_path, name, text):

@@ -28,7 +28,7 @@ from bench.analysis.paired import (
 from bench.records.run_folder import read_manifest, write_manifest
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 
-from ..builders import write_run
+from ..builders import overwrite, write_run
 from ..conftest import on_terminal
 
 A, B = Side("r", "a"), Side("r", "b")
@@ -203,7 +203,7 @@ def two_runs(tmp_path):
     shutil.copytree(first, second)
     records = pd.read_parquet(second / "records.parquet")
     records.loc[records["method"] == "splat", "ssim"] += 0.01
-    records.to_parquet(second / "records.parquet")
+    overwrite(second / "records.parquet", records)
     return first, second
 
 
@@ -237,7 +237,7 @@ def test_objects_without_a_value_are_left_out_and_counted(command, two_runs):
         records = pd.read_parquet(folder / "records.parquet")
         records["thin_recall"] = np.where(records["method"] == "blank", 0.0, recall)
         records.loc[records["object"] == records["object"].iloc[0], "thin_recall"] = math.nan
-        records.to_parquet(folder / "records.parquet")
+        overwrite(folder / "records.parquet", records)
     asked = ("--metric", "thin-recall", "--methods", "splat")
     assert command("compare", *map(str, two_runs), *asked)[0] == 0
     objects = records["object"].nunique()
@@ -348,7 +348,8 @@ def test_two_methods_of_a_run(command, two_runs, tmp_path):
 )
 def test_runs_that_saw_something_else_are_refused(command, two_runs, change, message):
     first, second = two_runs
-    change(pd.read_parquet(second / "records.parquet")).to_parquet(second / "records.parquet")
+    path = second / "records.parquet"
+    overwrite(path, change(pd.read_parquet(path)))
     status, out, err = command("compare", str(first), str(second), "--metric", "ssim")
     assert (status, out, err.count("\n")) == (2, "", 1)
     assert err.startswith(f"bench: {message}")
@@ -399,7 +400,7 @@ def test_runs_against_two_truths_are_refused_and_of_one_the_title_has_it(command
 def test_methods_of_one_run_alone_are_left_out_with_a_remark(command, two_runs):
     first, second = two_runs
     records = pd.read_parquet(second / "records.parquet")
-    records[records["method"] != "splat"].to_parquet(second / "records.parquet")
+    overwrite(second / "records.parquet", records[records["method"] != "splat"])
     manifest = json.loads((second / "manifest.json").read_text())
     manifest["methods"] = [m for m in manifest["methods"] if m != "splat"]
     (second / "manifest.json").write_text(json.dumps(manifest))

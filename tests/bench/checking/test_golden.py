@@ -17,7 +17,7 @@ from bench.records.run_folder import read_manifest, write_manifest
 from bench.tables.build import tables, write_outputs
 from bench.tables.published import golden, published
 
-from ..builders import SUITE, write_run
+from ..builders import SUITE, overwrite, write_run
 from .conftest import be_default
 
 HEADLINE = ("ssim-object", "lpips")
@@ -39,7 +39,7 @@ def alter_records(run, column, change, method="splat", condition="512"):
     frame = pd.read_parquet(path)
     chosen = (frame["method"] == method) & (frame["condition"] == condition)
     frame.loc[chosen, column] = change(frame.loc[chosen, column])
-    frame.to_parquet(path)
+    overwrite(path, frame)
 
 
 def test_a_run_agrees_with_itself_and_so_does_a_part_of_it(run, command, tmp_path):
@@ -216,7 +216,7 @@ def test_a_value_that_is_gone_is_a_regression(run, harm, metrics):
     of_cell = (frame["method"] == "splat") & (frame["condition"] == "512")
     if harm:
         frame.loc[of_cell, [*harm]] = [*harm.values()]
-    (frame if harm else frame[~of_cell]).to_parquet(path)
+    overwrite(path, frame if harm else frame[~of_cell])
     write_outputs(read_scored(run))
     lines = check(run).regressions
     assert all(", golden " in line for line in lines)

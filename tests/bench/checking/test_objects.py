@@ -31,7 +31,7 @@ from bench.tables.published import golden
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from data_prep.failures import BadInput
 
-from ..builders import SUITE, damage_images, write_run
+from ..builders import SUITE, damage_images, overwrite, write_run
 from .conftest import be_default
 
 OBJECTS = [f"chair/{name}" for name in "abcdefg"]
@@ -84,7 +84,7 @@ def alter(run, by, score="ssim", method="splat", condition="512"):
     frame = pd.read_parquet(path)
     chosen = (frame["method"] == method) & (frame["condition"] == condition)
     frame.loc[chosen, score] += frame.loc[chosen, "object"].map(by).fillna(0.0)
-    frame.to_parquet(path)
+    overwrite(path, frame)
     write_outputs(read_scored(run))
 
 
@@ -255,14 +255,14 @@ def test_no_value_is_golden_too(run, golden_results):
     path = run / "records.parquet"
     frame = pd.read_parquet(path)
     frame.loc[frame["method"] == "blank", "thin_precision"] = np.nan
-    frame.to_parquet(path)
+    overwrite(path, frame)
     write_outputs(read_scored(run))
     bless(run)
     assert read_objects(SUITE).lines["thin-precision"].isna().sum() == 7
     assert check(run).regressions == ()
     drawn = (frame["method"] == "blank") & (frame["object"] == "c") & (frame["view"] == 1)
     frame.loc[drawn & (frame["condition"] == "512"), "thin_precision"] = 0.25
-    frame.to_parquet(path)
+    overwrite(path, frame)
     write_outputs(read_scored(run))
     (line,) = check(run).regressions
     assert line == (
@@ -365,7 +365,7 @@ def test_a_failed_object_was_there(run, command):
     frame = pd.read_parquet(path)
     chosen = (frame["method"] == "splat") & (frame["condition"] == "512") & (frame["object"] == "d")
     frame.loc[chosen, "outcome"] = "failed"
-    frame.to_parquet(path)
+    overwrite(path, frame)
     write_outputs(read_scored(run))
     by_object = [line for line in check(run).regressions if "objects moved" in line]
     assert len(by_object) == len(IMAGE_METRICS)
@@ -426,6 +426,24 @@ def test_golden_values_of_an_older_protocol_are_not_compared(part, golden_result
     assert (status, out, err.count("\n")) == (2, "", 1)
     assert f"{path}: of protocol {PROTOCOL_VERSION - 1}, this version has protocol " in err
     assert "write it with 'bench check DIR --bless'" in err
+
+
+def test_golden_values_of_version_1_are_refused_by_name(part, golden_results, command):
+    """They have no version of the protocol."""
+    means = golden_results / "golden" / f"{SUITE}.csv"
+    frame = pd.read_csv(means, dtype={"condition": str})
+    frame.drop(columns="protocol").to_csv(means, index=False)
+    status, out, err = command("check", part)
+    message = f"bench: {means}: golden values of version 1.0.0 or earlier; write them with "
+    assert (status, out, err) == (2, "", f"{message}'bench check DIR --bless'\n")
+    frame.to_csv(means, index=False)
+    path = golden_results / "golden" / f"{SUITE}-objects.json"
+    stated = json.loads(path.read_text())
+    del stated["protocol"]["protocol"]
+    path.write_text(json.dumps(stated))
+    status, out, err = command("check", part)
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert err.startswith(f"bench: {path}: golden values of version 1.0.0 or earlier; restore it ")
 
 
 def test_nothing_is_blessed_without_its_images(run, golden_results, command):

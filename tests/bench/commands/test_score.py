@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 import pandas as pd
-import pyarrow.parquet as pq
 import pytest
 
 from bench.analysis.scored import read_scored
@@ -34,7 +33,7 @@ from bench.tables.build import make_outputs
 from bench.tables.further_metrics import further_tables
 from data_prep.failures import BadInput
 
-from ..builders import damage_images, sums_of
+from ..builders import damage_images, overwrite, sums_of
 
 TWO = np.zeros((2, 128, 128, 3), np.uint8)
 
@@ -367,8 +366,8 @@ def test_a_metric_that_a_run_was_not_scored_by_is_refused_with_the_command(copie
 
 def test_scores_of_records_that_have_changed_are_refused(copied, capsys):
     score(copied, [DARK])
-    fewer = pq.read_table(copied / "records.parquet").slice(1)
-    pq.write_table(fewer, copied / "records.parquet")
+    path = copied / "records.parquet"
+    overwrite(path, pd.read_parquet(path)[1:])
     with pytest.raises(BadInput, match="was scored by dark-percent before it was changed; run 'b"):
         read_scores(copied, "dark-percent")
     capsys.readouterr()

@@ -105,7 +105,7 @@ def test_missing_or_damaged_records(tmp_path, harm):
     ("schema", "columns", "message"),
     [
         (SCHEMA_VERSION + 1, COLUMNS, rf"schema \d is newer than {SCHEMA_VERSION}; update"),
-        (1, ["ssim"], r"schema 1 is older than \d; start the run again"),
+        (1, ["ssim"], r"of version 1\.0\.0 or earlier \(schema 1, now \d\); start the run again"),
         ("two", ["ssim"], "its schema is no number"),
         (SCHEMA_VERSION, [n for n in COLUMNS if n != "view"], "no column view; start the run"),
     ],
@@ -115,6 +115,7 @@ def test_records_of_another_schema_are_refused(tmp_path, schema, columns, messag
         table = pa.table({name: [1.0] for name in names})
         table = table.replace_schema_metadata({SCHEMA_KEY: str(version).encode()})
         pq.write_table(table, tmp_path / "records.parquet")
+        seal(tmp_path / "records.parquet")
 
     write(SCHEMA_VERSION, COLUMNS)
     assert len(read_records(tmp_path)) == 1
@@ -194,17 +195,28 @@ def test_only_the_row_groups_that_are_asked_for_are_read(tmp_path):
     assert np.array_equal(values, wanted(expected, jobs[1], some))
 
 
-def test_features_in_any_order_are_read(tmp_path):
-    """Files of earlier versions: object by object, cells mixed within a row group."""
-    jobs, expected, path = features(tmp_path, 10, conditions=("2048", "512"))
+def test_features_in_the_order_of_earlier_versions_are_refused(tmp_path):
+    """Object by object, cells mixed within a row group."""
+    _, _, path = features(tmp_path, 10, conditions=("2048", "512"))
     table = pq.read_table(path)
     order = np.random.default_rng(1).permutation(len(table))
     pq.write_table(table.take(order), path, row_group_size=7)
-    found = read_features(tmp_path, "metric")
-    for job in jobs[:4]:
-        images = found.images(*job.name[:3])
-        assert images == [(f"o{i:03d}", view) for i in range(10) for view in range(2)]
-        assert np.array_equal(found.of(*job.name[:3], images), wanted(expected, job, images))
+    seal(path)
+    message = "several methods, conditions or classes lie together, as in version 1.0.0 or earlier"
+    with pytest.raises(BadInput, match=message):
+        read_features(tmp_path, "metric")
+
+
+def test_files_without_a_seal_are_of_an_earlier_version(tmp_path):
+    write_all(tmp_path, [make_record()])
+    path = tmp_path / "records.parquet"
+    pq.write_table(pq.read_table(path), path)
+    with pytest.raises(BadInput) as error:
+        read_records(tmp_path)
+    assert str(error.value) == (
+        f"{path}: not readable (no checksum before its footer: damaged, or of version 1.0.0 or "
+        "earlier); start the run again"
+    )
 
 
 def test_images_without_features_are_named(tmp_path):
@@ -222,6 +234,7 @@ def test_images_without_features_are_named(tmp_path):
 def test_features_that_cannot_be_used_are_refused(tmp_path):
     _, _, path = features(tmp_path, 1)
     pq.write_table(pq.read_table(path).drop_columns(["view"]), path)
+    seal(path)
     with pytest.raises(BadInput, match=r"metric.parquet: no column view; start the run again"):
         read_features(tmp_path, "metric")
     path.write_bytes(b"PAR1")
@@ -234,6 +247,7 @@ def test_features_without_a_column_are_refused(tmp_path):
     table = pa.table({**columns, "view": [0], "features": pa.array([[]], pa.list_(pa.float32()))})
     (tmp_path / "features").mkdir()
     pq.write_table(table, tmp_path / "features" / "fd-views.parquet")
+    seal(tmp_path / "features" / "fd-views.parquet")
     with pytest.raises(BadInput, match=r"fd-views\.parquet: features of no fixed number; start"):
         read_features(tmp_path, "fd-views")
 

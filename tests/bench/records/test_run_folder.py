@@ -180,13 +180,6 @@ def test_manifests_are_kept_to_the_letter(tmp_path):
     assert names(tmp_path.iterdir()) == ["manifest.json"]  # nothing temporary
 
 
-def test_manifests_from_before_versions_of_the_protocol_are_of_the_first(tmp_path):
-    manifest = make_manifest()
-    del manifest["protocol"]
-    write_manifest(tmp_path, manifest)
-    assert read_manifest(tmp_path, older=True) == make_manifest(protocol=1)
-
-
 def test_old_runs_are_renamed_not_deleted(tmp_path):
     run = tmp_path / "run"
     for number in (1, 2):

@@ -32,10 +32,10 @@ def test_a_seal_is_the_checksum_of_everything_else_and_passed_over_by_arrow(path
     [
         (lambda data: data[:4] + b"x" + data[5:], "do not have its checksum"),
         (lambda data: data[:-30] + b"x" + data[-29:], "do not have its checksum"),
-        (lambda data: data[:-8] + b"\1\0\0\0PAR1", "checksum is not where"),
-        (lambda data: data[:-7] + b"\xff\xff\xffPAR1", "checksum is not where"),
-        (lambda data: data[:-1], "checksum is not where"),
-        (lambda data: data + b"x", "checksum is not where"),
+        (lambda data: data[:-8] + b"\1\0\0\0PAR1", "no checksum before its footer"),
+        (lambda data: data[:-7] + b"\xff\xff\xffPAR1", "no checksum before its footer"),
+        (lambda data: data[:-1], "no checksum before its footer"),
+        (lambda data: data + b"x", "no checksum before its footer"),
     ],
 )
 def test_damaged_files_are_refused_without_arrow(path, harm, message):
@@ -45,21 +45,11 @@ def test_damaged_files_are_refused_without_arrow(path, harm, message):
         check_seal(path)
 
 
-def test_the_seal_may_lie_anywhere_in_a_large_file(tmp_path):
-    """A seal at an unknown place is looked for piece by piece, also across two pieces."""
-    for before in (2**20 - 3, 2**20, 2**21 + 5):
-        path = tmp_path / str(before)
-        path.write_bytes(bytes(before) + SEAL + bytes(50))
-        with pytest.raises(pa.ArrowInvalid, match="checksum is not where"):
-            check_seal(path)
-
-
-def test_files_without_a_seal_are_read_by_another_process_first(path):
-    check_seal(path)
+def test_files_without_a_seal_are_refused_without_arrow(path):
     data = path.read_bytes()
-    for harmed in (data[:-20] + data[-19:], b"PAR1"):
+    for harmed in (data, data[:-20] + data[-19:], b"PAR1", b""):
         path.write_bytes(harmed)
-        with pytest.raises(pa.ArrowInvalid, match=r"(?i)parquet|thrift"):
+        with pytest.raises(pa.ArrowInvalid, match=r"damaged, or of version 1\.0\.0 or earlier"):
             check_seal(path)
     with pytest.raises(FileNotFoundError):
         check_seal(path.with_name("b.parquet"))

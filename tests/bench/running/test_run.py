@@ -162,7 +162,7 @@ def test_the_manifest_tells_what_was_run(finished, tiny_weights):
     assert (manifest["views"], manifest["seed"], manifest["workers"]) == (2, 0, 2)
     assert {"gl", "render", "pyrender", "numpy"} <= manifest["environment"].keys()
     assert manifest["finished"] >= manifest["started"]
-    assert set(manifest["stage_seconds"]) == {"items", "tables", "figures"}
+    assert set(manifest["stage_seconds"]) == {"jobs", "tables", "figures"}
     assert manifest["versions"]["numpy"] == np.__version__
     assert list(manifest["skipped_metrics"]) == ["fid"]
 

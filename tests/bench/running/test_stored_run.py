@@ -93,6 +93,29 @@ def without(name):
     return lambda directory: (directory / name).unlink()
 
 
+def with_journal(directory):
+    (directory / "journal").mkdir()
+
+
+without_protocol = altered_manifest(
+    lambda manifest: {name: value for name, value in manifest.items() if name != "protocol"}
+)
+EARLIER = "a run of version 1.0.0 or earlier, which this one does not read; start it again with "
+
+
+@pytest.mark.parametrize("earlier", [with_journal, without_protocol])
+@pytest.mark.parametrize("arguments", [("table",), ("check",), ("compare",), ("report",), ("run",)])
+def test_a_folder_of_version_1_is_refused_by_name(stored, command, earlier, arguments):
+    earlier(stored)
+    before = {path: path.read_bytes() for path in stored.rglob("*") if path.is_file()}
+    more = ("--suite", "chair-robustness", "--out") if arguments == ("run",) else ()
+    methods = ("--methods", "splat,blank") if arguments == ("compare",) else ()
+    status, out, err = command(*arguments, *more, stored, *methods)
+    assert (status, out) == (2, "")
+    assert err.splitlines()[-1] == f"bench: {stored}: {EARLIER}another --out or --fresh"
+    assert {path: path.read_bytes() for path in stored.rglob("*") if path.is_file()} == before
+
+
 FEWEST = ("schema_version", "suite", "dataset", "views", "seed", "device", "finished")
 newer_manifest = altered_manifest(lambda manifest: manifest | {"schema_version": 5})
 bare_manifest = altered_manifest(lambda manifest: {name: manifest[name] for name in FEWEST})
