@@ -52,18 +52,14 @@ def _darkness(images: NDArray[np.uint8]) -> NDArray[np.float64]:
 
 
 def _opacity(image: NDArray[np.uint8]) -> NDArray[np.float64]:
-    from scipy import ndimage
+    from scipy.ndimage import maximum_filter, minimum_filter, uniform_filter
 
-    darkness = _darkness(image)
-    background = darkness < BACKGROUND
-    if not background.any():
-        return np.ones_like(darkness)
-    core = ndimage.distance_transform_cdt(~background, "chessboard") > EDGE_PX
-    # The object beside an edge is its nearest pixel within; a thin part has none near by, and is
+    darkness, around = _darkness(image), 2 * EDGE_PX + 1
+    within = minimum_filter(darkness, around) >= BACKGROUND
+    # The object beside an edge is what is near of its inside; a thin part has none near by, and is
     # measured by its darkest pixel.
-    beside = ndimage.maximum_filter(darkness, 2 * EDGE_PX + 1)
-    if core.any():
-        distance, nearest = ndimage.distance_transform_edt(~core, return_indices=True)
-        beside = np.where(distance <= 2 * EDGE_PX, darkness[tuple(nearest)], beside)
+    share = uniform_filter(within.astype(float), 2 * around - 1)
+    inside = uniform_filter(darkness * within, 2 * around - 1) / np.maximum(share, 1e-9)
+    beside = np.where(share > 1e-9, inside, maximum_filter(darkness, around))
     edge = np.minimum(darkness / np.maximum(beside, BACKGROUND), 1.0)
-    return np.where(core, 1.0, np.where(background, darkness, edge))
+    return np.where(within, 1.0, np.where(darkness < BACKGROUND, darkness, edge))
