@@ -38,7 +38,7 @@ from torch.nn import functional
 from data_prep.scene import IMAGE_SIZE
 from learning.convolution import Convolution, Precision, dtype_of, normalisation
 from learning.exact import exact_inference
-from pc2pix.model import NOISE_DIM, Generator, UpBlock, channels_last, sine_cosine
+from pc2pix.model import NOISE_DIM, Generator, UpBlock, sine_cosine
 
 NINE_PRODUCTS_FROM = 128  # channels; below, differences and sums cost more than they save
 VECTOR_BYTES = 64  # a register of AVX-512; what is added in shorter runs is added one by one
@@ -315,28 +315,6 @@ class FoldedGenerator:
         out = x.new_empty((len(x), IMAGE_SIZE, IMAGE_SIZE, 3), dtype=torch.float32)
         (self.for_one if len(x) == 1 else self.for_many).draw(x, out)
         return out
-
-
-class UnfoldedGenerator:
-    """The generator as it was trained, called like a `FoldedGenerator`, to judge folding.
-
-    It is the generator itself, not a copy, in float32 and channels last.
-    """
-
-    def __init__(self, generator: Generator) -> None:
-        self.generator = generator
-        channels_last(generator)
-
-    @exact_inference()
-    def __call__(
-        self, code: Tensor, elevation01: Tensor, azimuth01: Tensor, noise: Tensor | None = None
-    ) -> Tensor:
-        """Return images as `FoldedGenerator` does."""
-        count = len(elevation01)
-        if noise is None:
-            noise = code.new_zeros((count, NOISE_DIM))
-        images = self.generator(noise, code.expand(count, -1), elevation01, azimuth01)
-        return ((images + 1) / 2).permute(0, 2, 3, 1).contiguous()
 
 
 def fold(generator: Generator, precision: Precision = "float32") -> FoldedGenerator:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 from data_prep.failures import BadInput
 from learning import training_loop
-from pc2pix.growth import HALVINGS
 from pc2pix.losses import OBJECTIVES
 from pc2pix.model import LITE, ModelConfig
 
@@ -19,7 +18,6 @@ class GanConfig:
     steps      pairs of one discriminator and one generator step (chair: 406,560 in the original)
     warm_up    first steps that train one network alone: the generator by reconstruction (`paired`),
                or the discriminator, before a generator that starts from weights
-    grow       steps at 32 px, and as many at 64 px, before those at 128 px
     start      checksum of the weights that generator and encoder start from; None: random ones
     augment    encode clouds with fewer points and noise (`pc2pix.augment.degrade`)
     precision  bfloat16 is mixed precision: weights, spectral norms, BN statistics and losses stay
@@ -30,7 +28,6 @@ class GanConfig:
     objective: str = "acgan-code"
     steps: int = 20_000
     warm_up: int = 0
-    grow: int = 0
     start: str | None = None
     batch: int = 32
     augment: bool = False
@@ -51,14 +48,4 @@ class GanConfig:
             raise BadInput(
                 f"warm_up {self.warm_up}: objective {self.objective} has no reconstruction term to "
                 "warm up with; use 0, the objective paired, or weights to start from"
-            )
-        if self.grow and (paired or self.start is not None):
-            raise BadInput(
-                f"grow {self.grow}: only the paper's objective, from random weights, grows its "
-                "images; use 0"
-            )
-        if self.grow < 0 or (self.grow and HALVINGS * self.grow >= self.steps):
-            raise BadInput(
-                f"grow {self.grow}: leaves no steps of {self.steps} at 128 px; use more steps, or "
-                "from 0 up to less than half of them"
             )

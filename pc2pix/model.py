@@ -179,20 +179,12 @@ class Generator(nn.Module):
         Tensor, [B, 3, 128, 128]
             Images in [-1, 1].
         """
-        x = self.first(noise, code, elevation01, azimuth01)  # [B, c0, 4, 4]
-        for block in self.blocks:
-            x = block(x)  # [B, c1, 8, 8] ... [B, c5, 128, 128]
-        return self.last(x)  # [B, 3, 128, 128]
-
-    def first(self, noise: Tensor, code: Tensor, elevation01: Tensor, azimuth01: Tensor) -> Tensor:
-        """Map the inputs of `forward` to the features of the first block, [B, c0, 4, 4]."""
         azimuth = azimuth01 if self.config.azimuth == "scalar" else sine_cosine(azimuth01)
         x = torch.cat([noise, code, elevation01, azimuth], dim=1)  # [B, 128 + d + 2 or 3]
-        return self.dense(x).unflatten(1, (4, 4, -1)).permute(0, 3, 1, 2)
-
-    def last(self, x: Tensor) -> Tensor:
-        """Map the features of the last block [B, c5, 128, 128] to images [B, 3, 128, 128]."""
-        return torch.tanh(self.conv(functional.relu(self.bn(x))))
+        x = self.dense(x).unflatten(1, (4, 4, -1)).permute(0, 3, 1, 2)  # [B, c0, 4, 4]
+        for block in self.blocks:
+            x = block(x)  # [B, c1, 8, 8] ... [B, c5, 128, 128]
+        return torch.tanh(self.conv(functional.relu(self.bn(x))))  # [B, 3, 128, 128]
 
 
 @torch.no_grad()
@@ -331,11 +323,8 @@ class Discriminator(nn.Module):
         DiscriminatorOutput
             Answers about the B images.
         """
-        return self.judge_features(images, 0)
-
-    def judge_features(self, x: Tensor, first: int) -> DiscriminatorOutput:
-        """Judge images by the input of block `first`, which for block 0 is the images."""
-        for block in self.blocks[first:-1]:
+        x = images
+        for block in self.blocks[:-1]:
             x = block(x)  # [B, c1, 64, 64] ... [B, c4, 8, 8]
         code = x.permute(0, 2, 3, 1).flatten(1)  # [B, 64 c4]
         for layer in self.code_hidden:

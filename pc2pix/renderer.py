@@ -16,7 +16,7 @@ from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE, Images, PointCloud, View
 from data_prep.stages import NETWORK, stage
 from learning.exact import exact_inference
 from pc2pix.augment import PLAIN_POINTS
-from pc2pix.engine import Precision, UnfoldedGenerator, fold
+from pc2pix.engine import Precision, fold
 from pc2pix.model import NOISE_DIM
 from pc2pix.weights import Weights
 
@@ -47,8 +47,6 @@ class Pc2pixRenderer:
     precision : {"float32", "bfloat16"}
         Precision of the generator (`pc2pix.engine.fold`); the encoder always computes in float32.
         "bfloat16" is twice as fast where the processor has it.
-    folded : bool
-        False: the generator as it was trained, in float32, to measure what folding saves.
 
     Raises
     ------
@@ -63,14 +61,12 @@ class Pc2pixRenderer:
         z: NoisePolicy = "zero",
         device: str = "cpu",
         precision: Precision = "float32",
-        folded: bool = True,
     ) -> None:
         self.weights = weights
         self.z: NoisePolicy = z
         self.device = torch.device(device)
         self.encoder = weights.encoder.to(self.device)
-        generator = weights.generator.to(self.device)
-        self.generator = fold(generator, precision) if folded else UnfoldedGenerator(generator)
+        self.generator = fold(weights.generator.to(self.device), precision)
         self.code_mean = weights.code_mean.to(self.device)
         self.code_std = weights.code_std.to(self.device)
 

@@ -5,8 +5,8 @@ the real one of the same cloud and view but the heads of the discriminator. Ours
 step draws the clouds and views of its real images, mirrored at random, with a reconstruction
 term; the encoder is trained with the rest; the first `warm_up` steps leave the discriminator out.
 
-The paper's objective can grow its images (`pc2pix.growth`), or start from weights; then the first
-`warm_up` steps train the discriminator alone, so that a fresh one does not spoil the generator.
+The paper's objective can start from weights; then the first `warm_up` steps train the discriminator
+alone, so that a fresh one does not spoil the generator.
 
 Departures from roatienza/pc2pix@23b7b46d, each for a reason:
 - Codes are whitened over the training set. Raw codes have a standard deviation of about 0.1 beside
@@ -33,7 +33,6 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
-from torch.nn import functional
 
 from data_prep.failures import BadInput
 from learning import training_loop
@@ -44,15 +43,6 @@ from learning.trainer import NetworkTrainer, Part
 from pc2pix.augment import PLAIN_POINTS, Scene, degrade, mirror, take_evenly
 from pc2pix.autoencoder import decorrelated
 from pc2pix.gan_config import GanConfig
-from pc2pix.growth import (
-    Stage,
-    draw,
-    judge,
-    shrink,
-    small_inputs,
-    small_outputs,
-    stage_after,
-)
 from pc2pix.losses import (
     OBJECTIVES,
     Conditioning,
@@ -159,13 +149,6 @@ class _GanTrainer(NetworkTrainer):
         self.generator, self.discriminator = generator.to(device), discriminator.to(device)
         channels_last(self.generator)
         channels_last(self.discriminator)
-        self.small_inputs = self.small_outputs = torch.nn.ModuleList()
-        if config.grow:
-            self.small_outputs, self.small_inputs = training_loop.seeded(
-                config.seed, lambda: (small_outputs(config.model), small_inputs(config.model))
-            )
-            channels_last(self.small_outputs.to(device))
-            channels_last(self.small_inputs.to(device))
         if start is not None:
             self.generator.load_state_dict(start.generator.state_dict())
             # its encoder may have been trained on since its codes were whitened
@@ -175,10 +158,7 @@ class _GanTrainer(NetworkTrainer):
             # z starts unheard: reconstruction would have to unlearn it, number by number
             torch.nn.init.zeros_(self.generator.dense.weight[:, :NOISE_DIM])
         self.encoder.requires_grad_(self.paired)
-        self.drawing = torch.nn.ModuleDict(
-            {"generator": self.generator, "encoder": self.encoder, "small": self.small_outputs}
-        )
-        self.judging = torch.nn.ModuleList([self.discriminator, self.small_inputs])
+        self.drawing = torch.nn.ModuleDict({"generator": self.generator, "encoder": self.encoder})
         self.average = copy.deepcopy(self.drawing).eval().requires_grad_(False)
         betas = (0.5, 0.999)
         self.generator_adam = torch.optim.Adam(
@@ -188,14 +168,13 @@ class _GanTrainer(NetworkTrainer):
             fused=True,
         )
         self.discriminator_adam = torch.optim.Adam(
-            self.judging.parameters(), lr=config.discriminator_lr, betas=betas, fused=True
+            self.discriminator.parameters(), lr=config.discriminator_lr, betas=betas, fused=True
         )
 
     def parts(self) -> dict[str, Part]:
         return {
             "drawing": self.drawing,
             "discriminator": self.discriminator,
-            "small_inputs": self.small_inputs,
             "average": self.average,
             "generator_adam": self.generator_adam,
             "discriminator_adam": self.discriminator_adam,
@@ -241,8 +220,7 @@ class _GanTrainer(NetworkTrainer):
 
     def take_step(self) -> dict[str, Tensor]:
         self.generator.train()
-        self.small_outputs.train()
-        self.judging.train()
+        self.discriminator.train()
         losses = self._take_paired_step() if self.paired else self._take_papers_step()
         self._update_average()
         return losses
@@ -251,25 +229,16 @@ class _GanTrainer(NetworkTrainer):
         real_images, real = self._draw_real()
         noise, fake = self._draw_fake()
         with self.autocast(), torch.no_grad():
-            fake_images = self._draw(noise, fake)
-        real_images = shrink(real_images, self.stage)
+            fake_images = self.generator(noise, *fake)
         on_discriminator = self._train_discriminator(real_images, real, fake_images, fake)
         if self.steps_done < self.config.warm_up:
             return on_discriminator | _absent("g")
         noise, fake = self._draw_fake()
         with self.autocast():
-            fake_images = self._draw(noise, fake)
+            fake_images = self.generator(noise, *fake)
         terms = self._judge_drawn(fake_images, fake)
         self._train_generator(terms["g_total"])
         return on_discriminator | _detached(terms)
-
-    @property
-    def stage(self) -> Stage:
-        """Return the resolution of the next step."""
-        return stage_after(int(self.steps_done), self.config.grow)
-
-    def _draw(self, noise: Tensor, condition: Conditioning) -> Tensor:
-        return draw(self.generator, self.small_outputs, self.stage, (noise, *condition))
 
     def _take_paired_step(self) -> dict[str, Tensor]:
         scene = self._draw_scene()
@@ -317,15 +286,12 @@ class _GanTrainer(NetworkTrainer):
         mean, std = self.code_mean.to(codes.device), self.code_std.to(codes.device)
         return (codes - mean) / std
 
-    def _judge(self, images: Tensor) -> DiscriminatorOutput:
-        return judge(self.discriminator, self.small_inputs, self.stage, images)
-
     def _train_discriminator(
         self, real_images: Tensor, real: Conditioning, fake_images: Tensor, fake: Conditioning
     ) -> dict[str, Tensor]:
         with self.autocast():
             # one batch of both halves, as in the original: u moves once
-            judged = self._judge(torch.cat([real_images, fake_images.float()]))
+            judged = self.discriminator(torch.cat([real_images, fake_images.float()]))
         halves = zip(*(t.float().chunk(2) for t in judged), strict=True)
         on_real, on_fake = (DiscriminatorOutput(*half) for half in halves)
         terms = discriminator_loss(on_real, on_fake, real, fake, self.objective)
@@ -335,10 +301,10 @@ class _GanTrainer(NetworkTrainer):
     def _judge_drawn(self, drawn: Tensor, condition: Conditioning) -> dict[str, Tensor]:
         """Return the terms of Eq. 7 for drawn images."""
         # gradients pass through the discriminator, but its own would be thrown away
-        self.judging.requires_grad_(False)
+        self.discriminator.requires_grad_(False)
         with self.autocast():
-            judged = self._judge(drawn)
-        self.judging.requires_grad_(True)
+            judged = self.discriminator(drawn)
+        self.discriminator.requires_grad_(True)
         judged = DiscriminatorOutput(*(t.float() for t in judged))
         terms = generator_loss(judged, condition, self.objective)
         return {f"g_{name}": value for name, value in terms._asdict().items()}
@@ -349,10 +315,8 @@ class _GanTrainer(NetworkTrainer):
         self.minimise(total, self.generator_adam, rate)
 
     def _update_average(self) -> None:
-        # what is new at a resolution is random at first, so the average has to forget it
-        steps = self.stage.steps_before + 1
         self.steps_done += 1
-        update(self.average, self.drawing, self.config.ema_decay, steps)
+        update(self.average, self.drawing, self.config.ema_decay, int(self.steps_done))
 
     def learning_rates(self, steps: int) -> str:
         config = self.config
@@ -376,13 +340,7 @@ class _GanTrainer(NetworkTrainer):
         code = self._whiten(self.average["encoder"](points.to(self.device)))
         angles = self.elevation01[objects, views, None], self.azimuth01[objects, views, None]
         inputs = (noise, code, *(a.to(self.device) for a in angles))
-        # of the last step's resolution
-        stage = stage_after(max(0, int(self.steps_done) - 1), self.config.grow)
-        generator, outputs = self.average["generator"], self.average["small"]
-        assert isinstance(generator, Generator)
-        assert isinstance(outputs, torch.nn.ModuleList)
-        fake = draw(generator, outputs, stage, inputs)
-        fake = functional.interpolate(fake, scale_factor=2.0**stage.halvings)
+        fake = self.average["generator"](*inputs)
         rows = torch.stack([self._images(objects, views), fake])  # [2, B, 3, H, W]
         rows = rows.permute(0, 3, 1, 4, 2).flatten(2, 3).flatten(0, 1)  # [2 H, B W, 3]
         return ((rows + 1) * 127.5).round().clamp(0, 255).byte().cpu().numpy()

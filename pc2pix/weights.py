@@ -45,7 +45,6 @@ FOLDER = Path(__file__).parent / "weights"
 BUNDLED = {  # name -> sha256 of weights/<name>.safetensors
     "chair": "594e13a882832836421086630690853a4ba0c714867c5eaf772fdf4eec8be0d4",
     "chair-acgan": "05ee175aa1dc413d92687fd1447671d85888a36459c1a7bde8f37a0c4daf8d26",
-    "chair-widened": "4b5af459405addd9bb39be94a61bc45dd8279314b2f9cc4019d6e1ef551a6083",
     "all": "e874f6a798e4c66100ef83304d0829e61336ebbbcd69590d2e27092656ae54f3",
 }
 BUNDLED_DECODERS = {  # name -> sha256 of weights/<name>-decoder.safetensors

@@ -16,7 +16,11 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from bench.analysis.frontier import pareto
 from bench.catalogue.families import FAMILIES
+from bench.catalogue.methods import known_method
 from bench.catalogue.metrics import higher_is_better
 from bench.report.styles import RULE, SOFT, MethodStyle, method_styles
 from bench.tables.figure import drawing, name_lines, panels, save
@@ -44,7 +48,7 @@ DODGE = 0.09  # of a step, between neighbouring methods
 CONDITION_PLACES = {"2048": 0.0, "1024": 1.0, "512": 2.0, "noise-0.05": 3.6, "noise-0.10": 4.6}
 CONDITION_TICKS = ("2,048", "1,024\npoints", "512", "5 %", "10 %")
 NOISE_MIDDLE = 4.1
-CHAIR, TINY = "splat-net@chair", "splat-net@chair-tiny"
+CHAIR = "splat-net@chair"
 SHARES = ("outliers", "noise", "missing")
 CLASSES = (
     *("airplane", "bench", "cabinet", "car", "chair", "display", "lamp", "loudspeaker", "rifle"),
@@ -221,14 +225,16 @@ def draw_paper_classes(file: str, ours: str, methods: Sequence[str]) -> Figure:
 def draw_frontier(methods: Sequence[str], metrics: Sequence[str] = ("lpips", "ssim")) -> Figure:
     """Draw quality against cost at three conditions; steps are the frontier, small dots settings.
 
-    The frontier is that of all settings of all methods.
+    The frontier is that of all settings of the methods that there are.
     """
     conditions = {"2048": "2,048 points", "512": "512 points", "noise-0.05": "noise 5 %"}
     figure, axes = panels(len(metrics), len(conditions), (WIDTH_IN, 5.2), sharex=True, sharey="row")
     for axis_row, metric in zip(axes, metrics, strict=True):
         for axis, (condition, title) in zip(axis_row, conditions.items(), strict=True):
             wanted = {"metric": metric, "condition": condition, "views": "20"}
-            _draw_costs(axis, read_lines(["frontier.csv"], wanted), methods)
+            lines = read_lines(["frontier.csv"], wanted)
+            known = [line for line in lines if known_method(line["method"])]
+            _draw_costs(axis, known, methods, higher_is_better(metric))
             if metric == metrics[0]:
                 axis.set_title(title, fontsize=TEXT_PT + 1)
         if not higher_is_better(metric):
@@ -244,16 +250,16 @@ def draw_frontier(methods: Sequence[str], metrics: Sequence[str] = ("lpips", "ss
     return figure
 
 
-def _draw_costs(axis: Any, lines: Sequence[Mapping[str, str]], methods: Sequence[str]) -> None:
+def _draw_costs(
+    axis: Any, lines: Sequence[Mapping[str, str]], methods: Sequence[str], higher: bool
+) -> None:
     (blank,) = (number(line["value"]) for line in lines if line["method"] == FLOOR)
     axis.axhline(blank, color=SOFT, linestyle="--", linewidth=1, label=label_of(FLOOR))
-    best = sorted(
-        (number(line["cost_ms"]), number(line["value"]))
-        for line in lines
-        if line["verdict"] == "frontier"
-    )
-    axis.step(*zip(*best, strict=True), where="post", color=SOFT, linewidth=1)
     competing = [line for line in lines if line["verdict"] != "reference"]
+    cost, value = (np.array([number(line[n]) for line in competing]) for n in ("cost_ms", "value"))
+    quality = value - blank if higher else blank - value
+    best = sorted(np.flatnonzero(pareto(cost, quality) & (quality >= 0)), key=lambda i: cost[i])
+    axis.step(cost[best], value[best], where="post", color=SOFT, linewidth=1)
     styles = method_styles(line["method"] for line in competing)
     for line in sorted(competing, key=lambda line: line["method"] in methods):
         named = line["method"] in methods
@@ -261,10 +267,6 @@ def _draw_costs(axis: Any, lines: Sequence[Mapping[str, str]], methods: Sequence
         axis.plot(x, y, linestyle="none", **point(styles[line["method"]], 6.0 if named else 2.2))
     for method in methods:
         axis.plot([], [], linestyle="none", label=method, **point(styles[method], 6.0))
-    for line in competing:
-        if line["method"] == TINY:  # its marker is that of its family
-            at = number(line["cost_ms"]), number(line["value"])
-            axis.annotate("tiny", at, (-5, 4), textcoords="offset points", fontsize=8, ha="right")
     axis.set_xscale("log")
     axis.set_xticks([10, 100, 1000], ["10", "100", "1,000"])
     axis.minorticks_off()
@@ -339,7 +341,7 @@ def draw_view_costs(methods: Sequence[str]) -> Figure:
 
 OTHERS = ("best-reconstruction", "pc2pix", "surface-apss", FLOOR)
 CHAIR_METHODS = (CHAIR, "splat-net", "fused-net", *OTHERS)
-NOVEL_METHODS = (CHAIR, f"{CHAIR}-grey", *OTHERS)
+NOVEL_METHODS = (CHAIR, *OTHERS)
 REAL_METHODS = ("fused-net@grey", "splat-net@grey", "occupancy-net", *OTHERS)
 FIGURES: Mapping[str, Callable[[], Figure]] = {
     "known-chairs": partial(draw_conditions, ["sealed.csv"], CHAIR_METHODS),
@@ -363,15 +365,15 @@ FIGURES: Mapping[str, Callable[[], Figure]] = {
     "frontier": partial(
         draw_frontier,
         [
-            *(CHAIR, TINY, "denoised-alpha", "alpha-shape"),
-            *("pc2pix", "pgr", "surface-fit", "surface-apss", "splat"),
+            *(CHAIR, "pc2pix", "surface-bpa"),
+            *("surface-fit", "surface-apss", "splat"),
         ],
     ),
     "beyond": partial(
         draw_families, "beyond-networks.csv", [CHAIR, "pc2pix", "surface-apss", FLOOR]
     ),
     "amortised": partial(
-        draw_view_costs, ["surface-apss", "surface-fit", "pc2pix", "pc2pix@paper", CHAIR, TINY]
+        draw_view_costs, ["surface-apss", "surface-fit", "pc2pix", "pc2pix@paper", CHAIR]
     ),
 }
 

@@ -42,7 +42,6 @@ from studies.measurements import differences_of
 from studies.printed_digits import Line, line_precision, with_objects
 
 FULL = "2048"
-COSTS = "view-costs.csv"
 NAMED = {RECOMMENDED, "splat-net@grey"}  # by the front page: never hidden as variants
 MARK = "<!-- leaderboard -->"
 
@@ -100,7 +99,7 @@ def board(
         if any(method in column.cells for group in columns.values() for column in group.columns)
     ]
     competing = [method for method in methods if not is_reference(method)]
-    costs = view_costs_ms(numbers / COSTS)
+    costs = view_costs_ms()
     cost_cells = {
         method: BoardCell(milliseconds(cost), cost)
         for method in competing

@@ -66,8 +66,8 @@ MEASUREMENTS: Mapping[str, QuotedRun] = {
     ),
     "known-chairs-grey": QuotedRun(
         "--suite chair-robustness --truth grey --conditions 2048,noise-0.10 "
-        f"--methods {OPPONENTS},pc2pix,pc2pix@all,splat-net@chair-grey,{GREY},blank",
-        ("splat-net@chair-grey", "splat-net@grey", "fused-net@grey", "occupancy-net"),
+        f"--methods {OPPONENTS},pc2pix,pc2pix@all,{GREY},blank",
+        ("splat-net@grey", "fused-net@grey", "occupancy-net"),
     ),
     "thirteen-classes": QuotedRun(
         CLASSES,
@@ -75,10 +75,10 @@ MEASUREMENTS: Mapping[str, QuotedRun] = {
         copied=(("table5_orderings", "thirteen-classes-orderings"),),
     ),
     "real-meshes-grey": QuotedRun(
-        f"{ON_MESHES} --truth grey --methods {OPPONENTS},pc2pix,pc2pix@all,splat-net@chair-grey,"
+        f"{ON_MESHES} --truth grey --methods {OPPONENTS},pc2pix,pc2pix@all,"
         f"splat-net@tiny-grey,{GREY},blank",
         (
-            *("splat-net@grey", "splat-net@tiny-grey", "splat-net@chair-grey"),
+            *("splat-net@grey", "splat-net@tiny-grey"),
             *("fused-net@grey", "occupancy-net", "pc2pix@all"),
         ),
         FIRST,
@@ -91,8 +91,8 @@ MEASUREMENTS: Mapping[str, QuotedRun] = {
     ),
     "costs": QuotedRun(
         "--suite speed-accuracy --limit 3 --views 5 --conditions 2048 --methods surface-apss,"
-        "surface-fit,alpha-shape,denoised-alpha,alpha-wrap,denoised-wrap,occupancy-net,pc2pix,"
-        "splat-net@chair,splat-net@chair-tiny,splat-net@tiny,splat-net,fused-net,splat,splat-fill,"
+        "surface-fit,alpha-wrap,denoised-wrap,occupancy-net,pc2pix,"
+        "splat-net@chair,splat-net@tiny,splat-net,fused-net,splat,splat-fill,"
         "blank",
         metrics=FIRST,
         copied=(("frontier", "view-costs"),),

@@ -25,7 +25,6 @@ Line = Mapping[str, str]
 OBJECTS = "objects"
 # Files of runs with fewer views of an object than their suite has (`--views`).
 VIEWS: Mapping[str, int] = {
-    "ablation.csv": 5,
     "costs.csv": 5,
     "learned-in-3d.csv": 4,
     "opponents-validation.csv": 4,

@@ -113,17 +113,16 @@ class MeshLab:
             resolution=resolution,
         )
 
-    def screened_poisson(self, depth: int, weight: float) -> None:
+    def screened_poisson(self, depth: int) -> None:
         """Reconstruct by screened Poisson on an octree of `depth` levels, from oriented normals.
 
-        `weight` is that of the points against the normals (MeshLab's own is 4).
         On one thread: with more, the mesh changes from run to run. Points without a normal (those
         that no face uses, after `close_holes`) are left out.
         """
         self._apply(
             "generate_surface_reconstruction_screened_poisson",
             depth=depth,
-            pointweight=weight,
+            pointweight=4.0,  # of the points against the normals: MeshLab's own
             preclean=True,
             threads=1,
         )

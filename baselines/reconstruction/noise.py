@@ -18,19 +18,15 @@ Size  On a curved surface the residual grows with the patch; under noise it does
       of the patches (k = 24, 48, 96, 192) whose estimate is at most 0.27 of its radius is taken, or
       the largest; under strong noise that is a large one, on a clean cloud the smallest.
 
-The patches are those of at most 2,048 points. `quick_noise` looks at 32 patches of the smallest
-size only, which tells a noisy cloud from a clean one in less than a millisecond, and not how noisy
-it is.
+The patches are those of at most 2,048 points.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.spatial import cKDTree
 
-from baselines.reconstruction.stages import SPACING_NEIGHBOURS, check_finite
+from baselines.reconstruction.stages import check_finite
 from data_prep.arrays import Floats
 from data_prep.scene import Points
 
@@ -42,9 +38,6 @@ WIDE = 0.27  # the estimate over the radius of a patch that is wide enough
 FLAT = 0.3  # the quantile of the patches' variances that is taken
 NOISE_KURTOSIS, PLATE_KURTOSIS = 2.5, 1.0
 PLANE_FREEDOMS = 3  # of a fitted plane: so many of the residuals are not free
-QUICK_PATCHES = 32
-# Points are put in order along this line, on which no two points of a grid share a place.
-_ORDER = np.sqrt([1.0, 2.0, 3.0])
 
 
 def noise_scale(points: Points) -> float:
@@ -68,41 +61,6 @@ def noise_scale(points: Points) -> float:
         if share <= WIDE:
             break
     return estimate
-
-
-@dataclass(frozen=True)
-class QuickNoise:
-    """A quick estimate of a cloud's noise and the spacing of its points, in the points' units.
-
-    Both are 0 where too few different points are finite to say anything.
-    """
-
-    noise: float
-    spacing: float
-
-
-def quick_noise(points: Points) -> QuickNoise:
-    """Return an estimate from a few patches of points [N, 3], which need not be finite.
-
-    Noise above about 0.8 spacings is reported as that. The order of the points does not matter.
-    Of more than 2,048 points every nth is taken. On 2,048 points it takes 0.8 ms.
-    """
-    finite = points[np.isfinite(points).all(axis=1)]
-    ordered = finite[np.argsort(finite.astype(np.float64) @ _ORDER, kind="stable")]
-    used = even_sample(ordered).astype(np.float64)
-    smallest = NEIGHBOURS[0]
-    if len(used) < LEAST_POINTS:
-        return QuickNoise(0.0, 0.0)
-    count = min(QUICK_PATCHES, len(used))
-    centres = used[np.arange(count) * len(used) // count]
-    # Such a tree takes half the time to make, and few points are looked up in it.
-    tree = cKDTree(used, balanced_tree=False, compact_nodes=False)
-    distance, index = map(np.asarray, tree.query(centres, k=smallest))
-    wide = distance[:, -1] > 0  # else all its points coincide
-    if not wide.any():
-        return QuickNoise(0.0, 0.0)
-    noise, _ = _estimate(used[index[wide]], distance[wide, -1])
-    return QuickNoise(noise, float(np.median(distance[:, SPACING_NEIGHBOURS - 1])) / 2)
 
 
 def _estimate(patches: Floats, radius: Floats) -> tuple[float, float]:

@@ -18,7 +18,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from baselines.reconstruction.meshlab import MeshLab
 from baselines.reconstruction.stages import (
     DrawsReconstruction,
     Reconstruction,
@@ -29,9 +28,6 @@ from baselines.reconstruction.stages import (
 from baselines.reconstruction.surface import closed_surface, reconstruction
 from data_prep.failures import StageFailure
 from data_prep.scene import Mesh, PointCloud, Points
-
-POINT_WEIGHT = 4.0  # MeshLab's
-REACH = 1.0
 
 
 @dataclass(frozen=True)
@@ -55,33 +51,23 @@ class Poisson(DrawsReconstruction):
         return trimmed_poisson(cloud.points, self.depth)
 
 
-def trimmed_poisson(
-    points: Points,
-    depth: int,
-    normals: Points | None = None,
-    weight: float = POINT_WEIGHT,
-    reach: float = REACH,
-) -> Reconstruction:
+def trimmed_poisson(points: Points, depth: int) -> Reconstruction:
     """Return the trimmed reconstruction from points [N, 3].
-
-    normals  outward [N, 3]; None takes those of the mesh of `closed_surface`
-    weight   of the points against the normals
-    reach    of the surface from the points, in spacings
 
     Raises StageFailure as `Poisson.prepare`.
     """
-    meshlab = closed_surface(points) if normals is None else MeshLab(points, normals=normals)
-    run("poisson", lambda: meshlab.screened_poisson(depth, weight))
+    meshlab = closed_surface(points)
+    run("poisson", lambda: meshlab.screened_poisson(depth))
     whole = reconstruction("poisson", meshlab)
-    return Reconstruction(trimmed(whole.mesh, points, reach), whole.notes)
+    return Reconstruction(trimmed(whole.mesh, points), whole.notes)
 
 
-def trimmed(mesh: Mesh, points: Points, reach: float = REACH) -> Mesh:
-    """Return the faces of `mesh` whose vertices all lie within `reach` spacings of points [N, 3].
+def trimmed(mesh: Mesh, points: Points) -> Mesh:
+    """Return the faces of `mesh` whose vertices all lie within a spacing of points [N, 3].
 
     N is above 10. Raises StageFailure("trim", ...) where no face is left.
     """
-    farthest = reach * spacing(points)
+    farthest = spacing(points)
     distance, _ = cKDTree(points).query(mesh.vertices)
     keep = np.all(np.asarray(distance)[mesh.faces] <= farthest, axis=1)
     if not keep.any():

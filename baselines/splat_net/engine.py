@@ -1,7 +1,6 @@
 """The network for inference: normalisation folded into convolutions, kernels prepared once.
 
-It draws what `SplatNet` draws in evaluation mode, up to the rounding of the precision. The finest
-level may be computed in windows only (`baselines.splat_net.window`).
+It draws what `SplatNet` draws in evaluation mode, up to the rounding of the precision.
 """
 
 from __future__ import annotations
@@ -12,10 +11,9 @@ import torch
 from torch import Tensor, nn
 
 from baselines.splat_net.network import PLANES, Block, SplatNet, shading_of
-from baselines.splat_net.window import Windows, whole_images
 from learning.convolution import Convolution, Precision, dtype_of, normalisation
 
-GROUP = 10  # images that pass together: in more, windows are wider; in fewer, calls cost more
+GROUP = 10  # images that pass together: in fewer, calls cost more
 
 
 class FoldedSplatNet:
@@ -39,17 +37,13 @@ class FoldedSplatNet:
         """
         return _Layers(self.network, self.dtype, self.size, 1)
 
-    def __call__(
-        self, channels: Tensor, windows: Windows | None = None, points: Tensor | None = None
-    ) -> Tensor:
-        """Return images float32 [P, h, w, 3] in 0..1 by the albedo, or else by the first head.
+    def __call__(self, channels: Tensor, points: Tensor | None = None) -> Tensor:
+        """Return images float32 [P, S, S, 3] in 0..1 by the albedo, or else by the first head.
 
-        The channels [P, C, h, w] are of `dtype` and of windows, or of whole images without
-        `windows`. `points` are not used.
+        The channels [P, C, S, S] are of `dtype`. `points` are not used.
         """
         layers = self.for_one if len(channels) == 1 else self.for_many
-        windows = windows or whole_images(range(len(channels)), self.size)
-        output, albedo = layers(channels, windows)
+        output, albedo = layers(channels)
         planes = output.float().sigmoid_()
         alpha, missing = planes[:, 0], planes[:, 1:].expand(-1, 3, -1, -1)
         if albedo is not None:
@@ -68,8 +62,6 @@ class _Layers:
         widths = network.config.widths
         like = [group, network.config.inputs.channels, size, size]
         with torch.no_grad():
-            nothing = torch.zeros([1, *like[1:]], dtype=dtype, device=network.last.weight.device)
-            self.nothing = nothing.contiguous(memory_format=torch.channels_last)
             self.first = _folded(network.first, like, dtype)
             self.down: list[tuple[Convolution, Convolution]] = []
             self.up: list[tuple[Convolution, list[Convolution]]] = []
@@ -95,47 +87,24 @@ class _Layers:
             self.last = _last(network, [group, widths[0], size, size], dtype)
             self.albedo = network.albedo if "albedo" in network.config.heads else None
 
-    @functools.cached_property
-    def empty(self) -> Tensor:
-        """Return the input of the level below the finest for an image without points.
-
-        Its shape is [1, S / 2, S / 2, c].
-        """
-        return _channels_last(self.down[0][0](self.first(self.nothing)))
-
-    def __call__(self, channels: Tensor, windows: Windows) -> tuple[Tensor, Tensor | None]:
-        """Return the planes of windows, and the albedo [P, 3] of a network that has one.
+    def __call__(self, channels: Tensor) -> tuple[Tensor, Tensor | None]:
+        """Return the planes of images, and the albedo [P, 3] of a network that has one.
 
         Both are before the sigmoid; covers are negated, see `_last`.
         """
-        below = windows.below()
         x = self.first(channels)
         passed = []
         for halving, block in self.down:
             passed.append(x)
-            x = halving(x)
-            if len(passed) == 1:
-                x = _channels_first(below.paste(_channels_last(x), self.empty))
-            x = block(x)
+            x = block(halving(x))
         x = self.middle(x)
         albedo = None if self.albedo is None else self.albedo(x.mean(dim=(2, 3)).float())
         for lift, blocks in self.up:
-            y = passed.pop()
-            if not passed:
-                x = _channels_first(below.cut(_channels_last(x)))
-            y = _with_doubled(y, lift(x))
+            y = _with_doubled(passed.pop(), lift(x))
             for block in blocks:
                 y = block(y)
             x = y
         return self.last(x), albedo
-
-
-def _channels_last(x: Tensor) -> Tensor:
-    return x.permute(0, 2, 3, 1)
-
-
-def _channels_first(x: Tensor) -> Tensor:
-    return x.permute(0, 3, 1, 2)
 
 
 def _with_doubled(y: Tensor, x: Tensor) -> Tensor:

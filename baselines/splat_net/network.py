@@ -70,23 +70,12 @@ class NetworkConfig:
 DEFAULT = NetworkConfig()
 # Normals and flattened points cost more than all of its layers.
 TINY = NetworkConfig(inputs=Inputs(normals=False, flattened=False), widths=(8, 16, 32, 48, 64))
-LARGE = NetworkConfig(widths=(24, 48, 96, 192, 224))
-# The nearest depth alone, as Z2P has it.
-DEPTH = NetworkConfig(
-    inputs=Inputs(normals=False, density=False, flattened=False, far=False, noise=False)
-)
 POINTS2PIX = NetworkConfig(
     inputs=Inputs((1,), normals=False, density=False, flattened=False, far=False),
     widths=(16, 32, 64, 96, 96),
     body="points2pix",
 )
-NETWORKS = {
-    "tiny": TINY,
-    "default": DEFAULT,
-    "large": LARGE,
-    "depth": DEPTH,
-    "points2pix": POINTS2PIX,
-}
+NETWORKS = {"tiny": TINY, "default": DEFAULT, "points2pix": POINTS2PIX}
 
 
 class Block(nn.Sequential):

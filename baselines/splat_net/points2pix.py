@@ -17,7 +17,6 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from baselines.splat_net.network import NetworkConfig, SplatNet, composite
-from baselines.splat_net.window import Windows
 from data_prep.rendering.camera import CAMERA_DISTANCE
 
 CODE = 128  # numbers of the code of the cloud
@@ -88,19 +87,19 @@ class Points2Pix(nn.Module):
 
 
 class Points2PixEngine:
-    """The inference engine, called as a `FoldedSplatNet` and drawing whole images."""
+    """The inference engine, called as a `FoldedSplatNet`."""
 
     dtype = torch.float32
 
     def __init__(self, network: Points2Pix) -> None:
         self.network = network
 
-    def __call__(self, channels: Tensor, windows: Windows, points: Tensor) -> Tensor:
-        """Return images float32 [n, 128, 128, 3] in 0..1 by the first head.
+    def __call__(self, channels: Tensor, points: Tensor) -> Tensor:
+        """Return images float32 [P, 128, 128, 3] in 0..1 by the first head.
 
-        points  [P, 3, N], of all images, of which the windows have some
+        points  [P, 3, N], in the camera's frame
         """
-        output = self.network(channels, points[list(windows.numbers)])
+        output = self.network(channels, points)
         _, (image, *_) = composite(output, self.network.config.heads)
         return image.expand(-1, 3, -1, -1).permute(0, 2, 3, 1)
 

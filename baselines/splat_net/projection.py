@@ -16,7 +16,6 @@ import torch
 from torch import Tensor
 
 from baselines.splat_net.surfels import FLATTENED, HOPS, Surfels
-from baselines.splat_net.window import Box, Windows, whole_images
 from data_prep.rendering.camera import CAMERA_DISTANCE, FARTHEST, FOCAL_PX, camera_to_world
 from data_prep.rendering.raycast import MAPS, MOST_NEARNESS
 from data_prep.scene import IMAGE_SIZE, View
@@ -141,45 +140,19 @@ class Projection:
             medians = 3 * surfels.variation.median(dim=-2).values
             self.noise = medians.expand(len(cameras), -1)
 
-    def boxes(self) -> list[Box]:
-        """Return for each image the box beyond which all channels are zero.
-
-        Where neither a point nor a mesh is seen the box is around the middle.
-        """
-        every = [self.seen, *self.flattened]
-        seen = torch.cat([some.seen for some in every], dim=1)
-        rows = torch.cat([some.row for some in every], dim=1)
-        columns = torch.cat([some.column for some in every], dim=1)
-        reach = _reach(self.inputs, self.size)
-        ends = []
-        for dim, place in enumerate((rows, columns), 1):
-            first = torch.where(seen, place, torch.inf).amin(dim=1)
-            last = torch.where(seen, place, -torch.inf).amax(dim=1)
-            start, end = first.floor() - reach, last.floor() + 1 + reach
-            if self.maps is not None:
-                lines = (self.maps != 0).any(dim=3).any(dim=3 - dim)  # with something of a mesh
-                at = torch.arange(self.size, device=lines.device)
-                start = start.minimum(torch.where(lines, at, torch.inf).amin(dim=1))
-                end = end.maximum(torch.where(lines, at + 1, -torch.inf).amax(dim=1))
-            none = start > end
-            start = torch.where(none, self.size // 2 - reach, start).int()
-            end = torch.where(none, self.size // 2 + 1 + reach, end).int()
-            ends += [start.clamp(min=0), end.clamp(max=self.size)]
-        return [Box(*box) for box in torch.stack(ends, dim=1).tolist()]
-
     def whole(self) -> Tensor:
-        """Return the channels of whole images."""
-        return self.channels(whole_images(range(len(self.points)), self.size))
+        """Return the channels of all images."""
+        return self.channels(slice(None))
 
-    def channels(self, windows: Windows, dtype: torch.dtype = torch.float32) -> Tensor:
-        """Return channels [n, inputs.channels, h, w] of windows, channels last, in a type.
+    def channels(self, images: slice, dtype: torch.dtype = torch.float32) -> Tensor:
+        """Return channels [n, inputs.channels, S, S] of some images, channels last, in a type.
 
         All computation before the conversion to `dtype` is in float32. Channels are 0 where no
         point is near. Depth is given as nearness, from 0 for `FARTHEST` or nothing to about 1.1;
         counts n as log(1 + n).
         """
         inputs, size = self.inputs, self.size
-        nearest = windows.cut(self.nearest)
+        nearest = self.nearest[images]
         whole = torch.empty((*nearest.shape, inputs.channels), dtype=dtype, device=nearest.device)
         of_points = inputs.of_points
         normals = of_points - len(HOPS) * (4 * inputs.normals + inputs.noise)  # the first
@@ -195,39 +168,29 @@ class Projection:
             narrowest = widest if place == 0 else narrowest
             _nearness(_depth_of(widest), next(planes))
         if self.farthest is not None:
-            far = _spread(windows.cut(self.farthest), width, torch.maximum)
+            far = _spread(self.farthest[images], width, torch.maximum)
             _nearness(far.abs(), next(planes))  # EMPTY where there is none
         if self.count is not None:
-            count = windows.cut(self.count)
+            count = self.count[images]
             torch.log1p(count, out=next(planes))
             for window in DENSITY_WINDOWS[1:]:
                 torch.log1p(_spread(count, _scaled(window, size), torch.add), out=next(planes))
         for depth, count in self.flat:
             window = _scaled(inputs.windows[0], size)
-            _nearness(_spread(windows.cut(depth), window, torch.minimum), next(planes))
-            torch.log1p(windows.cut(count), out=next(planes))
+            _nearness(_spread(depth[images], window, torch.minimum), next(planes))
+            torch.log1p(count[images], out=next(planes))
         whole[..., :normals] = apart.permute(0, 2, 3, 1)
         if self.attributes is not None:
             first, others = self.attributes
-            numbers = windows.numbers
-            whole[..., normals : normals + 4] = _look_up(first, narrowest, numbers)
+            whole[..., normals : normals + 4] = _look_up(first[images], narrowest)
             end = normals + 4 * len(HOPS)
-            whole[..., normals + 4 : end] = _look_up(others, widest, numbers)
+            whole[..., normals + 4 : end] = _look_up(others[images], widest)
         if self.noise is not None:
             near = (_depth_of(widest) < EMPTY)[..., None]
-            of_images = self.noise[torch.tensor(windows.numbers, device=near.device)]
-            whole[..., of_points - len(HOPS) : of_points] = near * of_images[:, None, None]
+            whole[..., of_points - len(HOPS) : of_points] = near * self.noise[images, None, None]
         if self.maps is not None:
-            whole[..., of_points:] = windows.cut(self.maps)
+            whole[..., of_points:] = self.maps[images]
         return whole.permute(0, 3, 1, 2)
-
-
-def _reach(inputs: Inputs, size: int) -> int:
-    """Return how many pixels away from its own pixel a point changes channels."""
-    half = _scaled(inputs.windows[-1], size) // 2
-    if inputs.density:  # whose points are shared with the next pixel
-        half = max(half, _scaled(DENSITY_WINDOWS[-1], size) // 2 + 1)
-    return half
 
 
 def _scaled(window: int, size: int) -> int:
@@ -378,10 +341,10 @@ def _attributes(surfels: Surfels, cameras: Tensor, points: Tensor) -> tuple[Tens
     return first.mT.contiguous(), others.mT.contiguous()
 
 
-def _look_up(attributes: Tensor, nearest: Tensor, numbers: Sequence[int]) -> Tensor:
-    """Return the attributes [n, h, w, attributes] of the point whose disc covers each pixel."""
-    rows = attributes.shape[1]
-    first = torch.tensor([i * rows for i in numbers], device=nearest.device)
+def _look_up(attributes: Tensor, nearest: Tensor) -> Tensor:
+    """Return the attributes [n, S, S, attributes] of the point whose disc covers each pixel."""
+    count, rows, _ = attributes.shape
+    first = torch.arange(0, count * rows, rows, device=nearest.device)
     index = (nearest & 0xFFFFFFFF) + first[:, None, None]
     values = attributes.flatten(0, 1).index_select(0, index.flatten())
     return values.view(*nearest.shape, -1)

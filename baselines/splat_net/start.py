@@ -2,9 +2,8 @@
 
 A training exports its network twice, each for one image; the trained network has the heads of both.
 A network with one colour for the image starts from any, and learns the colour anew where the file
-has none. Inputs that the new network lacks are cut out of the first layer; new inputs are not used
-yet. A wider network draws as the narrower one did: its additional channels are random, and no
-earlier channel uses them yet.
+has none; the bundled `chair` has colours alone, and the grey is learned anew. Inputs that the new
+network lacks are cut out of the first layer; new inputs are not used yet.
 """
 
 from __future__ import annotations
@@ -38,14 +37,13 @@ class Start:
 def read_start(name_or_path: str, config: NetworkConfig, seed: int = 0) -> Start:
     """Return `config`'s network with the weights of a bundled name or a file, and of its grey.
 
-    The second file is the one with the grey head beside the first.
+    Beside a file with a colour for each pixel stands the one with the grey head.
 
-    name_or_path  "chair" for `chair` and `chair-grey`, "FILE.safetensors" for it and
-                  "FILE-grey.safetensors"
-    seed          of the channels that `config` has more of
+    name_or_path  a bundled name, or "FILE.safetensors" for it and "FILE-grey.safetensors"
+    seed          of what `config` has and the files have not
 
     Raises BadInput as `find_weights` and `read_file`; where the two are not of one training; and
-    where the network is wider than `config` at any level.
+    where the network is of other widths than `config`.
     """
     colour = read_file(find_weights(name_or_path))
     if colour.network.config.heads == COLOUR_HEADS["image"]:
@@ -54,8 +52,12 @@ def read_start(name_or_path: str, config: NetworkConfig, seed: int = 0) -> Start
             raise BadInput(
                 f"--start {name_or_path}: has one colour for the image; leave --colours out"
             )
+    elif name_or_path in BUNDLED:
+        state, sha256 = colour.network.state_dict(), colour.sha256
+        if "colour" not in config.heads:  # what is left is alpha
+            state |= {key: state[key][:1] for key in HEAD}
     else:
-        grey = read_file(find_weights(_grey_of(name_or_path)))
+        grey = read_file(find_weights(grey_beside(Path(name_or_path))))
         state, sha256 = _both(name_or_path, colour, grey), f"{colour.sha256} {grey.sha256}"
         if "colour" not in config.heads:
             state |= {key: state[key][GREY_ROWS] for key in HEAD}
@@ -65,10 +67,10 @@ def read_start(name_or_path: str, config: NetworkConfig, seed: int = 0) -> Start
             f"--start {name_or_path}: is of {read.body}, asked for {config.body}; only splat-net "
             "can start from weights, those of splat-net"
         )
-    if any(wanted < width for wanted, width in zip(config.widths, read.widths, strict=True)):
+    if read.widths != config.widths:
         raise BadInput(
-            f"--start {name_or_path}: is of widths {read.widths}, asked for {config.widths}; a "
-            "network can be made wider, not narrower: use another --network"
+            f"--start {name_or_path}: is of widths {read.widths}, asked for {config.widths}; use "
+            "another --network"
         )
     state["first.conv.weight"] = _arranged(state["first.conv.weight"], read.inputs, config.inputs)
     network = training_loop.seeded(seed, lambda: SplatNet(config))
@@ -94,27 +96,17 @@ def _both(name_or_path: str, colour: SplatNetWeights, grey: SplatNetWeights) -> 
     return dict(state)
 
 
-def _fill(network: SplatNet, narrow: Mapping[str, Tensor]) -> None:
-    """Put a network's weights into one that is no narrower; `network` draws as it did.
-
-    The first channels of each layer are those of `narrow`, and do not depend on the others.
-    """
+def _fill(network: SplatNet, state: Mapping[str, Tensor]) -> None:
+    """Put weights into a network; the last planes, and heads, that they lack stay as they are."""
     for key, target in network.state_dict().items():  # the tensors themselves, no copies
-        if key not in narrow:  # a head that the file does not have
-            continue
-        known = narrow[key]
-        if known.dim() == 4:  # kernels [out, in, height, width]
-            target[: len(known), known.shape[1] :] = 0
-        target[tuple(slice(length) for length in known.shape)] = known
+        if key in state:
+            known = state[key]
+            target[tuple(slice(length) for length in known.shape)] = known
 
 
 def grey_beside(path: Path) -> Path:
     """Return the file with the grey head that goes with the one in colour."""
     return path.with_name(f"{path.stem}{GREY}{path.suffix}")
-
-
-def _grey_of(name_or_path: str) -> str:
-    return name_or_path + GREY if name_or_path in BUNDLED else str(grey_beside(Path(name_or_path)))
 
 
 def _arranged(kernel: Tensor, old: Inputs, new: Inputs) -> Tensor:
@@ -132,6 +124,7 @@ def _arranged(kernel: Tensor, old: Inputs, new: Inputs) -> Tensor:
 
 def _not_one_training(name_or_path: str, why: str) -> BadInput:
     return BadInput(
-        f"--start {name_or_path}: is not of one training with {_grey_of(name_or_path)}: {why}; "
+        f"--start {name_or_path}: is not of one training with {grey_beside(Path(name_or_path))}: "
+        f"{why}; "
         "give the file in colour of a training, the one in grey beside it"
     )

@@ -39,13 +39,7 @@ BUNDLED: dict[str, str] = {  # name -> sha256 of weights/<name>.safetensors
     "all-tiny": "43900479f408df098f21ac91efb43c9d3689b04c0a24176db579ae83f8462e5f",
     "all-tiny-grey": "d81ce265948ae583db8aec0a6d9d075a6602b1bcde7ab1db21b5685c17b6010c",
     "chair": "4fd59c7c06567f4c19360be9c1954f8c2b0a16c017614dd8dfb93f59131a677c",
-    "chair-grey": "2ddba23294142dc7c54f3d6a4fe2c14afceb4d6f58f9c25983367aec3dc2d601",
-    "chair-large": "c5b99f8e38e87efc8e67e82b7cd8d700fa35c524c3933e67eac9fdb99a512f7a",
-    "chair-no-normals": "b411d622ce88468a6ae2a1403657c5e994608d22a47a23eecebe6927f70d7250",
-    "chair-tiny": "d862563619856ee2392310c2d0a885bcd1bb7575515b5d4db642d56e99c3647a",
-    "depth": "d956535019aae617caae77cc4017d392618d1a0f02349610ee97f19604e1bbeb",
     "points2pix": "f8efac2fc45c43ec3f550d1e5167c459e63f4e354f4737685e086192a253da96",
-    "points2pix-l1-patch": "c159aaddf8db46504a2a7f132b8c9e8477bad8c0304eb6f510fb1ffb5c4fc1e1",
 }
 KIND = "splat-net"  # of the checkpoints of its training
 FORMAT = "splat-net-weights-2"  # of the first, networks had a code of the whole cloud

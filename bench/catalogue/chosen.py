@@ -14,75 +14,49 @@ BEST_RECONSTRUCTION = "best-reconstruction"
 BEST_LEARNED_3D = "best-learned-3d"
 # By condition, the best first: the mean of the ranks by ssim-object and lpips on validation
 # objects of 13 classes (docs/reconstruction.md). 2048, 1024, 512 and noise up to 0.10 were measured
-# with all methods; elsewhere the last seven stand as in an earlier measurement.
+# with all methods; elsewhere the last ones stand as in an earlier measurement.
 _RECONSTRUCTIONS = {
     "2048": (
-        "alpha-wrap denoised-wrap alpha-shape denoised-alpha splat-fill wnnc-poisson pgr "
-        "surface-fit denoised-poisson denoised-bpa poisson surface-bpa surface-apss splat"
+        "alpha-wrap denoised-wrap splat-fill surface-fit poisson surface-bpa surface-apss splat"
     ),
     "1024": (
-        "alpha-wrap denoised-wrap splat-fill denoised-alpha alpha-shape wnnc-poisson pgr "
-        "denoised-bpa surface-fit surface-bpa poisson denoised-poisson surface-apss splat"
+        "alpha-wrap denoised-wrap splat-fill surface-fit surface-bpa poisson surface-apss splat"
     ),
-    "512": (
-        "alpha-wrap denoised-wrap splat-fill denoised-alpha alpha-shape wnnc-poisson pgr "
-        "surface-bpa denoised-bpa poisson denoised-poisson surface-fit surface-apss splat"
-    ),
-    "256": (
-        "alpha-wrap denoised-wrap splat-fill denoised-alpha surface-bpa denoised-bpa "
-        "alpha-shape wnnc-poisson poisson denoised-poisson pgr surface-fit surface-apss splat"
-    ),
-    "128": (
-        "alpha-wrap denoised-wrap denoised-alpha splat-fill denoised-bpa surface-bpa "
-        "alpha-shape wnnc-poisson denoised-poisson poisson pgr surface-fit surface-apss splat"
-    ),
+    "512": "alpha-wrap denoised-wrap splat-fill surface-bpa poisson surface-fit surface-apss splat",
+    "256": "alpha-wrap denoised-wrap splat-fill surface-bpa poisson surface-fit surface-apss splat",
+    "128": "alpha-wrap denoised-wrap splat-fill surface-bpa poisson surface-fit surface-apss splat",
     "noise-0.05": (
-        "denoised-wrap splat-fill denoised-alpha wnnc-poisson pgr denoised-bpa "
-        "denoised-poisson poisson alpha-shape alpha-wrap surface-bpa splat surface-fit "
-        "surface-apss"
+        "denoised-wrap splat-fill poisson alpha-wrap surface-bpa splat surface-fit surface-apss"
     ),
     "noise-0.10": (
-        "denoised-wrap splat-fill denoised-alpha wnnc-poisson pgr denoised-bpa "
-        "denoised-poisson surface-bpa alpha-shape poisson alpha-wrap splat surface-fit "
-        "surface-apss"
+        "denoised-wrap splat-fill surface-bpa poisson alpha-wrap splat surface-fit surface-apss"
     ),
     "noise-0.15": (
-        "denoised-wrap splat-fill denoised-alpha denoised-bpa alpha-shape surface-bpa "
-        "alpha-wrap wnnc-poisson denoised-poisson pgr poisson surface-fit surface-apss splat"
+        "denoised-wrap splat-fill surface-bpa alpha-wrap poisson surface-fit surface-apss splat"
     ),
     "noise-0.20": (
-        "denoised-wrap splat-fill denoised-alpha denoised-bpa alpha-shape alpha-wrap "
-        "surface-bpa wnnc-poisson denoised-poisson pgr poisson surface-fit surface-apss splat"
+        "denoised-wrap splat-fill alpha-wrap surface-bpa poisson surface-fit surface-apss splat"
     ),
     "outliers-0.01": (
-        "alpha-wrap denoised-wrap denoised-alpha alpha-shape splat-fill surface-bpa "
-        "denoised-bpa surface-fit surface-apss wnnc-poisson poisson denoised-poisson pgr "
-        "splat"
+        "alpha-wrap denoised-wrap splat-fill surface-bpa surface-fit surface-apss poisson splat"
     ),
     "outliers-0.05": (
-        "denoised-alpha surface-bpa denoised-wrap alpha-wrap denoised-bpa splat-fill "
-        "alpha-shape wnnc-poisson denoised-poisson surface-fit poisson surface-apss pgr splat"
+        "surface-bpa denoised-wrap alpha-wrap splat-fill surface-fit poisson surface-apss splat"
     ),
     "outliers-0.10": (
-        "surface-bpa denoised-alpha denoised-bpa alpha-wrap denoised-wrap splat-fill "
-        "alpha-shape wnnc-poisson denoised-poisson poisson surface-fit surface-apss pgr splat"
+        "surface-bpa alpha-wrap denoised-wrap splat-fill poisson surface-fit surface-apss splat"
     ),
     "missing-0.25": (
-        "alpha-wrap alpha-shape denoised-wrap denoised-alpha splat-fill denoised-bpa "
-        "surface-bpa pgr surface-fit wnnc-poisson poisson surface-apss denoised-poisson splat"
+        "alpha-wrap denoised-wrap splat-fill surface-bpa surface-fit poisson surface-apss splat"
     ),
     "missing-0.50": (
-        "alpha-wrap alpha-shape denoised-wrap splat-fill denoised-alpha surface-bpa "
-        "denoised-bpa pgr surface-fit wnnc-poisson poisson denoised-poisson surface-apss "
-        "splat"
+        "alpha-wrap denoised-wrap splat-fill surface-bpa surface-fit poisson surface-apss splat"
     ),
     "density-3": (
-        "alpha-wrap alpha-shape denoised-wrap splat-fill denoised-alpha denoised-bpa "
-        "surface-bpa pgr wnnc-poisson poisson denoised-poisson surface-fit surface-apss splat"
+        "alpha-wrap denoised-wrap splat-fill surface-bpa poisson surface-fit surface-apss splat"
     ),
     "density-10": (
-        "alpha-wrap alpha-shape denoised-wrap splat-fill denoised-alpha denoised-bpa "
-        "surface-bpa pgr wnnc-poisson poisson denoised-poisson surface-fit surface-apss splat"
+        "alpha-wrap denoised-wrap splat-fill surface-bpa poisson surface-fit surface-apss splat"
     ),
 }
 _LEARNED_3D = ("occupancy-net",)

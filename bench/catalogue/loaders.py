@@ -6,7 +6,6 @@ Heavy packages are imported when a function is called, in the worker that needs 
 from __future__ import annotations
 
 import importlib
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any
@@ -16,9 +15,7 @@ from data_prep.failures import MissingDependency
 if TYPE_CHECKING:
     from pathlib import Path
 
-    import numpy as np
-
-    from data_prep.scene import Images, PointCloud, Renderer, View
+    from data_prep.scene import Renderer
     from pc2pix.engine import Precision
 
 GPU = "cuda"
@@ -104,19 +101,6 @@ FUSED_NET = FusedNetPackage(
 )
 
 
-def unfolded(device: str) -> Renderer:
-    """Return the bundled pc2pix without the inference engine."""
-    from pc2pix.renderer import Pc2pixRenderer
-    from pc2pix.weights import load_weights
-
-    return Pc2pixRenderer(load_weights(BUNDLED), device=chosen_device(device), folded=False)
-
-
-def one_by_one(device: str) -> Renderer:
-    """Return the bundled pc2pix with a call for each view."""
-    return OneByOne(PC2PIX.load(BUNDLED, device))
-
-
 def widened(device: str, precision: Precision = "float32") -> Renderer:
     """Return the bundled pc2pix at the paper's width: the same images, the paper's cost."""
     from pc2pix.renderer import Pc2pixRenderer
@@ -146,25 +130,6 @@ def renderer(class_path: str, device: str, **fields: float) -> Renderer:
     del device
     module, _, name = class_path.partition(":")
     return getattr(importlib.import_module(module), name)(**fields)
-
-
-def auto(budget_ms: float | None, device: str) -> Renderer:
-    """Return the renderer that chooses a method for each cloud; the others load when chosen."""
-    from bench.catalogue.auto_renderer import AutoRenderer
-    from bench.catalogue.auto_table import TABLE
-    from bench.catalogue.methods import find_method
-
-    return AutoRenderer(TABLE, budget_ms, lambda method: find_method(method).load(device))
-
-
-def auto_identity(budget_ms: float | None) -> str:
-    """Return the table, and the versions and identities of the methods that it may choose."""
-    from bench.catalogue.auto_table import TABLE
-    from bench.catalogue.methods import find_method
-
-    methods = [find_method(method) for method in TABLE.methods(budget_ms)]
-    chosen = "; ".join(f"{m.id} {m.version}: {m.identity()}" for m in methods)
-    return f"{versions('scipy')}, table {sha256(repr(TABLE).encode()).hexdigest()}; {chosen}"
 
 
 def constant(device: str) -> Renderer:
@@ -203,20 +168,3 @@ def versions(*packages: str) -> str:
     from importlib.metadata import version
 
     return ", ".join(f"{package} {version(package)}" for package in packages)
-
-
-@dataclass(frozen=True)
-class OneByOne:
-    """A renderer that draws each view in a call of its own."""
-
-    renderer: Renderer
-
-    def prepare(self, cloud: PointCloud, rng: np.random.Generator) -> Any:
-        """Return the state of the renderer."""
-        return self.renderer.prepare(cloud, rng)
-
-    def draw(self, state: Any, views: Sequence[View], rng: np.random.Generator) -> Images:
-        """Return the images of the renderer, view by view."""
-        import numpy as np
-
-        return np.concatenate([self.renderer.draw(state, [view], rng) for view in views])

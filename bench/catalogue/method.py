@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from bench.catalogue.image_tree import ImageTree
     from data_prep.scene import Renderer
 
-Kind = Literal["", "reconstruction", "network", "splat", "choice", "reference"]
+Kind = Literal["", "reconstruction", "network", "splat", "reference"]
 TrainedOn = Literal["chairs", "13 classes", "nothing"]  # of our own methods
 Color = Literal["", "none", "invented", "true"]
 
@@ -50,7 +50,7 @@ class Method:
         The chain that makes a surface of the points: "paper" for the paper's chain or a part of
         it, "other" for another one, "" for none.
     kind : str
-        "reconstruction", "network", "splat", "choice" (of another method for each cloud) or
+        "reconstruction", "network", "splat" or
         "reference" (blank, constant and true-mesh); "" means unknown. A method with a
         `reconstruction` is of kind "reconstruction".
     color : str

@@ -13,8 +13,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 from bench.catalogue import loaders  # no package that is slow to import: `bench list` needs this
-from bench.catalogue.auto import AUTO, budget_ms_of
-from bench.catalogue.auto_table import TABLE
 from bench.catalogue.chosen import CHOSEN
 from bench.catalogue.claims import PREFIX, entered_claims
 from bench.catalogue.gone import instead_of, unknown
@@ -83,31 +81,6 @@ METHODS = (
         identity=partial(loaders.versions, "embreex", "pymeshlab", "scipy"),
     ),
     _reconstruction(
-        "alpha-shape",
-        "alpha_shape:AlphaShape",
-        version=2,
-        source="alpha shape (Edelsbrunner and Muecke 1994)",
-        identity=partial(loaders.versions, "embreex", "scipy"),
-    ),
-    _reconstruction(
-        "denoised-bpa",
-        "denoised:DenoisedBpa",
-        source="ball pivoting on points smoothed as their noise asks for",
-        identity=partial(loaders.versions, "embreex", "pymeshlab", "scipy"),
-    ),
-    _reconstruction(
-        "denoised-alpha",
-        "denoised:DenoisedAlpha",
-        source="the alpha shape of points smoothed as their noise asks for",
-        identity=partial(loaders.versions, "embreex", "scipy"),
-    ),
-    _reconstruction(
-        "denoised-poisson",
-        "denoised:DenoisedPoisson",
-        source="screened Poisson on points smoothed as their noise asks for",
-        identity=partial(loaders.versions, "embreex", "pymeshlab", "scipy"),
-    ),
-    _reconstruction(
         "alpha-wrap",
         "alpha_wrap:AlphaWrap",
         source="alpha wrapping of the points as they are (Portaneri et al. 2022)",
@@ -117,18 +90,6 @@ METHODS = (
         "denoised-wrap",
         "alpha_wrap:DenoisedWrap",
         source="alpha wrapping of points smoothed as their noise asks for",
-        identity=partial(loaders.versions, "embreex", "pymeshlab", "scipy"),
-    ),
-    _reconstruction(
-        "pgr",
-        "gauss:ParametricGauss",
-        source="parametric Gauss reconstruction (Lin et al. 2022)",
-        identity=partial(loaders.versions, "embreex", "scikit-image", "scipy"),
-    ),
-    _reconstruction(
-        "wnnc-poisson",
-        "winding:WindingPoisson",
-        source="screened Poisson from winding-number normals (Lin, Shi and Liu 2024)",
         identity=partial(loaders.versions, "embreex", "pymeshlab", "scipy"),
     ),
     _reconstruction(
@@ -179,16 +140,6 @@ METHODS = (
         sees_cloud=False,
         color="none",
     ),
-    _untrained(
-        AUTO,
-        load=partial(loaders.auto, None),
-        identity=partial(loaders.auto_identity, None),
-        source="the best method for the cloud, by its noise and its number of points; auto@50ms: "
-        "of those that draw an image of a new cloud in 50 ms",
-        trained_on="13 classes",  # its networks
-        kind="choice",
-        color="none",
-    ),
 )
 RECOMMENDED = "fused-net@grey"  # for a cloud of an unknown object: docs/trade.md
 RECOMMENDED_IN_COLOUR = "fused-net"  # the same where colours are asked for
@@ -223,13 +174,12 @@ def find_method(method_id: str) -> Method:
 
     `pc2pix@FILE.safetensors` and the like (WITH_WEIGHTS_FILE) have weights of your own,
     `METHOD@PARAMETER=VALUE` is a method with one parameter set
-    (`bench.catalogue.parameters.PARAMETERS`), `auto@50ms` chooses within a budget, `MODULE:NAME`
-    is of a module that the command line names (`bench.catalogue.modules`).
+    (`bench.catalogue.parameters.PARAMETERS`), `MODULE:NAME` is of a module that the command line
+    names (`bench.catalogue.modules`).
 
     Raises BadInput for images in place of a method, an unknown id (naming the nearest), an unknown
-    parameter or value, a budget that is none or that no method meets (naming the cheapest), weights
-    that are missing or in another format, where another package announces a method that it does
-    not have, and as `module_method`.
+    parameter or value, weights that are missing or in another format, where another package
+    announces a method that it does not have, and as `module_method`.
     """
     if method_id.startswith(PREFIX):
         raise BadInput(
@@ -260,8 +210,6 @@ def find_method(method_id: str) -> Method:
     for method in BUNDLED:
         if method.id == method_id:
             return method
-    if family == AUTO:
-        return _within_budget(method_id, budget_ms_of(weights))
     if method_id in plugin_ids():
         return _plugin(method_id)
     if is_module_name(method_id):
@@ -269,17 +217,6 @@ def find_method(method_id: str) -> Method:
     if package and suffix:
         raise BadInput(f"{weights}: weights are .safetensors files; '{package.command}' writes one")
     raise unknown(method_id, [*(method.id for method in BUNDLED), *plugin_ids()], "method")
-
-
-def _within_budget(method_id: str, budget_ms: float) -> Method:
-    TABLE.methods(budget_ms)  # raises BadInput for a budget that no method meets
-    return replace(
-        find(AUTO, METHODS, "method"),
-        id=method_id,
-        load=partial(loaders.auto, budget_ms),
-        identity=partial(loaders.auto_identity, budget_ms),
-        source=f"the best method for the cloud that draws an image of it in {budget_ms:g} ms",
-    )
 
 
 @cache

@@ -55,11 +55,6 @@ NETWORK_METHODS = (
         weights="all",
     ),
     _network(
-        "pc2pix@widened",
-        source="pc2pix trained on chairs that vary more (pc2pix/weights/chair-widened.md)",
-        weights="chair-widened",
-    ),
-    _network(
         "pc2pix@bf16",
         source="pc2pix in bfloat16: twice as fast where the processor has it",
         load=partial(loaders.PC2PIX.load, loaders.BUNDLED, precision="bfloat16"),
@@ -84,22 +79,10 @@ NETWORK_METHODS = (
         source="splat-net trained on chairs (baselines/splat_net/weights/chair.md)",
     ),
     _splat_net(
-        "splat-net@chair-grey",
-        weights="chair-grey",
-        color="none",
-        source="splat-net@chair in neutral grey",
-    ),
-    _splat_net(
         "splat-net@chair-bf16",
         weights="chair",
         source="splat-net@chair in bfloat16",
         load=partial(loaders.SPLAT_NET.load, "chair", precision="bfloat16"),
-    ),
-    _splat_net(
-        "splat-net@chair-tiny",
-        weights="chair-tiny",
-        source="splat-net@chair without normals, of half the width "
-        "(baselines/splat_net/weights/chair-tiny.md)",
     ),
     _splat_net(
         "splat-net@tiny",
@@ -121,19 +104,6 @@ NETWORK_METHODS = (
         trained_on="13 classes",
         source="the U-Net of pix2pix with a code of the cloud (Milz et al. 2019); its own loss, a "
         "short training (baselines/splat_net/weights/points2pix.md)",
-    ),
-    _splat_net(
-        "points2pix@l1-patch",
-        weights="points2pix-l1-patch",
-        trained_on="13 classes",
-        source="points2pix trained with the loss of splat-net",
-    ),
-    _splat_net(
-        "depth-net",
-        weights="depth",
-        trained_on="13 classes",
-        source="splat-net fed with the nearest depth alone, as Z2P is; a short training "
-        "(baselines/splat_net/weights/depth.md)",
     ),
     _network(
         "occupancy-net",
@@ -164,16 +134,6 @@ NETWORK_METHODS = (
 # Methods that nobody would draw with, but whose cost is measured beside the others.
 COST_VARIANTS = (
     _network(
-        "pc2pix@unfolded",
-        load=loaders.unfolded,
-        source="pc2pix as it was trained, without the inference engine",
-    ),
-    _network(
-        "pc2pix@one-by-one",
-        load=loaders.one_by_one,
-        source="pc2pix, a call for each view",
-    ),
-    _network(
         "pc2pix@paper",
         load=loaders.widened,
         source="the bundled pc2pix at the paper's width: same images, the paper's cost",
@@ -182,17 +142,5 @@ COST_VARIANTS = (
         "pc2pix@paper-bf16",
         load=partial(loaders.widened, precision="bfloat16"),
         source="the same in bfloat16",
-    ),
-    _splat_net(
-        "splat-net@chair-no-normals",
-        weights="chair-no-normals",
-        source="splat-net@chair without normals and flattened points: no neighbours are sought "
-        "(baselines/splat_net/weights/chair-no-normals.md)",
-    ),
-    _splat_net(
-        "splat-net@chair-large",
-        weights="chair-large",
-        source="splat-net@chair one and a half times as wide "
-        "(baselines/splat_net/weights/chair-large.md)",
     ),
 )

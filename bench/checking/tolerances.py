@@ -62,8 +62,7 @@ drivers and processors. How they were measured, at 128 px:
   too. For APSS, one point in fifty moved by one rounding error (12 chairs x 10 views, 2048 and
   noise-0.10) moved lpips per chair by up to 2.5 times as much as ssim, hence by 3 standard errors
   over 24 chairs of 0.024; fd-alexnet by a smaller part of itself than fd-views, whose 40 % are
-  allowed; kd-alexnet by 1.6 times that part. The same rounding moved the cells of `denoised-alpha`
-  and `denoised-bpa` by less than the turn. These were not measured by class.
+  allowed; kd-alexnet by 1.6 times that part. These were not measured by class.
 * No other choice matters beside these: views one at a time or 20 in a batch, 1 thread or 2, float64
   for float32 in pc2pix and in the feature networks. They move no cell by more than 6e-8 (ssim, its
   components and ssim-object), 0 (thin parts, retrieval), 2e-5 (fd) and 2e-4 degrees (the judge).
@@ -77,7 +76,7 @@ is left is the rounding of the file. Elsewhere they move farther than the mean o
   0.00071 (ssim), 0.000076 (luminance), 0.00033 (contrast), 0.00061 (structure), 0.059 dB (psnr),
   0.0017 (ssim-object), 0.0015 (silhouette-iou), 0.30 (thin-recall), 0.12 (thin-precision) and
   0.0033 (lpips). Three times that is allowed. Few views of a chair show thin parts: these two say
-  little of one chair. Rounding moved a chair of `denoised-bpa` by 0.0019 (silhouette-iou).
+  little of one chair.
 * For APSS, three times the standard deviations of a chair stated above (psnr: 10.4 dB x 0.0156,
   ssim-object: 2.2 x 0.0156, lpips: 2.5 x 0.0156). One point in fifty moved by one rounding error,
   by the same study, moved a chair by at most 0.0092 (ssim), 0.0012 (luminance), 0.0081 (contrast),

@@ -38,7 +38,6 @@ KINDS = {  # of methods, with the heads of their sections
     "network": "networks",
     "reconstruction": "reconstructions",
     "splat": "projections",
-    "choice": "a choice for each cloud",
     "reference": "reference methods",
 }
 NAME, FACT = 25, 10  # columns of a name, of a fact about it
@@ -134,7 +133,7 @@ def _methods(width: int, costs: Mapping[str, float]) -> Iterator[str]:
     )
     if costs:
         yield from wrapped(
-            "one view: of a new cloud of 2048 points, by results/docs/frontier.csv; ~: as "
+            "one view: of a new cloud of 2048 points, by results/costs.csv; ~: as "
             "another of its family, of the same size",
             width,
         )

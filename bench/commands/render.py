@@ -13,7 +13,7 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from bench.catalogue.auto import budget_ms_of
+from bench.catalogue.costs import budget_ms_of
 from bench.catalogue.methods import RECOMMENDED
 from bench.catalogue.modules import allow_modules
 from bench.commands.options import (
@@ -61,7 +61,8 @@ class RenderResult:
     without_image : int
         Number of clouds that have no image: not usable, or all methods failed.
     notes : tuple of str
-        A line for each part of a file that is not used, and for methods that know chairs only.
+        A line for each part of a file that is not used, for the method that a budget
+        chose, and for methods that know chairs only.
     """
 
     images: tuple[Path, ...]
@@ -191,8 +192,8 @@ RENDER_OPTIONS: dict[str, str | OptionSpec] = {
     "method": "Method, see 'bench list'; several, comma-separated, make a sheet. Default: "
     f"{RECOMMENDED}, for any object.",
     "budget": OptionSpec(
-        "Time for one image of a new cloud, which chooses the method by measured costs and the "
-        "cloud. Default: no limit.",
+        "Time for one image of a new cloud, which chooses the method by measured costs and scores. "
+        "Default: no limit.",
         metavar="50ms|0.2s",
         kind=str | None,
         convert=_budget_ms,

@@ -105,7 +105,6 @@ def autoencoder_command(options: AutoencoderOptions) -> None:
         ),
         "warm_up": "Steps at the start without the discriminator (paired), or that train it alone "
         "(with --start).",
-        "grow": "Steps at 32 px, and as many at 64 px, before those at 128 px.",
         "generator_lr": "Learning rate of Adam.",
         "discriminator_lr": "Learning rate of Adam for the discriminator.",
     },
@@ -123,14 +122,8 @@ def gan_command(options: GanOptions) -> None:
     TRAIN_OPTIONS
     | U_NET_OPTIONS
     | {
-        "network": "Network: tiny, default, large, depth (the nearest depth alone) or points2pix.",
+        "network": "Network: tiny, default or points2pix.",
         "colours": "One colour for the image, whatever the shape, or one for each pixel.",
-        "without": OptionSpec(
-            "Inputs to leave out, comma-separated: normals, density, flattened, far, discs. "
-            "Default: none.",
-            convert=lambda text: names(text) or (),
-            default=None,
-        ),
     },
 )
 def splat_net_command(options: SplatNetOptions) -> None:

@@ -329,5 +329,4 @@ def _load_and_draw(task: tuple[CloudFile, Wanted]) -> tuple[Drawn, Notes]:
     drawn = _draw(loaded.cloud, wanted, loaded.colors)
     if isinstance(drawn, Failed):
         return drawn, loaded.notes
-    chosen = (f"{file.path}: {drawn.notes}",) * (find_method(wanted.method).kind == "choice")
-    return drawn.images, (*loaded.notes, *chosen)
+    return drawn.images, loaded.notes

@@ -11,7 +11,7 @@ from typing import TypedDict, Unpack
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bench.rendering.choice import methods_to_draw, note_on_chairs
+from bench.rendering.choice import methods_to_draw, note_on_budget, note_on_chairs
 from bench.rendering.cloud import find_drawer
 from bench.running.work import draw, load_renderer
 from data_prep.clouds.normalise import cloud_of_points
@@ -64,7 +64,8 @@ class DrawRequest:
         method = find_drawer(method_id)
         cloud = cloud_of_points(points, self.up, self.front)
         renderer = load_renderer(method_id, self.device)
-        _note_once(note_on_chairs((method_id,)))
+        for note in (note_on_budget(self.budget_ms), note_on_chairs((method_id,))):
+            _note_once(note)
         return draw(method, renderer, cloud, views, generator("render")).images
 
 

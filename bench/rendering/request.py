@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from bench.rendering.choice import methods_to_draw, note_on_chairs
+from bench.rendering.choice import methods_to_draw, note_on_budget, note_on_chairs
 from bench.rendering.cloud import CloudFile, Notes, check_draws_colours, make_view
 from bench.rendering.files import MOVING, check_opacity, moves
 from bench.rendering.finish import LEAST_SIZE, MOST_SIZE
@@ -135,8 +135,10 @@ def cloud_file(cloud: Path, options: RenderOptions) -> CloudFile:
 
 
 def notes_on(options: RenderOptions) -> Notes:
-    """Return notes on methods that know chairs only, and on a size that is not the drawn one."""
+    """Return notes on the budget's method, methods that know chairs only, and a size not drawn."""
     notes = []
+    if of_budget := note_on_budget(options.budget):
+        notes.append(of_budget)
     if options.size not in (None, IMAGE_SIZE):
         notes.append(
             f"methods draw {IMAGE_SIZE} x {IMAGE_SIZE} pixels; resampled to {options.size} x "

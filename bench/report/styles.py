@@ -29,13 +29,12 @@ FLOOR_DASHES: tuple[Dashes, ...] = ((0, (6, 3)), (0, (2, 2)))
 # The families of most plots: these eight differ in hue, marker and dashes at once.
 COMMON_FAMILIES = (
     *("surface-apss", "splat-net", "pc2pix", "splat"),
-    *("alpha-shape", "denoised-alpha", "surface-fit", "denoised-wrap"),
+    *("best-reconstruction", "alpha-wrap", "fused-net", "denoised-wrap"),
 )
 # The next ones, in an order that gives the methods of a default run a hue each. Rows that choose a
 # method have a place here so that a new family does not change their style.
 FURTHER_FAMILIES = (
-    *("poisson", "pgr", "occupancy-net", "best-reconstruction", "alpha-wrap", "splat-fill"),
-    *("surface-bpa", "denoised-bpa", "denoised-poisson", "best-learned-3d"),
+    *("poisson", "surface-fit", "occupancy-net", "surface-bpa", "splat-fill", "best-learned-3d"),
 )
 
 

@@ -107,7 +107,7 @@ def train_splat_net(options: SplatNetOptions) -> Path:
     """Train splat-net; return the exported weights file, beside which `weights-grey` stands."""
     _set_threads(options)
     features = compared_features(options.objective)
-    network = do_without(_find_network(options.network), options.without)
+    network = _find_network(options.network)
     if network.body == "splat-net":
         network = replace(network, heads=COLOUR_HEADS[options.colours])
     start = read_start(options.start, network, options.seed) if options.start else None
@@ -213,22 +213,6 @@ def train_decoder(options: DecoderOptions) -> Path:
     if is_first():
         export_decoder(checkpoint, path)
     return path
-
-
-def do_without(network: NetworkConfig, parts: Sequence[str]) -> NetworkConfig:
-    """Return the network without some of its inputs. Raises BadInput for an unknown one."""
-    inputs = network.inputs
-    for part in parts:
-        if part == "discs":
-            inputs = replace(inputs, windows=inputs.windows[:1])
-        elif part in ("normals", "density", "flattened", "far", "noise"):
-            inputs = replace(inputs, **{part: False})
-        else:
-            raise BadInput(
-                f"--without {part}: there are normals, density, flattened, far, noise and discs "
-                "(all but the narrowest)"
-            )
-    return replace(network, inputs=inputs)
 
 
 def training_objects(options: TrainingOptions) -> tuple[SceneObject, ...]:

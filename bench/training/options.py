@@ -71,7 +71,6 @@ class GanOptions(TrainingOptions):
     start: str | None = None
     steps: int = 20_000
     warm_up: int = 0
-    grow: int = 0
     generator_lr: float = 1e-4
     discriminator_lr: float = 2e-4
     out: Path = Path("training/gan")
@@ -107,14 +106,11 @@ class SplatNetOptions(UNetOptions):
 
     Attributes
     ----------
-    without : tuple of str
-        Inputs to leave out, see `bench.training.networks.do_without`.
     colours : str
         One colour for the image, or one for each pixel; points2pix has these always.
     """
 
     colours: Literal["image", "pixel"] = "image"
-    without: tuple[str, ...] = ()
     views: int = 8
     steps: int = 8000
     learning_rate: float = 2e-3

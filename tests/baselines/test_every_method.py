@@ -24,14 +24,13 @@ SURFACES = tuple(  # Open3D is an extra
     m.id for m in BUNDLED if m.kind == "reconstruction" and m.id != "open3d-poisson"
 )
 NETWORKS = (
-    *("pc2pix", "pc2pix@acgan", "splat-net@chair", "splat-net@chair-tiny"),
-    *("splat-net", "splat-net@tiny", "points2pix", "depth-net", "occupancy-net", "fused-net"),
+    *("pc2pix", "pc2pix@acgan", "splat-net@chair"),
+    *("splat-net", "splat-net@tiny", "points2pix", "occupancy-net", "fused-net"),
 )
 METHODS = (*SURFACES, *NETWORKS, "splat", "splat-fill", "true-mesh", *FLOORS)
 ORDERLESS = (
-    *("denoised-alpha", "denoised-bpa", "denoised-poisson", "pgr", "surface-fit"),
-    *("alpha-wrap", "denoised-wrap", "wnnc-poisson"),
-    *("splat-net@chair-tiny", "splat", "splat-fill", "occupancy-net", "fused-net"),
+    *("surface-fit", "alpha-wrap", "denoised-wrap"),
+    *("splat-net@tiny", "splat", "splat-fill", "occupancy-net", "fused-net"),
 )
 VIEWS = [View(10, 20), View(370, 20), View(-100, -40), View(0, 90), View(30, -90)]
 
@@ -114,20 +113,10 @@ FEW = "where the camera looks, a cube each; normals need at least 11"
 @pytest.mark.parametrize(
     ("name", "points", "stage", "problem"),
     [
-        ("alpha-shape", np.eye(3), "input", "3 points; tetrahedra need at least 4"),
-        ("alpha-shape", np.full((50, 3), 0.3), "delaunay", "QH"),
-        ("alpha-shape", PLANE, "delaunay", "QH"),
-        ("alpha-shape", [*np.eye(3), [1, 1, 1]], "alpha-shape", "no triangle fits a ball"),
         ("alpha-wrap", TEN_PLACES, "input", f"10 of 50 {FEW_DIFFERENT}"),
         ("denoised-wrap", TEN_PLACES, "input", f"10 of 50 {FEW_DIFFERENT}"),
-        ("denoised-alpha", TEN_PLACES, "input", f"10 of 50 {FEW_DIFFERENT}"),
-        ("denoised-alpha", AWAY, "input", f"0 of 50 {FEW_DIFFERENT}"),
-        ("denoised-alpha", PLANE, "delaunay", "QH"),
-        ("denoised-bpa", LINE, "ball-pivoting", "no faces"),
-        ("denoised-poisson", LINE, "ball-pivoting", "no faces"),
-        ("denoised-poisson", TEN_PLACES, "input", f"10 of 50 {FEW_DIFFERENT}"),
-        ("pgr", np.full((50, 3), 0.3), "input", f"1 of 50 {FEW_DIFFERENT}"),
-        ("wnnc-poisson", TEN_PLACES, "input", f"10 of 50 {FEW_DIFFERENT}"),
+        ("denoised-wrap", AWAY, "input", f"0 of 50 {FEW_DIFFERENT}"),
+        ("denoised-wrap", np.full((50, 3), 0.3), "input", f"1 of 50 {FEW_DIFFERENT}"),
         ("poisson", LINE, "ball-pivoting", "no faces"),
         ("poisson", np.full((50, 3), 0.3), "poisson", ""),
         ("surface-apss", np.full((50, 3), 0.3), "apss", "no faces"),

@@ -115,8 +115,7 @@ def test_datasets_that_are_refused_by_name(command, no_machine, tmp_path):
         (("render",), "Missing argument 'CLOUD'; see 'bench render --help'"),
         (
             ("test", "nosuch"),
-            "unknown method 'nosuch': there are pc2pix, pc2pix@acgan, pc2pix@all, pc2pix@widened, "
-            "pc2pix@bf16 and ",
+            "unknown method 'nosuch': there are pc2pix, pc2pix@acgan, pc2pix@all, ",
         ),
         (("train", "gan", "--steps", "x"), "see 'bench train gan --help'"),
     ],

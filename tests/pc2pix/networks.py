@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import torch
 from torch import nn
 
 
@@ -20,3 +21,12 @@ def live_in(network):
         elif isinstance(module, nn.Conv2d | nn.Linear) and module.bias is not None:
             module.bias.normal_(0, 0.1)
     return network
+
+
+def drawn(generator, code, elevation01, azimuth01, noise=None):
+    """Return the images of the generator as it was trained, as `pc2pix.engine.fold` gives them."""
+    count = len(elevation01)
+    noise = torch.zeros(count, 128) if noise is None else noise
+    with torch.no_grad():
+        images = generator(noise, code.expand(count, -1), elevation01, azimuth01)
+    return images.permute(0, 2, 3, 1) / 2 + 0.5

@@ -9,7 +9,7 @@ from torch.nn import functional
 from pc2pix.engine import FoldedGenerator, NineProducts, Phases, Rows, fold, upsampled
 from pc2pix.model import Generator, ModelConfig
 
-from .networks import live_in
+from .networks import drawn, live_in
 
 # blocks end with 128, 64, 32, 16 and 8 channels: every form of up-sampling, in both precisions
 SMALL = ModelConfig(width=0.125, latent_dim=4)
@@ -26,14 +26,6 @@ def inputs(config, count):
     code = torch.randn(1, config.latent_dim, generator=random)
     angles = torch.rand(2, count, 1, generator=random)
     return code, *angles, 2 * torch.rand(count, 128, generator=random) - 1
-
-
-def drawn(generator, code, elevation01, azimuth01, noise):
-    count = len(elevation01)
-    noise = torch.zeros(count, 128) if noise is None else noise
-    with torch.no_grad():
-        images = generator(noise, code.expand(count, -1), elevation01, azimuth01)
-    return images.permute(0, 2, 3, 1) / 2 + 0.5
 
 
 @pytest.fixture(scope="module", params=[SMALL, TURNING], ids=["small", "turning"])

@@ -103,12 +103,6 @@ def test_bad_configurations_are_refused(gan_data, tmp_path):
         train_gan.train_gan(gan_data, Encoder(TINY), GanConfig(), tmp_path)
     with pytest.raises(BadInput, match="warm_up 5: objective acgan-code has no reconstruction"):
         GanConfig(warm_up=5)
-    for changes in ({"objective": "paired"}, {"start": "sha"}):
-        with pytest.raises(BadInput, match="grow 5: only the paper's objective, from random"):
-            GanConfig(grow=5, **changes)
-    for grow in (-1, 5):
-        with pytest.raises(BadInput, match=f"grow {grow}: leaves no steps of 10 at 128 px"):
-            GanConfig(grow=grow, steps=10)
 
 
 def paired_trainer(data, **changes):
@@ -160,34 +154,6 @@ def test_the_reconstruction_term_pulls_a_drawn_image_to_the_real_one(gan_data):
     trainer = paired_trainer(single, warm_up=99, generator_lr=1e-3)
     errors = [trainer.take_step()["reconstruction"] for _ in range(60)]
     assert np.mean(errors[-5:]) < 0.25 * np.mean(errors[:5])
-
-
-def grow(gan_data, folder, steps):
-    config = GanConfig(model=TINY, objective="acgan-paper", grow=2, batch=2, steps=steps)
-    return train_gan.train_gan(gan_data, seeded(0, lambda: Encoder(TINY)), config, folder)
-
-
-def test_a_grown_training_goes_on_exactly_and_exports_the_ordinary_generator(gan_data, tmp_path):
-    whole, cut = tmp_path / "whole", tmp_path / "cut"
-    grow(gan_data, whole, 7)
-    grow(gan_data, cut, 5)
-    grow(gan_data, cut, 7)
-    states = [checkpoint.load(f / checkpoint.FILE_NAME, "gan")[0] for f in (whole, cut)]
-    assert states[0].keys() == states[1].keys()
-    assert all(torch.equal(states[0][key], states[1][key]) for key in states[0])
-    export(whole / checkpoint.FILE_NAME, tmp_path / "w.safetensors")
-    generator = load_weights(tmp_path / "w.safetensors").generator
-    assert torch.equal(generator.conv.bias, states[0]["average.generator.conv.bias"])
-
-
-def test_a_new_resolution_is_averaged_from_its_own_start(gan_data):
-    config = GanConfig(model=TINY, objective="acgan-paper", grow=50, batch=2, steps=200)
-    trainer = _GanTrainer(gan_data, Encoder(TINY), config, torch.device("cpu"))
-    trainer.steps_done.fill_(100)
-    bias, average = trainer.generator.conv.bias, trainer.average["generator"].conv.bias
-    trainer.take_step()
-    # the first step of a memory that is short at first: 2 / 11 of what was there before
-    torch.testing.assert_close(average, bias * 9 / 11)
 
 
 @pytest.fixture(scope="module")

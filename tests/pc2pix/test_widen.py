@@ -3,10 +3,11 @@ from __future__ import annotations
 import pytest
 import torch
 
-from pc2pix.engine import UnfoldedGenerator
 from pc2pix.model import Generator, ModelConfig
 from pc2pix.weights import load_weights
 from pc2pix.widen import widen
+
+from .networks import drawn
 
 
 @pytest.fixture(scope="module")
@@ -19,7 +20,7 @@ def test_the_wider_one_draws_the_same(generator, times):
     random = torch.Generator().manual_seed(1)
     code = torch.randn(1, generator.config.latent_dim, generator=random)
     given = code, *torch.rand(2, 3, 1, generator=random)
-    expected = UnfoldedGenerator(generator)(*given)
+    expected = drawn(generator, *given)
     assert expected.std() > 0.05
     wide = widen(generator, times)
     assert not wide.training
@@ -27,7 +28,7 @@ def test_the_wider_one_draws_the_same(generator, times):
     rows, columns = generator.dense.weight.shape
     assert wide.dense.weight.shape == (times * rows, columns)
     # float32 sums of up to 4 x 2,304 products, through twelve layers; weights rounded once more
-    torch.testing.assert_close(UnfoldedGenerator(wide)(*given), expected, rtol=0, atol=5e-5)
+    torch.testing.assert_close(drawn(wide, *given), expected, rtol=0, atol=5e-5)
 
 
 def test_copies_are_read_with_different_weights_of_the_seed(generator):

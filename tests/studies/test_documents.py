@@ -35,7 +35,7 @@ COSTS = """\
 method,condition,cost_ms
 splat,2048,7.506
 pc2pix,2048,21.333
-alpha-shape,2048,63.011
+alpha-wrap,2048,63.011
 """
 
 
@@ -109,8 +109,8 @@ def page(asked, old="what stood here\n"):
         (
             "rows=method:splat,pc2pix,best-reconstruction "
             "column=known_chairs;values.csv;metric:ssim;condition:512 "
-            "column=one_view;costs.csv;show:cost_ms;best-reconstruction:alpha-shape "
-            "column=trained_on;catalogue;best-reconstruction:alpha-shape",
+            "column=one_view;costs.csv;show:cost_ms;best-reconstruction:alpha-wrap "
+            "column=trained_on;catalogue;best-reconstruction:alpha-wrap",
             [
                 "| method | known chairs | one view | trained on |",
                 "|---|---:|---:|---:|",

@@ -199,49 +199,8 @@ EXPECTED: Mapping[str, Mapping[str, Expectation]] = {
     "surface-bpa": _MESH_OF_THE_POINTS | dict.fromkeys(("all-equal", "int"), _BLANK),
     "poisson": _MESH_OF_THE_POINTS
     | dict.fromkeys(("all-equal", "int"), Fails("poisson: no faces")),
-    "alpha-shape": {
-        **_at_least(4, "tetrahedra"),
-        **dict.fromkeys(("4-points", "16-points"), Fails("alpha-shape: no triangle fits")),
-        **dict.fromkeys(
-            ("all-equal", "collinear", "coplanar", "int", "outlier-1e30"), Fails("delaunay: QH")
-        ),
-        **dict.fromkeys(("outlier-1e3", "outlier-1e6"), Changes(1.0, "alpha grows with the box")),
-        **_FINITE_ONLY,
-        **dict.fromkeys((*_SMALL, *_LARGE, *_SHIFTS, "noise-5", "noise-10"), _BLANK),
-        **dict.fromkeys(_REPEATED, _EXACT),
-        "1000000-points": _slow("Delaunay takes a minute"),
-        # Rounding decides which of several balls through nearly the same points is the empty one.
-        "turned": Agrees(0.5),
-    },
-    "denoised-bpa": _USED_POINTS
-    | {
-        "collinear": Fails("ball-pivoting: no faces"),
-        **dict.fromkeys(("float16", "turned", "millimetres"), _CHAOS),
-    },
-    "denoised-alpha": _USED_POINTS
-    | {
-        **dict.fromkeys(("collinear", "coplanar"), Fails("delaunay: QH")),
-        "turned": Agrees(0.5),  # as with alpha-shape
-    },
-    "denoised-poisson": _USED_POINTS
-    | {
-        "collinear": Fails("ball-pivoting: no faces"),
-        **dict.fromkeys(("float16", "turned", "millimetres"), _CHAOS),
-    },
     "alpha-wrap": _WRAP | dict.fromkeys(("noise-1", "noise-2"), _INSIDE),
     "denoised-wrap": _WRAP,
-    "pgr": _USED_POINTS
-    | {
-        **dict.fromkeys(("collinear", "two-clusters", "scale-1e-3"), Fails("marching-cubes: ")),
-        **dict.fromkeys(("scale-1e-30", "scale-1e-9"), Fails("gauss: the samples' system has no")),
-        **dict.fromkeys(("noise-1", "noise-2"), _INSIDE),
-        "turned": Changes(1.0, "its grid is not turned with the cloud"),
-    },
-    "wnnc-poisson": _USED_POINTS
-    | {
-        "collinear": Either((Fails("trim: "), _BLANK), "the faces have no area"),
-        "turned": Changes(1.0, "the octree is not turned with the cloud"),
-    },
     "open3d-poisson": _USED_POINTS
     | {
         **_at_least(5, "tangent planes"),
@@ -255,9 +214,7 @@ EXPECTED: Mapping[str, Mapping[str, Expectation]] = {
     "pc2pix@bf16": _PC2PIX | dict.fromkeys(("all-equal", "azimuth+180"), Agrees(EXACT_MEAN)),
     # Its code is small sums of large numbers, so that rounded points move it by more.
     "pc2pix@acgan": _PC2PIX | {"noise-2": _OFF, "millimetres": Agrees(2.0)},
-    "pc2pix@widened": _PC2PIX,
     "splat-net@chair": _SPLAT_NET,
-    "splat-net@chair-grey": _SPLAT_NET,
     "splat-net": _SPLAT_NET,
     "splat-net@grey": _SPLAT_NET,
     "splat-net@tiny": _SPLAT_NET,
@@ -268,8 +225,6 @@ EXPECTED: Mapping[str, Mapping[str, Expectation]] = {
         _SOME_BLANK,
     ),
     "points2pix": _SPLAT_NET,
-    "points2pix@l1-patch": _SPLAT_NET,
-    "depth-net": _SPLAT_NET,
     # A mesh that cannot be made is left out. A turn changes the mesh of occupancy-net by more than
     # a grey level, and the points, which turn with the cloud, make up for some of it.
     **dict.fromkeys(
@@ -277,7 +232,6 @@ EXPECTED: Mapping[str, Mapping[str, Expectation]] = {
         _SPLAT_NET | {"turned": Changes(0.5, "occupancy-net's planes are not turned")},
     ),
     "splat-net@chair-bf16": _SPLAT_NET,
-    "splat-net@chair-tiny": _SPLAT_NET,
     "occupancy-net": {
         "0-points": Fails("input: 0 points; occupancy networks need"),
         **dict.fromkeys(

@@ -3,10 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from baselines.reconstruction.alpha_shape import alpha_mesh
-from baselines.reconstruction.denoised import DenoisedAlpha, DenoisedBpa, cleaned
-from baselines.reconstruction.stages import spacing
-from baselines.reconstruction.surface import SurfaceBpa
+from baselines.reconstruction.denoised import cleaned
 from data_prep.failures import StageFailure
 from data_prep.scene import PointCloud
 from tests.baselines.clouds import RADIUS, chair_cloud, lattice_sphere
@@ -25,15 +22,6 @@ def test_clean_points_stay_as_they_are(count: int) -> None:
     assert clean.points.dtype == np.float32
     (note,) = clean.notes
     assert note.startswith("noise: 0.0")
-
-
-def test_a_clean_mesh_is_that_of_the_points() -> None:
-    cloud = chair_cloud()
-    points = np.unique(cloud.points, axis=0)
-    expected = alpha_mesh(points, 2 * spacing(points))
-    np.testing.assert_array_equal(DenoisedAlpha().prepare(cloud).mesh.faces, expected.faces)
-    pivoted = SurfaceBpa().prepare(PointCloud(points)).mesh
-    np.testing.assert_array_equal(DenoisedBpa().prepare(cloud).mesh.faces, pivoted.faces)
 
 
 @pytest.mark.parametrize("sigma", [0.05, 0.10])

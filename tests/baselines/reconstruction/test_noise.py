@@ -5,11 +5,9 @@ import pytest
 from scipy.stats import norm
 
 from baselines.reconstruction.noise import (
-    QuickNoise,
     moments,
     noise_scale,
     noise_share,
-    quick_noise,
 )
 from data_prep.failures import StageFailure
 from tests.baselines.clouds import RADIUS, lattice_sphere
@@ -110,27 +108,3 @@ def test_what_is_not_finite_is_named(value: float) -> None:
     points[3, 1] = value
     with pytest.raises(StageFailure, match="input: 1 of 2048 points are not finite"):
         noise_scale(points)
-
-
-@pytest.mark.parametrize("shape", [square, lattice_sphere], ids=["plane", "sphere"])
-def test_a_quick_estimate_tells_noise_from_none(shape) -> None:
-    """A patch of 24 points is 1.4 spacings wide, of which it can see half as noise."""
-    clean, noisy = quick_noise(shape()), quick_noise(lifted(shape(), 0.1))
-    assert clean.noise < 0.3 * clean.spacing
-    assert 0.6 * noisy.spacing < noisy.noise < 1.2 * noisy.spacing
-
-
-@pytest.mark.parametrize("count", [100, 2048, 5000])
-def test_a_quick_estimate_scales_and_does_not_depend_on_order(count: int) -> None:
-    points = lifted(square(count), 0.05)
-    expected = quick_noise(points)
-    assert quick_noise(points[np.random.default_rng(3).permutation(count)]) == expected
-    eight = quick_noise(8 * points)
-    assert (eight.noise, eight.spacing) == pytest.approx((8 * expected.noise, 8 * expected.spacing))
-    broken = np.vstack([points, np.full((5, 3), np.nan)])
-    assert quick_noise(broken) == expected
-
-
-def test_a_quick_estimate_of_too_little_is_none() -> None:
-    for points in (np.zeros((0, 3)), square(29), np.zeros((100, 3)), np.full((40, 3), np.inf)):
-        assert quick_noise(points) == QuickNoise(0.0, 0.0)

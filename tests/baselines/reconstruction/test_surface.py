@@ -98,8 +98,7 @@ class FakeMeshLab:
         type(self).options = (*options, *flags.values())
         self._stage(f"apss {resolution}", 1)
 
-    def screened_poisson(self, depth: int, weight: float) -> None:
-        assert weight == 4  # MeshLab's own
+    def screened_poisson(self, depth: int) -> None:
         self._stage(f"poisson {depth}", 1)
 
     def normals(self) -> np.ndarray:

@@ -6,7 +6,6 @@ import torch
 from baselines.splat_net.engine import GROUP, FoldedSplatNet
 from baselines.splat_net.network import NetworkConfig, SplatNet, composite
 from baselines.splat_net.projection import Inputs
-from baselines.splat_net.window import RING, Windows
 
 from .conftest import lived_in
 
@@ -98,42 +97,6 @@ def test_what_is_not_finite_stays_so(where):
     with torch.backends.mkldnn.flags(enabled=where == "last.bias"):
         images = FoldedSplatNet(network, size=32)(inputs(GREY, 1, 32))
     assert images.isnan().any()
-
-
-@pytest.mark.parametrize(
-    ("corners", "height", "width"),
-    [
-        ([(8, 12), (20, 4), (10, 16)], 40, 32),  # inside
-        ([(0, 0), (24, 32), (0, 20)], 40, 32),  # in corners, at an edge
-        ([(0, 10), (0, 0), (0, 32)], 64, 32),  # all rows
-        ([(0, 0)] * 3, 64, 64),
-    ],
-)
-def test_in_windows_it_draws_the_same(network, corners, height, width):
-    """The unfolded network draws the same in whole images, whatever it draws beyond, of channels
-    that are zero up to `margin` from the windows' edges, unless these are the image's."""
-    size, margin = 64, 3  # of the level below, a pixel beyond looks at 3 of these
-    channels = inputs(network.config, 3, size)
-    inside = torch.zeros(3, 1, size, size)
-    for image, (top, left) in zip(inside, corners, strict=True):
-        bottom, right = top + height, left + width
-        image[
-            :,
-            top + margin * (top > 0) : bottom - margin * (bottom < size),
-            left + margin * (left > 0) : right - margin * (right < size),
-        ] = 1
-    channels = (channels * inside).contiguous(memory_format=torch.channels_last)
-    windows = Windows(range(3), corners, height, width, size)
-    given = windows.cut(channels.permute(0, 2, 3, 1)).permute(0, 3, 1, 2)
-    actual = FoldedSplatNet(network, size=size)(given, windows)
-    assert actual.shape == (3, height, width, 3)
-    whole = drawn(network, channels)
-    for part, image, (top, left) in zip(actual, whole, corners, strict=True):
-        bottom, right = top + height, left + width
-        rows = slice(RING * (top > 0), height - RING * (bottom < size))
-        columns = slice(RING * (left > 0), width - RING * (right < size))
-        expected = image[top:bottom, left:right][rows, columns]
-        torch.testing.assert_close(part[rows, columns], expected, rtol=0, atol=CLOSE)
 
 
 def test_other_precisions_are_refused():

@@ -15,7 +15,6 @@ from baselines.splat_net.renderer import SplatNetRenderer
 from baselines.splat_net.surfels import find_surfels, stack
 from baselines.splat_net.train import SplatNetConfig, train_splat_net
 from baselines.splat_net.weights import SplatNetWeights, export, load_weights
-from baselines.splat_net.window import whole_images
 from data_prep.scene import PointCloud, View
 
 VIEWS = [View(20, 10), View(-100, -5)]
@@ -28,7 +27,7 @@ def cloud(count=300, seed=0):
 
 def seen(points):
     projection = Projection(stack([find_surfels(points)]), cameras(VIEWS), POINTS2PIX.inputs)
-    return projection.channels(whole_images(range(len(VIEWS)), 128)), projection.points
+    return projection.whole(), projection.points
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,6 @@ import torch
 
 from baselines.splat_net.projection import ALL_INPUTS, Inputs, Projection, cameras, project
 from baselines.splat_net.surfels import FLATTENED, HOPS, Surfels, stack
-from baselines.splat_net.window import Windows, whole_images
 from data_prep.rendering.camera import camera_to_world
 from data_prep.rendering.camera import project as pixels_of
 from data_prep.scene import View
@@ -157,51 +156,15 @@ def test_bfloat16_is_the_last_step():
     surfels = stack([made_up(200)])
     exact = project(surfels, cameras(VIEWS), ALL_INPUTS)
     projection = Projection(surfels, cameras(VIEWS), ALL_INPUTS)
-    coarse = projection.channels(whole_images(range(len(VIEWS)), 128), torch.bfloat16)
+    coarse = projection.channels(slice(None), torch.bfloat16)
     assert coarse.is_contiguous(memory_format=torch.channels_last)
     assert torch.equal(coarse, exact.bfloat16())
 
 
-def test_windows_are_parts_of_whole_images():
-    """Windows of some images, in another order, lie around all that is seen of them."""
+def test_some_images_are_those_of_all():
     surfels, seen = stack([made_up(300, spread=0.2)]), cameras(VIEWS)
     projection = Projection(surfels, seen, ALL_INPUTS)
-    boxes = projection.boxes()
-    height, width = (max(boxes[i][k + 1] - boxes[i][k] for i in (2, 0)) for k in (0, 2))
-    corners = [(min(boxes[i].top, 128 - height), min(boxes[i].left, 128 - width)) for i in (2, 0)]
-    actual = projection.channels(Windows([2, 0], corners, height, width, 128))
-    assert 16 < height < 128
-    whole = project(surfels, seen, ALL_INPUTS)
-    for part, i, (top, left) in zip(actual, (2, 0), corners, strict=True):
-        assert torch.equal(part, whole[i, :, top : top + height, left : left + width])
-
-
-@pytest.mark.parametrize("size", [64, 128, 256])
-@pytest.mark.parametrize("inputs", [ALL_INPUTS, Inputs((1,), *[False] * 4), Inputs((1, 15))])
-def test_boxes_hold_all_that_is_not_zero(size, inputs):
-    surfels = stack([made_up(80, spread=0.2)])
-    boxes = Projection(surfels, cameras(VIEWS), inputs, size).boxes()
-    channels = project(surfels, cameras(VIEWS), inputs, size)
-    for box, image in zip(boxes, channels, strict=True):
-        rows, columns = (image != 0).any(dim=0).nonzero().T
-        assert box.top <= rows.min() <= rows.max() < box.bottom
-        assert box.left <= columns.min() <= columns.max() < box.right
-
-
-def test_boxes_by_hand():
-    """A pixel and five around it, for the widest density; in the middle where nothing is seen."""
-    normals, variation = [[0.0] * 3] * len(HOPS), [0.0] * len(HOPS)
-
-    def box(place, size):
-        surfels = one_point(place, normals, variation)
-        (actual,) = Projection(surfels, cameras([View(0, 0)]), ALL_INPUTS, size).boxes()
-        return actual
-
-    # 64 - 58 x 4 / 4 columns, for the camera looks along +Z and +X is on its left
-    assert box([0.51, 0.0, 0.0], 128) == (59, 70, 29, 40)
-    assert box([0.0, 1.09, 0.0], 128) == (0, 6, 59, 70)
-    assert box([0.0, 9.0, 0.0], 128) == (59, 70, 59, 70)
-    assert box([0.0, 0.0, 0.0], 256) == (119, 138, 119, 138)  # windows of 17 pixels, and one more
+    assert torch.equal(projection.channels(slice(1, 3)), projection.whole()[1:3])
 
 
 @pytest.mark.parametrize("size", [64, 128])

@@ -16,8 +16,7 @@ from baselines.splat_net.projection import ALL_INPUTS, Inputs, cameras, project
 from baselines.splat_net.start import read_start
 from baselines.splat_net.surfels import find_surfels, stack
 from baselines.splat_net.train import KIND, SplatNetConfig, SplatNetTrainer, train_splat_net
-from baselines.splat_net.weights import BUNDLED, export
-from bench.training.networks import do_without
+from baselines.splat_net.weights import BUNDLED, export, find_weights, read_file
 from data_prep.failures import BadInput
 from data_prep.scene import View
 from learning import checkpoint
@@ -47,13 +46,14 @@ def test_both_heads_come_back_as_they_were_trained(trained, files) -> None:
     assert start.sha256 == f"{file_sha256(files)} {file_sha256(grey)}"
 
 
-@pytest.mark.parametrize("part", ["normals", "density", "flattened", "far", "discs"])
+@pytest.mark.parametrize("part", ["normals", "density", "flattened", "far"])
 def test_a_network_without_an_input_draws_as_one_that_ignores_it(part) -> None:
-    few = do_without(DEFAULT, (part,))
-    cut = read_start("chair", few).network
+    config = dataclasses.replace(DEFAULT, heads=COLOUR_HEADS["image"])
+    few = dataclasses.replace(config, inputs=dataclasses.replace(config.inputs, **{part: False}))
+    cut = read_start("all", few).network
     assert cut.config == few
-    start = read_start("chair", DEFAULT)
-    assert start.sha256 == f"{BUNDLED['chair']} {BUNDLED['chair-grey']}"
+    start = read_start("all", config)
+    assert start.sha256 == BUNDLED["all"]
     whole = start.network
     gone = [i for i, name in enumerate(ALL_INPUTS.names) if name not in few.inputs.names]
     assert len(gone) == DEFAULT.inputs.channels - few.inputs.channels > 0
@@ -61,8 +61,7 @@ def test_a_network_without_an_input_draws_as_one_that_ignores_it(part) -> None:
         whole.first.conv.weight[:, gone] = 0
         channels = _seen(ALL_INPUTS)
         kept = channels[:, [i for i in range(channels.shape[1]) if i not in gone]]
-        if part != "discs":  # without which other channels are of something else
-            assert torch.equal(_seen(few.inputs), kept)
+        assert torch.equal(_seen(few.inputs), kept)
         expected, drawn = whole(channels), cut(kept)
     # a sum of fewer terms, in another order: 22 channels x 9 taps of some 10 in float32, 18 layers
     torch.testing.assert_close(drawn, expected, rtol=0, atol=1e-3)
@@ -97,52 +96,22 @@ def test_training_goes_on_from_it(data, files, tmp_path) -> None:
         train_splat_net(data, other, tmp_path / "on")
 
 
-def test_a_wider_network_draws_as_the_narrower_one_did() -> None:
-    narrow = read_start("chair", DEFAULT).network
-    wider = dataclasses.replace(DEFAULT, widths=(20, 32, 72, 130, 168))  # one level as it was
-    wide = read_start("chair", wider).network
-    assert wide.config == wider
-    channels = _seen(ALL_INPUTS)
-    with torch.no_grad():
-        # the same sums with zeros among them, in another order: as above
-        torch.testing.assert_close(wide(channels), narrow(channels), rtol=0, atol=1e-3)
+@pytest.mark.parametrize("widths", [(4, 6, 8, 10, 10), (4, 6, 8, 10, 14)])
+def test_a_network_of_other_widths_is_refused(files, widths) -> None:
+    with pytest.raises(BadInput, match=r"10, 12.*asked for.*10, 1[04].*use another --network"):
+        read_start(str(files), NetworkConfig(widths=widths))
 
 
-def test_what_a_wider_network_has_more_of_can_be_trained() -> None:
-    wider = dataclasses.replace(DEFAULT, widths=(18, 34, 66, 130, 162))
-    network = read_start("chair", wider).network.requires_grad_(True)
-    network(_seen(ALL_INPUTS)).square().sum().backward()
-    narrow = read_start("chair", DEFAULT).network.state_dict()
-    heard = {
-        key: parameter
-        for key, parameter in network.named_parameters()
-        if parameter.dim() == 4 and parameter.shape[1] > narrow[key].shape[1]
-    }
-    assert len(heard) == 20  # all kernels but that of the first layer
-    for key, parameter in heard.items():
-        outputs, inputs = narrow[key].shape[:2]
-        assert not parameter[:outputs, inputs:].any(), key
-        assert parameter[outputs:].any() or key == "last.weight", key
-        assert parameter.grad is not None
-        assert parameter.grad[:outputs, inputs:].any(), key
-
-
-def test_what_it_has_more_of_is_random_by_seed() -> None:
-    wider = dataclasses.replace(DEFAULT, widths=(17, 32, 64, 128, 160))
-    first, again, other = (
-        read_start("chair", wider, seed).network.first.conv.weight for seed in (0, 0, 1)
-    )
-    assert torch.equal(first, again)
-    assert torch.equal(first[:16], other[:16])
-    assert not torch.equal(first[16:], other[16:])
-
-
-def test_a_narrower_network_is_refused(files) -> None:
-    narrower = NetworkConfig(widths=(4, 6, 8, 10, 10))
-    with pytest.raises(
-        BadInput, match=r"10, 12.*asked for.*10, 10.*wider, not narrower.*--network"
-    ):
-        read_start(str(files), narrower)
+@pytest.mark.parametrize(("heads", "known"), [("pixel", 4), ("image", 1)])
+def test_what_the_colours_of_chair_lack_is_random_by_seed(heads, known) -> None:
+    config = dataclasses.replace(DEFAULT, heads=COLOUR_HEADS[heads])
+    start, again, other = (read_start("chair", config, seed) for seed in (0, 0, 1))
+    assert start.sha256 == BUNDLED["chair"]
+    last, same, another = (s.network.last.weight for s in (start, again, other))
+    assert torch.equal(last, same)
+    assert torch.equal(last[:known], read_file(find_weights("chair")).network.last.weight[:known])
+    assert torch.equal(last[:known], another[:known])
+    assert not torch.equal(last[known:], another[known:])
 
 
 def test_inputs_that_it_never_saw_are_not_used_yet(files) -> None:

@@ -50,7 +50,7 @@ FIELD = {
     # better, and 20 views are cheaper than 20 of surface-apss
     "pc2pix": (10, 25, (0.9, 0.9, 0.9, 0.9)),
     "surface-apss": (1000, 1, (0.9, 0.9, 0.9, 0.9)),
-    "alpha-shape": (NAN, NAN, (0.4, 0.4, 0.4, 0.4)),
+    "alpha-wrap": (NAN, NAN, (0.4, 0.4, 0.4, 0.4)),
     "true-mesh": (0, 0, (1, 1, 1, 1)),
     "constant": (0, 0, (0.4, 0.4, 0.4, 0.4)),
     "blank": (0, 0, (0.4, 0.4, 0.4, 0.4)),
@@ -71,7 +71,7 @@ def test_verdicts_with_twenty_views():
         "surface-fit": ("tied", "poisson"),
         "pc2pix": ("frontier", ""),
         "surface-apss": ("tied", "pc2pix"),
-        "alpha-shape": ("no value", ""),
+        "alpha-wrap": ("no value", ""),
         "true-mesh": ("reference", ""),
         "constant": ("reference", ""),
         "blank": ("reference", ""),
@@ -108,7 +108,7 @@ def test_the_frontier_depends_on_the_number_of_views():
             "ssim",
             {
                 "pc2pix": (100, 0, (0.9, 0.8, 0.7)),
-                "pc2pix@unfolded": (200, 0, (0.9 + 1e-6, 0.8 + 1e-6, 0.7 + 1e-6)),
+                "pc2pix@all": (200, 0, (0.9 + 1e-6, 0.8 + 1e-6, 0.7 + 1e-6)),
                 "pc2pix@paper": (300, 0, (0.9 - 1e-6, 0.8 - 1e-6, 0.7 - 1e-6)),
             },
             [("frontier", ""), ("tied", "pc2pix"), ("tied", "pc2pix")],
@@ -125,7 +125,7 @@ def test_what_is_worse_than_a_white_image_is_off_the_frontier():
     field = comparison(FIELD | {"blank": (0, 0, (0.62,) * 4)})
     found = verdicts(places(field, ["ssim"], 20))
     assert found["splat"] == ("below a white image", "blank")
-    assert found["alpha-shape"] == ("no value", "")
+    assert found["alpha-wrap"] == ("no value", "")
     assert found["constant"] == ("reference", "")
     assert {m for m, (verdict, _) in found.items() if verdict == "frontier"} == {
         "poisson",

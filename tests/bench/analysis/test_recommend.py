@@ -23,7 +23,7 @@ FIELD = {
     "splat": (1, 1, (0.5, 0.6, 0.5, 0.6)),
     "pc2pix": (10, 10, (0.8, 0.7, 0.7, 0.8)),
     "surface-apss": (2000, 50, (0.7, 0.95, 0.7, 0.9)),
-    "alpha-shape": (NAN, NAN, (0.99, 0.99, 0.99, 0.99)),  # its failures drawn by an optimist
+    "alpha-wrap": (NAN, NAN, (0.99, 0.99, 0.99, 0.99)),  # its failures drawn by an optimist
     "true-mesh": (0, 0, (1, 1, 1, 1)),
     "constant": (0, 0, (0.98, 0.98, 0.98, 0.98)),
     "blank": (0, 0, (0.2, 0.2, 0.2, 0.2)),
@@ -91,7 +91,7 @@ def test_choices_carry_their_numbers():
 
 def test_of_methods_that_print_equal_the_cheapest_is_named():
     same = tuple(score + 1e-6 for score in FIELD["pc2pix"][2])
-    twins = {"pc2pix@unfolded": (20, 10, same), "pc2pix@bf16": (5, 5, same)}
+    twins = {"pc2pix@all": (20, 10, same), "pc2pix@bf16": (5, 5, same)}
     advice = advise(comparison(FIELD | twins), Requirements(20))
     assert names(advice.next) == ["pc2pix@bf16", "poisson", "splat"]
     advice = advise(comparison(FIELD | twins), Requirements(20, 250))
@@ -222,7 +222,7 @@ def of_two_metrics(lpips):
 
 
 LPIPS = {
-    **{"poisson": 0.3, "splat": 0.5, "pc2pix": 0.2, "surface-apss": 0.4, "alpha-shape": 0.1},
+    **{"poisson": 0.3, "splat": 0.5, "pc2pix": 0.2, "surface-apss": 0.4, "alpha-wrap": 0.1},
     **{"true-mesh": 0.0, "constant": 0.1, "blank": 0.6},
 }
 

@@ -195,7 +195,7 @@ def test_what_was_not_measured_takes_the_largest_of_its_relatives():
     assert half("surface-apss@7") == expected(0.03)
     assert half("splat-net@chair") == expected(0.9e-5, 2)
     assert half("splat-net@chair") > expected(1e-5)
-    for unknown in (("alpha-shape",), ("pc2pix",), ("pc2pix", "2048", "psnr")):
+    for unknown in (("alpha-wrap",), ("pc2pix",), ("pc2pix", "2048", "psnr")):
         assert math.isnan(half(*unknown))
     assert half("pc2pix@all", "512", "lpips") == expected(0.5)
 

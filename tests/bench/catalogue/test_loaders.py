@@ -4,49 +4,24 @@ import numpy as np
 import pytest
 
 from bench.catalogue import loaders
-from bench.catalogue.loaders import OneByOne
 from bench.catalogue.methods import find_method
 from data_prep.scene import PointCloud, View
 
 VIEWS = [View(10.0 * i, 5.0 * i) for i in range(3)]
 
 
-class Recorder:
-    def __init__(self):
-        self.calls = []
-
-    def prepare(self, cloud, rng):
-        return len(cloud)
-
-    def draw(self, state, views, rng):
-        self.calls.append((state, list(views)))
-        return np.full((len(views), 128, 128, 3), views[0].azimuth_deg / 360, np.float32)
-
-
-def test_one_by_one_calls_for_each_view():
-    renderer = Recorder()
-    one_by_one = OneByOne(renderer)
-    rng = np.random.default_rng(0)
-    state = one_by_one.prepare(PointCloud(np.zeros((7, 3))), rng)
-    images = one_by_one.draw(state, VIEWS, rng)
-    assert renderer.calls == [(7, [view]) for view in VIEWS]
-    expected = np.float32([0.0, 10 / 360, 20 / 360])
-    np.testing.assert_array_equal(images[:, 0, 0, 0], expected)
-    assert images.shape == (3, 128, 128, 3)
-
-
 @pytest.mark.slow
-def test_all_variants_of_pc2pix_draw_the_same():
+def test_the_paper_width_and_bfloat16_draw_the_same():
     rng = np.random.default_rng(0)
     cloud = PointCloud(rng.normal(size=(2048, 3)) / 4)
     drawn = {}
-    for method in ("", "@bf16", "@unfolded", "@one-by-one", "@paper", "@paper-bf16"):
+    for method in ("", "@bf16", "@paper", "@paper-bf16"):
         renderer = find_method(f"pc2pix{method}").load("cpu")
         drawn[method] = renderer.draw(renderer.prepare(cloud, rng), VIEWS, rng)
     for method, images in drawn.items():
         # float32 in another order, as in test_widen; bfloat16 rounds each of twelve layers to
         # 1/256 and its largest error may be many of its typical ones, so that its mean is asserted
-        apart = np.abs(images - drawn["@unfolded"])
+        apart = np.abs(images - drawn[""])
         assert apart.mean() < 5e-3 if "bf16" in method else apart.max() < 1e-4, method
     assert (drawn[""] != drawn["@bf16"]).any()
     assert (drawn["@paper"] != drawn["@paper-bf16"]).any()

@@ -25,11 +25,11 @@ def test_every_method_says_what_it_was_trained_on():
     trained = {method.id: method.trained_on for method in BUNDLED}
     assert {name for name, on in trained.items() if on == "13 classes"} == {
         *("pc2pix@all", "splat-net", "splat-net@grey", "splat-net@tiny", "splat-net@tiny-grey"),
-        *("points2pix", "points2pix@l1-patch", "depth-net", "occupancy-net"),
-        *("fused-net", "fused-net@grey", "auto"),
+        *("points2pix", "occupancy-net"),
+        *("fused-net", "fused-net@grey"),
     }
     learned = {name for name, on in trained.items() if on != "nothing"}
-    assert learned == {m.id for m in BUNDLED if m.kind == "network"} | {"constant", "auto"}
+    assert learned == {m.id for m in BUNDLED if m.kind == "network"} | {"constant"}
     assert None not in trained.values()
     assert find_method("splat@spread=1.5").trained_on == "nothing"
 
@@ -98,7 +98,6 @@ def test_splat_net_is_one_network_for_any_object_and_that_of_chairs_says_so():
     [
         ("splat-net@all", "splat-net"),
         ("splat-net@all-grey", "splat-net@grey"),
-        ("splat-net@large", "splat-net@chair-large"),
     ],
 )
 def test_an_id_of_an_earlier_version_is_refused_with_the_nearest(old, near):

@@ -166,8 +166,8 @@ def test_time_and_disk_of_the_jobs_left(tmp_path):
 
 
 def test_a_method_without_a_measured_cost_is_named(command, tmp_path, no_cache, no_machine):
-    assert "occupancy-net" not in view_costs_ms()
-    few = ("--methods", "occupancy-net,splat", "--limit", "1")
+    assert "points2pix" not in view_costs_ms()
+    few = ("--methods", "points2pix,splat", "--limit", "1")
     status, out, _ = command("run", *DRY, *few, "--out", tmp_path / "a")
     assert status == 0
-    assert "\nwithout a measured cost, left out of the time: occupancy-net\n" in out
+    assert "\nwithout a measured cost, left out of the time: points2pix\n" in out

@@ -29,7 +29,7 @@ BY_SECTION = {
     "suites": [suite.id for suite in (*SUITES, LATENT, STABILITY, SPEED)],
     "methods": [
         method.id
-        for kind in ("network", "reconstruction", "splat", "choice", "reference")
+        for kind in ("network", "reconstruction", "splat", "reference")
         for method in METHODS
         if method.kind == kind
     ],
@@ -77,7 +77,7 @@ def test_methods_have_sections_stars_and_what_they_know():
     assert sorted(BY_SECTION["methods"]) == sorted(method.id for method in METHODS)
     lines = list(section_lines("methods"))
     heads = [line for line in lines if re.fullmatch(r" \S.*", line)]
-    kinds = ["networks", "reconstructions", "projections", "a choice for each cloud"]
+    kinds = ["networks", "reconstructions", "projections"]
     assert heads == [f" {kind}" for kind in (*kinds, "reference methods")]
     stars = {line.split()[1] for line in lines if line.startswith("* ")} - {"recommended:"}
     assert RECOMMENDED in stars
@@ -91,25 +91,14 @@ def test_methods_have_sections_stars_and_what_they_know():
         assert facts[-1] == method.source
 
 
-def test_costs_are_those_of_the_file(tmp_path):
-    """The cost is of one view of a whole cloud; without one it is about that of its family."""
-    assert view_costs_ms(tmp_path / "none.csv") == {}
-    path = tmp_path / "frontier.csv"
-    path.write_text(
-        "condition,views,method,cost_ms\n"
-        "2048,1,splat,1234.5\n2048,20,splat,9\n512,1,splat,8\n2048,1,blank,\n"
-    )
-    assert view_costs_ms(path) == {"splat": 1234.5}
+def test_costs_are_those_of_the_table():
+    """Without a line of its own a method has about that of its family."""
     costs = view_costs_ms()
     lines = section_lines("methods")
     about = {entry[1]: entry[2] for line in lines if (entry := ENTRY.fullmatch(line))}
     for method in METHODS:
         cost = re.search(r" (~?)([\d.]+) ms ", about[method.id])
         expected = costs.get(method.id, costs.get(method.family))
-        if method.id in ("splat-net", "splat-net@grey", "splat-net@chair-grey"):
-            expected = costs["splat-net@chair"]  # the same network with other weights
-        if method.id.startswith("splat-net@tiny"):
-            expected = costs["splat-net@chair-tiny"]  # likewise
         if expected is None:
             assert cost is None
         else:

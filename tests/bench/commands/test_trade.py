@@ -36,7 +36,7 @@ def test_every_method_of_the_suite_is_known_and_values_of_a_parameter_rise():
         if (setting := find_setting(method)) is not None:
             values.setdefault(setting.parameter.method, []).append(setting.value)
     assert values.keys() == {
-        *("surface-apss", "surface-bpa", "poisson", "alpha-shape", "denoised-wrap", "splat"),
+        *("surface-apss", "surface-bpa", "poisson", "denoised-wrap", "splat"),
     }
     assert all(len(of_method) >= 3 for of_method in values.values())
     assert all(of_method == sorted(of_method) for of_method in values.values())

@@ -100,7 +100,7 @@ def test_splat_net_from_the_command_line_to_a_method(command, tmp_path):
     """Two steps on two chairs; both files are methods, and a longer command goes on."""
     out = tmp_path / "trained"
     options = ("--objects", "2", "--views", "2", "--network", "tiny", "--batch", "4")
-    options = (*options, "--cool-down", "1", "--without", "density,discs", "--out", str(out))
+    options = (*options, "--cool-down", "1", "--out", str(out))
     status, said, err = command("train", "splat-net", *options, "--steps", "2")
     assert (status, said) == (0, f"{out / 'weights.safetensors'}\n"), err
     status, _, err = command("train", "splat-net", *options, "--steps", "3")
@@ -110,27 +110,25 @@ def test_splat_net_from_the_command_line_to_a_method(command, tmp_path):
         renderer = method.load("cpu")
         network = renderer.weights.network
         assert network.config.heads == heads
-        # the nearest and the farthest; tiny has neither normals nor flattened points
-        assert network.config.inputs.channels == 2
+        # two discs, the farthest, three densities; tiny has neither normals nor flattened points
+        assert network.config.inputs.channels == 6
         assert renderer.weights.card["steps"] == 3
         assert renderer.weights.card["learning_rates"] == "0.002"  # the last step is at full rate
         assert method.identity().endswith(renderer.weights.sha256)
 
-    # and from its weights another goes on, without one more input
+    # and from its weights another goes on
     start = ("--start", str(out / "weights.safetensors"))
-    further = (*options[:-3], "density,discs,far", "--out", str(tmp_path / "further"))
+    further = (*options[:-1], str(tmp_path / "further"))
     status, said, err = command("train", "splat-net", *further, *start, "--steps", "1")
     assert status == 0, err
     found = load_weights(said.strip())
-    assert found.network.config.inputs.channels == 1
     assert found.card["start"] == file_sha256(out / "weights.safetensors")
 
 
 @pytest.mark.parametrize(
     ("options", "problem"),
     [
-        ("--network huge", "--network: unknown 'huge'; choose one of tiny, default, large"),
-        ("--without colour", "--without colour: there are normals, density, flattened, far, noise"),
+        ("--network huge", "--network: unknown 'huge'; choose one of tiny, default, points2pix"),
         ("--objective l2", "objective: unknown 'l2'; choose one of l1, l1-patch"),
         ("--start chair --network tiny", "--start chair: is of widths (16, 32, 64, 128, 160)"),
         ("--batch 7", "batch 7: 2 views of a cloud are drawn together; use a multiple of 2"),
@@ -178,7 +176,7 @@ def test_fused_net_from_the_command_line_to_a_method(command, tmp_path):
     ("options", "problem"),
     [
         ("--meshes poisson", "--meshes: meshes of poisson; choose from denoised-wrap, occupancy"),
-        ("--network huge", "--network: unknown 'huge'; choose one of tiny, default, large"),
+        ("--network huge", "--network: unknown 'huge'; choose one of tiny, default, points2pix"),
         ("--start nosuch", "weights: 'nosuch' is neither a bundled name"),
     ],
 )

@@ -82,7 +82,7 @@ def test_every_approach_of_the_run_has_a_column(drawn, tmp_path):
 
 
 def test_the_best_by_the_headline_has_a_column(drawn, tmp_path):
-    methods = ("surface-apss", "splat-net@chair", "splat-net", "depth-net", "splat", "blank")
+    methods = ("surface-apss", "splat-net@chair", "splat-net", "points2pix", "splat", "blank")
     headline = [
         row("ssim-object", "splat-net@chair", AVERAGE, 0.7),
         row("ssim-object", "splat-net", AVERAGE, 0.8),
@@ -90,7 +90,7 @@ def test_the_best_by_the_headline_has_a_column(drawn, tmp_path):
         replace(row("ssim-object", "splat", AVERAGE, 0.95), failures_as_blank=0.2),
         row("ssim-object", "best-reconstruction", AVERAGE, 0.99),  # another by that name
         row("lpips", "splat-net", AVERAGE, 0.2),
-        row("lpips", "depth-net", AVERAGE, 0.1),
+        row("lpips", "points2pix", AVERAGE, 0.1),
         row("lpips", "surface-apss", AVERAGE, NAN),
         replace(row("lpips", "splat-net@chair", AVERAGE, 0.05), condition="512"),
     ]
@@ -101,11 +101,11 @@ def test_the_best_by_the_headline_has_a_column(drawn, tmp_path):
         "truth",
         "surface-apss",
         "splat-net",
-        "depth-net",
+        "points2pix",
         "splat-\nnet@chair",
         "splat",
     ]
-    assert images.get_supxlabel().endswith("splat-net by ssim-object, depth-net by lpips")
+    assert images.get_supxlabel().endswith("splat-net by ssim-object, points2pix by lpips")
 
 
 def dots_of(axis):

@@ -19,7 +19,7 @@ SHOWN = (  # method, cost, value, verdict
     ("pc2pix@bf16", 40, 0.75, "frontier"),
     ("pc2pix", 80, 0.75, "tied"),
     ("pc2pix@paper", 90, 0.75, "tied"),
-    ("pc2pix@one-by-one", 95, 0.75, "tied"),
+    ("pc2pix@all", 95, 0.75, "tied"),
     ("splat", 10, 0.50, "frontier"),
     ("true-mesh", 30, 1.00, "reference"),
     ("constant", 1, 0.70, "reference"),
@@ -123,9 +123,7 @@ def test_labels_tell_the_variants_and_cover_nothing():
     (axis,) = made.axes
     labels = [t for t in axis.texts if isinstance(t, Annotation) and t.get_text()]
     names = " ".join(label.get_text() for label in labels)
-    assert (
-        names == "worse than a white image surface-apss 25 300 pc2pix bf16 paper one-by-one splat"
-    )
+    assert names == "worse than a white image surface-apss 25 300 pc2pix bf16 paper all splat"
     boxes = np.array([label.get_window_extent().extents for label in labels])
     own = (boxes[:, 2:] - boxes[:, :2]).prod(axis=1)
     np.testing.assert_allclose(covered(boxes, boxes), own, rtol=1e-9)

@@ -44,7 +44,7 @@ def test_the_best_is_of_those_that_compete():
 
 def test_outcomes_of_a_line_are_those_of_its_images():
     cases = {
-        "depth-net": ({}, ("ok",)),
+        "points2pix": ({}, ("ok",)),
         "surface-apss": ({"n_ok": 3, "note": "1 x timeout: 3 s"}, ("failed", "ok")),
         "pc2pix@acgan": ({"n_ok": 0, "note": "4 x timeout: 3 s"}, ("failed",)),
         "pc2pix": ({"note": "skipped: weights"}, ("skipped",)),

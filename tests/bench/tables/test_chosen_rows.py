@@ -21,8 +21,8 @@ from data_prep.failures import BadInput
 
 from ..builders import write_run
 
-METHODS = ["surface-apss", "denoised-alpha", "splat", "blank"]
-CHOICE = {"2048": ("denoised-alpha", "surface-apss"), "512": ("surface-apss", "denoised-alpha")}
+METHODS = ["surface-apss", "denoised-wrap", "splat", "blank"]
+CHOICE = {"2048": ("denoised-wrap", "surface-apss"), "512": ("surface-apss", "denoised-wrap")}
 
 
 @pytest.fixture
@@ -40,7 +40,7 @@ def directory(choice, tmp_path):
 
 def test_the_choice_is_among_two_or_more(choice):
     row = CHOSEN[BEST_RECONSTRUCTION]
-    assert row.method("2048", METHODS) == "denoised-alpha"
+    assert row.method("2048", METHODS) == "denoised-wrap"
     assert row.method("512", METHODS) == "surface-apss"
     assert row.method("512", ["blank", "surface-apss"]) is None
     assert row.method("unheard-of", METHODS) is None
@@ -87,7 +87,7 @@ def test_the_row_has_the_values_of_the_chosen_method(directory):
                 assert row.note == its.note if its.skipped else row.note.startswith(chosen)
     text = tables(run)[0].to_markdown()
     assert (
-        "`best-reconstruction`, chosen on validation objects, is `denoised-alpha` at 2048; "
+        "`best-reconstruction`, chosen on validation objects, is `denoised-wrap` at 2048; "
         "`surface-apss` at 512." in text
     )
     lines = [line for line in text.splitlines() if line.startswith("| best-reconstruction |")]
@@ -115,7 +115,7 @@ def test_it_is_compared_by_its_name(directory):
             assert rows[condition][name] == expected[name]
     assert rows["2048"]["method_a"] == "best-reconstruction"
     assert found.remarks == (
-        "`best-reconstruction` is `denoised-alpha` at 2048, `surface-apss` at 512.",
+        "`best-reconstruction` is `denoised-wrap` at 2048, `surface-apss` at 512.",
     )
 
 

@@ -151,7 +151,7 @@ def test_classes_and_methods_of_two_runs_are_blocks():
 @pytest.mark.parametrize("width", [60, 40, 30, 20])
 def test_a_narrow_terminal(width):
     """Conditions come in parts, at last one below the other; nothing is left out."""
-    shown = lines(better(), width, ("`best-reconstruction` is `denoised-alpha` at 2048.",))
+    shown = lines(better(), width, ("`best-reconstruction` is `denoised-wrap` at 2048.",))
     assert max(map(cell_len, shown)) <= width
     text = " ".join(shown)
     assert text.count("better") == 6

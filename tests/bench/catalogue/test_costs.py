@@ -1,0 +1,92 @@
+"""The table of costs, and the method that a budget chooses by it."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import pytest
+
+from bench.catalogue.costs import best_within, budget_ms_of, cost_of, measured_methods
+from bench.catalogue.methods import find_method
+from data_prep.failures import BadInput
+
+DOCS = Path(__file__).parents[3] / "results" / "docs"
+TABLE = {measured.method: measured for measured in measured_methods()}
+
+
+def lines(name, **wanted):
+    with (DOCS / name).open(encoding="utf-8", newline="") as file:
+        return [r for r in csv.DictReader(file) if all(r[k] == v for k, v in wanted.items())]
+
+
+def test_what_has_a_score_draws_objects_of_any_kind_in_grey():
+    methods = [find_method(name) for name in TABLE]
+    for method in methods:
+        if TABLE[method.id].score is not None:
+            assert method.color == "none"
+            assert method.trained_on != "chairs"
+            assert method.kind != "reference"
+
+
+def test_scores_and_costs_are_those_of_the_published_runs():
+    of_run = {}
+    for metric in ("ssim", "lpips"):
+        wanted = {"condition": "2048", "class": "average", "metric": metric}
+        values = lines("real-meshes-grey.csv", **wanted)
+        of_run[metric] = {line["method"]: float(line["value"]) for line in values}
+    for name, measured in TABLE.items():
+        if measured.score is not None:
+            expected = (of_run["ssim"][name] + 1 - of_run["lpips"][name]) / 2
+            assert measured.score == pytest.approx(expected, abs=5e-5)
+    costs = lines("view-costs.csv", condition="2048", views="1", metric="lpips")
+    measured_there = ("surface-apss", "pc2pix", "splat-net", "splat-net@tiny", "fused-net")
+    of_file = {line["method"]: float(line["cost_ms"]) for line in costs}
+    for name in measured_there:
+        assert TABLE[name].cost_ms == pytest.approx(of_file[name], rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("budget_ms", "method"),
+    [
+        (6.6, "splat-net@tiny-grey"),
+        (25.7, "splat-net@tiny-grey"),
+        (50, "splat-net@grey"),
+        (729, "splat-net@grey"),  # alpha-wrap and occupancy-net cost more and score less
+        (730, "fused-net@grey"),
+        (1e9, "fused-net@grey"),
+    ],
+)
+def test_a_budget_buys_the_best_score(budget_ms, method):
+    assert best_within(budget_ms).method == method
+
+
+def test_a_budget_below_the_cheapest_names_it_and_its_cost():
+    message = "budget 6.5ms: the cheapest method is splat-net@tiny-grey with 6.6 ms for one image"
+    with pytest.raises(BadInput, match=f"{message}; give at least 6.6ms"):
+        best_within(6.5)
+
+
+@pytest.mark.parametrize(
+    ("text", "budget_ms"), [("50ms", 50.0), ("0.2s", 200.0), (" 2s ", 2000.0), ("7.5ms", 7.5)]
+)
+def test_a_budget_is_a_time(text, budget_ms):
+    assert budget_ms_of(text) == budget_ms
+
+
+@pytest.mark.parametrize("text", ["", "50", "ms", "0ms", "-5ms", "1e3ms", "5 ms", "infs", "1h"])
+def test_what_is_no_time_is_refused(text):
+    with pytest.raises(BadInput, match="give a time over 0 with its unit, as in 50ms"):
+        budget_ms_of(text)
+
+
+def test_a_method_without_a_line_costs_as_its_family():
+    costs = {"pc2pix": 20.0, "splat": 6.0}
+    assert cost_of("pc2pix@all", costs) == cost_of("pc2pix", costs) == 20.0
+    assert cost_of("surface-fit", costs) is None
+
+
+def test_the_method_that_chose_says_what_does_now():
+    for name in ("auto", "auto@50ms"):
+        with pytest.raises(BadInput, match=r"'bench render --budget 50ms' chooses by time"):
+            find_method(name)
