@@ -30,10 +30,16 @@ MOST_REASON = 120  # characters of a library's complaint
 COUNTER = "num_batches_tracked"  # of BatchNorm; drawing does without
 
 
-def find_file(name_or_path: str | Path, folder: Path, bundled: Mapping[str, str]) -> Path:
+def find_file(
+    name_or_path: str | Path,
+    folder: Path,
+    bundled: Mapping[str, str],
+    files: Mapping[str, str] | None = None,
+) -> Path:
     """Return the file of a bundled name, its checksum verified, or the path itself.
 
-    `bundled` maps names to sha256.
+    bundled  sha256 by name
+    files    by name, the file's where that is another
 
     Raises BadInput, naming file, value and remedy, where a name is unknown, a file is missing, or a
     bundled file differs from its checksum.
@@ -48,7 +54,7 @@ def find_file(name_or_path: str | Path, folder: Path, bundled: Mapping[str, str]
                 "give one of these names or the path of exported weights"
             )
         return path
-    path = folder / f"{name}.safetensors"
+    path = folder / f"{(files or {}).get(name, name)}.safetensors"
     if not is_regular_file(path):
         raise BadInput(f"{path}: the bundled weights are missing; reinstall the package")
     actual = file_sha256(path)

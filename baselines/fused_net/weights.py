@@ -16,10 +16,9 @@ if TYPE_CHECKING:
     from baselines.splat_net.weights import SplatNetWeights
 
 FOLDER = Path(__file__).parent / "weights"
-BUNDLED: dict[str, str] = {  # name -> sha256 of weights/<name>.safetensors
-    "all": "e5be7a567f234de205fa6ac03598604c5f51b0fb19e1cf56082234adba13bb33",
-    "all-grey": "bb4d03c1b3594fee5d69278ea889ffa4bc84b923a1a3cfbe0906c02088cc6b0a",
-}
+_ALL = "e5be7a567f234de205fa6ac03598604c5f51b0fb19e1cf56082234adba13bb33"
+BUNDLED: dict[str, str] = {"all": _ALL, "all-grey": _ALL}  # name -> sha256 of its file
+IN_GREY = {"all-grey": "all"}  # by name, whose file has that head, too
 KIND = "fused-net"  # of the checkpoints of its training
 MESHES = ("denoised-wrap", "occupancy-net")  # methods whose meshes it can see
 
@@ -30,7 +29,7 @@ def find_weights(name_or_path: str | Path) -> Path:
     Raises BadInput, naming file, value and remedy, where a name is unknown, a file is missing, or a
     bundled file differs from its checksum.
     """
-    return find_file(name_or_path, FOLDER, BUNDLED)
+    return find_file(name_or_path, FOLDER, BUNDLED, IN_GREY)
 
 
 def load_weights(name_or_path: str | Path = "all") -> SplatNetWeights:
@@ -42,7 +41,7 @@ def load_weights(name_or_path: str | Path = "all") -> SplatNetWeights:
     from baselines.splat_net.weights import read_file
 
     path = find_weights(name_or_path)
-    weights = read_file(path)
+    weights = read_file(path, in_grey=str(name_or_path) in IN_GREY)
     meshes = weights.network.config.inputs.meshes
     if not meshes:
         raise BadInput(f"{path}: the network sees no meshes; use it as splat-net@{path}")

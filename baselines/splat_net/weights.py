@@ -1,8 +1,8 @@
 """Trained weights as files: what is bundled, how a file is written, and how it is checked.
 
-A file holds the averaged network with one head and nothing else; kernels are float16, everything of
-one dimension float32. The safetensors header says how it was made. PyTorch is imported by what
-handles tensors only.
+A file holds the averaged network with one head, or with grey and the albedo that makes colours of
+it, and nothing else; kernels are float16, everything of one dimension float32. The safetensors
+header says how it was made. PyTorch is imported by what handles tensors only.
 """
 
 from __future__ import annotations
@@ -33,14 +33,17 @@ if TYPE_CHECKING:
     from baselines.splat_net.points2pix import Network
 
 FOLDER = Path(__file__).parent / "weights"
-BUNDLED: dict[str, str] = {  # name -> sha256 of weights/<name>.safetensors
-    "all": "6331efaaab8aadc111f7607c5a19b5396e0dfeb114491bc5ea09a236538a6a12",
-    "all-grey": "0445cfb77209b1c073dd734f0fe6b3307884d28faf3f498a5d50375f5c589416",
-    "all-tiny": "43900479f408df098f21ac91efb43c9d3689b04c0a24176db579ae83f8462e5f",
-    "all-tiny-grey": "d81ce265948ae583db8aec0a6d9d075a6602b1bcde7ab1db21b5685c17b6010c",
+_ALL = "6331efaaab8aadc111f7607c5a19b5396e0dfeb114491bc5ea09a236538a6a12"
+_TINY = "43900479f408df098f21ac91efb43c9d3689b04c0a24176db579ae83f8462e5f"
+BUNDLED: dict[str, str] = {  # name -> sha256 of its file, weights/<name>.safetensors
+    "all": _ALL,
+    "all-grey": _ALL,
+    "all-tiny": _TINY,
+    "all-tiny-grey": _TINY,
     "chair": "4fd59c7c06567f4c19360be9c1954f8c2b0a16c017614dd8dfb93f59131a677c",
     "points2pix": "f8efac2fc45c43ec3f550d1e5167c459e63f4e354f4737685e086192a253da96",
 }
+IN_GREY = {"all-grey": "all", "all-tiny-grey": "all-tiny"}  # by name, whose file has that head, too
 KIND = "splat-net"  # of the checkpoints of its training
 FORMAT = "splat-net-weights-2"  # of the first, networks had a code of the whole cloud
 REMEDY = "write the file again with baselines.splat_net.weights.export"
@@ -68,7 +71,7 @@ def find_weights(name_or_path: str | Path) -> Path:
     Raises BadInput, naming file, value and remedy, where a name is unknown, a file is missing, or a
     bundled file differs from its checksum.
     """
-    return find_file(name_or_path, FOLDER, BUNDLED)
+    return find_file(name_or_path, FOLDER, BUNDLED, IN_GREY)
 
 
 def export(checkpoint_path: Path, path: Path, head: Material, kind: str = KIND) -> str:
@@ -111,14 +114,14 @@ def load_weights(name_or_path: str | Path = "all") -> SplatNetWeights:
     Raises BadInput as `find_weights` and `read_file`, and for a network that sees meshes.
     """
     path = find_weights(name_or_path)
-    weights = read_file(path)
+    weights = read_file(path, in_grey=str(name_or_path) in IN_GREY)
     if weights.network.config.inputs.meshes:
         raise BadInput(f"{path}: the network sees meshes; use it as fused-net@{path}")
     return weights
 
 
-def read_file(path: Path) -> SplatNetWeights:
-    """Return the weights of a file.
+def read_file(path: Path, in_grey: bool = False) -> SplatNetWeights:
+    """Return the weights of a file, without its albedo if `in_grey`.
 
     Raises BadInput where it is no safetensors file or of another format, or tensors are missing,
     superfluous, of the wrong shape or not finite.
@@ -131,6 +134,9 @@ def read_file(path: Path) -> SplatNetWeights:
         card = {**json.loads(header["training"])}
         if len(config.heads) != 1 and config.heads != ("grey", "albedo"):
             raise ValueError(f"heads {config.heads}, expected one, or grey and albedo")
+    if in_grey and config.heads == ("grey", "albedo"):
+        config = replace(config, heads=("grey",))
+        tensors = {key: value for key, value in tensors.items() if not key.startswith("albedo.")}
     network = checked_network(path, tensors, functools.partial(build, config), REMEDY)
     return SplatNetWeights(network, {"network": asdict(config), **card}, file_sha256(path))
 
