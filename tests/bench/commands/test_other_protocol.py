@@ -10,7 +10,7 @@ from builders import SUITE, write_run
 from bench.records.run_folder import set_aside, write_manifest
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 
-from .test_plan import tree
+from .test_dry_run import tree
 
 OLDER, NEWER = PROTOCOL_VERSION - 1, PROTOCOL_VERSION + 1
 RUN = ("run", "--suite", SUITE, "--methods", "splat", "--limit", "1", "--views", "2")
