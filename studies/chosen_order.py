@@ -1,4 +1,4 @@
-"""The order of the methods that learn nothing at each condition, for `bench/catalogue/chosen.py`.
+"""The order of the methods that learn nothing at each condition, for `results/chosen.csv`.
 
     bench run --suite thirteen-classes --dataset procedural:validation --methods ... --out DIR
     python -m studies.chosen_order DIR...
@@ -41,7 +41,7 @@ def main() -> None:
         values = values.drop(list(FLOORS), level="method", errors="ignore")
         for condition, cell in values.groupby("condition", sort=False):
             ordered = in_order(cell.reset_index("condition", drop=True))
-            print(f'"{condition}": "{" ".join(map(str, ordered.index))}",')
+            print(f"{condition},{' '.join(map(str, ordered.index))}")
             print(ordered.round(4).T.to_string(), end="\n\n")
 
 

@@ -7,58 +7,17 @@ on validation objects; no test object has a part in the choice.
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 BEST_RECONSTRUCTION = "best-reconstruction"
 BEST_LEARNED_3D = "best-learned-3d"
 # By condition, the best first: the mean of the ranks by ssim-object and lpips on validation
 # objects of 13 classes (docs/reconstruction.md). 2048, 1024, 512 and noise up to 0.10 were measured
 # with all methods; elsewhere the last ones stand as in an earlier measurement.
-_RECONSTRUCTIONS = {
-    "2048": (
-        "alpha-wrap denoised-wrap splat-fill surface-fit poisson surface-bpa surface-apss splat"
-    ),
-    "1024": (
-        "alpha-wrap denoised-wrap splat-fill surface-fit surface-bpa poisson surface-apss splat"
-    ),
-    "512": "alpha-wrap denoised-wrap splat-fill surface-bpa poisson surface-fit surface-apss splat",
-    "256": "alpha-wrap denoised-wrap splat-fill surface-bpa poisson surface-fit surface-apss splat",
-    "128": "alpha-wrap denoised-wrap splat-fill surface-bpa poisson surface-fit surface-apss splat",
-    "noise-0.05": (
-        "denoised-wrap splat-fill poisson alpha-wrap surface-bpa splat surface-fit surface-apss"
-    ),
-    "noise-0.10": (
-        "denoised-wrap splat-fill surface-bpa poisson alpha-wrap splat surface-fit surface-apss"
-    ),
-    "noise-0.15": (
-        "denoised-wrap splat-fill surface-bpa alpha-wrap poisson surface-fit surface-apss splat"
-    ),
-    "noise-0.20": (
-        "denoised-wrap splat-fill alpha-wrap surface-bpa poisson surface-fit surface-apss splat"
-    ),
-    "outliers-0.01": (
-        "alpha-wrap denoised-wrap splat-fill surface-bpa surface-fit surface-apss poisson splat"
-    ),
-    "outliers-0.05": (
-        "surface-bpa denoised-wrap alpha-wrap splat-fill surface-fit poisson surface-apss splat"
-    ),
-    "outliers-0.10": (
-        "surface-bpa alpha-wrap denoised-wrap splat-fill poisson surface-fit surface-apss splat"
-    ),
-    "missing-0.25": (
-        "alpha-wrap denoised-wrap splat-fill surface-bpa surface-fit poisson surface-apss splat"
-    ),
-    "missing-0.50": (
-        "alpha-wrap denoised-wrap splat-fill surface-bpa surface-fit poisson surface-apss splat"
-    ),
-    "density-3": (
-        "alpha-wrap denoised-wrap splat-fill surface-bpa poisson surface-fit surface-apss splat"
-    ),
-    "density-10": (
-        "alpha-wrap denoised-wrap splat-fill surface-bpa poisson surface-fit surface-apss splat"
-    ),
-}
+RANKINGS = Path(__file__).resolve().parents[2] / "results" / "chosen.csv"
 _LEARNED_3D = ("occupancy-net",)
 
 
@@ -96,12 +55,15 @@ class ChosenRow:
         return {condition: method for condition, method in best.items() if method}
 
 
+def _rankings() -> dict[str, tuple[str, ...]]:
+    with RANKINGS.open(encoding="utf-8", newline="") as file:
+        rows = csv.DictReader(file)
+        return {row["condition"]: tuple(row["best_first"].split()) for row in rows}
+
+
+_RECONSTRUCTIONS = _rankings()
 _ROWS = (
-    ChosenRow(
-        BEST_RECONSTRUCTION,
-        {condition: tuple(ranked.split()) for condition, ranked in _RECONSTRUCTIONS.items()},
-        fewest=2,
-    ),
+    ChosenRow(BEST_RECONSTRUCTION, _RECONSTRUCTIONS, fewest=2),
     # One network that learned in 3D is enough: readers look for the best of them by this name.
     ChosenRow(BEST_LEARNED_3D, dict.fromkeys(_RECONSTRUCTIONS, _LEARNED_3D), fewest=1),
 )

@@ -191,7 +191,7 @@ def find_method(method_id: str) -> Method:
     if (setting := find_setting(method_id)) is not None:
         method = find(setting.parameter.method, METHODS, "method")
         source = f"{method.id} with {setting.parameter.name} {setting.value:g}"
-        load = partial(loaders.renderer, setting.parameter.renderer, **setting.fields)
+        load = partial(method.load, **setting.fields)
         return replace(method, id=method_id, load=load, source=source)
     family, weights = family_of(method_id), variant_of(method_id)
     package, suffix = WITH_WEIGHTS_FILE.get(family), Path(weights).suffix

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 
 from bench.catalogue.lookup import family_of, variant_of
 from data_prep.failures import BadInput
@@ -18,114 +19,38 @@ class Parameter:
 
     method         the id of the method that has it
     name           in ids of variants
-    renderer       module and class: "baselines.reconstruction.surface:SurfaceApss"
-    field          of the class
     low, high      the values that are taken, both included
-    whole          whether only whole numbers are
     about          what it is, with its unit
+    field          of the method's class; "" where it has the parameter's name
+    whole          whether only whole numbers are taken
     """
 
     method: str
     name: str
-    renderer: str
-    field: str
     low: float
     high: float
-    whole: bool
     about: str
+    field: str = ""
+    whole: bool = False
 
+
+_whole = partial(Parameter, whole=True)
 
 PARAMETERS = (
+    _whole("surface-apss", "resolution", 10, 400, "grid cells along the longest side of the cloud"),
     Parameter(
-        "surface-apss",
-        "resolution",
-        "baselines.reconstruction.surface:SurfaceApss",
-        "resolution",
-        10,
-        400,
-        True,
-        "grid cells along the longest side of the cloud",
+        "surface-fit", "cell", 0.5, 4, "side of a grid cell, in pixels at the origin", "cell_px"
     ),
     Parameter(
-        "surface-fit",
-        "cell",
-        "baselines.reconstruction.surface_fit:SurfaceFit",
-        "cell_px",
-        0.5,
-        4,
-        False,
-        "side of a grid cell, in pixels at the origin",
+        *("surface-bpa", "radius", 0.1, 20),
+        *("of the ball, in percent of the diagonal of the cloud's box", "radius_percent"),
     ),
-    Parameter(
-        "surface-bpa",
-        "radius",
-        "baselines.reconstruction.surface:SurfaceBpa",
-        "radius_percent",
-        0.1,
-        20,
-        False,
-        "of the ball, in percent of the diagonal of the cloud's box",
-    ),
-    Parameter(
-        "poisson",
-        "depth",
-        "baselines.reconstruction.poisson:Poisson",
-        "depth",
-        3,
-        10,
-        True,
-        "levels of the octree",
-    ),
-    Parameter(
-        "alpha-wrap",
-        "ball",
-        "baselines.reconstruction.alpha_wrap:AlphaWrap",
-        "ball",
-        0.5,
-        8,
-        False,
-        "radius of the ball, in spacings of the points",
-    ),
-    Parameter(
-        "denoised-wrap",
-        "ball",
-        "baselines.reconstruction.alpha_wrap:DenoisedWrap",
-        "ball",
-        0.5,
-        8,
-        False,
-        "radius of the ball, in spacings of the points",
-    ),
-    Parameter(
-        "denoised-wrap",
-        "strength",
-        "baselines.reconstruction.alpha_wrap:DenoisedWrap",
-        "strength",
-        0,
-        4,
-        False,
-        "factor on the estimated noise",
-    ),
-    Parameter(
-        "open3d-poisson",
-        "depth",
-        "baselines.reconstruction.open3d_poisson:Open3dPoisson",
-        "depth",
-        3,
-        10,
-        True,
-        "levels of the octree",
-    ),
-    Parameter(
-        "splat",
-        "spread",
-        "baselines.splat:Splat",
-        "spread",
-        0.1,
-        10,
-        False,
-        "factor on the radius of the discs",
-    ),
+    _whole("poisson", "depth", 3, 10, "levels of the octree"),
+    Parameter("alpha-wrap", "ball", 0.5, 8, "radius of the ball, in spacings of the points"),
+    Parameter("denoised-wrap", "ball", 0.5, 8, "radius of the ball, in spacings of the points"),
+    Parameter("denoised-wrap", "strength", 0, 4, "factor on the estimated noise"),
+    _whole("open3d-poisson", "depth", 3, 10, "levels of the octree"),
+    Parameter("splat", "spread", 0.1, 10, "factor on the radius of the discs"),
 )
 
 
@@ -139,7 +64,7 @@ class Setting:
     @property
     def fields(self) -> dict[str, float]:
         """Return the arguments of the renderer's class."""
-        return {self.parameter.field: self.value}
+        return {self.parameter.field or self.parameter.name: self.value}
 
 
 def find_setting(method_id: str) -> Setting | None:

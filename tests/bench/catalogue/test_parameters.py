@@ -29,7 +29,7 @@ def test_the_renderer_has_its_parameter_set_within_the_bounds(parameter):
     for value in (parameter.low, parameter.high):
         variant = find_method(f"{parameter.method}@{parameter.name}={value:g}")
         assert variant.id == f"{parameter.method}@{parameter.name}={value:g}"
-        assert getattr(variant.load("cpu"), parameter.field) == value
+        assert getattr(variant.load("cpu"), parameter.field or parameter.name) == value
         assert (variant.version, variant.weights_file) == (method.version, method.weights_file)
     for value in (parameter.low - step, parameter.high + step):
         with pytest.raises(BadInput, match=rf"{parameter.name} must be a .*not '{value:g}'"):
