@@ -10,14 +10,11 @@ import pytest
 
 from bench.analysis.object_sums import ObjectSums, sum_records
 from bench.analysis.scores import mean_rows
-from bench.catalogue.lookup import find
 from bench.catalogue.metrics import column
-from bench.catalogue.suites import SUITES
 from data_prep.failures import BadInput
 
 from ..builders import make_failed, make_record, names_of, to_frame, write_all
 
-SUITE = find("chair-robustness", SUITES, "suite")
 METRICS = ("ssim-object", "lpips")
 METHODS, CONDITIONS = ["splat", "blank"], ["2048", "512"]
 VIEWS = range(3)
@@ -120,18 +117,6 @@ def test_sums_are_those_of_all_records(tmp_path, objects, frame):
     assert any(row.row.failed for row in mean_rows("s", sums, METRICS, {}))
 
 
-def test_a_metric_that_was_not_measured_says_why():
-    sums = ObjectSums(METHODS, CONDITIONS, ["chair/o5"], METRICS)
-    assert sums.unmeasured({}) == {}  # as long as there is no image
-    sums.add_object([replace(r, lpips=None) for r in records_of("o5", np.random.default_rng(1))])
-    skipped = sums.unmeasured({"fd-alexnet": "skipped: no weights"})
-    assert skipped == {"lpips": "skipped: no weights"}
-    assert sums.unmeasured({}) == {"lpips": "skipped: fd-alexnet is not measured"}
-    rows = mean_rows(SUITE.id, sums, METRICS, skipped)
-    assert {row.row.note for row in rows if row.row.metric == "lpips"} == {"skipped: no weights"}
-    assert all(np.isfinite(row.row.value) for row in rows if row.row.metric == "ssim-object")
-
-
 def test_equal_images_have_equal_sums_wherever_a_part_ends(tmp_path):
     """Otherwise methods that draw the same would differ by rounding, and be told apart by it."""
     scores = np.random.default_rng(2).random(20).tolist()
@@ -146,23 +131,6 @@ def test_equal_images_have_equal_sums_wherever_a_part_ends(tmp_path):
     means = {sums.per_object(cell, "ssim").tobytes() for cell in sums.cells}
     assert len(means) == 1
     assert len({float(np.frombuffer(next(iter(means)))[i]) for i in range(3)}) == 1
-
-
-def test_a_blank_image_stands_in_under_its_own_condition_alone():
-    """And not where it does not exist itself."""
-    records = [
-        *(make_record("blank", "2048", view=v, ssim=0.2) for v in (0, 1)),
-        make_failed("blank", "512", view=0),
-        make_record("blank", "512", view=1, ssim=0.4),
-        *(make_failed("splat", c, view=v) for c in CONDITIONS for v in (0, 1)),
-    ]
-    sums = ObjectSums(METHODS, CONDITIONS, ["chair/a"], ["ssim"])
-    sums.add_object(records)
-    for condition, total in (("2048", (0.4, 2)), ("512", (0.4, 1))):
-        cell = "splat", condition, "chair"
-        assert sums.totals(cell, "ssim") == (0.0, 0)
-        assert sums.totals(cell, "ssim", blanks=True) == total
-        assert np.isnan(sums.per_object(cell, "ssim")).all()
 
 
 @pytest.mark.parametrize(

@@ -175,23 +175,6 @@ def test_both_limits_have_to_be_met_by_one_method():
     assert meets(enough)
 
 
-def test_in_short_and_in_full():
-    assert in_words(Requirements(20, 250)) == [
-        "2048: best within 250 ms: pc2pix, ssim 0.750 [0.658, 0.842], 210 ms [210, 210] a cloud, "
-        "10.5 ms an image"
-    ]
-    _, _, sure, first, second, regret = in_words(Requirements(20, 250, 0.65), in_full=True)
-    assert sure.startswith("  surely that good, by the lower end of the interval: ")
-    assert first.startswith("  next: poisson, ssim 0.600 [")
-    assert "; behind by 0.150 [" in first
-    assert second.startswith("  next: splat, ")
-    interval = "[0.000, 0.105]"  # of four values one of which is 0.1: see the test of regret
-    assert regret == (
-        f"  regret: 0.025 {interval} ssim against the best of 3 such methods for each of 4 "
-        f"objects; 0.025 {interval} where the method is chosen by the other objects"
-    )
-
-
 def test_what_cannot_be_met_names_the_nearest():
     request = Requirements(20, 5, 0.9)
     within, good, sure = in_words(request, in_full=True)

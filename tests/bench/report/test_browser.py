@@ -188,20 +188,6 @@ def test_tables_are_sorted_by_value(open_page):
     assert table.locator("[aria-sort]").count() == 1
 
 
-@pytest.mark.parametrize("viewport", [WIDE, PHONE], ids=["wide", "phone"])
-def test_text_in_plots_has_at_least_eleven_pixels(open_page, viewport):
-    page = open_page(viewport=viewport)
-    page.evaluate("for (const one of document.querySelectorAll('main details')) one.open = true")
-    sizes = page.evaluate(
-        "[...document.querySelectorAll('.plot svg text')].map(text => {"
-        " const svg = text.closest('svg');"
-        " const scale = svg.getBoundingClientRect().width / svg.viewBox.baseVal.width;"
-        " return scale * parseFloat(getComputedStyle(text).fontSize); })"
-    )
-    assert len(sizes) > 50
-    assert min(sizes) >= 11
-
-
 def test_the_answer_stands_on_the_first_screen_and_names_lead_to_the_glossary(open_page):
     page = open_page()
     answer = page.locator(".answer").bounding_box()

@@ -29,20 +29,5 @@ def test_better_is_to_the_right_on_every_axis(metric, better):
     assert to_screen((better, 0))[0] > to_screen((0, 0))[0] > to_screen((-better, 0))[0]
 
 
-def test_rows_are_conditions_in_words_with_their_class_among_several():
-    labels = {
-        classes: [
-            text.get_text()
-            for text in differences_figure(
-                [cell("lpips", -0.1, name) for name in classes], "a", "b"
-            )
-            .axes[0]
-            .get_yticklabels()
-        ]
-        for classes in (("chair",), ("chair", "sofa"))
-    }
-    assert list(labels.values()) == [["noise 5 %"], ["noise 5 %, chair", "noise 5 %, sofa"]]
-
-
 def test_without_a_difference_there_is_no_figure():
     assert differences_figure([cell("lpips", nan)], "a", "b") is None

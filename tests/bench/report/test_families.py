@@ -13,7 +13,6 @@ from bench.analysis.comparison import Estimate, decimals
 from bench.analysis.condition_sweep import ConditionCurve
 from bench.analysis.significant_digits import Precision
 from bench.catalogue.families import FAMILIES
-from bench.report.blank_region import WORSE
 from bench.report.families import beyond_figure, family_curves, write_beyond_figures
 from bench.report.styles import method_styles
 
@@ -64,20 +63,6 @@ def intervals(axis, method):
     return [tuple(line.get_ydata()) for line in ends if line.get_label().startswith("_")]
 
 
-def test_a_row_for_each_family_and_a_column_for_each_metric():
-    axes = np.array(figure(every_curve()).axes).reshape(5, 2)
-    assert [axis.get_ylabel() for axis in axes[:, 0]] == [family.id for family in FAMILIES]
-    names = [axis.get_title() for axis in axes[0]]
-    assert names == ["ssim\n(higher is better)", "fd-views\n(lower is better)"]
-    assert [axis.get_yscale() for axis in axes[0]] == ["linear", "symlog"]
-    assert {10, 20, 50} <= set(axes[0, 1].get_yticks())
-    assert axes[0, 1].yaxis.get_major_formatter()(50.0, 0) == "50"
-    for axis, family in zip(axes[:, 1], FAMILIES, strict=True):
-        assert [t.get_text() for t in axis.get_xticklabels()] == [f"{v:g}" for v in family.values]
-        assert axis.get_xlabel().replace("\n", " ") == family.axis
-    assert len({axis.get_ylim() for axis in axes[:, 0]}) == 1
-
-
 def test_lines_are_the_values_and_their_intervals():
     axes = figure(every_curve()).axes
     for axis, (family, metric) in zip(axes, product(FAMILIES, METRICS), strict=True):
@@ -93,16 +78,6 @@ def test_lines_are_the_values_and_their_intervals():
     assert (low, high) == pytest.approx((middle - 0.02, middle + 0.03))
 
 
-def test_the_worst_stands_at_the_right():
-    for axis, family in zip(figure(every_curve(metrics=("ssim",))).axes, FAMILIES, strict=True):
-        left, right = axis.get_xlim()
-        first, last = (
-            math.log2(v) if family.logarithmic else v for v in (family.values[0], family.values[-1])
-        )
-        assert abs(first - left) == pytest.approx(abs(right - last))
-        assert abs(first - left) < abs(last - left) * 0.1
-
-
 def test_bands_are_what_networks_were_shown():
     points, noise, outliers, *_ = figure(every_curve(metrics=("ssim",))).axes
     own, other = "splat-net@chair was trained here", "pc2pix was trained here"
@@ -114,24 +89,6 @@ def test_bands_are_what_networks_were_shown():
     for patch, method in zip(points.patches[:2], ("splat-net@chair", "pc2pix"), strict=True):
         hue = mpl.colors.to_rgb(curve(points, method).get_color())
         assert patch.get_facecolor()[:3] == pytest.approx(hue)
-
-
-def test_each_is_named_once_and_bands_of_other_networks_are_not_drawn():
-    (legend,) = figure(every_curve()).legends
-    networks = {"splat-net@chair", "pc2pix"}
-    trained = {f"{name} was trained here" for name in networks}
-    names = [text.get_text() for text in legend.get_texts()]
-    assert sorted(names) == sorted(
-        {"surface-apss", "constant", "blank", WORSE} | networks | trained
-    )
-    axes = figure(every_curve(methods=("surface-apss", "pc2pix", "blank"))).axes
-    assert all(set(bands(axis)) == {"pc2pix was trained here"} for axis in axes)
-
-
-def test_several_classes_have_columns_of_their_own():
-    made = [*every_curve(metrics=("ssim",)), *every_curve(metrics=("ssim",), class_name="sofa")]
-    names = [axis.get_title().splitlines()[0] for axis in figure(made).axes[:2]]
-    assert names == ["chair: ssim", "sofa: ssim"]
 
 
 def test_a_plot_of_the_page_for_each_family_and_metric():

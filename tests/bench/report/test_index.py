@@ -256,12 +256,3 @@ def test_what_is_refused_writes_nothing(written, command, tmp_path):
         assert message in err
         assert sorted(tmp_path.rglob("*")) == before
     assert (tmp_path / "index.html").read_text() == "<p>mine</p>"
-
-
-def test_the_command_site_says_what_to_use_now(command):
-    status, out, err = command("site", "a", "b", "--out", "c")
-    assert (status, out) == (2, "")
-    assert err == (
-        "bench: command 'site' went with version 2.0: use 'bench report DIR...', which writes an "
-        "index over the runs\n"
-    )

@@ -11,28 +11,6 @@ def boxes(centres, sizes):
     return np.concatenate([centres - sizes / 2, centres + sizes / 2], axis=1)
 
 
-def test_covered_area():
-    box = np.array([[0.0, 0.0, 10.0, 10.0]])
-    for other, area in (
-        ([0, 0, 10, 10], 100),
-        ([5, 5, 20, 20], 25),
-        ([10, 0, 20, 10], 0),  # edge to edge
-        ([20, 20, 30, 30], 0),
-        ([-5, 2, 15, 3], 10),
-    ):
-        assert covered(box, np.array([other], float)).tolist() == [area]
-        assert covered(box, np.array([other, other], float)).tolist() == [2 * area]
-    assert covered(box, np.empty((0, 4))).tolist() == [0]
-
-
-def test_a_lone_label_is_above_its_point():
-    size = np.array([[30.0, 8.0]])
-    (centre,) = place_labels(np.array([[150.0, 100.0]]), size, np.empty((0, 4)), AREA)
-    np.testing.assert_allclose(centre, [150, 109], atol=1e-9)
-    (below,) = place_labels(np.array([[150.0, 198.0]]), size, np.empty((0, 4)), AREA)
-    np.testing.assert_allclose(below, [150, 189], atol=1e-9)
-
-
 def test_labels_of_a_crowd_cover_nothing():
     rng = np.random.default_rng(0)
     anchors = np.stack([np.linspace(60, 240, 10), 100 + rng.normal(0, 4, 10)], axis=1)

@@ -1,12 +1,9 @@
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
-from matplotlib.text import Annotation
 
 from bench.analysis.comparison import NAN, Estimate
-from bench.report.pareto import _obstacles, covered, frontier_figure, write_frontier
+from bench.report.pareto import frontier_figure, write_frontier
 from bench.report.styles import method_styles
 
 from ..tables.test_frontier import place
@@ -45,22 +42,6 @@ def figure(shown, metric, views):
 
 def lines(axis, label):
     return [line for line in axis.lines if line.get_label() == label]
-
-
-def test_a_panel_for_each_condition_with_the_same_axes():
-    made = figure([*places(), *places(condition="512")], "ssim", 20)
-    first, second = made.axes
-    assert [axis.get_title() for axis in made.axes] == [
-        "2,048 points",
-        "512 of 2,048 points",
-    ]
-    assert first.get_xlim() == second.get_xlim()
-    assert first.get_ylim() == second.get_ylim()
-    assert first.get_ylabel() == "ssim (higher is better)"
-    assert second.get_xlabel() == "ms for a cloud with 20 views"
-    assert (first.get_xscale(), first.get_yscale()) == ("log", "linear")
-    names = ", ".join(text.get_text() for text in made.legends[0].get_texts())
-    assert names == "surface-apss (resolution), pc2pix, splat, constant, blank, frontier"
 
 
 def test_a_parameter_is_a_line_and_the_frontier_a_step_to_the_edge():
@@ -104,36 +85,6 @@ def test_distances_are_logarithmic_and_zero_has_no_place(tmp_path):
     none = [place("splat", "fd-views", quality=Estimate(0.0, 0.0, 0.0))]
     write_frontier(tmp_path, [*places(), *none])
     assert {path.name for path in tmp_path.iterdir()} == {"frontier.png", "frontier.svg"}
-
-
-def test_an_interval_down_to_zero_ends_at_the_edge():
-    """On a logarithmic axis its end lies a thousand decades below, and so did its obstacles."""
-    wide = [replace(p, quality=p.quality._replace(low=0.0)) for p in places("fd-views")]
-    (axis,) = figure(wide, "fd-views", 20).axes
-    (left, bottom), (right, top) = axis.bbox.get_points()
-    boxes = _obstacles(axis)
-    assert (boxes[:, 2:] >= [left, bottom]).all()
-    assert (boxes[:, :2] <= [right, top]).all()
-    assert boxes[:, 1].min() < bottom + 3  # down to the edge
-
-
-def test_labels_tell_the_variants_and_cover_nothing():
-    made = figure(places(), "ssim", 20)
-    made.draw_without_rendering()
-    (axis,) = made.axes
-    labels = [t for t in axis.texts if isinstance(t, Annotation) and t.get_text()]
-    names = " ".join(label.get_text() for label in labels)
-    assert names == "worse than a white image surface-apss 25 300 pc2pix bf16 paper all splat"
-    boxes = np.array([label.get_window_extent().extents for label in labels])
-    own = (boxes[:, 2:] - boxes[:, :2]).prod(axis=1)
-    np.testing.assert_allclose(covered(boxes, boxes), own, rtol=1e-9)
-    points = axis.transData.transform(
-        [(cost, value) for _, cost, value, v in SHOWN if v != "reference"]
-    )
-    assert covered(np.concatenate([points - 2, points + 2], axis=1), boxes).max() == 0
-    edge = np.array(axis.bbox.extents)
-    assert (boxes[:, :2] >= edge[:2]).all()
-    assert (boxes[:, 2:] <= edge[2:]).all()
 
 
 def test_files(tmp_path):

@@ -10,20 +10,15 @@ from itertools import combinations
 import matplotlib as mpl
 import numpy as np
 import pytest
-from matplotlib.collections import PolyCollection
 from report_parser import parse
 
 from bench.analysis.comparison import NAN, Comparison, Estimate, Quality
 from bench.analysis.scores import QualityRow
-from bench.catalogue.lookup import family_of
-from bench.catalogue.methods import role
 from bench.catalogue.metrics import higher_is_better
-from bench.catalogue.suites import ROBUSTNESS, TableSpec
-from bench.report.inline import COLOURS
-from bench.report.legend import legend
+from bench.catalogue.suites import TableSpec
 from bench.report.pareto import cost_plots
 from bench.report.robustness import curve_panels, curves, robustness_figure
-from bench.report.styles import COMMON_FAMILIES, PAPER, SHADE, method_styles
+from bench.report.styles import PAPER, SHADE, method_styles
 from bench.tables.frontier import cost_grid
 from bench.tables.markdown import visible
 from bench.tables.quality import quality_table
@@ -78,20 +73,6 @@ def test_curves_show_values_and_intervals():
     assert "splat: 2048 0.800, 512 0.500." in plot.description
 
 
-def test_no_line_joins_fewer_points_with_noise():
-    conditions = ("2048", "512", "noise-0.05", "noise-0.10")
-    rows = [row(m, c, v) for m, v in (("splat", 0.8), ("blank", 0.6)) for c in conditions]
-    (axis,) = robustness_figure(curve_panels([table(*rows)]), method_styles(METHODS)).figure.axes
-    for method, value in (("splat", 0.8), ("blank", 0.6)):
-        (line,) = [line for line in axis.lines if line.get_label() == method]
-        np.testing.assert_array_equal(line.get_ydata(), [value] * 2 + [np.nan] + [value] * 2)
-    assert ticks(axis) == ["2,048", "512", "5 %", "10 %"]
-    steps = np.diff(axis.get_xticks())
-    assert steps[1] > 1.5 * steps[0] == pytest.approx(1.5 * steps[2])
-    names = [text.get_text() for text in axis.texts]
-    assert names == ["worse than a white image", "points", "noise, of the radius"]
-
-
 @pytest.mark.parametrize(("metric", "blank"), [("ssim", 0.6), ("lpips", 0.6), ("fd-views", 150.0)])
 def test_what_is_worse_than_a_white_image_is_shaded(metric, blank):
     rows = [row("splat", "2048", blank / 2, metric), row("blank", "2048", blank, metric)]
@@ -105,33 +86,6 @@ def test_what_is_worse_than_a_white_image_is_shaded(metric, blank):
     on_axis = axis.transData.transform([(0, low), (0, blank), (0, high)])[:, 1]
     share = np.diff(on_axis)[0 if higher_is_better(metric) else 1] / np.ptp(on_axis)
     assert share > 0.09  # room for its name
-
-
-def test_each_class_is_shaded_by_its_own_white_image():
-    rows = [row("splat", "2048", 0.9, class_name=k) for k in ("chair", "lamp")]
-    rows += [row("blank", "2048", v, class_name=k) for k, v in (("chair", 0.4), ("lamp", 0.7))]
-    (axis,) = robustness_figure(curve_panels([table(*rows)]), method_styles(METHODS)).figure.axes
-    bands = [c for c in axis.collections if isinstance(c, PolyCollection)]
-    tops = [path.vertices[:, 1].max() for band in bands for path in band.get_paths()]
-    assert tops == pytest.approx([0.4, 0.7])
-
-
-def test_without_a_white_image_nothing_is_shaded():
-    figure = robustness_figure(
-        curve_panels([table(row("splat", "2048", 0.5))]), method_styles(METHODS)
-    ).figure
-    assert not figure.axes[0].patches
-
-
-def test_the_legend_of_a_group_has_the_style_of_each_method():
-    methods = ("splat", "pc2pix@acgan", "blank")
-    entries = legend(methods, method_styles(methods), "legend")
-    assert [entry.method for entry in entries] == list(methods)
-    symbols = [parse(f"<svg>{entry.symbol.inside}</svg>") for entry in entries]
-    hues = [{e.attributes.get("stroke") for e in svg.all()} - {None, "none"} for svg in symbols]
-    assert {"var(--hue-3)"} <= hues[0]
-    assert {"var(--hue-2)"} <= hues[1]
-    assert hues[2] == {"var(--soft)"}
 
 
 def test_colours_differ_for_the_colour_blind():
@@ -204,53 +158,6 @@ def test_plots_take_their_colours_from_the_page_and_share_no_id():
     assert not ids & others
     referred = set(re.findall(r"#([\w.-]+)", first.svg.inside))
     assert referred == ids
-
-
-def test_the_style_sheet_has_the_colours_of_the_figures():
-    sheet = resources.files("bench.report").joinpath("assets", "report.css").read_text()
-    light, dark = sheet.split("@media")[:2]
-    for colour, variable in COLOURS.items():
-        if variable in ("currentColor", "var(--paper)"):
-            continue
-        name = variable.removeprefix("var(").removesuffix(")")
-        assert f"{name}: {colour};" in light
-        assert f"{name}: #" in dark
-
-
-def test_distances_far_apart_have_room():
-    values = {"splat": 100.0, "surface-apss": 10.0, "blank": 1.0}
-    rows = [row(m, "2048", v, "fd-views", low=0.0, high=v) for m, v in values.items()]
-    tables = [table(*rows)]
-    (axis,) = robustness_figure(curve_panels(tables), method_styles(METHODS)).figure.axes
-    assert axis.get_yscale() == "symlog"
-    assert {0, 1, 2, 5, 10, 20, 50, 100} <= set(axis.get_yticks())
-    assert axis.get_ylim()[0] <= 0
-    (plot,) = curves(curve_panels(tables), method_styles(METHODS))
-    assert plot.axis == "lower is better"
-
-
-def test_several_classes_stand_side_by_side():
-    rows = [
-        row(m, c, v, class_name=k)
-        for m, v in (("splat", 0.5), ("blank", 0.4))
-        for c in ("2048", "512")
-        for k in ("chair", "lamp", "rifle")
-    ]
-    tables = [table(*rows), table(row("splat", "2048", 0.9))]
-    plots = curves(curve_panels(tables), method_styles(METHODS))
-    assert [plot.title for plot in plots] == [
-        "ssim at 2,048 points, by class",
-        "ssim at 512 of 2,048 points, by class",
-    ]
-    axis, _ = robustness_figure(curve_panels(tables), method_styles(METHODS)).figure.axes
-    assert ticks(axis) == ["chair", "lamp", "rifle"]
-    splat, blank = (line for line in axis.lines if line.get_label()[0] != "_")
-    assert splat.get_linestyle() == blank.get_linestyle() == "None"
-    (levels,) = axis.collections
-    assert [segment.tolist() for segment in levels.get_segments()] == [
-        [[i - 0.5, 0.4], [i + 0.5, 0.4]] for i in range(3)
-    ]
-    assert not plots[0].wide
 
 
 def test_names_of_methods_and_classes_are_only_text():
@@ -330,16 +237,6 @@ def test_a_cost_says_of_how_many_images_it_is():
     assert gaps == dict.fromkeys(METHODS, "") | {"splat": "of 2 of 6 images"}
 
 
-def test_costs_within_a_decade_have_plain_labels():
-    """Those between powers of ten would be TeX."""
-    costs = {"splat": (0.0, 0.012), "surface-apss": (0.0, 0.04), "blank": (0.0, 0.0)}
-    values = {method: QUALITIES[method] for method in costs}
-    (plot,) = cost_plots([comparison(costs, values)], ["ssim"], 1, method_styles(METHODS))
-    shown = [text.text for text in drawn_svg(plot).all("text")]
-    assert {"20", "30"} <= set(shown)
-    assert not [text for text in shown if "$" in text]
-
-
 def test_a_cheaper_and_better_method_is_marked():
     worse = QUALITIES | {"surface-apss": 0.55}
     (plot,) = cost_plots([comparison(COSTS, worse)], ["ssim"], 2, method_styles(METHODS))
@@ -364,48 +261,8 @@ def test_what_is_below_a_white_image_is_marked_and_hollow():
     assert cells["surface-apss"].mark == "frontier"
 
 
-def test_a_plot_is_wide_where_labels_want_room():
-    """Floors and ceilings have no label, so that neither counts."""
-    parameters = [f"splat@spread={0.5 + i / 10:g}" for i in range(13)]
-    for many, wide in ((12, False), (13, True)):
-        methods = (*parameters[:many], "true-mesh", "constant", "blank")
-        costs = {method: (0.0, 0.01 + i / 1000) for i, method in enumerate(methods)}
-        values = {method: 0.5 + i / 100 for i, method in enumerate(methods)}
-        (plot,) = cost_plots([comparison(costs, values)], ["ssim"], 1, method_styles(methods))
-        assert plot.wide == wide
-
-
 def test_without_times_there_is_no_cost():
     nothing = dict.fromkeys(METHODS, (np.nan, np.nan))
     made = [comparison(nothing, QUALITIES)]
     assert cost_plots(made, ["ssim"], 2, method_styles(METHODS)) == ()
     assert cost_grid(made, "ssim", 2) is None
-
-
-def test_a_family_has_one_colour_and_marker_in_every_plot():
-    """Its variants differ in fill and dashes, values of a parameter in nothing."""
-    families = (*COMMON_FAMILIES, "poisson", "hull")
-    styles = method_styles([*families, "pc2pix@acgan", "splat@spread=2", "hull@fine", "blank"])
-    for form in ("colour", "marker", "dashes"):
-        assert len({getattr(styles[family], form) for family in COMMON_FAMILIES}) == 8
-    assert len({(s.colour, s.marker) for s in map(styles.get, families) if s}) == len(families)
-    for method in ("pc2pix@acgan", "hull@fine"):
-        style, of_family = styles[method], styles[family_of(method)]
-        assert (style.colour, style.marker) == (of_family.colour, of_family.marker)
-        assert style.fill != of_family.fill
-        assert style.dashes != of_family.dashes
-    assert styles["splat"] == styles["splat@spread=2"]
-    assert styles["blank"].marker == ""
-    assert method_styles(["pc2pix@acgan"]) == {"pc2pix@acgan": styles["pc2pix@acgan"]}
-
-
-def test_methods_of_a_default_run_differ_in_hue():
-    competing = [method for method in ROBUSTNESS.methods if not role(method)]
-    styles = method_styles([*competing, "best-reconstruction"])
-    hues = {family_of(method): style.colour for method, style in styles.items()}
-    assert len(set(hues.values())) == len(hues) >= 6
-
-
-def test_directions_of_metrics():
-    assert all(map(higher_is_better, ("ssim", "thin-recall", "retrieval")))
-    assert not any(map(higher_is_better, ("fid", "fd-views", "kid", "azimuth-error-deg")))

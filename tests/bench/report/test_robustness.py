@@ -1,17 +1,13 @@
 from __future__ import annotations
 
-from itertools import product
-
 import numpy as np
 import pytest
 from harness_objects import Tetrahedron
-from PIL import Image
 
 from bench.analysis.scores import QualityRow
 from bench.catalogue.suites import TableSpec
-from bench.records.artifacts import JobName
 from bench.records.stored_artifacts import Artifact
-from bench.report.image_sheets import THIN_TINT, write_images
+from bench.report.image_sheets import THIN_TINT
 from bench.report.robustness import write_figures
 from bench.tables.quality import quality_table
 
@@ -78,15 +74,6 @@ def test_the_grid_shows_first_images_and_failures(drawn, jobs, tmp_path):
     assert sum(len(axis.images) for axis in cells.flat) == 3
 
 
-def test_no_more_than_four_objects_are_shown(drawn, tmp_path):
-    jobs = []
-    for name in "abcdef":
-        jobs += [make_truth(Tetrahedron(name)), make_job(Tetrahedron(name))]
-    _, _, grid = drawn(write_figures, CURVES, jobs=jobs)
-    labels = [axis.get_ylabel() for axis in grid.axes if axis.get_ylabel()]
-    assert labels == [f"{name}\nsplat" for name in "abcd"]
-
-
 def test_the_sheet_of_thin_parts(drawn, tmp_path):
     """c has two legs, a has one, b none; of a's views the second shows it."""
     jobs = []
@@ -118,22 +105,6 @@ def test_the_sheet_of_thin_parts(drawn, tmp_path):
     assert part.sum() == 40 * 3 + part[:23].sum()
     assert part[:23].sum() < 12
     assert np.array_equal(drawn_by_splat, true // 2)
-
-
-@pytest.mark.parametrize(("methods", "conditions"), [(8, 5), (3, 16), (1, 1), (40, 2)])
-def test_a_sheet_fits_a_page(tmp_path, methods, conditions):
-    """Show fewer objects of many methods or conditions, then smaller images."""
-    artifacts = {}
-    for name in "abcd":
-        job = make_truth(Tetrahedron(name))
-        artifacts[job.name] = store_images(tmp_path, job)
-        for method, condition in product(range(methods), range(conditions)):
-            key = JobName(f"plugin-{method}", str(condition), *job.name.object)
-            artifacts[key] = artifacts[job.name]
-    write_images(tmp_path / "sheet.png", artifacts, [str(i) for i in range(conditions)])
-    with Image.open(tmp_path / "sheet.png") as sheet:
-        assert sheet.width == 800
-        assert sheet.height <= 1600
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,6 @@ from bench.analysis.comparison import NAN
 from bench.analysis.scores import QualityRow
 from bench.catalogue.suites import TableSpec
 from bench.report.build import table_group
-from bench.tables.classes import table_of_classes
 from bench.tables.quality import quality_table
 
 
@@ -96,12 +95,6 @@ def test_several_classes_are_lines_and_methods_columns():
     start = lines.index("## ssim")  # not in the paper's layout, and no class in the heading
     assert lines[start + 2] == "| class | splat-net | poisson |"
     assert not any("paper's layout" in line for line in lines)
-
-
-def test_metrics_of_table_5_have_their_own_digits():
-    rows = [row("splat", 12.34567, metric="fd-views"), row("splat", 0.123456, metric="kid")]
-    made = table_group(table_of_classes(TableSpec("classes", "t", "T"), rows, "")).tables
-    assert [table.lines[0].cells[0].text for table in made] == ["12.3", "0.123"]
 
 
 def test_what_was_skipped_is_folded_and_remarks_are_plain():

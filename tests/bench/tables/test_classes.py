@@ -236,26 +236,6 @@ def test_what_is_skipped_says_why():
     assert "| fid | skipped |" in made.to_markdown()
 
 
-def test_the_papers_layout():
-    lines = table().to_markdown().splitlines()
-    assert lines[0] == "# Table 5: classes"
-    header = "|  | car SR | car PC2PIX | lamp SR | lamp PC2PIX | average SR | average PC2PIX |"
-    assert lines.count(header) == 1
-    assert any(line.startswith("| ssim | 0.") for line in lines)
-    section = lines[lines.index("## fd-views") + 2 :][:5]
-    assert section[0] == "| class | blank | pc2pix@all | surface-apss |"
-    assert [line.split(" | ")[0] for line in section[2:]] == ["| car", "| lamp", "| average"]
-
-
-def test_seven_classes_side_by_side():
-    skipped = SKIPPED | dict.fromkeys(("fd-views", "class-confidence"), "skipped: x")
-    of = [make_record(m, class_name=k) for m in METHODS for k in SUITE.classes]
-    made = class_table(scored_records(to_frame(of), SUITE, {}, skipped), SPEC, {})
-    headers = [line for line in made.to_markdown().splitlines() if line.startswith("|  | ")]
-    assert [line.count(" SR |") for line in headers] == [7, 7]
-    assert headers[1].endswith("| average SR | average PC2PIX |")
-
-
 def test_the_remark_names_what_is_lacking_and_what_is_few():
     message = remark(scored_records(to_frame(records()), SUITE))
     assert "Objects of each class: car 4, lamp 3." in message

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.tables.figure import drawing, image_grid, name_lines, panels, save
+from bench.tables.figure import drawing, image_grid, panels, save
 
 
 def a_figure():
@@ -33,16 +33,3 @@ def test_names_are_drawn_as_they_stand(tmp_path):
     grid = image_grid(["title"], [("\u6905\u5b50\n\u202ename", [image])], (2, 1))
     save(grid, tmp_path / "b.png")
     assert grid.axes[0].get_ylabel() == "\u6905\u5b50\n\\u202ename"
-
-
-@pytest.mark.parametrize("scale", ["linear", "log"])
-def test_names_stand_beside_the_ends_of_their_lines(scale):
-    figure, ((axis,),) = panels(1, 1, (3, 2))
-    axis.set(yscale=scale, ylim=(1, 100))
-    lines = [axis.plot([0, 1], [50, end], label=f"to {end}")[0] for end in (10, 100)]
-    names = name_lines(axis, lines, 1.03)
-    assert [name.get_text() for name in names] == ["to 10", "to 100"]
-    heights = {"linear": [9 / 99, 1], "log": [0.5, 1]}[scale]
-    assert [name.xyann for name in names] == [(1.03, pytest.approx(h)) for h in heights]
-    assert [tuple(name.xy) for name in names] == [(1, 10), (1, 100)]
-    assert figure.axes == [axis]

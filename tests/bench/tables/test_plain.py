@@ -68,17 +68,6 @@ def test_both_ends_of_an_interval_stand_there():
     ]
 
 
-def test_one_below_the_other_at_130_columns():
-    shown = plain(grids(), 130, 40)
-    assert [line.strip() for line in (shown[0], shown[6])] == [
-        "ssim, higher is better",
-        "fd-views, lower is better",
-    ]
-    assert shown[4] == "splat-net       " + "  ".join(["0.812*[.750, .899]"] * 5)
-    assert len(shown) == 2 * 6 + 1
-    assert max(map(len, shown)) <= 130
-
-
 def test_what_has_no_room_is_left_out_by_and_by():
     narrow = plain(grids(), 80, 40)
     assert narrow[4] == "splat-net       0.812*  0.812*  0.812*      0.812*      0.812*"
@@ -99,19 +88,6 @@ def test_narrower_than_its_columns():
     assert max(map(len, shown)) <= 30
     found = [word for line in shown for word in line.split() if word in CONDITIONS]
     assert found == [*CONDITIONS, *CONDITIONS]
-
-
-def test_names_stand_above_their_values_where_both_have_no_room():
-    shown = plain(grids(conditions=("2048", "noise-0.05")), 20, 80)
-    assert max(map(len, shown)) <= 20
-    assert shown[:6] == [
-        "ssim, higher is b…",
-        "    2048  noise-0.05",
-        "surface-apss",
-        "  0.812       0.812",
-        "pc2pix",
-        "  0.812       0.812",
-    ]
 
 
 def test_missing_values_notes_and_metrics_that_were_not_measured():

@@ -18,11 +18,10 @@ from bench.catalogue.suites import SUITES, TableSpec
 from bench.metrics import frechet_distance
 from bench.records.record import GROUND_TRUTH
 from bench.records.run_folder import write_manifest
-from bench.tables.build import cost_table, tables, write_outputs
+from bench.tables.build import tables, write_outputs
 from bench.tables.quality import (
     detail_table,
     image_table,
-    quality_table,
     recognition_table,
     set_table,
 )
@@ -38,7 +37,6 @@ from ..builders import (
     make_record,
     read_all,
     scored_records,
-    sums_of,
     to_frame,
     write_all,
     write_run,
@@ -97,25 +95,6 @@ def test_a_table_worked_by_hand():
     assert row.failures_as_blank == pytest.approx((2.1 + 0.01 + 0.02 + 0.03) / 8, abs=EXACT)
     assert row.note == "2 x apss: no faces; 1 x timeout: 120 s"
     assert (row.suite, row.class_name, row.paper) == ("chair-robustness", "chair", 0.7)
-
-
-def test_all_metrics_and_cells_are_there():
-    table = worked_table()
-    cells = {(row.method, row.condition, row.class_name, row.metric) for row in table.rows}
-    assert cells == {
-        (*cell, metric)
-        for cell in [
-            *(("splat", "2048", "chair"), ("blank", "2048", "chair")),
-            *(("blank", "512", "chair"), ("blank", "2048", "sofa")),
-        ]
-        for metric in ("ssim", "luminance", "contrast", "structure")
-    }
-    assert len(table.rows) == len(cells)
-    assert cell(table, method="splat", metric="structure").value == pytest.approx(0.7, abs=EXACT)
-    whole = cell(table, method="blank", condition="2048", metric="ssim", class_name="chair")
-    assert whole.value == whole.failures_as_blank == pytest.approx(0.31 / 8, abs=EXACT)
-    assert (whole.n_ok, whole.n, whole.note) == (8, 8, "")
-    assert np.isnan(whole.paper)
 
 
 def test_a_cell_without_any_image():
@@ -342,36 +321,6 @@ def test_fewer_than_two_images_have_no_distance(there):
     assert (row.n_ok, row.n, row.note) == (there, 8, "fewer than two images")
 
 
-def test_skipped_metrics_say_why():
-    for method in ("splat", "blank"):
-        row = cell(distances(), method=method, metric="fid")
-        assert np.isnan([row.value, row.ci_low, row.ci_high, row.failures_as_blank]).all()
-        assert (row.n_ok, row.n, row.note) == (8, 8, "skipped: weights")
-
-
-@pytest.mark.parametrize(
-    ("metric", "text"), [("psnr", "21.23"), ("ssim", "21.235"), ("fd-views", "21.2")]
-)
-def test_a_metric_has_its_own_number_of_decimals(metric, text):
-    row = replace(worked_table().rows[0], metric=metric, value=21.23456)
-    assert f"| {text} [" in quality_table(SPEC, [row]).to_markdown()
-
-
-def test_csv_to_the_letter():
-    rows = worked_table(published={("chair", "ssim", "2048", "splat"): 0.7}).rows
-    row = next(r for r in rows if r.method == "splat" and r.metric == "ssim")
-    low, high = clipped(mean_interval(np.array([0.3, 0.7, 0.1])), (-1.0, 1.0))
-    rows = (row, replace(row, value=np.inf, note='a, "b"'))
-    assert quality_table(SPEC, rows).to_csv() == (
-        "suite,method,condition,class,metric,value,ci_low,ci_high,n_ok,n,paper,failures_as_blank,"
-        "note,debiased,trained_on,objective,digits\n"
-        f"chair-robustness,splat,2048,chair,ssim,0.420000,{low:.6f},{high:.6f},5,8,0.700000,"
-        "0.270000,2 x apss: no faces; 1 x timeout: 120 s,,nothing,,\n"
-        f"chair-robustness,splat,2048,chair,ssim,,{low:.6f},{high:.6f},5,8,0.700000,"
-        '0.270000,"a, ""b""",,nothing,,\n'
-    )
-
-
 def markdown_records():
     values = {
         ("surface-apss", "2048"): (0.25, 0.75), ("surface-apss", "512"): (0.5, 0.5),
@@ -390,41 +339,6 @@ def markdown_table(records, published=None, **manifest):
     return image_table(run, PAPER_LAYOUT, published or {})
 
 
-def markdown_lines(records):
-    sr, network = (("chair", "ssim", "2048", method) for method in ("surface-apss", "pc2pix"))
-    return markdown_table(records, {sr: 0.70, network: 0.64}).to_markdown().splitlines()
-
-
-def test_markdown_has_the_papers_layout_then_all_methods():
-    records = markdown_records()
-    of_one = markdown_lines([record for record in records if record.condition == "2048"])
-    assert "| chair | 2048 SR | 2048 PC2PIX |" in of_one
-    lines = markdown_lines(records)
-    assert any(line.startswith("In the paper's layout: SR is `surface-apss`. ") for line in lines)
-    start = lines.index("| chair | 512 SR | 512 PC2PIX | 2048 SR | 2048 PC2PIX |")
-    assert lines[start + 2 : start + 4] == [
-        "| ssim | 0.500 | - | 0.500 | 0.125 |",
-        "| ssim, paper | - | - | 0.7 | 0.64 |",
-    ]
-    low, high = clipped(mean_interval(np.array([0.25, 0.75])), (-1.0, 1.0))
-    assert lines[lines.index("## ssim, chair") + 2 :] == [
-        "| method | 512 | 2048 |",
-        "|---|---|---|",
-        f"| surface-apss | 0.500 [0.500, 0.500] 2/2 | 0.500 [{low:.3f}, {high:.3f}] 2/2 |",
-        "| pc2pix | - 0/2 | 0.125 [0.125, 0.125] 2/2 |",
-        "| blank | 0.000 [0.000, 0.000] 2/2 | 0.000 [0.000, 0.000] 2/2 |",
-        "",
-        "* pc2pix at 512: 2 x a\\|b",
-    ]
-
-
-def test_a_variant_of_the_network_has_a_column_beside_the_papers_value():
-    other = [replace(r, method="pc2pix@acgan") for r in markdown_records() if r.method == "pc2pix"]
-    lines = markdown_lines([*other, *markdown_records()])
-    assert any("2048 SR | 2048 PC2PIX | 2048 PC2PIX@acgan" in line for line in lines)
-    assert any(line.count("0.64") == 2 for line in lines if line.startswith("| ssim, paper"))
-
-
 def test_markdown_of_names_from_a_file_system():
     """A class, a method and a reason that would each break out of their place."""
     odd = {"class_name": "x\n# y|z", "method": "pc2pix@`<b>`\x1b[2J.safetensors"}
@@ -439,42 +353,6 @@ def test_markdown_of_names_from_a_file_system():
     reason = r"no \*faces\*\\n\* other: \[a\](b)\\u202e"
     assert f"* {method} at 2048: 1 x {reason}" in lines
     assert "``" in next(line for line in lines if ": trained with" in line)
-
-
-def test_tables_come_from_records_and_features(tmp_path):
-    run = write_run(tmp_path)
-    records = pd.read_parquet(run / "records.parquet")
-    images, sets, detail, controls = tables(read_scored(run))
-    for method in ("splat", "blank"):
-        chosen = records[(records["method"] == method) & (records["condition"] == "512")]
-        row = cell(images, method=method, condition="512", metric="contrast")
-        assert row.value == pytest.approx(chosen["contrast"].mean(), abs=EXACT)
-    for row in (*images.rows, *sets.rows, *detail.rows):
-        if row.metric in ("fid", "kid"):
-            assert row.note == SKIPPED_FID
-        elif row.method == "true-mesh":
-            ideal = 0.0 if row.metric.startswith("fd-") else 1.0
-            # The unbiased kernel distance of a set from itself is below 0.
-            assert row.value == pytest.approx(ideal, abs=EXACT) or row.metric == "kd-alexnet"
-        elif row.metric != "kd-alexnet":
-            assert row.value > 0
-    ceiling = [row.value for row in controls.rows if row.method == "true-mesh"]
-    assert len(ceiling) == 2 * 3  # judged like any method
-    assert np.isfinite(ceiling).all()
-
-
-def test_rows_have_the_order_of_the_manifest_and_the_published_values(tmp_path):
-    methods, conditions = ["pc2pix", "blank", "surface-apss"], ["512", "2048"]
-    run = write_run(tmp_path, methods=methods, conditions=conditions)
-    images, sets, *others = tables(read_scored(run))
-    for table in (images, sets, *others):
-        assert list(dict.fromkeys(row.method for row in table.rows)) == methods
-        assert list(dict.fromkeys(row.condition for row in table.rows)) == conditions
-    # Table 3 and Table 4 of the paper, column 512
-    assert cell(images, method="surface-apss", condition="512", metric="ssim").paper == 0.63
-    assert cell(images, method="pc2pix", condition="512", metric="structure").paper == 0.78
-    assert cell(sets, method="surface-apss", condition="512", metric="fid").paper == 183.8
-    assert np.isnan(cell(sets, method="pc2pix", condition="512", metric="fd-views").paper)
 
 
 def test_tables_are_reproduced_to_the_byte(tmp_path):
@@ -510,20 +388,6 @@ def test_a_run_of_an_unknown_suite(tmp_path):
     write_manifest(tmp_path, make_manifest(suite="chairs"))
     with pytest.raises(BadInput, match="unknown suite 'chairs': did you mean 'chair-robustness'"):
         read_scored(tmp_path)
-
-
-def test_cost_is_the_median_over_clouds():
-    times = [("a", 7, 0.001, 0.25), ("b", 1, 0.002, 0.5), ("c", 1, 0.009, 0.75)]
-    records = [
-        make_record(obj=obj, view=view, prepare_s=prepare_s, draw_s=draw_s)
-        for obj, views, prepare_s, draw_s in times
-        for view in range(views)
-    ]
-    records += [make_failed(obj="d"), make_failed("blank", "512")]
-    lines = cost_table(sums_of(to_frame(records)), "Taken in a hurry.").splitlines()
-    assert lines[2] == "Taken in a hurry."
-    assert lines[4] == "| method | 512 | 2048 |"
-    assert lines[6:] == ["| blank | - | - |", "| splat | - | 2.0 + 500.0 |"]
 
 
 def test_tables_say_what_weights_were_trained_with():

@@ -6,22 +6,18 @@ from dataclasses import dataclass
 import pytest
 
 from bench.analysis.comparison import NAN
-from bench.catalogue.suites import SUITES
-from bench.catalogue.truth import with_truth
 from bench.tables.grid import (
     BOLD,
-    NOTHING,
     Annotation,
     Cell,
     PivotLayout,
-    Tags,
     grid,
     number,
     pivot,
     shown,
 )
 from bench.tables.markdown import document
-from bench.tables.table import Table, columns, columns_of, constant, of_protocol, table_files
+from bench.tables.table import Table, columns, columns_of, constant, table_files
 
 
 @dataclass(frozen=True)
@@ -71,50 +67,12 @@ def test_csv_of_a_dataclass():
     assert table.to_csv() == "n,first\n2,0.500000\n"
 
 
-@pytest.mark.parametrize(
-    ("suite", "title", "csv"),
-    [
-        (SUITES[0], "in its colours; protocol 3", "method,n,protocol\na|b,2,3\n"),
-        (
-            with_truth(SUITES[0], "grey"),
-            "in grey; protocol 3",
-            "method,n,protocol,truth\na|b,2,3,grey\n",
-        ),
-    ],
-)
-def test_truth_and_version_of_the_protocol_are_in_title_and_csv(suite, title, csv):
-    table = of_protocol(Table("name", "Title", columns("method", "n"), ROWS[:1]), suite, 3)
-    assert (table.title, table.to_csv()) == (f"Title; against the true mesh {title}", csv)
-
-
 def test_a_table_without_a_layout_is_for_scripts_alone():
     table = Table("t", "T", columns("n"), ROWS)
     assert list(table_files([table])) == ["t.csv"]
     assert table.grids() == ()
     made = Table("t", "T", columns("n"), ROWS, lambda rows: [f"{len(rows)} rows"])
     assert table_files([made])["t.md"] == "# T\n\n3 rows\n"
-
-
-def test_a_pivot_in_markdown():
-    lines = document(["# T", "", made()]).split("\n")
-    assert lines == [
-        *("# T", "", r"Of two\_.", ""),
-        "| method | class | 2048 | 512 |",
-        "|---|---|---|---|",
-        r"| a\|b | chair | - | 0.50 [0.25, nan] 2/2 |",
-        "| splat | chair | 0.33 [0.25, nan] 1/2 | - 0/2 |",
-        *("", r"* why \*not\*", ""),
-    ]
-
-
-def test_a_pivot_has_tags_for_the_filters():
-    table = made()
-    assert [head.tags for head in table.columns] == [
-        *(Tags(), Tags(condition="2048"), Tags(condition="512")),
-    ]
-    assert [line.tags.method for line in table.lines] == ["a|b", "splat"]
-    assert [line.about for line in table.lines] == ["1 rows", "2 rows"]
-    assert table.lines[0].cells[1] == NOTHING
 
 
 def test_marks_in_both_renderers():

@@ -39,13 +39,6 @@ def test_clouds_stand_above_images():
             assert np.array_equal(shown(cells[row + 1, column])[0], shown_tile.image)
 
 
-def test_truths_have_a_row_where_there_are_any():
-    cells = drawn([Strip("one", (tile(0, truth=True), tile(1)))])
-    assert cells.shape == (3, 2)
-    assert cells[2, 0].get_ylabel() == "one\ntrue"
-    assert [len(shown(axis)) for axis in cells[2]] == [1, 0]
-
-
 def test_a_cloud_is_drawn_where_it_is():
     cloud = np.array([[0, 0.4, 0], [0.01, 0.4, 0]], np.float32)
     image = draw_cloud(cloud, FRONT)

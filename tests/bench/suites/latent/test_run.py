@@ -94,22 +94,6 @@ def test_tables_are_the_means_of_the_values(measured):
             assert row.value == pytest.approx(means[row.what, row.metric], rel=1e-4, abs=1e-7)
 
 
-def test_paths(measured):
-    rows = pd.read_csv(measured.directory / "tables" / "latent_interpolation.csv")
-    value = rows.query("kind == 'all'").set_index(["what", "metric"])["value"]
-    metrics = {
-        what: {m for w, m in value.index if w == what} for what in ("code", "noise", "truth")
-    }
-    assert metrics["code"] - metrics["noise"] == {"end-cloud", "end-ssim"}
-    assert metrics["truth"] == {"family-confidence", "family-confidence-min"}
-    for what in ("code", "noise", "cross-fade"):
-        assert 1 <= value[what, "picture-unevenness"] <= SMALL.positions - 1
-        assert value[what, "picture-step"] > 0
-        assert 1 / 8 <= value[what, "family-confidence-min"] <= value[what, "family-confidence"]
-    assert value["truth", "family-confidence"] > 0.8  # true chairs
-    assert value["code", "to-nearer-end"] < value["code", "end-to-end"]
-
-
 @dataclass(frozen=True)
 class Known:
     """Stands in for a network: codes by chair; a code is a point and a level of grey."""
@@ -214,22 +198,6 @@ def test_a_smaller_limit_keeps_the_run_of_the_folder(measured, untrained, tmp_pa
     with pytest.raises(BadInput, match=r"run: holds a run with 2 more pairs, .* give a new --out"):
         run(stated(untrained, directory, limit=1), SMALL)
     assert {path: path.read_bytes() for path in directory.rglob("*") if path.is_file()} == before
-
-
-@pytest.mark.slow
-def test_two_methods(untrained, tmp_path):
-    second = tmp_path / "second.safetensors"
-    shutil.copy(untrained, second)
-    shutil.copy(decoder_path(untrained), decoder_path(second))
-    options = stated(untrained, tmp_path / "run", limit=1)
-    both = replace(options, methods=(*options.methods, f"pc2pix@{second}"))
-    done = run_small(both)
-    rows = [row for row in done.tables[0].rows if row.metric == "end-cloud"]
-    assert [row.method for row in rows] == list(both.methods)
-    assert rows[0].value == rows[1].value
-    names = {path.name for path in (done.directory / "figures").iterdir()}
-    kinds = ("arithmetic", "interpolation")
-    assert names == {f"{kind}{number}.png" for kind in kinds for number in ("", "-2")}
 
 
 def test_weights_without_their_decoder(untrained, tmp_path):

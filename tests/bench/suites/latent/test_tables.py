@@ -1,14 +1,12 @@
 from __future__ import annotations
 
-import csv
-import io
 import math
 
 import numpy as np
 import pytest
 
 from bench.analysis.intervals import mean_interval
-from bench.suites.latent.tables import ALL, LatentValue, latent_table, means, values_table
+from bench.suites.latent.tables import ALL, LatentValue, means
 
 pytestmark = pytest.mark.usefixtures("few_objects")
 
@@ -38,42 +36,3 @@ def test_means_and_intervals():
         ("arms", 2, 2),
         ("slats", 8, 1),
     ]
-
-
-def test_csv_and_markdown():
-    values = (
-        values_of([1.0, 2.0, 6.0])
-        + values_of([0.5, 0.5], what="noise")
-        + values_of([NAN, 0.25], what="noise", metric="other")
-        + values_of([NAN], kind="arms", metric="other")
-    )
-    explained = {"step": "of a path", "other": "of another"}, {"code": "of two", "noise": "of none"}
-    table = latent_table("name", "Title", "Remark.", *explained, means("latent", values))
-    rows = list(csv.DictReader(io.StringIO(table.to_csv())))
-    low, high = mean_interval(np.array([1.0, 2.0, 6.0]))
-    assert list(rows[0].items()) == [
-        *(("suite", "latent"), ("method", "pc2pix"), ("what", "code"), ("kind", "all")),
-        *(("metric", "step"), ("value", "3"), ("ci_low", f"{low:.6g}"), ("ci_high", f"{high:.6g}")),
-        *(("n_ok", "3"), ("n", "3")),
-    ]
-    assert [(row["value"], row["ci_low"]) for row in rows[1:4]] == [
-        ("0.5", "0.5"),
-        ("0.25", ""),
-        ("", ""),
-    ]
-    text = table.to_markdown()
-    assert text.startswith("# Title\n\nRemark.\n")
-    assert "* **code**: of two\n* **noise**: of none\n" in text
-    assert "## pc2pix (n = 3)\n\n|  | code | noise |\n|---|---|---|\n" in text
-    assert f"| step | 3 [{low:.3g}, {high:.3g}] | 0.5 [0.5, 0.5] |\n" in text
-    assert "| other | - 0/1 | 0.25 1/2 |\n" in text
-    assert "## pc2pix, arms only (n = 1)\n" in text
-    assert "* step: of a path\n* other: of another\n" in text
-
-
-def test_single_values():
-    assert values_table("values", values_of([1 / 3, NAN])).to_csv() == (
-        "method,what,kind,item,metric,value\n"
-        "pc2pix,code,all,all 0,step,0.333333\n"
-        "pc2pix,code,all,all 1,step,\n"
-    )

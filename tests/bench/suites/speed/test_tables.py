@@ -13,7 +13,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.catalogue.suites import SPEED
-from bench.suites.speed.figure import amortised_figure
 from bench.suites.speed.rows import break_even_rows, speed_rows
 from bench.suites.speed.samples import CloudFailure, Measurement, TimingSample
 from bench.suites.speed.summary import BreakEven, Cost, Statistic, speedups, summarise
@@ -21,7 +20,6 @@ from bench.suites.speed.tables import (
     amortised_table,
     break_even_table,
     in_whole_views,
-    samples_table,
     speed_table,
 )
 from bench.tables.figure import spread
@@ -152,16 +150,6 @@ def test_rows_say_all_that_they_were_taken_under():
     assert by["lost", "prepare-ms"]["elsewhere_cores"] == ""
 
 
-def test_samples_are_rows():
-    samples = read(samples_table(s.measurement for s in ALL))
-    assert list(samples[3].items()) == [
-        *(("method", "slow"), ("condition", "2048"), ("threads", "1"), ("cloud", "chair/a")),
-        *(("round", "1"), ("stage", "prepare"), ("views", "0"), ("wall_s", "0.9")),
-        ("core_s", "1.8"),
-    ]
-    assert len(samples) == 2 * (3 + 9)
-
-
 def test_the_published_values_are_about_methods_of_the_suite():
     paper = published(SPEED.id)
     assert {key[-1] for key in paper} <= set(SPEED.methods)
@@ -170,19 +158,6 @@ def test_the_published_values_are_about_methods_of_the_suite():
 
 def method_of(row):
     return row.summary.measurement.method
-
-
-def test_amortised():
-    rows = read(amortised_table(ALL, SUITE))
-    assert [(r["method"], r["views"], float(r["wall_ms"]), float(r["core_ms"])) for r in rows] == [
-        ("slow", "1", 1200.0, 2400.0),
-        ("slow", "4", 350.0, 700.0),
-        ("slow", "8", 225.0, 450.0),
-        ("quick", "1", 300.0, 600.0),
-        ("quick", "4", 275.0, 550.0),
-        ("quick", "8", 262.5, 525.0),
-    ]
-    assert (rows[0]["suite"], rows[0]["condition"], rows[0]["threads"]) == ("speed", "2048", "1")
 
 
 def test_break_even():
@@ -221,23 +196,6 @@ def test_verdicts_in_whole_views(cheaper, views, message):
     assert in_whole_views(BreakEven(cheaper, views)) == message
 
 
-def test_markdown_of_times():
-    text = speed_table(ALL, SUITE, MACHINE, PAPER).to_markdown()
-    assert "On some cpu, 2 cores; device cpu." in text
-    for line in (
-        "| method | as published | alone, 1 thread | one of 4, 1 thread |",
-        "| slow | *180* | 1200 | 350 |",
-        "| quick | *20 (9x)* | 300 (4x) | 275 (1.27x) |",
-        "| lost | - | failed | failed |",
-        "| slow | 1000 (4600) | 200 (290) | 100 (100) | 2400 | 700 |  |",
-        "| lost | - (-) | - (-) | - (-) | - | - | 0/3 clouds |",
-        "| slow | 8000 | 8000 | 8000 | 24000 | 75 (50) |",
-        "* lost, 2048, 1 thread, chair/b: failed, timeout: too long",
-    ):
-        assert line in text.splitlines()
-    assert "GTX 1060" not in speed_table(ALL, SUITE, MACHINE, {}).to_markdown()
-
-
 @pytest.mark.parametrize(("cores", "marked"), [(0.25, False), (0.26, True), (None, False)])
 def test_times_beside_other_work_are_marked(cores, marked):
     noisy = summarise(measurement("quick", elsewhere_cores=cores))
@@ -270,32 +228,6 @@ def test_markdown_of_the_amortised():
     ):
         assert line in text.splitlines()
     assert "splat" not in text
-
-
-def test_a_line_for_each_method_with_its_name():
-    (axis,) = amortised_figure(ALL, SUITE).axes
-    slow = {line.get_label(): line for line in axis.get_lines()}["slow"]
-    assert slow.get_xydata()[[0, -1]] == pytest.approx(np.array([[1, 1200], [8, 225]]))
-    assert {text.get_text() for text in axis.texts} == {"slow", "quick"}
-    (ring,) = (line for line in axis.get_lines() if line.get_markerfacecolor() == "none")
-    assert ring.get_xydata() == pytest.approx(np.array([[6.0, 1600 / 6]]))
-    assert (axis.get_xscale(), axis.get_yscale()) == ("log", "log")
-    axis.figure.canvas.draw()
-    shown = [tick.get_text() for tick in axis.get_yticklabels()]
-    assert {"100", "1000"} <= set(shown)  # as numbers, not as formulas
-    assert all(float(text) > 0 for text in shown)
-
-
-def test_a_panel_for_each_condition_and_number_of_threads():
-    summaries = [
-        summarise(measurement(threads=threads, condition=condition))
-        for condition in ("2048", "512")
-        for threads in (1, 2)
-    ]
-    assert [axis.get_title() for axis in amortised_figure(summaries, SUITE).axes] == [
-        *("2048, 1 thread", "2048, 2 threads", "512, 1 thread", "512, 2 threads")
-    ]
-    assert amortised_figure([LOST], SUITE) is None
 
 
 def test_labels_keep_apart():

@@ -7,21 +7,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from matplotlib import image
 
 from bench.analysis.scored import read_scored
 from bench.checking.golden import check
 from bench.records.run_folder import read_manifest
 from bench.running.options import Options
 from bench.suites.stability.cases import CASES
-from bench.suites.stability.expectations import KINDS
-from bench.suites.stability.figures import ACROSS, COLOURS, MISSING, matrix_figure, sheet
+from bench.suites.stability.figures import ACROSS, MISSING, sheet
 from bench.suites.stability.outcomes import CaseOutcome
 from bench.suites.stability.run import run
 from bench.suites.stability.tables import matrix as matrix_of
 from bench.suites.stability.tables import read_outcomes, subjects, unexpected
 from bench.tables.build import tables
-from bench.tables.figure import save
 from data_prep.failures import BadInput
 
 HOLDS = CaseOutcome("shuffled", "metamorphic", "splat", "as plain", "images", "holds")
@@ -85,16 +82,6 @@ def test_a_matrix_survives_its_file(tmp_path):
     assert subjects(table) == ["splat"]
 
 
-def test_markdown_counts_and_groups():
-    other = replace(HOLDS, case="blank", group="alone", kind="unexpected", observed="a|b")
-    text = matrix(HOLDS, other).to_markdown()
-    assert "2 cases, 2 outcomes:" in text
-    for kind in KINDS:
-        assert f"* **{kind}** {int(kind in ('holds', 'unexpected'))}: " in text
-    assert text.index("## metamorphic") < text.index("| shuffled |") < text.index("## alone")
-    assert "| blank | splat | as plain | a\\|b | **unexpected** |" in text
-
-
 @pytest.mark.parametrize("text", ["", "a,b\n1,2\n", "{header}\na,b,c,d,e,fine\n"])
 def test_other_files_are_no_matrices(tmp_path, text):
     header = "case,group,subject,expected,observed,kind"
@@ -103,16 +90,6 @@ def test_other_files_are_no_matrices(tmp_path, text):
         read_outcomes(tmp_path)
     with pytest.raises(BadInput, match="no tables of the suite"):
         read_outcomes(tmp_path / "elsewhere")
-
-
-def test_every_kind_has_a_colour_of_its_own(tmp_path):
-    outcomes = [replace(HOLDS, subject=kind, kind=kind) for kind in KINDS]
-    save(matrix_figure(matrix(*outcomes)), tmp_path / "m.png")
-    pixels = image.imread(tmp_path / "m.png")[..., :3].reshape(-1, 3)
-    shown = {tuple(pixel) for pixel in np.rint(255 * np.unique(pixels, axis=0)).astype(int)}
-    colours = {tuple(bytes.fromhex(colour[1:])) for colour, _ in COLOURS.values()}
-    assert colours <= shown
-    assert len(colours) == len(COLOURS)
 
 
 def test_a_sheet_has_every_image_in_its_place():
