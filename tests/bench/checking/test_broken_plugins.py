@@ -1,36 +1,44 @@
-"""Metrics, datasets and conditions that break one point of the contract each are named by it."""
+"""Plug-ins that break one point of the contract each are named by it; good ones pass."""
 
 from __future__ import annotations
 
 import pytest
 
 from bench.catalogue.suites import Limits
-from bench.checking.contract import conditions, datasets, metrics
+from bench.checking.contract import conditions, datasets, methods, metrics
 from bench.checking.contract.plugin import plugin_findings
-from tests.bench.checking import broken_conditions, broken_datasets, broken_metrics
+from bench.checking.contract.session import TRACES
+from tests.bench.checking import (
+    broken_conditions,
+    broken_datasets,
+    broken_methods,
+    broken_metrics,
+)
 
-LIMITS = Limits(time_s=5.0, memory_gib=4.0)
-METRICS, DATASETS = broken_metrics.__name__, broken_datasets.__name__
-CONDITIONS = broken_conditions.__name__
-FAULTS = {
-    METRICS: broken_metrics.FAULTS,
-    DATASETS: broken_datasets.FAULTS,
-    CONDITIONS: broken_conditions.FAULTS,
-}
+LIMITS = Limits(time_s=5.0, memory_gib=2.0)
+SLOW = {"HOGS": Limits(time_s=20.0, memory_gib=2.0)}  # a busy machine fills memory slowly
 CHECKS = {  # in the process of the test, by the subject of their finding
-    METRICS: {
+    broken_methods: {
+        "images": methods.check_images,
+        "repeatable": methods.check_repeatable,
+        "batches": methods.check_batches,
+        "inputs": methods.check_inputs,
+        "identity": methods.check_identity,
+        "loading": methods.check_loading,
+    },
+    broken_metrics: {
         "images": metrics.check_images,
         "batches": metrics.check_batches,
         "identical images": metrics.check_scores,
         "features": metrics.check_features,
     },
-    DATASETS: {
+    broken_datasets: {
         "objects": datasets.check_objects,
         "clouds": datasets.check_clouds,
         "views": datasets.check_views,
         "pickling": datasets.check_pickling,
     },
-    CONDITIONS: {
+    broken_conditions: {
         "identity": conditions.check_identity,
         "clouds": conditions.check_clouds,
         "repeatable": conditions.check_repeatable,
@@ -39,77 +47,83 @@ CHECKS = {  # in the process of the test, by the subject of their finding
         "calls": conditions.check_calls,
     },
 }
-ENDING = ("EXITS", "LEAVES", "INTERRUPTS", "EXITS_LATE")
+ENDING = ("EXITS", "LEAVES", "HOGS")  # what ends the process that it is in
+FAULTS = [(module, name) for module in CHECKS for name in module.FAULTS]
 HERE = [
     (module, name)
-    for module, faults in FAULTS.items()
-    for name, (point, *_) in faults.items()
-    if point in CHECKS[module] and name not in ENDING
+    for module, name in FAULTS
+    if module.FAULTS[name][0] in CHECKS[module] and name not in ENDING
+]
+GOOD = [
+    *((broken_methods, name) for name in broken_methods.GOOD),
+    *((broken_metrics, name) for name in ("GOOD", "GOOD_SET")),
+    *((module, "GOOD") for module in (broken_datasets, broken_conditions)),
 ]
 
 
+def label(part):
+    """Name a module or a plug-in in the id of a test."""
+    return part if isinstance(part, str) else part.__name__.rpartition(".")[2]
+
+
+@pytest.fixture
+def elsewhere(tmp_path, monkeypatch):
+    """The working folder, from which modules are found."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    return tmp_path
+
+
 def target(module, name, folder):
-    return f"{module}:{name}" + (f":{folder}" if module == DATASETS else "")
+    return f"{module.__name__}:{name}" + (f":{folder}" if module is broken_datasets else "")
 
 
-def verdicts(name):
+def verdicts(target, name=""):
     """Return the verdict and the text of each finding, by its subject."""
-    findings = plugin_findings(name, LIMITS)
+    findings = plugin_findings(target, SLOW.get(name, LIMITS))
     return {finding.subject: (finding.verdict, finding.text) for finding in findings}
 
 
+def assert_named(findings, point, said, blocks):
+    verdict, text = findings[point]
+    assert said in text
+    assert verdict == ("FAIL" if blocks else "warn")
+
+
 @pytest.mark.opengl
-@pytest.mark.parametrize(("module", "name"), HERE)
+@pytest.mark.parametrize(("module", "name"), HERE, ids=label)
 def test_a_point_names_its_fault(module, name, tmp_path):
-    point, said, *_ = FAULTS[module][name]
+    point, said, _ = module.FAULTS[name]
     with pytest.raises(Exception) as raised:
         CHECKS[module][point](target(module, name, tmp_path))
-    assert said in str(raised.value)
+    assert said in f"{raised.type.__name__}: {raised.value}"
+
+
+@pytest.mark.parametrize("name", broken_methods.GOOD)
+@pytest.mark.parametrize("point", CHECKS[broken_methods])
+def test_good_methods_keep_each_point(name, point):
+    CHECKS[broken_methods][point](f"{broken_methods.__name__}:{name}")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", broken_metrics.FAULTS)
-def test_every_fault_of_a_metric_is_named(name, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    point, said = broken_metrics.FAULTS[name]
-    verdict, text = verdicts(target(METRICS, name, tmp_path))[point]
-    assert said in text
-    assert verdict == "FAIL"
+@pytest.mark.parametrize(("module", "name"), FAULTS, ids=label)
+def test_every_fault_is_named(module, name, elsewhere):
+    assert_named(verdicts(target(module, name, elsewhere), name), *module.FAULTS[name])
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", broken_datasets.FAULTS)
-def test_every_fault_of_a_dataset_is_named(name, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    point, said, blocks = broken_datasets.FAULTS[name]
-    verdict, text = verdicts(target(DATASETS, name, tmp_path))[point]
-    assert said in text
-    assert verdict == ("FAIL" if blocks else "warn")
+@pytest.mark.parametrize("name", broken_methods.MODULES)
+def test_every_fault_of_a_module_is_named(name, elsewhere):
+    line, *expected = broken_methods.MODULES[name]
+    text = broken_methods.MODULE.format(line=line)
+    (elsewhere / f"faulty_{name}.py").write_text(text)
+    assert_named(verdicts(f"faulty_{name}:Plain"), *expected)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["HASH_ORDER", "UNNAMED", "PRINTS", "LEAVES", "HANGS"])
-def test_a_fault_of_a_condition_that_its_process_shows_is_named(name, tmp_path, monkeypatch):
-    """The other faults are named by their points, above, in the process of the test."""
-    monkeypatch.chdir(tmp_path)
-    point, said, blocks = broken_conditions.FAULTS[name]
-    verdict, text = verdicts(target(CONDITIONS, name, tmp_path))[point]
-    assert said in text
-    assert verdict == ("FAIL" if blocks else "warn")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("module", "name"),
-    [(METRICS, "GOOD"), (METRICS, "GOOD_SET"), (DATASETS, "GOOD"), (CONDITIONS, "GOOD")],
-)
-def test_good_ones_pass(module, name, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    findings = verdicts(target(module, name, tmp_path))
+@pytest.mark.parametrize(("module", "name"), GOOD, ids=label)
+def test_good_ones_pass(module, name, elsewhere):
+    findings = verdicts(target(module, name, elsewhere))
     assert [line for line in findings.items() if line[1][0] != "ok"] == []
-
-
-@pytest.mark.slow
-def test_the_embedded_dataset_passes():
-    findings = verdicts("procedural:validation")
-    assert [line for line in findings.items() if line[1][0] != "ok"] == []
+    if module is broken_methods:
+        assert len(findings) == 2 + len(methods.method_steps(None)) + len(TRACES)

@@ -72,10 +72,23 @@ def test_traces_of_all_steps_are_told_once():
     ] * 3
 
 
-def test_a_print_blocks_where_a_command_prints_its_results():
-    for in_command, verdict in ((False, "warn"), (True, "FAIL")):
-        first, *_ = trace_findings(reports({"stdout": "6 bytes: 'hello'"}, in_command=in_command))
-        assert (first.subject, first.verdict) == ("stdout", verdict)
+@pytest.mark.parametrize(
+    ("kind", "in_command", "verdict"),
+    [
+        ("stdout", False, "warn"),
+        ("stdout", True, "FAIL"),  # commands print their results there
+        ("stderr", True, "warn"),
+        ("files left", True, "warn"),
+        ("threads left", True, "warn"),
+        ("processes left", False, "FAIL"),
+        ("working folder", False, "FAIL"),
+    ],
+)
+def test_which_traces_block_a_run(kind, in_command, verdict):
+    found = trace_findings(reports({kind: "1 (a)"}, in_command=in_command))
+    assert {finding.subject: finding.verdict for finding in found if not finding.ok} == {
+        kind: verdict
+    }
 
 
 def test_what_code_leaves_behind_is_observed(tmp_path, monkeypatch):
