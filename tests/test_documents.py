@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import runpy
 from collections import Counter
 from collections.abc import Iterator
 from functools import cache
@@ -23,10 +22,7 @@ from bench.catalogue.methods import find_method
 from bench.catalogue.suites import SUITES
 from bench.cli import app
 from data_prep.clouds.conditions import CONDITIONS
-from data_prep.datasets.dataset import Dataset
 from data_prep.files.clouds import load_points
-from data_prep.randomness import generator
-from data_prep.scene import PointCloud
 from tests.test_shown_commands import BLOCK, shown, typed
 from tests.test_shown_commands import PAGES as RUN
 
@@ -47,7 +43,6 @@ COMMANDS = [  # of whole pages, then of those on parts that the reader writes
 ]
 COMPARED = {*RUN, DOCS / "compare.md"}  # the latter by tests/bench/tables/test_verdict.py
 GITHUB = MarkdownIt("gfm-like", {"linkify": False})
-DIRECTIVE = re.compile(r"^\s*:::|\{[\w:-]+\}$")  # the latter before `code`: a role
 
 
 def blocks(page: Path, language: str) -> list[str]:
@@ -131,40 +126,17 @@ def dead_links(page: Path) -> list[str]:
     return dead
 
 
-def directives(page: Path) -> list[str]:
-    """Return the directives and roles of Sphinx on a page, which GitHub shows as they stand."""
-    return [
-        token.info or token.content
-        for token in rendered(page)
-        if (token.type == "fence" and token.info.startswith("{"))
-        or (token.type == "text" and DIRECTIVE.search(token.content))
-    ]
-
-
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_links_lead_somewhere(page):
     assert dead_links(page) == []
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_pages_hold_no_directives_which_github_would_show(page):
-    assert directives(page) == []
-
-
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_images_say_what_they_show(page):
-    images = [token for token in rendered(page) if token.type == "image"]
-    assert [token.attrs["src"] for token in images if not text_of(token)] == []
-
-
-def test_what_github_would_show_is_found(tmp_path):
+def test_dead_links_are_found(tmp_path):
     page = tmp_path / "page.md"
     page.write_text(
         "# A `b` c\n\n# A b c\n\n[1](#a-b-c) [2](#a-b-c-1) [3](#gone) [4](gone.md) [5](page.md#a)\n"
-        "\n```{eval-rst}\n.. autofunction:: f\n```\n\n:::{note}\n\nSee {ref}`x`, `{ref}` and {x}.\n"
     )
     assert dead_links(page) == ["#gone", "gone.md", "page.md#a"]
-    assert directives(page) == ["{eval-rst}", ":::{note}", "See {ref}"]
 
 
 @pytest.mark.parametrize(("command", "known"), COMMANDS)
@@ -176,20 +148,6 @@ def test_the_command_line_takes_the_commands(command, known):
             find_method(method)
     for condition in filter(None, options.get("--conditions", "").split(",")):
         find(condition, CONDITIONS, "condition")
-
-
-@pytest.mark.parametrize(
-    ("command", "problem"),
-    [
-        (["run", "--suit", "speed"], "No such option: --suit"),
-        (["report"], "directories"),
-        (["train", "gan", "--steps", "few"], "valid integer"),
-        (["rum"], "rum"),
-    ],
-)
-def test_a_wrong_command_is_noticed(command, problem):
-    with pytest.raises(Exception, match=problem):
-        parse(command)
 
 
 def test_the_sample_cloud_is_made_as_its_page_says(tmp_path, monkeypatch):
@@ -221,20 +179,6 @@ def example(name: str) -> Any:
     return names[name]
 
 
-def test_the_condition_of_the_examples():
-    """Points stay where the generator of the cloud draws .5 or more; the first one if none does."""
-    made = runpy.run_path(str(REPOSITORY / "examples/condition/dropout.py"))
-    condition = made["CONDITION"]
-    points = np.arange(300, dtype=np.float32).reshape(100, 3) / 1000
-    stays = generator(0).random(100) >= 0.5
-    left = condition.perturbation.apply(PointCloud(points), generator(0)).points
-    np.testing.assert_array_equal(left, points[stays])
-    (alone,) = made["Dropout"](1.0).apply(PointCloud(points), generator(0)).points
-    np.testing.assert_array_equal(alone, points[0])
-    assert condition.key == "Dropout(chance=0.5)"
-    assert condition.id not in {known.id for known in CONDITIONS}
-
-
 def test_the_suite_of_its_section():
     suite = example("SUITE")
     assert suite.id not in {known.id for known in SUITES}
@@ -244,16 +188,3 @@ def test_the_suite_of_its_section():
         find(condition, CONDITIONS, "condition")
     for table in suite.tables:
         assert "Table" not in table.title  # of the paper
-
-
-def test_the_dataset_of_the_examples(tmp_path):
-    read = runpy.run_path(str(REPOSITORY / "examples/dataset/mesh_list.py"))["DATASET"].read
-    (tmp_path / "objects.csv").write_text("train,chair,a.obj\ntest,chair,b.obj\ntest,lamp,c.obj\n")
-    dataset = read("list:here", tmp_path)
-    assert isinstance(dataset, Dataset)
-    assert dataset.classes == ("chair", "lamp")
-    assert [o.object_id for o in dataset.objects("chair", None, 1)] == ["b.obj"]
-    for wrong in ("", "test,chair\n", "tset,chair,a.obj\n", "test,chair,../a.obj\n"):
-        (tmp_path / "objects.csv").write_text(wrong)
-        with pytest.raises(ValueError):
-            read("list:here", tmp_path)

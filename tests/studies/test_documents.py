@@ -59,32 +59,6 @@ def page(asked, old="what stood here\n"):
     ("asked", "lines"),
     [
         (
-            "values.csv rows=method:splat columns=condition:512,2048 metric=ssim",
-            [
-                "| ssim | 512 of 2,048 points | 2,048 points |",
-                "|---|---:|---:|",
-                "| splat | .700 | .812 [.801, .823] |",
-            ],
-        ),
-        (
-            "values.csv rows=class:chair columns=metric:ssim,fd-views*condition:2048,512 "
-            "method=splat intervals=no",
-            [
-                "| class | ssim, 2,048 points | ssim, 512 of 2,048 points "
-                "| fd-views, 2,048 points | fd-views, 512 of 2,048 points |",
-                "|---|---:|---:|---:|---:|",
-                "| chair | .812 | .700 | 12.3 | - |",
-            ],
-        ),
-        (
-            "values.csv rows=method:splat columns=condition:2048,512 metric=fd-views show=ci_high",
-            [
-                "| fd-views | 2,048 points | 512 of 2,048 points |",
-                "|---|---:|---:|",
-                "| splat | 13.06 | - |",
-            ],
-        ),
-        (
             "frontier.csv rows=method:splat,pc2pix columns=metric:ssim",
             [
                 "| method | ssim |",
@@ -107,47 +81,9 @@ def page(asked, old="what stood here\n"):
             ["| method | lpips |", "|---|---:|", "| splat | better −.051 |"],
         ),
         (
-            "rows=method:splat,pc2pix,best-reconstruction "
-            "column=known_chairs;values.csv;metric:ssim;condition:512 "
-            "column=one_view;costs.csv;show:cost_ms;best-reconstruction:alpha-wrap "
-            "column=trained_on;catalogue;best-reconstruction:alpha-wrap",
-            [
-                "| method | known chairs | one view | trained on |",
-                "|---|---:|---:|---:|",
-                "| splat | .700 | 7.5 | nothing |",
-                "| pc2pix | – | 21.3 | chairs |",
-                "| best-reconstruction | – | 63.0 | nothing |",
-            ],
-        ),
-        (
             # lines of two files that say the same are one
             "costs.csv,more-costs.csv rows=method:pc2pix columns=condition:2048 show=cost_ms",
             ["| method | 2,048 points |", "|---|---:|", "| pc2pix | 21.3 |"],
-        ),
-        (
-            # of conditions as rows
-            "costs.csv rows=condition:2048 columns=method:splat,pc2pix show=cost_ms",
-            ["| condition | splat | pc2pix |", "|---|---:|---:|", "| 2,048 points | 7.5 | 21.3 |"],
-        ),
-        (
-            # the verdicts of another class, and none for what was not compared
-            "values.csv rows=method:splat columns=metric:ssim,fd-views*condition:2048,512 "
-            "class=chair intervals=no marks=verdicts.csv;class:all",
-            [
-                "| method | ssim, 2,048 points | ssim, 512 of 2,048 points "
-                "| fd-views, 2,048 points | fd-views, 512 of 2,048 points |",
-                "|---|---:|---:|---:|---:|",
-                "| splat | better .812 | worse .700 | 12.3 | - |",
-            ],
-        ),
-        (
-            "values.csv rows=method:splat columns=condition:2048,512 "
-            "metric=ssim class=chair intervals=no marks=verdicts.csv",
-            [
-                "| ssim | 2,048 points | 512 of 2,048 points |",
-                "|---|---:|---:|",
-                "| splat | .812 | not decided .700 |",
-            ],
         ),
     ],
 )

@@ -69,12 +69,6 @@ def test_rows_hold_what_the_files_hold(numbers):
     assert [cell.beneath for cell in splat[:4]] == ["", "worse", "", "worse"]
 
 
-def test_a_missing_file_is_named(numbers):
-    (numbers / "known.csv").unlink()
-    with pytest.raises(FileNotFoundError, match=r"known\.csv"):
-        board(numbers, (KNOWN,))
-
-
 @pytest.mark.parametrize("mark", ["<!-- leaderboard -->\n", ""])
 def test_the_front_page_alone_has_it_at_its_mark_or_above_the_first_section(mark):
     section = "\n## Tutorial\n\n* [Tutorial](quickstart.md)\n"

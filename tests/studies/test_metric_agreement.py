@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import pandas as pd
-import pytest
 
-from data_prep.failures import BadInput
 from studies.metric_agreement import agreement, read_values
 
 METHODS = ("pc2pix", "splat-net", "splat", "blank", "true-mesh", "best-reconstruction")
@@ -52,8 +50,3 @@ def test_a_metric_without_a_value_has_no_correlation(tmp_path):
     skipped = VALUES | {"metric_flip": ("flip", (float("nan"),) * len(METHODS))}
     rows = agreement(read_values(tables(tmp_path, skipped)), ["ssim", "flip", "lpips"])
     assert {row["metric"] for row in rows} == {"ssim", "lpips"}
-
-
-def test_a_folder_without_tables(tmp_path):
-    with pytest.raises(BadInput, match="no tables; start the run again"):
-        read_values(tmp_path)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from studies.cells import METRICS, FeatureNetworks, cells
+from studies.cells import METRICS, cells
 from studies.noise_floor import BATCHES, CEILING, METHODS, THREADS, TURN, Study
 
 
@@ -26,12 +26,6 @@ def test_the_truth_scores_full_marks(study):
     for metric in ("fd-views", "fd-views-grey", "fd-alexnet"):
         # The distance of a set to itself, in float64: a rounding of the trace, some 1e-14 x 100.
         assert 0.0 <= actual[metric] < 1e-9
-
-
-def test_blank_images_show_no_thin_part(study):
-    assert study.cells["blank"]["thin-recall"] == 0.0
-    assert np.isnan(study.cells["blank"]["thin-precision"])
-    assert study.cells["blank"]["structure"] == 1.0
 
 
 def test_cells_are_those_of_a_hand_made_case(study):
@@ -54,15 +48,6 @@ def test_batch_and_threads_move_nothing_that_is_kept(study):
     image = [f for f in floors if f.metric in METRICS[:5] and np.isfinite(f.moved)]
     assert max(f.moved for f in image) < 1e-6
     assert torch.get_num_threads() == 1
-
-
-def test_float64_features_are_those_of_float32(study):
-    exact = FeatureNetworks(torch.float64)(study.truth)
-    for narrow, wide in zip(study.truth_outputs, exact, strict=True):
-        assert narrow.dtype == np.float32
-        assert wide.dtype == np.float64
-        # rounding of 5 to 12 layers, 6e-8 each, of values up to 4 (of AlexNet up to 20)
-        np.testing.assert_allclose(narrow, wide, rtol=0, atol=2e-5 * max(1, wide.max() / 4))
 
 
 def test_a_turn_moves_the_truth_as_well(study):

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from bench.catalogue.metrics import IMAGE_METRICS
@@ -19,8 +18,6 @@ from studies.object_noise import (
     means,
     moves_of_chairs,
     nudged,
-    summary_of_chairs,
-    summary_of_classes,
 )
 
 
@@ -66,15 +63,6 @@ def test_moves_of_white_images_are_those_of_the_truth() -> None:
     assert (result[ROUNDING, "constant", "ssim"] == 0).all()  # it sees no cloud
 
 
-def test_the_summary_of_chairs_has_deviation_and_the_two_largest() -> None:
-    nothing = np.full(3, np.nan)
-    result = {(TURN, "splat", metric): nothing for metric in IMAGE_METRICS}
-    result[TURN, "splat", "ssim"] = np.array([0.03, -0.04, np.nan])
-    cells = summary_of_chairs(result).splitlines()[-1].strip("| ").split(" | ")
-    # sqrt((0.03^2 + 0.04^2) / 2) = 0.03536
-    assert cells[:4] == ["turn", "splat", "0.035, 0.04, 0.03", "-"]
-
-
 def test_true_images_are_perfect_by_all_that_compares_images() -> None:
     truth = np.full((2, 3, 128, 128, 3), 255, np.uint8)
     truth[:, :, 40:90, 30:100] = (120, 60, 20)
@@ -85,13 +73,3 @@ def test_true_images_are_perfect_by_all_that_compares_images() -> None:
         assert np.allclose(actual[metric], 1.0, atol=1e-12), metric
     assert ((actual["class-confidence"] > 0) & (actual["class-confidence"] < 1)).all()
     assert measure.distances(sample)["fd-views"] < 1e-9
-
-
-def test_the_summary_has_the_largest_move_of_a_class_and_that_of_their_mean() -> None:
-    columns = ["change", "method", "class", "metric", "value", "by", "deviation"]
-    of_a, of_b = (0.5, 0.25, 0.125), (0.8, -0.05, 0.0625)
-    cells = [("turn", "splat", c, "ssim", *values) for c, values in (("a", of_a), ("b", of_b))]
-    rows = pd.DataFrame(cells, columns=columns)
-    assert summary_of_classes(rows).splitlines()[-1] == (
-        "| turn | splat | ssim | 0.25 | 0.5 | 0.1 | 0.12 |"
-    )

@@ -11,7 +11,7 @@ from bench.analysis.significant_digits import ObjectDeviation, RoundingErrors
 from bench.tables.grid import FEWER
 from studies.documents import NUMBERS, filled, moved_values
 from studies.leaderboard import ResultGroup, board
-from studies.printed_digits import VIEWS, line_precision, with_objects
+from studies.printed_digits import line_precision, with_objects
 
 NAN = math.nan
 APSS = ObjectDeviation(0.0156, 24)  # of ssim at 2,048 points: .0082 over 24 chairs
@@ -114,14 +114,6 @@ def test_a_line_without_objects_or_method_has_all_digits():
     assert line_precision(known, ERRORS) == (3, None)
     for lacking in ("method", "condition", "objects"):
         assert line_precision({**known, "objects": "24", lacking: ""}, ERRORS) == (3, None)
-
-
-@pytest.mark.parametrize("name", sorted(VIEWS))
-def test_files_with_fewer_views_have_whole_numbers_of_objects(name):
-    with (NUMBERS / name).open(encoding="utf-8", newline="") as file:
-        lines = with_objects(csv.DictReader(file), name)
-    sizes = {float(line["objects"]) for line in lines if line["class"] != "average"}
-    assert all(size == int(size) > 0 for size in sizes)
 
 
 def test_every_file_with_images_has_whole_numbers_of_objects():

@@ -2,45 +2,7 @@
 
 from __future__ import annotations
 
-from studies.python_names import PAGE, call, class_lines, filled
-
-
-def a_function(first: int, *, second: str | None = None) -> dict[str, float]:
-    """Return nothing."""
-    raise NotImplementedError
-
-
-class Shape:
-    """A shape."""
-
-    def __init__(self, sides: int) -> None:
-        self.sides = sides
-
-    def area(self, scale: float = 1.0) -> float:
-        """Return its area."""
-        raise NotImplementedError
-
-    def _hidden(self) -> None: ...
-
-
-def test_a_signature_has_its_types_without_quotation_marks():
-    expected = "a_function(first: int, *, second: str | None = None) -> dict[str, float]"
-    assert call("a_function", a_function) == expected
-
-
-def test_a_long_signature_breaks_between_parameters():
-    lines = call("a" * 60, a_function).splitlines()
-    assert lines == [
-        "a" * 60 + "(first: int, *,",
-        "    second: str | None = None) -> dict[str, float]",
-    ]
-
-
-def test_a_class_has_its_constructor_and_its_public_methods():
-    assert class_lines("Shape", Shape) == [
-        "Shape(sides: int)",
-        "Shape.area(scale: float = 1.0) -> float",
-    ]
+from studies.python_names import PAGE, filled
 
 
 def test_the_page_is_what_the_code_says():
