@@ -45,12 +45,6 @@ def test_the_version_is_the_same_everywhere():
     check(ROOT)
 
 
-def test_the_changelog_has_a_place_for_what_comes_next():
-    headings = re.findall(r"^## (.+)$", (ROOT / "CHANGELOG.md").read_text("utf-8"), re.MULTILINE)
-    assert headings[0] == "[Unreleased]"
-    assert headings[1].startswith("[1.0.0] - ")
-
-
 @pytest.fixture
 def folder(tmp_path):
     for name in FILES:
@@ -89,18 +83,3 @@ def test_a_version_has_to_be_given(folder):
     )
     assert done.returncode == 2
     assert done.stderr.startswith("give the version: make version VERSION=1.0.0\n")
-
-
-def test_the_citation_has_what_its_format_requires():
-    """The required keys of CFF 1.2.0, the types of what GitHub shows, and two works cited."""
-    cited = citation(ROOT)
-    assert cited["cff-version"] == "1.2.0"
-    assert cited["type"] == "software"
-    assert {"message", "title", "authors", "license", "version", "date-released"} <= cited.keys()
-    (paper,) = cited["references"]
-    for work in (cited, cited["preferred-citation"], paper):
-        assert work["title"]
-        assert work["type"]
-        for author in work["authors"]:
-            assert author.keys() in ({"name"}, {"family-names", "given-names"})
-    assert (paper["year"], paper["month"]) == (2019, 6)

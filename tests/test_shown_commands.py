@@ -12,6 +12,7 @@ import shlex
 from pathlib import Path
 
 import pytest
+from PIL import Image
 from typer.testing import CliRunner
 
 from bench.cli import app
@@ -147,3 +148,25 @@ def test_they_run(tmp_path, monkeypatch):
     ):
         assert Path(made).exists(), made
     assert Path("whole/records.parquet").exists()
+
+
+def test_those_of_rendering_run(tmp_path, monkeypatch):
+    """Its script makes the cloud, and each image and turntable is where the page says."""
+    monkeypatch.chdir(tmp_path)
+    page = DOCS / "rendering.md"
+    (script,) = (block for kind, block in BLOCK.findall(page.read_text()) if kind == "python")
+    exec(compile(script, page.name, "exec"), {})
+    for command in shown(page):
+        ended, output, _ = run(shlex.split(command))
+        assert ended == 0, f"{command}: {output}"
+    sizes = {}
+    for path in (path for path in Path().rglob("*") if path.suffix in (".png", ".gif")):
+        with Image.open(path) as image:
+            sizes[str(path)] = (image.size, getattr(image, "n_frames", 1))
+    of_one = ("chair", "pc2pix", "splat", "coloured", "budget", "lying", "images/chair")
+    assert sizes == {
+        **{f"{name}.png": ((128, 128), 1) for name in of_one},
+        "large.png": ((512, 512), 1),
+        "sheet.png": ((3 * 262 + 6, 2 * 280 + 6), 1),  # tiles with their margins and labels
+        "turntable.gif": ((4 * 262 + 6, 280 + 6), 36),
+    }

@@ -37,10 +37,6 @@ def dry_run(command: list[str]) -> str:
     return subprocess.run(arguments, cwd=ROOT, capture_output=True, text=True, check=True).stdout
 
 
-def test_there_are_two():
-    assert {path.name for path in FOLDER.iterdir()} == {"pages.yml", "tests.yml"}
-
-
 @pytest.mark.parametrize("name", ["pages.yml", "tests.yml"])
 def test_a_workflow_is_of_one_kind_with_the_others(name):
     workflow = read(name)

@@ -107,7 +107,7 @@ def _place(folders: Sequence[Path], out: Path | None) -> Path:
         out = folders[0].parent
     page = out.resolve() / INDEX
     if out.suffix in (".html", ".htm") or (out.exists() and not out.is_dir()):
-        raise BadInput(f"--out {out}: of several runs a folder is needed, for {INDEX}")
+        raise BadInput(f"--out {out}: of several runs a folder is needed; give one for {INDEX}")
     if page.exists():
         with page.open("rb") as file:
             if WRITTEN_BY.encode() not in file.read(HEAD_BYTES):

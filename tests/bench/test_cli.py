@@ -39,43 +39,6 @@ def run_refused(command, *arguments):
     return err.removeprefix("bench: ").rstrip("\n")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (
-            ("--suite", "chair-robustnes"),
-            "unknown suite 'chair-robustnes': did you mean 'chair-robustness'? there are "
-            "chair-robustness, speed-accuracy, thirteen-classes, beyond-training, "
-            "latent and 3 more; see 'bench list'",
-        ),
-        (("--methods", "splta,blank"), "unknown method 'splta': did you mean 'splat'? there are "),
-        (("--methods", "pc2pix@x"), "unknown method 'pc2pix@x': did you mean 'pc2pix'? there are "),
-        (("--methods", "blank", "--conditions", "2049"), "unknown condition '2049': did you mean "),
-        (("--methods", " , "), "' , ': expected names separated by commas"),
-        (("--limit", "0"), "--limit 0: must be at least 1"),
-        (("--views", "-2"), "--views -2: must be at least 1"),
-        (("--workers", "0"), "--workers 0: must be at least 1"),
-        (("--methods", "pc2pix@no.safetensors"), "no.safetensors: no such weights file; train one"),
-        (
-            ("--methods", "pc2pix@no.pt"),
-            "no.pt: weights are .safetensors files; 'bench train gan' ",
-        ),
-        (
-            ("--dataset", "shapenet"),
-            "unknown dataset 'shapenet': did you mean 'shapenet:PATH'? there are procedural, "
-            "folder:PATH, shapenet:PATH, modelnet:PATH, exported:PATH and 6 more; see 'bench list'",
-        ),
-        (("--dataset", "folder:"), "unknown dataset 'folder:': did you mean 'folder:PATH'? "),
-        (("--dataset", "/meshes"), "unknown dataset '/meshes': did you mean 'folder:/meshes'? "),
-        (("--dataset", "folder:gone"), "gone: no such folder; give the folder that holds your "),
-        (("--inception-weights", "no.pth"), "no.pth: no such file; "),
-    ],
-)
-def test_bad_values(command, no_machine, tmp_path, arguments, message):
-    assert message in run_refused(command, *arguments)
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_datasets_that_are_refused_by_name(command, no_machine, tmp_path):
     (tmp_path / "sofa").mkdir()
     (tmp_path / "sofa" / "one.obj").touch()
@@ -85,47 +48,6 @@ def test_datasets_that_are_refused_by_name(command, no_machine, tmp_path):
     ):
         refused = run_refused(command, "--methods", "blank", "--dataset", f"folder:{folder}")
         assert refused.startswith(message)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--foo",), "bench: No such option: --foo; see 'bench --help'\n"),
-        (("run", "--suite", SUITE, "--views", "many"), "Invalid value for '--views': "),
-        (
-            ("run", "--suite", SUITE, "--device", "gpu"),
-            "bench: Invalid value for '--device': 'gpu' is not one of 'auto', 'cpu', 'cuda'; see ",
-        ),
-        (("run",), "bench: Missing option '--suite'; see 'bench run --help'\n"),
-        (("table",), "Missing argument 'DIR'; see 'bench table --help'"),
-        (("run", "--suit", SUITE), "No such option: --suit (Possible options: "),
-        (
-            ("rnder",),
-            "unknown command 'rnder': did you mean 'render'? there are run, merge, list, table, "
-            "check and 12 more; see 'bench --help'",
-        ),
-        (("xyz",), "unknown command 'xyz': there are run, merge, list, table, check and 12 more; "),
-        (("train", "gann"), "unknown command 'gann': did you mean 'gan'? there are autoencoder, "),
-        (
-            ("list", "metrcs"),
-            "unknown section 'metrcs': did you mean 'metrics'? there are suites, methods, "
-            "variants, conditions, metrics and 1 more; see 'bench list --help'",
-        ),
-        (("table", "nowhere"), "nowhere: no such folder; give a run's folder"),
-        (("render",), "Missing argument 'CLOUD'; see 'bench render --help'"),
-        (
-            ("test", "nosuch"),
-            "unknown method 'nosuch': there are pc2pix, pc2pix@acgan, pc2pix@all, ",
-        ),
-        (("train", "gan", "--steps", "x"), "see 'bench train gan --help'"),
-    ],
-)
-def test_usage_errors_are_one_line(command, arguments, message):
-    status, out, err = command(*arguments)
-    assert (status, out) == (2, "")
-    assert err.startswith("bench: ")
-    assert err.count("\n") == 1
-    assert message in err
 
 
 def test_weights_that_cannot_be_used(command, no_machine, tiny_weights, tmp_path, monkeypatch):

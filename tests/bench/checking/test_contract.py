@@ -135,22 +135,6 @@ def test_output_of_all_code_is_captured(capfd):
     assert capfd.readouterr() == ("afterwards\n", "")
 
 
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        ("no-such-method", "unknown method 'no-such-method'"),
-        ("nosuchmodule:Method", "nosuchmodule:Method: no module 'nosuchmodule' in this folder or"),
-        ("a b:Method", "no module 'a b' in this folder"),
-        ("folder:/no/such", "/no/such: no such folder"),
-    ],
-)
-def test_an_unknown_name_is_refused(command, name, message):
-    status, out, errors = command("test", name)
-    assert (status, out) == (2, "")
-    assert message in errors
-    assert errors.count("\n") == 1
-
-
 @pytest.mark.parametrize("name", ["splat", f"{MODULE}:Plain", "procedural:validation"])
 def test_known_names_are_not_loaded_by_the_command(name):
     check_name(name)

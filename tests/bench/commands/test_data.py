@@ -135,22 +135,6 @@ def test_a_cloud_among_meshes_is_irregular(tmp_path, command):
     assert use == f"use          --dataset folder:{tmp_path}"
 
 
-@pytest.mark.parametrize(
-    ("arguments", "problem"),
-    [
-        (("nowhere",), "nowhere: no such folder"),
-        (("shapenet:.",), "no ShapeNetCore here"),
-        ((".", "--sample", "-1"), "--sample -1: must be at least 0"),
-        ((".", "--workers", "0"), "--workers 0: must be at least 1"),
-    ],
-)
-def test_what_cannot_be_inspected(command, monkeypatch, tmp_path, arguments, problem):
-    monkeypatch.chdir(tmp_path)
-    status, out, err = command("data", "inspect", *arguments)
-    assert (status, out) == (2, "")
-    assert problem in err
-
-
 def test_the_embedded_set(command):
     status, out, _ = command("data", "inspect", "procedural", "--sample", "0")
     assert status == 0
@@ -182,12 +166,6 @@ def test_verify_prints_the_files_that_differ(meshes, command):
     assert status == 1
     assert out.startswith("0 files are those of the list\nMISSING  airplane/")
     assert out.endswith("FURTHER  car/a.ply\nFURTHER  car/b.ply\nFURTHER  lamp/c.obj\n")
-
-
-def test_a_folder_that_is_not_there(command, tmp_path):
-    status, out, err = command("data", "verify", tmp_path / "gone")
-    assert (status, out) == (2, "")
-    assert err.endswith("gone: no such folder; give that of the meshes, or an export\n")
 
 
 def test_the_list_of_real_meshes():

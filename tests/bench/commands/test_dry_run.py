@@ -99,21 +99,6 @@ def test_dry_run_of_a_download_fetches_nothing(command, no_cache, no_machine):
     assert list(no_cache.iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ("run --dry-run --suite speed", "--dry-run: the suite speed takes minutes and has no plan"),
-        ("run --dry-run --suite latent", "--dry-run: the suite latent takes minutes and has no "),
-        ("run --dry-run --suite speed-accuracy --workers 2", "--workers: has no meaning"),
-        (f"run --dry-run --suite {SUITE} --methods splta", "unknown method 'splta': did you mean"),
-    ],
-)
-def test_dry_run_refuses_as_the_run_does(command, arguments, message, tmp_path, no_machine):
-    status, out, err = command(*arguments.split(), "--limit", "1", "--out", tmp_path / "a")
-    assert (status, out) == (2, "")
-    assert err.startswith(f"bench: {message}")
-
-
 @pytest.mark.usefixtures("same_machine")
 def test_dry_run_refuses_a_folder_of_another_run(copied, command, arguments):
     other = copied.parent / "other"

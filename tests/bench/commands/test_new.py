@@ -13,33 +13,6 @@ from data_prep.failures import CannotWrite
 REPOSITORY = Path(__file__).parents[3]
 
 
-@pytest.mark.parametrize(
-    ("kind", "name", "message"),
-    [
-        ("method", "My-Method", "an id is kebab-case (a-z, 0-9 and single hyphens), as in my-meth"),
-        ("method", "my_method", "an id is kebab-case"),
-        ("method", "../escape", "an id is kebab-case"),
-        ("method", "my-method@a", "an id is kebab-case"),
-        ("method", "splat-net", "pc2pix-bench uses that id itself"),
-        ("method", "best-reconstruction", "pc2pix-bench uses that id itself"),
-        ("metric", "ssim-object", "pc2pix-bench uses that id itself"),
-        ("dataset", "shapenet", "pc2pix-bench uses that id itself"),
-        ("method", "3d-hull", "Python cannot import a module '3d_hull'"),
-        ("method", "lambda", "Python cannot import a module 'lambda'"),
-        ("metric", "numpy", "'numpy' means something else already"),
-        ("method", "images", "'images' means something else already"),
-        ("network", "mine", "'network' is not one of 'method', 'metric', 'dataset'"),
-    ],
-)
-def test_names_that_cannot_be(command, tmp_path, monkeypatch, kind, name, message):
-    monkeypatch.chdir(tmp_path)
-    status, out, errors = command("new", kind, name)
-    assert (status, out) == (2, "")
-    assert message in errors
-    assert errors.count("\n") == 1
-    assert [*tmp_path.iterdir()] == []
-
-
 def test_a_folder_that_is_there_is_left_alone(command, tmp_path):
     for folder in (tmp_path / "empty", tmp_path / "link"):
         folder.mkdir() if folder.name == "empty" else folder.symlink_to("nowhere")

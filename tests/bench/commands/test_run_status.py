@@ -5,35 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pandas as pd
-import pytest
-import torch
 
 from bench.records.job import Result
 from bench.records.run_folder import open_folder, read_manifest
 from bench.records.stored_artifacts import read_jobs
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ("run", "--suite", "chair-robustness", "--methods", "splat"),
-        ("run", "--suite", "chair-robustness", "--ray", "local"),
-        ("run", "--suite", "chair-robustness", "--dry-run"),
-        ("run", "--suite", "stability"),
-        ("run", "--suite", "speed-accuracy"),
-    ],
-)
-def test_a_gpu_that_is_not_there_is_refused_before_the_first_job(
-    arguments, tmp_path, command, no_machine
-):
-    if torch.cuda.is_available():
-        pytest.skip("needs a machine without a GPU")
-    out = tmp_path / "run"
-    status, printed, err = command(*arguments, "--device", "cuda", "--out", out)
-    assert (status, printed, err.count("\n")) == (2, "", 1)
-    assert err.startswith("bench: --device cuda: PyTorch ")
-    assert "finds no usable GPU; use --device cpu" in err
-    assert not out.exists()
 
 
 def test_a_method_without_an_image_is_no_success(copied, same_machine, arguments, command):

@@ -198,19 +198,6 @@ def test_a_run_takes_metrics_on_request(arguments, copied, command):
     assert (copied / "records.parquet").read_bytes() == records
 
 
-def test_metrics_on_request_that_have_no_meaning(arguments, command, tmp_path):
-    options = ("--metrics", "flip", "--out", tmp_path / "run")
-    for more, message in (
-        (("--shard", "1/2"), "--metrics: has no meaning for a part of a run; leave it, and give"),
-        (("--metrics", "ssim"), "metric 'ssim': the suites that have it show it already"),
-    ):
-        status, _, err = command(*arguments, *options, *more)
-        assert (status, err.startswith(f"bench: {message}")) == (2, True)
-    status, _, err = command("run", "--suite", "stability", *options)
-    assert (status, "--metrics: has no meaning for the suite stability" in err) == (2, True)
-    assert not (tmp_path / "run").exists()
-
-
 def of_set(function, id_="fd-made"):
     return SetMetric(id_, function, 3, "made up")
 

@@ -83,15 +83,6 @@ def test_distances_are_those_of_the_table(written):
     assert {"splat", "blank"} <= {method for method, _ in found}
 
 
-def test_no_neighbours_for_a_suite_that_takes_times(command, tmp_path, no_machine):
-    arguments = ("run", "--suite", SUITE.id, "--methods", "blank", "--out", tmp_path / "run")
-    status, out, err = command(*arguments, "--workers", "2")
-    assert (status, out) == (2, "")
-    assert err.startswith("bench: --workers: has no meaning for the suite speed-accuracy, ")
-    assert err.endswith("; leave it\n")
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_metrics_without_features_have_no_places(tmp_path):
     directory = write_run(tmp_path, suite=SUITE.id)
     (directory / "features" / "fd-views.parquet").unlink()

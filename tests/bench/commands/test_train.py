@@ -42,16 +42,6 @@ def test_only_the_first_process_prints_the_file_of_a_training(capsys, monkeypatc
     assert capsys.readouterr().out == ""
 
 
-def test_cuda_where_there_is_none(command, tmp_path):
-    if torch.cuda.is_available():
-        pytest.skip("needs a machine without a GPU")
-    options = ("--device", "cuda", "--objects", "1", "--out", str(tmp_path / "x"))
-    status, out, err = command("train", "autoencoder", *options)
-    assert (status, out) == (2, "")
-    assert err.splitlines()[-1].startswith(f"bench: --device cuda: PyTorch {torch.__version__}")
-    assert not (tmp_path / "x").exists()
-
-
 @pytest.mark.parametrize(
     ("kind", "config"),
     [

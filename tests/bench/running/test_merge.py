@@ -218,10 +218,3 @@ def test_a_folder_with_another_run_is_left_alone(copied, shards):
 def test_more_shards_than_objects(finished, same_machine, tiny_weights, tmp_path):
     with pytest.raises(BadInput, match=r"--shard 4/4: there are only 3 objects; make fewer shards"):
         as_shard(finished, tiny_weights, tmp_path / "out", 4, 4)
-
-
-@pytest.mark.parametrize("suite", ["latent", "stability", "speed"])
-def test_suites_without_shards_say_so(tmp_path, command, suite):
-    status, _, err = command("run", "--suite", suite, "--shard", "1/2", "--out", tmp_path / "r")
-    assert status == 2
-    assert f"--shard: has no meaning for the suite {suite}" in err

@@ -284,23 +284,6 @@ def test_the_device_is_in_the_key_of_every_job():
     assert not planned["cpu"] & planned["cuda"]
 
 
-@pytest.mark.parametrize(
-    ("suite", "truth", "message"),
-    [
-        ("latent", "grey", "has no meaning for the suite latent, which has no true images in "),
-        ("stability", "grey", "has no meaning for the suite stability, which has no true images "),
-        ("speed", "coloured", "has no meaning for the suite speed, which has no true images in "),
-    ],
-)
-def test_a_truth_that_a_suite_does_not_have_is_refused(command, tmp_path, suite, truth, message):
-    arguments = ("run", "--suite", suite, "--truth", truth, "--out", tmp_path / "run")
-    status, out, err = command(*arguments)
-    assert (status, out, err.count("\n")) == (2, "", 1)
-    assert message in err
-    assert err.startswith("bench: --truth")
-    assert not (tmp_path / "run").exists()
-
-
 def test_two_conditions_of_equal_effect_are_two_items(monkeypatch):
     again = replace(find_condition("noise-0.10"), id="noise-again")
     monkeypatch.setattr(bench.catalogue.conditions, "CONDITIONS", (*CONDITIONS, again))
@@ -312,26 +295,6 @@ def test_a_longer_run_begins_with_the_shorter_one():
     objects = tuple(ProceduralObject("chair", "test", i) for i in range(3))
     short, long = (keys(objects=chosen) for chosen in (objects[:2], objects))
     assert short.items() < long.items()
-
-
-@pytest.mark.parametrize("command_line", ["run --dry-run", "data export", "run"])
-@pytest.mark.parametrize(
-    ("option", "value", "message"),
-    [
-        ("--views", "99999999999999999999", "too many; give at most 10000"),
-        ("--views", "0", "must be at least 1"),
-        ("--limit", "100000000", "too many; give at most 10000, or leave it for all objects of a"),
-        ("--limit", "-1", "must be at least 1"),
-    ],
-)
-def test_counts_that_cannot_be_met_are_refused_at_once(
-    tmp_path, command, command_line, option, value, message
-):
-    arguments = (*command_line.split(), "--suite", "chair-robustness", "--out", tmp_path / "x")
-    status, _, err = command(*arguments, option, value)
-    assert (status, err.count("\n")) == (2, 1)
-    assert err.startswith(f"bench: {option} {value}: {message}")
-    assert not (tmp_path / "x").exists()
 
 
 def test_the_floor_is_always_measured_once():
