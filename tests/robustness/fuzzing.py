@@ -2,7 +2,7 @@
 
 A case is a folder of its own with one file to read and, for some meshes, files beside it. It is
 made from a format's valid files by a few mutations, or by a trick that somebody would play on
-purpose; all drawn from one `random.Random`, so that number k of seed s can be made again alone.
+purpose; all drawn from one `random.Random`.
 
 Around the cases lie what no reader may touch: a secret to be read, and canaries that exist only if
 something in a file has been executed.
@@ -491,16 +491,14 @@ def _read_inception(path: Path) -> None:
 class Format:
     """The way in which files of a kind are made and read.
 
-    valid      whole cases; their first file is mutated, and sometimes another
-    trick      a case made on purpose, for a folder `root` around all cases
-    read       the product's reader
-    in_worker  whether the product reads them in a worker with limits
+    valid  whole cases; their first file is mutated, and sometimes another
+    trick  a case made on purpose, for a folder `root` around all cases
+    read   the product's reader
     """
 
     valid: Callable[[], tuple[Files, ...]]
     trick: Callable[[random.Random, str], Files]
     read: Callable[[Path], object]
-    in_worker: bool = False
 
 
 def _valid_ply() -> tuple[Files, ...]:
@@ -520,20 +518,20 @@ def _valid_stl() -> tuple[Files, ...]:
 
 
 FORMATS: Mapping[str, Format] = {
-    "mesh-ply": Format(_valid_ply, _tricky_ply, load_mesh, True),
-    "mesh-obj": Format(lambda: (mesh_obj(),), _tricky_obj, load_mesh, True),
-    "mesh-off": Format(lambda: ({"a.off": mesh_off()},), _tricky_off, load_mesh, True),
-    "mesh-stl": Format(_valid_stl, _tricky_stl, load_mesh, True),
-    "mesh-glb": Format(_valid_glb, _tricky_glb, load_mesh, True),
-    "mesh-gltf": Format(lambda: (mesh_gltf(True), mesh_gltf(False)), _tricky_gltf, load_mesh, True),
+    "mesh-ply": Format(_valid_ply, _tricky_ply, load_mesh),
+    "mesh-obj": Format(lambda: (mesh_obj(),), _tricky_obj, load_mesh),
+    "mesh-off": Format(lambda: ({"a.off": mesh_off()},), _tricky_off, load_mesh),
+    "mesh-stl": Format(_valid_stl, _tricky_stl, load_mesh),
+    "mesh-glb": Format(_valid_glb, _tricky_glb, load_mesh),
+    "mesh-gltf": Format(lambda: (mesh_gltf(True), mesh_gltf(False)), _tricky_gltf, load_mesh),
     "cloud-ply": Format(
         lambda: ({"a.ply": cloud_ply(False)}, {"a.ply": cloud_ply(True)}),
-        _tricky_cloud_ply, _read_cloud, True,
+        _tricky_cloud_ply, _read_cloud,
     ),
-    "cloud-npy": Format(_valid_npy, _tricky_npy, _read_cloud, True),
+    "cloud-npy": Format(_valid_npy, _tricky_npy, _read_cloud),
     "cloud-text": Format(
         lambda: ({"a.xyz": cloud_text(" ")}, {"a.csv": cloud_text(",")}),
-        _tricky_text, _read_cloud, True,
+        _tricky_text, _read_cloud,
     ),
     "weights": Format(lambda: ({"w.safetensors": weights()},), _tricky_weights, _read_weights),
     "inception": Format(
@@ -545,16 +543,10 @@ FORMATS: Mapping[str, Format] = {
 TRICKS = 0.25  # share of cases that are tricks
 
 
-def make_case(
-    name: str,
-    rng: random.Random,
-    root: str,
-    formats: Mapping[str, Format] = FORMATS,
-    tricks: float = TRICKS,
-) -> Files:
+def make_case(name: str, rng: random.Random, root: str) -> Files:
     """Return a case of a format, a trick or a mutated file."""
-    fmt = formats[name]
-    if rng.random() < tricks:
+    fmt = FORMATS[name]
+    if rng.random() < TRICKS:
         files = fmt.trick(rng, root)
         if rng.random() < 0.7:
             return files
@@ -563,11 +555,6 @@ def make_case(
     first, *others = files
     target = rng.choice(others) if others and rng.random() < 0.3 else first
     return files | {target: mutated(rng, files[target])}
-
-
-def case_rng(seed: int, name: str, number: int) -> random.Random:
-    """Return the random numbers that case `number` of a format is made from."""
-    return random.Random(f"{seed}/{name}/{number}")
 
 
 @contextmanager

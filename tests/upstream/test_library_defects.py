@@ -15,8 +15,6 @@ import re
 import resource
 import subprocess
 import sys
-import types
-import warnings
 from collections.abc import Callable
 from pathlib import Path
 from textwrap import shorten
@@ -216,35 +214,6 @@ def apss_digest() -> str:
 
 
 @defect(
-    r"^[1-9]\d* faces from ball pivoting, 0 from APSS",
-    "baselines.reconstruction.surface.SurfaceApss.prepare",
-)
-def pymeshlab_apss_makes_nothing_of_a_plane() -> str:
-    """Points of one plane: APSS returns an empty mesh and reports nothing."""
-    points = np.random.default_rng(0).uniform(-1, 1, (2048, 3)) * (1, 0, 1)
-    meshlab = pivoted(points)
-    before = meshlab.face_count
-    meshlab.close_holes(MAX_HOLE_EDGES)
-    meshlab.marching_cubes_apss(50)
-    return f"{before} faces from ball pivoting, {meshlab.face_count} from APSS"
-
-
-@defect(r"^\d{3,} of \d+ vertices are not finite", "data_prep.clouds.normalise.normalise_points")
-def pymeshlab_apss_breaks_far_from_the_origin() -> str:
-    """A box shifted by 1e6: APSS writes thousands of vertices that are not finite."""
-    vertices, _ = apss(box() + 1e6, 50)
-    return f"{count_bad(vertices)} of {len(vertices)} vertices are not finite"
-
-
-@defect(r"^\d{5,} faces", "bench.running.isolation.Limits")
-def pymeshlab_apss_makes_a_blob_of_16_points() -> str:
-    """16 points, and half the resolution: APSS makes a mesh of tens of thousands of faces."""
-    directions = np.random.default_rng(0).standard_normal((16, 3))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    return f"{apss(directions, 100)[1]} faces"
-
-
-@defect(
     r"^finite normals; \d{1,3} and \d{1,3} faces, where the clean cloud has \d{4}$",
     "baselines.reconstruction.stages.check_points",
 )
@@ -258,31 +227,6 @@ def pymeshlab_normals_hide_what_is_not_finite() -> str:
             return "a normal is not finite"
     whole = pivoted(box()).face_count
     return f"finite normals; {counts[0]} and {counts[1]} faces, where the clean cloud has {whole}"
-
-
-@defect(
-    r"^[1-9]\d* faces of points that coincide",
-    "baselines.reconstruction.surface.SurfaceApss.prepare",
-)
-def pymeshlab_ball_pivoting_of_one_place() -> str:
-    """2,048 points that coincide: ball pivoting makes faces of them."""
-    meshlab = pivoted(np.zeros((2048, 3)))
-    return f"{meshlab.face_count} faces of points that coincide"
-
-
-@defect(r"^0 faces", "baselines.reconstruction.surface.SurfaceApss.prepare")
-def pymeshlab_ball_pivoting_of_a_line() -> str:
-    """Points of one line: ball pivoting makes no face and reports nothing."""
-    return f"{pivoted(np.linspace(0, 1, 2048)[:, None] * (1.0, 0.0, 0.0)).face_count} faces"
-
-
-@defect(
-    r"^raises RuntimeError: .*does not have", "baselines.reconstruction.surface.SurfaceApss.prepare"
-)
-def pymeshlab_close_holes_without_faces() -> str:
-    """No faces: closing holes raises, where there is nothing to do."""
-    MeshLab(box()).close_holes(MAX_HOLE_EDGES)
-    return "nothing to close"
 
 
 @defect(
@@ -303,106 +247,6 @@ def pymeshlab_alpha_wrap_of_points_crashes() -> str:
     return f"{meshlab.face_count} faces"
 
 
-TRIANGLE = np.array(((-1.0, -1.0, 0.0), (1.0, -1.0, 0.0), (0.0, 1.0, 0.0)))
-WHITE = (1.0, 1.0, 1.0, 1.0)
-SIDE = 32  # pixels
-
-
-def pyrender() -> Any:
-    """The library without its viewer, which needs packages that nobody here uses."""
-    os.environ["PYOPENGL_PLATFORM"] = "egl"
-    viewer = types.ModuleType("pyrender.viewer")
-    viewer.Viewer = None
-    sys.modules.setdefault(viewer.__name__, viewer)
-    import pyrender
-
-    return pyrender
-
-
-def scene(
-    background: tuple[float, float, float, float],
-    triangle: Points,
-    faces: NDArray[np.uint32] | None = None,
-) -> Any:
-    """A red triangle seen from +Z; one without extent adds nothing."""
-    library = pyrender()
-    np.infty = np.inf  # noqa: NPY201
-    result = library.Scene(bg_color=list(background), ambient_light=[1.0, 1.0, 1.0])
-    red = library.MetallicRoughnessMaterial(baseColorFactor=[1.0, 0.0, 0.0, 1.0])
-    positions = triangle.astype(np.float32)
-    result.add(library.Mesh([library.Primitive(positions=positions, indices=faces, material=red)]))
-    pose = np.eye(4)
-    pose[2, 3] = 4.0
-    result.add(library.PerspectiveCamera(yfov=0.5), pose=pose)
-    return result
-
-
-def image(shown: Any) -> NDArray[np.uint8]:
-    library = pyrender()
-    renderer = library.OffscreenRenderer(SIDE, SIDE)
-    try:
-        return renderer.render(shown, flags=library.RenderFlags.SKIP_CULL_FACES)[0]
-    finally:
-        renderer.delete()
-
-
-def drawn(shown: Any) -> str:
-    count = int((image(shown)[..., 1] < 255).sum())
-    return f"{count} of {SIDE * SIDE} pixels drawn"
-
-
-@defect(r"^background [01], and 255 from floats", "data_prep.rendering.opengl.render")
-def pyrender_background_of_integers_is_black() -> str:
-    """A white background in integers comes out black."""
-    levels = [
-        int(image(scene(background, np.zeros((3, 3))))[0, 0, 0])
-        for background in ((1, 1, 1, 1), WHITE)
-    ]
-    return "background {}, and {} from floats".format(*levels)
-
-
-@defect(r"^raises AttributeError: .*np\.infty", "data_prep.rendering.opengl.render")
-def pyrender_does_not_know_numpy_2() -> str:
-    """The extent of a scene reads np.infty, which NumPy 2 has not."""
-    red = scene(WHITE, TRIANGLE)
-    del np.infty  # noqa: NPY201
-    return f"scale {red.scale:g}"
-
-
-@defect(
-    r"^0 of 1024 pixels drawn, without the NaN [1-9]\d* of", "data_prep.rendering.opengl.render"
-)
-def pyrender_does_not_draw_a_nan_vertex() -> str:
-    """A face with a NaN vertex is not drawn, and nothing is reported."""
-    broken = TRIANGLE.copy()
-    broken[0, 0] = np.nan
-    whole = drawn(scene(WHITE, TRIANGLE))
-    return f"{drawn(scene(WHITE, broken))}, without the NaN {whole}"
-
-
-# what is found depends on the driver
-@defect(r"^\d+ of 1024 pixels drawn|^crash", "data_prep.scene.Mesh")
-def pyrender_draws_an_index_out_of_range() -> str:
-    """A face with a vertex that is not there is drawn with whatever is found in its place."""
-    return drawn(scene(WHITE, TRIANGLE, np.array([[0, 1, 99]], np.uint32)))
-
-
-@defect(r"^the other one raises EGLError", "data_prep.rendering.opengl._context")
-def pyrender_renderers_share_a_display() -> str:
-    """Deleting one of two renderers breaks the other. We have one context a process."""
-    library = pyrender()
-    red = scene(WHITE, TRIANGLE)
-    first, second = (library.OffscreenRenderer(SIDE, SIDE) for _ in range(2))
-    first.render(red)
-    second.delete()
-    try:
-        first.render(red)
-    except Exception as error:
-        return f"the other one raises {type(error).__name__}"
-    first.delete()
-    return "the other one still draws"
-
-
 SQUARE = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 0, 0), (1, 1, 0), (0, 1, 0))  # two triangles
 
 
@@ -419,20 +263,6 @@ def ply(vertices: Any, faces: Any = None) -> io.BytesIO:
 
 def load(file: io.BytesIO, **options: Any) -> Any:
     return trimesh.load(file, file_type="ply", **options)
-
-
-@defect(r"^4 of 6 vertices", "data_prep.files.meshes.load_mesh")
-def trimesh_merges_vertices() -> str:
-    """Loading merges equal vertices by default (`process`), and changes the surface."""
-    loaded = load(ply(SQUARE, ((0, 1, 2), (3, 4, 5))))
-    return f"{len(loaded.vertices)} of {len(SQUARE)} vertices"
-
-
-@defect(r"^a Trimesh of 0 vertices", "data_prep.files.meshes.load_mesh")
-def trimesh_loads_points_as_an_empty_mesh() -> str:
-    """A PLY of points only loads as an empty mesh, and nothing is reported."""
-    loaded = trimesh.load_mesh(ply(SQUARE), file_type="ply")
-    return f"a {type(loaded).__name__} of {len(loaded.vertices)} vertices"
 
 
 @defect(r"^3 points, where the header has 9; refused$", "data_prep.files.clouds.load_points")
@@ -456,138 +286,6 @@ def trimesh_reads_part_of_a_cloud() -> str:
     except ValueError:
         other = "refused"
     return f"{len(cut_short.vertices)} points, where the header has 9; {other}"
-
-
-@defect(r"\[0, 1, 99\] of 3$", "data_prep.scene.Mesh")
-def trimesh_keeps_an_index_out_of_range() -> str:
-    """A face may name a vertex that is not there."""
-    loaded = load(ply(SQUARE[:3], ((0, 1, 99),)), process=False)
-    return f"a face with the vertices {loaded.faces[0].tolist()} of {len(loaded.vertices)}"
-
-
-@defect(r"^bounds \[nan", "data_prep.clouds.normalise.normalise")
-def trimesh_keeps_a_nan_vertex() -> str:
-    """NaN loads as a coordinate, and nothing is reported."""
-    loaded = load(ply((("nan", 0, 0), *SQUARE[1:3]), ((0, 1, 2),)), process=False)
-    return f"bounds {loaded.bounds[0].tolist()}"
-
-
-def cast_nan(cast: Callable[[float], Any]) -> str:
-    with warnings.catch_warnings(record=True) as seen:
-        warnings.simplefilter("always")
-        pixel = int(cast(np.nan))
-    return f"pixel {pixel}, {f'a {seen[0].category.__name__}' if seen else 'no warning'}"
-
-
-@defect(r"^pixel \d+, a RuntimeWarning$", "bench.running.work.checked_images")
-def numpy_makes_a_pixel_of_nan() -> str:
-    """NaN cast to uint8 is some number, with no more than a warning."""
-    return cast_nan(lambda nan: np.array([nan]).astype(np.uint8)[0])
-
-
-@defect(r"^variance inf", "bench.metrics.frechet.checked_features")
-def numpy_moments_overflow_in_half_precision() -> str:
-    """The variance of float16 values overflows from 256 on."""
-    with np.errstate(over="ignore"):
-        return f"variance {np.array([-1000, 1000], np.float16).var()} of -1000 and 1000"
-
-
-@defect(r"^raises LinAlgError: SVD did not converge", "bench.metrics.frechet.checked_features")
-def numpy_decomposition_names_no_cause() -> str:
-    """Singular values of NaN: 'did not converge', which names no cause."""
-    return str(np.linalg.svd(np.full((2, 2), np.nan), compute_uv=False))
-
-
-@defect(r"^(complex|negative): ", "bench.metrics.frechet.centred_to_frechet")
-def scipy_matrix_root_turns_complex() -> str:
-    """sqrtm for identical sets of 20 rows and 256 features: a complex or negative distance."""
-    from scipy.linalg import sqrtm
-
-    features = np.random.default_rng(0).standard_normal((20, 256))
-    covariance = np.cov(features, rowvar=False)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # some versions say that the product is singular
-        trace = complex(np.trace(sqrtm(covariance @ covariance)))
-    distance = 2 * complex(np.trace(covariance)) - 2 * trace
-    if abs(distance.imag) > 1e-9:  # of a trace of 512: rounding would leave 1e-12
-        return f"complex: {distance:.1e}"
-    return f"{'negative' if distance.real < -1e-9 else 'real'}: {distance.real:.1e}"
-
-
-@defect(r"^neighbour 1 of 1 point, at inf$", "baselines.splat.Splat.prepare")
-def scipy_finds_a_neighbour_that_is_not_there() -> str:
-    """The second neighbour in a tree of one point: an index out of range, at infinity."""
-    from scipy.spatial import cKDTree
-
-    distance, index = cKDTree(np.zeros((1, 3))).query(np.zeros(3), k=[2])
-    return f"neighbour {np.ravel(index)[0]} of 1 point, at {np.ravel(distance)[0]}"
-
-
-@defect(r"^interval nan to nan", "bench.analysis.intervals.mean_interval")
-def scipy_bootstrap_of_equal_values() -> str:
-    """Equal values: the default bootstrap has no interval. Ours takes percentiles."""
-    from scipy.stats import bootstrap
-
-    with warnings.catch_warnings(), np.errstate(invalid="ignore"):
-        warnings.simplefilter("ignore")
-        result = bootstrap((np.ones(5),), np.mean, rng=np.random.default_rng(0))
-    return f"interval {result.confidence_interval.low} to {result.confidence_interval.high}"
-
-
-@defect(r"^means \{'a': 1\.0, 'b': nan\}, 1\.0$", "bench.tables")
-def pandas_leaves_failures_out_of_the_mean() -> str:
-    """Means leave NaN out, and nothing is reported. Ours stand beside n_ok of n."""
-    import pandas as pd
-
-    frame = pd.DataFrame({"object": ["a", "a", "b"], "score": [1.0, np.nan, np.nan]})
-    return f"means {frame.groupby('object')['score'].mean().to_dict()}, {frame['score'].mean()}"
-
-
-@defect(r"^pixel \d+, no warning$", "bench.running.work.checked_images")
-def torch_makes_a_pixel_of_nan() -> str:
-    """NaN cast to uint8 is some number, and nothing is reported."""
-    import torch
-
-    return cast_nan(lambda nan: torch.tensor([nan]).to(torch.uint8)[0])
-
-
-@defect(r"^raises ValueError: .*negative", "bench.judges.views.view_features")
-def torch_refuses_mirrored_arrays() -> str:
-    """Arrays with negative strides, a mirrored image say, are refused."""
-    import torch
-
-    return f"{torch.from_numpy(np.arange(3)[::-1]).tolist()}"
-
-
-def similarity(a: NDArray[Any], b: NDArray[Any], **options: Any) -> str:
-    from skimage.metrics import structural_similarity
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # that the range is guessed
-        return f"ssim {float(structural_similarity(a, b, gaussian_weights=True, **options))}"
-
-
-@defect(r"^ssim 1\.0$", "bench.metrics.structural_similarity.require_images")
-def skimage_guesses_the_range() -> str:
-    """Black and white in int64: the range is guessed from the type, and they are alike."""
-    return similarity(np.zeros((16, 16), np.int64), np.full((16, 16), 255, np.int64))
-
-
-@defect(r"^ssim nan$", "bench.metrics.structural_similarity.require_images")
-def skimage_accepts_a_nan_pixel() -> str:
-    """A NaN pixel: SSIM is NaN, and nothing is reported."""
-    broken = np.full((16, 16), 0.5)
-    broken[8, 8] = np.nan
-    return similarity(np.full((16, 16), 0.5), broken, data_range=1.0)
-
-
-@defect(
-    r"^raises ValueError: win_size exceeds", "bench.metrics.structural_similarity.window_weights"
-)
-def skimage_refuses_small_images() -> str:
-    """Images with a side below the window of 11 are refused."""
-    image = np.zeros((10, 10), np.uint8)
-    return similarity(image, image, data_range=255)
 
 
 @pytest.fixture(scope="module")
