@@ -11,6 +11,7 @@ least of the divisors, C3, by ONE_WINDOW. FLIP and the networks compute in float
 
 from __future__ import annotations
 
+import functools
 import math
 import re
 
@@ -19,8 +20,14 @@ import pytest
 
 from bench.catalogue.metrics import JUDGE
 from bench.judges.answers import azimuth_error_deg, elevation_error_deg
+from bench.metrics.dists import BATCH as DISTS_BATCH
+from bench.metrics.dists import dists
 from bench.metrics.frechet import TooFewSamples
 from bench.metrics.inception_weights import WeightsUnavailable
+from bench.metrics.lpips_network import BATCH as LPIPS_BATCH
+from bench.metrics.lpips_network import lpips
+from bench.metrics.silhouette import contrast, foreground, object_boxes
+from bench.metrics.thin_parts import evaluated
 
 from .metrics_by_id import METRICS, OF_FEATURES, SSIM, extractor, rounding_of_frechet
 
@@ -40,6 +47,16 @@ FLIP_WHITE_BLACK = (
 )
 THIN = ("thin-recall", "thin-precision")
 SSIMS = (*SSIM, "ssim-object")
+NETWORKS = {
+    "lpips in float64": lpips,
+    "lpips of vgg": functools.partial(lpips, net="vgg"),
+    "lpips of squeeze": functools.partial(lpips, net="squeeze"),
+    "dists in float64": dists,
+}
+# Of one array: silhouettes and thin parts.
+OF_ONE = (foreground, contrast, object_boxes, evaluated)
+PARTS = {f"{f.__name__} of one": lambda a, b, f=f: f(a) for f in OF_ONE}
+FUNCTIONS = METRICS | NETWORKS | PARTS
 
 
 def flat(level, count=1, side=128):
@@ -118,7 +135,7 @@ def of_one_window(a, b):
 
 def computed(metric, *arrays):
     try:
-        return METRICS[metric](*arrays)
+        return FUNCTIONS[metric](*arrays)
     except WeightsUnavailable as error:
         pytest.skip(str(error))
 
@@ -192,6 +209,7 @@ WHITE, BLACK, LEG = flat(255), flat(0), leg()
 MOVED, HALF = leg(columns=slice(61, 64)), leg(rows=slice(40, 60))
 TWO_LEGS, LEG_AND_WHITE = np.concatenate([LEG, LEG]), np.concatenate([LEG, WHITE])
 BLACK_AND_LEG, WHITE_AND_LEG = np.concatenate([BLACK, LEG]), np.concatenate([WHITE, LEG])
+DISTANCES = ("lpips", "lpips in float64", "lpips of vgg", "dists", "dists in float64")
 VALUES = [  # metrics, images, value, tolerance
     *((m, (x, x), 1.0, 0.0) for m in SSIM for x in (noise(1), LEG, WHITE, BLACK)),
     *(("ssim-object", (x, x), 1.0, 0.0) for x in (noise(1), LEG, BLACK)),
@@ -236,6 +254,7 @@ VALUES = [  # metrics, images, value, tolerance
     ("cw-ssim", (stripes(0), stripes(16)), 1.0, 1e-3),
     ("ms-ssim", (stripes(0), stripes(16)), 0.0, 0.0),  # structure is negative
     *((m, (flat(0, 0), flat(0, 0)), 1.0, 0.0) for m in (*THIN, "silhouette-iou", JUDGE)),  # none
+    *((m, (x, x), 0.0, 0.0) for m in DISTANCES for x in (noise(1), LEG, WHITE, BLACK)),
     # Codes of length 1, and finite angles.
     *((JUDGE, (x, x), 1.0, CODE_LENGTH) for x in (BLACK, WHITE, LEG, noise(5), speck(255, 0, 0))),
 ]
@@ -251,22 +270,33 @@ NOT_UINT8 += [(WHITE.astype("f4") / 255, LEG.astype("f4") / 255), (WHITE, LEG / 
 OF_PIXELS = ("ms-ssim", "cw-ssim", "flip")
 OF_OBJECTS = ("ssim-object", *THIN, "silhouette-iou")
 BY_NETWORKS = ("fd-views", "fd-views-grey", JUDGE)
-EVERY = (*SSIM, "psnr", *OF_PIXELS, *OF_OBJECTS, *BY_NETWORKS, "fd-alexnet")
+OF_DISTANCES = ("lpips", "lpips of vgg", "dists")
+EVERY = (*SSIM, "psnr", *OF_PIXELS, *OF_OBJECTS, *BY_NETWORKS, "fd-alexnet", *OF_DISTANCES)
+CHANNELS_4 = np.zeros((2, 128, 128, 4), np.uint8)
+SIZES = (BLACK[:, :64], BLACK[:, :, :64], BLACK[..., :1], BLACK[0])  # that the judges do not take
 REFUSED = [  # metrics, images, part of the message
     *((EVERY, x, "images must be uint8") for x in NOT_UINT8),
-    ((*SSIM, *OF_OBJECTS, *BY_NETWORKS), (LEG[0], LEG[0]), "[128, 128, 3]"),
+    *((PARTS, x, f"must be uint8 (range 0..255), got {x[0].dtype}") for x in NOT_UINT8[:3]),
+    ((*SSIM, "psnr", *OF_OBJECTS, *BY_NETWORKS, *OF_DISTANCES), (LEG[0],) * 2, "[128, 128, 3]"),
     ((*SSIM, *OF_OBJECTS), (LEG[0, :, :, 0],) * 2, "[128, 128]"),
     (BY_NETWORKS, (LEG[0, :, :, 0],) * 2, "images must be uint8 ["),
-    (BY_NETWORKS, (np.zeros((2, 128, 128, 4), np.uint8),) * 2, "images must be uint8 ["),
-    (("flip",), (np.zeros((2, 128, 128, 4), np.uint8),) * 2, "images must be [N, H, W, 3]"),
-    ((*SSIM, *OF_PIXELS), (flat(0, side=64), BLACK), "the same shape"),
+    ((*BY_NETWORKS, *OF_DISTANCES), (CHANNELS_4,) * 2, "images must be uint8 ["),
+    *(
+        (("fd-views", JUDGE), (x,) * 2, f"[N, 128, 128, 3], got {x.dtype} {list(x.shape)}")
+        for x in (*SIZES, BLACK / 255)
+    ),
+    (("flip",), (CHANNELS_4,) * 2, "images must be [N, H, W, 3]"),
+    ((*SSIM, "psnr", *OF_PIXELS, *OF_DISTANCES), (flat(0, side=64), BLACK), "the same shape"),
     (OF_OBJECTS, (flat(0, side=64), BLACK), "of truths [1, 64, 64, 3]"),
     (OF_FEATURES[:2], (flat(0, side=64), BLACK), "[1, 64, 64, 3]"),
-    (SSIM, (BLACK, flat(0, 2)), "the same shape"),
+    ((*SSIM, "psnr", *OF_DISTANCES), (BLACK, flat(0, 2)), "the same shape"),
     (OF_OBJECTS, (BLACK, flat(0, 2)), "of truths [1, 128, 128, 3]"),
-    ((*SSIMS, *OF_PIXELS), (flat(0, 0), flat(0, 0)), "nothing to compare"),
-    ((*SSIMS, *THIN), (BLACK[..., :0], BLACK[..., :0]), "nothing to compare"),
+    ((*SSIMS, "psnr", *OF_PIXELS), (flat(0, 0), flat(0, 0)), "nothing to compare"),
+    ((*SSIMS, "psnr", *THIN), (BLACK[..., :0], BLACK[..., :0]), "nothing to compare"),
     (("cw-ssim",), (noise(7, 7), noise(8, 7)), "sides must be multiples of 8, at least 64"),
+    (("lpips",), (BLACK[:, :30],) * 2, "of 31 x 31 pixels or more"),
+    (("lpips of vgg", "dists"), (BLACK[:, :, :15],) * 2, "of 16 x 16 pixels or more"),
+    (("lpips of squeeze",), (BLACK, BLACK), "alex or vgg, got 'squeeze'"),
 ]
 
 
@@ -275,6 +305,46 @@ def test_refused_images(metrics, images, says):
     for metric in dict.fromkeys(metrics):
         with pytest.raises(ValueError, match=re.escape(says)):
             computed(metric, *images)
+
+
+# Sums of up to 4,608 products of float64 in another order; of float32 for FLIP.
+COMPANY = {"lpips in float64": 1e-12, "lpips of vgg": 1e-12, "dists in float64": 1e-12}
+COMPANY |= {"flip": FLIP_IN_FLOAT32, "cw-ssim": 1e-15}
+DIRECTED = ("ssim-object", "silhouette-iou", *THIN)
+
+
+@pytest.mark.parametrize("metric", [*SSIM, "psnr", "ms-ssim", *OF_OBJECTS, *COMPANY])
+def test_neither_company_nor_sides_nor_strides_matter(metric):
+    truth = np.concatenate([boxes()[:2], LEG, WHITE])[:, 32:96, 32:96]
+    drawn = np.concatenate([noise(1), boxes()[2:3], MOVED, BLACK])[:, 32:96, 32:96]
+    close = {"rtol": 0, "atol": COMPANY.get(metric, 0.0)}
+    together = computed(metric, truth, drawn)
+    assert len(set(together.tolist())) > 2
+    alone = [computed(metric, truth[i : i + 1], drawn[i : i + 1])[0] for i in range(4)]
+    np.testing.assert_allclose(alone, together, **close)
+    if metric not in DIRECTED:
+        np.testing.assert_allclose(computed(metric, drawn, truth), together, **close)
+    mirrored = truth[:, :, ::-1], drawn[:, :, ::-1]  # negative strides, which torch refuses
+    copies = [side.copy() for side in mirrored]
+    np.testing.assert_array_equal(computed(metric, *mirrored), computed(metric, *copies))
+
+
+@pytest.mark.parametrize(("metric", "batch"), [("lpips", LPIPS_BATCH), ("dists", DISTS_BATCH)])
+def test_more_images_than_a_batch_none_and_true_images_that_change(metric, batch):
+    distance = NETWORKS[f"{metric} in float64"]
+    a, b = (
+        np.random.default_rng(seed).integers(0, 256, (batch + 2, 32, 32, 3), np.uint8)
+        for seed in (6, 7)
+    )
+    together = distance(a, b)
+    np.testing.assert_allclose(distance(a[batch:], b[batch:]), together[batch:], rtol=1e-12)
+    assert distance(a[:0], b[:0]).shape == (0,)
+    # What is kept of the images of the last call is not taken for those of this one.
+    few, before = a[:2], distance(a[:2], b[:2])
+    few[0, 0, 0] ^= 255
+    changed = distance(few, b[:2])
+    assert changed[0] != before[0]
+    np.testing.assert_array_equal(changed, distance(few.copy(), b[:2].copy()))
 
 
 # --- features of images ---------------------------------------------------------------------------

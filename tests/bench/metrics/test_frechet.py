@@ -14,7 +14,6 @@ from bench.metrics.frechet import (
     GROUPS,
     JackknifeMoments,
     TooFewSamples,
-    centred,
     centred_to_frechet,
     left_out_distances,
     merged,
@@ -102,18 +101,6 @@ def test_agrees_with_eigenvalues(n, m, d, dtype):
     assert frechet_distance(*exact) == pytest.approx(by_eigenvalues(*exact), rel=0, abs=close)
     assert frechet_distance(x, y) == frechet_distance(*exact)
     assert frechet_distance(x, x) <= ROUNDING * traces(x, x)
-
-
-@pytest.mark.parametrize(("n", "d"), [(2, 5), (5, 5), (6, 5), (500, 5)])
-def test_factor_squares_to_the_covariance(n, d):
-    x = normal(0, n, d) @ normal(1, d, d) + 3
-    actual = centred(x)
-    assert actual.factor.shape == (min(n, d), d)
-    np.testing.assert_allclose(actual.mean, x.mean(axis=0), rtol=1e-13)
-    np.testing.assert_allclose(
-        actual.factor.T @ actual.factor, np.cov(x, rowvar=False), rtol=0, atol=1e-12
-    )
-    assert centred_to_frechet(actual, centred(2 * x)) == frechet_distance(x, 2 * x)
 
 
 # --- extremes -------------------------------------------------------------------------------------
@@ -376,18 +363,6 @@ def test_streamed_groups_have_the_distances_of_their_definition(views, d, part):
     expected = by_leaving_out(drawn, true, in_drawn, in_true)
     assert without == pytest.approx(expected, rel=0, abs=close)
     assert grouped_distances(*streams)[1].tolist() == without.tolist()  # as kept
-
-
-def test_groups_of_one_object_are_the_exact_jackknife():
-    x, groups = views_of_objects(0, 9, 20, d=12)
-    y, _ = views_of_objects(1, 9, 20, d=12, offset=0.3)
-    streams = [GroupedMoments(9), GroupedMoments(9)]
-    for stream, features in zip(streams, (x, y), strict=True):
-        for rows in np.array_split(np.random.default_rng(3).permutation(len(x)), 7):
-            stream.add(features[rows], groups[rows])
-    _, without = grouped_distances(*streams)
-    exact = leave_one_out(x, y, groups, groups)
-    assert without == pytest.approx(exact, rel=0, abs=ROUNDING * traces(x, y))
 
 
 def test_rows_that_come_after_a_distance_are_in_the_next_one():

@@ -9,7 +9,7 @@ from skimage.metrics import structural_similarity
 
 from bench.metrics.multiscale_similarity import WEIGHTS, ms_ssim, scale_weights
 
-from .similarity_images import PAIRS, disc, pattern
+from .similarity_images import PAIRS
 
 # Of 192 px with five scales, by MS_SSIM(test_y_channel=False) of PyTorch Toolbox for Image Quality
 # Assessment 0.1.16 in float64, 2026-11-25. Its powers add up to 1.0001.
@@ -58,25 +58,3 @@ def test_as_many_scales_as_have_a_whole_window(side, scales):
     assert len(weights) == scales
     assert sum(weights) == pytest.approx(1, abs=1e-15)
     assert np.divide(weights, WEIGHTS[:scales]) == pytest.approx(1 / sum(WEIGHTS[:scales]))
-
-
-def test_coarse_scales_count():
-    """Fine noise costs less than the same energy in coarse waves, other than by SSIM alone."""
-    a = disc(column=64)
-    near, far = ms_ssim(a, disc(column=65))[0], ms_ssim(a, disc(column=72))[0]
-    assert 1 > near > far > 0
-
-
-def test_an_image_does_not_depend_on_its_company():
-    a, b = (np.concatenate([pattern(48, k) for k in phases]) for phases in ((0, 1), (0.2, 1.1)))
-    together = ms_ssim(a, b)
-    assert together.tolist() == [ms_ssim(a[i : i + 1], b[i : i + 1])[0] for i in range(2)]
-    assert together.tolist() == ms_ssim(b, a).tolist()
-
-
-def test_an_odd_row_has_no_partner():
-    a, b = PAIRS["phase"](45)
-    value = ms_ssim(a, b)[0]
-    a[:, 44:], b[:, 44:] = 0, 0  # known by the first scale alone
-    assert value != ms_ssim(a, b)[0]
-    assert ms_ssim(a[:, :, :44], b[:, :, :44])[0] > 0

@@ -1,4 +1,4 @@
-"""PSNR against scikit-image, its largest value, and refusals."""
+"""PSNR against scikit-image, and its largest value; refusals are in `test_extreme_inputs`."""
 
 from __future__ import annotations
 
@@ -27,9 +27,6 @@ def test_agrees_with_scikit_image():
     assert 5 < min(expected) < 10
     assert max(expected) > 35
     np.testing.assert_allclose(psnr(a, b), expected, rtol=0, atol=TOLERANCE)
-    np.testing.assert_array_equal(psnr(b, a), psnr(a, b))
-    alone = [psnr(a[i : i + 1], b[i : i + 1])[0] for i in range(6)]
-    np.testing.assert_array_equal(psnr(a, b), alone)
     wide = [np.tile(x, (1, 4, 5, 1))[:, :128, :128] for x in (a, b)]
     np.testing.assert_array_equal(scores(*wide)["psnr"], psnr(*wide))
 
@@ -44,22 +41,3 @@ def test_identical_images_have_the_value_of_one_level_in_one_channel():
     assert most == pytest.approx(95.05, abs=0.005)  # as the list of metrics says
     expected = [most, most, most - 10 * math.log10(2)]
     np.testing.assert_allclose(psnr(a, b), expected, rtol=0, atol=TOLERANCE)
-
-
-@pytest.mark.parametrize(
-    ("a", "b", "actual"),
-    [
-        (np.zeros((1, 8, 8, 3)), np.zeros((1, 8, 8, 3)), "float64"),
-        (np.zeros((1, 8, 8, 3), np.uint8), np.zeros((2, 8, 8, 3), np.uint8), r"\[2, 8, 8, 3\]"),
-        (np.zeros((8, 8, 3), np.uint8), np.zeros((8, 8, 3), np.uint8), r"\[8, 8, 3\]"),
-    ],
-)
-def test_other_arrays_are_refused(a, b, actual):
-    with pytest.raises(ValueError, match=rf"images must be uint8 .* same shape, got .*{actual}"):
-        psnr(a, b)
-
-
-def test_nothing_to_compare():
-    for shape in ((0, 8, 8, 3), (1, 8, 8, 0)):
-        with pytest.raises(ValueError, match="nothing to compare"):
-            psnr(np.zeros(shape, np.uint8), np.zeros(shape, np.uint8))

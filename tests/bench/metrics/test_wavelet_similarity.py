@@ -9,7 +9,7 @@ import pytest
 from bench.metrics.structural_similarity import ssim_per_image
 from bench.metrics.wavelet_similarity import cw_ssim
 
-from .similarity_images import PAIRS, disc, pattern
+from .similarity_images import PAIRS, disc
 
 FILTERS_IN_FLOAT32 = 2e-6  # there, and read from tables of 1,024 steps
 # Of 128 px, the mean over channels of CW_SSIM(channels=1, test_y_channel=False, K=4**6) of PyTorch
@@ -59,10 +59,3 @@ def test_a_fainter_wave_has_a_closed_form(faint):
     ]
     expected = np.mean([(2 * faint * g + 1) / ((1 + faint**2) * g + 1) for g in gains])
     assert cw_ssim(a, b)[0] == pytest.approx(expected, abs=2e-3)  # levels are rounded by half a one
-
-
-def test_an_image_does_not_depend_on_its_company():
-    a, b = (np.concatenate([pattern(64, k) for k in phases]) for phases in ((0, 1), (0.2, 1.1)))
-    together = cw_ssim(a, b)
-    assert together.tolist() == [cw_ssim(a[i : i + 1], b[i : i + 1])[0] for i in range(2)]
-    assert together == pytest.approx(cw_ssim(b, a), abs=1e-15)
