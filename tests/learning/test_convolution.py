@@ -34,13 +34,6 @@ def test_against_pytorchs_own(enabled, dtype, size, stride, padding):
         torch.testing.assert_close(conv(x), expected.to(dtype), rtol=0, atol=atol)
 
 
-def test_the_kernel_is_copied():
-    kernel = torch.ones(1, 1, 1, 1, dtype=torch.float64)
-    conv = Convolution(kernel, None, (1, 1, 2, 2), torch.float32)
-    kernel.zero_()
-    assert (conv(torch.ones(1, 1, 2, 2)) == 1).all()
-
-
 def test_a_normalisation_behind_a_convolution_becomes_part_of_it():
     torch.manual_seed(0)
     inner = nn.Sequential(nn.Conv2d(4, 6, 3, bias=False), nn.BatchNorm2d(6), nn.ReLU())

@@ -256,5 +256,8 @@ def test_the_rate_falls_in_equal_steps_and_the_last_step_has_one():
     assert rates == pytest.approx([0.8] * 5 + [0.6, 0.4, 0.2])
     assert trainer.learning_rates(8) == "0.8 up to step 5, then falling linearly to 0.2 at step 8"
     assert trainer.learning_rates(5) == "0.8"
+    short = CooledTrainer(Cooled(steps=2, cool_down=4), torch.device("cpu"))
+    expected = "falling linearly from 0.4 at step 1 to 0.2 at step 2"
+    assert short.learning_rates(2) == expected
     constant = CooledTrainer(Cooled(steps=3, cool_down=0), torch.device("cpu"))
     assert [constant.rate(done) for done in range(3)] == [0.8] * 3

@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch.nn import functional
 
-from pc2pix.engine import FoldedGenerator, NineProducts, Phases, Rows, fold, upsampled
+from pc2pix.engine import FoldedGenerator, NineProducts, Phases, Rows, fold
 from pc2pix.model import Generator, ModelConfig
 
 from .networks import drawn, live_in
@@ -73,23 +73,6 @@ def test_every_form_of_upsampling(form, shape):
     assert (actual - expected).abs().max() < 1e-13  # some 40 products
 
 
-@pytest.mark.parametrize(
-    ("channels", "dtype", "form"),
-    [
-        (128, torch.float32, NineProducts),
-        (127, torch.float32, Phases),
-        (16, torch.float32, Phases),
-        (15, torch.float32, Rows),
-        (128, torch.bfloat16, NineProducts),
-        (32, torch.bfloat16, Phases),
-        (31, torch.bfloat16, Rows),
-    ],
-)
-def test_the_form_follows_from_the_channels(channels, dtype, form):
-    kernel = torch.zeros(channels, channels, 3, 3, dtype=torch.float64)
-    assert isinstance(upsampled(kernel, (1, channels, 4, 4), dtype), form)
-
-
 @pytest.mark.parametrize("precision", ["float32", "bfloat16"])
 def test_groups_are_whole_and_in_order(precision):
     generator = lived_in(TURNING)
@@ -107,19 +90,6 @@ def test_groups_are_whole_and_in_order(precision):
         )
         torch.testing.assert_close(together[i], alone, rtol=0, atol=atol)
     assert (together[0] - together[1]).abs().max() > 0.1
-
-
-def test_folding_copies():
-    generator = lived_in(TURNING)
-    given = inputs(TURNING, 2)
-    before = {key: value.clone() for key, value in generator.state_dict().items()}
-    folded = fold(generator)
-    first = folded(*given)
-    for key, value in generator.state_dict().items():
-        assert torch.equal(value, before[key])
-        if value.is_floating_point():
-            value.fill_(0.5)
-    assert torch.equal(folded(*given), first)
 
 
 def test_what_is_not_finite_stays_so():

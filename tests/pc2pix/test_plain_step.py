@@ -1,17 +1,23 @@
-"""Our step against one that shares no code with it: same losses, same gradients."""
+"""A step of the paper's training, written down plainly: same losses, same gradients.
+
+Real and drawn images are judged in passes of their own; losses are those of the original code. The
+networks are held to its outputs in `test_conformance`.
+"""
 
 from __future__ import annotations
+
+import copy
+import math
 
 import numpy as np
 import pytest
 import torch
+from torch.nn.functional import binary_cross_entropy_with_logits, l1_loss
 
 from learning.training_loop import seeded
 from pc2pix.model import Encoder, ModelConfig
 from pc2pix.train_gan import GanConfig, _GanTrainer
 from pc2pix.training_data import GanData
-
-from .plain import PlainDiscriminator, PlainGenerator, Target, loss
 
 TINY = ModelConfig(width=0.0625, latent_dim=4)
 
@@ -26,6 +32,24 @@ def noise_in_the_shape_of_a_training_set():
     )
 
 
+def angle_loss(recognised, wanted, range_rad):
+    """Return the paper's L_theta, in radians."""
+    delta = range_rad * (wanted - recognised)
+    return torch.atan2(torch.sin(delta), torch.cos(delta)).abs().mean()
+
+
+def loss(judged, wanted, label):
+    """Return cross entropy and ten times each error, as in the original code."""
+    return (
+        binary_cross_entropy_with_logits(
+            judged.real_logit, torch.full_like(judged.real_logit, label)
+        )
+        + 10 * l1_loss(judged.code, wanted.code)
+        + 10 * angle_loss(judged.elevation, wanted.elevation01, 0.4444 * math.pi)
+        + 10 * angle_loss(judged.azimuth, wanted.azimuth01, 2 * math.pi)
+    )
+
+
 @pytest.fixture(scope="module")
 def both():
     """Both steps from the same weights and batch; no weight moves, for the learning rates are 0."""
@@ -36,25 +60,19 @@ def both():
     for module in ours.discriminator.modules():
         if hasattr(module, "u"):  # where power iteration ends
             module.u.copy_(torch.linalg.svd(module.weight.detach().flatten(1))[0][:, 0])
-    generator = PlainGenerator(TINY.width, TINY.latent_dim)
-    generator.load_state_dict(ours.generator.state_dict())
-    discriminator = PlainDiscriminator(TINY.width, TINY.latent_dim)
-    weights = ours.discriminator.state_dict()
-    discriminator.load_state_dict({k: v for k, v in weights.items() if not k.endswith(".u")})
-
+    generator, discriminator = (copy.deepcopy(n) for n in (ours.generator, ours.discriminator))
     before = ours.random.get_state()
     images, shown = ours._draw_real()
     noise, wanted = zip(*(ours._draw_fake() for _ in range(2)), strict=True)
     ours.random.set_state(before)
     losses = ours.take_step()
 
-    asked = [Target(*targets) for targets in wanted]
-    drawn = generator(noise[0], asked[0]).detach()
-    d_loss = loss(discriminator(images), Target(*shown), 1.0)
-    d_loss = d_loss + loss(discriminator(drawn), asked[0], 0.0)
+    drawn = generator(noise[0], *wanted[0]).detach()
+    d_loss = loss(discriminator(images), shown, 1.0)
+    d_loss = d_loss + loss(discriminator(drawn), wanted[0], 0.0)
     d_loss.backward()
     discriminator.requires_grad_(False)
-    g_loss = loss(discriminator(generator(noise[1], asked[1])), asked[1], 1.0)
+    g_loss = loss(discriminator(generator(noise[1], *wanted[1])), wanted[1], 1.0)
     g_loss.backward()
     plain = {"generator": generator, "discriminator": discriminator}
     return ours, losses, plain, (d_loss.item(), g_loss.item())

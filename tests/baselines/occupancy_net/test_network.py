@@ -53,19 +53,6 @@ def test_cells_have_the_mean_of_their_points(plane):
     assert cells.counts.view(3, 4, 4)[plane, 2, 0] == 2
 
 
-def test_the_order_of_points_does_not_matter_and_clouds_do_not_touch_each_other():
-    net, points, places = network(), random(2, 300, 3), random(2, 50, 3, seed=1)
-    logits = net(points, places)
-    assert logits.std() > 0.1
-    order = random(300, seed=2).argsort()
-    # sums of the same numbers in another order
-    torch.testing.assert_close(net(points[:, order], places), logits, rtol=1e-4, atol=1e-4)
-    alone = torch.cat([net(points[i : i + 1], places[i : i + 1]) for i in range(2)])
-    torch.testing.assert_close(alone, logits, rtol=1e-4, atol=1e-4)
-    other = torch.stack([points[0], random(300, 3, seed=3)])
-    assert torch.equal(net(other, places)[0], net(points, places)[0])
-
-
 @pytest.mark.parametrize("axis", range(3))
 def test_a_place_sees_the_cells_that_its_points_are_in(axis):
     """Planes of one cell each that is not zero: places there, and no others, see it."""

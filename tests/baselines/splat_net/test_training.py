@@ -43,29 +43,6 @@ def build(data, kind=SplatNetTrainer, features=None, **changes):
     return kind(data, configure(**changes), torch.device("cpu"), features=features)
 
 
-def test_sheets_change_nothing(data):
-    trainer = build(data)
-    trainer.take_step()
-    before = {key: value.clone() for key, value in trainer.state().items()}
-    first = trainer.sheet()
-    assert np.array_equal(first, trainer.sheet())
-    after = trainer.state()
-    assert before.keys() == after.keys()
-    assert all(torch.equal(before[key], after[key]) for key in before)
-
-
-def test_bfloat16_trains_on_what_float32_sees(data, tmp_path):
-    exact, coarse = build(data), build(data, precision="bfloat16")
-    first, other = (trainer._draw_batch()[0] for trainer in (exact, coarse))
-    assert first[0].dtype == torch.float32
-    assert all(map(torch.equal, first, other))
-    first, other = exact.take_step(), coarse.take_step()
-    assert first != other
-    for name, value in first.items():
-        # 8 digits, of logits around 1: some 1e-2 of a pixel, and as much of their mean
-        assert float(other[name]) == pytest.approx(float(value), rel=0.05)
-
-
 def test_in_the_warm_up_the_judge_learns_and_the_objective_is_l1(data):
     """And losses.csv has the same columns before and after."""
     plain, patches = build(data), build(data, objective="l1-patch", warm_up=2)
@@ -96,20 +73,6 @@ def test_the_judge_learns_which_images_are_real(data, objective, channels):
     # what the network makes small is what the judge says of its images, negated
     message = trainer._judge(drawn, real)[1].tolist()
     assert message == pytest.approx((-on_drawn.mean(dim=(1, 2, 3))).tolist(), abs=0.3)
-
-
-def test_the_learning_rate_falls_to_nothing(data):
-    trainer = build(data, steps=6, cool_down=3, learning_rate=0.5)
-    rates = []
-    for _ in range(6):
-        trainer.take_step()
-        rates.append(trainer.adam.param_groups[0]["lr"])
-    assert rates == pytest.approx([0.5, 0.5, 0.5, 0.5, 0.5 * 2 / 3, 0.5 / 3])
-    assert trainer.learning_rates(4) == "0.5"
-    expected = "0.5 up to step 4, then falling linearly to 0.333333 at step 5"
-    assert trainer.learning_rates(5) == expected
-    short = build(data, steps=2, cool_down=4, learning_rate=0.5)
-    assert short.learning_rates(2) == "falling linearly from 0.25 at step 1 to 0.125 at step 2"
 
 
 def test_the_last_steps_normalise_by_the_averages_statistics(data):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from data_prep.rendering import mesh as module
 from data_prep.rendering.mesh import RAYS_FROM_FACES, draw_mesh
 from data_prep.rendering.opengl import render
 from data_prep.rendering.raycast import cast
@@ -33,17 +32,3 @@ def test_rays_from_the_measured_number_of_faces_on(faces, expected):
     np.testing.assert_array_equal(images, expected(mesh, VIEWS), strict=True)
     other = cast if expected is render else render
     assert (other(mesh, VIEWS) != images).any()  # or the test would see no difference
-
-
-def test_size_and_empty_mesh():
-    empty = Mesh(np.empty((0, 3)), np.empty((0, 3), int), np.empty((0, 3)))
-    assert (draw_mesh(empty, VIEWS, size=64) == 255).all()
-    assert draw_mesh(soup(RAYS_FROM_FACES), VIEWS, size=64).shape == (2, 64, 64, 3)
-
-
-@pytest.mark.parametrize("least", [0, 10**9])
-def test_non_finite_vertices_are_refused_by_both(monkeypatch, least):
-    monkeypatch.setattr(module, "RAYS_FROM_FACES", least)
-    mesh = Mesh([[0, 0, 0], [1, 0, 0], [0, np.nan, 0]], [[0, 1, 2]], [[1, 2, 3]])
-    with pytest.raises(ValueError, match="non-finite vertices"):
-        draw_mesh(mesh, VIEWS)

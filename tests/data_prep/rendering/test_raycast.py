@@ -13,7 +13,6 @@ import trimesh
 from bench.running.isolation import WORKER_ENVIRONMENT
 from data_prep.datasets.registry import ProceduralObject
 from data_prep.failures import MissingDependency
-from data_prep.rendering import raycast as rays
 from data_prep.rendering.camera import FOCAL_PX, project
 from data_prep.rendering.opengl import FAR, NEAR, render
 from data_prep.rendering.raycast import OPENGL, cast, surface_maps
@@ -133,16 +132,6 @@ def test_walls_through_and_behind_the_camera():
         assert (apart.max(axis=-1) > 2).mean() < 0.026 / 50
 
 
-def test_rays_outside_the_box_would_meet_nothing(monkeypatch):
-    """The same bytes with a ray for every sample of the image."""
-    meshes = [ProceduralObject("chair", "validation", index).load() for index in range(3)]
-    specks = [Mesh(0.05 * m.vertices + (1, 0.5, 0), m.faces, m.face_colors) for m in meshes[:1]]
-    found = [cast(mesh, VIEWS) for mesh in (*meshes, *specks)]
-    monkeypatch.setattr(rays, "_window", lambda *_: (slice(None), slice(None)))
-    for mesh, images in zip((*meshes, *specks), found, strict=True):
-        np.testing.assert_array_equal(cast(mesh, VIEWS), images)
-
-
 @pytest.mark.parametrize("size", [64, 100, 256])
 def test_other_sizes_are_those_of_opengl(size):
     mesh = ProceduralObject("chair", "validation", 1).load()
@@ -197,13 +186,6 @@ def test_the_same_bytes_in_any_process_for_any_number_of_threads():
         )
         found.add(done.stdout)
     assert len(found) == 1
-
-
-def test_a_mesh_drawn_again_is_the_same():
-    mesh = ProceduralObject("chair", "validation", 0).load()
-    images = cast(mesh, VIEWS)
-    one_by_one = [cast(mesh, [view])[0] for view in VIEWS]
-    np.testing.assert_array_equal(one_by_one, images)
 
 
 def test_the_missing_package_is_named(monkeypatch):

@@ -8,12 +8,9 @@ import numpy as np
 import pytest
 
 from data_prep.datasets.registry import ProceduralObject, open_dataset
-from data_prep.scene import NEUTRAL_GREY
 from data_prep.shapes import augmentation
-from data_prep.shapes.catalogue import CLASSES
-from data_prep.shapes.deformations import Deformation, draw_deformation
-from data_prep.shapes.palettes import LIGHTEST
-from data_prep.shapes.solids import Part, box, join, lathe
+from data_prep.shapes.deformations import Deformation
+from data_prep.shapes.solids import box, join, lathe
 from tests.data_prep.shapes.solid_checks import EXACT, GREY, unsound, volume
 
 NOTHING = Deformation(np.ones(3), 0.0, 0.0, 0.0, 0.0, np.zeros((4, 4, 4, 3)))
@@ -105,83 +102,12 @@ def test_long_parts_become_thicker_and_not_longer():
     assert volume(thick) == pytest.approx(1.5**2 * volume(rod), rel=1e-9)
 
 
-def test_colours_stay_together_and_visible():
-    rng = np.random.default_rng(3)
-    parts = [replace(box((0, i, 0), (1, 1, 1), GREY), color=(40, 40, 40 + i % 2)) for i in range(6)]
-    drawn = [augmentation.recoloured(parts, rng) for _ in range(200)]
-    for made in drawn:
-        assert (
-            len({part.color for part in made[::2]}) == len({part.color for part in made[1::2]}) == 1
-        )
-        values = np.array([part.color for part in made])
-        assert 12 <= values.min() <= values.max() <= LIGHTEST
-    kept = np.mean([made[0].color == parts[0].color for made in drawn])
-    # 40 % stay, five standard errors of 200 draws
-    assert abs(kept - 0.4) < 5 * np.sqrt(0.4 * 0.6 / 200)
-
-
-def test_half_of_the_meshes_lose_the_colours_of_their_parts():
-    rng = np.random.default_rng(7)
-    mesh = join([box((i, 0, 0), (1, 1, 1), (40 + i, 50, 60)) for i in range(3)])
-    drawn = [augmentation.painted(mesh, rng) for _ in range(400)]
-    kinds = np.array(
-        [
-            "by part" if made is mesh
-            else "none" if (made.face_colors == NEUTRAL_GREY).all()
-            else "one colour"
-            for made in drawn
-        ]
-    )  # fmt: skip
-    for kind, share in augmentation.PAINTS.items():
-        # five standard errors of 400 draws
-        bound = 5 * np.sqrt(share * (1 - share) / 400)
-        assert abs(np.mean(kinds == kind) - share) < bound
-    for made in drawn:
-        assert np.array_equal(made.vertices, mesh.vertices)
-        assert made is mesh or len(np.unique(made.face_colors, axis=0)) == 1
-
-
-def test_small_parts_may_go_but_never_all():
-    rng = np.random.default_rng(0)
-    large_one = box((0, 0, 0), (3, 3, 3), GREY)
-    parts = [large_one, *(box((2, i, 0), (1, 1, 1), GREY) for i in range(5))]
-    drawn = [augmentation.without_some(parts, rng) for _ in range(50)]
-    assert {len(made) for made in drawn} == {3, 4, 5}
-    assert all(made[0] is large_one for made in drawn)
-    large: list[Part] = [box((i, 0, 0), (1, 1, 1), GREY) for i in range(2)]
-    assert augmentation.without_some(large, rng) == large
-    assert len(augmentation.without_some(large[:1], rng)) == 1
-
-
-@pytest.mark.parametrize("name", CLASSES)
-def test_every_class_is_widened(name):
-    rng, again = (np.random.default_rng(5) for _ in range(2))
-    for _ in range(4):
-        mesh, rejected = augmentation.draw_widened(CLASSES[name], rng)
-        same, _ = augmentation.draw_widened(CLASSES[name], again)
-        assert mesh.vertices.tobytes() == same.vertices.tobytes()
-        assert rejected < augmentation.ATTEMPTS
-        assert np.linalg.norm(mesh.vertices, axis=1).max() == pytest.approx(1.0, abs=1e-6)
-
-
 def test_chairs_of_two_families_are_sound():
     rng = np.random.default_rng(1)
     for _ in range(40):
         parts = augmentation.exchanged_chair(rng)
         assert unsound(parts) == []
         assert np.isfinite(join(parts).vertices).all()
-
-
-def test_after_many_rejections_the_class_itself_is_drawn(monkeypatch):
-    def reject(*_):
-        raise augmentation.Degenerate("always")
-
-    monkeypatch.setattr(augmentation, "_draw", reject)
-    mesh, rejected = augmentation.draw_widened(CLASSES["lamp"], np.random.default_rng(2))
-    assert rejected == augmentation.ATTEMPTS
-    assert mesh.vertices.tobytes() == (
-        CLASSES["lamp"].draw(np.random.default_rng(2)).mesh().vertices.tobytes()
-    )
 
 
 def test_the_dataset_widens_the_train_split_alone():
@@ -195,11 +121,3 @@ def test_the_dataset_widens_the_train_split_alone():
     assert dataset.objects("chair", 1, 9, "validation") == (
         ProceduralObject("chair", "validation", 0),
     )
-
-
-def test_deformations_differ_and_are_mild():
-    rng = np.random.default_rng(0)
-    stretches = [draw_deformation(rng).smallest_stretch(POINTS) for _ in range(100)]
-    assert len(set(stretches)) > 90
-    # what is rejected is the exception
-    assert np.mean([stretch < augmentation.LEAST_STRETCH for stretch in stretches]) < 0.2
