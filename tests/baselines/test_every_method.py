@@ -55,6 +55,10 @@ def test_images_of_any_views(cloud: PointCloud, name: str) -> None:
     np.testing.assert_allclose(images[1], images[0], rtol=0, atol=1e-5)
     assert (name in FLOORS) == np.array_equal(images[0], images[2])
     assert method.draw(state, [], rng).shape == (0, 128, 128, 3)
+    # a view by itself, for which other kernels may serve
+    for i in (2, 4):
+        alone = method.draw(state, VIEWS[i : i + 1], rng)
+        np.testing.assert_allclose(alone[0], images[i], rtol=0, atol=1e-5)
     assert rng.bit_generator.state == random, "chance is used"
     np.testing.assert_array_equal(cloud.points, before)
     if name in SURFACES:

@@ -33,7 +33,6 @@ from typing import Any, Literal
 import numpy as np
 from PIL import Image
 
-from bench.metrics import inception_weights
 from bench.suites.speed.measure import peak_mib
 from data_prep.clouds.normalise import normalise_points
 from data_prep.datasets.paper import read_split, read_views
@@ -454,10 +453,6 @@ def _with_changed_header(rng: random.Random) -> bytes:
     return safetensors(header, data[8 + length :])
 
 
-def _tricky_inception(rng: random.Random, root: str) -> Files:
-    return {"w.pth": torch_file(f"{root}/{CANARY}-inception")}
-
-
 def _tricky_views(rng: random.Random, root: str) -> Files:
     return {"view.txt": rng.choice((VIEWS * 5000, b"1 " * 50_000, b"nan nan\n", b"\n" * 60_000))}
 
@@ -481,10 +476,6 @@ def _read_weights(path: Path) -> None:
         objective_of(path)
     finally:  # one may refuse what the other takes; neither may fail otherwise
         load_weights(path)
-
-
-def _read_inception(path: Path) -> None:
-    inception_weights.find_weights(str(path))
 
 
 @dataclass(frozen=True)
@@ -534,9 +525,6 @@ FORMATS: Mapping[str, Format] = {
         _tricky_text, _read_cloud,
     ),
     "weights": Format(lambda: ({"w.safetensors": weights()},), _tricky_weights, _read_weights),
-    "inception": Format(
-        lambda: ({"w.pth": torch_file("nowhere")},), _tricky_inception, _read_inception
-    ),
     "view-txt": Format(lambda: ({"view.txt": VIEWS},), _tricky_views, read_views),
     "split-json": Format(lambda: ({"a_exp.json": SPLIT},), _tricky_split, read_split),
 }  # fmt: skip
@@ -691,11 +679,7 @@ def _warm_up(name: str) -> None:
     with tempfile.TemporaryDirectory() as folder:
         for number, files in enumerate(FORMATS[name].valid()):
             path = write_case(Path(folder) / str(number), files)
-            try:
-                FORMATS[name].read(path)
-            except BadInput:
-                if name != "inception":  # whose valid file is not to be had
-                    raise
+            FORMATS[name].read(path)
 
 
 def _reset_peak() -> None:

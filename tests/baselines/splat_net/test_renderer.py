@@ -5,7 +5,6 @@ import pytest
 import torch
 
 from baselines.splat_net import load
-from baselines.splat_net.engine import GROUP
 from baselines.splat_net.network import NetworkConfig, composite
 from baselines.splat_net.projection import ALL_INPUTS, Inputs, cameras, project
 from baselines.splat_net.renderer import SplatNetRenderer, views_at_once
@@ -76,22 +75,6 @@ def test_bundled_weights_draw_what_their_network_draws(chair, weights, condition
     assert expected.min() < 0.5  # something is drawn
 
 
-def test_the_order_of_the_views_does_not_matter(chair):
-    renderer = load("all-tiny")
-    state = renderer.prepare(chair)
-    views = [View(17.0 * i, 3.0 * i - 30) for i in range(23)]
-    order = np.random.default_rng(0).permutation(len(views))
-    together = renderer.draw(state, [views[i] for i in order])
-    np.testing.assert_allclose(together, renderer.draw(state, views)[order], rtol=0, atol=CLOSE)
-    for i in (0, 11):
-        alone = renderer.draw(state, [views[i]])
-        np.testing.assert_allclose(alone[0], together[order == i][0], rtol=0, atol=CLOSE)
-
-
-def test_no_views_give_no_images(renderer, cloud):
-    assert renderer.draw(renderer.prepare(cloud), []).shape == (0, 128, 128, 3)
-
-
 def test_where_no_point_is_seen_the_image_is_white(chair):
     renderer = load("chair")
     away = PointCloud(chair.points + np.float32([0, 100, 0]))
@@ -106,19 +89,6 @@ def test_surfaces_are_found_where_a_channel_needs_them(cloud, normals, flattened
     assert state.normals.shape[-2] == (len(HOPS) if normals or flattened else 0)
     whole = stack([find_surfels(cloud.points)])
     assert renderer.draw(state, VIEWS).tobytes() == renderer.draw(whole, VIEWS).tobytes()
-
-
-@pytest.mark.parametrize(("precision", "atol"), [("float32", CLOSE), ("bfloat16", 0.05)])
-def test_neighbours_and_groups_do_not_matter(cloud, precision, atol):
-    """Other kernels may serve a group of another size: in bfloat16 a value moves by some 1/256."""
-    renderer = build(precision=precision)
-    state = renderer.prepare(cloud)
-    views = [View(17.0 * i, 3.0 * i - 30) for i in range(GROUP + 1)]
-    together = renderer.draw(state, views)
-    for some in (slice(GROUP, GROUP + 1), slice(3, 8)):
-        alone = renderer.draw(state, views[some])
-        np.testing.assert_allclose(alone, together[some], rtol=0, atol=atol)
-    assert renderer.draw(state, views).tobytes() == together.tobytes()
 
 
 def test_few_views_of_large_clouds_are_seen_at_once(renderer, cloud):
