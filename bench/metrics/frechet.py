@@ -135,20 +135,6 @@ def merged(a: Moments, b: Moments) -> Moments:
     return Moments(a.n + b.n, a.mean + share * shift, root)
 
 
-def merged_to_centred(blocks: Iterable[Moments]) -> Centred:
-    """Return the moments of a set that comes in blocks, merged as they come.
-
-    The memory is that of d x d numbers.
-
-    Equal to `centred` of all rows at once to 1e-9 of any distance that is not far below the traces.
-    Raises TooFewSamples below two rows, ValueError where d differs.
-    """
-    whole = Moments(0, np.empty(0), np.empty((0, 0)))
-    for block in blocks:
-        whole = merged(whole, block) if whole.mean.size else block
-    return to_centred(whole)
-
-
 def centred_to_frechet(a: Centred, b: Centred) -> float:
     """Return the distance of two sets from their moments; >= 0.
 

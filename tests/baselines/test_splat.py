@@ -133,13 +133,3 @@ def test_many_equal_points_take_no_more_time(step):
     other = np.where(distances == 0, np.inf, distances).min(axis=1)
     expected = np.median(np.where(counts > 1, 0.0, other))
     assert Splat().prepare(PointCloud(points)).radius == pytest.approx(expected, rel=1e-12)
-
-
-def test_100_000_equal_points_are_drawn_as_one():
-    one = np.array([[0.1, 0.2, 0.3]], np.float32)
-    views = (View(30.0, 20.0),)
-    images = [
-        Splat().draw(Splat().prepare(PointCloud(one.repeat(count, axis=0))), views)
-        for count in (1, 100_000)
-    ]
-    assert np.array_equal(*images)

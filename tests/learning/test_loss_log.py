@@ -1,9 +1,7 @@
 from __future__ import annotations
 
-import numpy as np
-
 from learning import loss_log
-from learning.loss_log import LossLog, draw, make_panels, read_losses, write_loss_curves
+from learning.loss_log import LossLog, read_losses, write_loss_curves
 
 
 def test_the_log_reads_back(tmp_path):
@@ -28,27 +26,6 @@ def test_a_row_that_was_cut_short_goes(tmp_path):
         assert read_losses(path, 1200)[0].tolist() == [1000]
         LossLog(path, 1200)
         assert path.read_text() == "step,a,b\n1000,1,2\n"
-
-
-def test_a_panel_for_every_loss_that_has_a_value():
-    steps = np.arange(1, 201)
-    losses = {
-        "falling": np.geomspace(10, 0.01, 200),
-        "level": np.full(200, 3.0),
-        "late": np.concatenate([np.zeros(150), np.ones(50)]),
-        "negative": np.linspace(-1, 1, 200) + 0.001,
-        "never": np.zeros(200),
-    }
-    panels = {panel.name: panel for panel in make_panels(steps, losses)}
-    assert list(panels) == ["falling", "level", "late", "negative"]
-    assert [name for name, panel in panels.items() if panel.log_scale] == ["falling"]
-    np.testing.assert_allclose(panels["level"].smooth, 3.0)
-    np.testing.assert_array_equal(np.isnan(panels["late"].smooth), losses["late"] == 0)
-    # the mean of 11 values around the middle: a straight line stays what it is
-    np.testing.assert_allclose(panels["negative"].smooth[5:-5], losses["negative"][5:-5])
-    figure = draw(tuple(panels.values()))
-    assert [axes.get_title() for axes in figure.axes] == list(panels)
-    assert [axes.get_yscale() for axes in figure.axes] == ["log", "linear", "linear", "linear"]
 
 
 def test_no_image_of_nothing(tmp_path):

@@ -14,11 +14,7 @@ from bench.metrics.frechet import (
     GROUPS,
     JackknifeMoments,
     TooFewSamples,
-    centred_to_frechet,
     left_out_distances,
-    merged,
-    merged_to_centred,
-    moments,
     object_blocks,
 )
 from bench.metrics.grouped_moments import GroupedMoments, grouped_distances
@@ -379,6 +375,20 @@ def test_rows_that_come_after_a_distance_are_in_the_next_one():
         assert without == pytest.approx(exact, rel=0, abs=close)
 
 
+def test_streams_far_from_the_origin_do_not_cancel():
+    """A mean of 1e6 with a spread of 1: sums of squares would leave 4 of 16 digits."""
+    x, y = normal(5, 400, 6) + 1e6, 1.5 * normal(6, 400, 6) + 1e6
+    streams = [GroupedMoments(2), GroupedMoments(2)]
+    for stream, features in zip(streams, (x, y), strict=True):
+        for rows in np.array_split(np.arange(400), 57):
+            stream.add(features[rows], rows % 2)
+    value, _ = grouped_distances(*streams)
+    # the features themselves have a rounding of 1e6 * 2^-53 = 1e-10
+    assert value == pytest.approx(frechet_distance(x - 1e6, y - 1e6), rel=1e-8)
+    with pytest.raises(ValueError, match="12 of 12 feature values are not finite"):
+        streams[0].add(np.full((2, 6), np.inf), np.array([0, 1]))
+
+
 def test_groups_that_leave_too_little_have_no_distances():
     x = normal(0, 10, 3)
     lonely, others = GroupedMoments(2), GroupedMoments(2)
@@ -407,78 +417,3 @@ def test_groups_have_to_fit():
         JackknifeMoments(x, groups[:-1])
     with pytest.raises(TooFewSamples):
         JackknifeMoments(x[:1], groups[:1])
-
-
-def spread(seed, n, d):
-    """Correlated features of unequal scale, their mean far from 0."""
-    mix = normal(99, d, d) / np.arange(1, d + 1)
-    return normal(seed, n, d) @ mix + 3.0
-
-
-def in_parts(x, sizes):
-    return [moments(part) for part in np.split(x, np.cumsum(sizes))]
-
-
-def by_tree(parts):
-    while len(parts) > 1:
-        paired = [merged(*parts[i : i + 2]) for i in range(0, len(parts) - 1, 2)]
-        parts = paired + parts[len(parts) // 2 * 2 :]
-    return parts[0]
-
-
-SIZES = {
-    "halves": [100],
-    "single rows": [1] * 200,
-    "unequal": [1, 2, 150, 3, 0, 7, 40],
-    "fewer than features": [5] * 40,
-    "one": [],
-}
-
-
-@pytest.mark.parametrize("sizes", SIZES.values(), ids=SIZES.keys())
-@pytest.mark.parametrize("d", [1, 64, 300])
-def test_merged_moments_give_the_distance_of_one_pass(sizes, d):
-    x, y = spread(0, 211, d), 1.2 * spread(1, 211, d) + 0.1
-    expected = pytest.approx(frechet_distance(x, y), rel=1e-9)
-    parts = in_parts(x, sizes)
-    order = np.random.default_rng(2).permutation(len(parts))
-    truth = merged_to_centred(in_parts(y, [50, 1, 60]))
-    for some in (parts, [parts[i] for i in order]):
-        assert centred_to_frechet(merged_to_centred(iter(some)), truth) == expected
-        whole = by_tree(some)
-        assert whole.n == len(x)
-        assert len(whole.root) <= d or len(whole.root) == 211
-        np.testing.assert_allclose(whole.mean, x.mean(axis=0), rtol=1e-12)
-        assert centred_to_frechet(merged_to_centred([whole]), truth) == expected
-
-
-def test_merging_far_from_the_origin_does_not_cancel():
-    """A mean of 1e6 with a spread of 1: sums of squares would leave 4 of 16 digits."""
-    x, y = normal(5, 400, 6) + 1e6, 1.5 * normal(6, 400, 6) + 1e6
-    expected = frechet_distance(x - 1e6, y - 1e6)
-    sets = [merged_to_centred(in_parts(z, [7] * 50)) for z in (x, y)]
-    # the features themselves have a rounding of 1e6 * 2^-53 = 1e-10
-    assert centred_to_frechet(*sets) == pytest.approx(expected, rel=1e-8)
-
-
-def test_no_rows_and_one_row():
-    x = spread(10, 40, 3)
-    nothing, single = moments(x[:0]), moments(x[:1])
-    assert (nothing.n, nothing.mean.tolist(), nothing.root.shape) == (0, [0, 0, 0], (0, 3))
-    assert (single.n, single.mean.tolist()) == (1, x[0].tolist())
-    assert not single.root.any()
-    assert merged(nothing, single) is single
-    assert merged(single, nothing) is single
-    for too_few in ([], [nothing], [single], [nothing, single, nothing]):
-        with pytest.raises(TooFewSamples, match="at least 2 samples"):
-            merged_to_centred(too_few)
-    two = merged_to_centred([single, nothing, moments(x[1:2])])
-    np.testing.assert_allclose(two.factor.T @ two.factor, np.cov(x[:2].T), rtol=1e-12)
-
-
-def test_moments_name_what_they_refuse():
-    x = spread(11, 10, 4)
-    with pytest.raises(ValueError, match="rows of 4 and 3 features cannot be merged"):
-        merged(moments(x), moments(x[:, :3]))
-    with pytest.raises(ValueError, match="4 of 40 feature values are not finite"):
-        moments(np.where(np.arange(10)[:, None] == 3, np.inf, x))

@@ -5,7 +5,6 @@ import itertools
 import numpy as np
 import pytest
 
-from bench.metrics.frechet import EXACT_OBJECTS, object_blocks
 from bench.metrics.kernel_distance import kernel_distance
 
 from ..builders import left_out_kernel_distances
@@ -31,17 +30,6 @@ def test_the_mean_over_pairs_spelled_out(n, m, d):
     expected = pytest.approx(within_x + within_y - 2 * across, rel=1e-9, abs=1e-12)
     assert kernel_distance(x, y) == expected
     assert kernel_distance(y, x) == expected
-
-
-def test_leaving_out_an_object_is_leaving_out_its_rows():
-    x, y = features(7, 12, 6), features(8, 12, 6)
-    objects_x = np.array(list("aaabbbcccddd"))
-    objects_y = np.array(list("dabcabcabcde"))
-    value, actual = left_out_kernel_distances(x, y, objects_x, objects_y)
-    expected = [kernel_distance(x[objects_x != name], y[objects_y != name]) for name in "abcde"]
-    assert value == pytest.approx(kernel_distance(x, y), rel=1e-9)
-    # sums of 12^2 kernels of size 10, less some of them
-    np.testing.assert_allclose(actual, expected, rtol=1e-9)
 
 
 def test_an_object_that_leaves_too_little():
@@ -115,14 +103,3 @@ def test_a_set_of_rows_that_are_all_alike(d):
     assert kernel_distance(x, y) == pytest.approx(expected, rel=1e-13)
     assert kernel_distance(x, np.zeros((2, d))) == pytest.approx(5**3 + 1 - 2, rel=1e-13)
     assert kernel_distance(x, x) == pytest.approx(0, abs=1e-13 * 4 * 5**3)
-
-
-def test_many_objects_are_left_out_in_groups():
-    objects = np.arange(EXACT_OBJECTS + 1)
-    x, y = features(13, len(objects), 6), features(14, len(objects), 6)
-    _, block = object_blocks(objects)
-    _, distances = left_out_kernel_distances(x, y, objects, objects)
-    assert len(distances) == 21  # three of 61 objects together, or two
-    for number in (0, 10, 20):
-        kept = block != number
-        assert distances[number] == pytest.approx(kernel_distance(x[kept], y[kept]), rel=1e-9)

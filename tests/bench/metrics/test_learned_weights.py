@@ -15,7 +15,7 @@ import torch
 
 from bench.metrics.inception_weights import WeightsUnavailable
 from bench.metrics.learned_weights import DISTS, read_tensors
-from bench.metrics.lpips_weights import CHECKPOINTS, find_lpips_weights, read_lpips_weights
+from bench.metrics.lpips_weights import CHECKPOINTS, read_lpips_weights
 from bench.training.efficientnet import WEIGHTS as EFFICIENTNET
 from data_prep.failures import BadInput
 
@@ -107,8 +107,3 @@ def test_arrays_and_nothing_else_are_made(file, content, problem, tmp_path, monk
     assert str(error.value).startswith(f"{path}: {kind} (")
     assert problem in str(error.value)
     assert not (tmp_path / "executed-by-a-pickle").exists()
-
-
-def test_the_weights_of_lpips_are_found_by_the_name_of_their_trunk():
-    assert find_lpips_weights("alex") == ALEXNET.find()
-    assert find_lpips_weights("vgg") == CHECKPOINTS["vgg"].find()

@@ -9,7 +9,7 @@ import torch
 from bench.analysis.recognition import read_class_head
 from bench.judges.views import ViewsNetwork, load_views_network, view_features
 from bench.training import views as training
-from bench.training.views import NO_LABEL, ViewsScores, labels, train_views
+from bench.training.views import NO_LABEL, labels, train_views
 from data_prep.datasets import procedural as dataset_procedural
 from data_prep.datasets.registry import ProceduralObject
 from data_prep.failures import BadInput
@@ -137,16 +137,3 @@ def test_scores_of_a_network_that_always_answers_the_same(two_classes):
     for name in ("azimuth_deg", "elevation_deg"):
         expected = np.median(np.abs(getattr(data, name)).reshape(2, 24), axis=1)
         np.testing.assert_allclose(getattr(scores, name), expected, rtol=1e-12)
-
-
-def test_scores_as_text():
-    confusion, azimuth, elevation = np.array([[3, 1], [0, 4]]), [12.34, 90.0], [1.0, 2.0]
-    scores = ViewsScores(
-        ("car", "sofa"), confusion, 0.5, math.nan, np.array(azimuth), np.array(elevation)
-    )
-    assert scores.to_text().splitlines() == [
-        "right: class 0.875, family 0.500, back of chairs nan",
-        "             right azimuth elevation  answered, % of the images of the class",
-        "car          0.750    12.3       1.0    75   25",
-        "sofa         1.000    90.0       2.0     0  100",
-    ]

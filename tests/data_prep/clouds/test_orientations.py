@@ -66,16 +66,6 @@ def test_the_original_turns_clouds_and_cameras_alike() -> None:
     assert np.array_equal(of_clouds, of_cameras)
 
 
-def test_the_message() -> None:
-    assert [orientation.message for orientation in ALL] == [
-        "+Y up, front -Z: taken as it is",
-        "+Y up, front +X: (x, y, z) becomes (z, y, -x)",
-        "+Y up, front -Z: taken as it is",
-        "+Z up, front -Y: (x, y, z) becomes (-x, z, y)",
-        "+Z up, front +X: (x, y, z) becomes (-y, z, -x)",
-    ]
-
-
 def test_z_up_as_scans_have_it():
     """East x, north y, up z: one who looks north sees the front, with east on the right.
 
