@@ -85,6 +85,21 @@ def test_checkpoints_of_another_kind_are_not_exported(name, tmp_path):
         EXPORTS[name][0](path, tmp_path / "w.safetensors")
 
 
+def test_a_failed_write_leaves_the_old_file(trained, tmp_path, monkeypatch):
+    path = tmp_path / "w.safetensors"
+    path.write_bytes(b"old")
+
+    def half_written(tensors, name, metadata):
+        name.write_bytes(b"half")
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr("safetensors.torch.save_file", half_written)
+    with pytest.raises(OSError, match="no space"):
+        pc2pix.export(trained("gan"), path)
+    assert path.read_bytes() == b"old"
+    assert [p.name for p in tmp_path.iterdir()] == ["w.safetensors"]
+
+
 @pytest.mark.parametrize(
     ("kind", "name"), [(kind, name) for kind, module in OF.items() for name in module.BUNDLED]
 )

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import io
+import os
 import warnings
 from contextlib import suppress
 from pathlib import Path
@@ -9,7 +10,7 @@ import numpy as np
 import plyfile
 import pytest
 
-from data_prep.failures import BadInput
+from data_prep.failures import BadInput, CannotWrite
 from data_prep.files import cloud_text
 from data_prep.files import clouds as cloud_files
 from data_prep.files.clouds import load_points, read_cloud, save_ply
@@ -349,3 +350,16 @@ def test_only_float32_of_three_columns(tmp_path: Path, points: np.ndarray) -> No
     with pytest.raises(ValueError, match=r"expected float32 \[N, 3\]"):
         save_ply(points, tmp_path / "a.ply")
     assert not (tmp_path / "a.ply").exists()
+
+
+def test_a_failed_write_leaves_the_old_file(tmp_path: Path, monkeypatch) -> None:
+    """How: test_whole_files. Here: that it is written so, and what the message says."""
+
+    def full(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    (tmp_path / "a.ply").write_bytes(b"old")
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(CannotWrite, match=r"a\.ply: cannot be written \(No space left"):
+        save_ply(POINTS.astype("f4"), tmp_path / "a.ply")
+    assert [p.read_bytes() for p in tmp_path.iterdir()] == [b"old"]

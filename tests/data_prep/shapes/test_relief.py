@@ -16,7 +16,7 @@ from data_prep.shapes.augmentation import Degenerate, deformed, varied_parts
 from data_prep.shapes.catalogue import CLASSES
 from data_prep.shapes.deformations import draw_deformation
 from data_prep.shapes.solids import Part, box, hoop, lathe, signed_volume
-from tests.data_prep.shapes.solid_checks import GREY, unsound, volume
+from tests.data_prep.shapes.solid_checks import EXACT, GREY, unsound, volume
 
 
 @pytest.fixture(scope="module")
@@ -129,6 +129,14 @@ def test_edges_are_split_and_the_solid_stays_closed():
     assert signed_volume(vertices, faces) == pytest.approx(0.03, rel=1e-9)
     edges = vertices[faces] - vertices[np.roll(faces, 1, axis=1)]
     assert 0.15 <= np.linalg.norm(edges, axis=2).max() <= 0.3
+
+
+def test_the_fast_deformation_is_the_deformation():
+    points = np.random.default_rng(6).uniform(-1, 1, (100, 3))
+    for seed in range(6):
+        deformation = draw_deformation(np.random.default_rng(seed))
+        fast = relief._FastDeformation(**vars(deformation))
+        assert fast(points) == pytest.approx(deformation(points), abs=EXACT)
 
 
 def test_widened_shapes_stay_as_they_are():
