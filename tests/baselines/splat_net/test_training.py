@@ -10,7 +10,6 @@ import torch
 from baselines.splat_net.losses import (
     COVERAGE_WEIGHT,
     GREY_WEIGHT,
-    OBJECTIVES,
     STRUCTURE_WEIGHT,
     coverage_error,
     feature_error,
@@ -90,75 +89,57 @@ def test_the_last_steps_normalise_by_the_averages_statistics(data):
     assert not torch.equal(trainer.average.last.weight, weights)
 
 
-def test_what_is_minimised_is_the_weighted_sum_of_the_terms(data):
-    """The gradient is that of the terms and of the judge's opinion, which counts the more the more
-    noise a cloud has: .05 on a clean one, .2 at the strongest noise."""
-    trainer = build(data, objective="l1-patch", seed=1)
+def maps(images):
+    bright = images[:, :1] / 255
+    return [torch.cat([bright, 1 - bright], dim=1)[..., ::step] for step in (1, 2)]
+
+
+@pytest.mark.parametrize(
+    ("objective", "colours", "terms"),
+    [
+        ("l1-patch", "pixel", ()),
+        ("relief", "pixel", ("tilt",)),
+        ("relief", "image", ("tilt",)),  # leaves everything but the colour to grey
+        ("perceptual", "pixel", ("tilt", "features")),
+    ],
+)
+def test_what_is_minimised_is_the_weighted_sum_of_the_terms(data, objective, colours, terms):
+    """The judge's opinion counts the more the more noise a cloud has: .05 on a clean one, .2 at the
+    strongest noise. Features are those of the first view of each cloud, in grey."""
+    heads, judged = COLOUR_HEADS[colours], objective == "l1-patch"
+    one, network = "albedo" in heads, dataclasses.replace(SMALL, heads=heads)
+    changes = {"objective": objective, "network": network, "seed": 1, "warm_up": int(not judged)}
+    trainer = build(data, features=maps, **changes)
     for name, part in (("adam", trainer.network), ("judge_adam", trainer.judge)):
         setattr(trainer, name, torch.optim.SGD(part.parameters(), lr=0.0))
     before = {key: value.clone() for key, value in trainer.state().items()}
-    (seen, truth, noise) = trainer._draw_batch()
+    seen, truth, noise = trainer._draw_batch()
     assert noise.min() == 0 < noise.max()
-    _, (colour, grey) = composite(output := trainer.network.train()(*seen), ("colour", "grey"))
-    total = coverage_error(output[:, :1], truth.coverage) * COVERAGE_WEIGHT
-    for drawn, real, weight in ((colour, truth.colour, 1), (grey, truth.grey, GREY_WEIGHT)):
-        total = total + weight * weighted_error(drawn, real, truth.coverage > 0, STRUCTURE_WEIGHT)
-    _, patches = trainer._judge(grey, truth.grey)
-    total = total + ((0.05 + 0.15 * noise / MAX_NOISE) * patches).mean()
-    (expected,) = torch.autograd.grad(total, trainer.network.last.weight)
-    trainer.restore(before)
-    trainer.take_step()
-    torch.testing.assert_close(trainer.network.last.weight.grad, expected, rtol=1e-4, atol=1e-6)
-
-
-def test_the_distance_of_features_is_minimised_with_the_others(data):
-    """That of the first view of each cloud, in grey."""
-
-    def maps(images):
-        bright = images[:, :1] / 255
-        return [torch.cat([bright, 1 - bright], dim=1)[..., ::step] for step in (1, 2)]
-
-    kept = {}
-    for objective in ("relief", "perceptual"):
-        trainer = build(data, objective=objective, network=SMALL, seed=1, warm_up=1, features=maps)
-        trainer.adam = torch.optim.SGD(trainer.network.parameters(), lr=0.0)
-        before = {key: value.clone() for key, value in trainer.state().items()}
-        terms = trainer.take_step()
-        kept[objective] = trainer.network.last.weight.grad.clone()
-    trainer.restore(before)
-    seen, truth, _ = trainer._draw_batch()
-    _, (_, grey) = composite(trainer.network.train()(*seen), ("colour", "grey"))
-    distance = feature_error(grey[::VIEWS_TOGETHER], truth.grey[::VIEWS_TOGETHER], maps)
-    assert terms["features"].item() == pytest.approx(distance.item(), rel=1e-5)
-    weight = OBJECTIVES["perceptual"].features
-    (added,) = torch.autograd.grad(weight * distance, trainer.network.last.weight)
-    assert added.abs().max() > 1e-3
-    torch.testing.assert_close(kept["perceptual"] - kept["relief"], added, rtol=1e-4, atol=1e-5)
-
-
-@pytest.mark.parametrize("heads", COLOUR_HEADS.values())
-def test_the_error_of_tilts_is_minimised_with_the_others(data, heads):
-    """Of what covers a pixel in grey; one colour for the image leaves everything else to grey."""
-    network = dataclasses.replace(SMALL, heads=heads)
-    trainer = build(data, objective="relief", network=network, seed=1, warm_up=1)
-    trainer.adam = torch.optim.SGD(trainer.network.parameters(), lr=0.0)
-    before = {key: value.clone() for key, value in trainer.state().items()}
-    seen, truth, _ = trainer._draw_batch()
     output = trainer.network.train()(*seen)
     images = dict(zip(heads, composite(output, heads)[1], strict=True))
-    one = "albedo" in heads
+    grey, colour = images["grey"], images["albedo" if one else "colour"]
     cover = output[:, [1 if one else 4]].sigmoid()
-    tilt = tilt_error(cover, truth.grey, truth.coverage)
-    total = coverage_error(output[:, :1], truth.coverage) * COVERAGE_WEIGHT + 0.3 * tilt
-    colour = images["albedo" if one else "colour"]
+    first = slice(None, None, VIEWS_TOGETHER)
+    errors = {
+        "tilt": tilt_error(cover, truth.grey, truth.coverage),
+        "features": feature_error(grey[first], truth.grey[first], maps),
+    }
+    total = coverage_error(output[:, :1], truth.coverage) * COVERAGE_WEIGHT
     for drawn, real, weight in (
         (colour, truth.colour, 1),
-        (images["grey"], truth.grey, 1 if one else GREY_WEIGHT),
+        (grey, truth.grey, 1 if one else GREY_WEIGHT),
     ):
         total = total + weight * weighted_error(drawn, real, truth.coverage > 0, STRUCTURE_WEIGHT)
+    for name in terms:
+        total = total + {"tilt": 0.3, "features": 2.0}[name] * errors[name]
+    if judged:
+        _, patches = trainer._judge(grey, truth.grey)
+        total = total + ((0.05 + 0.15 * noise / MAX_NOISE) * patches).mean()
     (expected,) = torch.autograd.grad(total, trainer.network.last.weight)
     trainer.restore(before)
-    assert trainer.take_step()["tilt"].item() == pytest.approx(tilt.item(), rel=1e-5)
+    taken = trainer.take_step()
+    for name in terms:
+        assert taken[name].item() == pytest.approx(errors[name].item(), rel=1e-5)
     torch.testing.assert_close(trainer.network.last.weight.grad, expected, rtol=1e-4, atol=1e-6)
 
 
