@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import json
 import math
-import re
 import shutil
 import tracemalloc
 from itertools import product
@@ -249,32 +248,6 @@ def test_objects_without_a_value_are_left_out_and_counted(command, two_runs):
         assert int(row["objects"]) == objects - 1
 
 
-def test_two_objects_are_too_few(command, tmp_path):
-    """Two conditions: two cells, for which eight objects would do."""
-    run = write_run(tmp_path / "run", objects=["chair/a", "chair/b"])
-    status, out, _ = command("compare", run, "--methods", "splat,blank", "--metric", "ssim")
-    assert status == 0
-    assert "`?`: too few objects to decide: at least 8.\n" in out
-    assert " cells)" not in out
-    assert "a tie" not in out
-    assert re.search(r": [+-]0\.\d{3} \? \|", out)
-    rows = rows_of(run / "comparisons" / "splat-blank")
-    assert {(row["ahead"], row["objects_needed"]) for row in rows} == {("unknown", "8")}
-
-
-def test_eight_objects_are_too_few_for_eighteen_cells(command, tmp_path):
-    """Nine image metrics under two conditions: 2^-7 x 18 is .14, 2^-9 x 18 is .035."""
-    run = write_run(tmp_path / "run", objects=[f"chair/{i}" for i in range(8)])
-    metrics = "ssim,luminance,contrast,structure,ssim-object,silhouette-iou,thin-recall,lpips,psnr"
-    asked = ("--methods", "true-mesh,blank", "--metric", metrics)
-    status, out, _ = command("compare", run, *asked)
-    assert status == 0
-    assert "after Holm's correction for 18 cells)" in out
-    assert "`?`: too few objects to decide: at least 10." in out
-    rows = rows_of(run / "comparisons" / "true-mesh-blank")
-    assert {(row["ahead"], row["objects_needed"]) for row in rows} == {("unknown", "10")}
-
-
 def test_help_names_the_metrics_that_are_compared(command, two_runs):
     first, second = two_runs
     assert command("compare", first, second)[0] == 0
@@ -304,29 +277,51 @@ def test_a_terminal_is_answered_in_text(two_runs, columns):
     assert words.endswith(" 3 chairs decide nothing here: at least 8 are needed.")
 
 
-def test_a_run_without_objects_is_refused(command, two_runs):
-    write_manifest(two_runs[0], read_manifest(two_runs[0]) | {"objects": []})
-    message = f"bench: {two_runs[0]}: a run without objects; start it again with its command\n"
-    for asked in (
-        ("compare", two_runs[0], "--methods", "blank,splat"),
-        ("compare", two_runs[1], two_runs[0]),
-        ("recommend", two_runs[0], "--budget-ms", "9"),
-        ("table", two_runs[0]),
-        ("report", two_runs[0]),
-    ):
-        assert command(*asked) == (2, "", message)
-
-
-def test_no_folder_is_said_before_anything_else(command, tmp_path):
-    nowhere = tmp_path / "nowhere"
-    message = f"bench: {nowhere}: no such folder; give a run's folder\n"
-    assert command("compare", nowhere) == (2, "", message)
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (
+            ("compare", "first"),
+            "one run is compared by two methods; give --methods a,b",
+        ),
+        (
+            ("compare", "first", "--methods", "splat,nope"),
+            "--methods nope: cannot be compared here; ",
+        ),
+        (
+            ("compare", "first", "--methods", "splat,blank", "--metric", "x"),
+            "--metric x: cannot be compared here; ",
+        ),
+        (("compare", "nowhere"), "nowhere: no such folder; give a run's folder\n"),
+        *(
+            (arguments, "empty: a run without objects; start it again with its command\n")
+            for arguments in (
+                ("compare", "empty", "--methods", "blank,splat"),
+                ("compare", "first", "empty"),
+                ("recommend", "empty", "--budget-ms", "9"),
+                ("table", "empty"),
+                ("report", "empty"),
+            )
+        ),
+    ],
+)
+def test_what_cannot_be_asked(command, tmp_path, monkeypatch, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    for name in ("first", "empty"):
+        write_run(tmp_path / name)
+    write_manifest(tmp_path / "empty", read_manifest(tmp_path / "empty") | {"objects": []})
+    status, out, err = command(*arguments)
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert err.startswith(f"bench: {message}")
 
 
 def test_two_methods_of_a_run(command, two_runs, tmp_path):
     first, out = two_runs[0], tmp_path / "here"
+    write_manifest(first, read_manifest(first) | {"truth": "grey"})
     chosen = ("--methods", "splat,blank", "--metric", "ssim", "--out", str(out))
-    assert command("compare", str(first), *chosen)[0] == 0
+    status, printed, _ = command("compare", str(first), *chosen)
+    assert status == 0
+    assert printed.startswith("# blank against splat, scored against the true mesh in grey\n")
     rows = rows_of(out)
     assert {(row["method_a"], row["method_b"]) for row in rows} == {("splat", "blank")}
     records = pd.read_parquet(first / "records.parquet")
@@ -336,65 +331,44 @@ def test_two_methods_of_a_run(command, two_runs, tmp_path):
         assert float(row["difference"]) == pytest.approx(expected, abs=2e-6)
 
 
+TRUTHS = (
+    "different truths: first is scored against the true mesh in its colours, second against the "
+    "true mesh in grey; give both the same --truth\n"
+)
+
+
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("manifest", "change", "message"),
     [
-        (lambda r: r[r["object"] != r["object"].iloc[0]], "different objects: only "),
-        (lambda r: r[r["view"] == 0], "different views: "),
-        (lambda r: r.assign(azimuth_deg=r["azimuth_deg"] + 1), "different views: view "),
-        (lambda r: r.assign(elevation_deg=r["elevation_deg"] + 1), "different views: view "),
-        (lambda r: r.assign(ssim=r["ssim"] + 0.1), "different true images: "),
+        ({}, lambda r: r[r["object"] != r["object"].iloc[0]], "different objects: only "),
+        ({}, lambda r: r[r["view"] == 0], "different views: "),
+        ({}, lambda r: r.assign(azimuth_deg=r["azimuth_deg"] + 1), "different views: view "),
+        ({}, lambda r: r.assign(elevation_deg=r["elevation_deg"] + 1), "different views: view "),
+        ({}, lambda r: r.assign(ssim=r["ssim"] + 0.1), "different true images: "),
+        ({"truth": "grey"}, lambda r: r, TRUTHS),
     ],
 )
-def test_runs_that_saw_something_else_are_refused(command, two_runs, change, message):
-    first, second = two_runs
+def test_runs_that_saw_something_else_are_refused(
+    command, two_runs, monkeypatch, manifest, change, message
+):
+    monkeypatch.chdir(two_runs[0].parent)
+    second = two_runs[1]
+    write_manifest(second, read_manifest(second) | manifest)
     path = second / "records.parquet"
     overwrite(path, change(pd.read_parquet(path)))
-    status, out, err = command("compare", str(first), str(second), "--metric", "ssim")
+    status, out, err = command("compare", "first", "second", "--metric", "ssim")
     assert (status, out, err.count("\n")) == (2, "", 1)
     assert err.startswith(f"bench: {message}")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ((), "one run is compared by two methods; give --methods a,b or a second folder"),
-        (("--methods", "splat,nope"), "--methods nope: cannot be compared here; there are "),
-        (("--methods", "splat,blank", "--metric", "x"), "--metric x: cannot be compared here; "),
-    ],
-)
-def test_what_one_run_cannot_be_asked(command, two_runs, arguments, message):
-    status, out, err = command("compare", str(two_runs[0]), *arguments)
-    assert (status, out, err.count("\n")) == (2, "", 1)
-    assert message in err
-
-
-def test_runs_of_one_older_protocol_are_compared_and_of_two_refused(command, two_runs):
-    first, second = two_runs
+def test_runs_of_one_older_protocol_are_compared(command, two_runs):
     older = PROTOCOL_VERSION - 1
-    write_manifest(second, read_manifest(second) | {"protocol": older})
-    for runs in ((first, second), (second, first)):
-        status, out, err = command("compare", *runs)
-        assert (status, out, err.count("\n")) == (2, "", 1)
-        assert f"{second}: of protocol {older}, this version has protocol {older + 1} " in err
-    write_manifest(first, read_manifest(first) | {"protocol": older})
+    for run in two_runs:
+        write_manifest(run, read_manifest(run) | {"protocol": older})
     remark = f"All is of protocol {older}; this version has protocol {older + 1}."
-    for arguments in ((first, second), (first, "--methods", "splat,blank")):
+    for arguments in (two_runs, (two_runs[0], "--methods", "splat,blank")):
         status, out, _ = command("compare", *arguments)
         assert (status, remark in out) == (0, True)
-
-
-def test_runs_against_two_truths_are_refused_and_of_one_the_title_has_it(command, two_runs):
-    first, second = two_runs
-    write_manifest(second, read_manifest(second) | {"truth": "grey"})
-    assert command("compare", str(first), str(second)) == (
-        *(2, ""),
-        f"bench: different truths: {first} is scored against the true mesh in its colours, "
-        f"{second} against the true mesh in grey; give both the same --truth\n",
-    )
-    status, out, _ = command("compare", str(second), "--methods", "splat,blank")
-    assert status == 0
-    assert out.startswith("# blank against splat, scored against the true mesh in grey\n")
 
 
 def test_methods_of_one_run_alone_are_left_out_with_a_remark(command, two_runs):

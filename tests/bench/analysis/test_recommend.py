@@ -227,26 +227,6 @@ def test_what_is_below_a_white_image_is_no_choice():
     assert lines[1] == "  below a white image, no choice: splat"
 
 
-def test_metrics_that_agree_have_one_line():
-    (line,) = in_words(Requirements(20, 250), of_two_metrics(LPIPS), metrics=("ssim", "lpips"))
-    assert line == (
-        "2048: best within 250 ms: pc2pix, ssim 0.750 [0.658, 0.842], lpips 0.200 [0.200, 0.200], "
-        "210 ms [210, 210] a cloud, 10.5 ms an image"
-    )
-
-
-def test_metrics_that_disagree_have_a_line_each():
-    """By lpips, of which less is better, the best at any cost is pc2pix, by ssim surface-apss."""
-    both, metrics = of_two_metrics(LPIPS), ("ssim", "lpips")
-    by_ssim, by_lpips = in_words(Requirements(20, 5000), both, metrics=metrics)
-    assert by_ssim.startswith("2048: best within 5000 ms by ssim: surface-apss, ssim 0.812 [")
-    assert by_lpips.startswith("2048: best within 5000 ms by lpips: pc2pix, lpips 0.200 [")
-    full = in_words(Requirements(20, 5000), both, metrics=metrics, in_full=True)
-    assert full[-3].startswith("  next by lpips: surface-apss, lpips 0.400 [")
-    assert "; behind by 0.200 [" in full[-3]
-    assert full[-1].startswith("  regret: 0.000 [0.000, 0.000] lpips against the best of 4 such ")
-
-
 def test_a_white_image_is_better_by_one_metric_alone():
     both = of_two_metrics(LPIPS | {"splat": 0.7})
     request, metrics = Requirements(20, 25), ("ssim", "lpips")

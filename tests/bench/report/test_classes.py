@@ -74,13 +74,6 @@ def test_figure_4(drawn, tmp_path):
     assert (tmp_path / "figures" / "classes.png").is_file()
 
 
-def test_every_approach_of_the_run_has_a_column(drawn, tmp_path):
-    methods = ("splat", "splat-net", "blank", "pc2pix@all", "surface-apss")
-    images, *_ = figures(drawn, ROWS, make_jobs(methods=methods))
-    titles = [axis.get_title() for axis in images.axes if axis.get_title()]
-    assert titles == ["truth", "surface-apss", "pc2pix@all", "splat-net", "splat"]
-
-
 def test_the_best_by_the_headline_has_a_column(drawn, tmp_path):
     methods = ("surface-apss", "splat-net@chair", "splat-net", "points2pix", "splat", "blank")
     headline = [

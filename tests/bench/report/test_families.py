@@ -3,7 +3,6 @@ from __future__ import annotations
 import math
 from itertools import product
 
-import matplotlib as mpl
 import numpy as np
 import pytest
 from PIL import Image
@@ -27,13 +26,13 @@ def value(method, metric, step):
     return falls if metric == "ssim" else 100 * (1 - falls)
 
 
-def every_curve(families=FAMILIES, methods=METHODS, metrics=METRICS, class_name="chair"):
+def every_curve(families=FAMILIES, methods=METHODS, metrics=METRICS):
     made = []
     for family, metric, method in product(families, metrics, methods):
         values = [value(method, metric, i) for i in range(len(family.steps))]
         estimates = tuple(Estimate(v, v - 0.02, v + 0.03) for v in values)
         digits = (Precision(decimals(metric)),) * len(values)
-        made.append(ConditionCurve(class_name, family, metric, method, estimates, digits))
+        made.append(ConditionCurve("chair", family, metric, method, estimates, digits))
     return made
 
 
@@ -86,9 +85,6 @@ def test_bands_are_what_networks_were_shown():
     shown = [*bands(noise)[own], *bands(noise)[other]]
     assert shown == pytest.approx([-0.006, 0.12, -0.006, 0.1])
     assert bands(outliers)[own] == pytest.approx((-0.003, 0.003))
-    for patch, method in zip(points.patches[:2], ("splat-net@chair", "pc2pix"), strict=True):
-        hue = mpl.colors.to_rgb(curve(points, method).get_color())
-        assert patch.get_facecolor()[:3] == pytest.approx(hue)
 
 
 def test_a_plot_of_the_page_for_each_family_and_metric():
@@ -100,10 +96,6 @@ def test_a_plot_of_the_page_for_each_family_and_metric():
         for metric in METRICS
     ]
     svg = parse(plots[0].svg.inside)
-    texts = [[text.text for text in parse(plot.svg.inside).all("text")] for plot in plots]
-    assert {f"{v:g}" for v in families[0].values} <= set(texts[0]) & set(texts[1])
-    assert {f"{v:g}" for v in families[1].values} <= set(texts[2])
-    assert families[0].axis in texts[0]
     series = [g.attributes["data-method"] for g in svg.all("g", class_="series")]
     assert series == [*["pc2pix"] * 5, *["surface-apss"] * 5, "blank"]
     assert [title.text for title in svg.all("title")][:2] == [

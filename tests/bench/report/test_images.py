@@ -9,54 +9,51 @@ from bench.report.build import failure_groups
 from bench.report.images import EACH, MOST_CASES, extremes, shown_objects
 
 
-def frame(scores, method="splat", condition="2048", class_name="chair"):
+def frame(scores, method="splat", condition="2048", class_name="chair", metric="ssim"):
     """Records by (object, view)."""
     return [
-        make_record(method, condition, obj, view, ssim=ssim, class_name=class_name)
-        for (obj, view), ssim in scores.items()
+        make_record(method, condition, obj, view, class_name=class_name, **{metric: score})
+        for (obj, view), score in scores.items()
     ]
 
 
-def picked(records):
-    chosen = extremes(to_frame(records), "ssim")
-    columns = zip(chosen["kind"], chosen["object"], chosen["view"], chosen["ssim"], strict=True)
-    return [(kind, obj, int(view), float(ssim)) for kind, obj, view, ssim in columns]
+OF_FOUR = {
+    ("a", 0): 0.1, ("a", 1): 0.2, ("b", 0): 0.3, ("b", 1): 0.9,
+    ("c", 0): 0.8, ("c", 1): 0.85, ("d", 0): 0.5,
+}  # fmt: skip
+EQUAL = {(obj, view): 0.5 for obj in "dcba" for view in (1, 0)}
 
 
-def test_extremes_are_of_different_objects():
-    scores = {
-        ("a", 0): 0.1, ("a", 1): 0.2, ("b", 0): 0.3, ("b", 1): 0.9,
-        ("c", 0): 0.8, ("c", 1): 0.85, ("d", 0): 0.5,
-    }  # fmt: skip
-    assert picked(frame(scores)) == [
-        ("worst", "a", 0, 0.1),
-        ("worst", "b", 0, 0.3),
-        ("best", "b", 1, 0.9),
-        ("best", "c", 1, 0.85),
-    ]
-
-
-def test_the_worst_of_a_distance_is_the_largest():
-    records = [
-        make_record("splat", "2048", obj, 0, lpips=lpips)
-        for obj, lpips in (("a", 0.1), ("b", 0.4), ("c", 0.7), ("d", 0.2))
-    ]
-    chosen = extremes(to_frame(records), "lpips")
-    assert list(zip(chosen["kind"], chosen["object"], strict=True)) == [
-        *(("worst", "c"), ("worst", "b"), ("best", "a"), ("best", "d")),
-    ]
-
-
-def test_one_image_is_not_both_and_equal_scores_are_ordered_by_name():
-    assert picked(frame({("a", 0): 0.4})) == [("worst", "a", 0, 0.4)]
-    equal = {(obj, view): 0.5 for obj in "dcba" for view in (1, 0)}
-    assert [case[1:3] for case in picked(frame(equal))[:2]] == [("a", 0), ("b", 0)]
-
-
-def test_failures_floors_and_ceiling_are_no_cases():
-    records = [make_failed("surface-apss", obj="a"), *frame({("a", 0): 0.0}, "blank")]
-    records += frame({("a", 0): 1.0}, "true-mesh")
-    assert picked(records) == []
+@pytest.mark.parametrize(
+    ("metric", "records", "expected"),
+    [
+        # of different objects
+        ("ssim", frame(OF_FOUR), ["worst a 0", "worst b 0", "best b 1", "best c 1"]),
+        # the worst of a distance is the largest
+        (
+            "lpips",
+            frame({("a", 0): 0.1, ("b", 0): 0.4, ("c", 0): 0.7, ("d", 0): 0.2}, metric="lpips"),
+            ["worst c 0", "worst b 0", "best a 0", "best d 0"],
+        ),
+        # one image is not both, and equal scores are ordered by name
+        ("ssim", frame({("a", 0): 0.4}), ["worst a 0"]),
+        ("ssim", frame(EQUAL), ["worst a 0", "worst b 0", "best d 1", "best c 1"]),
+        # failures, floors and the ceiling are no cases
+        (
+            "ssim",
+            [
+                make_failed("surface-apss", obj="a"),
+                *frame({("a", 0): 0.0}, "blank"),
+                *frame({("a", 0): 1.0}, "true-mesh"),
+            ],
+            [],
+        ),
+    ],
+)
+def test_extremes(metric, records, expected):
+    chosen = extremes(to_frame(records), metric)
+    columns = zip(chosen["kind"], chosen["object"], chosen["view"], strict=True)
+    assert [f"{kind} {obj} {view}" for kind, obj, view in columns] == expected
 
 
 def test_each_class_has_its_own_extremes_while_there_is_room():

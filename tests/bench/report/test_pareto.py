@@ -24,7 +24,7 @@ SHOWN = (  # method, cost, value, verdict
 )
 
 
-def places(metric="ssim", condition="2048", views=20):
+def places(metric="ssim", views=20):
     made = []
     for method, cost, value, verdict in SHOWN:
         shown = value if metric == "ssim" else 100 * (1.1 - value)
@@ -32,7 +32,7 @@ def places(metric="ssim", condition="2048", views=20):
             "cost_ms": Estimate(cost, 0.9 * cost, 1.1 * cost),
             "quality": Estimate(shown, 0.95 * shown, 1.05 * shown),
         }
-        made.append(place(method, metric, verdict, condition=condition, views=views, **estimates))
+        made.append(place(method, metric, verdict, views=views, **estimates))
     return made
 
 
@@ -49,10 +49,6 @@ def test_a_parameter_is_a_line_and_the_frontier_a_step_to_the_edge():
     (sweep,) = lines(axis, "surface-apss (resolution)")
     assert sweep.get_xydata().tolist() == [[20, 0.6], [100, 0.7], [400, 0.8], [800, 0.78]]
     assert sweep.get_linestyle() == "-"
-    (variants,) = lines(axis, "pc2pix")
-    assert variants.get_linestyle() == "None"  # precision and width are no parameter
-    hues = {line.get_color() for label in ("pc2pix", "splat") for line in lines(axis, label)}
-    assert len(hues | {sweep.get_color()}) == 3
     (steps,) = lines(axis, "frontier")
     right = axis.get_xlim()[1]
     assert steps.get_xydata().tolist() == [[10, 0.5], [40, 0.75], [400, 0.8], [right, 0.8]]

@@ -18,7 +18,7 @@ from bench.catalogue.metrics import higher_is_better
 from bench.catalogue.suites import TableSpec
 from bench.report.pareto import cost_plots
 from bench.report.robustness import curve_panels, curves, robustness_figure
-from bench.report.styles import PAPER, SHADE, method_styles
+from bench.report.styles import PAPER, method_styles
 from bench.tables.frontier import cost_grid
 from bench.tables.markdown import visible
 from bench.tables.quality import quality_table
@@ -43,10 +43,6 @@ def titles(plot):
     return [title.text for title in drawn_svg(plot).all("title")]
 
 
-def ticks(axis):
-    return [label.get_text() for label in axis.get_xticklabels()]
-
-
 def test_curves_show_values_and_intervals():
     values = {
         ("splat", "2048"): (0.8, 0.7, 0.9), ("splat", "512"): (0.5, 0.45, 0.55),
@@ -64,10 +60,6 @@ def test_curves_show_values_and_intervals():
     assert [line.get_ydata().tolist() for line in others if len(line.get_xdata()) == 2] == [
         *([0.7, 0.9], [0.45, 0.55], [0.7, 0.7], [0.4, 0.4]),
     ]  # a floor's is in the tables
-    (first, second), (other, _) = (lines[m].get_xdata() for m in ("splat", "surface-apss"))
-    assert first < 0 < other  # side by side about their condition
-    assert second - first == pytest.approx(1)
-    assert ticks(axis) == ["2,048", "512"]
     (plot,) = curves(curve_panels(tables), looked)
     assert titles(plot)[0] == "splat, 2048, chair: 0.800 [0.700, 0.900]"
     assert "splat: 2048 0.800, 512 0.500." in plot.description
@@ -82,10 +74,6 @@ def test_what_is_worse_than_a_white_image_is_shaded(metric, blank):
     low, high = axis.get_ylim()
     expected = (low, blank) if higher_is_better(metric) else (blank, high)
     assert ends == pytest.approx(expected)
-    assert band.get_facecolor() == pytest.approx(mpl.colors.to_rgba(SHADE))
-    on_axis = axis.transData.transform([(0, low), (0, blank), (0, high)])[:, 1]
-    share = np.diff(on_axis)[0 if higher_is_better(metric) else 1] / np.ptp(on_axis)
-    assert share > 0.09  # room for its name
 
 
 def test_colours_differ_for_the_colour_blind():
@@ -188,7 +176,7 @@ def test_a_point_without_failed_images_is_hollow_and_says_what_it_is_with_them()
     assert "splat: 2048 0.800, 512 (1 of 4) 0.500." in plot.description
 
 
-def comparison(costs, values, condition="2048"):
+def comparison(costs, values):
     """Three objects that are all alike."""
     prepare_s, draw_s = ({m: np.full(3, of[i]) for m, of in costs.items()} for i in (0, 1))
     qualities = {
@@ -197,7 +185,7 @@ def comparison(costs, values, condition="2048"):
     }
     images = dict.fromkeys(costs, (6, 6))
     return Comparison(
-        condition, "chair", ("a", "b", "c"), prepare_s, draw_s, images, {"ssim": qualities}
+        "2048", "chair", ("a", "b", "c"), prepare_s, draw_s, images, {"ssim": qualities}
     )
 
 
@@ -205,9 +193,9 @@ COSTS = {"splat": (0.0, 0.005), "surface-apss": (0.8, 0.1), "true-mesh": (0, 0.0
 QUALITIES = {"splat": 0.6, "surface-apss": 0.8, "true-mesh": 1.0, "blank": 0.5}
 
 
-def test_costs_are_logarithmic_and_the_frontier_steps_up():
-    made = [comparison(COSTS, QUALITIES), comparison(COSTS, QUALITIES, "512")]
-    first, second = cost_plots(made, ["ssim"], 2, method_styles(METHODS))
+def test_costs_stand_beside_their_methods():
+    made = [comparison(COSTS, QUALITIES)]
+    (first,) = cost_plots(made, ["ssim"], 2, method_styles(METHODS))
     svg = drawn_svg(first)
     series = [g.attributes["data-method"] for g in svg.all("g", class_="series")]
     assert sorted(series) == ["blank", "splat", "surface-apss"]
@@ -216,49 +204,50 @@ def test_costs_are_logarithmic_and_the_frontier_steps_up():
         "surface-apss: 1000 ms, 0.800, on the frontier",
         "blank: 0.500, looks at no cloud",
     ]
-    assert first.description == (
-        "ssim (higher is better), by rising cost: splat: 10.0 ms, 0.600, on the frontier; "
-        "surface-apss: 1000 ms, 0.800, on the frontier."
-    )
     assert first.title == "ssim: 2,048 points, chair"
-    assert second.svg.inside != first.svg.inside
-    assert second.svg.inside.replace("cost-1-", "cost-0-") == first.svg.inside  # the same axes
 
 
-def test_a_cost_says_of_how_many_images_it_is():
-    made = replace(comparison(COSTS, QUALITIES), images=dict.fromkeys(COSTS, (6, 6)))
-    made = replace(made, images=made.images | {"splat": (2, 6)})
+@pytest.mark.parametrize(
+    ("values", "images", "said", "marked", "gap"),
+    [
+        (
+            QUALITIES,
+            (2, 6),
+            "splat: 10.0 ms, 0.600, on the frontier (2 of 6 images, the others scored as blank)",
+            {"splat", "surface-apss"},
+            "of 2 of 6 images",
+        ),
+        (
+            QUALITIES | {"surface-apss": 0.55},
+            (6, 6),
+            "splat: 10.0 ms, 0.600, on the frontier",
+            {"splat"},
+            "",
+        ),
+        # `blank` has .5: the cheapest is no method at the frontier where it is worse
+        (
+            QUALITIES | {"splat": 0.45},
+            (6, 6),
+            "splat: 10.0 ms, 0.450, below a white image",
+            {"surface-apss"},
+            "below a white image",
+        ),
+    ],
+)
+def test_costs_say_who_is_at_the_frontier_and_of_how_many_images(values, images, said, marked, gap):
+    made = comparison(COSTS, values)
+    made = replace(made, images=made.images | {"splat": images})
     (plot,) = cost_plots([made], ["ssim"], 2, method_styles(METHODS))
-    scored = "splat: 10.0 ms, 0.600, on the frontier (2 of 6 images, the others scored as blank)"
-    assert titles(plot)[0] == scored
+    assert titles(plot)[0] == said
     table = cost_grid([made], "ssim", 2)
     assert table is not None
-    gaps = {line.name: line.cells[0].gap for line in table.lines}
-    assert gaps == dict.fromkeys(METHODS, "") | {"splat": "of 2 of 6 images"}
-
-
-def test_a_cheaper_and_better_method_is_marked():
-    worse = QUALITIES | {"surface-apss": 0.55}
-    (plot,) = cost_plots([comparison(COSTS, worse)], ["ssim"], 2, method_styles(METHODS))
-    assert titles(plot)[1] == "surface-apss: 1000 ms, 0.550"
-    table = cost_grid([comparison(COSTS, worse)], "ssim", 2)
-    assert table is not None
-    marks = {line.name: line.cells[0].mark for line in table.lines}
-    assert marks == dict.fromkeys(METHODS, "") | {"splat": "frontier"}
+    assert {line.name for line in table.lines if line.cells[0].mark == "frontier"} == marked
+    assert {line.name: line.cells[0].gap for line in table.lines} == {
+        **dict.fromkeys(METHODS, ""),
+        "splat": gap,
+    }
     assert [line.cells[0].text for line in table.lines] == ["10.0", "1000", "20.0", "0.00"]
     assert table.lines[1].cells[0].beside == "800 + 100 × 2"
-
-
-def test_what_is_below_a_white_image_is_marked_and_hollow():
-    """`blank` has .5: the cheapest is no method at the frontier where it is worse."""
-    worse = QUALITIES | {"splat": 0.45}
-    (plot,) = cost_plots([comparison(COSTS, worse)], ["ssim"], 2, method_styles(METHODS))
-    assert titles(plot)[0] == "splat: 10.0 ms, 0.450, below a white image"
-    table = cost_grid([comparison(COSTS, worse)], "ssim", 2)
-    assert table is not None
-    cells = {line.name: line.cells[0] for line in table.lines}
-    assert (cells["splat"].mark, cells["splat"].gap) == ("", "below a white image")
-    assert cells["surface-apss"].mark == "frontier"
 
 
 def test_without_times_there_is_no_cost():

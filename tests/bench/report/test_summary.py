@@ -57,40 +57,47 @@ def test_who_is_ahead_everywhere_and_what_it_costs():
     }
 
 
-def test_what_is_not_decided_is_named_with_its_condition():
-    close = VALUES | {"pc2pix": 0.7995}
-    lines = said(
-        [comparison(VALUES), comparison(close, "512"), comparison(VALUES, "noise-0.10")],
-        ["ssim-object"],
-    )
-    shown = "splat-net: 2,048 points, noise 10 % of the radius (ssim-object)"
-    assert lines["Ahead of all other families"] == [shown]
-    open_cells = ["splat-net, pc2pix: 512 of 2,048 points (ssim-object)"]
-    assert lines["Not decided from second place"] == open_cells
+AHEAD, CHEAPEST = "Ahead of all other families", "Cheapest that nothing beats"
+CLOSE = VALUES | {"pc2pix": 0.7995}
+COSTS = {"splat-net": 0.02, "pc2pix": 0.005, "splat": 0.001}
 
 
-def test_a_variant_is_no_other_family():
-    values = VALUES | {"splat-net@grey": 0.7999}
-    lines = said([comparison(values)], ["lpips"])
-    assert lines["Ahead of all other families"] == ["splat-net: 2,048 points (lpips)"]
-    assert lines["Not decided between variants"] == [
-        "splat-net, splat-net@grey: 2,048 points (lpips)"
-    ]
-
-
-def test_the_cheaper_of_two_that_are_not_decided_is_the_cheapest():
-    values = VALUES | {"pc2pix": 0.7995}
-    costs = {"splat-net": 0.02, "pc2pix": 0.005, "splat": 0.001}
-    lines = said([comparison(values, costs=costs)], ["ssim-object"])
-    assert lines["Cheapest that nothing beats"] == [
-        "pc2pix: 5.0 ms a view; 2,048 points (ssim-object)"
-    ]
-
-
-def test_reference_methods_parameters_and_cost_variants_win_nothing():
-    others = {"constant": 0.95, "splat@spread=2": 0.95, "pc2pix@paper": 0.95}
-    lines = said([comparison(VALUES | others)], ["ssim-object"])
-    assert lines["Ahead of all other families"] == ["splat-net: 2,048 points (ssim-object)"]
+@pytest.mark.parametrize(
+    ("compared", "metric", "expected"),
+    [
+        (
+            [comparison(VALUES), comparison(CLOSE, "512"), comparison(VALUES, "noise-0.10")],
+            "ssim-object",
+            {
+                AHEAD: ["splat-net: 2,048 points, noise 10 % of the radius (ssim-object)"],
+                "Not decided from second place": [
+                    "splat-net, pc2pix: 512 of 2,048 points (ssim-object)"
+                ],
+            },
+        ),
+        (
+            [comparison(VALUES | {"splat-net@grey": 0.7999})],
+            "lpips",
+            {
+                AHEAD: ["splat-net: 2,048 points (lpips)"],
+                "Not decided between variants": ["splat-net, splat-net@grey: 2,048 points (lpips)"],
+            },
+        ),
+        (
+            [comparison(CLOSE, costs=COSTS)],
+            "ssim-object",
+            {CHEAPEST: ["pc2pix: 5.0 ms a view; 2,048 points (ssim-object)"]},
+        ),
+        (
+            [comparison(VALUES | {"constant": 0.95, "splat@spread=2": 0.95, "pc2pix@paper": 0.95})],
+            "ssim-object",
+            {AHEAD: ["splat-net: 2,048 points (ssim-object)"]},
+        ),
+    ],
+    ids=["not decided at a condition", "variants", "the cheaper of two", "who wins nothing"],
+)
+def test_lines_of_the_answer(compared, metric, expected):
+    assert expected.items() <= said(compared, [metric]).items()
 
 
 @pytest.mark.parametrize(("objects", "name"), [(2, "2 chairs"), (4, "4 chairs")])
