@@ -72,14 +72,6 @@ def document(of_random_values):
     return parse(write_report(of_random_values).read_text(encoding="utf-8"))
 
 
-def test_conditions_are_described_in_words(document):
-    """By their source, as `bench list` does: no name of a class of ours."""
-    text = document.text
-    assert "512 of 2,048 points; paper, Tables 3 and 4; stride as in the original code" in text
-    assert "Stride(" not in text
-    assert "Unchanged(" not in text
-
-
 def number_tables(document):
     """Caption: (names of columns, {name of line: cells})."""
     found = {}

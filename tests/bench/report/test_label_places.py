@@ -22,12 +22,3 @@ def test_labels_of_a_crowd_cover_nothing():
     np.testing.assert_allclose(covered(placed, placed), itself, atol=1e-9)
     assert (placed[:, :2] >= 0).all()
     assert (placed[:, 2:] <= AREA[2:]).all()
-
-
-def test_where_there_is_no_room_least_is_covered():
-    full = np.array([[-100.0, -100.0, 400.0, 300.0]])
-    gap = np.array([[-100.0, 91.0, 400.0, 300.0], [-100.0, -100.0, 400.0, 85.0]])
-    anchor, size = np.array([[150.0, 100.0]]), np.array([[30.0, 8.0]])
-    assert np.isfinite(place_labels(anchor, size, full, AREA)).all()
-    (centre,) = place_labels(anchor, size, gap, AREA)  # 6 of the 8 fit between them
-    assert covered(boxes(centre[None], size), gap)[0] <= 30 * 8 / 2

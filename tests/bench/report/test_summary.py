@@ -111,26 +111,6 @@ def test_too_few_objects_say_how_many_it_takes(objects, name):
     assert "Cheapest that nothing beats" not in lines
 
 
-def test_one_method_has_nothing_to_be_compared_with():
-    alone = {m: VALUES[m] for m in ("splat", "blank", "true-mesh")}
-    lines = said([comparison(alone)])
-    assert lines["One method"] == ["splat: has nothing to be compared with"]
-    assert "Ahead of all other families" not in lines
-
-
-@pytest.mark.parametrize(
-    "compared",
-    [
-        [],
-        [comparison(VALUES, failed=("splat-net", "pc2pix", "splat"))],
-        [comparison({"blank": 0.3, "true-mesh": 1.0})],
-    ],
-    ids=["no objects", "all failed", "reference methods alone"],
-)
-def test_without_images_there_is_no_answer(compared):
-    assert list(said(compared)) == ["No answer"]
-
-
 def test_objects_have_the_name_of_their_class():
     names = [(1, "chair"), (2, "chair"), (3, "bench"), (4, "all"), (5, "my things")]
     assert [objects_in_words(*name) for name in names] == [

@@ -90,11 +90,6 @@ def test_several_classes_are_lines_and_methods_columns():
     assert first.notes == ("splat-net at chair: 2 x crash",)
     assert (first.unfolded, second.unfolded) == (True, False)
     assert second.tags.condition == "512"
-    made = quality_table(TableSpec("images", "t", "T"), [r for r in rows if r.condition == "2048"])
-    lines = made.to_markdown().splitlines()
-    start = lines.index("## ssim")  # not in the paper's layout, and no class in the heading
-    assert lines[start + 2] == "| class | splat-net | poisson |"
-    assert not any("paper's layout" in line for line in lines)
 
 
 def test_what_was_skipped_is_folded_and_remarks_are_plain():

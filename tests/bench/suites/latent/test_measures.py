@@ -11,10 +11,8 @@ from bench.judges import VIEWS_WEIGHTS
 from bench.judges.views import load_views_network
 from bench.suites.latent.measures import (
     chamfer_distances,
-    cloud_steps,
     cosine,
     cross_fade,
-    distances_to_nearer_end,
     family_confidence,
     image_steps,
     unevenness,
@@ -45,15 +43,6 @@ def test_chamfer():
     expected = [d.min(0).mean() + d.min(1).mean() for d in squared]
     # sums of 50 float32 numbers
     np.testing.assert_allclose(chamfer_distances(a, b), expected, rtol=1e-5)
-
-
-def test_paths_of_clouds():
-    """A point that moves along x: Chamfer distances are twice the squared way."""
-    path = np.zeros((5, 1, 3), np.float32)
-    path[:, 0, 0] = [0, 1, 2, 4, 5]
-    np.testing.assert_allclose(cloud_steps(path), [2, 2, 8, 2])
-    assert unevenness(cloud_steps(path)) == pytest.approx(8 / 3.5)
-    np.testing.assert_allclose(distances_to_nearer_end(path), [2, 8, 2])
 
 
 def test_cross_fade():

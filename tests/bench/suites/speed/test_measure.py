@@ -171,13 +171,6 @@ def test_one_call_after_the_other():
     ]
 
 
-def test_warm_ups_do_not_count():
-    for warm_ups in (0, 3):
-        world, samples, _ = take(replace(SMALL, warm_ups=warm_ups))
-        assert len(samples) == 3 + 2 * 2 * 4
-        assert len(world.calls) == len(samples) + warm_ups * 2 * 2
-
-
 @pytest.mark.parametrize(
     ("least", "most", "seconds", "rounds"),
     [

@@ -23,7 +23,6 @@ from bench.suites.speed.tables import (
     speed_table,
 )
 from bench.tables.figure import spread
-from bench.tables.published import published
 
 MACHINE = {"cpu": "some cpu", "cores": 2}
 SUITE = replace(SPEED, baselines=("slow",), amortised=(1, 4, 8))
@@ -142,12 +141,6 @@ def test_rows_say_all_that_they_were_taken_under():
     lost = {(r["n"], r["n_ok"], r["value"], r["reason"]) for r in rows if r["method"] == "lost"}
     assert lost == {("0", "0", "", "timeout: too long")}
     assert by["lost", "prepare-ms"]["elsewhere_cores"] == ""
-
-
-def test_the_published_values_are_about_methods_of_the_suite():
-    paper = published(SPEED.id)
-    assert {key[-1] for key in paper} <= set(SPEED.methods)
-    assert {value for key, value in paper.items() if key[1] == "picture-ms"} == {20.0, 180.0}
 
 
 def method_of(row):
