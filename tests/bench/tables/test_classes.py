@@ -232,8 +232,6 @@ def test_what_is_skipped_says_why():
         rows = [row for row in made.rows if row.metric == metric]
         assert [row.note for row in rows] == [reason] * 9
         assert all(math.isnan(row.value) for row in rows)
-    assert "| fid, paper | - | - | 51.6 | 112.1 | - | 57.2 |" in made.to_markdown()
-    assert "| fid | skipped |" in made.to_markdown()
 
 
 def test_the_remark_names_what_is_lacking_and_what_is_few():

@@ -205,13 +205,10 @@ def test_markdown_of_the_amortised():
     suite = replace(SUITE, baselines=("surface-apss",))
     text = amortised_table([summarise(m) for m in named], suite).to_markdown()
     for line in (
-        "| method | 1 | 4 | 8 |",
         "| surface-apss | 1200 | 350 | **225** |",
         "| pc2pix | **300** | **275** | 262 |",
         "| blank | 300 | 275 | 262 |",
         "| true-mesh | 1 | 1 | 1 |",
-        "| method | surface-apss |",
-        "| pc2pix | 1 to 5 |",
     ):
         assert line in text.splitlines()
     assert "splat" not in text
