@@ -10,7 +10,6 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 import typer
 from markdown_it import MarkdownIt
@@ -22,7 +21,6 @@ from bench.catalogue.methods import find_method
 from bench.catalogue.suites import SUITES
 from bench.cli import app
 from data_prep.clouds.conditions import CONDITIONS
-from data_prep.files.clouds import load_points
 from tests.test_shown_commands import BLOCK, shown, typed
 from tests.test_shown_commands import PAGES as RUN
 
@@ -148,15 +146,6 @@ def test_the_command_line_takes_the_commands(command, known):
             find_method(method)
     for condition in filter(None, options.get("--conditions", "").split(",")):
         find(condition, CONDITIONS, "condition")
-
-
-def test_the_sample_cloud_is_made_as_its_page_says(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (script,) = blocks(DOCS / "rendering.md", "python")
-    exec(compile(script, "rendering.md", "exec"), {})
-    sample = load_points(REPOSITORY / "examples" / "chair.ply")
-    assert sample.shape == (2048, 3)
-    np.testing.assert_allclose(load_points(Path("chair.ply")), sample, atol=1e-6)
 
 
 def test_the_page_shows_parts_of_the_examples():

@@ -68,6 +68,21 @@ def command(capsys):
 
 
 @pytest.fixture
+def refused(command):
+    """Run a command line that is refused with exit status 2; return its one line of error."""
+
+    def run(*arguments):
+        status, out, err = command(*arguments)
+        assert (status, out) == (2, "")
+        *progress, line = err.splitlines()
+        assert all(" done, " in text for text in progress)  # where the machine is busy
+        assert line.startswith("bench: ")
+        return line.removeprefix("bench: ")
+
+    return run
+
+
+@pytest.fixture
 def few_objects(monkeypatch):
     """Have intervals from two objects on, so that tests can be worked out by hand."""
     monkeypatch.setattr("bench.analysis.intervals.FEWEST", 2)

@@ -10,7 +10,6 @@ import pytest
 from bench.analysis.significant_digits import ObjectDeviation, RoundingErrors
 from bench.tables.grid import FEWER
 from studies.documents import NUMBERS, filled, moved_values
-from studies.leaderboard import ResultGroup, board
 from studies.printed_digits import line_precision, with_objects
 
 NAN = math.nan
@@ -124,22 +123,3 @@ def test_every_file_with_images_has_whole_numbers_of_objects():
         for row in lines:
             if row.get("n") and row.get("class", "average") != "average":
                 assert float(row["objects"]).is_integer(), f"{path.name}: {row}"
-
-
-def test_the_leaderboard_has_them(tmp_path):
-    head = "suite,method,condition,class,metric,value,failures_as_blank,n\n"
-    of_apss = "chair-robustness,surface-apss,2048,chair,{},0.776400,,480\n"
-    (tmp_path / "known.csv").write_text(
-        head + "".join(map(of_apss.format, ("ssim-object", "lpips")))
-    )
-    (tmp_path / "known-differences.csv").write_text("metric,condition,class,method_b,ahead\n")
-    (tmp_path / "view-costs.csv").write_text("condition,views,metric,method,cost_ms\n")
-    group = ResultGroup("known", "chairs", "known", "2048")
-    errors = RoundingErrors({
-        ("surface-apss", "2048", "ssim-object"): APSS,
-        ("surface-apss", "2048", "lpips"): ObjectDeviation(1e-6, 24),
-    })  # fmt: skip
-    made = board(tmp_path, (group,), errors)
-    assert [cell.text for cell in made.rows[0].cells[:2]] == ["≈.78", ".776"]
-    assert f"{FEWER}." in made.notes
-    assert f"{FEWER}." not in board(tmp_path, (group,), RoundingErrors({})).notes

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import inspect
 from dataclasses import replace
 
 import pytest
 
-from baselines import splat_net
 from bench.catalogue.methods import (
     BUNDLED,
     FLOORS,
@@ -75,31 +73,3 @@ def test_what_draws_an_unknown_object_knows_more_than_chairs():
     coloured = find_method(RECOMMENDED_IN_COLOUR)
     assert (coloured.trained_on, coloured.color) == ("13 classes", "invented")
     assert coloured.family == method.family
-
-
-def test_splat_net_is_one_network_for_any_object_and_that_of_chairs_says_so():
-    networks = {m.id: m for m in BUNDLED if m.family == "splat-net"}
-    of_chairs = {name for name in networks if name.startswith("splat-net@chair")}
-    assert set(networks) - of_chairs == {
-        *("splat-net", "splat-net@grey", "splat-net@tiny", "splat-net@tiny-grey"),
-    }
-    assert {networks[name].trained_on for name in of_chairs} == {"chairs"}
-    files = {name: method.weights_file().stem for name, method in networks.items()}
-    assert {name: files[name] for name in ("splat-net", "splat-net@grey", "splat-net@chair")} == {
-        "splat-net": "all",
-        "splat-net@grey": "all",
-        "splat-net@chair": "chair",
-    }
-    assert inspect.signature(splat_net.load).parameters["name_or_path"].default == "all"
-
-
-@pytest.mark.parametrize(
-    ("old", "near"),
-    [
-        ("splat-net@all", "splat-net"),
-        ("splat-net@all-grey", "splat-net@grey"),
-    ],
-)
-def test_an_id_of_an_earlier_version_is_refused_with_the_nearest(old, near):
-    with pytest.raises(BadInput, match=f"unknown method '{old}': did you mean '{near}'"):
-        find_method(old)

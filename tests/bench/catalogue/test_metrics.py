@@ -26,17 +26,14 @@ from bench.catalogue.metrics import (
     value_range,
 )
 from bench.catalogue.suites import SUITES
-from bench.judges import JUDGE_WEIGHTS, VIEWS_WEIGHTS
-from bench.judges.judge import CODE, JudgeNetwork, greyscale, judge, load_judge_network
-from bench.judges.views import load_views_network, view_features
+from bench.judges import VIEWS_WEIGHTS
+from bench.judges.judge import CODE, JudgeNetwork, judge
 from bench.metrics.dists import dists
 from bench.metrics.image_scores import FURTHER_SCORES, further_score
 from bench.metrics.inception import FidInception, inception_features
-from bench.metrics.lpips_network import Lpips
 from bench.metrics.lpips_weights import find_lpips_weights
 from bench.records.record import Record
 from data_prep.failures import BadInput, MissingDependency
-from learning.convolution import fold_normalisation
 
 FID = "fid"
 RNG = np.random.default_rng(0)
@@ -103,25 +100,6 @@ def test_the_judge_is_an_extractor_and_skipped_where_it_is_not_there(tmp_path, m
 def of_every_extractor() -> list[tuple[FeatureSource, str]]:
     """Return the extractors whose weights need no download, with these."""
     return [(source, str(source.weights(None))) for source in EXTRACTORS if source.id != FID]
-
-
-def test_a_network_without_a_device_of_its_own_is_on_the_cpu():
-    """`load` of a run on the CPU gives the bits of each network as it is built for itself."""
-    views, judged = load_views_network(VIEWS_WEIGHTS), load_judge_network(JUDGE_WEIGHTS)
-    for network in (views, judged):
-        fold_normalisation(network)
-    grey = np.repeat(greyscale(IMAGES)[..., None], 3, axis=-1)
-    expected = {
-        "fd-views": view_features(views, IMAGES),
-        "fd-views-grey": view_features(views, grey),
-        "fd-alexnet": Lpips(find_lpips_weights()).encode(IMAGES).features.numpy(),
-        JUDGE: judge(judged, IMAGES),
-    }
-    loaded = of_every_extractor()
-    assert [source.id for source, _ in loaded] == list(expected)
-    for source, weights in loaded:
-        actual = source.load(weights, "cpu")(IMAGES)
-        assert actual.tobytes() == expected[source.id].tobytes(), source.id
 
 
 def test_nothing_of_a_network_stays_behind_on_the_cpu():

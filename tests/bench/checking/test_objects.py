@@ -139,24 +139,6 @@ def test_a_clean_part_of_five_objects_passes(part, command):
     assert not (part / "figures" / "moved.png").exists()
 
 
-@pytest.mark.parametrize(
-    ("changes", "cells"),
-    [
-        ({"methods": ["splat", "blank"], "conditions": ["512"]}, 2),
-        ({"conditions": ["512"]}, 3),
-        ({"methods": ["blank"]}, 2),
-    ],
-)
-def test_a_part_of_methods_and_conditions(tmp_path, golden_results, changes, cells):
-    part = write_run(tmp_path / "part", objects=OBJECTS[:2], **changes)
-    verdict = check(part)
-    assert verdict.regressions == ()
-    assert verdict.compared == cells * 2 * len(IMAGE_METRICS)
-    alter(part, {"a": 0.002}, score="structure", method="blank")
-    (line,) = check(part).regressions
-    assert line.startswith("structure of blank at 512: 1 of 2 objects moved")
-
-
 def test_what_has_no_golden_value_is_named_and_left_out(tmp_path, golden_results, command):
     run = write_run(
         tmp_path / "run",
@@ -346,30 +328,6 @@ def tiles_of(sheet, count):
     for i in range(count):
         left, top = MARGIN + i % 4 * wide, MARGIN + i // 4 * high + LABEL_HEIGHT
         yield sheet[top : top + side, left : left + side]
-
-
-def test_no_more_than_eight_objects_are_drawn(run, command):
-    for condition in ("2048", "512"):
-        alter(run, dict.fromkeys("abcdefg", 0.1), condition=condition)
-    assert command("check", run)[0] == 1
-    with Image.open(run / "figures" / "moved.png") as image:
-        assert image.size == (MARGIN + 4 * (256 + MARGIN), MARGIN + 4 * (256 + 18 + MARGIN))
-
-
-def test_a_failed_object_was_there(run, command):
-    """A failed job has no artifact, and its records have no scores."""
-    key = key_of(run, "d")
-    with open_folder(run) as store:
-        store.append(Result(key, tuple(store.records(key)), None, "draw: no"))
-    path = run / "records.parquet"
-    frame = pd.read_parquet(path)
-    chosen = (frame["method"] == "splat") & (frame["condition"] == "512") & (frame["object"] == "d")
-    frame.loc[chosen, "outcome"] = "failed"
-    overwrite(path, frame)
-    write_outputs(read_scored(run))
-    by_object = [line for line in check(run).regressions if "objects moved" in line]
-    assert len(by_object) == len(IMAGE_METRICS)
-    assert by_object[0].endswith(f"chair/d nothing, golden {values(run, 'd')[0]:.6f}")
 
 
 def test_a_read_only_folder_does_not_change_the_verdict(part, command):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pandas as pd
 import pytest
 
@@ -14,7 +13,6 @@ from bench.records.run_folder import read_manifest
 from bench.report.build import read_page
 from bench.running.options import Options
 from bench.tables.build import make_outputs, write_outputs
-from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 
 from ..builders import write_run
 
@@ -28,26 +26,6 @@ def written(tmp_path_factory):
     """Return a run with random scores, of 3 objects x 2 views."""
     directory = tmp_path_factory.mktemp("beyond")
     return write_run(directory, suite=SUITE.id, methods=METHODS, conditions=CONDITIONS)
-
-
-def test_leads_follow_from_the_records(written):
-    rows = pd.read_csv(written / "tables" / "crossings.csv", dtype={"at": str, "condition": str})
-    assert set(zip(rows["method"], rows["rival"], strict=True)) == {("pc2pix", "surface-apss")}
-    assert set(rows["metric"]) == set(SUITE.condition_sweep)
-    for _, of_metric in rows.groupby("metric"):
-        steps = of_metric[["family", "condition", "at"]].itertuples(index=False, name=None)
-        assert list(steps) == [
-            *(("points", "2048", "2048"), ("points", "512", "512")),
-            *(("noise", "2048", "0"), ("noise", "noise-0.05", "0.05")),
-            *(("noise", "noise-0.20", "0.2"), ("missing", "2048", "0")),
-            ("missing", "missing-0.50", "0.5"),
-        ]
-    records = pd.read_parquet(written / "records.parquet")
-    means = records.groupby(["condition", "method"])["ssim"].mean().unstack()
-    means = means.loc[rows[rows["metric"] == "ssim"]["condition"], ["pc2pix", "surface-apss"]]
-    found = rows[rows["metric"] == "ssim"][["value", "rival_value", "lead"]].to_numpy()
-    np.testing.assert_allclose(found[:, :2], means, rtol=0, atol=1e-6)  # 6 decimals
-    np.testing.assert_allclose(found[:, 2], found[:, 0] - found[:, 1], rtol=0, atol=2e-6)
 
 
 def test_table_and_check_know_the_leads(written, command, monkeypatch):
@@ -68,27 +46,6 @@ def test_table_and_check_know_the_leads(written, command, monkeypatch):
     assert (status, err) == (0, "")
     assert path.read_bytes() == before
     assert (written / "tables" / "crossings.md").read_text() in out
-
-
-def test_tables_and_report_have_titles_of_their_own(written):
-    outputs = make_outputs(read_scored(written))
-    names = [table.name for table in outputs.tables]
-    assert names == ["table_ssim", "table_frechet", "table_detail"]
-    for table in outputs.tables:
-        assert "Table " not in table.title
-        assert "the paper's layout" not in table.to_markdown()
-    page = read_page(outputs)
-    assert page.curves_title == "Beyond training"
-    assert [plot.title for plot in page.curves.plots] == [
-        f"{metric} against {family}, class chair"
-        for family in ("points", "noise", "missing")
-        for metric in SUITE.condition_sweep
-    ]
-    assert page.tables[0].title == (
-        "Beyond what the networks were trained on; against the true mesh in its colours; "
-        f"protocol {PROTOCOL_VERSION}"
-    )
-    assert [len(page.tables), len(page.tables[0].tables)] == [4, 1 + 3]
 
 
 def test_runs_without_two_methods_families_or_features_have_less(tmp_path):

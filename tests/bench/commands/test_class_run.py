@@ -17,15 +17,12 @@ from bench.analysis.scored import read_scored
 from bench.commands.publish import run_suite
 from bench.judges.views import Labels, ViewsNetwork, to_file
 from bench.records.run_folder import read_manifest
-from bench.report.build import read_page
 from bench.running.options import Options
-from bench.tables.build import make_outputs, tables
+from bench.tables.build import tables
 from data_prep.failures import BadInput
 from data_prep.randomness import generator
 from data_prep.shapes.catalogue import CLASSES
 from pc2pix import weights as weight_files
-
-from ..builders import write_run
 
 OBJECTS = {"chair": 3, "table": 2}
 
@@ -115,43 +112,6 @@ def test_other_weights_are_not_asked(measured, monkeypatch, classifier, tmp_path
     rows = [row for row in made.rows if row.metric == "class-confidence"]
     assert len(rows) == 12
     assert all(math.isnan(row.value) for row in rows)
-
-
-@pytest.fixture(scope="module")
-def written(tmp_path_factory):
-    """Return a run with random scores and features of six chairs and two tables."""
-    objects = [*(f"chair/{name}" for name in "abcdef"), "table/g", "table/h"]
-    methods = ["surface-apss", "pc2pix", "true-mesh", "blank"]
-    place = tmp_path_factory.mktemp("written")
-    cells = {"objects": objects, "methods": methods, "conditions": ["2048"]}
-    return write_run(place, suite="thirteen-classes", **cells)
-
-
-def test_averages_have_intervals_and_the_papers_values_beside_them(written):
-    rows = rows_of_table_5(written)
-    assert rows["fid", "chair", "surface-apss"]["paper"] == "94.000000"
-    # two tables: no jackknife of a class, but one of the average
-    assert rows["fd-views", "table", "surface-apss"]["ci_low"] == ""
-    assert rows["fd-views", "average", "surface-apss"]["ci_high"] != ""
-
-
-def test_the_orderings_in_the_report(written):
-    outputs = make_outputs(read_scored(written))
-    page = read_page(outputs)
-    assert page.curves_title == "Class by class"
-    assert len(page.tables) == 4
-    counts, leads = page.tables[-1].tables
-    assert [counts.unfolded, leads.unfolded] == [True, True]
-    assert [line.name for line in leads.lines] == ["chair", "table", "average"]
-    # as published: 94.0 - 28.8, 127.2 - 39.7, 114.4 - 57.2
-    assert [line.cells[1].text for line in leads.lines] == ["+65.2", "+87.5", "+57.2"]
-    (made,) = (table for table in outputs.further if table.name == "table5_orderings")
-    ssim = [row.difference.value for row in made.rows if row.metric == "ssim"]
-    column = [name for name, _ in leads.columns].index("ssim")
-    assert [line.cells[column].value for line in leads.lines] == ssim
-    explained = [metric for metric, _ in dict(page.meanings)["Metrics"]]
-    assert {"kid", "kd-views", "class-confidence"} < set(explained)
-    assert len(explained) == len(set(explained))
 
 
 @pytest.mark.usefixtures("planned_only")

@@ -105,11 +105,6 @@ BROKEN = Method("broken", lambda device: None, NO_WEIGHTS, version=1, source="")
     ("broken", "status", "line"),
     [
         (
-            {"load_library": partial(load_all_but, "libEGL.so.1")},
-            1,
-            "FAIL libEGL.so.1: missing (needed): apt-get install libegl1\n",
-        ),
-        (
             {"load_library": partial(load_all_but, "libOpenGL.so.0")},
             1,
             "FAIL libOpenGL.so.0: missing (needed): apt-get install libopengl0\n",
@@ -123,11 +118,6 @@ BROKEN = Method("broken", lambda device: None, NO_WEIGHTS, version=1, source="")
             {"version": raises(PackageNotFoundError())},
             1,
             "FAIL pyrender: not installed: run 'bench doctor --install'\n",
-        ),
-        (
-            {"environment": raises(MissingDependency("install libegl1"))},
-            1,
-            "FAIL rendering: install libegl1\n",
         ),
         (
             {"methods": [BROKEN]},

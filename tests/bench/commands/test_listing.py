@@ -6,9 +6,8 @@ import re
 
 import pytest
 
-from bench.catalogue.chosen import BEST_RECONSTRUCTION
 from bench.catalogue.costs import view_costs_ms
-from bench.catalogue.methods import COST_VARIANTS, METHODS, RECOMMENDED
+from bench.catalogue.methods import COST_VARIANTS, METHODS
 from bench.catalogue.metrics import (
     CONTROL_METRICS,
     FURTHER_METRICS,
@@ -71,24 +70,6 @@ def test_all_sections_name_everything(command):
         assert found == expected, title
         assert command("list", title) == (0, f"{title}:\n{sections[title]}", "")
     assert "picture" not in out
-
-
-def test_methods_have_sections_stars_and_what_they_know():
-    assert sorted(BY_SECTION["methods"]) == sorted(method.id for method in METHODS)
-    lines = list(section_lines("methods"))
-    heads = [line for line in lines if re.fullmatch(r" \S.*", line)]
-    kinds = ["networks", "reconstructions", "projections"]
-    assert heads == [f" {kind}" for kind in (*kinds, "reference methods")]
-    stars = {line.split()[1] for line in lines if line.startswith("* ")} - {"recommended:"}
-    assert RECOMMENDED in stars
-    assert {m.kind for m in METHODS if m.id in stars} == {"network", "reconstruction"}
-    (note,) = (line for line in lines if line.startswith("* recommended: "))
-    assert all(star in note for star in (*stars, BEST_RECONSTRUCTION))
-    about = {entry[1]: entry[2] for line in lines if (entry := ENTRY.fullmatch(line))}
-    for method in METHODS:
-        facts = re.split(" {2,}", about[method.id])
-        assert facts[:2] == [method.trained_on, method.color]
-        assert facts[-1] == method.source
 
 
 def test_costs_are_those_of_the_table():

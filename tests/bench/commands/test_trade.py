@@ -15,11 +15,10 @@ from bench.catalogue.suites import SUITES
 from bench.commands.publish import run_suite
 from bench.records.run_folder import read_manifest
 from bench.running.options import Options
-from bench.tables.build import make_outputs, write_outputs
+from bench.tables.build import write_outputs
 from data_prep.failures import BadInput
 
 from ..builders import read_all, write_all, write_run
-from ..conftest import on_terminal
 
 pytestmark = pytest.mark.usefixtures("few_objects")
 
@@ -70,19 +69,6 @@ def written(tmp_path_factory):
     return write_run(tmp_path_factory.mktemp("trade"), suite=SUITE.id)
 
 
-def test_distances_are_those_of_the_table(written):
-    outputs = make_outputs(read_scored(written))
-    (sets,) = (table for table in outputs.tables if table.name == "table_frechet")
-    expected = {(row.method, row.condition): row.value for row in sets.rows}
-    assert [table.name for table in outputs.further] == ["frontier", "points"]
-    frontier, _ = outputs.frontier_tables
-    found = {
-        (p.method, p.condition): p.quality.value for p in frontier.rows if p.metric == "fd-views"
-    }
-    assert found.items() <= expected.items()
-    assert {"splat", "blank"} <= {method for method, _ in found}
-
-
 def test_metrics_without_features_have_no_places(tmp_path):
     directory = write_run(tmp_path, suite=SUITE.id)
     (directory / "features" / "fd-views.parquet").unlink()
@@ -99,39 +85,6 @@ def test_runs_without_scores(tmp_path, suite):
     manifest.write_text(manifest.read_text().replace("chair-robustness", suite))
     with pytest.raises(BadInput, match=f"a run of {suite} writes its tables itself"):
         read_scored(directory).compared(["ssim"])
-
-
-def test_recommend(tmp_path, command):
-    """Every method takes 250 ms a cloud and 125 ms a view, and has random scores; blank has 0."""
-    methods = ["splat", "poisson", "true-mesh", "blank"]
-    directory = write_run(tmp_path, methods=methods, workers=2, machine={"cpu": "Abacus"})
-    white = {"ssim": 0.0, "ssim_object": 0.0, "lpips": 2.0}
-    made = [replace(r, **(white if r.method == "blank" else {})) for r in read_all(directory)]
-    write_all(directory, made)
-    records = pd.read_parquet(directory / "records.parquet").query("method in @methods[:2]")
-    means = records.groupby(["condition", "method"])[["ssim", "ssim_object", "lpips"]].mean()
-    status, out, err = command("recommend", directory, "--budget-ms", "500.5")
-    assert (status, err) == (0, "")
-    for condition in ("2048", "512"):  # the headline metrics, a line each unless they agree
-        lines = [line for line in out.splitlines() if line.startswith(f"{condition}: ")]
-        by_ssim, by_lpips = means.loc[condition, "ssim_object"], means.loc[condition, "lpips"]
-        assert re.search(rf": best within 500 ms[a-z -]*: {by_ssim.idxmax()}, ", lines[0])
-        assert re.search(rf": best within 500 ms[a-z -]*: {by_lpips.idxmin()}, ", lines[-1])
-        assert f"ssim-object {by_ssim.max():.3f} [" in lines[0]
-        assert f"lpips {by_lpips.min():.3f} [" in lines[-1]
-    means = means["ssim"]
-    status, out, err = command("recommend", directory, "--budget-ms", "500.5", "--metric", "ssim")
-    assert (status, err) == (0, "")
-    head, *lines = out.splitlines()
-    assert head == (
-        "Wall time of one thread on Abacus, 2 workers at a time: compare costs within this run "
-        "only; all 2 views of a cloud drawn in one call. Scores are against the true mesh in its "
-        "colours."
-    )
-    for condition, line in zip(("2048", "512"), lines, strict=True):
-        best, value = means[condition].idxmax(), f"{means[condition].max():.3f}"
-        assert line.startswith(f"{condition}: best within 500 ms: {best}, ssim {value} [")
-        assert line.endswith("], 500 ms [500, 500] a cloud, 250 ms an image")
 
 
 def test_surely_is_said_of_the_method_that_is(tmp_path, command):
@@ -158,12 +111,6 @@ def test_surely_is_said_of_the_method_that_is(tmp_path, command):
     assert "surely" not in short
     assert regret.startswith("  regret: ")
     assert sure.startswith("  surely that good, by the lower end of the interval: poisson, ")
-
-
-def test_advice_is_no_wider_than_the_terminal(written):
-    lines = on_terminal(20, "recommend", written, "--budget-ms", "9000", "--condition", "512")
-    assert max(map(len, lines)) <= 20
-    assert "best within 9000 ms" in " ".join(" ".join(lines).split())
 
 
 @pytest.mark.parametrize(

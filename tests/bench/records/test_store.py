@@ -11,8 +11,8 @@ from hashlib import sha256
 import numpy as np
 import pytest
 
-from bench.records.artifacts import JobName, pack, unpack, unpack_images
-from bench.records.job import Result, failed
+from bench.records.artifacts import pack, unpack, unpack_images
+from bench.records.job import failed
 from bench.records.run_folder import open_folder, read_store
 from bench.records.store import STORE, DamagedArtifact, pack_records, unpack_columns
 from bench.records.stored_artifacts import Artifact, StoredArtifacts, read_jobs
@@ -377,9 +377,3 @@ def test_images_are_there_by_a_handle(tmp_path):
     with pytest.raises(KeyError):
         artifact.read("y")
     assert Artifact(tmp_path, "unknown").read_images() is None
-
-
-def test_results_are_equal_without_their_contents():
-    result = finish(make_job())
-    assert result.without_contents() == Result(result.key, (), result.artifact_sha256)
-    assert JobName("a", "", "b", "c").truth.object == ("b", "c")

@@ -34,32 +34,6 @@ def test_what_draws_where_no_method_is_named():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "line"),
-    [
-        (
-            ((("splat", "blank"), False, 50.0)),
-            "budget 50ms: it chooses the method, and splat, blank is named; leave out one of the "
-            "two",
-        ),
-        (
-            (((), True, 50.0)),
-            "budget 50ms: the methods that it chooses from draw in grey; leave out the colour or "
-            "the budget",
-        ),
-        (
-            (("surface-fit",), True, None),
-            "method 'surface-fit' draws in grey; leave out the colour, or the method: then "
-            f"{RECOMMENDED_IN_COLOUR} draws",
-        ),
-    ],
-)
-def test_wishes_that_exclude_each_other(arguments, line):
-    with pytest.raises(BadInput) as refusal:
-        methods_to_draw(*arguments)
-    assert str(refusal.value) == line
-
-
-@pytest.mark.parametrize(
     ("options", "problem"),
     [
         (("--budget", "50ms", "--method", "splat"), "budget 50ms: it chooses the method, and spl"),

@@ -345,16 +345,6 @@ def test_a_turntable_of_several_methods_goes_round(command, plugins, cloud, tmp_
         assert np.array_equal(splat, expected)
 
 
-def test_a_turntable_has_36_frames_of_its_own_size(command, plugins, cloud, tmp_path):
-    out = tmp_path / "turn.apng"
-    turn = ("--azimuth", "-30", "-o", out)
-    assert command("render", cloud, "--method", "fake-round", *turn)[:2] == (0, f"{out}\n")
-    with Image.open(out) as film:
-        assert (film.n_frames, film.size) == (36, (128, 128))
-        film.seek(1)
-        assert np.asarray(film.convert("RGB"))[0, 0, 0] == (-30 + 10) / 2 + 90
-
-
 def test_the_remedy_is_named_where_points_may_be_too_many(cloud):
     whole, some = CloudFile(cloud, as_is=True), CloudFile(cloud, as_is=True, most=9)
     late = Failed("timeout: no result within 120 s")
@@ -449,16 +439,3 @@ def test_files_that_are_no_clouds(refused, tmp_path, monkeypatch):
     message = refused("render", gone, "--method", "blank", "-o", tmp_path / "out.png")
     assert message.startswith(f"{gone}: no such file")
     assert [path.name for path in tmp_path.iterdir()] == ["equal.xyz"]
-
-
-def test_images_that_cannot_be_written(refused, cloud, tmp_path):
-    (tmp_path / "file").touch()
-    out = tmp_path / "file" / "out.png"
-    message = refused("render", cloud, "--method", "blank", "-o", out)
-    assert message.startswith(f"{out}: no such folder, {tmp_path / 'file'}; ")
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["cloud.ply", "file"]
-
-
-def test_a_method_is_looked_for_before_the_file(tmp_path):
-    with pytest.raises(ValueError, match="unknown method"):
-        draw_file(CloudFile(tmp_path / "gone.ply", True), Drawing("splta", (View(0.0, 0.0),)))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from bench.rendering.files import frame_ms, in_one_palette, moves, write_images
+from bench.rendering.files import in_one_palette, moves, write_images
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.randomness import generator
 
@@ -51,21 +51,6 @@ def test_films_loop_and_show_what_they_were_given(tmp_path, suffix, colours):
     assert durations == [300] * 12
 
 
-def test_a_gif_of_more_colours_keeps_white_and_is_near():
-    """36 colours a side of the cube in the plane blue = 100: cells of 7 levels, at best."""
-    levels = np.linspace(0, 250, 36).astype(np.uint8)
-    frame = np.full((1, 40, 36, 3), 255, np.uint8)
-    frame[0, :36, :, 0], frame[0, :36, :, 1] = np.meshgrid(levels, levels)
-    frame[0, :36, :, 2] = 100
-    (image,) = in_one_palette(frame)
-    shown = np.asarray(image.convert("RGB")).astype(int)
-    assert (shown[36:] == 255).all()
-    assert len(np.unique(shown.reshape(-1, 3), axis=0)) > 200
-    # 1,296 colours, 255 cells of some 5: within a cell of 3 x 2 steps none is farther than its
-    # half diagonal, 13; cells of a median cut are up to twice as long.
-    assert np.linalg.norm(shown[:36] - frame[0, :36], axis=2).max() < 26
-
-
 def test_greys_keep_their_shades_beside_many_colours():
     """50 greys of 400 pixels each, 5,000 colours of one: by pixels the greys are four fifths.
 
@@ -87,17 +72,6 @@ def test_still_pixels_do_not_flicker():
     images = in_one_palette(frames)
     assert len({bytes(image.getpalette()) for image in images}) == 1
     assert len({index for image in images for index in np.asarray(image)[:3, :3].ravel()}) == 1
-
-
-def test_white_frames_are_white():
-    (image,) = in_one_palette(np.full((1, 8, 8, 3), 255, np.uint8))
-    assert (np.asarray(image.convert("RGB")) == 255).all()
-
-
-def test_a_turn_takes_its_time():
-    """3.6 s, and never more than 25 frames a second."""
-    frames = (2, 12, 36, 72, 90, 120)
-    assert [frame_ms(count) for count in frames] == [1800, 300, 100, 50, 40, 40]
 
 
 def test_an_opacity_is_kept_where_the_format_has_one(tmp_path):

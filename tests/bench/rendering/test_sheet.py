@@ -2,20 +2,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from PIL import ImageFont
 
 from bench.rendering.sheet import (
-    INK,
     LABEL_HEIGHT,
-    LABEL_PX,
     MARGIN,
     PROBLEM_GROUND,
     PROBLEM_INK,
     Tile,
-    columns_of,
     draw_sheet,
-    shortened,
-    wrapped,
 )
 
 STEP = 128 + MARGIN  # to the next tile, unscaled
@@ -54,23 +48,6 @@ def test_every_frame_shows_its_images():
     assert (label_at(frames[0], 0, 1) == label_at(frames[2], 0, 1)).all()
 
 
-def test_pixels_become_squares():
-    image = np.arange(128 * 128 * 3, dtype=np.uint32).astype(np.uint8).reshape(1, 128, 128, 3)
-    frame = draw_sheet([Tile("", image)], 1, 3)[0]
-    shown = image_at(frame, 0, 0, scale=3)
-    for down in range(3):
-        for right in range(3):
-            assert (shown[down::3, right::3] == image[0]).all()
-
-
-def test_a_label_is_over_its_own_image_only():
-    frame = draw_sheet([Tile("i" * 300, plain(255)), Tile("", plain(255))], 2, 1)[0]
-    assert (label_at(frame, 0, 0).min(axis=(0, 1)) == INK).all()
-    blank = frame.copy()
-    label_at(blank, 0, 0)[:] = 255
-    assert (blank == 255).all()
-
-
 def test_a_reason_stands_in_place_of_the_images_in_every_frame():
     """A long one, too: what has no room is left out."""
     reason = "stage: " + 500 * "points and holes "
@@ -89,40 +66,3 @@ def test_how_many_frames_there_are():
     assert len(draw_sheet([Tile("a", "x: y"), Tile("b", "")], 2, 1)) == 1
     with pytest.raises(ValueError, match=r"tiles have \[1, 2\] frames"):
         draw_sheet([Tile("", plain(1)), Tile("", plain(1, 2))], 2, 1)
-
-
-def test_rows_are_equally_long():
-    counts = (1, 2, 5, 6, 7, 9, 10, 11)
-    assert [columns_of(count) for count in counts] == [1, 2, 5, 3, 4, 5, 5, 4]
-
-
-def width(text):
-    return ImageFont.load_default(LABEL_PX).getlength(text)
-
-
-def test_what_fits_is_not_shortened():
-    assert shortened("surface-apss", LABEL_PX, width("surface-apss")) == "surface-apss"
-    assert shortened("", LABEL_PX, 0) == ""
-    assert wrapped("", LABEL_PX, 50) == []
-
-
-def test_a_longer_text_keeps_its_ends():
-    text = "pc2pix@training/gan/weights.safetensors"
-    short = shortened(text, LABEL_PX, 128)
-    start, _, end = short.partition("…")
-    assert width(short) <= 128
-    assert text.startswith(start)
-    assert text.endswith(end)
-    assert abs(len(end) - len(start)) <= 1
-    longer = text[: len(start) + 1] + "…" + text[len(text) - len(end) - 1 :]
-    assert width(longer) > 128
-
-
-def test_words_go_into_lines_and_a_long_one_is_shortened_in_its_own():
-    lines = wrapped("three words of ten", LABEL_PX, width("three words"))
-    assert lines == ["three words", "of ten"]
-    first, second = wrapped(f"a {'x' * 100}", LABEL_PX, 60)
-    assert first == "a"
-    assert second.startswith("x")
-    assert "…" in second
-    assert width(second) <= 60

@@ -287,25 +287,3 @@ def test_the_page_leads_to_a_row(no_machine, tmp_path, command, monkeypatch):
     table = Path("out/tables/headline.md").read_text()
     assert re.search(r"^\| pyvista-points +\|", table, re.MULTILINE), table
     assert len((REPOSITORY / script).read_text().splitlines()) <= 30
-
-
-@pytest.mark.slow
-def test_the_example_draws_from_the_exported_views(exported, tmp_path):
-    """Each image covers the true one from its own view better than that from the other."""
-    pytest.importorskip("pyvista", reason="PyVista is not among the packages of the tests")
-    script = REPOSITORY / "examples" / "images" / "pyvista_points.py"
-    subprocess.run([sys.executable, script, exported, tmp_path / "tree"], check=True)
-
-    def covered(path: Path) -> np.ndarray:
-        return (np.asarray(Image.open(path)) < 250).any(axis=-1)
-
-    for number, name in enumerate(("test-0000", "test-0001")):
-        drawn, true = (
-            [covered(folder / f"{view:02d}.png") for view in (0, 1)]
-            for folder in (
-                tmp_path / "tree/2048/chair" / name,
-                exported / f"images/chair/{number:05d}",
-            )
-        )
-        overlap = np.array([[(d & t).sum() / (d | t).sum() for t in true] for d in drawn])
-        assert (overlap.argmax(axis=1) == [0, 1]).all(), overlap

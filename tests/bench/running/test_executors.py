@@ -3,10 +3,6 @@ from __future__ import annotations
 import json
 import multiprocessing
 import os
-import pickle
-import signal
-import subprocess
-import sys
 import time
 from contextlib import closing
 from pathlib import Path
@@ -103,35 +99,6 @@ def test_closing_early_stops_all_workers(jobs_for, tmp_path):
     assert time.monotonic() - start < AMPLE.time_s / 2  # nobody waited for the time limit
     assert not any(map(is_alive, pids))
     assert multiprocessing.active_children() == []
-
-
-RUN_JOBS = """
-import pickle, sys
-from bench.running.isolation import submit_all
-from bench.running.isolation import Limits
-from bench.running.executors import JobPool
-if __name__ == "__main__":
-    sys.path.append(sys.argv[1])
-    with open(sys.argv[2], "rb") as file:
-        list(submit_all(pickle.load(file), JobPool(1, 1, Limits(600.0, 8.0))))
-"""
-
-
-def test_workers_do_not_outlive_a_killed_run(jobs_for, tmp_path):
-    (tmp_path / "run_jobs.py").write_text(RUN_JOBS)
-    jobs = jobs_for(Hanging("1", pid_file=tmp_path / "pid"))
-    (tmp_path / "jobs").write_bytes(pickle.dumps(jobs))
-    script = (tmp_path / "run_jobs.py", Path(__file__).parents[1], tmp_path / "jobs")
-    with subprocess.Popen([sys.executable, *script]) as process:
-        wait_until(lambda: (tmp_path / "pid").is_file() and (tmp_path / "pid").read_text())
-        pid = int((tmp_path / "pid").read_text())
-        assert is_alive(pid)
-        process.kill()
-    try:
-        wait_until(lambda: not is_alive(pid))
-    finally:
-        if is_alive(pid):
-            os.kill(pid, signal.SIGKILL)
 
 
 def test_workers_have_an_environment_of_their_own_and_are_replaced_now_and_then(

@@ -203,6 +203,7 @@ def start_children(task: tuple[str, Path]) -> str:
     ]
     pids = [child.pid for child in children]
     pids.append(int(subprocess.check_output([sys.executable, "-c", orphan])))
+    (file.parent / "worker").write_text(str(os.getpid()))
     file.with_suffix(".part").write_text(" ".join(map(str, pids)))
     file.with_suffix(".part").rename(file)
     for child in children:
@@ -268,14 +269,16 @@ if __name__ == "__main__":
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux hands orphans to a worker")
-def test_what_a_worker_has_started_does_not_outlive_a_killed_run(tmp_path):
+def test_a_worker_and_what_it_has_started_do_not_outlive_a_killed_run(tmp_path):
     (tmp_path / "run.py").write_text(KILLED_RUN)
     file = tmp_path / "pids"
     command = [sys.executable, tmp_path / "run.py", Path(__file__).parent, file]
     with subprocess.Popen(command) as process:
         wait_until(file.exists)
         process.kill()
-    pids = [int(pid) for pid in file.read_text().split()]
+    pids = [
+        int(pid) for place in ("worker", "pids") for pid in (tmp_path / place).read_text().split()
+    ]
     wait_until(lambda: not any(map(is_alive, pids)))
 
 

@@ -13,7 +13,6 @@ from bench.catalogue.conditions import (
     MOST_POINTS,
     OUR_CONDITIONS,
     find_condition,
-    known_condition,
     load_condition,
 )
 from bench.catalogue.plugins import plugin_problems
@@ -68,12 +67,6 @@ def test_it_is_found_by_its_id_and_its_perturbation_by_that_id(package):
         repr(found.perturbation) == "PluginPerturbation(condition='good', key=\"Moved(fault='')\")"
     )
     assert find_condition("2048") is CONDITIONS[0]
-
-
-def test_an_unknown_id_names_the_nearest(package):
-    with pytest.raises(BadInput, match="unknown condition 'goood': did you mean 'good'"):
-        find_condition("goood")
-    assert known_condition("goood") is None
 
 
 ANNOUNCED = {  # by id: the reason of its refusal

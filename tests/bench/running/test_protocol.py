@@ -87,25 +87,6 @@ def test_what_is_planned_and_in_which_order():
     assert all(job.reference_key == truths[job.object].key for job in method_jobs)
 
 
-def test_objects_are_planned_when_they_are_asked_for():
-    """Their fingerprints are read then, and not before."""
-    read = []
-
-    class Told(Tetrahedron):
-        def fingerprint(self):
-            read.append(self.object_id)
-            return super().fingerprint()
-
-    made = plan(replace(PROTOCOL, objects=tuple(Told(name) for name in "abc")))
-    assert (len(made), made.names) == (3, ["chair/a", "chair/b", "chair/c"])
-    assert made[1:].select({"chair/c", "chair/x"}).names == ["chair/c"]
-    assert made.in_order(["chair/c", "chair/a"]).names == ["chair/c", "chair/a"]
-    assert made.select(["chair/c", "chair/a"]).names == ["chair/a", "chair/c"]
-    assert read == []
-    assert made[1].name == "chair/b"
-    assert read == ["b"]
-
-
 def test_keys_are_digests_of_the_whole_identity_as_json():
     """Runs of earlier versions are gone on with: their keys were made of one list."""
     job = plan(PROTOCOL)[0].method_jobs[0]

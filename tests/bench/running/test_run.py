@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import re
 import signal
 import sqlite3
 import time
@@ -46,8 +45,6 @@ from ..builders import (
     watched,
 )
 from ..conftest import BENCH, start_run
-
-SHARES = ("methods", "metrics", "rendering", "harness")
 
 
 def records(directory):
@@ -127,31 +124,6 @@ def test_ceiling_and_floor(finished):
         assert row.note.startswith("skipped: weights; ") == (row.metric in ("fid", "kid"))
     (counted,) = {r.n_ok for r in detail.rows if r.metric == "thin-recall"}
     assert 0 < counted <= 6  # it is the truth that has thin parts or not
-
-
-def test_what_is_printed(finished):
-    directory, done = finished
-    title, *shown, report, tables = done.stdout.splitlines()
-    assert (
-        title == "ssim-object and lpips: 3 of 3 objects; against the true mesh in its colours; "
-        f"protocol {PROTOCOL_VERSION}"
-    )
-    assert any(line.startswith("splat ") for line in shown)
-    assert len(shown) < 38
-    assert max(map(len, shown)) <= 100
-    assert report == f"report: {directory / 'report.html'}"
-    assert tables == f"tables: {directory / 'tables'}"
-    first, *progress, summary, shares, where = done.stderr.splitlines()
-    assert first == f"headline table so far: {directory / 'tables' / 'headline.md'}"
-    pattern = r"chair-robustness, jobs: \d+/21 done, 0 failed, \d+ s, about \d+ s left"
-    assert all(re.fullmatch(pattern, line) for line in progress)
-    assert progress[-1].startswith("chair-robustness, jobs: 21/21 done, ")
-    assert summary.startswith("21 jobs done, 0 from before, 0 failed (jobs ")
-    numbers = ", ".join(rf"{name} (\d+)%" for name in SHARES)
-    parts = re.fullmatch(f"time of the workers: {numbers}", shares)
-    assert parts
-    assert 98 <= sum(map(int, parts.groups())) <= 102  # four numbers, each rounded by a half
-    assert where == f"results in {directory}"
 
 
 def test_the_manifest_tells_what_was_run(finished, tiny_weights):

@@ -86,19 +86,6 @@ def test_objects_follow_each_other_and_truths_come_one_ahead(schedule_of):
     assert schedule.left == 0
 
 
-def test_as_many_truths_come_ahead_as_workers_need(schedule_of):
-    schedule = schedule_of(plan_of("a", "b", "c", "d"), ahead=2)
-    assert carried_out(schedule) == [
-        *("a ground-truth", "b ground-truth", "c ground-truth"),
-        *("a splat 2048", "a blank 2048", "a splat 512"),
-        "d ground-truth",
-        *("b splat 2048", "b blank 2048", "b splat 512"),
-        *("c splat 2048", "c blank 2048", "c splat 512"),
-        *("d splat 2048", "d blank 2048", "d splat 512"),
-    ]
-    assert schedule.complete == ["chair/a", "chair/b", "chair/c", "chair/d"]
-
-
 def test_what_is_there_is_not_done_again(schedule_of):
     made = plan_of("a", "b")
     first = schedule_of(made)
@@ -140,13 +127,6 @@ def test_further_jobs_of_an_object_without_a_ground_truth_have_failed(schedule_o
     assert (wider.left, wider.failures) == (0, 5)
     assert carried_out(wider) == []
     assert len(schedule_of.store.find([job.key for job in made[0].jobs])) == 5
-
-
-def test_only_objects_under_way_are_held(schedule_of):
-    schedule = schedule_of(plan_of(*map(str, range(30))))
-    carried_out(schedule, most=61)
-    assert len(schedule._under_way) <= 3
-    assert len(schedule._object_of) <= 12
 
 
 def budgeted(seconds, objects=5, guess_s=4.0, job_s=1.0, capacity=1):

@@ -261,18 +261,6 @@ def test_times_are_taken_apart(measure, clock, monkeypatch):
     assert result.timing == JobTiming(methods=17.25, metrics=2.0, rendering=0.0, harness=4.0)
 
 
-def test_time_before_a_failure_counts(measure, clock):
-    failing = Failing(StageFailure("encode", "no"))
-    failing.prepare = clock.taking(0.5, failing.prepare)
-    _, result = measure(failing)
-    assert outcomes(result) == {("failed", "encode: no")}
-    assert result.timing == JobTiming(methods=0.5)
-
-
-def test_the_time_of_the_ground_truth_is_rendering(tmp_path, clock):
-    assert run_job(make_truth(Slow(clock=clock))).timing == JobTiming(rendering=3.0)
-
-
 @pytest.mark.parametrize("sees_mesh", [False, True])
 def test_only_the_ceiling_sees_the_mesh(measure, sees_mesh):
     fake = Fake()
@@ -365,16 +353,6 @@ def test_a_gpu_that_a_node_does_not_have_ends_the_run():
     """A failed record would count against the method."""
     for job in learned_jobs("cuda"):
         assert (run_job(job).unusable or "").startswith("--device cuda: PyTorch ")
-
-
-def test_splats_cover_what_the_mesh_covers(tmp_path):
-    truth = run_job(make_truth())
-    results = truth, run_job(make_job(reference=truth.artifact))
-    assert [outcomes(result) for result in results] == [{("ok", "")}] * 2
-    covered, painted = ((unpack_images(r.artifact) < 255).any(axis=3) for r in results)
-    assert 0.2 < covered.mean() < 0.8
-    assert (painted & ~covered).mean() < 0.02  # discs overlap the outline
-    assert (covered & ~painted).mean() < 0.05  # and leave some holes
 
 
 def test_the_same_job_gives_the_same_bytes(tmp_path):
