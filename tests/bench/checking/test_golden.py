@@ -256,17 +256,15 @@ def test_table_files_have_to_say_what_the_records_say(run, command, harm, name):
         ({"seed": 1, "views": 3}, "views 3 (golden: 2), seed 1 (golden: 0)"),
     ],
 )
-def test_another_protocol_cannot_be_compared(tmp_path, run, command, change, message):
+def test_another_protocol_cannot_be_compared(tmp_path, run, refused, change, message):
     other = write_run(tmp_path / "other", **change)
-    status, out, err = command("check", other)
-    assert (status, out) == (2, "")
-    assert err == (
-        f"bench: {other}: no golden values for this protocol: {message}; "
-        f"check a run of 'bench run --suite {SUITE}' with its defaults\n"
+    assert refused("check", other) == (
+        f"{other}: no golden values for this protocol: {message}; "
+        f"check a run of 'bench run --suite {SUITE}' with its defaults"
     )
 
 
-def test_golden_values_are_not_those_of_another_truth(tmp_path, run, command):
+def test_golden_values_are_not_those_of_another_truth(tmp_path, run, command, refused):
     other = write_run(tmp_path / "other", truth="grey")
     grey = "against the true mesh in grey"
     assert command("check", other) == (
@@ -275,17 +273,15 @@ def test_golden_values_are_not_those_of_another_truth(tmp_path, run, command):
         "0 golden values compared, 0 regressions\n",
         "",
     )
-    assert command("check", "--bless", other) == (
-        *(2, ""),
-        f"bench: {other}: golden values are not {grey}; run 'bench run --suite {SUITE}' and give "
-        "its folder\n",
+    assert refused("check", "--bless", other) == (
+        f"{other}: golden values are not {grey}; run 'bench run --suite {SUITE}' and give "
+        "its folder"
     )
-    status, _, err = command("check", "--claims", other)
-    assert (status, err.count("\n")) == (2, 1)
-    assert "the paper's claims are about images in colours; give a run without --truth" in err
+    said = refused("check", "--claims", other)
+    assert "the paper's claims are about images in colours; give a run without --truth" in said
 
 
-def test_without_golden_values_or_a_run(tmp_path, results, command):
+def test_without_golden_values_or_a_run(tmp_path, results, refused):
     directory = write_run(tmp_path / "run")
     (tmp_path / "file").touch()
     none = (
@@ -299,25 +295,23 @@ def test_without_golden_values_or_a_run(tmp_path, results, command):
         (tmp_path / "file", no_run),
         *((tmp_path / name, no_folder) for name in ("nowhere", "results")),
     ]:
-        assert command("check", path) == (2, "", f"bench: {message.format(path)}\n")
+        assert refused("check", path) == message.format(path)
 
 
 @pytest.mark.parametrize("arguments", [["check"], ["check", "--bless"], ["table"], ["report"]])
-def test_a_run_that_was_stopped_has_no_verdict(run, command, arguments):
+def test_a_run_that_was_stopped_has_no_verdict(run, refused, arguments):
     write_manifest(run, read_manifest(run) | {"finished": None})
-    status, out, err = command(*arguments, run)
-    assert (status, out) == (2, "")
-    assert err == f"bench: {run}: the run is not finished; start it again with its command\n"
+    said = f"{run}: the run is not finished; start it again with its command"
+    assert refused(*arguments, run) == said
 
 
-def test_without_golden_values_by_object_the_run_has_to_be_whole(tmp_path, run, results, command):
+def test_without_golden_values_by_object_the_run_has_to_be_whole(tmp_path, run, results, refused):
     for path in results.glob("golden/*-objects.*"):
         path.unlink()
     assert check(run) == CheckResult(6 * len(GOLDEN), (), (), (), HEADLINE, 6 * 2)
     part = write_run(tmp_path / "part", objects=["chair/a", "chair/b"])
-    status, out, err = command("check", part)
-    assert (status, out) == (2, "")
-    assert "no golden values for this protocol: objects 2 (golden: 3); " in err
+    said = refused("check", part)
+    assert "no golden values for this protocol: objects 2 (golden: 3); " in said
 
 
 def test_bless_says_where_and_replaces_what_was_golden(run, results, command):
@@ -342,14 +336,12 @@ def test_bless_says_where_and_replaces_what_was_golden(run, results, command):
         ({"conditions": ["2048", "1024"]}, "no conditions 512; also conditions 1024"),
     ],
 )
-def test_bless_needs_the_whole_default_run(tmp_path, run, results, command, change, message):
+def test_bless_needs_the_whole_default_run(tmp_path, run, results, refused, change, message):
     before = {path: path.read_bytes() for path in results.glob("golden/*")}
     other = write_run(tmp_path / "other", **change)
-    status, out, err = command("check", "--bless", other)
-    assert (status, out) == (2, "")
-    assert err == (
-        f"bench: {other}: golden values are of the whole default run, this one has {message}; "
-        f"run 'bench run --suite {SUITE}' and give its folder\n"
+    assert refused("check", "--bless", other) == (
+        f"{other}: golden values are of the whole default run, this one has {message}; "
+        f"run 'bench run --suite {SUITE}' and give its folder"
     )
     assert {path: path.read_bytes() for path in results.glob("golden/*")} == before
 
