@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import time
 from contextlib import contextmanager
 from functools import partial
 
@@ -52,14 +51,6 @@ def crash_where_high(points, views, rng, images):
     return images
 
 
-def blank_from_the_left(points, views, rng, images):
-    """From views with a negative azimuth, where there are five points or more."""
-    for image, view in zip(images, views, strict=True):
-        if view.azimuth_deg < 0 and len(points) >= 5:
-            image[:] = 1.0
-    return images
-
-
 def several_views(points, views, rng, images):
     if len(views) > 1 and len(points) > 2:
         raise ValueError("one at a time")
@@ -70,14 +61,6 @@ def unlucky(points, views, rng, images):
     """With all random numbers but those of `bench render`."""
     if rng.random() != generator("render").random():
         raise ValueError("bad luck")
-    return images
-
-
-def slow(points, views, rng, images):
-    """All clouds fail that have a point; each takes a second."""
-    time.sleep(1.0)
-    if len(points):
-        raise ValueError("at last")
     return images
 
 
@@ -130,10 +113,8 @@ CHECKS = (
     no_library,
     left_and_right,
     crash_where_high,
-    blank_from_the_left,
     several_views,
     unlucky,
-    slow,
     round_,
 )
 PLUGINS = {

@@ -12,7 +12,7 @@ from bench.catalogue.chosen import BEST_RECONSTRUCTION
 from bench.catalogue.methods import find_method
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from studies import measurements
-from studies.measurements import FIRST, MEASUREMENTS, NUMBERS, command, differences_of
+from studies.measurements import FIRST, MEASUREMENTS, NUMBERS, differences_of
 
 SMALL = measurements.QuotedRun(
     "--suite chair-robustness --methods alpha-wrap,splat,blank --conditions 2048 --limit 2 "
@@ -67,8 +67,3 @@ def test_a_run_becomes_its_files(tmp_path, monkeypatch):
             assert float(row["difference"]) == pytest.approx(ours - best, abs=1.5e-6)
     assert "run_a" not in pairs[0]
     assert (tmp_path / "first.csv").read_text() == (run / "tables" / "headline.csv").read_text()
-
-
-def test_the_folder_of_meshes_stands_in_the_command():
-    assert "folder:PATH" in command("real-meshes-grey")
-    assert "folder:/meshes" in command("real-meshes-grey", Path("/meshes"))

@@ -44,9 +44,3 @@ def test_correlations_are_those_of_the_orders(tmp_path):
         **dict.fromkeys((("lpips", "flip"), ("flip", "lpips")), -0.667),
     }
     assert {row["methods"] for row in rows} == {4}
-
-
-def test_a_metric_without_a_value_has_no_correlation(tmp_path):
-    skipped = VALUES | {"metric_flip": ("flip", (float("nan"),) * len(METHODS))}
-    rows = agreement(read_values(tables(tmp_path, skipped)), ["ssim", "flip", "lpips"])
-    assert {row["metric"] for row in rows} == {"ssim", "lpips"}

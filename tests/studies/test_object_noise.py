@@ -13,7 +13,6 @@ from studies.object_noise import (
     ONE_IN,
     ROUNDING,
     TURN,
-    ClassMeasure,
     ObjectImages,
     means,
     moves_of_chairs,
@@ -61,15 +60,3 @@ def test_moves_of_white_images_are_those_of_the_truth() -> None:
         assert by == pytest.approx(after - before, abs=1e-12)
         assert by != 0
     assert (result[ROUNDING, "constant", "ssim"] == 0).all()  # it sees no cloud
-
-
-def test_true_images_are_perfect_by_all_that_compares_images() -> None:
-    truth = np.full((2, 3, 128, 128, 3), 255, np.uint8)
-    truth[:, :, 40:90, 30:100] = (120, 60, 20)
-    sample = ObjectImages(truth, truth)
-    measure = ClassMeasure()
-    actual = measure.objects("table", sample)
-    for metric in ("ssim", "luminance", "contrast", "structure", "silhouette-iou"):
-        assert np.allclose(actual[metric], 1.0, atol=1e-12), metric
-    assert ((actual["class-confidence"] > 0) & (actual["class-confidence"] < 1)).all()
-    assert measure.distances(sample)["fd-views"] < 1e-9
