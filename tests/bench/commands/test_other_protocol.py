@@ -45,7 +45,6 @@ def runs(tmp_path_factory):
         ("score", "OTHER", "--metrics", "ms-ssim"),
         ("compare", "ours", "OTHER"),
         ("compare", "OTHER", "ours"),
-        ("compare", "OTHER", "--methods", "splat,blank"),
         ("report", "ours", "OTHER"),
         ("merge", "OTHER", "--out", "whole"),
         (*RUN, "--out", "OTHER"),
@@ -71,6 +70,11 @@ def test_each_command_refuses_it_in_one_line(
         f"('bench --protocol'); {release}, or run again with another --out or --fresh\n"
     )
     assert tree(runs) == before
+
+
+def test_a_run_of_a_newer_protocol_is_not_compared_within_itself(refused, runs):
+    said = refused("compare", runs / "newer", "--methods", "splat,blank")
+    assert f"{runs / 'newer'}: of protocol {NEWER}" in said
 
 
 @pytest.mark.parametrize("version", ["2", None, [1], 1.5])
