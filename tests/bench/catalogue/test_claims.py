@@ -15,6 +15,8 @@ from bench.catalogue.claims import (
 )
 from data_prep.failures import BadInput
 
+from ..builders import refusal
+
 STATED = {
     "name": "neural-points",
     "source": "a network over points, arXiv:0000.00000",
@@ -36,11 +38,9 @@ def toml_of(**changes) -> str:
 def problem(tmp_path, text: str) -> str:
     path = tmp_path / "method.toml"
     path.write_text(text)
-    with pytest.raises(BadInput) as error:
-        read_claims(tmp_path, {"splat"})
-    assert "\n" not in str(error.value)
-    assert str(error.value).startswith(f"{path}: ")
-    return str(error.value).removeprefix(f"{path}: ")
+    said = refusal(read_claims, tmp_path, {"splat"})
+    assert said.startswith(f"{path}: ")
+    return said.removeprefix(f"{path}: ")
 
 
 def test_the_facts_are_read(tmp_path):

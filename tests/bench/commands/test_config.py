@@ -7,7 +7,6 @@ import re
 import pytest
 
 from bench.commands import run as module
-from bench.commands.config import read_config
 from bench.records.run_folder import read_manifest
 from bench.running.options import REPEATED, Options
 from bench.running.shards import Shard
@@ -183,9 +182,3 @@ def test_the_home_folder_is_expanded(asked, tmp_path, monkeypatch):
     assert asked("--suite", "chair-robustness", "--out=~/y").out == tmp_path / "y"
     status, _, err = asked("--suite", "chair-robustness", "--out=~nobody-of-this-name/y")
     assert (status, "~nobody-of-this-name/y: no such user; give the path" in err) == (2, True)
-
-
-def test_lists_are_what_commas_separate(tmp_path):
-    (tmp_path / "a.toml").write_text("methods = ['a', 'b']\nlimit = 2\nfresh = false\n")
-    found = read_config(tmp_path / "a.toml")
-    assert found == {"methods": "a,b", "limit": 2, "fresh": False}

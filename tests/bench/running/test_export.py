@@ -24,6 +24,8 @@ from data_prep.datasets.registry import open_dataset
 from data_prep.failures import BadInput
 from data_prep.randomness import generator
 
+from ..builders import refusal
+
 OPTIONS = Options("chair-robustness", conditions=("noise-0.10", "512"), limit=2, views=3, workers=1)
 
 
@@ -53,10 +55,7 @@ def jobs(no_machine):
 
 
 def problem(tree: Path) -> str:
-    with pytest.raises(BadInput) as error:
-        open_dataset(f"exported:{tree}")
-    assert "\n" not in str(error.value)
-    return str(error.value)
+    return refusal(open_dataset, f"exported:{tree}")
 
 
 def replace(path: Path, old: str, new: str) -> None:

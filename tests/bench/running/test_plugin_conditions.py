@@ -25,7 +25,7 @@ from bench.running.plan import plan
 from bench.running.protocol import protocol_of
 from bench.running.work import cloud_of, run_job
 from data_prep.clouds.conditions import CONDITIONS, Condition
-from data_prep.failures import BadInput, MissingDependency, StageFailure
+from data_prep.failures import BadInput, MissingDependency
 from data_prep.randomness import generator
 from data_prep.scene import PointCloud
 from tests.bench.checking.broken_conditions import Moved
@@ -117,15 +117,6 @@ def test_one_that_breaks_is_a_failure_with_its_reason(package, name, reason):
     assert outcomes == ("failed", f"condition {name}: {reason}")
     assert drawn["splat"].unusable is None  # other jobs go on
     assert {record.outcome for record in drawn["blank"].records} == {"ok"}
-
-
-def test_global_random_numbers_are_as_before_the_failure(package):
-    """The condition is refused, and leaves no trace in what others draw."""
-    job = planned(("a-raises",))[0].method_jobs[0]
-    with pytest.raises(StageFailure):
-        cloud_of(job)
-    good = planned(("good",))[0].method_jobs[0]
-    np.testing.assert_array_equal(cloud_of(good).points, cloud_of(good).points)
 
 
 @pytest.mark.parametrize(
