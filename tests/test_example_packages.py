@@ -25,7 +25,7 @@ NAMES = ("method", "metric", "extractor", "dataset", "condition")
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory):
-    """The command line where both packages are installed."""
+    """The command line where all of them are installed."""
     folder = tmp_path_factory.mktemp("packages")
     # Copied: a build leaves files beside its source.
     sources = [shutil.copytree(EXAMPLES / name, folder / name) for name in NAMES]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from importlib import import_module
 
 import pytest
@@ -30,13 +28,3 @@ def test_the_same_object_by_both_names():
     for module in ("methods", "metrics"):
         with pytest.raises(ImportError, match="nothing"):
             exec(f"from bench.{module} import nothing")
-
-
-def test_they_are_imported_as_any_name_is():
-    code = (
-        "from bench.methods import Method; from bench.metrics import ssim, frechet_distance; "
-        "import bench.image_metric as metrics; "
-        "print(Method.__module__, metrics.ImageMetric.__name__)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout == "bench.catalogue.method ImageMetric\n"

@@ -1,4 +1,4 @@
-"""`bench new` refuses what cannot be a plug-in, and writes all of a package or nothing."""
+"""`bench new` writes all of a package or nothing."""
 
 from __future__ import annotations
 

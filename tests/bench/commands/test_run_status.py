@@ -1,4 +1,4 @@
-"""The refusals of `bench run` before its first job, and its exit status where a method fails."""
+"""The exit status of `bench run` where a method fails."""
 
 from __future__ import annotations
 

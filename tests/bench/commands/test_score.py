@@ -147,24 +147,6 @@ def test_a_metric_whose_package_is_absent_is_skipped_and_the_others_are_not(copi
     assert {row.value for row in measured} == {1}
 
 
-def test_images_that_are_the_same_under_all_conditions_are_measured_once(finished):
-    run = read_scored(finished[0])
-    asked = []
-
-    def count(truth, drawn):
-        asked.append(drawn)
-        return np.ones(len(drawn))
-
-    records = run.read_images()
-    values = scored(records, open_sources(finished[0], run.manifest, ()), made(count))
-    ok = records["outcome"] == "ok"
-    assert len(values) == ok.sum()
-    jobs = records[ok].drop_duplicates(["method", "condition", "class", "object"])
-    files = jobs[~jobs["method"].isin(["blank", "true-mesh"])].shape[0]
-    objects = jobs["object"].nunique()
-    assert len(asked) == files + 2 * objects
-
-
 @pytest.mark.usefixtures("same_machine")
 def test_a_run_takes_metrics_on_request(arguments, copied, command):
     """No job is done again; table, report, output and what the run repeats have the metric."""
