@@ -199,10 +199,11 @@ def test_every_job_is_as_probable(finished):
     assert sum(len(jobs) for _, jobs in draw_jobs(planned, 1e-9, 0)) == 1
 
 
-def test_what_cannot_be_computed_again_is_refused(finished, copied, again, refused):
+def test_what_cannot_be_computed_again_is_refused(finished, copied, again, command, refused):
     for share in ("0", "2", "nan"):
-        said = refused("check", finished[0], "--again", share)
-        assert said == f"--again {share}: must be over 0 and at most 1"
+        status, out, err = command("check", finished[0], "--again", share)
+        assert (status, out) == (2, "")
+        assert err.endswith(f"bench: --again {share}: must be over 0 and at most 1\n")
     assert "no such folder" in refused("check", copied.parent / "none", "--again", "1")
     assert refused("check", copied, "--seed", "1") == (
         "--seed: chooses the jobs that are computed again; give --again with it"
