@@ -13,7 +13,6 @@ from torch import Tensor
 
 from data_prep.failures import StageFailure
 from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE, Images, PointCloud, View
-from data_prep.stages import NETWORK, stage
 from learning.exact import exact_inference
 from pc2pix.augment import PLAIN_POINTS
 from pc2pix.engine import Precision, fold
@@ -105,9 +104,8 @@ class Pc2pixRenderer:
         points = torch.tensor(fed, dtype=torch.float32, device=self.device)
         # One part after the other: together they would not fit the cache, and most of the time
         # would go into pages fresh from the operating system.
-        with stage(NETWORK):
-            codes = torch.cat([self.encoder(part[None]) for part in points])
-            code = (codes.mean(dim=0, keepdim=True) - self.code_mean) / self.code_std
+        codes = torch.cat([self.encoder(part[None]) for part in points])
+        code = (codes.mean(dim=0, keepdim=True) - self.code_mean) / self.code_std
         if not code.isfinite().all():
             raise StageFailure("encode", "the code is not finite")
         largest = float(code.abs().max())
@@ -151,8 +149,7 @@ class Pc2pixRenderer:
         angles = normalised_angles(views)
         elevation01, azimuth01 = torch.tensor(angles, device=self.device).split(1, dim=1)
         noise = self._noise(len(views), rng)
-        with stage(NETWORK):
-            images = self.generator(state, elevation01, azimuth01, noise)
+        images = self.generator(state, elevation01, azimuth01, noise)
         if not images.isfinite().all():
             raise StageFailure("generate", "the image is not finite")
         return images.cpu().numpy()

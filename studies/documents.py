@@ -11,8 +11,8 @@ A file is what `bench table DIR --format csv` prints, or one of the files of a r
 several, joined by commas, the lines stand together. `rows` and `columns` name a field and its
 values in their order, or several fields, `metric:ssim,lpips*condition:2048,512`, and then all their
 combinations; further `field=value` choose among the lines; `intervals=no` leaves intervals out, and
-`show=paper` shows another field as it is. Values have the digits that survive rounding
-(`studies.printed_digits`); one with fewer than its metric has is marked. Conditions stand in words,
+`show=paper` shows another field as it is. Values have the digits of the tables of runs
+(`bench.analysis.digits`); one with fewer than its metric has is marked. Conditions stand in words,
 "512 of 2,048 points". A difference is called better, worse or not decided, after Holm's correction;
 a method on the frontier and one worse than a white image are called so.
 
@@ -30,10 +30,9 @@ Columns with sources of their own are named one by one, in place of files and `c
 `best-reconstruction:alpha-wrap` shows the value of another method in that row; `catalogue` stands
 for what `bench list` knows. A row that such a column has no line for gets a dash.
 
-Prints how many numbers are generated, measured with date and commit, and settings, how many values
-have fewer digits because of rounding, and how many of these had more in the pages until now. Fails
-where `studies.provenance` knows no origin. `--check` changes nothing: it also fails where a page
-differs from what would be written.
+Prints how many numbers are generated, measured with date and commit, and settings. Fails where
+`studies.provenance` knows no origin. `--check` changes nothing: it also fails where a page differs
+from what would be written.
 """
 
 from __future__ import annotations
@@ -50,12 +49,12 @@ from itertools import product
 from pathlib import Path
 
 from bench.analysis.comparison import milliseconds
-from bench.analysis.significant_digits import RoundingErrors, rounding_errors
+from bench.analysis.digits import decimals, is_coarse
+from bench.catalogue.chosen import CHOSEN
 from bench.catalogue.condition_names import condition_name
 from bench.catalogue.methods import find_method
 from bench.tables.grid import FEWER, MOVED
 from data_prep.files.atomic_write import write_whole
-from studies.printed_digits import Line, line_precision, with_objects
 from studies.provenance import origins
 from studies.tables import markdown
 
@@ -82,6 +81,7 @@ PLACE = re.compile(
 )
 
 Axis = Sequence[tuple[str, Sequence[str]]]
+Line = Mapping[str, str]
 
 
 class Unfilled(ValueError):
@@ -192,12 +192,8 @@ def _axis(text: str) -> Axis:
     return [(name, values.split(",")) for name, values in fields]
 
 
-def filled(
-    text: str, page: str, numbers: Path = NUMBERS, errors: RoundingErrors | None = None
-) -> str:
+def filled(text: str, page: str, numbers: Path = NUMBERS) -> str:
     """Return the text of a page with the table of every marked place written anew.
-
-    Digits are those that survive `errors`, by default the ones of `results/rounding.csv`.
 
     Raises Unfilled for a mark that is not understood, has no end or no source, or whose source has
     not exactly one line for a cell.
@@ -206,7 +202,7 @@ def filled(
 
     def table(mark: re.Match[str]) -> str:
         try:
-            written = _table(parsed(mark["asked"]), numbers, errors or rounding_errors())
+            written = _table(parsed(mark["asked"]), numbers)
         except (ValueError, KeyError, OSError) as reason:
             raise Unfilled(f"{page}:{_line(text, mark.start())}: {reason}") from reason
         # The meaning stands once in a page, on the line of the end: pages are short.
@@ -226,9 +222,9 @@ def _line(text: str, place: int) -> int:
     return text.count("\n", 0, place) + 1
 
 
-def _table(request: TableRequest, numbers: Path, errors: RoundingErrors) -> str:
+def _table(request: TableRequest, numbers: Path) -> str:
     rows = _combinations(request.rows)
-    show = partial(_cell, intervals=request.intervals, errors=errors)
+    show = partial(_cell, intervals=request.intervals)
     cells = [_cells(column, rows, show, numbers) for column in request.columns]
     left = len(request.rows)
     head = [request.corner, *[""] * (left - 1), *(column.head for column in request.columns)]
@@ -267,8 +263,7 @@ def read_lines(
     lines: list[Line] = []
     for name in names:
         with (numbers / name).open(encoding="utf-8", newline="") as file:
-            known = with_objects(csv.DictReader(file), name)
-            lines += [line for line in known if _has(line, wanted)]
+            lines += [line for line in csv.DictReader(file) if _has(line, wanted)]
     return lines
 
 
@@ -315,17 +310,18 @@ def _has(line: Line, wanted: Mapping[str, str]) -> bool:
     return all(line[name] == value for name, value in wanted.items())
 
 
-def _cell(line: Line, shown: str, intervals: bool, errors: RoundingErrors) -> str:
+def _cell(line: Line, shown: str, intervals: bool) -> str:
     if shown.endswith("_ms"):
         return milliseconds(float(line[shown]))
     if shown:
         return re.sub(r"(\.\d*?)0+$", r"\1", line[shown]).removesuffix(".") or "-"
-    digits, half = line_precision(line, errors)
     differs = "difference" in line
+    metric, methods = line["metric"], methods_of(line)
+    digits = decimals(metric, *methods)
     value = line["difference" if differs else "value"]
     if not value:
         return "-"
-    text = MOVED * (half is not None) + _short(value, digits, sign=differs)
+    text = MOVED * is_coarse(metric, *methods) + _short(value, digits, sign=differs)
     if differs:
         text = f"{VERDICTS[line['ahead']]} {text}"
     text = f"{FRONTIER.get(line.get('verdict') or '', '')} {text}".strip()
@@ -335,17 +331,18 @@ def _cell(line: Line, shown: str, intervals: bool, errors: RoundingErrors) -> st
     return text
 
 
+def methods_of(line: Line) -> list[str]:
+    """Return the methods of a value or a difference; of a chosen row the method that it is."""
+    if "difference" in line:
+        return [line.get("method_a", ""), line.get("method_b", "")]
+    method = line.get("method", "")
+    return [line["note"].partition("; ")[0] if method in CHOSEN else method]
+
+
 def _short(number: str, digits: int, sign: bool) -> str:
     """Return a number, rounded, without the 0 before the point of fractions."""
     text = f"{float(number):{'+' if sign else ''}.{digits}f}"
     return re.sub(r"^([+-]?)0\.", r"\1.", text).replace("-", "−")
-
-
-def moved_values(text: str) -> int:
-    """Return how many values of a page are marked as having fewer digits."""
-    return sum(
-        len(re.findall(rf"{MOVED}[+−]?[.\d]", mark["table"])) for mark in PLACE.finditer(text)
-    )
 
 
 def main() -> None:
@@ -354,7 +351,6 @@ def main() -> None:
     parser.add_argument("--check", action="store_true")
     options = parser.parse_args()
     stale, unknown = [], []
-    moved = moved_before = 0
     counts: Counter[str] = Counter()
     for page in PAGES:
         text, name = page.read_text(encoding="utf-8"), str(page.relative_to(REPOSITORY))
@@ -364,16 +360,12 @@ def main() -> None:
             sys.exit(str(reason))
         counted, lines = origins(new)
         counts.update(counted)
-        moved += moved_values(new)
-        moved_before += moved_values(text)
         unknown += [f"{name}:{line}: numbers without an origin" for line in lines]
         if new != text:
             stale.append(name)
             if not options.check:
                 write_whole(page, new.encode())
     print(*(f"{count} {origin}" for origin, count in sorted(counts.items())), sep=", ")
-    excess = max(0, moved - moved_before)
-    print(f"{moved} values have fewer digits because of rounding, {excess} had more until now")
     if unknown:
         sys.exit("\n".join(unknown))
     if options.check and stale:

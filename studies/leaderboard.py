@@ -19,7 +19,6 @@ import numpy as np
 
 from bench.analysis.comparison import milliseconds
 from bench.analysis.paper import AVERAGE
-from bench.analysis.significant_digits import RoundingErrors, rounding_errors
 from bench.catalogue.chosen import BEST_RECONSTRUCTION
 from bench.catalogue.condition_names import condition_words
 from bench.catalogue.costs import cost_of, view_costs_ms
@@ -37,9 +36,8 @@ from bench.report.board import (
     value_cell,
 )
 from bench.report.page import bundled, rendered
-from studies.documents import NUMBERS, VERDICTS
+from studies.documents import NUMBERS, VERDICTS, Line, methods_of
 from studies.measurements import differences_of
-from studies.printed_digits import Line, line_precision, with_objects
 
 FULL = "2048"
 NAMED = {RECOMMENDED, "splat-net@grey"}  # by the front page: never hidden as variants
@@ -77,19 +75,13 @@ GROUPS = (
 )
 
 
-def board(
-    numbers: Path = NUMBERS,
-    groups: Sequence[ResultGroup] = GROUPS,
-    errors: RoundingErrors | None = None,
-) -> Board:
+def board(numbers: Path = NUMBERS, groups: Sequence[ResultGroup] = GROUPS) -> Board:
     """Return the leaderboard of the results in a folder.
 
-    Digits are those that survive `errors`, by default the ones of `results/rounding.csv`.
     Methods are sorted by the mean of their places in the columns that they have values in; weights
     that are no method of the package are left out. Raises OSError where a file is missing.
     """
-    errors = errors or rounding_errors()
-    columns = {group: _group(numbers, group, errors) for group in groups}
+    columns = {group: _group(numbers, group) for group in groups}
     valued = dict.fromkeys(
         line["method"] for g in groups for line in _read(numbers / f"{g.measurement}.csv")
     )
@@ -131,7 +123,7 @@ def board(
     )
 
 
-def _group(numbers: Path, group: ResultGroup, errors: RoundingErrors) -> BoardGroup:
+def _group(numbers: Path, group: ResultGroup) -> BoardGroup:
     """Return the columns of a group, with weights that are no method of the package left out."""
     lines = _read(numbers / f"{group.measurement}.csv")
     methods = dict.fromkeys(line["method"] for line in lines)
@@ -144,8 +136,10 @@ def _group(numbers: Path, group: ResultGroup, errors: RoundingErrors) -> BoardGr
             texts = [line["failures_as_blank"] or line["value"] for line in of_cell]
             if not method.endswith(".safetensors") and texts and all(texts):
                 value = float(np.mean([float(text) for text in texts]))
-                digits = line_precision(of_cell[0], errors)
-                cells[method] = value_cell(value, digits, beneath=verdicts.get(method, ""))
+                (measured,) = methods_of(of_cell[0])
+                cells[method] = value_cell(
+                    value, metric, measured, beneath=verdicts.get(method, "")
+                )
         columns.append(metric_column(metric, cells))
     return BoardGroup(tuple(columns), group.name, group.title)
 
@@ -153,7 +147,7 @@ def _group(numbers: Path, group: ResultGroup, errors: RoundingErrors) -> BoardGr
 @cache
 def _read(path: Path) -> tuple[Line, ...]:
     with path.open(encoding="utf-8", newline="") as file:
-        return tuple(with_objects(csv.DictReader(file), path.name))
+        return tuple(csv.DictReader(file))
 
 
 def _lines(lines: Sequence[Line], group: ResultGroup, metric: str, method: str) -> list[Line]:

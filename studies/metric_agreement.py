@@ -22,7 +22,7 @@ from pathlib import Path
 import pandas as pd
 from scipy.stats import kendalltau
 
-from bench.analysis.comparison import decimals
+from bench.analysis.digits import decimals
 from bench.catalogue.chosen import CHOSEN
 from bench.catalogue.condition_names import condition_words
 from bench.catalogue.methods import role

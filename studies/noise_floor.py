@@ -11,8 +11,7 @@ seed       other random views of the same chairs, and other points on them: stan
            comparison of methods on the same views and clouds (as in every run) by less.
 batch      pc2pix draws every view by itself, and 20 in one batch.
 threads    pc2pix and the feature networks on 1 and on 2 threads.
-precision  the feature networks in float64 instead of float32, with images as they are; and pc2pix
-           in float64 and in bfloat16, with float32 features.
+precision  the feature networks in float64 instead of float32, with images as they are.
 turn       every view by 0.1 degree more of azimuth, true and drawn images alike: 0.1 px at the
            rim of the unit sphere.
 renderer   the true images by rays with the same camera and shading
@@ -28,7 +27,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -43,9 +41,6 @@ from data_prep.randomness import generator
 from data_prep.rendering.images import to_uint8
 from data_prep.rendering.raycast import OPENGL, cast
 from data_prep.scene import UInt8Images
-from data_prep.stages import NETWORK as FORWARD
-from data_prep.stages import at_stages
-from learning.number_formats import NumberFormat, in_format, plain_layouts
 from pc2pix.renderer import Pc2pixRenderer
 from pc2pix.weights import load_weights
 from studies.cells import (
@@ -63,7 +58,6 @@ from studies.tables import markdown
 
 METHODS = ("pc2pix", "pc2pix@acgan", "splat", "constant", "blank")
 NETWORK, WEIGHTS = "pc2pix", "chair"
-FORMATS: tuple[NumberFormat, ...] = ("float64", "bfloat16")
 CEILING = "true-mesh"
 
 
@@ -82,14 +76,12 @@ SAMPLES = {  # by source
 }
 SEED, BATCHES, THREADS, TURN = "seed", "batch", "threads", "turn"
 DRIVERS = (TURN, *list(SAMPLES)[:2])  # what another driver, asked for 4 samples, may amount to
-IN_FEATURES, IN_DRAWING = "precision of features", "precision of pc2pix"
+IN_FEATURES = "precision of features"
 HEADINGS = {
     SEED: "Seed of views and clouds: standard deviation over seeds",
     BATCHES: f"Batch: pc2pix one view at a time, against {BATCH} in a batch",
     THREADS: "Threads: pc2pix and the feature networks on 2, against 1",
     IN_FEATURES: "Precision: the feature networks in float64, against float32",
-    f"{IN_DRAWING}, float64": "Precision: pc2pix in float64, against float32",
-    f"{IN_DRAWING}, bfloat16": "Precision: pc2pix in bfloat16, against float32",
     TURN: f"Turn: every view by {TURN_DEG} degree, true and drawn images alike",
     **{source: f"R{source[1:]}: true images by rays instead of by OpenGL" for source in SAMPLES},
 }
@@ -198,22 +190,14 @@ class Study:
         return self.moved(THREADS, again)
 
     def by_precision(self) -> list[Floor]:
-        """Measure the feature networks in float64; pc2pix in float64 and in bfloat16."""
+        """Measure the feature networks in float64."""
         exact = FeatureNetworks(torch.float64)
         truth = exact(self.truth)
         again = {
             method: cells(self.truth, truth, drawn, exact(drawn), self.scene.views)
             for method, drawn in self.images.items()
         }
-        floors = self.moved(IN_FEATURES, again)
-        with plain_layouts():
-            renderer = Pc2pixRenderer(self.network.weights)
-            for fmt in FORMATS:
-                with at_stages((FORWARD,), partial(in_format, fmt)):
-                    drawn = draw_all(renderer, self.scene.clouds, self.scene.views)
-                again = {NETWORK: self.measure(drawn, self.encode(drawn))}
-                floors += self.moved(f"{IN_DRAWING}, {fmt}", again)
-        return floors
+        return self.moved(IN_FEATURES, again)
 
     def by_turn(self) -> list[Floor]:
         """Measure every view a little farther round."""

@@ -20,7 +20,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from bench.analysis.comparison import decimals
+from bench.analysis.digits import decimals
 from bench.catalogue.methods import find_method
 from data_prep.files.checksums import file_sha256
 

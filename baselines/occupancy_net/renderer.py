@@ -12,7 +12,6 @@ from baselines.occupancy_net.weights import OccupancyWeights
 from baselines.reconstruction.stages import DrawsReconstruction, Reconstruction
 from baselines.reconstruction.subset import used_points
 from data_prep.scene import PointCloud
-from data_prep.stages import NETWORK, stage
 from learning.exact import exact_inference
 
 MOST_POINTS = 2048  # as many as it was shown in training
@@ -51,14 +50,12 @@ class OccupancyNetRenderer(DrawsReconstruction):
         del rng
         points, notes = used_points(cloud, 1, MOST_POINTS, "occupancy networks")
         seen = torch.from_numpy(points)
-        with stage(NETWORK):
-            planes = self.network.encode(seen[None].to(self.device))
+        planes = self.network.encode(seen[None].to(self.device))
 
         def occupancy(places: Tensor) -> Tensor:
             parts = places.split(PLACES_TOGETHER)
-            with stage(NETWORK):
-                logits = [self.network.occupancy(planes, p[None].to(self.device))[0] for p in parts]
-            return torch.cat(logits).cpu().float()  # also where it was computed in float64
+            logits = [self.network.occupancy(planes, p[None].to(self.device))[0] for p in parts]
+            return torch.cat(logits).cpu()
 
         values = sample_grid(occupancy, seen, HALF_EXTENT, self.logit)
         return Reconstruction(level_set(values.numpy(), self.logit, HALF_EXTENT), notes)

@@ -13,7 +13,6 @@ from data_prep.failures import StageFailure
 from data_prep.rendering.images import to_float
 from data_prep.rendering.mesh import draw_mesh
 from data_prep.scene import NEUTRAL_GREY, Images, Mesh, Points, View
-from data_prep.stages import stage as mark_stage
 
 SPACING_NEIGHBOURS = 16
 
@@ -66,8 +65,7 @@ def run(stage: str, step: Callable[[], None]) -> None:
     Raises StageFailure(stage, ...) where MeshLab refuses.
     """
     try:
-        with mark_stage(stage):
-            step()
+        step()
     except RuntimeError as error:
         raise StageFailure(stage, str(error)) from error
 

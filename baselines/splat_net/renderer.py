@@ -15,7 +15,6 @@ from baselines.splat_net.surfels import Surfels, find_surfels, stack
 from baselines.splat_net.weights import SplatNetWeights
 from data_prep.failures import StageFailure
 from data_prep.scene import IMAGE_SIZE, Images, PointCloud, View
-from data_prep.stages import NETWORK, stage
 from learning.exact import exact_inference
 
 VIEWS_TOGETHER = 20
@@ -146,8 +145,7 @@ class SplatNetRenderer:
             for k in range(groups):
                 group = slice(k * count // groups, (k + 1) * count // groups)
                 channels = seen.channels(group, self.engine.dtype)
-                with stage(NETWORK):
-                    drawn = self.engine(channels, seen.points[group])
+                drawn = self.engine(channels, seen.points[group])
                 if not drawn.sum().isfinite():  # of values in 0..1
                     raise StageFailure("draw", "the image is not finite")
                 some[group] = drawn.cpu().numpy()

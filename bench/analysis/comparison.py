@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Container, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
+from bench.analysis.digits import decimals
 from bench.analysis.distances import FeatureDistances
 from bench.analysis.intervals import (
     StandardError,
@@ -26,18 +27,8 @@ from bench.analysis.intervals import (
     median_interval,
 )
 from bench.analysis.object_sums import ObjectSums
-from bench.analysis.significant_digits import (
-    Precision,
-    RoundingErrors,
-    precision,
-    precision_of_difference,
-    rounding_errors,
-)
 from bench.catalogue.methods import FLOOR, role
 from bench.catalogue.metrics import (
-    CONTROL_METRICS,
-    SET_METRICS,
-    declared_metric,
     higher_is_better,
     is_mean,
     value_range,
@@ -65,18 +56,13 @@ class Quality:
                 without thin parts has no thin-recall). A Fréchet distance, which no single object
                 has: the distance of all images without those of the object, or of each block of
                 objects where there are many (`bench.metrics.frechet.object_blocks`)
-    rounding    half width of the error of the value by rounding; NaN for unknown
+    method      whose images they are; it may have fewer digits than the metric
     """
 
     metric: str
     estimate: Estimate
     per_object: Floats
-    rounding: float = NAN
-
-    @property
-    def precision(self) -> Precision:
-        """Return the digits that the value is printed with."""
-        return precision(decimals(self.metric), self.estimate.value, self.rounding)
+    method: str = ""
 
     @property
     def rank(self) -> float:
@@ -127,7 +113,6 @@ def compare(
     metrics: Sequence[str],
     methods: Container[str] | None = None,
     claimed: Iterable[str] = (),
-    errors: RoundingErrors | None = None,
 ) -> list[Comparison]:
     """Return a comparison for each condition and class, in the order of the cells.
 
@@ -136,9 +121,7 @@ def compare(
     metrics  metrics of images that the sums have, and set metrics that features exist for
     methods  methods that are compared, by default all; `blank` is needed, but may be left out
     claimed  methods whose times their authors state
-    errors   how far rounding moves values, by default `results/rounding.csv`
     """
-    errors = errors or rounding_errors()
     by_cell: dict[tuple[str, str], list[str]] = {}
     for method, *cell in sums.cells:
         by_cell.setdefault((cell[0], cell[1]), []).append(method)
@@ -156,7 +139,7 @@ def compare(
         )
         qualities = {
             metric: {
-                m: _mean_quality(metric, sums.per_object((m, *cell), metric, True)[known > 0])
+                m: _mean_quality(metric, sums.per_object((m, *cell), metric, True)[known > 0], m)
                 for m in names
             }
             if is_mean(metric)
@@ -171,32 +154,16 @@ def compare(
                 prepare_s,
                 draw_s,
                 images,
-                _with_rounding(qualities, cell[0], len(objects), errors),
+                qualities,
                 claimed=frozenset(claimed) & {*names},
             )
         )
     return comparisons
 
 
-def _with_rounding(
-    qualities: Mapping[str, Mapping[str, Quality]],
-    condition: str,
-    objects: int,
-    errors: RoundingErrors,
-) -> dict[str, dict[str, Quality]]:
-    """Return the qualities by metric and method with their errors by rounding."""
-    return {
-        metric: {
-            m: replace(q, rounding=errors.half_width(m, condition, metric, objects))
-            for m, q in by_method.items()
-        }
-        for metric, by_method in qualities.items()
-    }
-
-
-def _mean_quality(metric: str, per_object: Floats) -> Quality:
+def _mean_quality(metric: str, per_object: Floats, method: str) -> Quality:
     values = per_object[~np.isnan(per_object)]
-    return Quality(metric, _mean_of_objects(values, value_range(metric)), per_object)
+    return Quality(metric, _mean_of_objects(values, value_range(metric)), per_object, method)
 
 
 def _set_qualities(
@@ -216,7 +183,7 @@ def _set_qualities(
     for method in methods:
         value, leave_one_out = features.distance((method, *cell), images)
         estimate = Estimate(value, *distance_interval(value, leave_one_out))
-        qualities[method] = Quality(metric, estimate, leave_one_out)
+        qualities[method] = Quality(metric, estimate, leave_one_out, method)
     return qualities
 
 
@@ -237,9 +204,7 @@ def _pooled(classes: Sequence[Comparison]) -> Comparison:
     def quality(metric: str, method: str) -> Quality:
         of_classes = [c.qualities[metric][method] for c in classes]
         per_object = np.concatenate([q.per_object for q in of_classes])
-        errors = (len(c.objects) * q.rounding for c, q in zip(classes, of_classes, strict=True))
-        rounding = math.hypot(*errors) / sum(len(c.objects) for c in classes)
-        return replace(_mean_quality(metric, per_object), rounding=rounding)
+        return _mean_quality(metric, per_object, method)
 
     return Comparison(
         first.condition,
@@ -284,12 +249,6 @@ def difference(a: Quality, b: Quality) -> Estimate:
     return Estimate(value, *jackknife_interval(value, [a.per_object - b.per_object]))
 
 
-def difference_precision(a: Quality, b: Quality) -> Precision:
-    """Return the digits that the difference of two qualities is printed with."""
-    sides = ((quality.estimate.value, quality.rounding) for quality in (a, b))
-    return precision_of_difference(decimals(a.metric), sides)
-
-
 def better_by(a: Quality, b: Quality) -> Estimate:
     """Return the difference of a and b, above 0 where a is better."""
     return difference(a, b) if higher_is_better(a.metric) else difference(b, a)
@@ -317,15 +276,6 @@ def paired(a: Quality, b: Quality) -> Floats:
     """Return a - b by an image metric for each object that both have a value of, [G' <= G]."""
     per_object = a.per_object - b.per_object
     return per_object[~np.isnan(per_object)]
-
-
-def decimals(metric: str) -> int:
-    """Return the digits after the point that values of a metric are printed with."""
-    if declared := declared_metric(metric):
-        return declared.decimals
-    if metric in CONTROL_METRICS or metric == "psnr":  # deg, dB
-        return 2
-    return 1 if any(metric == source.id for source in SET_METRICS) else 3
 
 
 def milliseconds(value: float) -> str:

@@ -12,15 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from bench.analysis.comparison import (
-    NAN,
-    Comparison,
-    Estimate,
-    Quality,
-    better_by,
-    difference_precision,
-)
-from bench.analysis.significant_digits import Precision
+from bench.analysis.comparison import NAN, Comparison, Estimate, Quality, better_by
 from bench.catalogue.families import Family, families_of
 from bench.catalogue.lookup import family_of
 
@@ -32,17 +24,13 @@ NO_VALUE = "no value"
 
 @dataclass(frozen=True)
 class ConditionCurve:
-    """The values of one method along a family, in the order of its conditions.
-
-    precisions  the digits that the values are printed with
-    """
+    """The values of one method along a family, in the order of its conditions."""
 
     class_name: str
     family: Family
     metric: str
     method: str
     estimates: tuple[Estimate, ...]
-    precisions: tuple[Precision, ...]
 
 
 @dataclass(frozen=True)
@@ -67,7 +55,6 @@ class PairedComparison:
 
     values, baseline_values  of both, at each step
     differences              how much better the method is than its baseline, paired over objects
-    precisions               the digits that the differences are printed with
     """
 
     class_name: str
@@ -78,7 +65,6 @@ class PairedComparison:
     values: tuple[float, ...]
     baseline_values: tuple[float, ...]
     differences: tuple[Estimate, ...]
-    precisions: tuple[Precision, ...]
 
     @property
     def sides(self) -> tuple[Family, str, str]:
@@ -114,7 +100,6 @@ def condition_curves(
         ConditionCurve(
             *(class_name, family, metric, method),
             tuple(step[method].estimate for step in steps),
-            tuple(step[method].precision for step in steps),
         )
         for class_name, family, metric, steps in _steps(comparisons, metrics)
         for method in steps[0]
@@ -135,7 +120,6 @@ def paired_comparisons(
             tuple(step[method].estimate.value for step in steps),
             tuple(step[baseline].estimate.value for step in steps),
             tuple(better_by(step[method], step[baseline]) for step in steps),
-            tuple(difference_precision(step[method], step[baseline]) for step in steps),
         )
         for class_name, family, metric, steps in _steps(comparisons, metrics)
         for method, baseline in pairs_among(list(steps[0]))

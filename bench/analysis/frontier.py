@@ -16,17 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.analysis.comparison import (
-    NAN,
     Comparison,
     Estimate,
     Quality,
     better_by,
     candidates,
-    decimals,
-    difference_precision,
     worse_than_blank,
 )
-from bench.analysis.significant_digits import Precision, precision
+from bench.analysis.digits import decimals
 from bench.catalogue.methods import FLOOR
 from data_prep.clouds.conditions import CONDITIONS, Stride, Unchanged
 from data_prep.scene import CLOUD_SIZE
@@ -51,7 +48,6 @@ class FrontierPoint:
              no value   it failed on all objects
     baseline  the method that costs no more and decides the verdict: for a dominated method the best
              that shows it, for a tied one the best, below a white image `blank`; else empty
-    rounding   half width of the error of the quality by rounding; NaN for unknown
     """
 
     condition: str
@@ -65,12 +61,6 @@ class FrontierPoint:
     n: int
     verdict: Verdict
     baseline: str
-    rounding: float = NAN
-
-    @property
-    def precision(self) -> Precision:
-        """Return the digits that the quality is printed with."""
-        return precision(decimals(self.metric), self.quality.value, self.rounding)
 
 
 def pareto(cost: NDArray[np.float64], quality: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -117,7 +107,6 @@ def places(comparison: Comparison, metrics: Sequence[str], views: int) -> list[F
                     *comparison.images[method],
                     verdict,
                     baseline,
-                    quality.rounding,
                 )
             )
     return points
@@ -163,7 +152,6 @@ class SubsampledFrontier:
     points   number in each cloud
     lost     quality that the full cloud has more, paired; over 0 where points help
     claimed  whether the cost is as its author states it
-    precision, lost_precision  digits that quality and loss are printed with
     """
 
     class_name: str
@@ -174,8 +162,6 @@ class SubsampledFrontier:
     cost_ms: Estimate
     quality: Estimate
     lost: Estimate
-    precision: Precision
-    lost_precision: Precision
     claimed: bool = False
 
 
@@ -209,8 +195,6 @@ def thinned(
                         cost_ms,
                         quality.estimate,
                         lost,
-                        quality.precision,
-                        difference_precision(of_whole, quality),
                         method in c.claimed,
                     )
                 )

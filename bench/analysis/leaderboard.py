@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from bench.analysis.comparison import Comparison, Estimate, Quality, decimals
+from bench.analysis.comparison import Comparison, Estimate, Quality
+from bench.analysis.digits import decimals
 from bench.analysis.intervals import clipped, mean_interval
-from bench.analysis.significant_digits import half_of_mean
 from bench.catalogue.metrics import higher_is_better, value_range
 
 OVERALL = "all conditions"
@@ -37,8 +37,7 @@ def over_conditions(compared: Sequence[Comparison]) -> Comparison:
         known = per_object[~np.isnan(per_object)]
         value = float(known.mean()) if len(known) else math.nan
         interval = clipped(mean_interval(known), value_range(metric))
-        rounding = half_of_mean([c.qualities[metric][method].rounding for c in compared])
-        return Quality(metric, Estimate(value, *interval), per_object, rounding)
+        return Quality(metric, Estimate(value, *interval), per_object, method)
 
     return replace(
         first,

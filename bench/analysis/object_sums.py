@@ -217,10 +217,6 @@ class ObjectSums:
         at = self._at(cell)
         return self._drawn[at], self._planned[at]
 
-    def drawn_objects(self, cell: CellKey) -> int:
-        """Return the number of objects of a cell that have an image."""
-        return int(np.count_nonzero(self._drawn[self._at(cell)]))
-
     def images(self, cell: CellKey) -> tuple[int, int]:
         """Return how many images of a cell exist, and how many should."""
         drawn, planned = self.numbers(cell)

@@ -16,12 +16,9 @@ from bench.analysis.comparison import (
     Estimate,
     better_by,
     class_mean_difference,
-    decimals,
-    difference_precision,
 )
 from bench.analysis.paper import AVERAGE, SURFACE, Published, network_of, paper_difference
 from bench.analysis.scored import ScoredRun
-from bench.analysis.significant_digits import Precision, half_of_mean, precision_of_difference
 from bench.catalogue.metrics import is_mean
 
 Verdict = Literal["reproduced", "opposite", "undecided", "no value"]
@@ -37,7 +34,6 @@ class Ordering:
     paper_difference  the same by FID as the paper printed it; NaN where it has no such class
     objects           number of objects of the class
     method            the network that stands for the paper's PC2PIX
-    precision         the digits that the difference is printed with
     """
 
     condition: str
@@ -49,7 +45,6 @@ class Ordering:
     paper_difference: float
     objects: int
     method: str
-    precision: Precision
 
     @property
     def verdict(self) -> Verdict:
@@ -107,16 +102,10 @@ def _of_classes(
             paper_difference(published, c.class_name),
             counts[c.class_name],
             network,
-            difference_precision(a, b),
         )
         for c, (a, b) in zip(classes, qualities, strict=True)
     ]
     difference, _ = class_mean_difference(*map(list, zip(*qualities, strict=True)))
-    networks, surfaces = zip(*qualities, strict=True)
-    sides = [
-        (_mean([q.estimate.value for q in side]), half_of_mean([q.rounding for q in side]))
-        for side in (networks, surfaces)
-    ]
     average = Ordering(
         condition,
         AVERAGE,
@@ -128,7 +117,6 @@ def _of_classes(
         paper_difference(published, AVERAGE),
         sum(counts.values()),
         network,
-        precision_of_difference(decimals(metric), sides),
     )
     return [*rows, average]
 

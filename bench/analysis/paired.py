@@ -20,15 +20,8 @@ from typing import Literal
 
 import numpy as np
 
-from bench.analysis.comparison import (
-    Estimate,
-    Quality,
-    difference,
-    difference_precision,
-    paired,
-)
+from bench.analysis.comparison import Estimate, Quality, difference, paired
 from bench.analysis.intervals import FEWEST, MOST_RESAMPLED, jackknife_error, mean_error
-from bench.analysis.significant_digits import Precision
 from bench.catalogue.metrics import higher_is_better, is_mean
 from data_prep.arrays import Floats
 
@@ -70,9 +63,9 @@ class ComparedPair:
         return self.quality_a.metric
 
     @property
-    def precision(self) -> Precision:
-        """Return the digits that both values and their difference are printed with."""
-        return difference_precision(self.quality_a, self.quality_b)
+    def methods(self) -> tuple[str, str]:
+        """Return the methods whose images they are, in place of the names of chosen rows."""
+        return self.quality_a.method, self.quality_b.method
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,6 @@ from string import ascii_lowercase
 
 from bench.analysis.comparison import Comparison, Estimate, candidates
 from bench.analysis.paired import ComparedPair, PairedDifference, Side, paired_differences
-from bench.analysis.significant_digits import Precision
 
 
 @dataclass(frozen=True)
@@ -30,7 +29,6 @@ class Rank:
     method: str
     estimate: Estimate
     letters: str
-    precision: Precision
 
     @property
     def first(self) -> bool:
@@ -82,10 +80,7 @@ def ranking(comparison: Comparison, metric: str) -> Ranking:
     return Ranking(
         metric,
         comparison.condition,
-        tuple(
-            Rank(m, qualities[m].estimate, given.get(m, ""), qualities[m].precision)
-            for m in [*ranked, *references]
-        ),
+        tuple(Rank(m, qualities[m].estimate, given.get(m, "")) for m in [*ranked, *references]),
         (*family, *differences(with_reference)),
         None if lettered else needed,
     )

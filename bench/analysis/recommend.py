@@ -20,7 +20,6 @@ from bench.analysis.comparison import (
     worse_than_blank,
 )
 from bench.analysis.intervals import mean_interval
-from bench.analysis.significant_digits import Precision
 from bench.catalogue.metrics import higher_is_better
 from data_prep.arrays import Floats
 from data_prep.failures import BadInput
@@ -47,9 +46,8 @@ class Requirements:
 class MethodOption:
     """A method to choose, and its quality by one metric.
 
-    gap         how much worse it is than the best affordable method, paired
-    qualities   by each metric of the comparison
-    precisions  the digits that they are printed with
+    gap        how much worse it is than the best affordable method, paired
+    qualities  by each metric of the comparison
     """
 
     method: str
@@ -59,7 +57,6 @@ class MethodOption:
     n: int
     gap: Estimate
     qualities: Mapping[str, Estimate]
-    precisions: Mapping[str, Precision]
 
 
 @dataclass(frozen=True)
@@ -156,8 +153,7 @@ def advise(comparison: Comparison, request: Requirements, metric: str) -> Advice
             gap = better_by(qualities[affordable[0]], qualities[method])
         images = comparison.images[method]
         every = {name: by[method].estimate for name, by in comparison.qualities.items()}
-        precisions = {name: by[method].precision for name, by in comparison.qualities.items()}
-        return MethodOption(method, costs[method], every[metric], *images, gap, every, precisions)
+        return MethodOption(method, costs[method], every[metric], *images, gap, every)
 
     required = -np.inf if request.min_ssim is None or metric != SSIM else request.min_ssim
     by_mean = [m for m in by_cost if qualities[m].estimate.value >= required]

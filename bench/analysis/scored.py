@@ -13,7 +13,6 @@ from bench.analysis.comparison import Comparison, compare
 from bench.analysis.distances import FeatureDistances
 from bench.analysis.object_sums import ObjectSums, sum_records
 from bench.analysis.recognition import confidences, read_class_head
-from bench.analysis.significant_digits import RoundingErrors, rounding_errors
 from bench.catalogue.claims import ENTERED
 from bench.catalogue.metrics import (
     IMAGE_METRICS,
@@ -40,7 +39,6 @@ class ScoredRun:
 
     features  by extractor
     skipped   reasons of the extractors without features, and of the metrics without values
-    errors    how far rounding moves values
     """
 
     directory: Path
@@ -49,7 +47,6 @@ class ScoredRun:
     sums: ObjectSums
     features: dict[str, FeatureDistances]
     skipped: dict[str, str]
-    errors: RoundingErrors = field(default_factory=rounding_errors, repr=False)
     _compared: dict[tuple[tuple[str, ...], frozenset[str]], list[Comparison]] = field(
         default_factory=dict, repr=False, init=False
     )
@@ -68,8 +65,7 @@ class ScoredRun:
         key = tuple(metrics), frozenset(self.manifest["methods"] if methods is None else methods)
         if key not in self._compared:
             self._compared[key] = compare(
-                *(self.sums, self.features, metrics, key[1], self.manifest.get(ENTERED, ())),
-                errors=self.errors,
+                self.sums, self.features, metrics, key[1], self.manifest.get(ENTERED, ())
             )
         return self._compared[key]
 
@@ -110,14 +106,6 @@ def scored_run(directory: Path, manifest: dict[str, Any]) -> ScoredRun:
             f"{directory}: its manifest has no {', '.join(missing)}; start the run again with its "
             "command"
         )
-    return read_run(directory, suite, manifest)
-
-
-def read_run(directory: Path, suite: Suite, manifest: dict[str, Any]) -> ScoredRun:
-    """Return a run from its written records and features.
-
-    Raises BadInput where they cannot be read, or where the manifest does not describe them.
-    """
     stored = {metric: read_features(directory, metric) for metric in suite.extractors}
     features = {metric: values for metric, values in stored.items() if values is not None}
     return score(directory, suite, manifest, sum_records(directory, manifest), features)

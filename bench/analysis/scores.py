@@ -16,7 +16,8 @@ import numpy as np
 import pandas as pd
 
 from bench.analysis.cells import CellKey, image_keys, read_cell
-from bench.analysis.comparison import NAN, Estimate, decimals
+from bench.analysis.comparison import NAN, Estimate
+from bench.analysis.digits import decimals
 from bench.analysis.distances import FeatureDistances, SetDistance, set_distance
 from bench.analysis.intervals import (
     clipped,
@@ -29,14 +30,6 @@ from bench.analysis.object_sums import ObjectSums
 from bench.analysis.paper import AVERAGE
 from bench.analysis.recognition import true_gallery
 from bench.analysis.scored import ScoredRun
-from bench.analysis.significant_digits import (
-    Precision,
-    RoundingErrors,
-    half_of_mean,
-    precision,
-    rounding_errors,
-    significant_digits,
-)
 from bench.catalogue.chosen import CHOSEN
 from bench.catalogue.methods import FLOOR
 from bench.catalogue.metrics import JUDGE, UNDEFINED, extractor_of, is_mean, value_range
@@ -62,7 +55,6 @@ class QualityRow:
     trained_on         the objects that a network was trained on; "nothing" for methods that are not
                        trained, empty where it is unknown
     objective          what the weights of a network were trained with; empty for other methods
-    rounding           half width of the error of the value by rounding; NaN for unknown
     """
 
     suite: str
@@ -81,17 +73,18 @@ class QualityRow:
     debiased: float = NAN
     trained_on: str = ""
     objective: str = ""
-    rounding: float = NAN
 
     @property
-    def precision(self) -> Precision:
-        """Return the digits that the value is printed with."""
-        return precision(decimals(self.metric), self.value, self.rounding)
+    def measured_method(self) -> str:
+        """Return the method whose images they are, in the row of a chosen one too."""
+        if self.method in CHOSEN and not self.skipped:
+            return self.note.partition("; ")[0]
+        return self.method
 
     @property
-    def digits(self) -> int | None:
-        """Return how many digits of the value survive rounding; None for unknown."""
-        return significant_digits(self.value, self.rounding)
+    def decimals(self) -> int:
+        """Return the digits after the point that the value is printed with."""
+        return decimals(self.metric, self.measured_method)
 
     @property
     def skipped(self) -> bool:
@@ -139,21 +132,16 @@ class CellValue(NamedTuple):
 
 def image_rows(run: ScoredRun, metrics: Sequence[str]) -> list[RowWithSamples]:
     """Return the means over images by metrics of images, for all cells."""
-    return mean_rows(run.suite.id, run.sums, metrics, run.skipped, run.errors)
+    return mean_rows(run.suite.id, run.sums, metrics, run.skipped)
 
 
 def mean_rows(
-    suite: str,
-    sums: ObjectSums,
-    metrics: Sequence[str],
-    skipped: Mapping[str, str],
-    errors: RoundingErrors | None = None,
+    suite: str, sums: ObjectSums, metrics: Sequence[str], skipped: Mapping[str, str]
 ) -> list[RowWithSamples]:
     """Return the means over images by metrics of images, for all cells of some sums.
 
-    `skipped` has the reasons for metrics that were not measured, `errors` what rounding moves.
+    `skipped` has the reasons for metrics that were not measured.
     """
-    errors = errors or rounding_errors()
     return [
         quality_row(
             suite,
@@ -163,7 +151,6 @@ def mean_rows(
             CellValue(note=skipped[metric])
             if metric in skipped
             else _mean_of_images(sums, cell, metric),
-            errors,
         )
         for cell in sums.cells
         for metric in metrics
@@ -209,7 +196,6 @@ def distance_rows(
             cell,
             metric,
             CellValue(note=reason) if features is None else _distance(cell, features, distance),
-            run.errors,
         )
         for cell in run.sums.cells
     ]
@@ -252,7 +238,7 @@ def recognition_rows(run: ScoredRun) -> list[QualityRow]:
             images = read_cell(run.directory, cell)
             values = {m: _recognised(m, cell, images, answers, galleries[cell[2]]) for m in values}
         for metric, value in values.items():
-            rows.append(quality_row(run.suite.id, run.sums, cell, metric, value, run.errors).row)
+            rows.append(quality_row(run.suite.id, run.sums, cell, metric, value).row)
     return rows
 
 
@@ -359,17 +345,11 @@ def _average(of_cell: Sequence[RowWithSamples]) -> QualityRow:
         failures_as_blank=float(np.mean([row.failures_as_blank for row in rows])),
         note=note if valued else first.note,
         debiased=debiased,
-        rounding=half_of_mean([sampled.row.rounding for sampled in valued]),
     )
 
 
 def quality_row(
-    suite: str,
-    sums: ObjectSums,
-    cell: CellKey,
-    metric: str,
-    value: CellValue,
-    errors: RoundingErrors,
+    suite: str, sums: ObjectSums, cell: CellKey, metric: str, value: CellValue
 ) -> RowWithSamples:
     """Return the row of a value, with the counts of images and the reasons for failures."""
     drawn, planned = sums.images(cell)
@@ -377,7 +357,6 @@ def quality_row(
     message = [f"{count} x {reason}" for reason, count in reasons.most_common()]
     if value.undefined:
         message.append(f"{value.undefined} x {NO_VALUE}: {UNDEFINED[metric]}")
-    objects = len(value.per_object) if is_mean(metric) else sums.drawn_objects(cell)
     row = QualityRow(
         suite,
         *cell,
@@ -389,7 +368,6 @@ def quality_row(
         failures_as_blank=value.failures_as_blank,
         note=value.note or "; ".join(message),
         debiased=value.debiased,
-        rounding=errors.half_width(*cell[:2], metric, objects),
     )
     return RowWithSamples(row, value.per_object)
 

@@ -31,6 +31,7 @@ GONE: dict[str, dict[str, str]] = {
     },
     "suite": {
         "chair-robustness-grey": "use 'bench run --suite chair-robustness --truth grey'",
+        "rounding": "the case last-bit of the suite stability measures it",
     },
     "method": {
         "auto": "'bench render --budget 50ms' chooses by time",
@@ -47,6 +48,9 @@ GONE: dict[str, dict[str, str]] = {
         "splat-net@chair-no-normals": "use splat-net@tiny, which has no normals",
         "splat-net@chair-tiny": "use splat-net@tiny, which knows chairs, too",
         "pc2pix@widened": "use pc2pix@all, which knows more shapes",
+        "pc2pix@bf16": "use pc2pix, in float32",
+        "pc2pix@paper-bf16": "use pc2pix@paper, in float32",
+        "splat-net@chair-bf16": "use splat-net@chair, in float32",
         "pc2pix@unfolded": "use pc2pix, which draws the same images",
         "pc2pix@one-by-one": "use pc2pix; tables of costs have its time for one view, too",
     },

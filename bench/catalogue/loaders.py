@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from data_prep.scene import Renderer
-    from pc2pix.engine import Precision
 
 GPU = "cuda"
 BUNDLED = "chair"
@@ -60,10 +59,10 @@ class NetworkPackage:
     version: int
     command: str
 
-    def load(self, weights: str, device: str, precision: Precision = "float32") -> Renderer:
+    def load(self, weights: str, device: str) -> Renderer:
         """Return the renderer with a bundled name or file of weights."""
         package = importlib.import_module(self.package)
-        return package.load(weights, device=chosen_device(device), precision=precision)
+        return package.load(weights, device=chosen_device(device))
 
     def file(self, weights: str) -> Path:
         """Return the file of a bundled name, its checksum verified."""
@@ -118,7 +117,7 @@ FUSED_NET = FusedNetPackage(
 )
 
 
-def widened(device: str, precision: Precision = "float32") -> Renderer:
+def widened(device: str) -> Renderer:
     """Return the bundled pc2pix at the paper's width: the same images, the paper's cost."""
     from pc2pix.renderer import Pc2pixRenderer
     from pc2pix.weights import load_weights
@@ -126,7 +125,7 @@ def widened(device: str, precision: Precision = "float32") -> Renderer:
 
     weights = load_weights(BUNDLED)
     weights = replace(weights, generator=widen(weights.generator, TO_PAPER_WIDTH))
-    return Pc2pixRenderer(weights, device=chosen_device(device), precision=precision)
+    return Pc2pixRenderer(weights, device=chosen_device(device))
 
 
 def chosen_device(device: str) -> str:

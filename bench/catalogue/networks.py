@@ -54,11 +54,6 @@ NETWORK_METHODS = (
         source="one network for all 13 classes, objective paired (pc2pix/weights/all.md)",
         weights="all",
     ),
-    _network(
-        "pc2pix@bf16",
-        source="pc2pix in bfloat16: twice as fast where the processor has it",
-        load=partial(loaders.PC2PIX.load, loaders.BUNDLED, precision="bfloat16"),
-    ),
     _splat_net(
         "splat-net",
         weights="all",
@@ -77,12 +72,6 @@ NETWORK_METHODS = (
         "splat-net@chair",
         weights="chair",
         source="splat-net trained on chairs (baselines/splat_net/weights/chair.md)",
-    ),
-    _splat_net(
-        "splat-net@chair-bf16",
-        weights="chair",
-        source="splat-net@chair in bfloat16",
-        load=partial(loaders.SPLAT_NET.load, "chair", precision="bfloat16"),
     ),
     _splat_net(
         "splat-net@tiny",
@@ -137,10 +126,5 @@ COST_VARIANTS = (
         "pc2pix@paper",
         load=loaders.widened,
         source="the bundled pc2pix at the paper's width: same images, the paper's cost",
-    ),
-    _network(
-        "pc2pix@paper-bf16",
-        load=partial(loaders.widened, precision="bfloat16"),
-        source="the same in bfloat16",
     ),
 )

@@ -172,29 +172,6 @@ class StabilitySuite:
 
 
 @dataclass(frozen=True)
-class RoundingSuite:
-    """A suite repeated under other roundings, which `bench.suites.rounding.run` measures.
-
-    base         methods, conditions and metrics; few objects and views
-    repetitions  random roundings of each job; `stage_repetitions` of each of its stages
-    told_apart   conditions at which stages, directed modes, threads, batches and number formats are
-                 told apart
-    """
-
-    id: str
-    about: str
-    base: Suite
-    repetitions: int
-    stage_repetitions: int
-    told_apart: tuple[str, ...]
-
-    @property
-    def methods(self) -> tuple[str, ...]:
-        """Return the methods of the suite that is repeated."""
-        return self.base.methods
-
-
-@dataclass(frozen=True)
 class SpeedSuite:
     """The cost of images, which `bench.suites.speed.run` measures.
 

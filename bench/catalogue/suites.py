@@ -14,7 +14,6 @@ from bench.catalogue.suite_types import (
     SET_TABLE,
     LatentSuite,
     Limits,
-    RoundingSuite,
     SpeedSuite,
     StabilitySuite,
     Suite,
@@ -100,11 +99,8 @@ SUITES = (
             "denoised-wrap",
             *(f"denoised-wrap@ball={spacings}" for spacings in (3, 4)),
             "occupancy-net",
-            "pc2pix@bf16",
             "pc2pix",
-            "pc2pix@paper-bf16",
             "pc2pix@paper",
-            "splat-net@chair-bf16",
             "splat-net@chair",
             "splat-net@tiny",
             "splat-net",
@@ -242,10 +238,8 @@ STABILITY = StabilitySuite(
         "alpha-wrap",
         "denoised-wrap",
         "pc2pix",
-        "pc2pix@bf16",
         "pc2pix@acgan",
         "splat-net@chair",
-        "splat-net@chair-bf16",
         "splat-net@grey",
         "splat-net@tiny-grey",
         "fused-net",
@@ -263,17 +257,6 @@ STABILITY = StabilitySuite(
 )
 
 
-ROUNDING = RoundingSuite(
-    id="rounding",
-    about="which digits of Tables 3 and 4 are above rounding, and where the others are lost",
-    # Each chair is drawn some 200 times by the slowest methods: few chairs and views.
-    base=replace(ROBUSTNESS, id="rounding", views=4, endless_limit=4),
-    repetitions=30,  # of one object: its deviation is known to 26 % at 95 %
-    stage_repetitions=10,
-    told_apart=("2048",),
-)
-
-
 SPEED = SpeedSuite(
     id="speed",
     about="the paper's 0.02 s against 0.18 s an image: prepare and draw, cold and warm, amortised",
@@ -281,11 +264,8 @@ SPEED = SpeedSuite(
         "surface-apss",
         "surface-fit",
         "pc2pix",
-        "pc2pix@bf16",
         "pc2pix@paper",
-        "pc2pix@paper-bf16",
         "splat-net@chair",
-        "splat-net@chair-bf16",
         "denoised-wrap",
         "occupancy-net",
         "fused-net@grey",
@@ -313,5 +293,5 @@ SPEED = SpeedSuite(
     limits=Limits(time_s=600.0, memory_gib=8.0),
 )
 
-PROCEDURES = (LATENT, STABILITY, ROUNDING, SPEED)  # which make their tables themselves
+PROCEDURES = (LATENT, STABILITY, SPEED)  # which make their tables themselves
 ALL_SUITES = (*SUITES, *PROCEDURES)

@@ -44,7 +44,7 @@ from learning.weights import card_of
 
 CHECKLIST = "claims.md"
 # Networks of the paper's width that have no weights of their own.
-PAPER_WIDTHS = {"pc2pix@paper": 1.0, "pc2pix@paper-bf16": 1.0}
+PAPER_WIDTHS = {"pc2pix@paper": 1.0}
 SUITES = (CHAIRS, CLASSES, SPEED, LATENT)
 
 

@@ -9,7 +9,8 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
-from bench.analysis.comparison import Estimate, Quality, class_mean_difference, decimals
+from bench.analysis.comparison import Estimate, Quality, class_mean_difference
+from bench.analysis.digits import decimals
 from bench.analysis.intervals import (
     StandardError,
     interval_of_means,

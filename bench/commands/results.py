@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from bench.analysis.comparison import Estimate, decimals, milliseconds
+from bench.analysis.comparison import Estimate, milliseconds
 from bench.analysis.further_metrics import with_further
 from bench.analysis.recommend import (
     SSIM,
@@ -23,7 +23,6 @@ from bench.analysis.recommend import (
 )
 from bench.analysis.recommend import recommend as best_methods
 from bench.analysis.scored import ScoredRun, read_scored
-from bench.analysis.significant_digits import Precision
 from bench.catalogue.metrics import declared_metric
 from bench.catalogue.suite_types import TRUTHS
 from bench.commands.options import FormatOption, RunDirectory, names, path_argument, path_option
@@ -305,11 +304,10 @@ def _alternatives(recommendation: Recommendation, request: Requirements) -> list
         if request.budget_ms is None:
             lines.append(f"best at any cost{by}: {_text([(advice, advice.best)], request)}")
         for choice in advice.next:
-            gap = _estimated(choice.gap, choice.precisions[advice.metric])
+            gap = _estimated(choice.gap, advice.metric, choice.method)
             lines.append(f"next{by}: {_text([(advice, choice)], request)}; behind by {gap}")
         regret, blind = (
-            _estimated(value, Precision(decimals(advice.metric)))
-            for value in (advice.regret, advice.regret_blind)
+            _estimated(value, advice.metric) for value in (advice.regret, advice.regret_blind)
         )
         lines.append(
             f"regret: {regret} {advice.metric} against the best of {advice.affordable} such "
@@ -365,7 +363,7 @@ def _text(chosen: Sequence[tuple[Advice, MethodOption]], request: Requirements) 
     metrics = [advice.metric for advice, _ in chosen]
     shown = choice.qualities if metrics == [SSIM] else metrics
     qualities = ", ".join(
-        f"{name} {_estimated(choice.qualities[name], choice.precisions[name])}" for name in shown
+        f"{name} {_estimated(choice.qualities[name], name, choice.method)}" for name in shown
     )
     cost = f"{milliseconds(choice.cost_ms.value)} ms{_interval(choice.cost_ms, milliseconds)}"
     failed = f", {choice.n - choice.n_ok} of {choice.n} images failed" * (choice.n_ok < choice.n)
@@ -379,8 +377,8 @@ def _interval(estimate: Estimate, shown: Callable[[float], str]) -> str:
     return f" [{shown(estimate.low)}, {shown(estimate.high)}]"
 
 
-def _estimated(estimate: Estimate, precision: Precision) -> str:
-    cell = measured(estimate, precision)
+def _estimated(estimate: Estimate, metric: str, *methods: str) -> str:
+    cell = measured(estimate, metric, *methods)
     if cell.value is None:
         return "unknown"
     return cell.text + (" [{}, {}]".format(*cell.interval) if cell.interval else "")

@@ -17,7 +17,7 @@ import pandas as pd
 import typer
 
 from bench.analysis.cells import image_keys
-from bench.analysis.comparison import decimals
+from bench.analysis.digits import decimals
 from bench.analysis.distances import FRECHET, KERNEL, FeatureDistances
 from bench.analysis.scored import ScoredRun, read_scored
 from bench.analysis.scores import QualityRow, RowWithSamples, distance_rows, image_rows

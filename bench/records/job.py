@@ -8,7 +8,6 @@ from contextlib import contextmanager
 from dataclasses import astuple, dataclass, field, replace
 from typing import Literal
 
-from bench.records.arithmetic import PLAIN, SEPARATOR, Arithmetic
 from bench.records.artifacts import JobName
 from bench.records.record import Record
 from data_prep.clouds.conditions import Perturbation
@@ -90,7 +89,7 @@ class Job:
     key : str
         A digest of everything that the result depends on.
     perturbation : Perturbation
-        The change of the cloud that `cloud_condition` is the name of.
+        The change of the cloud that `condition` is the name of.
     reference_key : str or None
         The key of the ground truth; None where nothing is scored.
     features : tuple of (str, str)
@@ -99,8 +98,6 @@ class Job:
         The text by which the method is found; "" where that is its id.
     batch : int or None
         Views drawn in one call; None for all of them.
-    arithmetic : Arithmetic
-        How to compute it; where that is not PLAIN, `condition` ends with its id.
     reference : bytes or None
         The artifact of the ground truth; it is there when the job is handed to a worker.
     """
@@ -118,18 +115,7 @@ class Job:
     reference_key: str | None
     address: str = ""
     batch: int | None = None
-    arithmetic: Arithmetic = PLAIN
     reference: bytes | None = field(default=None, repr=False, compare=False)
-
-    @property
-    def cloud_condition(self) -> str:
-        """Return the condition of the cloud, without an arithmetic."""
-        return self.condition.partition(SEPARATOR)[0]
-
-    @property
-    def is_repeated(self) -> bool:
-        """Return whether it is one of several that differ in their arithmetic only."""
-        return SEPARATOR in self.condition
 
     @property
     def name(self) -> JobName:

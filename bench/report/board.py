@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, Literal
 
+from bench.analysis.digits import decimals, is_coarse
 from bench.analysis.leaderboard import mean_places
-from bench.analysis.significant_digits import Precision
 from bench.catalogue.lookup import family_of
 from bench.catalogue.methods import (
     FLOOR,
@@ -50,11 +50,11 @@ class BoardCell:
 EMPTY = BoardCell("–")
 
 
-def value_cell(value: float, precision: Precision, **beside: str) -> BoardCell:
+def value_cell(value: float, metric: str, method: str, **beside: str) -> BoardCell:
     """Return the cell of a value without the 0 before the point; `beside` are further fields."""
-    text = f"{value:.{precision.decimals}f}"
+    text = f"{value:.{decimals(metric, method)}f}"
     text = text.removeprefix("0") if text.startswith("0.") else text.replace("-0.", "−.")
-    return BoardCell(MOVED * (precision.half is not None) + text, value, **beside)
+    return BoardCell(MOVED * is_coarse(metric, method) + text, value, **beside)
 
 
 @dataclass(frozen=True)

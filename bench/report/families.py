@@ -31,7 +31,7 @@ from bench.report.robustness import (
 )
 from bench.report.styles import RULE, MethodStyle, method_styles
 from bench.tables.figure import FIGURES, TEXT, WIDTH_IN, drawing, panels, save
-from bench.tables.grid import Tags, ordered
+from bench.tables.grid import Tags, measured, ordered
 from bench.tables.markdown import visible
 
 HEIGHT_IN, LEGEND_IN, LEGEND_COLUMNS = 1.9, 0.8, 4
@@ -119,10 +119,8 @@ def _draw_panel(
     _draw_bands(drawn, axis, family, places, {c.method: styles[c.method].colour for c in curves})
     for c in curves:
         points = [
-            Point(x, condition, c.class_name, estimate, precision)
-            for x, condition, estimate, precision in zip(
-                places, family.conditions, c.estimates, c.precisions, strict=True
-            )
+            Point(x, condition, c.class_name, estimate, measured(estimate, c.metric, c.method))
+            for x, condition, estimate in zip(places, family.conditions, c.estimates, strict=True)
         ]
         line = draw_curve(drawn, axis, c.method, points, styles[c.method])
         drawn.mark(line, Tags(method=c.method), series=not styles[c.method].marker)
@@ -171,11 +169,9 @@ def family_curves(
         of_cell = [c for c in curves if (c.class_name, c.family, c.metric) == cell]
         figure = beyond_figure(of_cell, styles, plot_in=PLOT_IN, fontsize=PLOT_TEXT)
         description = in_words(
-            (c.method, condition, estimate.value, precision)
+            (c.method, condition, measured(estimate, metric, c.method).text)
             for c in of_cell
-            for condition, estimate, precision in zip(
-                family.conditions, c.estimates, c.precisions, strict=True
-            )
+            for condition, estimate in zip(family.conditions, c.estimates, strict=True)
         )
         plots.append(
             Plot(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from bench.analysis.comparison import decimals
+from bench.analysis.digits import decimals, is_coarse
 from bench.analysis.scores import QualityRow
 from bench.catalogue.condition_names import condition_name, condition_words
 from bench.catalogue.methods import FLOOR, role
@@ -40,7 +40,7 @@ def compact_table(rows: Sequence[QualityRow]) -> CompactTable | None:
         row = at.get((method, *column))
         if row is None or not math.isfinite(row.value):
             return CompactCell("–", None, row.note if row else "not measured")
-        digits, half = row.precision
+        digits, coarse = row.decimals, is_coarse(row.metric, row.measured_method)
         texts = [f"{method}, {row.metric}, {condition_words(row.condition)}"]
         if math.isfinite(row.ci_low):
             ends = shown(row.ci_low, digits), shown(row.ci_high, digits)
@@ -48,11 +48,8 @@ def compact_table(rows: Sequence[QualityRow]) -> CompactTable | None:
         if row.failed:
             blanks = shown(row.failures_as_blank, digits)
             texts.append(f"{row.n_ok} of {row.n} images; {blanks} with blank ones for the others")
-        moved = half is not None
-        if moved:
-            texts.append(f"rounding alone moves it by up to {half:.2g}")
         return CompactCell(
-            MOVED * moved + shown(row.value, digits) + "*" * row.failed,
+            MOVED * coarse + shown(row.value, digits) + "*" * row.failed,
             row.value,
             "; ".join(texts),
             best=(method, *column) in best,
@@ -89,7 +86,7 @@ def compact_table(rows: Sequence[QualityRow]) -> CompactTable | None:
             for method in methods
         ),
         failed=any(row.failed for row in rows),
-        moved=any(row.precision.half is not None for row in rows),
+        coarse=any(is_coarse(row.metric, row.measured_method) for row in rows),
     )
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.analysis.comparison import decimals
+from bench.analysis.digits import decimals
 from bench.catalogue.metrics import column, higher_is_better
 from bench.records.artifacts import JobName
 from bench.records.record import GROUND_TRUTH

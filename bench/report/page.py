@@ -116,13 +116,13 @@ class CompactTable:
     """The headline table; `lines` are (method, role, tags, cells).
 
     failed  whether images of any cell failed
-    moved   whether any value has fewer digits because rounding moves it
+    coarse  whether any value has fewer digits than its metric
     """
 
     columns: tuple[CompactColumn, ...]
     lines: tuple[tuple[str, str, Tags, tuple[CompactCell, ...]], ...]
     failed: bool
-    moved: bool = False
+    coarse: bool = False
 
     @property
     def groups(self) -> tuple[tuple[str, bool, int], ...]:

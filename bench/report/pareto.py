@@ -385,7 +385,7 @@ def _limits(
 
 
 def _text(place: FrontierPoint) -> str:
-    value = measured(place.quality, place.precision).text
+    value = measured(place.quality, place.metric, place.method).text
     if role(place.method) == "floor":
         return f"{place.method}: {value}, looks at no cloud"
     verdicts = {

@@ -14,7 +14,6 @@ import numpy as np
 
 from bench.analysis.comparison import Estimate
 from bench.analysis.scores import QualityRow
-from bench.analysis.significant_digits import Precision
 from bench.catalogue.condition_names import ConditionName, condition_name, condition_words, places
 from bench.catalogue.methods import COST_VARIANTS, FLOOR, role
 from bench.catalogue.metrics import FURTHER_METRICS, higher_is_better, is_mean
@@ -28,8 +27,9 @@ from bench.report.inline import MarkedFigure, inline
 from bench.report.page import Plot
 from bench.report.styles import PAPER, RULE, MethodStyle, method_styles
 from bench.tables.figure import FIGURES, TEXT, WIDTH_IN, drawing, panels, save
-from bench.tables.grid import Tags, measured, ordered, shown
+from bench.tables.grid import Cell, Tags, ordered, shown
 from bench.tables.markdown import visible
+from bench.tables.quality import quality_cell
 from bench.tables.table import Table
 
 # The headline first; SSIM as the paper has it, which likes a white image, is one among the others.
@@ -152,7 +152,7 @@ def _plot(panel: CurvePanel, styles: Mapping[str, MethodStyle], name: str) -> Pl
     place, axis = panel.place, axis_title(panel.metric)
     steps = (f"{panel.step(row)}{f' ({row.n_ok} of {row.n})' * row.failed}" for row in panel.rows)
     description = in_words(
-        (row.method, step, row.value, row.precision)
+        (row.method, step, quality_cell(row).text)
         for row, step in zip(panel.rows, steps, strict=True)
     )
     where = f" at {condition_words(place)}, by class" if panel.by_class else f", class {place}"
@@ -221,7 +221,7 @@ def _draw_panel(
                 row.condition,
                 row.class_name,
                 Estimate(row.value, row.ci_low, row.ci_high),
-                row.precision,
+                quality_cell(row),
                 _caveat(row),
                 names[steps.index(panel.step(row))].kind,
             )
@@ -273,12 +273,12 @@ def _caveat(row: QualityRow) -> str:
     """Return how many images a value is of, and the value with blank ones; "" without failures."""
     if not row.failed:
         return ""
-    with_blank = shown(row.failures_as_blank, row.precision.decimals)
+    with_blank = shown(row.failures_as_blank, row.decimals)
     return f"{row.n_ok} of {row.n} images, {with_blank} with blank ones for the others"
 
 
 class Point(NamedTuple):
-    """A value of a method and its place; it is drawn hollow if it has a caveat.
+    """A value of a method, as it is and as printed, and its place; hollow if it has a caveat.
 
     A line joins only neighbours of one kind.
     """
@@ -287,7 +287,7 @@ class Point(NamedTuple):
     condition: str
     class_name: str
     estimate: Estimate
-    precision: Precision
+    printed: Cell
     caveat: str = ""
     kind: str = ""
 
@@ -314,11 +314,10 @@ def draw_curve(
         levels = axis.hlines(values, left, right, style.colour, style.dashes, linewidth=1)
         drawn.mark(levels, Tags(method=method))
     for at_point in points if style.marker else ():
-        x, condition, class_name, (value, low, high), precision, caveat, _ = at_point
+        x, condition, class_name, (value, low, high), cell, caveat, _ = at_point
         if not math.isfinite(value):
             continue
         tags = Tags(method, condition, class_name)
-        cell = measured((value, low, high), precision)
         description = f"{method}, {condition}, {class_name}: {cell.text}"
         if cell.interval:
             description += " [{}, {}]".format(*cell.interval)
@@ -345,12 +344,11 @@ def _broken(points: Sequence[Point]) -> tuple[list[float], list[float]]:
     return at, values
 
 
-def in_words(values: Iterable[tuple[str, str, float, Precision]]) -> str:
-    """Return (method, step, value, digits) in words, for readers who do not see the plot."""
+def in_words(values: Iterable[tuple[str, str, str]]) -> str:
+    """Return (method, step, value) in words, for readers who do not see the plot."""
     by_method: dict[str, list[str]] = {}
-    for method, step, value, precision in values:
-        cell = measured((value, math.nan, math.nan), precision)
-        by_method.setdefault(method, []).append(f"{step} {cell.text}")
+    for method, step, value in values:
+        by_method.setdefault(method, []).append(f"{step} {value}")
     return " ".join(f"{method}: {', '.join(steps)}." for method, steps in by_method.items())
 
 

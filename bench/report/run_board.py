@@ -109,7 +109,11 @@ def _of_run(
             n_ok, n = overall.images[rank.method]
             failed = f"{n - n_ok} of {n} failed" if n_ok < n else ""
             cells[names[rank.method]] = value_cell(
-                rank.estimate.value, rank.precision, letters=rank.letters, caveat=failed
+                rank.estimate.value,
+                of_metric.metric,
+                rank.method,
+                letters=rank.letters,
+                caveat=failed,
             )
         columns.append(metric_column(of_metric.metric, cells))
     costs = {}

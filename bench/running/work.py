@@ -25,19 +25,15 @@ from bench.catalogue.metrics import (
     metrics_device,
 )
 from bench.metrics.image_scores import scores
-from bench.records.arithmetic import PLAIN
 from bench.records.artifacts import pack, unpack_images
 from bench.records.job import Job, Result, Stopwatch, failed, records_of
 from bench.records.record import CLAIMED, GROUND_TRUTH, Record
-from bench.running.arithmetic import computed
 from data_prep.clouds.conditions import Unchanged
-from data_prep.clouds.extremes import LastBit
 from data_prep.datasets.exported import ExportedObject
 from data_prep.failures import BadInput, MissingDependency, StageFailure
 from data_prep.randomness import generator
 from data_prep.rendering.images import to_uint8
 from data_prep.scene import IMAGE_SIZE, CloudOrigin, PointCloud, Renderer, UInt8Images, View
-from data_prep.stages import METRICS, stage
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,53 +86,29 @@ def _run_method(job: Job, watch: Stopwatch) -> Result:
     method = find_run_method(address)
     try:
         with watch.on("methods"):
-            renderer = load_renderer(address, job.device, job.arithmetic.number_format)
+            renderer = load_renderer(address, job.device)
     except BadInput as error:  # unusable weights fail every job alike
         return replace(failed(job, str(error)), unusable=str(error))
     truth = None if job.reference is None else unpack_images(job.reference)
     # The floor stands for failures in all scores: a condition that breaks may not take it along.
     cloud = cloud_of(replace(job, perturbation=Unchanged()) if method.role == "floor" else job)
     cloud, rng = replace(cloud, origin=_origin(job)), rng_of(job)
-    roundings = generator(job.seed, "rounding", job.method, job.condition, *_identity(job))
-    if job.is_repeated:
-        _warm_up(job)
-        if cloud.source is not None:  # another mesh, of which no tree of faces is known
-            cloud = replace(cloud, source=replace(cloud.source))
-    if job.arithmetic.moves_input:
-        cloud = LastBit().apply(cloud, roundings)
-    with computed(job.arithmetic, roundings):
-        with watch.on("methods"):
-            drawn = draw(method, renderer, cloud, job.views, rng, job.batch, truth)
-        records = records_of(
-            job, "ok", notes=drawn.notes, prepare_s=drawn.prepare_s, draw_s=drawn.draw_s
-        )
-        if truth is not None:
-            with watch.on("metrics"), stage(METRICS):
-                scored = scores(truth, drawn.images) | _learned(job, truth, drawn.images)
-            records = [
-                replace(
-                    record,
-                    **{n: float(v[i]) if np.isfinite(v[i]) else None for n, v in scored.items()},
-                )
-                for i, record in enumerate(records)
-            ]
-        return _with_artifact(job, records, drawn.images, watch)
-
-
-def _warm_up(job: Job) -> None:
-    """Do a job in the usual arithmetic, once for its method and condition in this process.
-
-    Libraries keep what they make at the first use, in the rounding of that moment: Mesa's threads,
-    which then move an image by 0.2 grey levels, and oneDNN's kernels, which move LPIPS by 4e-6.
-    """
-    cell = job.method, job.cloud_condition
-    if cell not in _WARM:
-        _WARM.add(cell)
-        usual = replace(job, condition=job.cloud_condition, arithmetic=PLAIN, batch=None)
-        _run_method(usual, Stopwatch())
-
-
-_WARM: set[tuple[str, str]] = set()
+    with watch.on("methods"):
+        drawn = draw(method, renderer, cloud, job.views, rng, job.batch, truth)
+    records = records_of(
+        job, "ok", notes=drawn.notes, prepare_s=drawn.prepare_s, draw_s=drawn.draw_s
+    )
+    if truth is not None:
+        with watch.on("metrics"):
+            scored = scores(truth, drawn.images) | _learned(job, truth, drawn.images)
+        records = [
+            replace(
+                record,
+                **{n: float(v[i]) if np.isfinite(v[i]) else None for n, v in scored.items()},
+            )
+            for i, record in enumerate(records)
+        ]
+    return _with_artifact(job, records, drawn.images, watch)
 
 
 def _learned(job: Job, truth: UInt8Images, images: UInt8Images) -> dict[str, NDArray[np.float64]]:
@@ -164,13 +136,11 @@ def draw(
     """
     cloud = seen_by(method, cloud)
     start = time.perf_counter()
-    with stage("prepare"):
-        state = renderer.prepare(cloud, rng)
+    state = renderer.prepare(cloud, rng)
     prepared = time.perf_counter()
     size = batch or len(views)
     batches = [views[i : i + size] for i in range(0, len(views), size)]
-    with stage("draw"):
-        drawn = [renderer.draw(state, part, rng) for part in batches]
+    drawn = [renderer.draw(state, part, rng) for part in batches]
     done = time.perf_counter()
     checked = (checked_images(i, len(part)) for i, part in zip(drawn, batches, strict=True))
     images = np.concatenate([*checked])
@@ -214,7 +184,7 @@ def cloud_of(job: Job) -> PointCloud:
 
     An exported dataset has it as a file, unless it was made without that condition.
     """
-    condition = job.cloud_condition
+    condition = job.condition
     stored = job.object.perturbed(condition) if isinstance(job.object, ExportedObject) else None
     if stored is not None:
         return stored
@@ -224,12 +194,12 @@ def cloud_of(job: Job) -> PointCloud:
 
 def _origin(job: Job) -> CloudOrigin:
     views = job.object.exported_views if isinstance(job.object, ExportedObject) else job.views
-    return CloudOrigin(job.cloud_condition, *_identity(job), views)
+    return CloudOrigin(job.condition, *_identity(job), views)
 
 
 def rng_of(job: Job) -> np.random.Generator:
     """Return the source of random numbers for the method of a job."""
-    return generator(job.seed, "method", job.method, job.cloud_condition, *_identity(job))
+    return generator(job.seed, "method", job.method, job.condition, *_identity(job))
 
 
 def _identity(job: Job) -> tuple[str, str]:
@@ -254,7 +224,7 @@ def _with_artifact(
     job: Job, records: Sequence[Record], images: UInt8Images, watch: Stopwatch
 ) -> Result:
     arrays: dict[str, NDArray[Any]] = {"images": images}
-    with watch.on("metrics"), stage(METRICS):
+    with watch.on("metrics"):
         for extractor, weights in job.features:
             device = metrics_device(job.device)
             arrays[extractor] = _extractor(extractor, weights, device)(images)
@@ -264,17 +234,11 @@ def _with_artifact(
 
 
 @functools.cache
-def load_renderer(address: str, device: str, number_format: str = "") -> Renderer:
+def load_renderer(address: str, device: str) -> Renderer:
     """Return the renderer of the method with this address, loaded once a process.
 
-    One that is to compute in another `number_format` lays out no kernels for its own. Raises
-    BadInput where its weights are unusable.
+    Raises BadInput where its weights are unusable.
     """
-    if number_format:
-        from learning.number_formats import plain_layouts
-
-        with plain_layouts():
-            return find_run_method(address).load(device)
     return find_run_method(address).load(device)
 
 

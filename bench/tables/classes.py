@@ -11,14 +11,13 @@ from bench.catalogue.suite_types import TableSpec
 from bench.tables import markdown
 from bench.tables.grid import Block, ordered
 from bench.tables.quality import (
-    QUALITY_COLUMNS,
     all_methods,
     annotated,
     which_are_chosen,
     with_chosen_rows,
     with_paper_values,
 )
-from bench.tables.table import Table
+from bench.tables.table import Table, columns_of
 
 FEW = 10  # objects of a class below which its distances are warned of
 IN_A_ROW = 7  # classes side by side, as the paper has them
@@ -44,7 +43,7 @@ def table_of_classes(spec: TableSpec, rows: Iterable[QualityRow], remark: str) -
             yield from _paper_layout(of_condition)
             yield from all_methods(of_condition)
 
-    return Table(spec.name, spec.title, QUALITY_COLUMNS, tuple(rows), layout, remark)
+    return Table(spec.name, spec.title, columns_of(QualityRow), tuple(rows), layout, remark)
 
 
 def remark(run: ScoredRun) -> str:

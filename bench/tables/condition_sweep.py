@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 from bench.analysis.comparison import Estimate
 from bench.analysis.condition_sweep import Crossover, PairedComparison
-from bench.analysis.significant_digits import Precision
 from bench.catalogue.families import Family
 from bench.catalogue.suite_types import TableSpec
 from bench.tables import markdown
@@ -46,7 +45,6 @@ class ConditionStep:
     value: float
     baseline_value: float
     difference: Estimate
-    precision: Precision
     ahead: str
     crossover: Crossover
 
@@ -85,7 +83,6 @@ def _steps(c: PairedComparison) -> Iterator[ConditionStep]:
             value=c.values[i],
             baseline_value=c.baseline_values[i],
             difference=c.differences[i],
-            precision=c.precisions[i],
             ahead=c.ahead[i],
             crossover=crossovers.get(i, NOWHERE),
         )
@@ -197,5 +194,6 @@ def _leads(rows: Sequence[ConditionStep]) -> Grid:
 
 
 def _lead(row: ConditionStep) -> Cell:
-    marks = {row.paired.method: AHEAD, row.paired.baseline: BEHIND}
-    return measured(row.difference, row.precision, "+", special=marks.get(row.ahead))
+    metric, sides = row.paired.metric, (row.paired.method, row.paired.baseline)
+    marks = dict(zip(sides, (AHEAD, BEHIND), strict=True))
+    return measured(row.difference, metric, *sides, sign="+", special=marks.get(row.ahead))

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
+from bench.analysis.digits import decimals, is_coarse
 from bench.analysis.intervals import FEWEST
 from bench.analysis.paired import SIGNIFICANCE, PairedDifference
 from bench.analysis.run_pairs import Differences
@@ -97,10 +98,10 @@ def difference_cell(row: PairedDifference) -> Cell:
     """Return both values and their difference with its interval; a dash where it has none."""
     if not math.isfinite(row.difference.value):
         return NOTHING
-    precision = row.pair.precision
-    digits = precision.decimals
+    metric, methods = row.pair.metric, row.pair.methods
+    digits = decimals(metric, *methods)
     of_a, of_b = row.pair.quality_a.estimate, row.pair.quality_b.estimate
     values = f"{shown(of_a.value, digits)} to {shown(of_b.value, digits)}: "
     special = _TOO_FEW if row.objects_needed else _MARKS.get(row.ahead)
     cell = number(row.difference, f"{{:+.{digits}f}}".format, special=special)
-    return marked(replace(cell, text=values + cell.text), precision)
+    return marked(replace(cell, text=values + cell.text), is_coarse(metric, *methods))

@@ -220,17 +220,17 @@ def _cost(place: FrontierPoint) -> Cell:
 
 
 def _quality(place: FrontierPoint) -> Cell:
-    return measured(place.quality, place.precision, special=MARKS.get(place.verdict))
+    return measured(place.quality, place.metric, place.method, special=MARKS.get(place.verdict))
 
 
 def _thinned(row: SubsampledFrontier) -> Cell:
-    value = measured(row.quality, row.precision).text
+    value = measured(row.quality, row.metric, row.method)
     rest = f", {milliseconds(row.cost_ms.value)} ms{' claimed' * row.claimed}"
     if not (math.isfinite(row.lost.low) and any(row.lost)):
-        return Cell(value, rest=rest, rounding=row.precision.half)
-    lost = measured(row.lost, row.lost_precision, "+")
-    text = f"{value}, {lost.text}"
-    return Cell(text, interval=lost.interval, rest=rest, rounding=lost.rounding)
+        return Cell(value.text, rest=rest, coarse=value.coarse)
+    lost = measured(row.lost, row.metric, row.method, sign="+")
+    text = f"{value.text}, {lost.text}"
+    return Cell(text, interval=lost.interval, rest=rest, coarse=lost.coarse)
 
 
 def _of_views(views: int) -> str:

@@ -12,7 +12,7 @@ from functools import partial
 from operator import attrgetter
 from typing import Any, NamedTuple, TypeVar
 
-from bench.analysis.significant_digits import Precision
+from bench.analysis.digits import decimals, is_coarse
 
 R = TypeVar("R")
 K = TypeVar("K")
@@ -61,7 +61,7 @@ class Cell:
     blank     the value with a blank image in place of each that failed, "-" without one; None
               where none failed
     caveat    what speaks against a value that scores failed images as blank ones already
-    rounding  half width of the error of a value that has fewer digits because of it; else None
+    coarse    whether it has fewer digits than its metric
     paper     the published value; empty without one
     special   a remark on the value
     """
@@ -75,12 +75,7 @@ class Cell:
     caveat: str = ""
     paper: str = ""
     special: Annotation | None = None
-    rounding: float | None = None
-
-    @property
-    def moved(self) -> str:
-        """Return how far rounding alone moves a value that has fewer digits because of it."""
-        return "" if self.rounding is None else f"rounding alone: up to {self.rounding:.2g}"
+    coarse: bool = False
 
     @property
     def beside(self) -> str:
@@ -126,33 +121,37 @@ def number(
 
 
 MOVED = "≈"  # before a value that has fewer digits
-FEWER = f"{MOVED}: fewer digits, as rounding alone moves the others"  # where no grid says more
+FEWER = f"{MOVED}: fewer digits, as rounding alone moves the others"
 
 
 def measured(
-    estimate: tuple[float, float, float], precision: Precision, sign: str = "", **beside: Any
+    estimate: tuple[float, float, float],
+    metric: str,
+    *methods: str,
+    sign: str = "",
+    **beside: Any,
 ) -> Cell:
-    """Return the cell of a number with its interval, in the digits that survive rounding.
+    """Return the cell of a value of a metric with its interval, or of a difference of methods.
 
     `sign` is "+" for a number that has one always; `beside` are more fields.
     """
-    digits = precision.decimals
-    show = f"{{:+.{digits}f}}".format if sign else partial(shown, decimals=digits)
-    return marked(number(estimate, show, **beside), precision)
+    digits = decimals(metric, *methods)
+    show = f"{{:+.{digits}f}}".format if sign else partial(shown, digits=digits)
+    return marked(number(estimate, show, **beside), is_coarse(metric, *methods))
 
 
-def marked(cell: Cell, precision: Precision) -> Cell:
-    """Return a cell, marked where its value has fewer digits because of rounding."""
-    if precision.half is None or cell.value is None:
+def marked(cell: Cell, coarse: bool) -> Cell:
+    """Return a cell, marked where it has a value with fewer digits than its metric."""
+    if not coarse or cell.value is None:
         return cell
-    return replace(cell, text=MOVED + cell.text, rounding=precision.half)
+    return replace(cell, text=MOVED + cell.text, coarse=True)
 
 
-def shown(value: float, decimals: int) -> str:
+def shown(value: float, digits: int) -> str:
     """Return a number for people, 0 without a sign; a dash for one that is not finite."""
     if not math.isfinite(value):
         return "-"
-    text = f"{value:.{decimals}f}"
+    text = f"{value:.{digits}f}"
     return text if float(text) else text.removeprefix("-")
 
 
@@ -211,15 +210,8 @@ class Grid:
     @property
     def all_notes(self) -> tuple[str, ...]:
         """Return the notes, and last the meaning of the mark of values with fewer digits."""
-        cells = [cell for line in self.lines for cell in line.cells]
-        halves = [cell.rounding for cell in cells if cell.rounding is not None]
-        if not halves:
-            return self.notes
-        return (
-            *self.notes,
-            f"{MOVED} rounding alone moves this value by up to {max(halves):.2g} (95 %): fewer "
-            "digits are shown; the interval over objects includes it",
-        )
+        coarse = any(cell.coarse for line in self.lines for cell in line.cells)
+        return (*self.notes, FEWER) if coarse else self.notes
 
 
 Block = str | Grid  # a paragraph, a heading or a list in Markdown; or a grid

@@ -25,8 +25,8 @@ from bench.catalogue.metrics import is_mean
 from bench.catalogue.suite_types import Suite
 from bench.records.run_folder import PROTOCOL
 from bench.tables.grid import Block
-from bench.tables.quality import QUALITY_COLUMNS, all_methods, annotated, with_chosen_rows
-from bench.tables.table import Table, of_protocol
+from bench.tables.quality import all_methods, annotated, with_chosen_rows
+from bench.tables.table import Table, columns_of, of_protocol
 
 HEADLINE = "headline"
 FEWEST_SHOWN = 12  # objects: intervals of fewer are so wide and so uncertain that they mislead here
@@ -70,5 +70,5 @@ def headline_of(
         yield from all_methods(rows)
 
     every = with_chosen_rows(annotated(chosen, manifest, {}))
-    table = Table(HEADLINE, title, QUALITY_COLUMNS, every, layout)
+    table = Table(HEADLINE, title, columns_of(QualityRow), every, layout)
     return of_protocol(table, suite, manifest[PROTOCOL])

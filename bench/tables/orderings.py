@@ -109,7 +109,9 @@ def _differences(rows: Sequence[Ordering]) -> Grid:
 
 
 def _cell(row: Ordering) -> Cell:
-    return measured(row.difference, row.precision, "+", special=MARKS.get(row.verdict))
+    sides = row.method, SURFACE
+    mark = MARKS.get(row.verdict)
+    return measured(row.difference, row.metric, *sides, sign="+", special=mark)
 
 
 _REMARK = (

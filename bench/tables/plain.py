@@ -33,7 +33,7 @@ def plain(grids: Sequence[Grid], width: int, lines: int) -> list[str]:
         marks = [STAR] if any(cell.special is BEST for cell in cells) else []
         if intervals and any(cell.interval for cell in cells):
             marks.append(f"[{shown[0].interval}]")
-        if any(cell.rounding is not None for cell in cells):
+        if any(cell.coarse for cell in cells):
             marks.append(FEWER)
         end = [*([_cut("; ".join(marks), width)] if marks else []), *notes]
         for beside in (True, False):

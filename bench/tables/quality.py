@@ -10,7 +10,6 @@ import math
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from operator import attrgetter
 from typing import Any
 
 from bench.analysis.comparison import NAN
@@ -38,7 +37,7 @@ from bench.tables.grid import (
     pivot,
     shown,
 )
-from bench.tables.table import Column, Table, columns_of
+from bench.tables.table import Table, columns_of
 
 DETAIL_REMARK = (
     "Means are over the images that have a value; where some have none, a line below says why."
@@ -46,10 +45,6 @@ DETAIL_REMARK = (
 _DEBIASED = (
     "What the distance would be with endless objects, extrapolated by the jackknife: for comparing "
     "runs of different numbers of objects."
-)
-DIGITS = Column("digits", attrgetter("digits"))  # in place of how far rounding moves the value
-QUALITY_COLUMNS = tuple(
-    DIGITS if column.name == "rounding" else column for column in columns_of(QualityRow)
 )
 
 
@@ -120,7 +115,7 @@ def quality_table(
 
     rows = with_chosen_rows(rows)
     remark = " ".join(filter(None, [remark, which_are_chosen(rows)]))
-    return Table(spec.name, spec.title, QUALITY_COLUMNS, rows, layout, remark)
+    return Table(spec.name, spec.title, columns_of(QualityRow), rows, layout, remark)
 
 
 def with_chosen_rows(rows: Iterable[QualityRow]) -> tuple[QualityRow, ...]:
@@ -190,7 +185,7 @@ def with_paper_values(
     lines = []
     for metric in metrics:
         of_metric = [rows.get((metric, *key)) for key in heads]
-        cells = [replace(_value(row), interval=None) if row else NOTHING for row in of_metric]
+        cells = [replace(quality_cell(row), interval=None) if row else NOTHING for row in of_metric]
         if all(row.skipped for row in of_metric if row):
             cells = [Cell("skipped")] * len(of_metric)
         lines.append(TableRow(metric, tuple(cells)))
@@ -298,7 +293,7 @@ def best_printed(rows: Sequence[QualityRow]) -> set[tuple[str, str, str]]:
 
 def is_worse(row: QualityRow, other: QualityRow) -> bool:
     """Return whether a value is worse than another in the digits that both are printed with."""
-    digits = min(row.precision.decimals, other.precision.decimals)
+    digits = min(row.decimals, other.decimals)
     ahead = round(other.value, digits) - round(row.value, digits)
     return ahead > 0 if higher_is_better(row.metric) else ahead < 0
 
@@ -307,10 +302,10 @@ def _cell(row: QualityRow, best: Container[tuple[str, str, str]]) -> Cell:
     paper = f"{row.paper:g}" if math.isfinite(row.paper) else ""
     if row.skipped:
         return Cell("skipped", paper=paper)
-    blank = shown(row.failures_as_blank, row.precision.decimals) if row.failed else None
+    blank = shown(row.failures_as_blank, row.decimals) if row.failed else None
     is_best = (row.class_name, row.condition, row.method) in best
     return replace(
-        _value(row),
+        quality_cell(row),
         count=(row.n_ok, row.n),
         blank=blank,
         paper=paper,
@@ -318,9 +313,9 @@ def _cell(row: QualityRow, best: Container[tuple[str, str, str]]) -> Cell:
     )
 
 
-def _value(row: QualityRow) -> Cell:
+def quality_cell(row: QualityRow) -> Cell:
     """Return the cell of a value with its interval alone."""
-    return measured((row.value, row.ci_low, row.ci_high), row.precision)
+    return measured((row.value, row.ci_low, row.ci_high), row.metric, row.measured_method)
 
 
 def _about(rows: Sequence[QualityRow]) -> str:

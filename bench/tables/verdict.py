@@ -11,6 +11,7 @@ from typing import NamedTuple
 from rich.cells import cell_len, set_cell_size
 
 from bench.analysis.comparison import ALL
+from bench.analysis.digits import decimals, is_coarse
 from bench.analysis.paired import SIGNIFICANCE, Ahead, PairedDifference
 from bench.analysis.run_pairs import Differences
 from bench.catalogue.condition_names import condition_name
@@ -86,7 +87,7 @@ def verdict(cells: Sequence[PairedDifference], name: str, objects: str, hint: st
         text = f"No difference is shown in {len(valued)} cell{plural} {tested}."
     if needed:
         text += f" Too few objects in {len(needed)}: at least {max(needed)} are needed."
-    if any(cell.pair.precision.half is not None for cell in valued):
+    if any(is_coarse(cell.pair.metric, *cell.pair.methods) for cell in valued):
         text += f" {FEWER}."
     return f"{text} {hint}".rstrip()
 
@@ -140,9 +141,9 @@ def _word(cell: PairedDifference | None) -> str:
 def _difference(cell: PairedDifference | None) -> str:
     if cell is None or not math.isfinite(cell.difference.value):
         return NO_VALUE
-    precision = cell.pair.precision
-    text = f"{cell.difference.value:+.{precision.decimals}f}"
-    return MOVED * (precision.half is not None) + re.sub(r"^([+-])0\.", r"\1.", text)
+    metric, methods = cell.pair.metric, cell.pair.methods
+    text = f"{cell.difference.value:+.{decimals(metric, *methods)}f}"
+    return MOVED * is_coarse(metric, *methods) + re.sub(r"^([+-])0\.", r"\1.", text)
 
 
 def _laid_out(corner: str, heads: Sequence[str], rows: Sequence[_Verdict], width: int) -> list[str]:

@@ -20,7 +20,6 @@ from harness_objects import Tetrahedron
 from bench.analysis.intervals import distance_interval
 from bench.analysis.object_sums import ObjectSums
 from bench.analysis.scored import ScoredRun, scored_run
-from bench.analysis.significant_digits import RoundingErrors
 from bench.catalogue.methods import FLOORS
 from bench.catalogue.metrics import IMAGE_METRICS, column
 from bench.catalogue.suites import SUITES, Suite
@@ -183,16 +182,12 @@ def sums_of(records: pd.DataFrame, manifest=None) -> ObjectSums:
 
 
 def scored_records(
-    records: pd.DataFrame, suite: Suite, features=None, skipped=None, errors=None, **manifest
+    records: pd.DataFrame, suite: Suite, features=None, skipped=None, **manifest
 ) -> ScoredRun:
-    """Return a scored run of these records, with distances by extractor, without a folder.
-
-    Nothing is known of rounding, unless `errors` say it.
-    """
+    """Return a scored run of these records, with distances by extractor, without a folder."""
     manifest = names_of(records) | manifest
     sums = sums_of(records, manifest)
-    errors = errors or RoundingErrors({})
-    return ScoredRun(Path("run"), suite, manifest, sums, features or {}, skipped or {}, errors)
+    return ScoredRun(Path("run"), suite, manifest, sums, features or {}, skipped or {})
 
 
 def feature_index(methods, objects_of_class) -> pd.DataFrame:

@@ -210,8 +210,6 @@ EXPECTED: Mapping[str, Mapping[str, Expectation]] = {
     },
     "pc2pix": _PC2PIX,
     "pc2pix@all": _PC2PIX | {"noise-2": _OFF},
-    # The code changes in its seventh digit, and bfloat16 has three: single pixels move by more.
-    "pc2pix@bf16": _PC2PIX | dict.fromkeys(("all-equal", "azimuth+180"), Agrees(EXACT_MEAN)),
     # Its code is small sums of large numbers, so that rounded points move it by more.
     "pc2pix@acgan": _PC2PIX | {"noise-2": _OFF, "millimetres": Agrees(2.0)},
     "splat-net@chair": _SPLAT_NET,
@@ -231,7 +229,6 @@ EXPECTED: Mapping[str, Mapping[str, Expectation]] = {
         ("fused-net", "fused-net@grey"),
         _SPLAT_NET | {"turned": Changes(0.5, "occupancy-net's planes are not turned")},
     ),
-    "splat-net@chair-bf16": _SPLAT_NET,
     "occupancy-net": {
         "0-points": Fails("input: 0 points; occupancy networks need"),
         **dict.fromkeys(

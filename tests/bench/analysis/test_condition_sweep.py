@@ -18,7 +18,6 @@ from bench.analysis.condition_sweep import (
     sign_changes,
 )
 from bench.analysis.intervals import mean_interval
-from bench.analysis.significant_digits import Precision
 from bench.catalogue.families import FAMILIES, families_of
 
 from .comparisons import comparison
@@ -37,8 +36,7 @@ def paired(differences, family="noise"):
     (reduced,) = (f for f in families_of(conditions) if f.id == family)
     values, others = (0.5,) * len(message), (0.25,) * len(message)
     return PairedComparison(
-        *("chair", reduced, "ssim", "splat-net", "pc2pix", values, others, tuple(message)),
-        precisions=(Precision(3),) * len(message),
+        "chair", reduced, "ssim", "splat-net", "pc2pix", values, others, tuple(message)
     )
 
 

@@ -29,20 +29,15 @@ def test_grey_methods_keep_the_keys_of_their_jobs():
 
 
 @pytest.mark.slow
-def test_the_paper_width_and_bfloat16_draw_the_same():
+def test_the_paper_width_draws_the_same():
     rng = np.random.default_rng(0)
     cloud = PointCloud(rng.normal(size=(2048, 3)) / 4)
-    drawn = {}
-    for method in ("", "@bf16", "@paper", "@paper-bf16"):
-        renderer = find_method(f"pc2pix{method}").load("cpu")
-        drawn[method] = renderer.draw(renderer.prepare(cloud, rng), VIEWS, rng)
-    for method, images in drawn.items():
-        # float32 in another order, as in test_widen; bfloat16 rounds each of twelve layers to
-        # 1/256 and its largest error may be many of its typical ones, so that its mean is asserted
-        apart = np.abs(images - drawn[""])
-        assert apart.mean() < 5e-3 if "bf16" in method else apart.max() < 1e-4, method
-    assert (drawn[""] != drawn["@bf16"]).any()
-    assert (drawn["@paper"] != drawn["@paper-bf16"]).any()
+    drawn = []
+    for method in ("pc2pix", "pc2pix@paper"):
+        renderer = find_method(method).load("cpu")
+        drawn.append(renderer.draw(renderer.prepare(cloud, rng), VIEWS, rng))
+    # float32 in another order, as in test_widen
+    assert np.abs(drawn[0] - drawn[1]).max() < 1e-4
 
 
 def test_the_paper_width_is_the_papers():

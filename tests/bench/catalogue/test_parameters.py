@@ -16,7 +16,7 @@ def test_an_id_says_parameter_and_value():
 
 
 @pytest.mark.parametrize(
-    "method", ["splat", "pc2pix@bf16", "pc2pix@a=b.safetensors", "surface-apss@64", "a=b", ""]
+    "method", ["splat", "pc2pix@paper", "pc2pix@a=b.safetensors", "surface-apss@64", "a=b", ""]
 )
 def test_other_ids_say_none(method):
     assert find_setting(method) is None

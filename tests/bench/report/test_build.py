@@ -27,6 +27,7 @@ from bench.records.run_folder import open_folder, read_manifest, write_manifest
 from bench.records.store import STORE
 from bench.report.build import read_page, write_report
 from bench.tables.build import make_outputs
+from bench.tables.grid import shown as as_shown
 from data_prep.failures import BadInput, CannotWrite
 
 HOSTILE = "<script>alert(1)</script>\"'><img src=x onerror=alert(2)>{{ 7 * 7 }}"
@@ -99,9 +100,10 @@ def test_every_value_of_the_tables_is_in_the_page(of_random_values, document):
     assert len(rows) == 5 * 2 * (4 + 6 + 6 + 3)
     for row in rows:
         two, one = row.metric in ("psnr", *CONTROL_METRICS), row.metric.startswith("fd-")
-        # Fewer where rounding leaves fewer (results/rounding.csv).
-        digits = min(2 if two else 1 if one else 3, row.precision.decimals)
-        mark = "" if row.precision.half is None else "≈"
+        # Fewer of some methods (results/decimals.csv).
+        every = 2 if two else 1 if one else 3
+        digits = min(every, row.decimals)
+        mark = "≈" * (digits < every)
         better = "(higher is better)" if higher_is_better(row.metric) else "(lower is better)"
         columns, lines = shown[f"{row.metric}, chair {better}"]
         cell = lines[row.method][columns.index(row.condition)]
@@ -110,9 +112,9 @@ def test_every_value_of_the_tables_is_in_the_page(of_random_values, document):
         if math.isfinite(row.value):
             assert cell.attributes["data-value"] == f"{row.value:.6f}"
             numbers = (row.value, row.ci_low, row.ci_high, row.failures_as_blank)
-            value, low, high, blank = (f"{number:.{digits}f}" for number in numbers)
+            value, low, high, blank = (as_shown(number, digits) for number in numbers)
             gap = f"{row.n_ok} of 8 images; {blank} with blank ones for the others"
-            expected = {"value": [mark + value], "beside": [f"{low} to {high}"] * (low != "nan")}
+            expected = {"value": [mark + value], "beside": [f"{low} to {high}"] * (low != "-")}
             expected["gap"] = [gap] if row.n_ok < row.n else []
         else:
             assert "data-value" not in cell.attributes

@@ -8,9 +8,8 @@ import pytest
 from PIL import Image
 from report_parser import parse
 
-from bench.analysis.comparison import Estimate, decimals
+from bench.analysis.comparison import Estimate
 from bench.analysis.condition_sweep import ConditionCurve
-from bench.analysis.significant_digits import Precision
 from bench.catalogue.families import FAMILIES
 from bench.report.families import beyond_figure, family_curves, write_beyond_figures
 from bench.report.styles import method_styles
@@ -31,8 +30,7 @@ def every_curve(families=FAMILIES, methods=METHODS, metrics=METRICS):
     for family, metric, method in product(families, metrics, methods):
         values = [value(method, metric, i) for i in range(len(family.steps))]
         estimates = tuple(Estimate(v, v - 0.02, v + 0.03) for v in values)
-        digits = (Precision(decimals(metric)),) * len(values)
-        made.append(ConditionCurve("chair", family, metric, method, estimates, digits))
+        made.append(ConditionCurve("chair", family, metric, method, estimates))
     return made
 
 
@@ -109,8 +107,7 @@ def test_steps_without_value_or_interval():
     nan = float("nan")
     family = FAMILIES[1]
     description = (Estimate(0.9, nan, nan), Estimate(nan, nan, nan), *[Estimate(0.5, 0.4, 0.6)] * 3)
-    digits = (Precision(3),) * len(description)
-    (axis,) = figure([ConditionCurve("chair", family, "ssim", "splat", description, digits)]).axes
+    (axis,) = figure([ConditionCurve("chair", family, "ssim", "splat", description)]).axes
     y = curve(axis, "splat").get_ydata()
     assert np.isnan(y).tolist() == [False, True, False, False, False]
     assert intervals(axis, "splat") == [(0.4, 0.6)] * 3

@@ -13,7 +13,7 @@ SHOWN = (  # method, cost, value, verdict
     ("surface-apss@resolution=50", 100, 0.70, "dominated"),
     ("surface-apss", 400, 0.80, "frontier"),
     ("surface-apss@resolution=300", 800, 0.78, "dominated"),
-    ("pc2pix@bf16", 40, 0.75, "frontier"),
+    ("pc2pix@acgan", 40, 0.75, "frontier"),
     ("pc2pix", 80, 0.75, "tied"),
     ("pc2pix@paper", 90, 0.75, "tied"),
     ("pc2pix@all", 95, 0.75, "tied"),

@@ -198,7 +198,7 @@ def test_costs_stand_beside_their_methods():
     assert sorted(series) == ["blank", "splat", "surface-apss"]
     assert titles(first) == [
         "splat: 10.0 ms, 0.600, on the frontier",
-        "surface-apss: 1000 ms, 0.800, on the frontier",
+        "surface-apss: 1000 ms, ≈0.80, on the frontier",
         "blank: 0.500, looks at no cloud",
     ]
     assert first.title == "ssim: 2,048 points, chair"

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from bench.suites.rounding import run as rounding
 
 from bench.running.options import Options
 from bench.running.shards import Shard
 from bench.suites.latent import run as latent
-from bench.suites.rounding import run as rounding
 from bench.suites.speed import run as speed
 from bench.suites.stability import run as stability
 from data_prep.failures import BadInput

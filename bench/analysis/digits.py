@@ -1,0 +1,48 @@
+"""The digits that values are printed with: those of their metric, or fewer of some methods.
+
+Of some methods rounding alone moves the last digits. `results/decimals.csv` has the decimals that a
+mean over 24 objects keeps, at each condition of `chair-robustness`, by method and metric; variants
+of a method (`alpha-wrap@cell=2`) have the decimals of the method. What it does not list keeps all
+decimals of its metric.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+
+from bench.catalogue.lookup import family_of
+from bench.catalogue.metrics import CONTROL_METRICS, SET_METRICS, declared_metric
+
+DECIMALS_FILE = Path(__file__).resolve().parents[2] / "results" / "decimals.csv"
+
+
+def decimals(metric: str, *methods: str) -> int:
+    """Return the digits after the point that a value of a metric is printed with.
+
+    Of a method it may have fewer; a difference of methods has those of the coarser value.
+    """
+    every = _of_metric(metric)
+    return min([every, *(_kept().get((family_of(method), metric), every) for method in methods)])
+
+
+def is_coarse(metric: str, *methods: str) -> bool:
+    """Return whether a value of the methods has fewer digits than its metric."""
+    return decimals(metric, *methods) < _of_metric(metric)
+
+
+def _of_metric(metric: str) -> int:
+    if declared := declared_metric(metric):
+        return declared.decimals
+    if metric in CONTROL_METRICS or metric == "psnr":  # deg, dB
+        return 2
+    return 1 if any(metric == source.id for source in SET_METRICS) else 3
+
+
+@cache
+def _kept() -> Mapping[tuple[str, str], int]:
+    """Return the decimals that methods keep, where these are fewer than the metric has."""
+    with DECIMALS_FILE.open(encoding="utf-8", newline="") as file:
+        return {(r["method"], r["metric"]): int(r["decimals"]) for r in csv.DictReader(file)}

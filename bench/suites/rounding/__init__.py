@@ -1,1 +1,0 @@
-"""The suite `rounding`: digits that are above rounding, and the stages that lose the others."""

@@ -1,0 +1,176 @@
+"""Values with fewer digits than their metric have a mark, wherever tables are shown."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from report_parser import parse
+
+from bench.analysis.comparison import Estimate, Quality
+from bench.analysis.frontier import FrontierPoint
+from bench.analysis.paired import ComparedPair, PairedDifference, Side
+from bench.analysis.run_pairs import Differences
+from bench.analysis.scored import read_scored
+from bench.analysis.scores import QualityRow
+from bench.catalogue.suite_types import TRUTHS
+from bench.catalogue.suites import TableSpec
+from bench.report.build import read_page
+from bench.report.headline import compact_table
+from bench.report.page import TableGroup, html
+from bench.tables.build import make_outputs
+from bench.tables.differences import difference_cell
+from bench.tables.frontier import frontier_table
+from bench.tables.grid import BEST, FEWER, Grid
+from bench.tables.plain import STAR, plain
+from bench.tables.quality import (
+    all_methods,
+    best_printed,
+    is_worse,
+    quality_table,
+)
+from bench.tables.verdict import comparison_lines
+
+from ..builders import write_run
+
+NAN = float("nan")
+SPEC = TableSpec("images", "t", "T")
+
+
+def row(method="surface-apss", value=0.7764, **changes):
+    made = QualityRow(
+        *("chair-robustness", method, "2048", "chair", "ssim", value, 0.751, 0.8024),
+        *(480, 480, NAN, value, "", NAN, "nothing"),
+    )
+    return replace(made, **changes)
+
+
+ROWS = (row(), row("splat", 0.7771), row("pc2pix", 0.6))
+
+
+def grid_of(rows):
+    (made,) = [block for block in all_methods(rows) if isinstance(block, Grid)]
+    return made
+
+
+def test_markdown_has_fewer_digits_a_mark_and_its_meaning():
+    lines = quality_table(SPEC, ROWS).to_markdown().splitlines()
+    assert "| surface-apss | ≈0.78 [0.75, 0.80] 480/480 |" in lines
+    # The paper's SR is the best reconstruction here, and stands there by both names.
+    assert "| best-reconstruction | ≈0.78 [0.75, 0.80] 480/480 |" in lines
+    assert "| splat | 0.777 [0.751, 0.802] 480/480 |" in lines
+    assert "| pc2pix | 0.600 [0.751, 0.802] 480/480 |" in lines
+    assert lines.count(f"* {FEWER}") == 1
+    assert lines.index(f"* {FEWER}") > lines.index("| pc2pix | 0.600 [0.751, 0.802] 480/480 |")
+
+
+def test_without_such_a_value_there_is_no_mark():
+    text = quality_table(SPEC, ROWS[1:]).to_markdown()
+    assert "≈" not in text
+
+
+def test_csv_keeps_all_digits():
+    values = [line["value"] for line in quality_table(SPEC, ROWS).to_rows()]
+    assert values == [0.7764, 0.7764, 0.7771, 0.6]
+
+
+def test_a_value_with_blank_images_has_the_same_digits():
+    failed = row(n_ok=479, failures_as_blank=0.7712)
+    assert grid_of([failed]).lines[0].cells[0].blank == "0.77"
+
+
+def test_the_best_are_compared_in_the_digits_that_both_have():
+    apss, splat, pc2pix = ROWS
+    assert not is_worse(apss, splat)  # 0.78 and 0.78
+    assert not is_worse(splat, apss)
+    assert is_worse(pc2pix, apss)
+    assert is_worse(row("splat", 0.776), row("pc2pix", 0.777))
+    assert {method for _, _, method in best_printed(ROWS)} == {"surface-apss", "splat"}
+    assert best_printed(ROWS[:1]) == set()  # alone it competes with none
+    distances = [replace(r, metric="fd-views") for r in ROWS[1:]]
+    assert {method for _, _, method in best_printed(distances)} == {"pc2pix"}
+    marks = {line.name: line.cells[0].special for line in grid_of(ROWS).lines}
+    assert marks == {"surface-apss": BEST, "splat": BEST, "pc2pix": None}
+
+
+def test_a_terminal_says_what_the_mark_means():
+    lines = plain([grid_of(ROWS)], 140, 40)
+    assert lines[2:5] == [
+        "surface-apss      ≈0.78*  [.75, .80]",
+        "splat             0.777*[.751, .802]",
+        "pc2pix            0.600 [.751, .802]",
+    ]
+    assert lines[-1] == f"{STAR}; [95 % interval over objects]; {FEWER}"
+    assert not any("≈" in line for line in plain([grid_of(ROWS[1:])], 140, 40))
+
+
+def test_the_page_has_mark_meaning_and_a_number_to_sort_by(tmp_path):
+    run = write_run(tmp_path / "run", methods=["splat", "blank"])
+    group = TableGroup("t", "", (grid_of(ROWS),))
+    page = read_page(make_outputs(read_scored(run)))
+    page = replace(page, tables=(group,), headline=compact_table(ROWS))
+    document = parse(html(page))
+    headline, table = document.all("table", class_="numbers compact"), document.all("table")
+    table = next(t for t in table if "data-group" not in t.attributes and t not in headline)
+    (coarse,) = [cell for cell in table.all("td") if "≈" in cell.text]
+    assert coarse.attributes["data-value"] == "0.776400"
+    (value,) = coarse.all("span", class_="value")
+    assert value.text == "≈0.78"
+    assert [item.text for item in document.all("li") if "≈" in item.text] == [FEWER]
+    (in_headline,) = [span for span in headline[0].all("span", class_="value") if "≈" in span.text]
+    assert in_headline.text == "≈0.78"
+    key = document.one("p", class_="key").text
+    assert f"{FEWER}." in key
+
+
+def test_the_headline_marks_the_best_in_the_digits_that_both_have():
+    made = compact_table([*ROWS, row("blank", 0.5)])
+    cells = {method: cells[0] for method, _, _, cells in made.lines}
+    assert {method: cell.best for method, cell in cells.items()} == {
+        "surface-apss": True, "splat": True, "pc2pix": False, "blank": False,
+    }  # fmt: skip
+    assert made.coarse
+    assert not compact_table(ROWS[1:]).coarse
+    # 0.60 against 0.60: so many digits do not show it to be worse than a white image
+    coarse = compact_table([row("surface-apss", 0.5977), row("blank", 0.6)])
+    assert not any(cell.below for _, _, _, cells in coarse.lines for cell in cells)
+
+
+def test_the_papers_layout_has_them_too():
+    spec = replace(SPEC, paper_layout=True)
+    text = quality_table(spec, (row(), row("pc2pix", 0.6))).to_markdown()
+    assert "| ssim | ≈0.78 | 0.600 |" in text
+    assert text.count(FEWER) == 2  # of this grid and of all methods
+
+
+@pytest.mark.parametrize(
+    ("method", "text", "printed"),
+    [
+        ("surface-apss", "≈0.78 to 0.81: +0.04", "≈+.04"),
+        ("splat", "0.776 to 0.812: +0.036", "+.036"),
+    ],
+)
+def test_a_difference_is_of_the_digits_of_both_values(method, text, printed):
+    """The row of a chosen method has the digits of the method that it is."""
+    sides = [
+        Quality("ssim", Estimate(value, value - 0.025, value + 0.025), np.zeros(24), name)
+        for name, value in ((method, 0.7764), ("pc2pix", 0.8123))
+    ]
+    names = (Side("run", name) for name in ("best-reconstruction", "pc2pix"))
+    pair = ComparedPair("2048", "chair", *names, *sides, objects=24)
+    made = PairedDifference(pair, Estimate(0.0359, 0.02, 0.0512), 0.001, 0.001, "b", None)
+    assert difference_cell(made).text == text
+    lines = comparison_lines(Differences("a", "b", (made,), (), TRUTHS["coloured"]), 80)
+    assert any(line.split() == ["difference", printed] for line in lines)
+    assert (f"{FEWER}." in " ".join(lines)) == ("≈" in text)
+
+
+def test_the_frontier_has_them_too():
+    cost = Estimate(61.4, 60.0, 62.0)
+    quality = Estimate(0.7764, 0.751, 0.8024)
+    about = {"n_ok": 480, "n": 480, "verdict": "frontier", "baseline": ""}
+    point = FrontierPoint(*("2048", "chair", 20, "ssim", "surface-apss", cost, quality), **about)
+    text = frontier_table(SPEC, (point,), "").to_markdown()
+    assert "| surface-apss | 61.4 [60.0, 62.0] | **≈0.78** [0.75, 0.80] | 480/480 |" in text
+    assert FEWER in text
