@@ -127,83 +127,12 @@ class Suite:
 
 
 @dataclass(frozen=True)
-class LatentSuite:
-    """Paths between codes and differences of codes, which `bench.suites.latent.run` measures.
+class Procedure:
+    """A suite with a procedure of its own: its name here, all else beside it in `bench.suites`.
 
-    methods        networks with a code: pc2pix with any weights
-    pairs          of test chairs of different structural families, joined by a path
-    positions      on a path, its two ends included
-    triples        sums A - B + C, where A is B with one change
-    pool           test chairs that the triples are chosen from
-    neighbours     train chairs that the nearest to a sum is chosen from
-    azimuth_deg, elevation_deg  of the one view that all images show
-    shown          pairs and triples in the figures
+    methods  the default ones
     """
 
     id: str
     about: str
     methods: tuple[str, ...]
-    pairs: int
-    positions: int
-    triples: int
-    pool: int
-    neighbours: int
-    azimuth_deg: float
-    elevation_deg: float
-    shown: int
-
-
-@dataclass(frozen=True)
-class StabilitySuite:
-    """A suite of extreme inputs with expected outcomes of methods.
-
-    methods     methods that draw `bench.suites.stability.cases.CASES`
-    class_name  class of the one procedural test object
-    index       number of that object
-    limits      for one method on one case
-    """
-
-    id: str
-    about: str
-    methods: tuple[str, ...]
-    class_name: str
-    index: int
-    limits: Limits
-
-
-@dataclass(frozen=True)
-class SpeedSuite:
-    """The cost of images, which `bench.suites.speed.run` measures.
-
-    methods       timed methods, each in a process of its own for each number of threads
-    baselines     methods that all others are compared with; the first is the paper's
-    conditions    of the clouds
-    class_name    class of the objects
-    clouds        objects whose clouds are drawn
-    views         views of each cloud, drawn in one call
-    singles       views that are also drawn one by one, in each round
-    warm_ups      rounds over all clouds that are not counted
-    least_rounds  fewest counted rounds over all clouds
-    most_rounds   most counted rounds over all clouds
-    seconds       time after which no further round begins, once there are `least_rounds`
-    amortised     numbers of views that the cost per image is given for
-    quiet_cores   more cores than these busy with something else: a warning beside the times
-    limits        for one measurement
-    """
-
-    id: str
-    about: str
-    methods: tuple[str, ...]
-    baselines: tuple[str, ...]
-    conditions: tuple[str, ...]
-    class_name: str
-    clouds: int
-    views: int
-    singles: int
-    warm_ups: int
-    least_rounds: int
-    most_rounds: int
-    seconds: float
-    amortised: tuple[int, ...]
-    quiet_cores: float
-    limits: Limits

@@ -12,13 +12,17 @@ from bench.catalogue.suite_types import (
     DETAIL_TABLE,
     IMAGE_TABLE,
     SET_TABLE,
-    LatentSuite,
     Limits,
-    SpeedSuite,
-    StabilitySuite,
+    Procedure,
     Suite,
     TableSpec,
 )
+
+
+def _ids(text: str) -> tuple[str, ...]:
+    """Return the ids in a text, which spaces separate."""
+    return tuple(text.split())
+
 
 RECOGNITION_TABLE = TableSpec(
     "recognition",
@@ -30,31 +34,14 @@ RECOGNITION_TABLE = TableSpec(
 ROBUSTNESS = Suite(
     id="chair-robustness",
     about="the paper's Tables 3 and 4: fewer points and noise, on chairs",
-    methods=(
-        "surface-apss",
-        "alpha-wrap",
-        "denoised-wrap",
-        "pc2pix",
-        "pc2pix@acgan",
-        "splat-net",
-        "splat-net@chair",
-        "fused-net",
-        "true-mesh",
-        "true-mesh@grey",
-        "constant",
-        "blank",
+    methods=_ids(
+        "surface-apss alpha-wrap denoised-wrap pc2pix pc2pix@acgan splat-net splat-net@chair "
+        "fused-net true-mesh true-mesh@grey constant blank"
     ),
     conditions=("2048", "1024", "512", "noise-0.05", "noise-0.10"),
     classes=("chair",),
     image_metrics=("ssim", "luminance", "contrast", "structure"),
-    detail_metrics=(
-        "psnr",
-        "ssim-object",
-        "lpips",
-        "silhouette-iou",
-        "thin-recall",
-        "thin-precision",
-    ),
+    detail_metrics=_ids("psnr ssim-object lpips silhouette-iou thin-recall thin-precision"),
     set_metrics=("fid", "kid", "fd-views", "fd-views-grey", "fd-alexnet", "kd-alexnet"),
     control_metrics=("azimuth-error-deg", "elevation-error-deg", "retrieval"),
     views=20,
@@ -167,12 +154,7 @@ SUITES = (
         ),
         tables=(
             replace(IMAGE_TABLE, paper_layout=True),
-            TableSpec(
-                "classes",
-                "table5_classes",
-                "Table 5: classes",
-                paper_layout=True,
-            ),
+            TableSpec("classes", "table5_classes", "Table 5: classes", paper_layout=True),
             DETAIL_TABLE,
             TableSpec("orderings", "table5_orderings", "Which of the paper's orderings hold"),
         ),
@@ -212,85 +194,31 @@ SUITES = (
 )
 
 
-LATENT = LatentSuite(
+LATENT = Procedure(
     id="latent",
     about="the paper's Figures 5 and 6: paths between codes, and A - B + C",
     methods=("pc2pix",),
-    pairs=50,
-    positions=8,
-    triples=60,
-    pool=800,
-    neighbours=500,
-    azimuth_deg=30.0,
-    elevation_deg=20.0,
-    shown=5,
 )
 
 
-STABILITY = StabilitySuite(
+STABILITY = Procedure(
     id="stability",
     about="extreme clouds and views: images, an invariant or a named failure",
-    methods=(
-        "surface-apss",
-        "surface-fit",
-        "surface-bpa",
-        "poisson",
-        "alpha-wrap",
-        "denoised-wrap",
-        "pc2pix",
-        "pc2pix@acgan",
-        "splat-net@chair",
-        "splat-net@grey",
-        "splat-net@tiny-grey",
-        "fused-net",
-        "fused-net@grey",
-        "occupancy-net",
-        "splat",
-        "splat-fill",
-        "true-mesh",
-        "constant",
-        "blank",
+    methods=_ids(
+        "surface-apss surface-fit surface-bpa poisson alpha-wrap denoised-wrap pc2pix "
+        "pc2pix@acgan splat-net@chair splat-net@grey splat-net@tiny-grey fused-net "
+        "fused-net@grey occupancy-net splat splat-fill true-mesh constant blank"
     ),
-    class_name="chair",
-    index=0,
-    limits=Limits(time_s=60.0, memory_gib=4.0),
 )
 
 
-SPEED = SpeedSuite(
+SPEED = Procedure(
     id="speed",
     about="the paper's 0.02 s against 0.18 s an image: prepare and draw, cold and warm, amortised",
-    methods=(
-        "surface-apss",
-        "surface-fit",
-        "pc2pix",
-        "pc2pix@paper",
-        "splat-net@chair",
-        "denoised-wrap",
-        "occupancy-net",
-        "fused-net@grey",
-        "splat",
-        "splat-fill",
-        "true-mesh",
+    methods=_ids(
+        "surface-apss surface-fit pc2pix pc2pix@paper splat-net@chair denoised-wrap "
+        "occupancy-net fused-net@grey splat splat-fill true-mesh"
     ),
-    baselines=("surface-apss", "surface-fit"),
-    conditions=("2048",),
-    class_name="chair",
-    # As many as an interval over objects needs. Reconstruction takes seconds a cloud: three rounds
-    # leave the whole run at some minutes. What takes milliseconds goes on for `seconds`, so that
-    # its median is over more than chance, but not beyond `most_rounds`.
-    clouds=8,
-    views=20,
-    singles=5,
-    # One: after it libraries have chosen their algorithms for both sizes of a call, and memory is
-    # mapped; later rounds were no faster.
-    warm_ups=1,
-    least_rounds=3,
-    most_rounds=100,
-    seconds=3.0,
-    amortised=(1, 2, 5, 10, 20, 50, 100, 500),
-    quiet_cores=0.25,
-    limits=Limits(time_s=600.0, memory_gib=8.0),
 )
 
 PROCEDURES = (LATENT, STABILITY, SPEED)  # which make their tables themselves

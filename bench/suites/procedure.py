@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.catalogue.methods import find_method
-from bench.catalogue.suites import LatentSuite, SpeedSuite, StabilitySuite
+from bench.catalogue.suite_types import Procedure
 from bench.running.extension import with_methods_there
 from bench.running.options import Options, refuse, refuse_absent_gpu, refuse_counts
 from bench.tables.table import Table
@@ -30,7 +30,7 @@ class SuiteRun:
 
 def methods_of(
     options: Options,
-    suite: LatentSuite | SpeedSuite | StabilitySuite,
+    suite: Procedure,
     **meaningless: str,
 ) -> tuple[str, ...]:
     """Return the methods of a run, each once, in the order of the request or else of the suite.

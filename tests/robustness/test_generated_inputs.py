@@ -17,13 +17,13 @@ from hypothesis import strategies as st
 
 from bench.catalogue.methods import find_method
 from bench.catalogue.metrics import JUDGE, RANGES, UNDEFINED
-from bench.catalogue.suites import STABILITY
 from bench.metrics.inception_weights import WeightsUnavailable
 from bench.running.isolation import TaskPool
 from bench.running.work import checked_images, draw, load_renderer, reason_of
 from bench.suites.stability.cases import CASES
 from bench.suites.stability.expectations import EXACT_MEAN, Agrees, Either, Fails, expectation
 from bench.suites.stability.outcomes import names_stage
+from bench.suites.stability.suite import STABILITY
 from data_prep.datasets.registry import ProceduralObject
 from data_prep.failures import StageFailure
 from data_prep.randomness import generator

@@ -13,7 +13,6 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
-from bench.catalogue.suites import LATENT, LatentSuite
 from bench.judges import VIEWS_WEIGHTS
 from bench.judges.views import load_views_network
 from bench.running.environment import environment
@@ -32,6 +31,7 @@ from bench.suites.latent.chairs import (
 from bench.suites.latent.figures import Strip, strips_figure
 from bench.suites.latent.network import LatentNetwork, load_network, weights_of
 from bench.suites.latent.paths import PATH_METRICS, PATH_REMARK, PATHS, walk
+from bench.suites.latent.suite import LATENT, LatentSuite
 from bench.suites.latent.tables import LatentValue, Mean, latent_table, means, values_table
 from bench.suites.procedure import SuiteRun, methods_of
 from bench.tables.figure import FIGURES, save

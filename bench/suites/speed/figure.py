@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bench.catalogue.suites import SpeedSuite
+from bench.suites.speed.suite import SpeedSuite
 from bench.suites.speed.summary import MS, Summary, beside, break_even
 from bench.tables.figure import WIDTH_IN, drawing, name_lines, panels
 

@@ -19,10 +19,10 @@ from typing import Any, TypeVar
 import numpy as np
 
 from bench.catalogue.methods import Method, find_method
-from bench.catalogue.suites import SpeedSuite
 from bench.running.plan import views_of
 from bench.running.work import draw, reason_of
 from bench.suites.speed.samples import CloudFailure, Measurement, Stage, TimingSample
+from bench.suites.speed.suite import SpeedSuite
 from data_prep.clouds.conditions import Perturbation
 from data_prep.datasets.registry import SceneObject
 from data_prep.failures import BadInput, MissingDependency, StageFailure

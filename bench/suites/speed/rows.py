@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from bench.catalogue.suites import SpeedSuite
 from bench.suites.speed.samples import Measurement, TimingSample
+from bench.suites.speed.suite import SpeedSuite
 from bench.suites.speed.summary import (
     MS,
     BreakEven,

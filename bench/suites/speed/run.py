@@ -14,7 +14,6 @@ from typing import Any
 
 from bench.catalogue.conditions import find_condition
 from bench.catalogue.methods import find_method, objectives
-from bench.catalogue.suites import SPEED, SpeedSuite
 from bench.running.environment import code_sha256, cores, environment
 from bench.running.isolation import WorkerFailure, run_tasks, thread_counts
 from bench.running.manifest import manifest_of
@@ -31,6 +30,7 @@ from bench.suites.speed.samples import (
     read_measurement,
     write_measurement,
 )
+from bench.suites.speed.suite import SPEED, SpeedSuite
 from bench.suites.speed.summary import Summary, summarise
 from bench.suites.speed.tables import (
     amortised_table,

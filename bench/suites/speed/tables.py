@@ -8,7 +8,6 @@ from dataclasses import fields
 from typing import Any
 
 from bench.catalogue.methods import find_method
-from bench.catalogue.suites import SpeedSuite
 from bench.suites.speed.rows import (
     PAPER_CLASS,
     AmortisedRow,
@@ -21,6 +20,7 @@ from bench.suites.speed.rows import (
     speed_rows,
 )
 from bench.suites.speed.samples import Measurement, TimingSample
+from bench.suites.speed.suite import SpeedSuite
 from bench.suites.speed.summary import MS, BreakEven, Summary, beside, speedups
 from bench.tables import markdown
 from bench.tables.grid import BOLD, ITALIC, Block, Cell, Grid, PivotLayout, grid, ordered, pivot

@@ -12,7 +12,6 @@ from functools import partial
 from pathlib import Path
 
 from bench.catalogue.methods import FLOORS, find_method, objectives
-from bench.catalogue.suites import STABILITY, StabilitySuite
 from bench.records.artifacts import unpack_images
 from bench.records.job import Job
 from bench.records.parquet import write_records
@@ -29,6 +28,7 @@ from bench.suites.stability.cases import CASES, TURN_DEG, VIEWS
 from bench.suites.stability.expectations import EXPECTED
 from bench.suites.stability.figures import extremes_figure, matrix_figure
 from bench.suites.stability.outcomes import CaseOutcome, observe, outcome
+from bench.suites.stability.suite import STABILITY, StabilitySuite
 from bench.suites.stability.tables import counts, matrix, observations_table, unexpected
 from bench.tables import markdown
 from bench.tables.figure import FIGURES, save

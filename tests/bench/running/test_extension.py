@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from bench.catalogue.modules import ALLOWED, allow_modules, module_method, source_sha256
-from bench.catalogue.suites import STABILITY, SUITES
+from bench.catalogue.suites import SUITES
 from bench.commands.add import options_of
 from bench.commands.publish import merge_shards, publish, run_suite
 from bench.commands.terminal import Terminal
@@ -26,6 +26,7 @@ from bench.running.protocol import protocol_of
 from bench.running.run import open_run, run
 from bench.running.shards import Shard
 from bench.suites.procedure import methods_of
+from bench.suites.stability.suite import STABILITY
 from data_prep.failures import BadInput
 
 from ..builders import file_bytes, finished_options, make_manifest, stored_keys, watched

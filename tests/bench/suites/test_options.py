@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from bench.suites.rounding import run as rounding
 
 from bench.running.options import Options
-from bench.running.shards import Shard
 from bench.suites.latent import run as latent
 from bench.suites.speed import run as speed
 from bench.suites.stability import run as stability
 from data_prep.failures import BadInput
 
-SUITES = {"latent": latent, "rounding": rounding, "speed": speed, "stability": stability}
+SUITES = {"latent": latent, "speed": speed, "stability": stability}
 
 
 @pytest.mark.parametrize(
@@ -35,11 +33,6 @@ SUITES = {"latent": latent, "rounding": rounding, "speed": speed, "stability": s
         ("speed", "methods", ("splot",), "unknown method 'splot'"),
         ("speed", "conditions", ("2049",), "unknown condition '2049'"),
         ("speed", "dataset", "nowhere", "unknown dataset 'nowhere'"),
-        ("rounding", "truth", "grey", "--truth: has no meaning for the suite rounding"),
-        ("rounding", "shard", Shard(1, 2), "--shard: has no meaning for the suite rounding, whose"),
-        ("rounding", "limit", 0, "--limit 0: must be at least 1"),
-        ("rounding", "methods", ("splot",), "unknown method 'splot'"),
-        ("rounding", "conditions", ("2049",), "unknown condition '2049'"),
         ("stability", "conditions", ("2048",), "--conditions: has no meaning"),
         ("stability", "views", 3, "--views: has no meaning"),
         ("stability", "limit", 1, "--limit: has no meaning"),

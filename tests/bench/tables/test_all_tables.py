@@ -17,12 +17,12 @@ import numpy as np
 import pytest
 
 from bench.analysis.scored import read_scored
-from bench.catalogue.suites import SPEED
 from bench.records.parquet import write_features
 from bench.records.run_folder import open_folder, write_manifest
 from bench.suites.latent.paths import PATH_METRICS, PATHS
 from bench.suites.latent.tables import LatentValue, latent_table, means, values_table
 from bench.suites.speed.samples import Measurement, TimingSample
+from bench.suites.speed.suite import SPEED
 from bench.suites.speed.summary import summarise
 from bench.suites.speed.tables import amortised_table, samples_table, speed_table
 from bench.suites.stability.outcomes import CaseOutcome

@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from bench.catalogue.suites import LATENT
 from bench.suites.latent.chairs import CHANGES, choose_pairs, choose_triples, specified_chairs
+from bench.suites.latent.suite import LATENT
 from data_prep.datasets.registry import ProceduralObject
 from data_prep.failures import BadInput
 

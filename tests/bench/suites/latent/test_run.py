@@ -13,7 +13,6 @@ import torch
 from PIL import Image
 
 import bench.suites.latent.run
-from bench.catalogue.suites import LATENT
 from bench.judges import VIEWS_WEIGHTS
 from bench.judges.views import load_views_network
 from bench.metrics.structural_similarity import ssim
@@ -23,6 +22,7 @@ from bench.suites.latent.chairs import choose_pairs, choose_triples, specified_c
 from bench.suites.latent.network import cloud_of, load_network
 from bench.suites.latent.paths import walk
 from bench.suites.latent.run import run
+from bench.suites.latent.suite import LATENT
 from data_prep.failures import BadInput
 from data_prep.rendering.opengl import render
 from data_prep.scene import View

@@ -15,7 +15,6 @@ import pytest
 
 import bench
 from bench.catalogue.methods import Method
-from bench.catalogue.suites import SPEED
 from bench.running.environment import code_sha256
 from bench.running.plan import plan
 from bench.running.work import cloud_of, rng_of
@@ -37,6 +36,7 @@ from bench.suites.speed.samples import (
     read_measurement,
     write_measurement,
 )
+from bench.suites.speed.suite import SPEED
 from data_prep.clouds.conditions import Stride, Unchanged
 from data_prep.datasets.registry import ProceduralObject
 from data_prep.failures import BadInput, MissingDependency, StageFailure

@@ -12,9 +12,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.catalogue.suites import SPEED
 from bench.suites.speed.rows import break_even_rows, speed_rows
 from bench.suites.speed.samples import CloudFailure, Measurement, TimingSample
+from bench.suites.speed.suite import SPEED
 from bench.suites.speed.summary import BreakEven, Cost, Statistic, speedups, summarise
 from bench.suites.speed.tables import (
     amortised_table,
