@@ -34,7 +34,7 @@ COMMON_FAMILIES = (
 # The next ones, in an order that gives the methods of a default run a hue each. Rows that choose a
 # method have a place here so that a new family does not change their style.
 FURTHER_FAMILIES = (
-    *("poisson", "surface-fit", "occupancy-net", "surface-bpa", "splat-fill", "best-learned-3d"),
+    *("best-learned-3d", "poisson", "occupancy-net", "surface-fit", "surface-bpa", "splat-fill"),
 )
 
 
