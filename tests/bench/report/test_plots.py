@@ -56,8 +56,8 @@ def test_curves_show_values_and_intervals():
     assert titles(plot) == [
         "splat, 2048, chair: 0.800 [0.700, 0.900]",
         "splat, 512, chair: 0.500 [0.450, 0.550]",
-        "surface-apss, 2048, chair: 0.700 [0.700, 0.700]",
-        "surface-apss, 512, chair: 0.400 [0.400, 0.400]",
+        "surface-apss, 2048, chair: ≈0.70 [0.70, 0.70]",
+        "surface-apss, 512, chair: ≈0.40 [0.40, 0.40]",
     ]
     assert "splat: 2048 0.800, 512 0.500." in plot.description
 

@@ -27,6 +27,7 @@ from bench.suites.speed.summary import summarise
 from bench.suites.speed.tables import amortised_table, samples_table, speed_table
 from bench.suites.stability.outcomes import CaseOutcome
 from bench.suites.stability.tables import matrix
+from bench.tables import differences, orderings
 from bench.tables.build import make_outputs
 from bench.tables.published import published
 from bench.tables.table import table_files
@@ -64,6 +65,8 @@ RUNS = {
     },
     "beyond-training": {"conditions": (*SWEEP, "256", "outliers-0.05", "density-3")},
 }
+# Imported before `few_objects` alters the fewest objects with an interval, which they name.
+SAID_BY = (differences, orderings)
 SAYS = {  # by name: the arguments after the command
     "compare-methods": ("compare", "RUN", "--methods", "pc2pix,surface-apss"),
     "recommend": ("recommend", "RUN", "--budget-ms", "2000", "--min-ssim", "0.4"),
