@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -21,17 +22,13 @@ def _network(
     load: Callable[[str], Renderer] | None = None,
     trained_on: TrainedOn = "chairs",
     color: Color = "invented",
-    version: int | None = None,
 ) -> Method:
-    """Return a network with bundled weights; `load` where it is not loaded as usual.
-
-    `version` is raised above that of its package where the images of this network alone changed.
-    """
+    """Return a network with bundled weights; `load` where it is not loaded as usual."""
     return Method(
         method_id,
         load=load or partial(package.load, weights),
         identity=partial(package.identity, weights),
-        version=version or package.version,
+        version=package.version,
         source=source,
         weights_file=partial(package.file, weights),
         trained_on=trained_on,
@@ -77,21 +74,26 @@ NETWORK_METHODS = (
         weights="chair",
         source="splat-net trained on chairs (baselines/splat_net/weights/chair.md)",
     ),
-    _splat_net(
-        "splat-net@tiny",
-        weights="all-tiny",
-        version=3,  # its whole image, whose pixels beside the object were those of a window
-        trained_on="13 classes",
-        source="splat-net without normals, of half the width "
-        "(baselines/splat_net/weights/all-tiny.md)",
-    ),
-    _splat_net(
-        "splat-net@tiny-grey",
-        weights="all-tiny-grey",
+    # Its images changed with the windows of its finest level: version 3.
+    replace(
+        _splat_net(
+            "splat-net@tiny",
+            weights="all-tiny",
+            trained_on="13 classes",
+            source="splat-net without normals, of half the width "
+            "(baselines/splat_net/weights/all-tiny.md)",
+        ),
         version=3,
-        color="none",
-        trained_on="13 classes",
-        source="splat-net@tiny in neutral grey",
+    ),
+    replace(
+        _splat_net(
+            "splat-net@tiny-grey",
+            weights="all-tiny-grey",
+            color="none",
+            trained_on="13 classes",
+            source="splat-net@tiny in neutral grey",
+        ),
+        version=3,
     ),
     _splat_net(
         "points2pix",
