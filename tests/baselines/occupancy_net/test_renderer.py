@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import torch
 
-from baselines import occupancy_net
 from baselines.occupancy_net.network import OccupancyConfig, OccupancyNet
 from baselines.occupancy_net.renderer import MOST_POINTS, OccupancyNetRenderer
 from baselines.occupancy_net.weights import OccupancyWeights
@@ -72,8 +71,3 @@ def test_failures_have_names():
             renderer.prepare(cloud)
         assert failure.value.stage == stage
         assert problem in failure.value.problem
-
-
-def test_a_precision_that_it_does_not_have():
-    with pytest.raises(ValueError, match="precision bfloat16: occupancy-net computes in float32"):
-        occupancy_net.load(precision="bfloat16")
