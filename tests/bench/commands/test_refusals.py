@@ -27,7 +27,7 @@ CASES = {
     "variants, conditions, metrics and 1 more; see 'bench list --help'",
     "run --suite chair-robustnes": "unknown suite 'chair-robustnes': did you mean "
     "'chair-robustness'? there are chair-robustness, speed-accuracy, thirteen-classes, "
-    "beyond-training, latent and 3 more; see 'bench list'",
+    "beyond-training, latent and 2 more; see 'bench list'",
     f"{ROBUSTNESS} --methods splta,blank": "unknown method 'splta': did you mean 'splat'? there ",
     f"{ROBUSTNESS} --methods splta --dry-run": "unknown method 'splta': did you mean 'splat'? ",
     f"{ROBUSTNESS} --methods pc2pix@x": "unknown method 'pc2pix@x': did you mean 'pc2pix'? there ",
