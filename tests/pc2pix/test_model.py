@@ -5,6 +5,7 @@ import torch
 from torch import nn
 from torch.nn import functional
 
+from pc2pix.autoencoder import PointNet, build_encoder
 from pc2pix.model import (
     LITE,
     PAPER,
@@ -132,6 +133,17 @@ def test_spectral_norm_stays_float32_under_autocast():
 
 
 POINTNET = ModelConfig(0.0625, 8, "pointnet", "sine-cosine")
+
+
+def test_pointnet_depends_on_neither_order_nor_repetition():
+    encoder = build_encoder(POINTNET)
+    assert isinstance(encoder, PointNet)
+    clouds = torch.randn(2, 300, 3, generator=torch.Generator().manual_seed(0))
+    code = encoder(clouds)
+    assert code.shape == (2, 8)
+    # sums in another order: some hundred roundings of 6e-8
+    torch.testing.assert_close(encoder(clouds.flip(1)), code, rtol=1e-5, atol=1e-5)
+    torch.testing.assert_close(encoder(clouds.repeat(1, 3, 1)), code, rtol=1e-5, atol=1e-5)
 
 
 def test_sine_and_cosine_make_the_generator_periodic_and_the_discriminator_answer_twice():
