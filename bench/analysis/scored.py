@@ -100,7 +100,10 @@ def scored_run(directory: Path, manifest: dict[str, Any]) -> ScoredRun:
             f"{directory}: a run of {manifest['suite']} writes its tables itself; they are in "
             f"{directory / 'tables'}"
         )
-    suite = stored_suite(manifest)
+    try:
+        suite = stored_suite(manifest)
+    except BadInput as error:
+        raise BadInput(f"{directory}: {error}") from error
     if missing := [name for name in ("methods", "conditions", "objects") if name not in manifest]:
         raise BadInput(
             f"{directory}: its manifest has no {', '.join(missing)}; start the run again with its "

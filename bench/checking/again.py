@@ -1,8 +1,9 @@
 """The check of a finished run by its own jobs: a random share of them is computed again.
 
 In the environment of the run images, features and scores have to be equal. In another one the means
-over the views of each object may differ by the tolerances of golden values. The folder is only
-read.
+over the views of each object may differ by the tolerances of golden values. `records.parquet`, of
+which tables are made, has to have the scores of the store; tables and report are not read: `bench
+table` makes them again. The folder is only read.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from bench.catalogue.metrics import column
 from bench.catalogue.suites import PROCEDURES
@@ -22,7 +24,8 @@ from bench.checking.objects import environment_of
 from bench.checking.tolerances import OBJECT_RENDERING, object_tolerance
 from bench.records.artifacts import IMAGES, unpack
 from bench.records.job import Job, Result, failed
-from bench.records.record import GROUND_TRUTH
+from bench.records.parquet import RECORDS, read_records
+from bench.records.record import GROUND_TRUTH, Record
 from bench.records.run_folder import read_finished
 from bench.records.store import Store, open_store
 from bench.running.environment import cores, environment, machine_info
@@ -67,7 +70,8 @@ def check_again(
     worker processes as of a run).
 
     Raises BadInput for a share that is not over 0 and at most 1, for a folder without a finished
-    run of jobs, and where a method, a condition or an object of the run is no longer there.
+    run of jobs, for records that are unreadable, and where a method, a condition or an object of
+    the run is no longer there.
     """
     if not 0 < share <= 1:
         raise BadInput(f"--again {share:g}: must be over 0 and at most 1")
@@ -86,9 +90,12 @@ def check_again(
         _compute(chosen, store, start or partial(JobPool, workers=workers, limits=limits))
         for obj, jobs in chosen:
             keys = {row.name: row.key for row in stored.listed_of(*obj.truth.name.object)}
+            of_tables = read_records(directory, object=obj.truth.object.object_id)
             for job in (obj.truth, *jobs):
                 key = keys.get(job.name, "")
-                lines += _compare(job, stored, key, store, same_environment)
+                lines += _compare(job, stored, key, store, same_environment) or (
+                    _unlike_store(job, stored.records(key), of_tables) if job in jobs else []
+                )
     computed = sum(1 + len(jobs) for _, jobs in chosen)
     return AgainResult(tuple(lines), computed, planned.job_count, same_environment)
 
@@ -193,6 +200,18 @@ def _compare(job: Job, stored: Store, key: str, store: Store, same_environment: 
     find = _inequality if same_environment else partial(_beyond_tolerance, job.method)
     differences = [text for name in here if (text := find(name, in_run[name], here[name]))]
     return [f"{title}: {'; '.join(differences)}"] if differences else []
+
+
+def _unlike_store(job: Job, records: Sequence[Record], of_tables: pd.DataFrame) -> list[str]:
+    """Return a line where the scores of a job in `records.parquet` are not those of the store."""
+    cell = {"method": job.method, "condition": job.condition, "class": job.object.class_name}
+    rows = of_tables[(of_tables[[*cell]] == pd.Series(cell)).all(axis=1)].sort_values("view")
+    for metric in OBJECT_RENDERING:
+        scores = np.array([getattr(record, column(metric)) for record in records], np.float64)
+        if not np.array_equal(rows[column(metric)].to_numpy(float), scores, equal_nan=True):
+            title = f"{job.method} at {job.condition} of {'/'.join(job.name.object)}"
+            return [f"{title}: {metric} in {RECORDS} is not that of the store"]
+    return []
 
 
 def _numbers(store: Store, key: str, names: Sequence[str]) -> dict[str, Floats]:

@@ -15,6 +15,7 @@ from bench.analysis.cells import CellKey
 from bench.analysis.paper import NETWORK, SURFACE
 from bench.analysis.recognition import true_gallery
 from bench.analysis.scored import read_scored
+from bench.catalogue.gone import unknown
 from bench.catalogue.lookup import family_of
 from bench.catalogue.methods import FLOORS, known_method
 from bench.catalogue.metrics import JUDGE
@@ -80,8 +81,17 @@ def check_claims(directories: Sequence[Path], subjects: Sequence[str] = ()) -> l
     with threadpool_limits(1):
         manifests = {directory: read_finished(directory) for directory in directories}
         _refuse_misfits(manifests)
+        _refuse_absent(subjects, manifests)
         runs = [read_run(folder, manifests[folder], subjects) for folder in directories]
         return judge(claims(), runs)
+
+
+def _refuse_absent(subjects: Sequence[str], manifests: Mapping[Path, Mapping[str, Any]]) -> None:
+    """Raise BadInput for a method that no run has."""
+    there = dict.fromkeys(m for manifest in manifests.values() for m in manifest.get("methods", ()))
+    for method in subjects:
+        if method not in there:
+            raise unknown(method, [*there], "method", see="bench table DIR")
 
 
 def _refuse_misfits(manifests: Mapping[Path, Mapping[str, Any]]) -> None:

@@ -16,6 +16,7 @@ from bench.catalogue.loaders import GPU
 from bench.catalogue.lookup import find
 from bench.catalogue.metrics import find_extractor, metrics_device
 from bench.catalogue.modules import allow_modules
+from bench.catalogue.plugins import find_metric
 from bench.catalogue.suite_types import TRUTHS
 from bench.catalogue.suites import ALL_SUITES, Suite
 from bench.commands.config import ConfigOption, refuse_other_objects
@@ -41,6 +42,8 @@ def describe_run(options: Options) -> str:
     suite = find(options.suite, ALL_SUITES, "suite")
     if not isinstance(suite, Suite):
         raise BadInput(f"--dry-run: the suite {suite.id} takes minutes and has no plan; run it")
+    for metric in options.metrics or ():
+        find_metric(metric)  # refuses unknown ones
     protocol, skipped = _protocol(suite, options)
     status = run_status(options, protocol)
     methods = {}

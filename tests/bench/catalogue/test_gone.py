@@ -5,6 +5,9 @@ from __future__ import annotations
 import pytest
 
 from bench.catalogue import gone
+from bench.records.run_folder import write_manifest
+
+from ..builders import make_manifest
 
 
 @pytest.mark.parametrize(
@@ -26,3 +29,8 @@ def test_one_line_says_what_to_use_now(command, monkeypatch, tmp_path, kind, nam
     assert err.startswith(f"bench: {kind} '")
     assert err.endswith("went with version 2.0: use another\n")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_run_of_a_suite_that_is_gone_names_its_folder(refused, tmp_path):
+    write_manifest(tmp_path, make_manifest(suite="rounding"))
+    assert f"{tmp_path}: suite 'rounding' went with version 2.0: " in refused("table", tmp_path)

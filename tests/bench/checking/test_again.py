@@ -20,7 +20,7 @@ from bench.running.plan import plan
 from bench.running.protocol import stored_protocol
 from bench.running.work import run_job
 
-from ..builders import damage_images, refusal
+from ..builders import damage_images, read_all, refusal, write_all
 
 SPLAT = JobName("splat", "2048", "chair", "test-0001")
 OF = "splat at 2048 of chair/test-0001"
@@ -71,7 +71,12 @@ def rewrite(folder, name, change):
         artifact = pack(arrays)
         checksum = sha256(artifact).hexdigest()
         store.append(Result(key, tuple(records), checksum, artifact=artifact))
+    write_all(folder, [r for r in read_all(folder) if job_of(r) != name] + [*records])
     return key
+
+
+def job_of(record):
+    return JobName(record.method, record.condition, record.class_name, record.object)
 
 
 def alter_manifest(folder, **entries):
@@ -104,6 +109,15 @@ def test_an_honest_run_is_equal_and_nothing_is_written(finished, same_machine, c
     assert (status, out) == (0, "3 of 21 jobs computed again: all equal\n")
     assert err.startswith("jobs drawn by --seed 3\n")
     assert tree(folder) == before
+
+
+def test_scores_that_tables_are_made_of_are_those_of_the_store(finished, copied, again):
+    records = read_all(copied)
+    altered = [replace(r, ssim=0.999) if job_of(r) == SPLAT else r for r in records]
+    write_all(copied, altered)
+    assert again(copied).differing == (f"{OF}: ssim in records.parquet is not that of the store",)
+    (copied / "records.parquet").write_bytes(b"PAR1")
+    assert "records.parquet" in refusal(again, copied)
 
 
 def test_all_jobs_are_computed_again(finished, again):

@@ -225,6 +225,9 @@ def test_the_command(command, refused, tmp_path):
     assert (run / "claims.md").read_text() == out.removesuffix("\n")
     assert not (again / "claims.md").exists()
     assert err == f"written to {run / 'claims.md'}\n"
+    absent = refused("check", "--claims", run, "--methods", "nonsense")
+    assert "unknown method 'nonsense': there are splat, true-mesh, blank" in absent
+    assert (run / "claims.md").read_text() == out.removesuffix("\n")
     said = refused("check", run, again)
     assert "2 folders: golden values are of one run; or give --claims" in said
 

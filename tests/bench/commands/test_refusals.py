@@ -30,6 +30,7 @@ CASES = {
     "beyond-training, latent and 2 more; see 'bench list'",
     f"{ROBUSTNESS} --methods splta,blank": "unknown method 'splta': did you mean 'splat'? there ",
     f"{ROBUSTNESS} --methods splta --dry-run": "unknown method 'splta': did you mean 'splat'? ",
+    f"{ROBUSTNESS} --metrics nonsense --dry-run": "unknown metric 'nonsense': there are ms-ssim, ",
     f"{ROBUSTNESS} --methods pc2pix@x": "unknown method 'pc2pix@x': did you mean 'pc2pix'? there ",
     f"{ROBUSTNESS} --methods blank --conditions 2049": "unknown condition '2049': did you mean ",
     f"{ROBUSTNESS} --methods ' , '": "' , ': expected names separated by commas",
