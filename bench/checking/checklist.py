@@ -88,10 +88,12 @@ def check_claims(directories: Sequence[Path], subjects: Sequence[str] = ()) -> l
 
 def _refuse_absent(subjects: Sequence[str], manifests: Mapping[Path, Mapping[str, Any]]) -> None:
     """Raise BadInput for a method that no run has."""
-    there = dict.fromkeys(m for manifest in manifests.values() for m in manifest.get("methods", ()))
+    of_runs = dict.fromkeys(
+        m for manifest in manifests.values() for m in manifest.get("methods", ())
+    )
     for method in subjects:
-        if method not in there:
-            raise unknown(method, [*there], "method", see="bench table DIR")
+        if method not in of_runs:
+            raise unknown(method, [*of_runs], "method", see="bench table DIR")
 
 
 def _refuse_misfits(manifests: Mapping[Path, Mapping[str, Any]]) -> None:
