@@ -44,6 +44,8 @@ from data_prep.failures import BadInput
 from data_prep.progress import log
 from data_prep.randomness import generator
 
+CELL = ["method", "condition", "class", "object"]  # of records: those of a job
+
 
 @dataclass(frozen=True)
 class AgainResult:
@@ -81,6 +83,7 @@ def check_again(
     same_environment = _name_changes(manifest, replace(protocol, environment=probe()))
     workers, limits = 1 if protocol.suite.timed else cores(), protocol.suite.limits
     chosen = draw_jobs(planned, share, seed)
+    of_tables = read_records(directory, [*CELL, "view", *map(column, OBJECT_RENDERING)])
     lines: list[str] = []
     with (
         open_store(directory) as stored,
@@ -90,7 +93,6 @@ def check_again(
         _compute(chosen, store, start or partial(JobPool, workers=workers, limits=limits))
         for obj, jobs in chosen:
             keys = {row.name: row.key for row in stored.listed_of(*obj.truth.name.object)}
-            of_tables = read_records(directory, object=obj.truth.object.object_id)
             for job in (obj.truth, *jobs):
                 key = keys.get(job.name, "")
                 lines += _compare(job, stored, key, store, same_environment) or (
@@ -204,8 +206,8 @@ def _compare(job: Job, stored: Store, key: str, store: Store, same_environment: 
 
 def _unlike_store(job: Job, records: Sequence[Record], of_tables: pd.DataFrame) -> list[str]:
     """Return a line where the scores of a job in `records.parquet` are not those of the store."""
-    cell = {"method": job.method, "condition": job.condition, "class": job.object.class_name}
-    rows = of_tables[(of_tables[[*cell]] == pd.Series(cell)).all(axis=1)].sort_values("view")
+    cell = pd.Series([job.method, job.condition, *job.name.object], CELL)
+    rows = of_tables[(of_tables[CELL] == cell).all(axis=1)].sort_values("view")
     for metric in OBJECT_RENDERING:
         scores = np.array([getattr(record, column(metric)) for record in records], np.float64)
         if not np.array_equal(rows[column(metric)].to_numpy(float), scores, equal_nan=True):
