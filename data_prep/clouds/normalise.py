@@ -11,8 +11,10 @@ from data_prep.clouds.orientations import upright
 from data_prep.failures import BadInput
 from data_prep.scene import Mesh, PointCloud
 
+NEAR = 16  # times the radius of a mesh: so close to the origin float32 has digits enough
 
-def normalise(mesh: Mesh) -> Mesh:
+
+def normalise(mesh: Mesh, unrounded: NDArray[np.float64] | None = None) -> Mesh:
     """Centre a mesh and scale it to the unit sphere.
 
     Afterwards the bounding box of the vertices that faces use is centred at the origin, and the
@@ -23,6 +25,9 @@ def normalise(mesh: Mesh) -> Mesh:
     ----------
     mesh : Mesh
         Mesh in any units.
+    unrounded : float64 array [V, 3] or None
+        Vertices of the mesh before they were rounded to float32, taken where the mesh is far from
+        the origin: there neighbours would fall together.
 
     Returns
     -------
@@ -43,9 +48,13 @@ def normalise(mesh: Mesh) -> Mesh:
             f"the mesh has {len(broken)} non-finite vertices of {len(vertices)} "
             f"(the first is vertex {broken[0]}); repair or remove them"
         )
-    used = vertices[np.unique(mesh.faces)]
-    centre = (used.min(axis=0) + used.max(axis=0)) / 2
-    radius = np.sqrt(((used - centre) ** 2).sum(axis=1).max())
+    rows = np.unique(mesh.faces)
+    if unrounded is not None:
+        centre, radius = _sphere(unrounded[rows])
+        # Nearer meshes stay bit for bit what they were, and results under their keys theirs.
+        vertices = unrounded if np.abs(centre).max() > NEAR * radius else vertices
+    used = vertices[rows]
+    centre, radius = _sphere(used)
     if radius == 0.0:
         raise BadInput(
             f"all {len(used)} vertices used by faces are equal, at {used[0].tolist()}; "
@@ -53,6 +62,12 @@ def normalise(mesh: Mesh) -> Mesh:
         )
     scaled = ((vertices - centre) / radius).astype(np.float32)
     return Mesh(scaled, mesh.faces, mesh.face_colors)
+
+
+def _sphere(used: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+    """Return the centre [3] of the bounding box and the distance of the farthest vertex from it."""
+    centre = (used.min(axis=0) + used.max(axis=0)) / 2
+    return centre, np.sqrt(((used - centre) ** 2).sum(axis=1).max())
 
 
 def cloud_of_points(points: ArrayLike, up: str = "y", front: str | None = None) -> PointCloud:

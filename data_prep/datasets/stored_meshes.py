@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import glob
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from data_prep.files.meshes import LOADER_VERSION, MOST_BYTES, SUFFIXES, load_me
 from data_prep.files.safe_read import is_regular_file
 from data_prep.scene import Mesh
 
-MATERIAL_SUFFIXES = (".mtl", ".png", ".jpg", ".jpeg", ".bmp", ".tga", ".tif", ".tiff", ".gif")
+MATERIALS = (".mtl", ".png", ".jpg", ".jpeg", ".bmp", ".tga", ".tif", ".tiff", ".gif")
 
 
 @dataclass(frozen=True)
@@ -28,8 +28,8 @@ class MeshFile(MeshObject):
     def fingerprint(self) -> str:
         """Return a checksum of the file, its resources and the version of the loader.
 
-        Resources have the name of the file and another suffix: materials, buffers, textures. The
-        fingerprint of an unreadable file says so.
+        Resources are what the file refers to, and what has its name and another suffix: materials,
+        buffers, textures. The fingerprint of an unreadable file says so.
         """
         version = f"loader {LOADER_VERSION}"
         return fingerprint_of(version, self.path, self._resources, MOST_BYTES)
@@ -39,9 +39,9 @@ class MeshFile(MeshObject):
         return load_mesh(self.path)
 
     def _resources(self) -> Iterator[Path]:
-        for path in sorted(self.path.parent.glob(f"{glob.escape(self.path.stem)}.*")):
-            if path.suffix.lower() not in SUFFIXES and is_regular_file(path):
-                yield path
+        beside = sorted(self.path.parent.glob(f"{glob.escape(self.path.stem)}.*"))
+        named = (path for path in beside if path.suffix.lower() not in SUFFIXES)
+        return _resources(self.path, filter(is_regular_file, named))
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,8 @@ class PlacedMesh(MeshObject):
     def fingerprint(self) -> str:
         """Return a checksum of the file, its resources, its orientation and the loader's version.
 
-        Resources are the materials and images beside the file and in the folder `images`.
+        Resources are what the file refers to, and the materials and images beside it and in the
+        folder `images`.
         """
         turn = self.orientation.columns, self.orientation.signs
         version = f"loader {LOADER_VERSION} {turn}"
@@ -82,7 +83,18 @@ class PlacedMesh(MeshObject):
         return load_mesh(self.path, self.orientation, self.folder)
 
     def _resources(self) -> Iterator[Path]:
-        for folder in dict.fromkeys((self.path.parent, self.folder / "images")):
-            for path in sorted(folder.glob("*")):
-                if path.suffix.lower() in MATERIAL_SUFFIXES and is_regular_file(path):
-                    yield path
+        folders = dict.fromkeys((self.path.parent, self.folder / "images"))
+        near = (path for folder in folders for path in sorted(folder.glob("*")))
+        images = (path for path in near if path.suffix.lower() in MATERIALS)
+        return _resources(self.path, filter(is_regular_file, images), self.folder)
+
+
+def _resources(mesh: Path, near: Iterable[Path], within: Path | None = None) -> Iterator[Path]:
+    """Yield files near a mesh, and then what it refers to besides."""
+    from data_prep.files.mesh_resources import files_behind  # loads trimesh
+
+    known = set()
+    for path in near:
+        known.add(path.resolve())
+        yield path
+    yield from (p for p in files_behind(mesh, MOST_BYTES, within) if p.resolve() not in known)

@@ -2,13 +2,48 @@
 
 from __future__ import annotations
 
+import json
 import os
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from trimesh.resolvers import Resolver
 
 from data_prep.files.safe_read import is_regular_file, read_file
+
+# Names in the text of a file, wherever trimesh looks for one; a name too many does no harm.
+_NAMES = {
+    ".obj": re.compile(rb"mtllib([^\r\n]+)"),
+    ".mtl": re.compile(rb"map_kd([^\r\n]+)", re.IGNORECASE),
+    ".ply": re.compile(rb"texturefile([^\r\n]+)", re.IGNORECASE),
+    ".gltf": re.compile(rb'"uri"\s*:\s*("(?:[^"\\]|\\["\\/bfnrt]|\\u[0-9a-fA-F]{4}){1,1000}")'),
+}
+
+
+def files_behind(mesh: Path, most_bytes: int, within: Path | None = None) -> Iterator[Path]:
+    """Yield the files that a mesh refers to, and the textures of its materials.
+
+    They are found by the names in it, as `MeshResources` finds them, without parsing the mesh.
+    """
+    resources = MeshResources(mesh.parent, most_bytes, within)
+    kind = mesh.suffix.lower().replace(".glb", ".gltf")
+    for path in _named(mesh, kind, most_bytes, resources):
+        yield path
+        if kind == ".obj":
+            yield from _named(path, ".mtl", most_bytes, resources)
+
+
+def _named(file: Path, kind: str, most_bytes: int, resources: MeshResources) -> Iterator[Path]:
+    if kind not in _NAMES:
+        return
+    text = read_file(file, most_bytes)
+    if kind == ".obj":  # lines may go on after a backslash
+        text = text.replace(b"\\\r\n", b"").replace(b"\\\n", b"")
+    for name in _NAMES[kind].findall(text):
+        name = name.decode(errors="replace")
+        if path := resources.find(json.loads(name, strict=False) if kind == ".gltf" else name):
+            yield path
 
 
 # trimesh before 5.0 reads any path that a mesh gives, and no version checks the kind of the file.
@@ -28,6 +63,15 @@ class MeshResources(Resolver):
 
     def get(self, key: str) -> bytes:
         """Return the bytes of a file. Raises FileNotFoundError, and BadInput for a large file."""
+        path = self.find(key)
+        if path is None:
+            raise FileNotFoundError(key)
+        data = read_file(path, self._left)
+        self._left -= len(data)
+        return data
+
+    def find(self, key: str) -> Path | None:
+        """Return the path of a file, None where there is none."""
         name = key.strip()
         for candidate in (name, name.lstrip("/"), os.path.split(key)[-1]):
             try:
@@ -35,10 +79,8 @@ class MeshResources(Resolver):
             except (OSError, ValueError, RuntimeError):  # too long, a NUL, links in a circle
                 continue
             if path.is_relative_to(self._within) and is_regular_file(path):
-                data = read_file(path, self._left)
-                self._left -= len(data)
-                return data
-        raise FileNotFoundError(key)
+                return path
+        return None
 
     def keys(self) -> Iterable[str]:
         """Return no names: trimesh looks up only the names in the mesh."""

@@ -6,9 +6,11 @@ dropped, and several parts in one file become one mesh.
 
 from __future__ import annotations
 
+import io
 import json
 import logging
 import os
+import re
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
@@ -41,10 +43,10 @@ def load_mesh(path: Path, orientation: Orientation = OURS, within: Path | None =
     has to look towards -Z already. Raises BadInput as `read_mesh`, and for non-finite vertices, no
     extent and no area.
     """
-    stored = read_mesh(path, within)
+    stored, unrounded = _read(path, within)
     turned = Mesh(orientation.to_ours(stored.vertices), stored.faces, stored.face_colors)
     try:
-        mesh = normalise(turned)
+        mesh = normalise(turned, orientation.to_ours(unrounded))
     except ValueError as error:
         raise BadInput(f"{path}: {error}") from error
     if not face_areas(mesh).any():
@@ -63,6 +65,11 @@ def read_mesh(path: Path, within: Path | None = None) -> Mesh:
     Time and memory grow with the size of the file, not with the sizes it claims; but parsers are
     libraries, so an untrusted mesh belongs into a worker with limits.
     """
+    return _read(path, within)[0]
+
+
+def _read(path: Path, within: Path | None) -> tuple[Mesh, NDArray[np.float64]]:
+    """Return the mesh as `read_mesh`, and its vertices before they are rounded to float32."""
     if path.suffix.lower() not in SUFFIXES:
         raise BadInput(f"{path}: no mesh by its name; use one of {', '.join(SUFFIXES)}")
     with open_file(path, MOST_BYTES) as file, warnings.catch_warnings():
@@ -96,6 +103,8 @@ def _parts(file: BinaryIO, path: Path, within: Path | None) -> list[Any]:
     kind = path.suffix.lower()
     if kind in (".glb", ".gltf"):
         _check_gltf(file, kind)
+    if kind == ".ply":
+        file = _in_double(file)
     resources = MeshResources(path.parent, MOST_BYTES, within)
     scene = trimesh.load_scene(file, file_type=kind, resolver=resources, process=False)
     for geometry in scene.geometry.values():
@@ -112,6 +121,17 @@ def _parts(file: BinaryIO, path: Path, within: Path | None) -> list[Any]:
         if faces > MOST_FACES:
             raise BadInput(f"{path}: more than {MOST_FACES} faces; give a coarser mesh")
     return [g for g in scene.dump() if isinstance(g, trimesh.Trimesh) and len(g.faces)]
+
+
+def _in_double(file: BinaryIO) -> BinaryIO:
+    """Return a PLY whose coordinates, where they are text, are not cut to float32 by trimesh."""
+    if not re.match(rb"ply\s+format\s+ascii\b", file.read(100)):
+        file.seek(0)
+        return file
+    file.seek(0)
+    header, end, rows = file.read().partition(b"end_header")
+    header = re.sub(rb"property\s+float(32)?\s+(?=[xyz]\s)", b"property double ", header)
+    return io.BytesIO(header + end + rows)
 
 
 _TEXTURES = ("image", "baseColorTexture", "emissiveTexture", "metallicRoughnessTexture")
@@ -150,13 +170,11 @@ def _first_chunk(file: BinaryIO) -> bytes:
     return text
 
 
-def _joined(parts: Sequence[Any]) -> Mesh:
+def _joined(parts: Sequence[Any]) -> tuple[Mesh, NDArray[np.float64]]:
     offsets = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
-    return Mesh(
-        np.concatenate([part.vertices for part in parts]),
-        np.concatenate([part.faces + o for part, o in zip(parts, offsets, strict=True)]),
-        np.concatenate([_face_colors(part) for part in parts]),
-    )
+    vertices = np.concatenate([part.vertices for part in parts])
+    faces = np.concatenate([part.faces + o for part, o in zip(parts, offsets, strict=True)])
+    return Mesh(vertices, faces, np.concatenate([_face_colors(part) for part in parts])), vertices
 
 
 def _face_colors(part: Any) -> NDArray[np.uint8]:
