@@ -17,7 +17,7 @@ from bench.records.job import Job
 from bench.records.stored_artifacts import Artifact, StoredArtifacts
 from bench.running.plan import plan
 from bench.running.protocol import stored_protocol
-from bench.running.work import cloud_of
+from bench.running.work import cloud_under
 from data_prep.failures import BadInput, StageFailure
 
 CACHED = 32  # images of jobs held in memory, of about 1 MB each
@@ -77,6 +77,6 @@ def _cloud_jobs(manifest: Mapping[str, Any], shown: Sequence[JobName]) -> dict[J
 
 def _sampled(job: Job) -> NDArray[np.float32] | None:
     try:
-        return cloud_of(job).points
+        return cloud_under(job, job.condition).points
     except (BadInput, StageFailure, OSError):  # the file has gone, or the condition has failed
         return None

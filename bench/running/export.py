@@ -24,7 +24,7 @@ from bench.running.isolation import WorkerFailure, run_tasks
 from bench.running.options import Options, workers_of
 from bench.running.plan import ObjectJobs, plan
 from bench.running.protocol import Protocol, protocol_of
-from bench.running.work import cloud_of
+from bench.running.work import cloud_under
 from data_prep.clouds.conditions import CONDITIONS
 from data_prep.datasets.exported import (
     CLOUDS,
@@ -112,7 +112,7 @@ def _write(task: Task) -> Rows:
         rows[OBJECTS] = [with_checksum(name)]
     for job in jobs.method_jobs:
         try:
-            points = cloud_of(job).points
+            points = cloud_under(job, job.condition).points
         except StageFailure as error:  # of a condition of another package
             raise BadInput(f"{obj.object_id}: {error}; leave that condition out") from error
         name = f"clouds/{place}/{job.condition}.ply"

@@ -15,7 +15,7 @@ from bench.records.job import Job
 from bench.records.record import GROUND_TRUTH, SCHEMA_VERSION
 from bench.running.protocol import Protocol, method_identity, name_of
 from data_prep.clouds.conditions import Condition, Perturbation, Unchanged
-from data_prep.datasets.exported import ExportedObject
+from data_prep.datasets.exported import UNPERTURBED, ExportedObject
 from data_prep.datasets.grey import GreyObject
 from data_prep.datasets.objects import MeshObject, SceneObject
 from data_prep.datasets.registry import PROCEDURAL_VERSION
@@ -23,7 +23,6 @@ from data_prep.failures import BadInput
 from data_prep.randomness import generator
 from data_prep.scene import View
 
-UNCHANGED = "2048"  # in the keys of jobs that are the same under every condition
 SCORES_VERSION = 2  # raise when a change alters a score
 
 
@@ -122,22 +121,20 @@ class Plan(Sequence[ObjectJobs]):
         return {name: place for place, name in enumerate(self.names)}
 
     @cached_property
-    def _cells(self) -> list[tuple[Method, Condition, str, str]]:
-        """Return method and condition of each job of an object, and both ends of its identity.
+    def _cells(self) -> list[tuple[Method, Condition, Perturbation, str, str]]:
+        """Return method, condition and change of each job, and both ends of its identity.
 
         They are the same for all objects, and are encoded once: a run has a million jobs.
         """
         cells = []
         for condition in self.conditions:
             for method, version in self.methods:
-                cloud, change = (
-                    (condition.id, condition.key)
-                    if method.sees_cloud
-                    else (UNCHANGED, repr(Unchanged()))
-                )
+                cloud, change, named = condition.id, condition.perturbation, condition.key
+                if not method.sees_cloud:  # nothing that its key does not name may decide
+                    cloud, change, named = UNPERTURBED, Unchanged(), repr(Unchanged())
                 start = _encoded(self.protocol.suite.id, method.id, cloud)
-                end = _encoded(version, change, SCORES_VERSION)
-                cells.append((method, condition, start, end))
+                end = _encoded(version, named, SCORES_VERSION)
+                cells.append((method, condition, change, start, end))
         return cells
 
     def _jobs_of(self, obj: SceneObject) -> ObjectJobs:
@@ -174,11 +171,11 @@ class Plan(Sequence[ObjectJobs]):
                 _digest(start, identity, end, *_stored_images(method, cell, obj, len(views))),
                 method.id,
                 cell.id,
-                cell.perturbation,
+                change,
                 truth,
                 method.address,
             )
-            for method, cell, start, end in self._cells
+            for method, cell, change, start, end in self._cells
         )
         return ObjectJobs(job(truth, GROUND_TRUTH, "", Unchanged(), None), method_jobs)
 

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.catalogue.conditions import find_condition
 from bench.catalogue.methods import FLOORS, Method, find_run_method
 from bench.catalogue.metrics import (
     LEARNED_METRICS,
@@ -29,7 +30,7 @@ from bench.records.artifacts import pack, unpack_images
 from bench.records.job import Job, Result, Stopwatch, failed, records_of
 from bench.records.record import CLAIMED, GROUND_TRUTH, Record
 from data_prep.clouds.conditions import Unchanged
-from data_prep.datasets.exported import ExportedObject
+from data_prep.datasets.exported import UNPERTURBED, ExportedObject
 from data_prep.failures import BadInput, MissingDependency, StageFailure
 from data_prep.randomness import generator
 from data_prep.rendering.images import to_uint8
@@ -90,9 +91,10 @@ def _run_method(job: Job, watch: Stopwatch) -> Result:
     except BadInput as error:  # unusable weights fail every job alike
         return replace(failed(job, str(error)), unusable=str(error))
     truth = None if job.reference is None else unpack_images(job.reference)
-    # The floor stands for failures in all scores: a condition that breaks may not take it along.
-    cloud = cloud_of(replace(job, perturbation=Unchanged()) if method.role == "floor" else job)
-    cloud, rng = replace(cloud, origin=_origin(job)), rng_of(job)
+    seen = job
+    if not method.sees_cloud and job.perturbation == Unchanged():  # one job for every condition
+        seen = replace(job, condition=UNPERTURBED)
+    cloud, rng = replace(cloud_of(seen), origin=_origin(job)), rng_of(seen)
     with watch.on("methods"):
         drawn = draw(method, renderer, cloud, job.views, rng, job.batch, truth)
     records = records_of(
@@ -190,6 +192,12 @@ def cloud_of(job: Job) -> PointCloud:
         return stored
     sampled = job.object.cloud(generator(job.seed, "cloud", *_identity(job)))
     return job.perturbation.apply(sampled, generator(job.seed, condition, *_identity(job)))
+
+
+def cloud_under(job: Job, condition: str) -> PointCloud:
+    """Return the cloud of a job's object under a condition, whatever its method sees."""
+    change = find_condition(condition).perturbation
+    return cloud_of(replace(job, condition=condition, perturbation=change))
 
 
 def _origin(job: Job) -> CloudOrigin:

@@ -18,7 +18,7 @@ from bench.running.export import export
 from bench.running.options import Options
 from bench.running.plan import plan
 from bench.running.protocol import protocol_of
-from bench.running.work import cloud_of, rng_of
+from bench.running.work import cloud_under, rng_of
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from data_prep.datasets.registry import open_dataset
 from data_prep.failures import BadInput
@@ -76,7 +76,10 @@ def test_its_objects_are_those_of_the_source_to_the_last_bit(exported, jobs):
             assert one.dtype == other.dtype
             np.testing.assert_array_equal(one, other)
         for one, other in zip(ours.method_jobs, theirs.method_jobs, strict=True):
-            assert cloud_of(one).points.tobytes() == cloud_of(other).points.tobytes()
+            assert (
+                cloud_under(one, one.condition).points.tobytes()
+                == cloud_under(other, other.condition).points.tobytes()
+            )
 
 
 def test_the_seed_is_that_of_the_export(no_machine, tmp_path, command):
@@ -95,7 +98,10 @@ def test_the_seed_is_that_of_the_export(no_machine, tmp_path, command):
     assert protocol.seed == source.seed == 5
     for one, other in zip(ours, theirs, strict=True):
         assert one.views == other.views
-        assert cloud_of(one).points.tobytes() == cloud_of(other).points.tobytes()
+        assert (
+            cloud_under(one, one.condition).points.tobytes()
+            == cloud_under(other, other.condition).points.tobytes()
+        )
         assert rng_of(one).random() == rng_of(other).random()
     assert jobs(f"exported:{tree}", 5)[0] == protocol
     out = tmp_path / "run"
@@ -126,7 +132,10 @@ def test_a_grey_suite_reads_its_own_export(no_machine, tmp_path, exported):
     np.testing.assert_array_equal(*images)
     assert (images[1].max(axis=-1) - images[1].min(axis=-1)).max() == 0  # no colour
     for one, other in zip(ours.method_jobs, theirs.method_jobs, strict=True):
-        assert cloud_of(one).points.tobytes() == cloud_of(other).points.tobytes()
+        assert (
+            cloud_under(one, one.condition).points.tobytes()
+            == cloud_under(other, other.condition).points.tobytes()
+        )
     with pytest.raises(BadInput, match="chair/test-0000 was exported in colour; export it again"):
         jobs(f"exported:{exported}")
 
@@ -146,7 +155,7 @@ def test_its_clouds_are_read_and_others_made(exported, jobs, monkeypatch):
     job = obj.method_jobs[1]
     monkeypatch.setattr("data_prep.clouds.conditions.Stride.apply", None)  # nobody needs it
     assert job.condition == "512"
-    assert len(cloud_of(job)) == 512
+    assert len(cloud_under(job, "512")) == 512
     assert job.object.perturbed("noise-0.05") is None
     assert len(job.object.cloud(generator(0), 100)) == 100
 
@@ -176,7 +185,7 @@ def test_an_altered_file_is_not_used(copied, jobs):
     (obj, _) = jobs(f"exported:{copied}")
     (copied / "clouds/chair/00000/512.ply").write_bytes(b"ply")
     with pytest.raises(BadInput, match=r"512\.ply: not the file of the list"):
-        cloud_of(obj.method_jobs[1])
+        cloud_under(obj.method_jobs[1], "512")
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of the libraries of mlcroissant
