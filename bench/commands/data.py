@@ -40,12 +40,12 @@ from data_prep.datasets.exported import COLUMNS, METADATA, listed_files
 from data_prep.datasets.objects import SceneObject
 from data_prep.datasets.paper import VIEWS, PaperObject
 from data_prep.datasets.paper_checks import READINGS, agreement, find_problems
-from data_prep.datasets.registry import BareCloud, is_dataset, layout_of, open_dataset
+from data_prep.datasets.registry import BareCloud, is_dataset, open_dataset, recognised
 from data_prep.failures import BadInput, MissingDependency, NoFaces
 from data_prep.files.checksums import file_sha256
 from data_prep.files.clouds import CLOUD_SUFFIXES
 from data_prep.files.meshes import SUFFIXES
-from data_prep.files.safe_read import is_regular_file
+from data_prep.files.safe_read import files_below, is_regular_file
 from data_prep.progress import progress
 from data_prep.randomness import generator
 
@@ -105,7 +105,7 @@ def inspect(location: str, sample: int, workers: int) -> Inspection:
     """
     if sample < 0:
         raise BadInput(f"--sample {sample}: must be at least 0")
-    spec = location if is_dataset(location) else f"{layout_of(location)}:{location}"
+    spec = location if is_dataset(location) else recognised(location)
     dataset = open_dataset(spec)
     chosen = _sample(dataset, sample)
     reports: dict[str, _ObjectReport] = {}
@@ -124,6 +124,7 @@ def inspect(location: str, sample: int, workers: int) -> Inspection:
         f"layout       {dataset.layout}",
         f"orientation  {dataset.orientation}",
         *_counts(dataset),
+        *((f"left out     {dataset.left_out}",) if dataset.left_out else ()),
         f"read         {len(chosen)} objects",
         *fit,
         *(("clouds       points without faces: they can be drawn, not scored",) if clouds else ()),
@@ -269,8 +270,7 @@ def verify(folder: Path, listing: Path = REAL_MESHES) -> Verification:
     files = {
         path.relative_to(folder).as_posix(): path
         for name in sorted(classes)
-        for path in sorted([folder / name, *(folder / name).rglob("*")])
-        if path.suffix.lower() in suffixes and is_regular_file(path)
+        for path in _files_at(folder / name, suffixes)
     }
     common = wanted.keys() & files.keys()
     changed = sorted(name for name in common if file_sha256(files[name]) != wanted[name])
@@ -280,6 +280,12 @@ def verify(folder: Path, listing: Path = REAL_MESHES) -> Verification:
         further=tuple(sorted(files.keys() - wanted.keys())),
         same=len(common) - len(changed),
     )
+
+
+def _files_at(place: Path, suffixes: Sequence[str]) -> tuple[Path, ...]:
+    if place.is_dir():
+        return files_below(place, suffixes)[0]
+    return (place,) if is_regular_file(place) else ()
 
 
 app = typer.Typer(cls=Group, help="Inspect, verify and export datasets.", **SETTINGS)

@@ -79,6 +79,7 @@ def render(clouds: Sequence[Path], options: RenderOptions) -> RenderResult:
     and names that cannot be used, before a worker is started, and for the file of a cloud alone;
     of several clouds a file that cannot be used is among the failed.
     """
+    left_out: Notes = ()
     alone = len(clouds) == 1 and not clouds[0].is_dir()
     if alone:
         images = {clouds[0]: image_of_cloud(clouds[0], options.out)}
@@ -86,7 +87,7 @@ def render(clouds: Sequence[Path], options: RenderOptions) -> RenderResult:
         kind = "a folder" if clouds[0].is_dir() else "one of several clouds"
         raise BadInput(f"{clouds[0]}: {kind}; give a folder for the images, -o FOLDER")
     else:
-        images = images_of_clouds(clouds, options.out)
+        images, left_out = images_of_clouds(clouds, options.out)
     any_image = next(iter(images.values()))
     check(options, any_image)
     views = views_of(options, any_image)
@@ -110,7 +111,7 @@ def render(clouds: Sequence[Path], options: RenderOptions) -> RenderResult:
         tuple(image for cloud, image in images.items() if cloud in written),
         tuple(line for cloud in images for line in failed[cloud]),
         len(images) - len(written),
-        _joined({cloud: notes[cloud] for cloud in images}) + notes_on(options),
+        left_out + _joined({cloud: notes[cloud] for cloud in images}) + notes_on(options),
     )
 
 

@@ -20,6 +20,7 @@ from bench.records.seal import check_seal, file_with_seal
 from data_prep.arrays import Floats
 from data_prep.failures import BadInput
 from data_prep.files.checksums import file_sha256
+from data_prep.files.safe_read import is_hidden
 
 SCORES = "scores"  # folder of a run
 IMAGE = ["method", "condition", "class", "object", "view"]  # columns that name an image
@@ -73,7 +74,8 @@ def scores_file(directory: Path, metric_id: str) -> Path:
 
 def scored_ids(directory: Path) -> list[str]:
     """Return the ids of the metrics that a run has a file of scores of, sorted."""
-    return sorted(path.stem for path in (directory / SCORES).glob("*.parquet"))
+    files = (directory / SCORES).glob("*.parquet")
+    return sorted(path.stem for path in files if not is_hidden(path.name))
 
 
 def read_scores(directory: Path, metric_id: str) -> tuple[ScoredMetric, pd.DataFrame]:

@@ -21,7 +21,7 @@ from bench.records.store import STORE, Store, open_store
 from data_prep.datasets.protocol_version import refuse_other_version
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.files.atomic_write import write_whole
-from data_prep.files.safe_read import MIB, read_file
+from data_prep.files.safe_read import MIB, is_hidden, read_file
 
 MANIFEST = "manifest.json"
 JOURNAL = "journal"  # of folders of version 1.0.0, which had no store
@@ -114,8 +114,8 @@ def _holds_run(directory: Path) -> bool:
         return True
     # A run that was killed before it had a manifest may have left these.
     left_over = {"lock", *(f"{STORE}{end}" for end in ("", "-wal", "-shm", "-journal"))}
-    names = {path.name for path in directory.iterdir()} - left_over
-    if any(not name.startswith(f".{MANIFEST}.") for name in names):
+    names = {path.name for path in directory.iterdir() if not is_hidden(path.name)}
+    if names - left_over:
         raise BadInput(f"{directory}: not empty and not a run; give a new --out")
     return False
 

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from bench.rendering.files import MOVING, STILL, moves
+from data_prep.datasets.dataset import listed
 from data_prep.failures import BadInput
-from data_prep.files.clouds import CLOUD_SUFFIXES, check_cloud_name
-from data_prep.files.safe_read import files_below
+from data_prep.files.clouds import CLOUD_SUFFIXES, check_cloud_name, clouds_below
 
 
 def image_of_cloud(cloud: Path, out: Path | None) -> Path:
@@ -30,8 +30,10 @@ def image_of_cloud(cloud: Path, out: Path | None) -> Path:
     return image
 
 
-def images_of_clouds(paths: Sequence[Path], folder: Path) -> Mapping[Path, Path]:
-    """Return the image of each cloud: `folder` / its name and .png.
+def images_of_clouds(
+    paths: Sequence[Path], folder: Path
+) -> tuple[Mapping[Path, Path], tuple[str, ...]]:
+    """Return the image of each cloud, `folder` / its name and .png, and notes on other files.
 
     Parameters
     ----------
@@ -49,13 +51,19 @@ def images_of_clouds(paths: Sequence[Path], folder: Path) -> Mapping[Path, Path]
     _check_folder(folder)
     images: dict[Path, Path] = {}
     clouds: dict[Path, Path] = {}
+    notes = []
     for path in paths:
         root = path if path.is_dir() else path.parent
         if path.is_dir():
-            named = files_below(path, CLOUD_SUFFIXES)
+            named, others = clouds_below(path)
             if not named:
                 kinds = ", ".join(CLOUD_SUFFIXES)
-                raise BadInput(f"{path}: no clouds in this folder; give one with {kinds}")
+                has = f" (it has {listed(others)})" if others else ""
+                raise BadInput(f"{path}: no clouds in this folder{has}; give one with {kinds}")
+            if others:
+                notes.append(
+                    f"{path}: left out, no clouds by their names or contents: {listed(others)}"
+                )
         else:
             _check_file(path)
             named = (path,)
@@ -68,7 +76,7 @@ def images_of_clouds(paths: Sequence[Path], folder: Path) -> Mapping[Path, Path]
                     f"{clouds[image]} and {cloud} would both be drawn as {image}; rename one, or "
                     "draw them into two folders"
                 )
-    return images
+    return images, tuple(notes)
 
 
 def _check_file(cloud: Path) -> None:

@@ -136,6 +136,8 @@ def protocol_of(
     refuse_counts(options)
     refuse_absent_gpu(options)
     dataset = open_dataset(options.dataset)
+    if dataset.left_out:
+        log(f"{dataset.id}: left out, no objects of it: {dataset.left_out}")
     seed = seed_of(dataset, options)
     objects = objects_of(suite, dataset, options)
     for method in methods.values():

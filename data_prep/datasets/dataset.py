@@ -34,6 +34,8 @@ class Dataset:
         Axes of its objects and how they were turned, in words.
     irregular : tuple of str
         Missing and odd parts of the source, a line each. None of them prevents its use.
+    left_out : str
+        Files beside the objects that are none of them, in a line; empty where there are none.
     infinite : callable or None
         Function from class, split and index to an object.
     seed : int or None
@@ -50,6 +52,7 @@ class Dataset:
     layout: str = ""
     orientation: str = ""
     irregular: tuple[str, ...] = ()
+    left_out: str = ""
     infinite: Callable[[str, Split, int], SceneObject] | None = None
     seed: int | None = None
     checksum: str | None = None

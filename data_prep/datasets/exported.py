@@ -31,7 +31,7 @@ from data_prep.failures import BadInput
 from data_prep.files.checksums import file_sha256
 from data_prep.files.clouds import load_points
 from data_prep.files.meshes import read_mesh
-from data_prep.files.safe_read import MIB, plain_text, read_file, read_text, shown
+from data_prep.files.safe_read import MIB, is_regular_file, plain_text, read_file, read_text, shown
 from data_prep.rendering.images import read_image
 from data_prep.scene import CLOUD_SIZE, Mesh, PointCloud, View
 
@@ -151,6 +151,11 @@ class ExportedObject:
     ) -> tuple[PointCloud, NDArray[np.uint8]]:
         """Return the exported cloud and images."""
         return self.cloud(rng), self.truth(views)
+
+
+def is_exported(root: Path) -> bool:
+    """Return whether a folder has the lists of an export."""
+    return all(is_regular_file(root / name) for name in COLUMNS)
 
 
 def exported_dataset(spec: str, root: Path) -> Dataset:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,18 +13,20 @@ from data_prep.clouds.conditions import RandomSubset
 from data_prep.clouds.normalise import normalise_points
 from data_prep.clouds.orientations import OURS
 from data_prep.clouds.sampling import random_views
-from data_prep.datasets.dataset import Dataset, DatasetListing
+from data_prep.datasets.dataset import Dataset, DatasetListing, listed
 from data_prep.datasets.objects import SceneObject
-from data_prep.datasets.stored_meshes import MeshFile
+from data_prep.datasets.stored_meshes import MATERIALS, MeshFile
 from data_prep.failures import BadInput
 from data_prep.files.checksums import fingerprint_of
-from data_prep.files.clouds import CLOUD_SUFFIXES, MOST_BYTES, load_points
+from data_prep.files.clouds import CLOUD_SUFFIXES, MOST_BYTES, clouds_below, load_points
 from data_prep.files.meshes import SUFFIXES
 from data_prep.files.safe_read import files_below
 from data_prep.scene import CLOUD_SIZE, Mesh, PointCloud, View
 
 # A .ply may be either: it is taken for a mesh. A .txt is more often something to read.
 BARE_SUFFIXES = tuple(suffix for suffix in CLOUD_SUFFIXES if suffix not in (".ply", ".txt"))
+RESOURCES = (*MATERIALS, ".bin")  # of meshes
+SPLIT_NAMES = {"train", "training", "test", "testing", "val", "valid", "validation"}
 
 
 @dataclass(frozen=True)
@@ -79,27 +81,44 @@ def folder_dataset(spec: str, root: Path) -> Dataset:
     """Return all meshes below a folder; of a folder without meshes, all clouds.
 
     Sub-folders that hold such files are classes (and files beside them are left alone); a folder
-    without such sub-folders has no classes. Raises BadInput where no mesh and no cloud exists.
+    without such sub-folders has no classes. Raises BadInput where no mesh and no cloud exists, and
+    where the sub-folders are splits.
     """
-    files, kind = files_below(root, SUFFIXES), "meshes"
+    (files, others), kind = files_below(root, SUFFIXES), "meshes"
     make: Callable[[str, str, Path], SceneObject] = MeshFile
+    others = tuple(name for name in others if Path(name).suffix.lower() not in RESOURCES)
     if not files:
-        files, kind, make = files_below(root, BARE_SUFFIXES), "bare clouds", BareCloud
+        (files, others), kind, make = clouds_below(root, BARE_SUFFIXES), "bare clouds", BareCloud
     if not files:
         raise BadInput(
             f"{root}: no mesh in this folder; expected {', '.join(SUFFIXES)} "
             f"(or clouds: {', '.join(BARE_SUFFIXES)})"
+            + (f"; it has {listed(others)}" if others else "")
         )
     nested = tuple(file for file in files if file.parent != root)
     layout = f"a folder of {kind}" + (", sub-folders are classes" if nested else "")
     if not nested:
         name = root.resolve().name
         flat = tuple(make(name, file.name, file) for file in files)
-        return Dataset(spec, (), flat, layout=layout, orientation=OURS.message)
+        dataset = Dataset(spec, (), flat, layout=layout, orientation=OURS.message)
+        return replace(dataset, left_out=listed(others))
     listing = DatasetListing()
     for file in nested:
         class_name, *rest = file.relative_to(root).parts
         listing.objects.append(make(class_name, "/".join(rest), file))
     if beside := len(files) - len(nested):
         listing.irregular.append(f"{beside} files beside the sub-folders are left alone")
-    return listing.dataset(spec, layout, OURS.message)
+    listing.irregular += _splits(root, [file.relative_to(root).parts[:-1] for file in nested])
+    return replace(listing.dataset(spec, layout, OURS.message), left_out=listed(others))
+
+
+def _splits(root: Path, folders: Sequence[Sequence[str]]) -> list[str]:
+    """Return a line about splits in the classes. Raises BadInput where the classes are splits."""
+    tops = {folder[0] for folder in folders}
+    if len(tops) > 1 and tops <= SPLIT_NAMES:
+        raise BadInput(
+            f"{root}: its sub-folders are splits ({', '.join(sorted(tops))}), not classes; give "
+            f"one of them, as folder:{root / min(tops)}"
+        )
+    mixed = sorted({folder[0] for folder in folders if set(folder[1:]) & SPLIT_NAMES})
+    return [f"{listed(mixed)}: objects of all splits are taken together"] if mixed else []

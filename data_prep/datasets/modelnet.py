@@ -31,18 +31,22 @@ from data_prep.files.safe_read import (
 MOST_LIST_BYTES = 4 * MIB  # 12,311 ids are 0.2
 SPLITS: Sequence[Split] = ("train", "test")
 OFF = (".off",)
+CLASSES = {"monitor": "display"}  # as ShapeNet and the suites call it
 _LIST = re.compile(r"(modelnet[0-9]+)_(train|test)\.txt")
 
 
 def is_modelnet(root: Path) -> bool:
-    """Return whether a folder has split lists, or classes with folders train and test."""
-    if _list_files(root):
+    """Return whether a folder has classes of ModelNet, or split lists and nothing against them."""
+    folders = folders_in(root)
+    return any(map(is_class, folders)) or bool(not folders and _list_files(root))
+
+
+def is_class(folder: Path) -> bool:
+    """Return whether a folder has OFF files in train or test, or such as chair_0001.off."""
+    if any(_off_files(folder / split) for split in SPLITS):
         return True
-    return any(
-        (folder / split).is_dir() and next(iter(_off_files(folder / split)), None)
-        for folder in folders_in(root)
-        for split in SPLITS
-    )
+    number = re.compile(re.escape(folder.resolve().name) + "_[0-9]{4}")
+    return any(number.fullmatch(path.stem) for path in files_in(folder, OFF))
 
 
 def modelnet_dataset(spec: str, root: Path) -> Dataset:
@@ -53,7 +57,7 @@ def modelnet_dataset(spec: str, root: Path) -> Dataset:
 
     Raises BadInput where there is no OFF file in a class, and for lists that cannot be read.
     """
-    classes = {folder.name: folder for folder in folders_in(root)}
+    classes = {CLASSES.get(folder.name, folder.name): folder for folder in folders_in(root)}
     listing = DatasetListing()
     if any((folder / split).is_dir() for folder in classes.values() for split in SPLITS):
         for class_name, folder in classes.items():
@@ -65,7 +69,7 @@ def modelnet_dataset(spec: str, root: Path) -> Dataset:
             on_disk = {path.stem: _object(class_name, path) for path in files_in(folder, OFF)}
             if lists:
                 named: dict[Split, list[str]] = {  # "night_stand_0001" is a night_stand
-                    split: [i for i in ids if i.rpartition("_")[0] == class_name]
+                    split: [i for i in ids if i.rpartition("_")[0] == folder.name]
                     for split, ids in lists.items()
                 }
                 absent = partial(_absent, class_name, folder)
@@ -78,6 +82,7 @@ def modelnet_dataset(spec: str, root: Path) -> Dataset:
             f"{root}: no ModelNet here; expected <class>/train/<class>_0001.off or "
             "<class>/<class>_0001.off"
         )
+    layout += "".join(f"; {ours} is its {its}" for its, ours in CLASSES.items() if ours in classes)
     return listing.dataset(spec, layout, MODELNET.message)
 
 

@@ -34,6 +34,7 @@ from data_prep.files.checksums import fingerprint_of
 from data_prep.files.clouds import MOST_BYTES, load_points
 from data_prep.files.safe_read import (
     MIB,
+    files_in,
     folders_in,
     is_regular_file,
     plain_name,
@@ -175,7 +176,7 @@ def paper_dataset(spec: str, root: Path) -> Dataset:
 
     Raises BadInput where there is no split file, or one cannot be read.
     """
-    files = [path for path in sorted(root.glob(f"*{SPLIT_SUFFIX}")) if is_regular_file(path)]
+    files = [path for path in files_in(root, (".json",)) if path.name.endswith(SPLIT_SUFFIX)]
     files.sort(key=lambda path: path.name == ALL_CLASSES)  # the files of single classes first
     if not files:
         raise BadInput(
@@ -227,7 +228,7 @@ def _differences(
 ) -> list[str]:
     """Return the differences between the split and the folders of a class, a line each."""
     clouds, renders = root / CLOUDS / synset, root / RENDERS / synset
-    cloud_ids = [p.stem for p in sorted(clouds.glob("*.ply"))] if clouds.is_dir() else []
+    cloud_ids = [p.stem for p in files_in(clouds, (".ply",))] if clouds.is_dir() else []
     image_ids = [p.name for p in folders_in(renders)] if renders.is_dir() else []
     return [
         *(f"{class_name}, clouds: {line}" for line in differences(named, cloud_ids)),

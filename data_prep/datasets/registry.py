@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping
 from functools import cache, partial
 from pathlib import Path
 
-from data_prep.datasets.dataset import Dataset, DatasetReader
-from data_prep.datasets.exported import exported_dataset
+from data_prep.datasets.dataset import MOST_NAMED, Dataset, DatasetReader, listed
+from data_prep.datasets.exported import exported_dataset, is_exported
 from data_prep.datasets.folder import BareCloud, folder_dataset
-from data_prep.datasets.modelnet import is_modelnet, modelnet_dataset
+from data_prep.datasets.modelnet import SPLITS, is_class, is_modelnet, modelnet_dataset
 from data_prep.datasets.objects import MeshObject, SceneObject, Split
 from data_prep.datasets.paper import PaperObject, is_paper, paper_dataset
 from data_prep.datasets.procedural import (
@@ -19,10 +19,10 @@ from data_prep.datasets.procedural import (
     relief_dataset,
     widened_dataset,
 )
-from data_prep.datasets.shapenet import is_shapenet, shapenet_dataset
+from data_prep.datasets.shapenet import is_shapenet, is_synset, shapenet_dataset
 from data_prep.datasets.stored_meshes import MeshFile, PlacedMesh
 from data_prep.failures import BadInput, unknown
-from data_prep.files.safe_read import shown
+from data_prep.files.safe_read import folders_in, is_disk, shown
 from data_prep.plugins import DATASETS, OUR_KINDS, entry_point_names, load_entry_point
 
 __all__ = [
@@ -37,8 +37,8 @@ __all__ = [
     "ProceduralObject",
     "SceneObject",
     "Split",
-    "layout_of",
     "open_dataset",
+    "recognised",
 ]
 
 _EMBEDDED: Mapping[str, Callable[[str], Dataset]] = {
@@ -56,6 +56,13 @@ _STORED: Mapping[str, Callable[[str, Path], Dataset]] = {
     "exported": exported_dataset,
     "paper": paper_dataset,
 }
+_LAYOUTS: Mapping[str, Callable[[Path], bool]] = {
+    "exported": is_exported,
+    "paper": is_paper,
+    "shapenet": is_shapenet,
+    "modelnet": is_modelnet,
+}
+MOST_LOOKED_INTO = 500  # folders of a level
 
 
 def open_dataset(spec: str) -> Dataset:
@@ -72,7 +79,9 @@ def open_dataset(spec: str) -> Dataset:
         return _EMBEDDED[spec](spec)
     kind, _, location = spec.partition(":")
     if location and kind in _STORED:
-        return _STORED[kind](spec, folder_of(location))
+        root = folder_of(location)
+        _refuse_other_layout(kind, root)
+        return _STORED[kind](spec, root)
     if location and kind in reader_ids():
         return read_dataset(find_reader(kind), spec, folder_of(location))
     first, *others = _EMBEDDED
@@ -85,7 +94,7 @@ def _as_folder(location: str) -> str:
     if ":" in location:
         return ""
     try:
-        return f"{layout_of(location)}:{location}"
+        return recognised(location)
     except BadInput:  # no such folder, or none that can be read
         return f"folder:{location}" if "/" in location else ""
 
@@ -131,17 +140,53 @@ def read_dataset(reader: DatasetReader, spec: str, folder: Path) -> Dataset:
     return dataset
 
 
-def layout_of(location: str) -> str:
-    """Return the kind of dataset that a folder looks like, such as "shapenet".
+def recognised(location: str) -> str:
+    """Return the dataset that a folder is, or has within two levels, such as "shapenet:PATH".
 
-    Raises BadInput where there is no such folder.
+    Raises BadInput where there is no such folder, and where it has several datasets.
     """
     root = folder_of(location)
-    if is_paper(root):
-        return "paper"
-    if is_shapenet(root):
-        return "shapenet"
-    return "modelnet" if is_modelnet(root) else "folder"
+    if kind := _kind_of(root):
+        return f"{kind}:{location}"
+    others = _datasets_around(root)
+    if len(others) > 1:
+        raise BadInput(f"{root}: has several datasets; give one of them: {listed(others)}")
+    return others[0] if others else f"folder:{location}"
+
+
+def _kind_of(root: Path) -> str | None:
+    return next((kind for kind, looks_so in _LAYOUTS.items() if looks_so(root)), None)
+
+
+def _datasets_around(root: Path) -> list[str]:
+    """Return the datasets up to two levels below a folder, or the one that it is a part of."""
+    part = root.resolve()
+    if part.name in SPLITS:  # of a class of ModelNet
+        part = part.parent
+    for kind, is_part in (("modelnet", is_class), ("shapenet", is_synset)):
+        if is_part(part):
+            return [f"{kind}:{part.parent}"]
+    level = [root]
+    for _ in range(2):
+        level = [inner for folder in level for inner in folders_in(folder)][:MOST_LOOKED_INTO]
+        if below := [f"{kind}:{inner}" for inner in level if (kind := _kind_of(inner))]:
+            return below
+    return []
+
+
+def _refuse_other_layout(kind: str, root: Path) -> None:
+    """Raise BadInput where a folder has, by its layout, a dataset that `kind` would not read."""
+    if kind in _LAYOUTS and _LAYOUTS[kind](root):
+        return
+    itself = _kind_of(root)
+    others = [f"{itself}:{root}"] if itself else _datasets_around(root)
+    if others:
+        kinds = " and ".join(sorted({other.partition(":")[0] for other in others}))
+        layout = f"has the layout of {kinds}, with axes and splits of its own"
+        raise BadInput(
+            f"{kind}:{root}: {layout if kind == 'folder' else f'no {kind} in this folder itself'}; "
+            f"give --dataset {' or '.join(others[:MOST_NAMED])}"
+        )
 
 
 def folder_of(location: str) -> Path:
@@ -156,4 +201,6 @@ def folder_of(location: str) -> Path:
         ) from None
     if not exists:
         raise BadInput(f"{root}: no such folder; give the folder that holds your meshes")
+    if is_disk(root):
+        raise BadInput(f"{root}: a whole disk; give the folder on it that holds your meshes")
     return root

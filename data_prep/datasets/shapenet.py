@@ -68,10 +68,14 @@ class _Synset:
 
 def is_shapenet(root: Path) -> bool:
     """Return whether a folder looks like ShapeNetCore: a synset with a model in it."""
-    for synset in folders_in(root):
-        if SYNSET.fullmatch(synset.name):
-            return any(_version_of(folder) for folder in folders_in(synset)[:100])
-    return False
+    return any(map(is_synset, folders_in(root)))
+
+
+def is_synset(folder: Path) -> bool:
+    """Return whether a folder is called like a synset and has a model among its first objects."""
+    if not SYNSET.fullmatch(folder.resolve().name):
+        return False
+    return any(_version_of(obj) for obj in folders_in(folder)[:100])
 
 
 def shapenet_dataset(spec: str, root: Path) -> Dataset:

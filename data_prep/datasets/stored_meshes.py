@@ -11,7 +11,7 @@ from data_prep.clouds.orientations import Orientation
 from data_prep.datasets.objects import MeshObject
 from data_prep.files.checksums import fingerprint_of
 from data_prep.files.meshes import LOADER_VERSION, MOST_BYTES, SUFFIXES, load_mesh
-from data_prep.files.safe_read import is_regular_file
+from data_prep.files.safe_read import is_hidden, is_regular_file
 from data_prep.scene import Mesh
 
 MATERIALS = (".mtl", ".png", ".jpg", ".jpeg", ".bmp", ".tga", ".tif", ".tiff", ".gif")
@@ -85,7 +85,8 @@ class PlacedMesh(MeshObject):
     def _resources(self) -> Iterator[Path]:
         folders = dict.fromkeys((self.path.parent, self.folder / "images"))
         near = (path for folder in folders for path in sorted(folder.glob("*")))
-        images = (path for path in near if path.suffix.lower() in MATERIALS)
+        visible = (path for path in near if not is_hidden(path.name))
+        images = (path for path in visible if path.suffix.lower() in MATERIALS)
         return _resources(self.path, filter(is_regular_file, images), self.folder)
 
 

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import io
 import math
+import re
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -21,11 +22,13 @@ from data_prep.files.cloud_contents import CloudContents, CloudPoints, NotACloud
 from data_prep.files.cloud_ply import read_ply
 from data_prep.files.cloud_text import read_pts, read_text
 from data_prep.files.meshes import SUFFIXES as MESH_SUFFIXES
-from data_prep.files.safe_read import MIB, read_file, shown
+from data_prep.files.safe_read import MIB, files_below, open_file, read_file, shown
 from data_prep.files.scans import SCAN_SUFFIXES, read_scan
 from data_prep.scene import Points
 
 MOST_BYTES = 256 * MIB  # 22 million points, which take 1.3 GiB of memory and some seconds
+
+PROSE = (".txt", ".csv")  # more often than the others something to read
 
 
 def load_points(path: Path) -> CloudPoints:
@@ -72,6 +75,38 @@ def read_cloud(path: Path, with_colors: bool = False) -> CloudContents:
         return _READERS[path.suffix.lower()](read_file(path, MOST_BYTES), with_colors)
     except NotACloud as problem:
         raise BadInput(f"{path}: {problem}") from problem.__cause__
+
+
+def clouds_below(
+    root: Path, suffixes: Sequence[str] | None = None
+) -> tuple[tuple[Path, ...], tuple[str, ...]]:
+    """Return the files of clouds below a folder, and the names of what is left out.
+
+    Texts without coordinates (README.txt, labels.csv) are left out. Raises BadInput as
+    `files_below`.
+    """
+    files, others = files_below(root, suffixes or CLOUD_SUFFIXES)
+    clouds = tuple(path for path in files if path.suffix.lower() not in PROSE or _has_rows(path))
+    prose = (str(path.relative_to(root)) for path in files if path not in set(clouds))
+    return clouds, tuple(sorted((*others, *prose)))
+
+
+def _has_rows(path: Path) -> bool:
+    """Return whether a text has, near its beginning, a line of three numbers, or nothing at all."""
+    try:
+        with open_file(path, MOST_BYTES) as file:
+            start = file.read(MIB)
+    except BadInput:  # its reader says why
+        return True
+    text = start.decode(
+        "utf-16" if start[:2] in (b"\xff\xfe", b"\xfe\xff") else "latin-1", "replace"
+    )
+    fields = (re.split(r'[\s;,"]+', line.strip('\t ;,"')) for line in text.splitlines())
+    return not start or any(sum(map(_is_number, row)) >= max(3, len(row) / 2) for row in fields)
+
+
+def _is_number(field: str) -> bool:
+    return re.fullmatch(r"[-+]?(\d+\.?\d*|\.\d+)([eEdD][-+]?\d+)?", field) is not None
 
 
 def check_cloud_name(path: Path) -> None:

@@ -16,6 +16,9 @@ from data_prep.failures import BadInput
 MIB = 2**20
 MOST_NAME_LENGTH = 200
 MOST_REASON_LENGTH = 120  # of a parser's complaint
+MOST_ENTRIES = 2_000_000  # below a folder: all of Objaverse has 800,000 files
+LEFT_BY_SYSTEMS = ("__macosx", "thumbs.db", "desktop.ini", "icon\r", "@eadir", "#recycle")
+LEFT_BY_SYSTEMS += ("$recycle.bin", "system volume information", "lost+found", "__pycache__")
 
 
 def is_regular_file(path: Path) -> bool:
@@ -23,6 +26,13 @@ def is_regular_file(path: Path) -> bool:
     try:
         return path.is_file()
     except (OSError, ValueError):  # the folder may not be searched, or the name is too long
+        return False
+
+
+def _is_folder(path: Path) -> bool:
+    try:
+        return path.is_dir()
+    except OSError:  # a link in a circle, before Python 3.13
         return False
 
 
@@ -124,21 +134,43 @@ def plain_text(value: Any) -> str:
     return value
 
 
-def files_below(root: Path, suffixes: Sequence[str]) -> tuple[Path, ...]:
-    """Return all regular files with one of these suffixes, sorted.
+def is_disk(folder: Path) -> bool:
+    """Return whether a folder is the root of a file system's names."""
+    return folder.resolve() == Path(folder.resolve().anchor)
 
-    Links to folders are not followed: they may form circles. Raises BadInput for a folder that
-    cannot be read, and for a name that is not UTF-8, as records are.
+
+def is_hidden(name: str) -> bool:
+    """Return whether a file or folder counts as not there: hidden, or left by a system."""
+    return name.startswith(".") or name.lower() in LEFT_BY_SYSTEMS
+
+
+def files_below(root: Path, suffixes: Sequence[str]) -> tuple[tuple[Path, ...], tuple[str, ...]]:
+    """Return all regular files with one of these suffixes, and the names of what is left out.
+
+    Both are sorted. Hidden files and folders are not there. Links to folders are not followed: they
+    may form circles. Raises BadInput for a folder that cannot be read or that is a whole disk, for
+    one with too much in it, and for a name that is not UTF-8, as records are.
     """
-    files, waiting = [], [root]
+    if is_disk(root):
+        raise BadInput(f"{root}: a whole disk; give a folder on it")
+    files, others, waiting, count = [], [], [root], 0
     while waiting:
         for path, is_folder in _entries(waiting.pop()):
+            count += 1
+            if count > MOST_ENTRIES:
+                raise BadInput(
+                    f"{root}: more than {MOST_ENTRIES} files and folders are in it; give a folder "
+                    "that has the meshes or clouds alone"
+                )
             if is_folder:
                 waiting.append(path)
             elif path.suffix.lower() in suffixes and is_regular_file(path):
                 check_name(path, root)
                 files.append(path)
-    return tuple(sorted(files))
+            else:
+                name = str(path.relative_to(root))
+                others.append("".join(c if c.isprintable() else "\ufffd" for c in name))
+    return tuple(sorted(files)), tuple(sorted(others))
 
 
 def files_in(folder: Path, suffixes: Sequence[str]) -> tuple[Path, ...]:
@@ -161,7 +193,7 @@ def folders_in(folder: Path) -> tuple[Path, ...]:
     """
     folders = []
     for path, is_folder in _entries(folder):
-        if is_folder or path.is_dir():
+        if is_folder or _is_folder(path):
             check_name(path, folder)
             folders.append(path)
     return tuple(sorted(folders))
@@ -187,10 +219,23 @@ def _why(error: OSError | ValueError) -> str:
 
 
 def _entries(folder: Path) -> Iterator[tuple[Path, bool]]:
-    """Yield the paths in a folder, and whether each is a folder and no link to one."""
+    """Yield what is visible in a folder, and whether each is a folder and no link to one."""
     try:
         with os.scandir(folder) as entries:
             for entry in entries:
+                if entry.name.startswith(".") and entry.name.endswith(".icloud"):
+                    raise BadInput(
+                        f"{folder / entry.name}: stands for a file that is in iCloud; download it, "
+                        "or remove this name"
+                    )
+                if is_hidden(entry.name):
+                    continue
+                if "\\" in entry.name:
+                    raise BadInput(
+                        f"{folder}: the name {shown(os.fsencode(entry.name), 80)} has backslashes, "
+                        "where an archive of Windows has folders; unpack it again with unzip or "
+                        "7-Zip, or rename it"
+                    )
                 yield folder / entry.name, entry.is_dir(follow_symlinks=False)
     except OSError as error:
         raise BadInput(

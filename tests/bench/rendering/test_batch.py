@@ -24,6 +24,9 @@ def clouds(tmp_path):
     return folder
 
 
+LEFT_OUT = "left out, no clouds by their names or contents"
+
+
 def points_told(path):
     """Return the number of points, as `fake-healthy` draws it."""
     with Image.open(path) as image:
@@ -42,7 +45,9 @@ def test_an_image_of_each_cloud_of_a_folder_and_of_further_files(
     assert done[:2] == (0, "".join(f"{image}\n" for image in images))
     assert [points_told(image) for image in images] == [3, 4, 5]
     assert sorted(p for p in out.rglob("*") if p.is_file()) == sorted(images)
-    assert done[2].splitlines()[-1].startswith("drawing: 3/3 done, 0 failed")
+    *_, progress, left_out = done[2].splitlines()
+    assert progress.startswith("drawing: 3/3 done, 0 failed")
+    assert left_out == f"note: {clouds}: {LEFT_OUT}: notes.md"
     assert command("render", further, clouds, "--method", "fake-healthy", "-o", out)[0] == 0
 
 
@@ -57,7 +62,8 @@ def test_clouds_that_fail_are_listed_and_the_others_drawn(command, plugins, clou
         *("render", clouds, "--method", "fake-crash-where-high", "-o", out)
     )
     assert (status, printed) == (1, f"{out}/a.png\n{out}/more/a.png\n")
-    *progress, cut, empty, high, summary = err.splitlines()
+    *progress, left_out, cut, empty, high, summary = err.splitlines()
+    assert left_out == f"note: {clouds}: {LEFT_OUT}: notes.md, z.npy"
     assert progress[-1].startswith("drawing: 5/5 done, 3 failed")
     assert cut.startswith(f"bench: {clouds}/cut.ply: 3 vertices of 12 bytes in the header, and 35 ")
     assert empty == f"bench: {clouds}/empty.xyz: the cloud has no points (0); give at least two"
@@ -75,7 +81,7 @@ def test_several_methods_make_a_sheet_of_each_cloud(command, plugins, clouds, tm
     np.save(clouds / "b.npy", np.eye(4, 3) * [1, 2, 1])
     methods = "fake-several-views,fake-left-and-right"
     status, _, err = command("render", clouds, "--method", methods, "-o", out)
-    failures = [line for line in err.splitlines() if not line.startswith("drawing: ")]
+    failures = [line for line in err.splitlines() if line.startswith("bench: ")]
     assert (status, failures) == (
         0,
         [
@@ -102,7 +108,7 @@ def test_a_note_that_files_share_is_one_line(command, plugins, tmp_path):
 
 
 def test_a_worker_loads_a_method_once(plugins, clouds):
-    files = [CloudFile(path, as_is=False) for path in images_of_clouds([clouds], clouds)]
+    files = [CloudFile(path, as_is=False) for path in images_of_clouds([clouds], clouds)[0]]
     drawing = Drawing("fake-counted", (View(0.0, 0.0),))
     results = list(draw_each(files, [drawing], workers=1))
     assert [file for file, *_ in results] == files

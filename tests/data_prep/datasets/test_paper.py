@@ -11,7 +11,7 @@ from PIL import Image
 
 from data_prep.datasets.paper import PaperObject
 from data_prep.datasets.paper_checks import READINGS, agreement, find_problems
-from data_prep.datasets.registry import ProceduralObject, layout_of, open_dataset
+from data_prep.datasets.registry import ProceduralObject, open_dataset, recognised
 from data_prep.failures import BadInput
 from data_prep.files.clouds import save_ply
 from data_prep.randomness import generator
@@ -157,7 +157,7 @@ def test_files_without_a_split(tmp_path: Path) -> None:
         "chair, images: 1 are in no split and left out: b",
     )
     (tmp_path / "chair_exp.json").unlink()
-    assert layout_of(str(tmp_path)) == "paper"
+    assert recognised(str(tmp_path)) == f"paper:{tmp_path}"
     with pytest.raises(BadInput, match=r"no split file here; expected chair_exp\.json or all_exp"):
         open_dataset(f"paper:{tmp_path}")
 
