@@ -76,14 +76,22 @@ def check_claims(directories: Sequence[Path], subjects: Sequence[str] = ()) -> l
     """Return the results of finished runs about the claims, in the order of the table.
 
     `subjects` are methods in place of the variants of pc2pix. Raises BadInput for a folder without
-    a finished run, for a suite that no claim is about, and for runs that do not fit together.
+    a finished run, for a suite that no claim is about, for runs that do not fit together, and where
+    they can test no claim.
     """
     with threadpool_limits(1):
         manifests = {directory: read_finished(directory) for directory in directories}
         _refuse_misfits(manifests)
         _refuse_absent(subjects, manifests)
         runs = [read_run(folder, manifests[folder], subjects) for folder in directories]
-        return judge(claims(), runs)
+        results = judge(claims(), runs)
+    if not any(result.finding.requirements for result in results):
+        reasons = dict.fromkeys(result.finding.reason for result in results if result.run)
+        raise BadInput(
+            f"{', '.join(map(str, directories))}: no claim of the paper can be tested: "
+            f"{'; '.join(reasons)}; give runs with the default methods"
+        )
+    return results
 
 
 def _refuse_absent(subjects: Sequence[str], manifests: Mapping[Path, Mapping[str, Any]]) -> None:

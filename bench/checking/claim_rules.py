@@ -213,7 +213,7 @@ def varies_more(run: QualityEvidence, more: str, less: str) -> list[ClaimFinding
 def faster(run: TimingEvidence, times: float) -> list[ClaimFinding]:
     """Test that SR's image costs over `times` as much as the network's, preparing included.
 
-    On one thread, cloud by cloud: the interval is over clouds.
+    On one thread, cloud by cloud: the interval is over the clouds that both have times of.
     """
     costs = _costs(run.samples)
     networks = [m for m in costs if family_of(m) == NETWORK]
@@ -223,7 +223,12 @@ def faster(run: TimingEvidence, times: float) -> list[ClaimFinding]:
         )
     findings = []
     for network in networks:
-        ratio = np.log(costs[SURFACE] / costs[network])
+        # Paired by the names of the clouds; one that failed on the way may have no times.
+        ratio = np.log((costs[SURFACE] / costs[network]).dropna().to_numpy(np.float64))
+        if not len(ratio):
+            reason = f"the run has no cloud with times of {SURFACE}, too"
+            findings.append(ClaimFinding(network, "", (), reason))
+            continue
         over = _mean_over_objects("", ratio - math.log(times))
         low, high = (math.exp(end + math.log(times)) for end in over.estimate[1:])
         numbers = f"{math.exp(ratio.mean()):.1f} times [{low:.1f}, {high:.1f}] on {run.machine}"
@@ -237,17 +242,16 @@ def faster(run: TimingEvidence, times: float) -> list[ClaimFinding]:
     return findings
 
 
-def _costs(samples: pd.DataFrame) -> dict[str, Floats]:
-    """Return seconds an image [clouds] by method: medians of preparing a cloud and of its views."""
+def _costs(samples: pd.DataFrame) -> dict[str, pd.Series]:
+    """Return seconds an image of each cloud by method: medians of preparing it and of its views."""
     warm = samples[(samples["round"] > 0) & (samples["threads"] == 1)]
     warm = warm[warm["condition"].astype(str) == FULL]
-    costs = {}
+    costs, views = {}, warm["views"].max()
     for method, calls in warm.groupby("method", sort=False):
-        views = calls["views"].max()
         batches = calls[(calls["stage"] == "draw") & (calls["views"] == views)]
         parts = [calls[calls["stage"] == "prepare"], batches]
         prepare, draw = (part.groupby("cloud")["wall_s"].median() for part in parts)
-        costs[str(method)] = ((prepare + draw) / views).to_numpy(np.float64)
+        costs[str(method)] = (prepare + draw) / views  # NaN where one of the two is missing
     return costs
 
 

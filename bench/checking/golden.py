@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,6 @@ from bench.analysis.paper import PAPER_METHODS, PAPER_NETWORK
 from bench.analysis.scored import ScoredRun, read_scored
 from bench.analysis.scores import QualityRow
 from bench.catalogue.methods import role
-from bench.catalogue.suite_types import TRUTHS
 from bench.catalogue.suites import STABILITY
 from bench.checking.objects import (
     GoldenDeviation,
@@ -31,11 +30,11 @@ from bench.checking.objects import (
     write_objects,
 )
 from bench.checking.tolerances import tolerance
-from bench.records.run_folder import COLOURED, read_finished
+from bench.records.run_folder import COLOURED, TRUTH, read_finished
 from bench.running.options import Options
 from bench.suites.stability.tables import read_outcomes
 from bench.tables.build import class_orderings, condition_sweep, tables
-from bench.tables.published import golden, golden_path
+from bench.tables.published import golden, golden_name, golden_path
 from bench.tables.table import TABLES, Table, table_files
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION, refuse_other_version
 from data_prep.failures import BadInput
@@ -74,49 +73,57 @@ class CheckResult:
 
 
 def check(directory: Path) -> CheckResult:
-    """Compare a finished run with the golden values of its suite.
+    """Compare a finished run with the golden values of its suite and truth.
 
     With golden values by object, the run may have a part of the objects, methods and conditions,
     and others, which are left out. Means and distances of the whole run are compared where the run
     has all objects. A run of the suite `stability` is compared with its expected outcomes.
 
-    Raises BadInput where `directory` is not a finished run, and where the golden values belong to
-    another protocol (dataset, objects, views or seed).
+    Raises BadInput where `directory` is not a finished run, where the golden values belong to
+    another protocol (dataset, objects, views or seed), and where nothing could be compared.
     """
     manifest = read_finished(directory)
-    if manifest["suite"] == STABILITY.id:
-        return _check_outcomes(directory)
+    is_stability = manifest["suite"] == STABILITY.id
+    result = _check_outcomes(directory) if is_stability else _check_values(directory, manifest)
+    if not (result.compared or result.regressions):
+        raise BadInput(
+            f"{directory}: nothing is compared, for none of its methods and conditions has golden "
+            f"values; check a run of '{_command(manifest)}', or compare this one with itself: "
+            f"'bench check {directory} --again 0.05'"
+        )
+    return result
+
+
+def _check_values(directory: Path, manifest: dict[str, Any]) -> CheckResult:
     run = read_scored(directory)
     own_tables = tables(run)
     sweep = (class_orderings(run), condition_sweep(run))
     written: list[Table[Any]] = [*own_tables, *filter(None, sweep)]
     compared, regressions = Counter[str](), _stale_tables(directory, written)
-    if run.suite.truth != COLOURED:
-        against = TRUTHS[run.suite.truth]
-        not_compared = f"{run.suite.id} has no golden values against {against}: none compared"
-        return CheckResult(0, tuple(regressions), (not_compared,))
-    expected, objects = golden(manifest["suite"]), read_objects(manifest["suite"])
+    name = golden_name(manifest)
+    expected, objects = golden(name), read_objects(name)
     whole = _is_whole(directory, manifest, expected, objects)
     if whole:
         compared, moved = _compare_means(own_tables, manifest, expected)
         regressions += moved
     remarks = _against_paper(own_tables)
+    moved_objects: tuple[GoldenDeviation, ...] = ()
+    if objects is not None:
+        if not whole:
+            remarks.append(
+                "not all golden objects: means and distances of the run are not compared"
+            )
+        by_object = compare_objects(run, objects)
+        regressions += by_object.lines
+        compared += by_object.compared
+        remarks += [*_without_golden(manifest, objects), by_object.remark]
+        moved_objects = by_object.moved
     metrics = run.suite.headline
-    if objects is None:
-        headline = sum(compared[metric] for metric in metrics)
-        return CheckResult(
-            compared.total(), tuple(regressions), tuple(remarks), (), metrics, headline
-        )
-    if not whole:
-        remarks.append("not all golden objects: means and distances of the run are not compared")
-    by_object = compare_objects(run, objects)
-    regressions += by_object.lines
-    compared += by_object.compared
     return CheckResult(
         compared.total(),
         tuple(regressions),
-        (*remarks, *_without_golden(manifest, objects), by_object.remark),
-        by_object.moved,
+        tuple(remarks),
+        moved_objects,
         metrics,
         sum(compared[metric] for metric in metrics),
     )
@@ -164,7 +171,7 @@ def bless(directory: Path) -> list[Path]:
     lines = golden_lines((row for table in tables(run) for row in table.rows), protocol)
     # Of 260 objects of thirteen classes, the thumbnails alone would be 2 MB.
     by_object = write_objects(run, protocol) if len(run.suite.classes) == 1 else []
-    path = golden_path(manifest["suite"])
+    path = golden_path(golden_name(manifest))
     write_whole(path, pd.DataFrame(lines).to_csv(index=False, lineterminator="\n").encode())
     return [path, *by_object]
 
@@ -197,11 +204,6 @@ def _refuse_other_protocol(run: ScoredRun) -> None:
     suite, manifest = run.suite, run.manifest
     default = Options(suite.id)
     objects = suite.endless_limit * len(suite.classes)
-    if suite.truth != COLOURED:
-        raise BadInput(
-            f"{run.directory}: golden values are not against {TRUTHS[suite.truth]}; run 'bench run "
-            f"--suite {suite.id}' and give its folder"
-        )
     wanted = {
         "protocol": PROTOCOL_VERSION,
         "dataset": default.dataset,
@@ -218,8 +220,13 @@ def _refuse_other_protocol(run: ScoredRun) -> None:
     if other:
         raise BadInput(
             f"{run.directory}: golden values are of the whole default run, this one has "
-            f"{'; '.join(other)}; run 'bench run --suite {suite.id}' and give its folder"
+            f"{'; '.join(other)}; run '{_command(manifest)}' and give its folder"
         )
+
+
+def _command(manifest: Mapping[str, Any]) -> str:
+    truth = manifest.get(TRUTH, COLOURED)
+    return f"bench run --suite {manifest['suite']}" + f" --truth {truth}" * (truth != COLOURED)
 
 
 def _protocol(manifest: dict[str, Any]) -> dict[str, Any]:
@@ -245,7 +252,7 @@ def _is_whole(
     """
     have = _protocol(manifest)
     want = {name: expected[name].iloc[0] for name in PROTOCOL}
-    path = golden_path(manifest["suite"])
+    path = golden_path(golden_name(manifest))
     refuse_other_version(path, int(want["protocol"]), "write it with 'bench check DIR --bless'")
     compared = [name for name in PROTOCOL if objects is None or name != "objects"]
     other = [f"{n} {have[n]} (golden: {want[n]})" for n in compared if have[n] != want[n]]
@@ -264,7 +271,7 @@ def _is_whole(
     if other:
         raise BadInput(
             f"{directory}: no golden values for this protocol: {', '.join(other)}; "
-            f"check a run of 'bench run --suite {manifest['suite']}' with its defaults"
+            f"check a run of '{_command(manifest)}' with its defaults"
         )
     return whole
 

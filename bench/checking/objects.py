@@ -33,7 +33,7 @@ from bench.checking.thumbnails import NO_IMAGE, read_png, thumbnail, to_png
 from bench.checking.tolerances import object_tolerance
 from bench.records.artifacts import JobName
 from bench.records.stored_artifacts import StoredArtifacts
-from bench.tables.published import golden_path
+from bench.tables.published import golden_name, golden_path
 from data_prep.failures import BadInput
 from data_prep.files.atomic_write import write_whole
 from data_prep.scene import UInt8Images
@@ -143,20 +143,20 @@ class GoldenObjects:
         return in_order(named[in_run], manifest, KEY).set_index(KEY)
 
 
-def _paths(suite: str) -> tuple[Path, Path, Path]:
-    means = golden_path(suite)
+def _paths(name: str) -> tuple[Path, Path, Path]:
+    means = golden_path(name)
     csv, png, about = (
-        means.with_name(f"{suite}-objects{suffix}") for suffix in (".csv", ".png", ".json")
+        means.with_name(f"{name}-objects{suffix}") for suffix in (".csv", ".png", ".json")
     )
     return csv, png, about
 
 
-def read_objects(suite: str) -> GoldenObjects | None:
-    """Return the golden values of a suite by object; None where it has none.
+def read_objects(name: str) -> GoldenObjects | None:
+    """Return the golden values of this name by object; None where there are none.
 
     Raises BadInput where a file is missing, or was not written with the others.
     """
-    csv, png, about = _paths(suite)
+    csv, png, about = _paths(name)
     if not any(path.is_file() for path in (csv, png, about)):
         return None
     remedy = "restore it with git, or write all of them with 'bench check DIR --bless'"
@@ -178,12 +178,12 @@ def read_objects(suite: str) -> GoldenObjects | None:
     return GoldenObjects(protocol, environment, lines.fillna({IMAGES: ""}))
 
 
-def golden_thumbnails(suite: str) -> UInt8Images:
+def golden_thumbnails(name: str) -> UInt8Images:
     """Return the thumbnails [lines, SIDE, SIDE, 3], in the order of the golden values by object.
 
     Raises BadInput for a file that is not readable.
     """
-    _, png, _ = _paths(suite)
+    _, png, _ = _paths(name)
     return read_png(png)
 
 
@@ -212,7 +212,7 @@ def write_objects(run: ScoredRun, protocol: Mapping[str, Any]) -> list[Path]:
             )
         lines.append(row | {IMAGES: checksum(images)})
         thumbnails.append(NO_IMAGE if images is None else thumbnail(images[0]))
-    csv, png, about = _paths(run.suite.id)
+    csv, png, about = _paths(golden_name(run.manifest))
     table = pd.DataFrame(lines).to_csv(index=False, lineterminator="\n", float_format="%.6f")
     contents = {csv: table.encode(), png: to_png(thumbnails)}
     fields = {

@@ -11,6 +11,7 @@ from bench.records.run_folder import read_manifest
 from bench.rendering.files import write_images
 from bench.rendering.sheet import Tile, draw_sheet
 from bench.tables.figure import FIGURES
+from bench.tables.published import golden_name
 from data_prep.failures import CannotWrite
 from data_prep.scene import IMAGE_SIZE
 
@@ -38,7 +39,7 @@ def write_deviations(directory: Path, moved: Sequence[GoldenDeviation]) -> Path 
             raise CannotWrite(f"{path}: cannot be removed ({error.strerror}); remove it") from error
         return None
     stored = StoredImages(directory)
-    thumbnails = golden_thumbnails(str(read_manifest(directory)["suite"]))
+    thumbnails = golden_thumbnails(golden_name(read_manifest(directory)))
     tiles = []
     times = IMAGE_SIZE // SIDE
     for deviation in shown:

@@ -6,11 +6,14 @@ A published number is only ever quoted, a golden one only ever compared with. Al
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
 from bench.analysis.paper import Published
+from bench.records.run_folder import COLOURED, TRUTH
 from data_prep.failures import BadInput
 
 RESULTS = Path(__file__).resolve().parents[2] / "results"
@@ -37,16 +40,25 @@ def _published_path(suite: str) -> Path:
     return RESULTS / "paper" / f"{suite}.csv"
 
 
-def golden_path(suite: str) -> Path:
-    """Return the path of a suite's golden values."""
-    return RESULTS / "golden" / f"{suite}.csv"
+def golden_name(manifest: Mapping[str, Any]) -> str:
+    """Return the name of the golden values of a run: its suite, and "-grey" for truth in grey."""
+    truth = manifest.get(TRUTH, COLOURED)
+    return str(manifest["suite"]) + (f"-{truth}" if truth != COLOURED else "")
 
 
-def golden(suite: str) -> pd.DataFrame:
-    """Return the golden values of a suite. Raises BadInput without any, and for those of 1.0.0."""
-    path = golden_path(suite)
+def golden_path(name: str) -> Path:
+    """Return the path of golden values."""
+    return RESULTS / "golden" / f"{name}.csv"
+
+
+def golden(name: str) -> pd.DataFrame:
+    """Return golden values. Raises BadInput without any, and for those of 1.0.0."""
+    path = golden_path(name)
     if not path.is_file():
-        raise BadInput(f"{path}: no golden values for '{suite}'; run from a checkout that has them")
+        raise BadInput(
+            f"{path}: no golden values for '{name}'; 'bench check DIR --again 0.05' compares a run "
+            "with itself"
+        )
     values = pd.read_csv(path, dtype={"condition": str}, keep_default_na=False)
     if "protocol" not in values:
         raise BadInput(

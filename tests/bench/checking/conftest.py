@@ -23,6 +23,7 @@ def be_default(patch, **changes):
         conditions=tuple(manifest["conditions"]),
         views=manifest["views"],
         endless_limit=len(manifest["objects"]),
+        grey_methods=(),
     )
     patch.setattr(bench.catalogue.truth, "SUITES", (small, *SUITES[1:]))
 

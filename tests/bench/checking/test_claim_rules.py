@@ -441,6 +441,34 @@ def test_speed():
 
 
 @pytest.mark.parametrize(
+    "lost",
+    [
+        "method == 'pc2pix' and cloud == 'q' and round > 0",
+        "method == 'pc2pix' and cloud == 'q' and stage == 'draw' and views == 20",
+        "method == 'surface-apss' and cloud == 'q' and stage == 'prepare'",
+        "(method == 'pc2pix' and cloud == 'q') or (method == 'surface-apss' and cloud == 'r')",
+    ],
+)
+def test_times_are_paired_by_the_names_of_the_clouds(lost):
+    """Ratios of 10 and 15 by turns; a pairing by place has others, or none."""
+    rows = times().query(f"not ({lost})")
+    names = [name for name in "qrstuvwx" if "'r'" not in lost or name != "r"][1:]
+    (finding,) = rules.faster(TimingEvidence(rows, "a machine", PAPER), 1.0)
+    logs = np.log([10.0 if name in "qsuw" else 15.0 for name in names])
+    low, high = np.exp(mean_interval(logs))
+    assert finding.numbers.startswith(f"{math.exp(logs.mean()):.1f} times [{low:.1f}, {high:.1f}]")
+    assert finding.objects == len(names)
+
+
+def test_without_a_cloud_in_common_speed_is_not_testable():
+    rows = times().query("method == 'pc2pix' or cloud == 'q'").query("not (cloud == 'q' and "
+        "method == 'pc2pix')")  # fmt: skip
+    (finding,) = rules.faster(TimingEvidence(rows, "a machine", PAPER), 1.0)
+    assert (finding.subject, finding.verdict) == ("pc2pix", "not testable here")
+    assert finding.reason == "the run has no cloud with times of surface-apss, too"
+
+
+@pytest.mark.parametrize(
     ("known", "words"), [({}, "an unknown width"), ({"pc2pix": Training(0.25, True)}, "0.25 of")]
 )
 def test_speed_is_claimed_of_the_papers_width(known, words):

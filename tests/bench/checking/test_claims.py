@@ -219,7 +219,12 @@ def test_runs_that_do_not_fit_together_are_refused(tmp_path, changes, message):
 def test_the_command(command, refused, tmp_path):
     run = write_run(tmp_path / "run")
     again = shutil.copytree(run, tmp_path / "again")
-    status, out, err = command("check", "--claims", run, again)
+    said = refused("check", "--claims", run)
+    assert said == (
+        f"{run}: no claim of the paper can be tested: the run has no pc2pix; the run has no ssim "
+        "of surface-apss; give runs with the default methods"
+    )
+    status, out, err = command("check", "--claims", run, again, "--methods", "splat")
     assert status == 0
     assert out.startswith("# The paper's claims\n")
     assert (run / "claims.md").read_text() == out.removesuffix("\n")

@@ -56,6 +56,15 @@ def test_a_run_agrees_with_itself_and_so_does_a_part_of_it(run, command, tmp_pat
     assert command("check", run) == (0, said, "")
 
 
+def test_a_run_of_which_nothing_is_golden_does_not_pass(run, refused, tmp_path):
+    other = write_run(tmp_path / "other", methods=["points2pix", "splat-fill"])
+    assert refused("check", other) == (
+        f"{other}: nothing is compared, for none of its methods and conditions has golden values; "
+        f"check a run of 'bench run --suite {SUITE}', or compare this one with itself: 'bench "
+        f"check {other} --again 0.05'"
+    )
+
+
 def test_regressions_of_the_headline_come_first(run, command):
     for score in ("ssim", "lpips"):
         alter_records(run, score, lambda values: values + 0.25)
@@ -264,20 +273,37 @@ def test_another_protocol_cannot_be_compared(tmp_path, run, refused, change, mes
     )
 
 
-def test_golden_values_are_not_those_of_another_truth(tmp_path, run, command, refused):
-    other = write_run(tmp_path / "other", truth="grey")
-    grey = "against the true mesh in grey"
-    assert command("check", other) == (
+def test_another_truth_has_golden_values_of_its_own(tmp_path, run, results, command, refused):
+    grey = write_run(tmp_path / "grey", truth="grey")
+    assert refused("check", grey) == (
+        f"{results}/golden/{SUITE}-grey.csv: no golden values for '{SUITE}-grey'; "
+        "'bench check DIR --again 0.05' compares a run with itself"
+    )
+    part = write_run(tmp_path / "part", truth="grey", conditions=["512"])
+    assert refused("check", "--bless", part) == (
+        f"{part}: golden values are of the whole default run, this one has no conditions 2048; "
+        f"run 'bench run --suite {SUITE} --truth grey' and give its folder"
+    )
+    assert command("check", "--bless", grey)[0] == 0
+    written = {path.name.partition(".")[0] for path in (results / "golden").iterdir()}
+    assert written == {
+        f"{SUITE}{truth}{part}" for truth in ("", "-grey") for part in ("", "-objects")
+    }
+    status, out, _ = command("check", part)
+    assert (status, out.splitlines()[-1].endswith("golden values compared, 0 regressions")) == (
         0,
-        f"{SUITE} has no golden values {grey}: none compared\n"
-        "0 golden values compared, 0 regressions\n",
-        "",
+        True,
     )
-    assert refused("check", "--bless", other) == (
-        f"{other}: golden values are not {grey}; run 'bench run --suite {SUITE}' and give "
-        "its folder"
+    alter_records(grey, "ssim", lambda values: values + 0.25)
+    write_outputs(read_scored(grey))
+    status, out, _ = command("check", grey)
+    assert (status, "2 regressions" in out, "REGRESSION ssim of splat at 512" in out) == (
+        1,
+        True,
+        True,
     )
-    said = refused("check", "--claims", other)
+    assert check(run).regressions == ()
+    said = refused("check", "--claims", grey)
     assert "the paper's claims are about images in colours; give a run without --truth" in said
 
 
@@ -286,7 +312,7 @@ def test_without_golden_values_or_a_run(tmp_path, results, refused):
     (tmp_path / "file").touch()
     none = (
         f"{results}/golden/{SUITE}.csv: no golden values for '{SUITE}'; "
-        "run from a checkout that has them"
+        "'bench check DIR --again 0.05' compares a run with itself"
     )
     no_run = "{}: no run here (manifest.json is missing); give a run's folder"
     no_folder = "{}: no such folder; give a run's folder"
