@@ -21,7 +21,7 @@ from bench.analysis.comparison import milliseconds
 from bench.analysis.paper import AVERAGE
 from bench.catalogue.chosen import BEST_RECONSTRUCTION
 from bench.catalogue.condition_names import condition_words
-from bench.catalogue.costs import cost_of, view_costs_ms
+from bench.catalogue.costs import MEASURED_ON, cost_of, measured_methods
 from bench.catalogue.methods import RECOMMENDED
 from bench.report.board import (
     HEADLINE,
@@ -91,9 +91,9 @@ def board(numbers: Path = NUMBERS, groups: Sequence[ResultGroup] = GROUPS) -> Bo
         if any(method in column.cells for group in columns.values() for column in group.columns)
     ]
     competing = [method for method in methods if not is_reference(method)]
-    costs = view_costs_ms()
+    costs = measured_methods()
     cost_cells = {
-        method: BoardCell(milliseconds(cost), cost)
+        method: BoardCell(milliseconds(cost.one_view_ms), cost.one_view_ms)
         for method in competing
         if (cost := cost_of(method, costs))
     }
@@ -103,7 +103,9 @@ def board(numbers: Path = NUMBERS, groups: Sequence[ResultGroup] = GROUPS) -> Bo
         tuple(columns.values()),
         (
             BoardColumn(
-                "ms a view", "a cloud and its first view, on one core of an Intel Xeon", cost_cells
+                "one view (ms)",
+                f"a new cloud prepared and one view drawn, on one thread of {MEASURED_ON}",
+                cost_cells,
             ),
             BoardColumn(
                 "trained on",

@@ -5,8 +5,8 @@
 
 Carries out the run, or goes on with the one in DIR, and writes `results/docs/NAME.csv`, its tables
 of quality, and `NAME-differences.csv`: networks against the best reconstruction, object by object,
-as `bench compare` does, and further tables of the run that pages quote. PATH is the folder of real
-meshes that `bench data verify` knows.
+as `bench compare` does, and further tables of the run that pages quote. `costs` writes the table
+of costs, `results/costs.csv`. PATH is the folder of real meshes that `bench data verify` knows.
 """
 
 from __future__ import annotations
@@ -20,9 +20,12 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from bench.analysis.paper import AVERAGE
 from bench.analysis.run_pairs import methods_of_run
 from bench.analysis.scored import ScoredRun, read_scored
 from bench.catalogue.chosen import BEST_RECONSTRUCTION
+from bench.catalogue.costs import COSTS
+from bench.catalogue.methods import find_method, role
 from bench.tables.build import tables
 from bench.tables.differences import differences_table
 from bench.tables.table import TABLES, csv_text
@@ -31,6 +34,9 @@ from studies.documents import NUMBERS
 
 FIRST = ("ssim", "ssim-object", "lpips")
 RUN_COLUMNS = ("run_a", "run_b")  # where the run lay
+FULL = "2048"
+# Of `speed`; the processor's time, which other programs disturb less than the clock's.
+ONE_VIEW, FURTHER_VIEW = "picture-of-1-core-ms", "further-view-core-ms"
 CLASSES = "--suite thirteen-classes"
 ON_MESHES = f"{CLASSES} --dataset folder:PATH --conditions 2048,512,noise-0.05,noise-0.10 --views 4"
 OPPONENTS = "surface-apss,alpha-wrap,denoised-wrap,occupancy-net"
@@ -90,12 +96,10 @@ MEASUREMENTS: Mapping[str, QuotedRun] = {
         FIRST,
     ),
     "costs": QuotedRun(
-        "--suite speed-accuracy --limit 3 --views 5 --conditions 2048 --methods surface-apss,"
-        "surface-fit,alpha-wrap,denoised-wrap,occupancy-net,pc2pix,"
-        "splat-net@chair,splat-net@tiny,splat-net,fused-net,splat,splat-fill,"
-        "blank",
-        metrics=FIRST,
-        copied=(("frontier", "view-costs"),),
+        "--suite speed --device cpu --limit 4 --methods surface-apss,surface-fit,surface-bpa,"
+        "poisson,alpha-wrap,denoised-wrap,pc2pix,pc2pix@paper,splat-net,splat-net@grey,"
+        "splat-net@chair,splat-net@tiny,splat-net@tiny-grey,points2pix,occupancy-net,fused-net,"
+        "fused-net@grey,splat,splat-fill,true-mesh,constant,blank",
     ),
 }
 
@@ -121,6 +125,34 @@ def differences(directory: Path, methods: Iterable[str]) -> str:
     return _written([{k: v for k, v in row.items() if k not in RUN_COLUMNS} for row in rows])
 
 
+def costs(directory: Path) -> str:
+    """Return the table of costs: times of a run of the suite `speed`, and published scores."""
+    rows = _rows((directory / TABLES / "speed.csv").read_text(encoding="utf-8"))
+    ms = {
+        (row["method"], row["metric"]): float(row["value"])
+        for row in rows
+        if (row["condition"], row["threads"]) == (FULL, "1") and row["value"]
+    }
+    scores = _rows((NUMBERS / "real-meshes-grey.csv").read_text(encoding="utf-8"))
+    of_metric = {
+        (row["method"], row["metric"]): float(row["value"])
+        for row in scores
+        if (row["condition"], row["class"]) == (FULL, AVERAGE)
+    }
+    lines = []
+    for method in sorted({method for method, _ in ms}, key=lambda m: ms[m, ONE_VIEW]):
+        score = ""
+        if (
+            find_method(method).color == "none"
+            and not role(method)
+            and (method, "ssim") in of_metric
+        ):
+            score = f"{(of_metric[method, 'ssim'] + 1 - of_metric[method, 'lpips']) / 2:.4f}"
+        times = (f"{ms[method, metric]:.6g}" for metric in (ONE_VIEW, FURTHER_VIEW))
+        lines.append([method, *times, score])
+    return csv_text(["method", "one_view_ms", "further_view_ms", "score"], lines)
+
+
 def _rows(text: str) -> list[dict[str, str]]:
     return list(csv.DictReader(io.StringIO(text)))
 
@@ -143,6 +175,9 @@ def measure(name: str, out: Path, meshes: Path | None, more: Iterable[str] = ())
     measurement = MEASUREMENTS[name]
     arguments = [*command(name, meshes), "--out", str(out), *more]
     subprocess.run([Path(sys.executable).with_name("bench"), *arguments], check=True)
+    if name == "costs":
+        write_whole(COSTS, costs(out).encode())
+        return
     texts = {f"{name}.csv": values(read_scored(out), measurement.metrics)}
     if measurement.compared:
         texts[differences_of(name)] = differences(out, measurement.compared)

@@ -1,10 +1,11 @@
 """The cost of a view by method, and the choice of a method by it, from a table in the package.
 
-`results/costs.csv` has a line for each method that was measured: the milliseconds of one view of a
-new cloud of 2,048 points, its preparation included, on one thread (`bench run --suite
-speed-accuracy`; an Intel Xeon at 996995d and e3aee2a; `poisson`, `true-mesh` and `constant` an AMD
-EPYC at 2fdd148), and, for methods in grey that know objects of any kind, the mean of `ssim` and
-1 - `lpips` over 107 real meshes of 13 classes at 2,048 points, truth in grey
+`results/costs.csv` has a line for each method that was measured by `python -m studies.measurements
+costs`, a run of the suite `speed`: the milliseconds of one view of a new cloud of 2,048 points, its
+preparation included, and of each view more in the same call, medians over four chairs, in
+processor time on one thread. On a machine that does nothing else that is the time by the clock.
+Methods in grey that know objects of any kind also have a score, the mean of `ssim` and 1 - `lpips`
+over 107 real meshes of 13 classes at 2,048 points, truth in grey
 (`results/docs/real-meshes-grey.csv`); more is better.
 """
 
@@ -21,35 +22,43 @@ from bench.catalogue.lookup import family_of
 from data_prep.failures import BadInput
 
 COSTS = Path(__file__).resolve().parents[2] / "results" / "costs.csv"
+MEASURED_ON = "an AMD EPYC"  # family 25, model 17; 2026-11-27
 UNITS_MS = {"ms": 1.0, "s": 1000.0}
 
 
 @dataclass(frozen=True)
 class MeasuredMethod:
-    """A method with the milliseconds of one view of a new cloud, and its score or None."""
+    """A method with the milliseconds of its views of a cloud, and its score or None.
+
+    one_view_ms      preparing a new cloud and drawing one view of it, in a call of its own
+    further_view_ms  each view more in the same call
+    """
 
     method: str
-    cost_ms: float
+    one_view_ms: float
+    further_view_ms: float
     score: float | None
 
+    def cloud_ms(self, views: int) -> float:
+        """Return the milliseconds of a new cloud with so many views, drawn in one call."""
+        return self.one_view_ms + (views - 1) * self.further_view_ms
 
-def measured_methods() -> tuple[MeasuredMethod, ...]:
-    """Return the lines of the table."""
+
+def measured_methods() -> dict[str, MeasuredMethod]:
+    """Return the lines of the table by method."""
     with COSTS.open(encoding="utf-8", newline="") as file:
-        return tuple(
-            MeasuredMethod(
-                row["method"], float(row["cost_ms"]), float(row["score"]) if row["score"] else None
+        return {
+            row["method"]: MeasuredMethod(
+                row["method"],
+                float(row["one_view_ms"]),
+                float(row["further_view_ms"]),
+                float(row["score"]) if row["score"] else None,
             )
             for row in csv.DictReader(file)
-        )
+        }
 
 
-def view_costs_ms() -> dict[str, float]:
-    """Return the milliseconds of one view of a new cloud by method."""
-    return {measured.method: measured.cost_ms for measured in measured_methods()}
-
-
-def cost_of(method_id: str, costs: Mapping[str, float]) -> float | None:
+def cost_of(method_id: str, costs: Mapping[str, MeasuredMethod]) -> MeasuredMethod | None:
     """Return the cost of a method, or for one that was not measured that of its family."""
     return costs.get(method_id, costs.get(family_of(method_id)))
 
@@ -59,11 +68,11 @@ def best_within(budget_ms: float) -> MeasuredMethod:
 
     Raises BadInput for a budget below the cheapest, which it names with its cost.
     """
-    scored = {m: m.score for m in measured_methods() if m.score is not None}
-    within = [m for m in scored if m.cost_ms <= budget_ms]
+    scored = {m: m.score for m in measured_methods().values() if m.score is not None}
+    within = [m for m in scored if m.one_view_ms <= budget_ms]
     if not within:
-        cheapest = min(scored, key=lambda m: m.cost_ms)
-        least = math.ceil(10 * cheapest.cost_ms) / 10  # rounded up, so that giving it is enough
+        cheapest = min(scored, key=lambda m: m.one_view_ms)
+        least = math.ceil(10 * cheapest.one_view_ms) / 10  # rounded up, so that giving it is enough
         raise BadInput(
             f"budget {budget_ms:g}ms: the cheapest method is {cheapest.method} with {least:g} ms "
             f"for one image; give at least {least:g}ms"

@@ -14,7 +14,7 @@ import typer
 from bench.catalogue.chosen import BEST_RECONSTRUCTION, CHOSEN
 from bench.catalogue.claims import PREFIX
 from bench.catalogue.conditions import condition_ids
-from bench.catalogue.costs import cost_of, view_costs_ms
+from bench.catalogue.costs import MeasuredMethod, cost_of, measured_methods
 from bench.catalogue.gone import unknown
 from bench.catalogue.method import Method
 from bench.catalogue.methods import COST_VARIANTS, METHODS, RECOMMENDED, plugin_ids
@@ -80,7 +80,7 @@ def list_all(
 def section_lines(title: str, width: int = 0) -> Iterator[str]:
     """Yield the lines of a section, wrapped to `width` columns; 0: a line for each entry."""
     if title == "methods":
-        yield from _methods(width, view_costs_ms())
+        yield from _methods(width, measured_methods())
     elif title == "metrics":
         yield from _metrics(width)
     else:
@@ -103,7 +103,7 @@ def _plain_entries(title: str) -> list[tuple[str, str]]:
     return [*OWN_DATASETS, *others]
 
 
-def _methods(width: int, costs: Mapping[str, float]) -> Iterator[str]:
+def _methods(width: int, costs: Mapping[str, MeasuredMethod]) -> Iterator[str]:
     """Yield the methods by kind, with what they were trained on, their colours and their cost."""
     conditions, methods = [c.id for c in CONDITIONS], [m.id for m in METHODS]
     chosen = sorted({*CHOSEN[BEST_RECONSTRUCTION].by_condition(conditions, methods).values()})
@@ -139,11 +139,12 @@ def _methods(width: int, costs: Mapping[str, float]) -> Iterator[str]:
         )
 
 
-def _cost(method: Method, costs: Mapping[str, float]) -> str:
+def _cost(method: Method, costs: Mapping[str, MeasuredMethod]) -> str:
     cost = cost_of(method.id, costs)
     if cost is None:
         return "-"
-    number = f"{cost:.0f}" if cost >= 100 else f"{cost:.3g}"
+    ms = cost.one_view_ms
+    number = f"{ms:.0f}" if ms >= 100 else f"{ms:.3g}"
     return "~" * (method.id not in costs) + f"{number} ms"
 
 

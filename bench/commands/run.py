@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
-from bench.catalogue.costs import view_costs_ms
+from bench.catalogue.costs import MeasuredMethod, measured_methods
 from bench.catalogue.loaders import GPU
 from bench.catalogue.lookup import find
 from bench.catalogue.metrics import find_extractor, metrics_device
@@ -59,7 +59,7 @@ def describe_run(options: Options) -> str:
             *_section("weights", weights | dict(status.protocol.features)),
             *_section("skipped", skipped),
             "",
-            *_expected(status, view_costs_ms()),
+            *_expected(status, measured_methods()),
         ]
     )
 
@@ -121,19 +121,19 @@ def _settings(status: RunStatus, options: Options) -> list[tuple[str, str]]:
     ]
 
 
-def _expected(status: RunStatus, costs_ms: Mapping[str, float]) -> list[str]:
+def _expected(status: RunStatus, costs: Mapping[str, MeasuredMethod]) -> list[str]:
     """Return the jobs that are left, and the time and disk space that they take."""
     lines = [f"jobs: {status.jobs:,} to do, {status.plan.job_count - status.jobs:,} done"]
     if not status.jobs:
         return lines
-    seconds = status.seconds(costs_ms)
+    seconds = status.seconds(costs)
     if seconds < 120:
         time = f"{seconds:.0f} s"
     else:
         time = f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
     workers = "one worker" if status.workers == 1 else f"{status.workers} workers"
     lines.append(f"time: about {time} with {workers}, by the costs that 'bench list' shows")
-    if unmeasured := status.unmeasured(costs_ms):
+    if unmeasured := status.unmeasured(costs):
         lines.append(f"without a measured cost, left out of the time: {', '.join(unmeasured)}")
     return [*lines, f"disk: about {status.size_b / 1e6:,.0f} MB"]
 

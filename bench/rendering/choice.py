@@ -58,8 +58,8 @@ def note_on_budget(budget_ms: float | None) -> str | None:
     chosen = best_within(budget_ms)
     return (
         f"budget {budget_ms:g}ms: {chosen.method}, of the measured methods within it the best on "
-        f"real meshes (score {chosen.score:.3f}); {chosen.cost_ms:.3g} ms for one image of 2,048 "
-        "points, where it was measured"
+        f"real meshes (score {chosen.score:.3f}); {chosen.one_view_ms:.3g} ms for one image of "
+        "2,048 points, where it was measured"
     )
 
 

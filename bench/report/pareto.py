@@ -88,18 +88,17 @@ Limits = tuple[tuple[float, float], tuple[float, float]]
 
 
 def write_frontier(folder: Path, places: Sequence[FrontierPoint]) -> None:
-    """Write a figure for each metric, as PNG and SVG, of the largest number of views.
+    """Write a figure for each metric, as PNG and SVG.
 
     The files of the first metric are named `frontier`, others `frontier-METRIC`. A metric without
     a value of any candidate gets no figure.
     """
-    views = max(place.views for place in places)
     styles = method_styles(dict.fromkeys(place.method for place in places))
     for number, metric in enumerate(dict.fromkeys(place.metric for place in places)):
-        shown = [p for p in places if (p.metric, p.views) == (metric, views) and _drawn(p)]
+        shown = [p for p in places if p.metric == metric and _drawn(p)]
         if not any(_competes(place) for place in shown):
             continue
-        figure = frontier_figure(shown, metric, views, styles).figure
+        figure = frontier_figure(shown, metric, shown[0].views, styles).figure
         name = "frontier" if number == 0 else f"frontier-{metric}"
         for kind in ("png", "svg"):
             save(figure, folder / f"{name}.{kind}")

@@ -101,7 +101,7 @@ def _of_run(
     overall: Comparison,
     rankings: Sequence[Ranking],
 ) -> BoardGroup:
-    """Return the columns of a run: its metrics, and the cost of a view on its machine."""
+    """Return the columns of a run: its metrics, and the cost of a cloud on its machine."""
     columns = []
     for of_metric in rankings:
         cells = {}
@@ -116,15 +116,16 @@ def _of_run(
                 caveat=failed,
             )
         columns.append(metric_column(of_metric.metric, cells))
-    costs = {}
+    costs, views = {}, int(run.run.manifest["views"])
     for method in overall.images:
-        cost = overall.cost_ms(method, 1).value
+        cost = overall.cost_ms(method, views).value
         if math.isfinite(cost) and not role(method):
             claimed = "claimed" if method in overall.claimed else ""
             costs[names[method]] = BoardCell(milliseconds(cost), cost, beneath=claimed)
     machine = run.run.manifest.get("machine", {}).get("cpu", "an unknown processor")
-    about = f"a cloud of the first condition and its first view, one thread of {machine}"
-    columns.append(BoardColumn("ms a view", about, costs))
+    drawn = f"{views} view{'s' * (views > 1)}"
+    about = f"a cloud of the first condition with its {drawn}, one thread of {machine}"
+    columns.append(BoardColumn(f"{drawn} (ms)", about, costs))
     shown = list(map(condition_words, run.run.manifest["conditions"]))
     words = f"mean over {len(shown)} conditions" if len(shown) > 1 else shown[0]
     return BoardGroup(tuple(columns), run.name, ", ".join(shown), words, run.report)

@@ -176,14 +176,15 @@ def _cheapest(cells: Sequence[_Cell], views: int, every: Sequence[str]) -> State
     entries = []
     for methods, where in statement.entries:
         costs = [
-            cell.comparison.cost_ms(method, views).value / views
+            cell.comparison.cost_ms(method, views).value
             for cell, method in chosen
             if (method,) == methods
         ]
         low, high = min(costs), max(costs)
         text = milliseconds(low if high < ALIKE * low else high)
         text = text if high < ALIKE * low else f"{milliseconds(low)} to {text}"
-        entries.append((methods, f"{text} ms a view; {where}"))
+        drawn = f"its {views} views" if views > 1 else "one view"
+        entries.append((methods, f"{text} ms for a cloud with {drawn}; {where}"))
     return replace(statement, entries=tuple(entries))
 
 

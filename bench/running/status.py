@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from bench.catalogue.costs import cost_of
+from bench.catalogue.costs import MeasuredMethod, cost_of
 from bench.records.record import GROUND_TRUTH
 from bench.records.run_folder import MANIFEST, check_directory, read_store
 from bench.records.store import STORE, Store
@@ -21,9 +21,9 @@ from bench.running.plan import Plan, plan
 from bench.running.protocol import Protocol
 from bench.running.schedule import START_S, end_s
 
-# Of an image, beside the method's first one: it is scored in some 15 ms of a core, and drawn in 5;
-# its bytes are those of the default suite.
-IMAGE_S, IMAGE_B = 0.02, 7_000
+# Of an image: it is scored in some 15 ms of a core; its bytes are those of the default suite.
+IMAGE_S, IMAGE_B = 0.015, 7_000
+TRUTH_MS = 5.0  # of a view of the true mesh
 
 
 @dataclass(frozen=True)
@@ -62,24 +62,26 @@ class RunStatus:
         done = self.plan.job_count - self.jobs
         return self.jobs * (self.stored_b / done if done else IMAGE_B * self.protocol.views)
 
-    def unmeasured(self, costs_ms: Mapping[str, float]) -> list[str]:
+    def unmeasured(self, costs: Mapping[str, MeasuredMethod]) -> list[str]:
         """Return the methods with jobs left whose cost is not known."""
-        known = {m for m in self.left if m == GROUND_TRUTH or cost_of(m, costs_ms) is not None}
-        return [method for method, jobs in self.left.items() if jobs and method not in known]
+        return [m for m, jobs in self.left.items() if jobs and self._job_s(m, costs) is None]
 
-    def seconds(self, costs_ms: Mapping[str, float]) -> float:
+    def seconds(self, costs: Mapping[str, MeasuredMethod]) -> float:
         """Return the time that the jobs left are expected to take, tables and figures included.
 
-        `costs_ms` are those of `bench.catalogue.costs`. Methods without a cost are left out.
+        `costs` are those of `bench.catalogue.costs`. Methods without a cost are left out.
         """
-        unknown = self.unmeasured(costs_ms)
-        of_cores = sum(
-            jobs * ((cost_of(method, costs_ms) or 0.0) / 1000 + IMAGE_S * self.protocol.views)
-            for method, jobs in self.left.items()
-            if method not in unknown
-        )
+        of_cores = sum(jobs * (self._job_s(m, costs) or 0.0) for m, jobs in self.left.items())
         busy = max(1, min(self.workers, self.jobs))
         return START_S + of_cores / busy + end_s(len(self.plan))
+
+    def _job_s(self, method: str, costs: Mapping[str, MeasuredMethod]) -> float | None:
+        """Return the seconds of a core that a job takes, scores included; None if unknown."""
+        views = self.protocol.views
+        if method == GROUND_TRUTH:
+            return views * (TRUTH_MS / 1000 + IMAGE_S)
+        cost = cost_of(method, costs)
+        return None if cost is None else cost.cloud_ms(views) / 1000 + views * IMAGE_S
 
 
 def run_status(options: Options, protocol: Protocol) -> RunStatus:

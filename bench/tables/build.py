@@ -106,12 +106,7 @@ def frontier_tables(
     metrics, views = run.measured(run.suite.frontier), int(run.manifest["views"])
     with threadpool_limits(1):
         compared = run.compared(metrics)
-        placed = [
-            place
-            for count in dict.fromkeys((views, 1))  # the frontier of a single view is another
-            for comparison in compared
-            for place in places(comparison, metrics, count)
-        ]
+        placed = [place for comparison in compared for place in places(comparison, metrics, views)]
         fewer = thinned(compared, metrics, views)
     by_cost = frontier_table(frontier, placed, how_timed(run.manifest))
     return _of_run(run, by_cost), _of_run(run, points_table(points, fewer, views))

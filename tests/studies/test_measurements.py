@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from bench.catalogue.chosen import BEST_RECONSTRUCTION
+from bench.catalogue.costs import measured_methods
 from bench.catalogue.methods import find_method
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from studies import measurements
@@ -27,7 +28,7 @@ def lines(path: Path) -> list[dict[str, str]]:
     return list(csv.DictReader(io.StringIO(path.read_text())))
 
 
-@pytest.mark.parametrize("name", MEASUREMENTS)
+@pytest.mark.parametrize("name", [name for name in MEASUREMENTS if name != "costs"])
 def test_files_are_of_this_protocol_and_of_the_methods_that_their_run_measures(name):
     options = MEASUREMENTS[name].options.split()
     rows = lines(NUMBERS / f"{name}.csv")
@@ -41,6 +42,28 @@ def test_files_are_of_this_protocol_and_of_the_methods_that_their_run_measures(n
     pairs = lines(NUMBERS / differences_of(name)) if MEASUREMENTS[name].compared else []
     assert {row["method_b"] for row in pairs} == set(MEASUREMENTS[name].compared)
     assert {row["method_a"] for row in pairs} <= {BEST_RECONSTRUCTION}
+
+
+def test_a_run_of_speed_becomes_the_table_of_costs(tmp_path):
+    """One view and each further one are those of one thread; scores are the published ones."""
+    (tmp_path / "tables").mkdir()
+    cells = [
+        *("splat,2048,1,picture-of-1-core-ms,5", "splat,2048,1,further-view-core-ms,3"),
+        *("splat,2048,2,picture-of-1-core-ms,99", "splat,2048,1,picture-of-20-core-ms,99"),
+        *("alpha-wrap,2048,1,picture-of-1-core-ms,4", "splat,512,1,picture-of-1-core-ms,99"),
+        *("alpha-wrap,2048,1,further-view-core-ms,1", "poisson,2048,1,picture-of-1-core-ms,"),
+    ]
+    text = "\n".join(["method,condition,threads,metric,value", *cells])
+    (tmp_path / "tables" / "speed.csv").write_text(text)
+    score = measured_methods()["alpha-wrap"].score
+    head = "method,one_view_ms,further_view_ms,score\n"
+    assert measurements.costs(tmp_path) == f"{head}alpha-wrap,4,1,{score:.4f}\nsplat,5,3,\n"
+
+
+def test_the_run_of_the_costs_measures_all_that_the_table_has():
+    options = MEASUREMENTS["costs"].options.split()
+    asked = options[options.index("--methods") + 1].split(",")
+    assert {*asked} == {*measured_methods()}
 
 
 @pytest.mark.slow

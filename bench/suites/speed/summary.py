@@ -40,12 +40,18 @@ class Cost:
     draw_batch: float
     batch: int
 
+    @property
+    def further(self) -> float:
+        """Return the cost of each view more in a call, up to a batch."""
+        if self.batch == 1:
+            return self.draw_one
+        return (self.draw_batch - self.draw_one) / (self.batch - 1)
+
     def total(self, views: float) -> float:
         """Return the cost of preparing a cloud and drawing `views` >= 1 images of it."""
         if views >= self.batch:
             return self.prepare + views * self.draw_batch / self.batch
-        more = (self.draw_batch - self.draw_one) / (self.batch - 1)
-        return self.prepare + self.draw_one + (views - 1) * more
+        return self.prepare + self.draw_one + (views - 1) * self.further
 
     def per_image(self, views: float) -> float:
         """Return the total cost for each of the images."""
@@ -134,6 +140,7 @@ def summarise(measurement: Measurement) -> Summary:
                                          processor time (core); of a call, a view's share
     picture-of-1, picture-of-V           an image where 1 or V are drawn of a cloud, prepared
                                          for them: sums of the medians above
+    further-view                         what each view more in a call costs, up to V
     peak-mib, idle-mib                   most memory of the process, and before the method's load
     """
     batch = measurement.views
@@ -160,11 +167,15 @@ def summarise(measurement: Measurement) -> Summary:
         }
     wall = _cost(measurement, lambda sample: sample.wall_s)
     core = _cost(measurement, lambda sample: sample.core_s)
-    for views in dict.fromkeys((1, batch)):
+    costs: dict[str, tuple[int, Callable[[Cost], float]]] = {
+        f"picture-of-{views}": (views, partial(Cost.per_image, views=views)) for views in (1, batch)
+    }
+    costs["further-view"] = batch, lambda cost: cost.further
+    for name, (views, of_cost) in costs.items():
         n = values[f"draw-{views}-ms"].n
         for cost, unit in ((wall, "ms"), (core, "core-ms")):
-            per_image = MS * cost.per_image(views) if cost else math.nan
-            values[f"picture-of-{views}-{unit}"] = Statistic(per_image, n if cost else 0)
+            known = Statistic(MS * of_cost(cost), n) if cost else Statistic(math.nan, 0)
+            values[f"{name}-{unit}"] = known
     for name, mib in (("peak-mib", measurement.peak_mib), ("idle-mib", measurement.idle_mib)):
         values[name] = Statistic(math.nan, 0) if mib is None else Statistic(mib, 1)
     return Summary(measurement, values, wall, core)

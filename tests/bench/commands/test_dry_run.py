@@ -9,7 +9,8 @@ from contextlib import closing
 import pytest
 from harness_objects import Tetrahedron
 
-from bench.catalogue.costs import view_costs_ms
+from bench.catalogue import costs
+from bench.catalogue.costs import MeasuredMethod
 from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
 from bench.records.job import failed
@@ -135,23 +136,28 @@ def make_status(tmp_path, left, workers=2, stored_b=0) -> RunStatus:
 
 
 def test_time_and_disk_of_the_jobs_left(tmp_path):
-    costs = {"pc2pix": 1600.0, "blank": 0.0}
+    known = {name: MeasuredMethod(name, 1220.0, 20.0, None) for name in ("pc2pix", "blank")}
+    known["blank"] = MeasuredMethod("blank", 0.0, 0.0, None)
     run = make_status(tmp_path, {GROUND_TRUTH: 8, "pc2pix": 16, "blank": 8})
-    # 32 jobs x 20 images x 0.02 s and 16 clouds x 1.6 s on two cores; 8 s to start, 12 s and 1.2 s
-    # an object for tables and figures
-    assert run.seconds(costs) == pytest.approx((12.8 + 25.6) / 2 + 8 + 12 + 8 * 1.2)
+    # 32 jobs x 20 images x 0.015 s to score, 8 x 20 true images x 0.005 s, and 16 clouds x 1.6 s:
+    # 1.22 s for one view and 19 x 0.02 s; two cores; 8 s to start, 12 s and 1.2 s an object for
+    # tables and figures
+    assert run.seconds(known) == pytest.approx((9.6 + 0.8 + 25.6) / 2 + 8 + 12 + 8 * 1.2)
     assert run.size_b == 32 * 20 * 7000
     rest = make_status(tmp_path, {GROUND_TRUTH: 0, "pc2pix": 1, "blank": 0}, stored_b=31_000)
-    assert rest.seconds(costs) == pytest.approx(2.0 + 8 + 12 + 8 * 1.2)  # one of the workers
+    assert rest.seconds(known) == pytest.approx(1.9 + 8 + 12 + 8 * 1.2)  # one of the workers
     assert rest.size_b == 1000
-    assert (run.unmeasured(costs), rest.unmeasured({})) == ([], ["pc2pix"])
-    assert run.unmeasured({"pc2pix": 1.0}) == ["blank"]
-    without = run.seconds({"pc2pix": 1600.0})
-    assert without == pytest.approx((24 * 0.4 + 25.6) / 2 + 8 + 12 + 8 * 1.2)
+    assert (run.unmeasured(known), rest.unmeasured({})) == ([], ["pc2pix"])
+    without = {"pc2pix": known["pc2pix"]}
+    assert run.unmeasured(without) == ["blank"]
+    assert run.seconds(without) == pytest.approx((7.2 + 0.8 + 25.6) / 2 + 8 + 12 + 8 * 1.2)
 
 
-def test_a_method_without_a_measured_cost_is_named(command, tmp_path, no_cache, no_machine):
-    assert "points2pix" not in view_costs_ms()
+@pytest.mark.usefixtures("no_cache", "no_machine")
+def test_a_method_without_a_measured_cost_is_named(command, tmp_path, monkeypatch):
+    lines = costs.COSTS.read_text().splitlines(keepends=True)
+    (tmp_path / "costs.csv").write_text("".join(x for x in lines if "points2pix" not in x))
+    monkeypatch.setattr(costs, "COSTS", tmp_path / "costs.csv")
     few = ("--methods", "points2pix,splat", "--limit", "1")
     status, out, _ = command("run", *DRY, *few, "--out", tmp_path / "a")
     assert status == 0

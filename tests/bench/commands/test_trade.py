@@ -59,7 +59,7 @@ def test_one_worker_does_all_and_leaves_tables_and_figures(tmp_path, tiny_weight
         found = {path.name for path in (traded.directory / folder).iterdir()}
         assert found == {f"{name}.{kind}" for name in names for kind in kinds}
     rows = pd.read_csv(traded.directory / "tables" / "frontier.csv")
-    assert len(rows) == 2 * 2 * len(SUITE.frontier) * 4  # views x conditions x metrics x methods
+    assert len(rows) == 2 * len(SUITE.frontier) * 4  # conditions x metrics x methods
     assert set(rows[rows["verdict"] == "reference"]["method"]) == {"blank"}
 
 

@@ -65,14 +65,14 @@ def test_a_board_has_a_group_for_each_run_and_the_mean_of_places(chairs, tmp_pat
         ("", "", ""),
     ]
     names = [column.name for g in board.groups for column in g.columns]
-    assert names == [*("ssim-object", "lpips", "ms a view") * 2, "mean place", "trained on"]
+    assert names == [*("ssim-object", "lpips", "2 views (ms)") * 2, "mean place", "trained on"]
     # Each is the better one in one of the runs; the others have not met them in both.
     assert places(board) == {
         **{"pc2pix": 1, "splat": 2},
         **dict.fromkeys(("pc2pix@all", "surface-apss", "blank", "true-mesh")),
     }
-    few_cells = [".500", ".500", "375"]
-    assert cells(board, "pc2pix") == [".900 a", ".100 a", "375", *few_cells, "1.5", "chairs"]
+    few_cells = [".500", ".500", "500"]
+    assert cells(board, "pc2pix") == [".900 a", ".100 a", "500", *few_cells, "1.5", "chairs"]
     assert cells(board, "pc2pix@all")[3:7] == ["–"] * 4
     assert cells(board, "true-mesh") == ["1.000", ".000", *["–"] * 6]  # neither letters nor cost
     assert "few has no letters: too few objects to decide: at least 8." in board.notes
