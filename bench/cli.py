@@ -210,6 +210,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for name in ("stdout", "stderr"):  # None where the caller has closed it
         if getattr(sys, name) is None:
             setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_WRONLY), "w"))
+    # Figures go into files. A notebook names a backend of its own, which may not be installed here.
+    os.environ["MPLBACKEND"] = "agg"
     app(arguments, prog_name="bench")
 
 

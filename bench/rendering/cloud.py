@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from bench.catalogue.methods import Method, find_method
 from bench.catalogue.suites import Limits
+from bench.rendering.drawing_thread import on_drawing_thread, one_pool
 from bench.rendering.orientation_hint import looks_lying
 from bench.running.isolation import WorkerFailure, run_tasks
 from bench.running.work import RenderedViews, draw, load_renderer, reason_of
@@ -213,7 +215,7 @@ def find_drawer(method_id: str) -> Method:
 
 
 def draw_file(file: CloudFile, drawing: Drawing, limits: Limits = LIMITS) -> UInt8Images | Failed:
-    """Return images of the cloud in a file, drawn in a worker process.
+    """Return images of the cloud in a file, drawn in a worker process, one file at a time.
 
     Parameters
     ----------
@@ -234,7 +236,8 @@ def draw_file(file: CloudFile, drawing: Drawing, limits: Limits = LIMITS) -> UIn
     data_prep.failures.BadInput
         For a file that cannot be used, and for an unknown or unusable method.
     """
-    ((_, _, drawn, _),) = draw_each([file], [drawing], 1, limits)
+    with one_pool():
+        ((_, _, drawn, _),) = draw_each([file], [drawing], 1, limits)
     if isinstance(drawn, BadInput):
         raise drawn
     return drawn
@@ -261,7 +264,7 @@ def draw_each(
 def draw_cloud(
     cloud: PointCloud, drawing: Drawing, colors: PointColors | None = None
 ) -> UInt8Images | Failed:
-    """Return images of a cloud, drawn in this process.
+    """Return images of a cloud, drawn in this process for any thread.
 
     Parameters
     ----------
@@ -282,7 +285,7 @@ def draw_cloud(
     data_prep.failures.BadInput
         For an unknown method, for one that cannot be loaded, and for colours that it does not draw.
     """
-    drawn = _draw(cloud, drawing, colors)
+    drawn = on_drawing_thread(partial(_draw, cloud, drawing, colors))
     return drawn if isinstance(drawn, Failed) else drawn.images
 
 

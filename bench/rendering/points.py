@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from typing import TypedDict, Unpack
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bench.rendering.choice import methods_to_draw, note_on_budget, note_on_chairs
 from bench.rendering.cloud import find_drawer
+from bench.rendering.drawing_thread import on_drawing_thread
 from bench.running.work import draw, load_renderer
 from data_prep.clouds.normalise import cloud_of_points
 from data_prep.randomness import generator
@@ -59,6 +60,9 @@ class DrawRequest:
 
     def draw(self, points: ArrayLike, views: Sequence[View]) -> NDArray[np.uint8]:
         """Return the images, uint8 [V, 128, 128, 3]. Raises as `draw_cloud`."""
+        return on_drawing_thread(partial(self._draw, points, views))
+
+    def _draw(self, points: ArrayLike, views: Sequence[View]) -> NDArray[np.uint8]:
         named = (self.method,) if self.method is not None else ()
         (method_id,) = methods_to_draw(named, self.colour, self.budget_ms)
         method = find_drawer(method_id)
@@ -78,8 +82,9 @@ def draw_cloud(
     """Return an image of points in any units and anywhere, as `bench render` draws it.
 
     The method runs in this process, where a native library may crash or hang; the default is a
-    network. Its weights are read once a process. A line on stderr names a method that was trained
-    on chairs alone, once a process.
+    network. Its weights are read once a process. Any thread may call this; draws are done one after
+    the other, in a thread of their own. A line on stderr names a method that was trained on chairs
+    alone, once a process.
 
     Parameters
     ----------

@@ -4,7 +4,7 @@ A mesh is uploaded once. Its views are drawn one after another into one small mu
 which stays in the processor's cache, and resolved into one sheet, which is read back once. Of
 pyrender only the context is used: its renderer is slower and does not shade the back of a face.
 One GL context is made per process and reused, with buffers for each size of images. OpenGL keeps
-global state: use it in one thread only.
+global state: one thread at a time has the context, see `_current_context`.
 """
 
 from __future__ import annotations
@@ -15,8 +15,10 @@ import functools
 import math
 import os
 import sys
+import threading
 import types
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -78,16 +80,15 @@ def render(mesh: Mesh, views: Sequence[View], size: int = IMAGE_SIZE) -> NDArray
     images = np.full((len(views), size, size, 3), 255, dtype=np.uint8)
     if len(mesh.faces) == 0 or len(views) == 0:
         return images
-    context = _context()
-    context.make_current()
-    buffers = context.buffers(size)
-    context.upload(*_vertices_of_one_colour(mesh))
     poses = np.stack([camera_to_world(view) for view in views])
     matrices = np.linalg.inv(poses).astype(np.float32)
-    for start in range(0, len(views), SHEET_VIEWS):
-        stop = start + SHEET_VIEWS
-        context.draw(matrices[start:stop], mesh.faces.size, buffers)
-        images[start:stop] = context.read(len(images[start:stop]), buffers)
+    with _current_context() as context:
+        buffers = context.buffers(size)
+        context.upload(*_vertices_of_one_colour(mesh))
+        for start in range(0, len(views), SHEET_VIEWS):
+            stop = start + SHEET_VIEWS
+            context.draw(matrices[start:stop], mesh.faces.size, buffers)
+            images[start:stop] = context.read(len(images[start:stop]), buffers)
     return images
 
 
@@ -96,10 +97,9 @@ def gl_renderer() -> str:
 
     Raises MissingDependency where no GL context can be made.
     """
-    context = _context()
-    context.make_current()
-    gl = context.gl
-    name, version = gl.glGetString(gl.GL_RENDERER), gl.glGetString(gl.GL_VERSION)
+    with _current_context() as context:
+        gl = context.gl
+        name, version = gl.glGetString(gl.GL_RENDERER), gl.glGetString(gl.GL_VERSION)
     return " / ".join(bytes(text or b"unknown").decode() for text in (name, version))
 
 
@@ -141,6 +141,7 @@ class _Context:
     """The GL context of a process, with buffers for each size of images used so far."""
 
     gl: Any  # PyOpenGL has no types
+    egl: Any
     platform: Any
     view_matrix: int  # uniform
     buffers_by_size: dict[int, _Buffers]
@@ -152,9 +153,11 @@ class _Context:
         self.gl.glViewport(0, 0, size, size)
         return self.buffers_by_size[size]
 
-    def make_current(self) -> None:
-        """Make this the context of the following GL calls."""
-        self.platform.make_current()
+    def release(self) -> None:
+        """Let another thread have the context."""
+        egl = self.egl
+        nothing = (egl.EGL_NO_SURFACE, egl.EGL_NO_SURFACE, egl.EGL_NO_CONTEXT)
+        egl.eglMakeCurrent(egl.eglGetCurrentDisplay(), *nothing)
 
     def upload(self, vertices: NDArray[np.float32], faces: NDArray[np.uint32]) -> None:
         """Replace the uploaded mesh."""
@@ -185,23 +188,47 @@ class _Context:
         return np.frombuffer(pixels, np.uint8).reshape(count, size, size, 3)[:, ::-1]
 
 
+_one_at_a_time = threading.Lock()
+os.register_at_fork(  # no process begins with half an image
+    before=_one_at_a_time.acquire,
+    after_in_parent=_one_at_a_time.release,
+    after_in_child=_one_at_a_time.release,
+)
+
+
+@contextmanager
+def _current_context() -> Iterator[_Context]:
+    """Have the context in this thread, and let other threads have it afterwards."""
+    with _one_at_a_time:
+        context = _context()
+        context.platform.make_current()
+        try:
+            yield context
+        finally:
+            context.release()
+
+
 @functools.cache
 def _context() -> _Context:
     # Not a default that the environment may change: OSMesa draws other images.
     os.environ["PYOPENGL_PLATFORM"] = "egl"
+    # Mesa draws in threads of its own, for which a forked process would wait for ever.
+    mesa_decides = "LP_NUM_THREADS" not in os.environ
+    if mesa_decides:
+        os.environ["LP_NUM_THREADS"] = "0"
     # pyrender imports an interactive viewer, unused here, that needs pyglet and libGLU.
     viewer = types.ModuleType("pyrender.viewer")
     viewer.Viewer = None  # type: ignore[attr-defined]
     sys.modules.setdefault(viewer.__name__, viewer)
     try:
-        from OpenGL import GL
+        from OpenGL import EGL, GL
         from OpenGL.GL import shaders
         from pyrender.platforms.egl import EGLPlatform, get_device_by_index
 
         device = get_device_by_index(int(os.environ.get("EGL_DEVICE_ID", "0")))
         platform = EGLPlatform(IMAGE_SIZE, IMAGE_SIZE, device)
         platform.init_context()  # and makes it current
-        context = _set_up(GL, shaders, platform)
+        context = _set_up(GL, EGL, shaders, platform)
     except ModuleNotFoundError as error:
         package = str(error.name).partition(".")[0]
         raise MissingDependency(
@@ -209,12 +236,19 @@ def _context() -> _Context:
         ) from error
     except Exception as error:  # PyOpenGL reports a missing library in many ways
         raise MissingDependency(f"no OpenGL context ({error}): {REMEDY}") from error
-    # Before Python stops importing: PyOpenGL prints errors on stderr after that.
-    atexit.register(platform.delete_context)
+    finally:
+        if mesa_decides:
+            del os.environ["LP_NUM_THREADS"]
     return context
 
 
-def _set_up(gl: Any, shaders: Any, platform: Any) -> _Context:
+@atexit.register  # before Python stops importing: PyOpenGL prints errors on stderr after that
+def _delete_context() -> None:
+    if _context.cache_info().currsize:
+        _context().platform.delete_context()
+
+
+def _set_up(gl: Any, egl: Any, shaders: Any, platform: Any) -> _Context:
     """Set the state of the context that is the same for any mesh, view and size."""
     gl.glEnable(gl.GL_DEPTH_TEST)
     gl.glClearColor(1.0, 1.0, 1.0, 1.0)
@@ -236,7 +270,7 @@ def _set_up(gl: Any, shaders: Any, platform: Any) -> _Context:
     gl.glUniformMatrix4fv(projection, 1, gl.GL_TRUE, _projection().astype(np.float32))
 
     view_matrix = gl.glGetUniformLocation(program, "world_to_camera")
-    return _Context(gl, platform, view_matrix, {})
+    return _Context(gl, egl, platform, view_matrix, {})
 
 
 def _make_buffers(gl: Any, size: int) -> _Buffers:

@@ -159,6 +159,21 @@ def test_nobody_reads_the_output(buffered):
     assert (done.returncode, done.stderr) == (141, b"")
 
 
+@pytest.mark.parametrize("backend", ["module://matplotlib_inline.backend_inline", "nonsense"])
+@pytest.mark.parametrize("code", [BENCH[-1], "import studies.figures, matplotlib.figure"])
+def test_figures_need_no_backend_that_a_notebook_names(copied, code, backend):
+    """`!bench report DIR` in a notebook whose packages are not those of `bench`."""
+    (copied / "report.html").unlink()
+    done = subprocess.run(
+        [sys.executable, "-c", code, "report", copied],
+        env=os.environ | {"MPLBACKEND": backend},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    assert (copied / "report.html").exists() == (code == BENCH[-1])
+
+
 def test_an_impatient_user_interrupts_once():
     clock = [100.0]
     handle = _interrupt_handler(lambda: clock[0])
