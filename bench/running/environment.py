@@ -23,6 +23,7 @@ from bench.running.worker_process import own_python
 from data_prep.failures import MissingDependency
 
 ROOT = Path(__file__).resolve().parents[2]
+CODE = ("data_prep", "learning", "baselines", "pc2pix", "bench")  # all packages of the project
 SUFFIXES = (".py", ".vert", ".frag")  # of code
 PACKAGES = (
     "pc2pix-bench",

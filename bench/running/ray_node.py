@@ -14,14 +14,12 @@ from pathlib import Path
 from bench.catalogue.methods import find_run_method
 from bench.catalogue.suites import Limits
 from bench.records.job import Job, Result, failed
-from bench.running.environment import code_sha256, environment, versions
+from bench.running.environment import CODE, code_sha256, environment, versions
 from bench.running.executors import JobPool
 from bench.running.protocol import Protocol, method_identity
 from data_prep.datasets.objects import SceneObject
 from data_prep.failures import BadInput, MissingDependency
 from data_prep.files.checksums import file_sha256
-
-PACKAGES = ("data_prep", "learning", "baselines", "pc2pix", "bench")
 
 
 @dataclass(frozen=True)
@@ -163,7 +161,7 @@ def fingerprint_of(obj: SceneObject) -> str:
 
 def _code() -> dict[str, str]:
     """Return a checksum for each package of this project."""
-    return {package: code_sha256([package])[:16] for package in PACKAGES}
+    return {package: code_sha256([package])[:16] for package in CODE}
 
 
 def _identities(addresses: Iterable[str], device: str) -> dict[str, str]:

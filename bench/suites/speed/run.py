@@ -14,7 +14,7 @@ from typing import Any
 
 from bench.catalogue.conditions import find_condition
 from bench.catalogue.methods import find_method, objectives
-from bench.running.environment import code_sha256, cores, environment
+from bench.running.environment import CODE, code_sha256, cores, environment
 from bench.running.isolation import WorkerFailure, run_tasks, thread_counts
 from bench.running.manifest import manifest_of
 from bench.running.options import Options, seed_of
@@ -43,12 +43,6 @@ from bench.tables.published import published
 from bench.tables.table import Table, write_tables
 from data_prep.datasets.registry import SceneObject, open_dataset
 from data_prep.progress import log, progress
-
-TIMED = (  # code that decides how long calls take
-    *("data_prep", "baselines", "pc2pix"),
-    *(f"bench/catalogue/{name}.py" for name in ("methods", "loaders", "parameters")),
-    "bench/suites/speed/measure.py",
-)
 
 
 def measure_alone(unit: Unit, run_tasks: Callable[..., Any] = run_tasks) -> Measurement:
@@ -81,7 +75,7 @@ def speed_units(
 
     manifest  of the run: methods, conditions, threads, views, seed, device, and the environment,
               versions and machine that times depend on
-    code      digest of the code that decides how long calls take
+    code      digest of all code: whatever a method imports decides how long it takes
 
     Raises BadInput for an unknown method or condition.
     """
@@ -152,7 +146,7 @@ def run(
         threads=sorted({1, laboratory.cores()}),
         objects=[f"{obj.class_name}/{obj.object_id}" for obj in objects],
     )
-    units = speed_units(suite, manifest, objects, code_sha256(TIMED))
+    units = speed_units(suite, manifest, objects, code_sha256(CODE))
     with open_run(directory, manifest, options.fresh):
         measured, reused = _measure_all(units, directory, laboratory.measure)
         summaries = [summarise(measurement) for measurement in measured]

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
+import tomllib
 from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
@@ -13,9 +15,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-import bench
-from bench.catalogue.methods import Method
-from bench.running.environment import code_sha256
+from bench.catalogue import suites
+from bench.catalogue.methods import Method, find_method
+from bench.running.environment import CODE, ROOT, code_sha256
 from bench.running.plan import plan
 from bench.running.work import cloud_of, rng_of
 from bench.suites.speed.measure import (
@@ -28,7 +30,7 @@ from bench.suites.speed.measure import (
     subjects_of,
     take_samples,
 )
-from bench.suites.speed.run import TIMED, speed_units
+from bench.suites.speed.run import speed_units
 from bench.suites.speed.samples import (
     CloudFailure,
     TimingSample,
@@ -302,19 +304,30 @@ def test_whatever_times_depend_on_is_in_the_key(changes):
     assert {u.key for u in units()}.isdisjoint(u.key for u in units(**changes))
 
 
-def test_code_that_decides_how_long_calls_take_is_in_its_digest(tmp_path):
-    assert code_sha256(TIMED) == code_sha256(TIMED, Path(bench.__file__).parents[1])
-    files = [tmp_path / (name if name.endswith(".py") else f"{name}/sub/a.py") for name in TIMED]
-    for path in files:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text("1\n")
-    seen = {code_sha256(TIMED, tmp_path)}
-    for path in files:
-        path.write_text("2\n")
-        seen.add(code_sha256(TIMED, tmp_path))
-    assert len(seen) == 1 + len(TIMED)
+def test_a_change_of_any_code_that_a_timed_method_imports_takes_its_times_anew(tmp_path):
+    """The files are those of this process, once the methods of the suite are loaded."""
+    for method in suites.SPEED.methods:
+        find_method(method).load("cpu")
+    files = {Path(m.__file__) for m in [*sys.modules.values()] if getattr(m, "__file__", None)}
+    ours = {f.relative_to(ROOT) for f in files if f.is_relative_to(ROOT)}
+    timed = [f for f in ours if f.parts[0] not in ("tests", "studies", ".venv")]
+    assert {"learning", "bench"} <= {path.parts[0] for path in timed}
+    for path in timed:
+        (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(ROOT / path, tmp_path / path)
+    before = code_sha256(CODE, tmp_path)
     (tmp_path / "baselines" / "notes.md").write_text("no code")
-    assert code_sha256(TIMED, tmp_path) in seen
+    assert code_sha256(CODE, tmp_path) == before
+    for path in timed:
+        text = (tmp_path / path).read_text()
+        (tmp_path / path).write_text(f"{text}# another\n")
+        assert code_sha256(CODE, tmp_path) != before, path
+        (tmp_path / path).write_text(text)
+
+
+def test_the_code_of_the_project_is_that_of_its_packages():
+    layers = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]
+    assert list(CODE) == layers["root_packages"]
 
 
 def test_clouds_views_and_random_numbers_are_those_of_the_other_suites():
