@@ -51,6 +51,15 @@ class ScoredRun:
         default_factory=dict, repr=False, init=False
     )
 
+    @property
+    def not_measured(self) -> list[str]:
+        """Return a line for each metric that a run has no values of for want of its weights."""
+        reasons: Mapping[str, str] = self.manifest.get("skipped_metrics", {})
+        return [
+            f"{metric}: not measured, {reason.removeprefix('skipped: ').removeprefix('weights; ')}"
+            for metric, reason in reasons.items()
+        ]
+
     def measured(self, metrics: Sequence[str]) -> list[str]:
         """Return the metrics of images and of sets among these that the run has."""
         available = {*self.features, *IMAGE_METRICS.keys() - self.skipped.keys()}

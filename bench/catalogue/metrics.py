@@ -95,6 +95,7 @@ KERNEL_METRICS = {
 LEARNED_METRICS = {"lpips": "fd-alexnet"}
 DISTANCES_OF_IMAGES = ("lpips", "dists", "flip")
 JUDGE = "judge"
+FID = "fid"
 Extractor = Callable[["NDArray[np.uint8]"], "NDArray[np.float32]"]
 
 

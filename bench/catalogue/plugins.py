@@ -23,6 +23,9 @@ from bench.catalogue.metrics import (
     KERNEL_METRICS,
     RECOGNITION_METRICS,
     SET_METRICS,
+    WeightsUnavailable,
+    extractor_of,
+    find_extractor,
     higher_is_better,
 )
 from data_prep import plugins
@@ -100,7 +103,8 @@ def find_metric(metric_id: str, device: str = "cpu") -> ImageMetric | SetMetric:
     if metric_id not in metric_ids():
         if metric_id in OUR_METRICS:
             raise BadInput(
-                f"metric '{metric_id}': the suites that have it show it already; leave it"
+                f"metric '{metric_id}': {_lacking(metric_id)}suites that have it take it by "
+                "themselves; leave --metrics"
             )
         raise unknown(metric_id, (*FURTHER_METRICS, *metric_ids()), "metric")
     if metric_id in entry_point_names(plugins.EXTRACTORS):
@@ -109,6 +113,17 @@ def find_metric(metric_id: str, device: str = "cpu") -> ImageMetric | SetMetric:
         type_, named = ImageMetric, "bench.image_metric.ImageMetric"
     groups, ours = _KINDS["metric"]
     return load_entry_point(groups, metric_id, "metric", type_, named, ours)
+
+
+def _lacking(metric_id: str) -> str:
+    """Return the cause and the remedy where a metric of suites has no weights here; else ""."""
+    try:
+        find_extractor(extractor_of(metric_id)).weights(None)
+    except WeightsUnavailable as error:
+        return f"{error}; "
+    except BadInput:  # a metric without weights of its own
+        pass
+    return ""
 
 
 def is_further(metric_id: str) -> bool:

@@ -22,6 +22,7 @@ from bench.catalogue.metrics import column
 from bench.catalogue.suites import PROCEDURES
 from bench.checking.objects import environment_of
 from bench.checking.tolerances import OBJECT_RENDERING, object_tolerance
+from bench.metrics.inception_weights import DOWNLOAD
 from bench.records.artifacts import IMAGES, unpack
 from bench.records.job import Job, Result, failed
 from bench.records.parquet import RECORDS, read_records
@@ -124,6 +125,7 @@ def _protocol_again(directory: Path, manifest: Mapping[str, Any]) -> Protocol:
             f"{len(names)} objects are not); bring the dataset back as it was"
         )
     weights = manifest.get("request", {}).get("inception_weights")
+    weights = None if weights == DOWNLOAD else weights  # only a run fetches
     features, identity, skipped = extractors_of(
         manifest["feature_identity"], weights, protocol.device
     )

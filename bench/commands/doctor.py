@@ -70,7 +70,7 @@ def examine(
         try:
             yield Finding(True, f"metric {metric.id}", str(metric.weights(None)))
         except WeightsUnavailable as error:
-            yield Finding(True, f"metric {metric.id}", f"skipped in runs: {error}")
+            yield Finding(False, f"metric {metric.id}", f"not measured, {error}", blocks=False)
         except BadInput as error:
             yield Finding(False, f"metric {metric.id}", str(error))
     try:
@@ -125,12 +125,18 @@ def doctor(
 
 
 def conclude(findings: Iterable[Finding], verbose: bool) -> None:
-    """Print failures, or all findings, and a summary; exit with status 1 after a failure."""
+    """Print warnings and failures, or all, and a summary; exit with status 1 after a failure."""
     checked = printed(findings, failed_only=not verbose)
-    failed = [finding.subject for finding in checked if not finding.ok]
-    if not failed:
-        print(f"ready: all of {len(checked)} checks passed")
-    else:
+    failed, warned = (
+        [finding.subject for finding in checked if finding.verdict == verdict]
+        for verdict in ("FAIL", "warn")
+    )
+    if failed:
         print(f"{len(failed)} of {len(checked)} checks failed: {', '.join(dict.fromkeys(failed))}")
+    elif warned:
+        passed = len(checked) - len(warned)
+        print(f"ready, but for {', '.join(warned)}: {passed} of {len(checked)} checks passed")
+    else:
+        print(f"ready: all of {len(checked)} checks passed")
     if is_blocked(checked):
         raise typer.Exit(1)

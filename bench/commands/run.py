@@ -14,11 +14,12 @@ import typer
 from bench.catalogue.costs import MeasuredMethod, measured_methods
 from bench.catalogue.loaders import GPU
 from bench.catalogue.lookup import find
-from bench.catalogue.metrics import find_extractor, metrics_device
+from bench.catalogue.metrics import FID, find_extractor, metrics_device
 from bench.catalogue.modules import allow_modules
 from bench.catalogue.plugins import find_metric
 from bench.catalogue.suite_types import TRUTHS
 from bench.catalogue.suites import ALL_SUITES, Suite
+from bench.catalogue.truth import with_truth
 from bench.commands.config import ConfigOption, refuse_other_objects
 from bench.commands.options import RUN_OPTIONS, FormatOption, options_from_dataclass
 from bench.commands.publish import Outputs, in_format, print_outputs, run_suite
@@ -30,8 +31,6 @@ from bench.running.run import RunResult
 from bench.running.status import RunStatus, run_status
 from bench.tables.markdown import visible
 from data_prep.failures import BadInput
-
-FID = "fid"
 
 
 def describe_run(options: Options) -> str:
@@ -71,6 +70,8 @@ def _protocol(suite: Suite, options: Options) -> tuple[Protocol, dict[str, str]]
     """
     if options.inception_weights != DOWNLOAD:
         return protocol_of(suite, options)
+    if FID not in with_truth(suite, options.truth).extractors:
+        return protocol_of(suite, options)  # refuses the option
     protocol, skipped = protocol_of(suite, replace(options, inception_weights=None))
     if FID not in skipped:
         return protocol, skipped
@@ -183,6 +184,8 @@ def print_ending(finished: RunResult[Outputs]) -> None:
     """Print on stderr what was done, and what is incomplete or has failed altogether."""
     directory = finished.directory
     print(f"{_summary(finished)}\nresults in {directory}", file=sys.stderr)
+    for line in finished.outputs.run.not_measured if finished.outputs else ():
+        print(f"bench: {line}", file=sys.stderr)
     if finished.objects < finished.planned:
         kept = "" if finished.outputs is not None else "; the tables there stay those of before"
         if finished.interrupted:

@@ -26,6 +26,7 @@ from bench.catalogue.metrics import (
     FURTHER_METRICS,
     column,
     declare_metric,
+    extractor_of,
     higher_is_better,
 )
 from bench.catalogue.plugins import ImageMetric, SetMetric, find_metric, metric_ids
@@ -240,5 +241,10 @@ def score_run(
             f"no installed package adds a metric; give --metrics {','.join(FURTHER_METRICS)}, "
             "or see docs/extending.md"
         )
-    for table in score(directory, [find_metric(metric_id, str(device)) for metric_id in chosen]):
+    run = read_scored(directory)
+    for line in run.not_measured:
+        if line.partition(":")[0] in map(extractor_of, chosen):
+            raise BadInput(f"{directory}: {line}; start the run again so, which takes it")
+    further = [find_metric(metric_id, str(device)) for metric_id in chosen]
+    for table in score_run_of(run, further):
         print(table.to_markdown())

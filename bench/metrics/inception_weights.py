@@ -43,8 +43,8 @@ def find_weights(
 
     `sha256` is the checksum that the file has to have; `open_url` fetches it, on request only: the
     default run needs none, and taking the features of all its images would more than double its
-    time. Raises BadInput where a path cannot be read or is not the published file, and
-    WeightsUnavailable where the cache does not hold it (and it cannot be fetched).
+    time. Raises BadInput where a path cannot be read or is not the published file, or it cannot be
+    fetched, and WeightsUnavailable where nothing was chosen and the cache does not hold it.
     """
     if chosen is not None and chosen != DOWNLOAD:
         read_weights(Path(chosen), sha256)
@@ -57,12 +57,15 @@ def find_weights(
         intact = False
     if not intact:
         if chosen is None:
-            raise WeightsUnavailable(f"the FID weights are not in the cache; {_REMEDY}")
+            raise WeightsUnavailable(
+                f"no weights; add --inception-weights {DOWNLOAD} (95 MB, once), or the path of "
+                f"{WEIGHTS_URL}"
+            )
         data = _download(sha256, open_url)
         try:
             write_whole(cached, data)
         except OSError as error:
-            raise WeightsUnavailable(f"cannot keep the FID weights ({error}); {_REMEDY}") from error
+            raise BadInput(f"the FID weights cannot be kept ({error}); {_BY_HAND}") from error
     return cached
 
 
@@ -82,6 +85,7 @@ def read_weights(path: Path, sha256: str = WEIGHTS_SHA256) -> bytes:
 
 
 _REMEDY = f"give --inception-weights {DOWNLOAD}, or the path of {WEIGHTS_URL}"
+_BY_HAND = f"fetch {WEIGHTS_URL} yourself and give --inception-weights PATH, or go without fid"
 
 
 def _digest(data: bytes) -> str:
@@ -93,11 +97,11 @@ def _download(sha256: str, open_url: Callable[..., IO[bytes]]) -> bytes:
         with open_url(WEIGHTS_URL, timeout=DOWNLOAD_TIMEOUT_S) as response:
             data = response.read(MOST_BYTES)
     except (OSError, http.client.HTTPException) as error:  # URLError and time-outs included
-        raise WeightsUnavailable(f"cannot fetch the FID weights ({error}); {_REMEDY}") from error
+        raise BadInput(f"the FID weights cannot be fetched ({error}); {_BY_HAND}") from error
     digest = _digest(data)
     if digest != sha256:
-        raise WeightsUnavailable(
-            f"{WEIGHTS_URL} answered with {len(data)} bytes of sha256 {digest}, "
-            f"expected {sha256}; {_REMEDY}"
+        raise BadInput(
+            f"the FID weights cannot be fetched (the answer has {len(data)} bytes of sha256 "
+            f"{digest}, expected {sha256}); {_BY_HAND}"
         )
     return data

@@ -48,6 +48,7 @@ from bench.report.page import (
     Page,
     Plot,
     PlotGroup,
+    Statement,
     TableGroup,
     html,
 )
@@ -131,7 +132,7 @@ def read_page(made: Outputs) -> Page:
         outcomes=tuple((str(o), int(n)) for o, n in records["outcome"].value_counts().items()),
         shares=tuple(dict(manifest.get("worker_shares", {})).items()),
         choices=_choices(records, bool(manifest.get("skipped_metrics"))),
-        answer=answer,
+        answer=(*answer, *(Statement("Not measured", (((), line),)) for line in run.not_measured)),
         headline=compact_table(made.headline.rows),
         first=_group("first", curves(first, styles, "first"), styles, len(first)),
         curves=_group("curve", drawn, styles),

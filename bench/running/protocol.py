@@ -10,8 +10,9 @@ from bench.catalogue.claims import address_of
 from bench.catalogue.conditions import find_condition
 from bench.catalogue.loaders import GPU
 from bench.catalogue.methods import FLOOR, RECOMMENDED, Method, find_run_method
-from bench.catalogue.metrics import WeightsUnavailable, find_extractor, metrics_device
+from bench.catalogue.metrics import FID, WeightsUnavailable, find_extractor, metrics_device
 from bench.catalogue.plugins import plugin_problem
+from bench.catalogue.suite_types import TRUTHS
 from bench.catalogue.suites import Suite
 from bench.catalogue.truth import left_out_in_grey, stored_suite, with_truth
 from bench.running.environment import environment
@@ -122,6 +123,10 @@ def protocol_of(
     MissingDependency where nothing can be drawn.
     """
     in_colours, suite = suite, with_truth(suite, options.truth)
+    if options.inception_weights and FID not in suite.extractors:
+        raise BadInput(
+            f"--inception-weights: {suite.id} takes no fid against {TRUTHS[suite.truth]}; leave it"
+        )
     if suite is not in_colours and not options.methods:
         _name_left_out(in_colours)
     methods = find_methods(with_floor(options.methods or suite.methods))
@@ -179,7 +184,7 @@ def extractors_of(
             extractor = find_extractor(metric)
             weights = extractor.weights(inception_weights)
         except WeightsUnavailable as error:
-            skipped[metric] = f"skipped: weights; {error}"
+            skipped[metric] = f"skipped: {error}"
             continue
         features.append((metric, str(weights)))
         identity[metric] = f"{extractor.version} {file_sha256(weights)}{on_gpu}"

@@ -155,7 +155,7 @@ def test_two_packages_of_one_id_are_both_named(stranger):
 def test_without_other_packages_there_are_ours_only(no_stranger, refused, tmp_path):
     with pytest.raises(BadInput, match="unknown method 'good'"):
         find_method("good")
-    with pytest.raises(BadInput, match="metric 'ssim': the suites that have it show it already"):
+    with pytest.raises(BadInput, match="metric 'ssim': suites that have it take it by themselves"):
         find_metric("ssim")
     with pytest.raises(BadInput, match="unknown metric 'fli': did you mean 'flip'"):
         find_metric("fli")

@@ -54,7 +54,7 @@ def test_dry_run_of_a_new_run_prints_all_and_writes_nothing(
         rf"folder +{tmp_path}/a \(new\)",
         r"  splat +version 1, scipy .*",
         r"  fd-views +/.*views_network.safetensors",
-        r"  fid +skipped: weights.*",
+        r"  fid +skipped: no weights.*",
         r"jobs: 12 to do, 0 done",
         r"time: about 24 s with 2 workers, by the costs that 'bench list' shows",
         r"disk: about 0 MB",

@@ -7,6 +7,10 @@ import shlex
 import pytest
 import torch
 
+from bench.metrics import inception_weights
+
+from ..builders import write_run
+
 ROBUSTNESS = "run --suite chair-robustness"
 CASES = {
     # --- words of the command line
@@ -73,7 +77,7 @@ CASES = {
     "run --suite speed --truth coloured": "--truth: has no meaning for the suite speed, which has ",
     "run --suite stability --metrics flip": "--metrics: has no meaning for the suite stability",
     f"{ROBUSTNESS} --metrics flip --shard 1/2": "--metrics: has no meaning for a part of a run; ",
-    f"{ROBUSTNESS} --metrics ssim": "metric 'ssim': the suites that have it show it already",
+    f"{ROBUSTNESS} --metrics ssim": "metric 'ssim': suites that have it take it by themselves",
     "run --suite speed-accuracy --methods blank --workers 2": "--workers: has no meaning for the "
     "suite speed-accuracy, ",
     "run --suite speed-accuracy --dry-run --workers 2": "--workers: has no meaning",
@@ -118,6 +122,34 @@ def refused_here(refused, no_machine, tmp_path, monkeypatch):
 @pytest.mark.parametrize(("line", "says"), CASES.items())
 def test_one_line_says_why_and_nothing_is_written(refused_here, line, says):
     assert says in refused_here(line)
+
+
+DOWNLOAD = "--inception-weights download"
+GREY = "--inception-weights: chair-robustness takes no fid against the true mesh in grey; leave it"
+NO_WEIGHTS = "no weights; add --inception-weights download (95 MB, once), or the path of file:"
+WITHOUT_FID = {  # asked for, and cannot be met
+    f"{ROBUSTNESS} {DOWNLOAD}": "the FID weights cannot be fetched (<urlopen error [Errno 2] No ",
+    f"{ROBUSTNESS} {DOWNLOAD} --truth grey": GREY,
+    f"{ROBUSTNESS} {DOWNLOAD} --truth grey --dry-run": GREY,
+    f"{ROBUSTNESS} --metrics fid": f"metric 'fid': {NO_WEIGHTS}",
+    f"{ROBUSTNESS} --metrics kid --dry-run": f"metric 'kid': {NO_WEIGHTS}",
+}
+
+
+@pytest.mark.parametrize(("line", "says"), WITHOUT_FID.items())
+def test_a_request_for_fid_that_cannot_be_met_fails_before_the_first_job(
+    refused_here, tmp_path_factory, monkeypatch, line, says
+):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+    monkeypatch.setattr(inception_weights, "WEIGHTS_URL", "file:/no/such/weights.pth")
+    assert refused_here(line).startswith(says)
+
+
+def test_fid_of_a_run_without_it_is_refused_with_the_cause(refused, tmp_path):
+    run = write_run(tmp_path / "run")
+    for metric in ("fid", "kid"):
+        said = refused("score", run, "--metrics", metric)
+        assert said == f"{run}: fid: not measured, not here; start the run again so, which takes it"
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="needs a machine without a GPU")

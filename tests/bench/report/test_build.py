@@ -20,12 +20,14 @@ from report_parser import parse
 
 from bench.analysis.scored import read_scored
 from bench.catalogue.metrics import CONTROL_METRICS, higher_is_better
+from bench.commands.run import print_ending
 from bench.records.artifacts import pack
 from bench.records.job import Result
 from bench.records.record import GROUND_TRUTH
 from bench.records.run_folder import open_folder, read_manifest, write_manifest
 from bench.records.store import STORE
 from bench.report.build import read_page, write_report
+from bench.running.run import RunResult
 from bench.tables.build import make_outputs
 from bench.tables.grid import shown as as_shown
 from data_prep.failures import BadInput, CannotWrite
@@ -91,6 +93,20 @@ def image_of(uri):
     assert kind == "data:image/webp;base64"
     with Image.open(io.BytesIO(base64.b64decode(data))) as image:
         return np.asarray(image.convert("RGB"))
+
+
+def test_the_first_screen_and_the_terminal_say_what_is_not_measured(
+    of_random_values, document, capsys
+):
+    line = "fid: not measured, not here"
+    said = {entry.one("dt").text: entry for entry in document.one("dl", class_="answer").all("div")}
+    assert said["Not measured"].one("dd").text == line
+    of_run = of_random_values.run.directory, of_random_values
+    counts = {"objects": 4, "planned": 4, "done": 1, "reused": 0, "failed": 0}
+    print_ending(
+        RunResult(*of_run, **counts, interrupted=False, hopeless=(), seconds={}, shares={})
+    )
+    assert f"\nbench: {line}\n" in capsys.readouterr().err
 
 
 def test_every_value_of_the_tables_is_in_the_page(of_random_values, document):

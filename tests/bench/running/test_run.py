@@ -121,7 +121,7 @@ def test_ceiling_and_floor(finished):
     assert value["splat", "noise-0.10", "ssim"] < value["splat", "2048", "ssim"]
     assert all(row.n_ok == row.n == 6 for row in (*images.rows, *sets.rows))
     for row in sets.rows:
-        assert row.note.startswith("skipped: weights; ") == (row.metric in ("fid", "kid"))
+        assert row.note.startswith("skipped: no weights; ") == (row.metric in ("fid", "kid"))
     (counted,) = {r.n_ok for r in detail.rows if r.metric == "thin-recall"}
     assert 0 < counted <= 6  # it is the truth that has thin parts or not
 
