@@ -225,6 +225,11 @@ def plugin_ids() -> tuple[str, ...]:
     return entry_point_names(plugins.METHODS)
 
 
+def is_foreign(method_id: str) -> bool:
+    """Return whether drawing with a method executes code of others than this project."""
+    return method_id in plugin_ids() or is_module_name(method_id)
+
+
 @cache
 def _plugin(method_id: str) -> Method:
     named = "bench.methods.Method"

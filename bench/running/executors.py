@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
+from operator import attrgetter
 
 from bench.catalogue.suites import Limits
 from bench.records.job import Job, Result, failed
@@ -17,18 +18,41 @@ from bench.running.isolation import (
     WorkerFailure,
     submit_all,
 )
-from bench.running.work import run_job
+from bench.running.work import (
+    RenderedViews,
+    draw_job,
+    foreign_code,
+    of_images_only,
+    run_job,
+    score_job,
+)
 from data_prep.failures import MissingDependency
 from data_prep.progress import log, progress
 
 REFERENCES_KEPT = 4  # ground truths in memory: the jobs of an object follow each other
 
 
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """A job, or what is left of one whose images were drawn in the company of foreign code."""
+
+    job: Job
+    company: str
+    drawn: RenderedViews | None = None
+
+    def do(self) -> Result | RenderedViews:
+        if self.drawn is not None:
+            return score_job(self.job, self.drawn)
+        return draw_job(self.job) if self.company else run_job(self.job)
+
+
 class JobPool:
     """An executor (`bench.running.isolation`) of jobs in worker processes of this machine.
 
-    It has at most `workers` processes, and not more than there are jobs to come (`count`). A job
-    that takes more than its limits or whose process dies becomes failed records.
+    At most `workers` of them are at work, and not more than there are jobs to come (`count`). A job
+    that takes more than its limits or whose process dies becomes failed records; one that takes too
+    long is tried once more before. The code of others draws in workers of its own, and the images
+    are scored in ours.
     """
 
     def __init__(
@@ -38,19 +62,50 @@ class JobPool:
         limits: Limits,
         tasks_per_worker: int = TASKS_PER_WORKER,
     ) -> None:
-        self._pool: TaskPool[Job, Result] = TaskPool(
-            run_job, min(workers, count), limits, tasks_per_worker=tasks_per_worker
+        self._pool: TaskPool[_Step, Result | RenderedViews] = TaskPool(
+            _Step.do,
+            min(workers, count),
+            limits,
+            tasks_per_worker=tasks_per_worker,
+            company=attrgetter("company"),
         )
         self.capacity = self._pool.capacity
+        self._late: set[str] = set()
 
     def submit(self, job: Job) -> None:
         """Start a job; at most `capacity` may be under way."""
-        self._pool.submit(job)
+        self._pool.submit(_Step(job, foreign_code(job)))
 
-    def wait_any(self) -> Iterator[Result]:
-        """Wait until jobs have ended, and yield the result of each."""
-        for job, result in self._pool.wait_any():
-            yield failed(job, result.reason) if isinstance(result, WorkerFailure) else result
+    def wait_any(self, timeout_s: float | None = None) -> Iterator[Result]:
+        """Wait until jobs have ended, and yield the result of each.
+
+        Yield nothing after `timeout_s`, or, where that is given, where a job goes on by another
+        step.
+        """
+        is_waiting = True
+        while is_waiting:
+            is_waiting = timeout_s is None
+            steps, results = 0, 0
+            for step, result in self._pool.wait_any(timeout_s):
+                if further := self._further_step(step, result):
+                    self._pool.submit(further)
+                    steps += 1
+                elif not isinstance(result, RenderedViews):
+                    results += 1
+                    yield result if isinstance(result, Result) else failed(step.job, result.reason)
+            is_waiting = is_waiting and steps > 0 and not results
+
+    def _further_step(
+        self, step: _Step, result: Result | RenderedViews | WorkerFailure
+    ) -> _Step | None:
+        if isinstance(result, RenderedViews):
+            return _Step(of_images_only(step.job), "", result)
+        if isinstance(result, WorkerFailure) and result.kind == "timeout":
+            if step.job.key in self._late:
+                return None
+            self._late.add(step.job.key)  # the machine may have been busy
+            return step
+        return None
 
     def close(self) -> None:
         """Stop all workers at once."""
@@ -92,14 +147,15 @@ def results(
     count: int,
     store: Store,
     start: Callable[[int], Executor[Job, Result]],
+    left_s: Callable[[], float | None] = lambda: None,
 ) -> Generator[Result, None, None]:
     """Do jobs, at most `count`, and yield each result, without contents, when the store has it.
 
-    `jobs` is as in `submit_all`, `start` as in `run_jobs`. Raises MissingDependency where going on
-    makes no sense, and BadInput where a ground truth has changed since it was drawn.
+    `jobs` and `left_s` are as in `submit_all`, `start` as in `run_jobs`. Raises MissingDependency
+    where going on makes no sense, and BadInput where a ground truth has changed since it was drawn.
     """
     ready = map(partial(_with_reference, lru_cache(REFERENCES_KEPT)(store.artifact)), jobs)
-    with closing(start(count)) as executor, closing(submit_all(ready, executor)) as stream:
+    with closing(start(count)) as executor, closing(submit_all(ready, executor, left_s)) as stream:
         for result in stream:
             if result.unusable:
                 raise MissingDependency(result.unusable)

@@ -57,8 +57,11 @@ class Executor(Protocol[TaskIn, DoneOut]):
         """Start a task."""
         ...
 
-    def wait_any(self) -> Iterator[DoneOut]:
-        """Wait until at least one task has ended, and yield the results of those that have."""
+    def wait_any(self, timeout_s: float | None, /) -> Iterator[DoneOut]:
+        """Wait until at least one task has ended, and yield the results of those that have.
+
+        Where none has within `timeout_s`, yield nothing.
+        """
         ...
 
     def close(self) -> None:
@@ -67,14 +70,17 @@ class Executor(Protocol[TaskIn, DoneOut]):
 
 
 def submit_all(
-    tasks: Iterable[Task | None], executor: Executor[Task, Done]
+    tasks: Iterable[Task | None],
+    executor: Executor[Task, Done],
+    left_s: Callable[[], float | None] = lambda: None,
 ) -> Generator[Done, None, None]:
     """Do tasks as the executor has capacity, and yield each result as it comes.
 
-    A None in `tasks` means: wait until one running task has finished.
+    A None in `tasks` means: wait until one running task has finished. When `left_s` gives zero or
+    less, tasks that are under way are left to the executor's end.
     """
     queue, under_way = iter(tasks), 0
-    while True:
+    while (seconds := left_s()) is None or seconds > 0:
         for task in islice(queue, max(0, executor.capacity - under_way)):
             if task is None:
                 break
@@ -82,7 +88,7 @@ def submit_all(
             under_way += 1
         if not under_way:
             return
-        for done in executor.wait_any():
+        for done in executor.wait_any(seconds):
             under_way -= 1
             yield done
 
@@ -90,10 +96,12 @@ def submit_all(
 Result = TypeVar("Result")
 
 TASKS_PER_WORKER = 500  # then a fresh process, which ends every leak
-LONGEST_WAIT_S = 3600.0  # more overflows in the system call for limits without end
+TICK_S = 1.0  # the pool looks about so often
+LONGEST_TICK_S = 2.0  # of a process that runs; a longer one was stopped, or the machine slept
 QUEUED = 2  # tasks for each worker, the one that it does and the next: there may be 10^5 in all
 START_S = 120.0  # for a worker to get ready, on a machine that swaps, too
 MOST_BREAKS = 3  # workers lost before they were ready, one after the other
+MOST_RESTING = 4  # workers, beyond those at work, that wait for further tasks of their company
 
 
 def thread_counts(threads: int) -> dict[str, str]:
@@ -129,23 +137,44 @@ class WorkerFailure:
         return f"{self.kind}: {self.detail}"
 
 
+class RunningTime:
+    """A clock that stands still while this process is stopped, and its workers with it.
+
+    It has to be read every `TICK_S`. What lies beyond `LONGEST_TICK_S` between two readings counts
+    for nothing: a closed lid, SIGSTOP, a frozen container.
+    """
+
+    def __init__(self) -> None:
+        self._seconds, self._last = 0.0, time.monotonic()
+
+    def __call__(self) -> float:
+        """Return the seconds that this process could run since the clock was made."""
+        now = time.monotonic()
+        self._seconds += min(now - self._last, LONGEST_TICK_S)
+        self._last = now
+        return self._seconds
+
+
 @dataclass
 class _Worker(Generic[Task]):
     """A worker of a pool.
 
     Attributes
     ----------
+    company : str
+        What its tasks have in common.
     deadline : float
-        When to stop it, by `time.monotonic`, which nobody sets: for its start, then for each task.
+        When to stop it, by the clock of its pool: for its start, then for each task.
     ready : bool
         Whether it has started.
     under_way : tuple
-        The task that it was given; empty where it is idle.
+        The task that it does, or will get when it is ready; empty where it is idle.
     begun : int
         How many tasks it was given.
     """
 
     process: WorkerProcess
+    company: str
     deadline: float
     ready: bool = False
     under_way: tuple[Task, ...] = ()
@@ -157,7 +186,8 @@ class TaskPool(Generic[Task, Result]):
 
     `work` and the tasks cross process boundaries: a function of a module, and plain values.
     `environment` is added to this process's own. A worker is replaced after `tasks_per_worker`
-    tasks. Close a pool, whatever happens, before you make another.
+    tasks. Tasks of which `company` gives different texts never share a worker. Close a pool,
+    whatever happens, before you make another.
     """
 
     def __init__(
@@ -167,11 +197,13 @@ class TaskPool(Generic[Task, Result]):
         limits: Limits,
         environment: Mapping[str, str] = WORKER_ENVIRONMENT,
         tasks_per_worker: int = TASKS_PER_WORKER,
+        company: Callable[[Task], str] = lambda task: "",
     ) -> None:
-        # Only the watch on memory is another thread: tasks are handed out, and workers stopped when
-        # their time is over, within `submit` and `wait_any`.
+        # Only the watch on memory and the sending are other threads: tasks are handed out, and
+        # workers stopped when their time is over, within `submit` and `wait_any`.
         self._work, self._size, self._limits = work, workers, limits
-        self._tasks_per_worker = tasks_per_worker
+        self._tasks_per_worker, self._company = tasks_per_worker, company
+        self._clock = RunningTime()
         self.capacity = QUEUED * workers
         self._queue: deque[Task] = deque()
         self._workers: list[_Worker[Task]] = []
@@ -193,15 +225,20 @@ class TaskPool(Generic[Task, Result]):
         self._queue.append(task)
         self._hand_out()
 
-    def wait_any(self) -> Iterator[tuple[Task, Result | WorkerFailure]]:
+    def wait_any(
+        self, timeout_s: float | None = None
+    ) -> Iterator[tuple[Task, Result | WorkerFailure]]:
         """Wait until tasks have ended, and yield each with its result or its worker's failure.
 
-        An exception of `work` is raised here, and BrokenProcessPool where one worker after another
-        is lost before it is ready.
+        Yield nothing where none has ended within `timeout_s`. An exception of `work` is raised
+        here, and BrokenProcessPool where one worker after another is lost before it is ready.
         """
+        end = time.monotonic() + (float("inf") if timeout_s is None else timeout_s)
         while not self._ended and (self._queue or any(w.under_way for w in self._workers)):
+            if (left_s := end - time.monotonic()) < 0:
+                return
             self._hand_out()
-            self._wait()
+            self._wait(left_s)
             for worker in tuple(self._workers):
                 self._look_at(worker)
             self._hand_out()  # before the results are looked at, which may take long
@@ -212,36 +249,44 @@ class TaskPool(Generic[Task, Result]):
             yield task, value
 
     def _hand_out(self) -> None:
-        """Give tasks to idle workers, and to new ones, which find theirs when they are ready."""
-        for worker in self._workers:
-            if self._queue and not worker.under_way:
-                self._give(worker, self._queue.popleft())
-        while self._queue and len(self._workers) < self._size:
-            process = WorkerProcess(self._work, self._limits.memory_gib)
-            worker = _Worker[Task](process, time.monotonic() + START_S)
-            self._workers.append(worker)
-            self._give(worker, self._queue.popleft())
+        """Give tasks to idle workers, and to new ones, which get theirs when they are ready."""
+        for worker in [w for w in self._workers if not w.under_way]:
+            self._look_at(worker)  # it may have died
+        while self._queue and sum(len(w.under_way) for w in self._workers) < self._size:
+            task = self._queue.popleft()
+            worker = self._worker_for(self._company(task))
+            worker.under_way = (task,)
+            worker.begun += 1
+            if worker.ready:
+                self._send(worker)
 
-    def _give(self, worker: _Worker[Task], task: Task) -> None:
-        try:
-            worker.process.connection.send(task)
-        except OSError:  # it has died: another one does the task
-            self._queue.appendleft(task)
-            return
-        worker.under_way = (task,)
-        worker.begun += 1
-        if worker.ready:
-            worker.deadline = time.monotonic() + self._limits.time_s
+    def _worker_for(self, company: str) -> _Worker[Task]:
+        """Return an idle worker of a company, or a new one."""
+        idle = [worker for worker in self._workers if not worker.under_way]
+        for worker in idle:
+            if worker.company == company:
+                return worker
+        companies = {company, *(worker.company for worker in self._workers)}
+        if idle and len(self._workers) >= self._size + min(len(companies) - 1, MOST_RESTING):
+            self._let_go(idle[0])
+        process = WorkerProcess(self._work, self._limits.memory_gib)
+        worker = _Worker[Task](process, company, self._clock() + START_S)
+        self._workers.append(worker)
+        return worker
 
-    def _wait(self) -> None:
-        """Wait until a worker has something to say, has ended or has used up its time."""
+    def _send(self, worker: _Worker[Task]) -> None:
+        worker.deadline = self._clock() + self._limits.time_s
+        worker.process.send(*worker.under_way)
+
+    def _wait(self, most_s: float) -> None:
+        """Wait until a worker has something to say or has ended; at most for a tick."""
         handles = [
             handle
             for worker in self._workers
             for handle in (worker.process.connection, worker.process.sentinel)
         ]
-        first = min(worker.deadline for worker in self._workers)
-        connection.wait(handles, max(0.0, min(first - time.monotonic(), LONGEST_WAIT_S)))
+        first_s = min(worker.deadline for worker in self._workers) - self._clock()
+        connection.wait(handles, max(0.0, min(first_s, most_s, TICK_S)))
 
     def _look_at(self, worker: _Worker[Task]) -> None:
         """Take a worker's answer where it has one, even after the deadline, or see to its end."""
@@ -251,20 +296,24 @@ class TaskPool(Generic[Task, Result]):
                 self._take(worker, *process.connection.recv())
             elif process.has_ended:
                 self._lose(worker, self._exit_reason(process))
-            elif time.monotonic() > worker.deadline:
+            elif self._clock() > worker.deadline:
                 process.stop()
-                limit_s = self._limits.time_s if worker.ready else START_S
-                self._lose(worker, WorkerFailure("timeout", f"no result within {limit_s:g} s"))
+                limit = f"no result within {self._limits.time_s:g} s"
+                late = limit if worker.ready else f"not ready within {START_S:g} s"
+                self._lose(worker, WorkerFailure("timeout", late))
         except (EOFError, OSError):
             self._lose(worker, self._exit_reason(process))
 
     def _take(self, worker: _Worker[Task], fine: bool, value: Any) -> None:
-        if not worker.ready:  # it says that it is, and goes on with its first task
-            worker.ready, worker.deadline = True, time.monotonic() + self._limits.time_s
+        if not worker.ready:  # it says that it is, and gets its first task
+            worker.ready = True
+            self._send(worker)
             return
         self._breaks = 0
         self._ended.append((worker.under_way[0], fine, value))
         worker.under_way, worker.deadline = (), float("inf")
+        self._workers.remove(worker)
+        self._workers.append(worker)  # who has rested for the longest comes first
         if worker.begun >= self._tasks_per_worker:
             self._let_go(worker)
 
@@ -272,16 +321,19 @@ class TaskPool(Generic[Task, Result]):
         """Go on without a worker that has ended or is stopped."""
         self._remove(worker)
         worker.process.join()
-        if not worker.ready:
-            self._queue.extendleft(worker.under_way)
-            self._breaks += 1
-            if self._breaks > MOST_BREAKS:
-                raise BrokenProcessPool(
-                    f"{self._breaks} workers were lost before they could begin ({reason.reason})"
-                )
-        elif worker.under_way:
+        if not worker.under_way:
+            return
+        is_late = reason.kind == "timeout"
+        if worker.ready and (is_late or worker.process.was_reached()):
             self._breaks = 0
             self._ended.append((worker.under_way[0], True, reason))
+            return
+        self._queue.extendleft(worker.under_way)
+        self._breaks += MOST_BREAKS if is_late else 1  # a second one that hangs is enough
+        if self._breaks > MOST_BREAKS:
+            raise BrokenProcessPool(
+                f"workers were lost before they could begin, one after the other ({reason.reason})"
+            )
 
     def _let_go(self, worker: _Worker[Task]) -> None:
         """Let an idle worker end by itself: libraries are unloaded, what they hold is freed."""

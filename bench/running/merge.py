@@ -24,7 +24,6 @@ from bench.records.run_folder import (
     read_store,
 )
 from bench.records.store import JobRow, Store
-from bench.running.extension import refuse_narrowing
 from bench.running.run import Outputs, WrittenRun, open_run, write_parquet
 from bench.running.shards import WHOLE, Shard, interleave, read_shard
 from data_prep.failures import BadInput
@@ -69,7 +68,6 @@ def merge(
     """
     parts = _in_order([_read_part(directory) for directory in directories])
     manifest = _describe(parts)
-    refuse_narrowing(out, manifest)
     with open_run(out, manifest) as store:
         jobs = _collect(parts, manifest["objects"], store)
         seconds: dict[str, float] = {}

@@ -152,9 +152,11 @@ class RayPool:
         )
         self._sent[task] = job
 
-    def wait_any(self) -> Iterator[Result]:
-        """Wait until jobs have ended, and yield the result of each."""
-        ready, _ = self._ray.wait(list(self._sent), num_returns=1, fetch_local=False)
+    def wait_any(self, timeout_s: float | None = None) -> Iterator[Result]:
+        """Wait until jobs have ended, and yield the result of each; nothing after `timeout_s`."""
+        ready, _ = self._ray.wait(
+            list(self._sent), num_returns=1, timeout=timeout_s, fetch_local=False
+        )
         more, _ = self._ray.wait(list(self._sent), num_returns=len(self._sent), timeout=0)
         for task in dict.fromkeys((*ready, *more)):
             yield self._result(task)

@@ -17,9 +17,9 @@ from bench.records.artifacts import JobName
 from bench.records.job import Job, Result, shares
 from bench.records.parquet import write_features, write_records
 from bench.records.run_folder import (
+    MANIFEST,
     check_directory,
     open_folder,
-    read_manifest,
     read_store,
     set_aside,
     write_manifest,
@@ -121,6 +121,8 @@ class _PreparedRun:
         Manifest that the run will have when all its objects are complete.
     kept : KeptRun or None
         The run in the folder, of which nothing may get lost.
+    seen : bytes or None
+        The manifest in the folder when all this was decided.
     begun : float
         The start, by `time.perf_counter`.
     """
@@ -132,6 +134,7 @@ class _PreparedRun:
     in_turns: Plan
     manifest: dict[str, Any]
     kept: KeptRun | None
+    seen: bytes | None
     budget: Budget
     begun: float
 
@@ -150,7 +153,7 @@ def run(
     options: Options,
     publish: Callable[[WrittenRun], Outputs],
     watch: Watch,
-    make_budget: Callable[[float | None, float], Budget] = Budget,
+    make_budget: Callable[[float | None], Budget] = Budget,
 ) -> RunResult[Outputs]:
     """Carry out a run, or what is left of it, for as long as its budget allows.
 
@@ -166,7 +169,7 @@ def run(
     watch : callable
         Gives the reporter of progress.
     make_budget : callable
-        Makes the budget from `--budget` and the expected cost of an object, both in seconds.
+        Makes the budget from `--budget`, in seconds from now.
 
     Raises
     ------
@@ -175,7 +178,7 @@ def run(
     KeyboardInterrupt
         Where no object is complete; what was done until then is kept.
     """
-    begun = time.perf_counter()
+    begun, budget = time.perf_counter(), make_budget(options.budget)
     suite = find(options.suite, SUITES, "suite")
     if options.budget is not None and options.shard is not None:
         raise BadInput(
@@ -183,13 +186,14 @@ def run(
             "leave one of the two"
         )
     requested, skipped = protocol_of(suite, options)
+    seen = None if options.fresh else _manifest_bytes(options.directory)
     protocol, kept = join(options, requested)
     planned = plan(protocol)  # refuses weights that cannot be used
     if kept is not None:
         refuse_lost_modules(options.directory, requested, planned)
     in_turns = planned.in_order(seeded_turns(planned.names, protocol.seed))
     with executor_factory(options, protocol) as factory:
-        budget = make_budget(options.budget, guess_s(planned.jobs_per_object, factory.workers))
+        budget.guess_s = guess_s(planned.jobs_per_object, factory.workers)
         if options.budget is not None and not _any_complete(options, planned):
             budget.check()
         manifest = describe(protocol, factory.workers, skipped) | {
@@ -201,7 +205,7 @@ def run(
             manifest = kept.with_intention(manifest)
         prepared = _PreparedRun(
             *(options.directory, options.fresh, protocol, planned, in_turns, manifest, kept),
-            *(budget, begun),
+            *(seen, budget, begun),
         )
         return _carry_out(prepared, factory, publish, watch)
 
@@ -215,20 +219,25 @@ def open_run(directory: Path, manifest: dict[str, Any], fresh: bool = False) -> 
     directory holds something else, or more than this run would have, or another process writes
     there.
     """
-    if not fresh:
-        refuse_narrowing(directory, manifest)
-    with _open_checked(directory, manifest, fresh) as store:
+
+    def check() -> None:
+        if not fresh:
+            refuse_narrowing(directory, manifest)
+        check_directory(directory, manifest)
+
+    with _open_checked(directory, check, fresh) as store:
         write_manifest(directory, manifest)
         yield store
         write_manifest(directory, manifest | {"finished": now()})
 
 
 @contextmanager
-def _open_checked(directory: Path, manifest: dict[str, Any], fresh: bool) -> Iterator[Store]:
+def _open_checked(directory: Path, check: Callable[[], None], fresh: bool) -> Iterator[Store]:
     if fresh and (old := set_aside(directory)):
         log(f"the old run is now {old}")
-    check_directory(directory, manifest)
+    check()  # before anything is written there
     with open_folder(directory) as store:
+        check()  # another process may have had the lock meanwhile
         try:
             yield store
         except DamagedArtifact as error:
@@ -249,11 +258,15 @@ def _carry_out(
 ) -> RunResult[Outputs]:
     directory, planned = prepared.directory, prepared.plan
     seconds: dict[str, float] = {}
-    with _open_checked(directory, prepared.manifest, prepared.fresh) as store:
+
+    def check() -> None:
+        check_directory(directory, prepared.manifest)
+        if _manifest_bytes(directory) != prepared.seen:
+            raise BadInput(f"{directory}: another run has changed it just now; run again")
+
+    with _open_checked(directory, check, prepared.fresh) as store:
         if prepared.kept is None:
             write_manifest(directory, prepared.manifest)
-        elif read_manifest(directory) != prepared.kept.manifest:  # it had the lock meanwhile
-            raise BadInput(f"{directory}: another run has changed it just now; run again")
         schedule = Schedule(
             prepared.in_turns,
             store,
@@ -263,6 +276,12 @@ def _carry_out(
         reused = schedule.total - schedule.left
         with timed("jobs", seconds):
             interrupted = _do_jobs(prepared, schedule, store, factory.start, watch)
+        if not schedule.complete and not interrupted:
+            raise BadInput(
+                f"--budget {prepared.budget.seconds:g}s: used up before one object was complete; "
+                f"{schedule.total - schedule.left} of its jobs are kept, and the same command goes "
+                "on with the others: give it more time"
+            )
         if schedule.undrawn and not schedule.scored:
             # One bad object among many is a failed record; if none can be drawn, the input is
             # wrong.
@@ -302,6 +321,11 @@ def _carry_out(
     )
 
 
+def _manifest_bytes(directory: Path) -> bytes | None:
+    path = directory / MANIFEST
+    return path.read_bytes() if path.is_file() else None
+
+
 def _any_complete(options: Options, planned: Plan) -> bool:
     """Return whether an earlier start has completed an object."""
     if options.fresh:
@@ -329,7 +353,9 @@ def _do_jobs(
     try:
         with (
             watch(f"{title}, jobs", schedule.left) as reporter,
-            closing(results(schedule.jobs(), schedule.left, store, start)) as stream,
+            closing(
+                results(schedule.jobs(), schedule.left, store, start, schedule.left_s)
+            ) as stream,
         ):
             for result in stream:
                 before = schedule.left

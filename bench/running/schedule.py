@@ -52,7 +52,7 @@ def end_s(objects: int) -> float:
 
 @dataclass
 class Budget:
-    """A time limit of a run, which decides whether to begin another object.
+    """A time limit of a run, which decides whether to begin another object, and ends those begun.
 
     The time counts from the creation of the budget.
 
@@ -99,10 +99,15 @@ class Budget:
         end = end_s(complete + math.ceil(under_way) + 1)
         return self._fits((under_way + 1) * cost + end)
 
-    def allows_jobs(self, complete: int) -> bool:
-        """Return whether to go on with objects that are under way."""
-        # They may take longer than was expected when they were begun.
-        return self._fits(end_s(complete))
+    def left_s(self, complete: int) -> float | None:
+        """Return how long jobs may go on, if so many objects are complete; None without a limit.
+
+        With the first object ends the time for tables: without one there are none.
+        """
+        if self.seconds is None:
+            return None
+        end = end_s(complete) if complete else 0.0
+        return self._begun + self.seconds - end - self.clock()
 
     def _fits(self, seconds: float) -> bool:
         return self.seconds is None or self.clock() - self._begun + seconds <= self.seconds
@@ -162,7 +167,7 @@ class Schedule:
     def jobs(self) -> Iterator[Job | None]:
         """Yield the jobs to be done; None where the next job waits for a ground truth.
 
-        They end where the budget does not allow another object. The first object is always done.
+        They end where the budget does not allow another object. The first object is always begun.
         """
         rest = (
             self._plan[i] for i, name in enumerate(self._plan.names) if name not in self._complete
@@ -187,10 +192,12 @@ class Schedule:
             while state.truth_key in state.open:
                 yield None
             for job in obj.jobs:
-                if self.complete and not self._budget.allows_jobs(len(self.complete)):
-                    return
                 if job.key in state.open:
                     yield job
+
+    def left_s(self) -> float | None:
+        """Return the seconds until what is under way is to be stopped; None without a budget."""
+        return self._budget.left_s(len(self.complete))
 
     def take(self, result: Result) -> bool:
         """Note the result of a job, and return whether its object is complete by it."""

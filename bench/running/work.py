@@ -11,13 +11,14 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from hashlib import sha256
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.catalogue.conditions import find_condition
-from bench.catalogue.methods import FLOORS, Method, find_run_method
+from bench.catalogue.conditions import PluginPerturbation, find_condition
+from bench.catalogue.methods import FLOORS, Method, find_run_method, is_foreign
 from bench.catalogue.metrics import (
     LEARNED_METRICS,
     Extractor,
@@ -25,9 +26,10 @@ from bench.catalogue.metrics import (
     lpips_network,
     metrics_device,
 )
+from bench.catalogue.modules import PROJECT
 from bench.metrics.image_scores import scores
 from bench.records.artifacts import pack, unpack_images
-from bench.records.job import Job, Result, Stopwatch, failed, records_of
+from bench.records.job import NOTHING, Job, JobTiming, Result, Stopwatch, failed, records_of
 from bench.records.record import CLAIMED, GROUND_TRUTH, Record
 from data_prep.clouds.conditions import Unchanged
 from data_prep.datasets.exported import UNPERTURBED, ExportedObject
@@ -39,25 +41,69 @@ from data_prep.scene import IMAGE_SIZE, CloudOrigin, PointCloud, Renderer, UInt8
 
 @dataclass(frozen=True, eq=False)
 class RenderedViews:
-    """Images of a cloud, notes on the method's repairs, and its times as in a record."""
+    """Images of a cloud, notes on the method's repairs, and its times as in a record.
+
+    `timing` is that of the job so far; the ground truth has no other times.
+    """
 
     images: UInt8Images
-    notes: str
-    prepare_s: float
-    draw_s: float
+    notes: str = ""
+    prepare_s: float | None = None
+    draw_s: float | None = None
+    timing: JobTiming = NOTHING
 
 
 def run_job(job: Job) -> Result:
     """Carry out a job. Whatever a method raises becomes failed records with the reason."""
+    drawn = draw_job(job)
+    return score_job(job, drawn) if isinstance(drawn, RenderedViews) else drawn
+
+
+def draw_job(job: Job) -> RenderedViews | Result:
+    """Draw the images of a job; the result of one that fails."""
     watch = Stopwatch()
-    draw_job = _draw_ground_truth if job.method == GROUND_TRUTH else _run_method
     try:
-        result = draw_job(job, watch)
-    except MissingDependency as error:
-        result = replace(failed(job, str(error)), unusable=str(error))
+        drawn = _draw_ground_truth(job, watch) if job.method == GROUND_TRUTH else _draw(job, watch)
     except BaseException as error:  # a method may call exit(), or raise KeyboardInterrupt
-        result = failed(job, reason_of(error))
-    return replace(result, timing=watch.timing())
+        drawn = _failed(job, error)
+    return replace(drawn, timing=watch.timing())
+
+
+def score_job(job: Job, drawn: RenderedViews) -> Result:
+    """Return the result of a job whose images are drawn."""
+    watch = Stopwatch()
+    try:
+        result = _scored(job, drawn, watch)
+    except BaseException as error:
+        result = _failed(job, error)
+    return replace(result, timing=drawn.timing + watch.timing())
+
+
+def foreign_code(job: Job) -> str:
+    """Return what a job executes that is of others than this project; "" where that is nothing.
+
+    Such code may change its process for all that comes after: it gets workers of its own, and none
+    that scores.
+    """
+    foreign = [job.method] if is_foreign(job.method) else []
+    if isinstance(job.perturbation, PluginPerturbation):
+        foreign.append(job.condition)
+    module = type(getattr(job.object, "original", job.object)).__module__
+    if module.partition(".")[0] not in PROJECT:
+        foreign.append(module)
+    return " ".join(foreign)
+
+
+def of_images_only(job: Job) -> Job:
+    """Return a job as it is scored: without what executes the code of others."""
+    named: Any = SimpleNamespace(class_name=job.object.class_name, object_id=job.object.object_id)
+    return replace(job, object=named, perturbation=Unchanged())
+
+
+def _failed(job: Job, error: BaseException) -> Result:
+    if isinstance(error, MissingDependency):
+        return replace(failed(job, str(error)), unusable=str(error))
+    return failed(job, reason_of(error))
 
 
 def reason_of(error: BaseException) -> str:
@@ -71,10 +117,9 @@ def reason_of(error: BaseException) -> str:
     return f"{type(error).__name__}: {_first_line(error)}"
 
 
-def _draw_ground_truth(job: Job, watch: Stopwatch) -> Result:
+def _draw_ground_truth(job: Job, watch: Stopwatch) -> RenderedViews:
     with watch.on("rendering"):
-        images = job.object.truth(job.views)
-    return _with_artifact(job, records_of(job, "ok"), images, watch)
+        return RenderedViews(job.object.truth(job.views))
 
 
 def _first_line(error: BaseException) -> str:
@@ -82,7 +127,7 @@ def _first_line(error: BaseException) -> str:
     return lines[0] if lines else "no message"
 
 
-def _run_method(job: Job, watch: Stopwatch) -> Result:
+def _draw(job: Job, watch: Stopwatch) -> RenderedViews | Result:
     address = job.address or job.method
     method = find_run_method(address)
     try:
@@ -96,7 +141,11 @@ def _run_method(job: Job, watch: Stopwatch) -> Result:
         seen = replace(job, condition=UNPERTURBED)
     cloud, rng = replace(cloud_of(seen), origin=_origin(job)), rng_of(seen)
     with watch.on("methods"):
-        drawn = draw(method, renderer, cloud, job.views, rng, job.batch, truth)
+        return draw(method, renderer, cloud, job.views, rng, job.batch, truth)
+
+
+def _scored(job: Job, drawn: RenderedViews, watch: Stopwatch) -> Result:
+    truth = None if job.reference is None else unpack_images(job.reference)
     records = records_of(
         job, "ok", notes=drawn.notes, prepare_s=drawn.prepare_s, draw_s=drawn.draw_s
     )

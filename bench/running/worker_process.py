@@ -22,6 +22,7 @@ import traceback
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
+from multiprocessing.reduction import ForkingPickler
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -60,8 +61,25 @@ class WorkerProcess:
         self._keeper = spawn.Process(target=_keep, args=(of_worker, memory_gib))
         self._keeper.start()
         of_worker.close()
-        with suppress(OSError):  # it died at once, which its sentinel says
-            self.connection.send(work)  # not as an argument: the keeper need not load its module
+        self.send(work)  # not as an argument: the keeper need not load its module
+
+    def send(self, value: object) -> None:
+        """Send the function or a task. Nobody waits: a worker may hang, and read nothing."""
+        data, sent = ForkingPickler.dumps(value), threading.Event()
+
+        def write() -> None:
+            with suppress(OSError, TypeError):  # it has ended, or was let go: closed meanwhile
+                self.connection.send_bytes(data)
+                sent.set()
+
+        self._sent = sent
+        self._sender = threading.Thread(target=write, name="task", daemon=True)
+        self._sender.start()
+
+    def was_reached(self) -> bool:
+        """Return whether a worker that has ended got all of what it was sent last."""
+        self._sender.join(PATIENCE_S)
+        return self._sent.is_set()
 
     @property
     def pid(self) -> int:

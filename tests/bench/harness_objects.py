@@ -70,6 +70,14 @@ class Hanging(Tetrahedron):
             time.sleep(60)
 
 
+@dataclass(frozen=True)
+class HangingOnce(Hanging):
+    """Hangs where it has not said yet who it is."""
+
+    def load(self) -> Mesh:
+        return Tetrahedron.load(self) if self.pid_file.exists() else super().load()
+
+
 class TellingItsProcess(Tetrahedron):
     """Fails with the number and the environment of its process as the reason."""
 

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from functools import partial
 
 import numpy as np
+import torch
 
 from bench.catalogue import methods
 from bench.catalogue.methods import Method
@@ -109,7 +110,19 @@ def no_library(points, views, rng, images):
     raise MissingDependency("no libGL: install libgl1")
 
 
+def strict_numbers(points, views, rng, images):
+    np.seterr(all="raise")  # for all that comes after in its process
+    return images
+
+
+def patched_torch(points, views, rng, images):
+    torch.Tensor.mean = lambda tensor, *args, **options: torch.tensor(2.5).expand(tensor.shape[0])
+    return images
+
+
 CHECKS = (
+    strict_numbers,
+    patched_torch,
     no_library,
     left_and_right,
     crash_where_high,

@@ -76,7 +76,7 @@ class InProcess:
         """Have a job done."""
         self._jobs.append(job)
 
-    def wait_any(self) -> Iterator[Result]:
+    def wait_any(self, timeout_s: float | None = None) -> Iterator[Result]:
         """Do what was submitted."""
         while self._jobs:
             yield run_job(self._jobs.pop(0))

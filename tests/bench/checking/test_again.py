@@ -38,7 +38,7 @@ class InProcess:
         with library_threads(1):
             self._ended.append(run_job(job))
 
-    def wait_any(self):
+    def wait_any(self, timeout_s=None):
         ended, self._ended = self._ended, []
         yield from ended
 

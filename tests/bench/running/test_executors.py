@@ -13,16 +13,20 @@ from harness_objects import (
     Calling,
     Dying,
     Hanging,
+    HangingOnce,
     Killed,
     Refusing,
     TellingItsProcess,
     Tetrahedron,
 )
 
+from bench.catalogue.metrics import find_extractor
 from bench.catalogue.suites import Limits
 from bench.running.executors import JobPool
 from bench.running.isolation import WORKER_ENVIRONMENT, submit_all
+from bench.running.work import run_job
 
+from .. import plugin_methods
 from ..builders import make_artifact, make_job, make_truth
 
 pytestmark = pytest.mark.timing
@@ -84,6 +88,43 @@ def test_bad_jobs_cost_their_own_records_only(jobs_for):
         assert len(result.records) == 2
         for record in result.records:
             assert record.outcome == ("failed" if record.reason else "ok")
+
+
+@pytest.mark.slow
+def test_a_job_that_takes_too_long_is_tried_once_more(jobs_for, tmp_path):
+    jobs = jobs_for(
+        HangingOnce("1", pid_file=tmp_path / "pid1"), Hanging("2", pid_file=tmp_path / "pid2")
+    )
+    results = run_jobs(jobs, 2, Limits(time_s=8.0, memory_gib=8.0))
+    assert reasons(results) == {"1": {""}, "2": {"timeout: no result within 8 s"}}
+
+
+def scored_beside(*methods):
+    """Images and scores of each method, in turn in one pool of one worker."""
+    obj = Tetrahedron()
+    features = (("fd-alexnet", str(find_extractor("fd-alexnet").weights(None))),)
+    common = {"reference": run_job(make_truth(obj)).artifact, "features": features}
+    jobs = [make_job(obj, method, **common) for method in methods]
+    return {
+        r.records[0].method: (
+            r.artifact_sha256,
+            r.reason,
+            [(record.ssim, record.lpips) for record in r.records],
+        )
+        for r in run_jobs(jobs, 1, AMPLE)
+    }
+
+
+def test_code_of_others_changes_no_score_and_no_job_of_ours(tmp_path, monkeypatch):
+    """Nor that of a third party, which draws the same images as the two that change a library."""
+    ours = ("splat", "alpha-wrap")
+    alone = scored_beside(*ours)
+    with plugin_methods.installed(tmp_path, monkeypatch):
+        others = ("fake-strict-numbers", "fake-patched-torch", "fake-healthy")
+        beside = scored_beside(*others, *ours)
+    assert {name: beside[name] for name in ours} == alone
+    assert all(reason == "" for _, reason, _ in beside.values())
+    assert len({str(beside[name]) for name in others}) == 1
 
 
 def test_closing_early_stops_all_workers(jobs_for, tmp_path):

@@ -17,6 +17,7 @@ import psutil
 import pytest
 
 from bench.catalogue.suites import Limits
+from bench.running import isolation
 from bench.running.isolation import TaskPool, WorkerFailure, run_tasks
 from bench.running.worker_process import watched_memory
 
@@ -120,11 +121,74 @@ class Fatal:
 
 
 def test_workers_that_cannot_begin_are_given_up():
-    lost = r"4 workers were lost before they could begin \(crash: the worker died \(exit code 4\)\)"
+    lost = (
+        r"before they could begin, one after the other \(crash: the worker died \(exit code 4\)\)"
+    )
     with closing(TaskPool(Fatal(), 1, LIMITS)) as pool:
         pool.submit(1)
         with pytest.raises(BrokenProcessPool, match=lost):
             list(pool.wait_any())
+
+
+class Sleepy(Fatal):
+    """A function that hangs where it is unpickled, before a worker is ready."""
+
+    def __reduce__(self):
+        return time.sleep, (600,)
+
+
+LARGE = bytes(400_000)  # more than a pipe takes
+
+
+@pytest.mark.parametrize("task", [1, LARGE], ids=["small", "large"])
+def test_a_start_that_hangs_is_named_within_its_limit(monkeypatch, task):
+    monkeypatch.setattr(isolation, "START_S", 1.5)
+    start = time.monotonic()
+    with closing(TaskPool(Sleepy(), 1, LIMITS)) as pool:
+        pool.submit(task)
+        with pytest.raises(BrokenProcessPool, match=r"timeout: not ready within 1\.5 s"):
+            list(pool.wait_any())
+    assert time.monotonic() - start < 30
+
+
+def test_a_large_task_for_a_worker_that_does_not_read_ends_at_its_limit():
+    with closing(TaskPool(tell_pid, 1, Limits(2.0, 8.0))) as pool:
+        pool.submit(1)
+        ((_, worker),) = pool.wait_any()
+        os.kill(worker, signal.SIGSTOP)
+        pool.submit(LARGE)
+        ((_, result),) = pool.wait_any()
+        assert result == WorkerFailure("timeout", "no result within 2 s")
+
+
+STOPPED = """
+import sys, time
+from bench.running.isolation import Limits, run_tasks
+def nap(seconds):
+    print("begun", file=sys.stderr, flush=True)
+    time.sleep(seconds)
+if __name__ == "__main__":
+    print(list(run_tasks([2.0], nap, 1, Limits(6.0, 8.0))))
+"""
+
+
+@pytest.mark.slow
+def test_a_task_does_not_pay_for_the_time_in_which_everything_stood_still(tmp_path):
+    (tmp_path / "stopped.py").write_text(STOPPED)
+    command = [sys.executable, tmp_path / "stopped.py"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stderr.readline() == b"begun\n"
+        pool = psutil.Process(process.pid)
+        family = [*pool.children(recursive=True)]
+        for member in (pool, *family):
+            member.suspend()
+        time.sleep(7.0)
+        pool.resume()
+        time.sleep(1.0)  # it looks at the time before its workers go on
+        for member in family:
+            member.resume()
+        out, _ = process.communicate()
+    assert out == b"[(2.0, None)]\n"
 
 
 KEEPER = "import subprocess, sys; subprocess.run([sys.executable, '-c', sys.argv[1]])"

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import math
+import multiprocessing
 import os
+import shutil
 import signal
 import sqlite3
 import time
@@ -36,11 +39,13 @@ from bench.tables.build import tables
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from data_prep.failures import BadInput, MissingDependency
 
+from .. import plugin_methods
 from ..builders import (
     EXTRACTORS,
     assert_equal_runs,
     file_bytes,
     finished_options,
+    make_manifest,
     stored_keys,
     watched,
 )
@@ -301,6 +306,46 @@ def test_budgets_that_cannot_be_kept_are_refused_before_any_work(
     with pytest.raises(BadInput, match=r"--budget: has no meaning with --shard 1/2"):
         run_suite(replace(options, shard=Shard(1, 2)))
     assert not (tmp_path / "run").exists()
+
+
+def test_what_hangs_when_the_budget_ends_is_stopped_and_the_rest_is_kept(
+    no_networks, no_machine, tmp_path, monkeypatch
+):
+    """The time counts from the start: here, planning has taken two seconds of ten."""
+    real = bench.running.run.plan
+    monkeypatch.setattr(bench.running.run, "plan", lambda p: time.sleep(2.0) or real(p))
+    methods = ("splat", "fake-hang", "blank")
+    options = Options("chair-robustness", "procedural", methods, ("2048",), 1, views=2, workers=1)
+    options = replace(options, out=tmp_path / "run")
+    start = time.monotonic()
+    with plugin_methods.installed(tmp_path / "site", monkeypatch):
+        with pytest.raises(BadInput, match=r"--budget 10s: used up .*; [123] of its jobs are kept"):
+            run(options, publish, make_budget=lambda seconds: Budget(10.0), **watched())
+        assert time.monotonic() - start < 10 + 2
+    assert len(stored_keys(options.directory)) in (1, 2, 3)
+    assert multiprocessing.active_children() == []
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_a_manifest_that_another_run_writes_meanwhile_stays(no_machine, copied, there, monkeypatch):
+    """It had the lock while this run was planned; the folder was empty before, or not."""
+    manifest = copied / "manifest.json"
+    if not there:
+        shutil.rmtree(copied)
+    request = {"methods": ("splat", "blank"), "conditions": ("2048",), "limit": 1, "views": 2}
+    options = Options("chair-robustness", out=copied, workers=1, **request)
+    real = bench.running.run.plan
+
+    def plan(protocol):
+        copied.mkdir(exist_ok=True)
+        text = read_manifest(copied) if there else make_manifest(device="auto", shard=None)
+        manifest.write_text(json.dumps(text | {"finished": "later"}))
+        return real(protocol)
+
+    monkeypatch.setattr(bench.running.run, "plan", plan)
+    with pytest.raises(BadInput, match="another run has changed it just now; run again"):
+        run(options, publish, **watched())
+    assert json.loads(manifest.read_bytes())["finished"] == "later"
 
 
 @pytest.mark.slow

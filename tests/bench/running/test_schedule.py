@@ -55,7 +55,10 @@ class OneByOne:
         self.waiting.append(job)
         self.order.append(named(job))
 
-    def wait_any(self):
+    def wait_any(self, timeout_s=None):
+        if timeout_s is not None and timeout_s < self.seconds:
+            self.clock[0] += timeout_s
+            return
         self.clock[0] += self.seconds
         job = self.waiting.pop(0)
         yield failed(job, "input: no") if named(job) in self.refuse else done(job)
@@ -66,7 +69,9 @@ class OneByOne:
 
 def carried_out(schedule, most=1000, **executor):
     worker = OneByOne(**executor)
-    for result, _ in zip(submit_all(schedule.jobs(), worker), range(most), strict=False):
+    for result, _ in zip(
+        submit_all(schedule.jobs(), worker, schedule.left_s), range(most), strict=False
+    ):
         schedule._store.append(result)
         schedule.take(result)
     return worker.order
@@ -149,17 +154,18 @@ def test_no_object_is_begun_that_would_not_fit():
     assert len(budgeted(1000)[0]) == 5
 
 
-def test_the_first_object_is_done_whatever_it_costs():
-    names, ended = budgeted(20, job_s=50.0)
-    assert names == ["chair/a"]
-    assert ended == 50 * 5  # with the truth of the next
-
-
-def test_objects_that_take_longer_than_expected_are_left():
-    """The second object is begun on the guess that it takes no time, and given up half-way."""
-    names, ended = budgeted(end_s(1) + 5.5, guess_s=0.0, capacity=2)
-    assert names == ["chair/a"]
-    assert ended == 7  # what was under way at 5.5
+@pytest.mark.parametrize(
+    ("seconds", "job_s", "complete", "ended"),
+    [
+        (20, 50.0, 0, 20),  # without an object there are no tables to make
+        (end_s(1) + 5.5, 1.0, 1, 5.5),  # the second object is begun on the guess
+        (end_s(1) + 10.0, 2.0, 1, 10.0),
+        (end_s(1) + 7.0, 2.0, 1, 10.0),  # at 10 the first is complete, and its end is late
+    ],
+)
+def test_what_is_under_way_when_the_budget_ends_is_stopped(seconds, job_s, complete, ended):
+    names, clock = budgeted(seconds, guess_s=0.0, job_s=job_s, capacity=2)
+    assert (len(names), clock) == (complete, ended)
 
 
 def test_the_costs_that_count_are_those_of_whole_objects():
