@@ -113,11 +113,6 @@ def scored_run(directory: Path, manifest: dict[str, Any]) -> ScoredRun:
         suite = stored_suite(manifest)
     except BadInput as error:
         raise BadInput(f"{directory}: {error}") from error
-    if missing := [name for name in ("methods", "conditions", "objects") if name not in manifest]:
-        raise BadInput(
-            f"{directory}: its manifest has no {', '.join(missing)}; start the run again with its "
-            "command"
-        )
     stored = {metric: read_features(directory, metric) for metric in suite.extractors}
     features = {metric: values for metric, values in stored.items() if values is not None}
     return score(directory, suite, manifest, sum_records(directory, manifest), features)

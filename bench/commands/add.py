@@ -86,6 +86,7 @@ def options_of(directory: Path, methods: Sequence[str], workers: int | None) -> 
     if "shard" in values:
         values["shard"] = read_shard(str(values["shard"]))
     asked = {"methods": tuple(methods), "workers": workers, "out": directory}
+    asked["device"] = manifest["device"]
     return Options(**{**values, **asked, "same_objects": True})
 
 

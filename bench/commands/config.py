@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import tomllib
 from collections import Counter
 from collections.abc import Mapping
@@ -16,15 +15,16 @@ from bench.catalogue.gone import instead_of, unknown
 from bench.catalogue.suites import SUITES
 from bench.commands.options import USAGE_ERROR, read_path
 from bench.records.record import SCHEMA_VERSION
-from bench.records.run_folder import PROTOCOL
-from bench.running.options import Options
+from bench.records.run_folder import load_manifest
+from bench.running.options import REPEATED, Options
 from bench.running.protocol import name_of, objects_of
-from data_prep.datasets.protocol_version import refuse_other_version
 from data_prep.datasets.registry import open_dataset
 from data_prep.failures import BadInput
 from data_prep.files.safe_read import MIB, read_text
 
 REQUEST = "request"  # key in a manifest: the options of the command
+INSTEAD = "give the manifest.json of a run, or state the options in a TOML file"
+MEASURED = {*REPEATED} - {"device"}  # where it was measured is no part of what
 JOB_SUITES = {suite.id: suite for suite in SUITES}
 
 
@@ -58,9 +58,9 @@ def refuse_other_objects(options: Options, path: Path | None) -> None:
         return
     suite = JOB_SUITES[options.suite]
     names = [name_of(obj) for obj in objects_of(suite, open_dataset(options.dataset), options)]
-    if names != manifest.get("objects"):
+    if names != manifest["objects"]:
         raise BadInput(
-            f"{path}: the {len(manifest.get('objects', ()))} objects of that run are not the "
+            f"{path}: the {len(manifest['objects'])} objects of that run are not the "
             f"{len(names)} that options can choose now; finish it with its command, bring its "
             "dataset back as it was, or give another --limit"
         )
@@ -76,14 +76,9 @@ def _toml(path: Path) -> Mapping[str, Any]:
 
 
 def _manifest(path: Path) -> Mapping[str, Any]:
-    try:
-        manifest = json.loads(read_text(path, 64 * MIB))
-        request = manifest.get(REQUEST)
-    except (ValueError, AttributeError, RecursionError) as error:
-        if isinstance(error, BadInput):
-            raise
-        raise BadInput(f"{path}: cannot be read ({error}); give a TOML file") from error
-    if not isinstance(request, Mapping):
+    """Return the manifest of a run of this version that can be repeated."""
+    manifest = load_manifest(path, path, INSTEAD)
+    if not manifest.get(REQUEST):
         raise BadInput(
             f"{path}: has no options of a run; give the manifest.json of a run of this version"
         )
@@ -93,27 +88,24 @@ def _manifest(path: Path) -> Mapping[str, Any]:
 def repeated_request(path: Path) -> Mapping[str, Any]:
     """Return the request in a manifest, with the methods, conditions and views it has measured.
 
-    Raises BadInput for a file that is no manifest, and for a run of another version of the protocol
-    or of the schema.
+    What does not say what is measured is left out: a manifest may come from anywhere. Raises
+    BadInput for a file that is no manifest, and for a run of another version of the protocol or of
+    the schema.
     """
     manifest = _manifest(path)
-    instead = "state the options in a TOML file"
-    refuse_other_version(path, manifest.get(PROTOCOL, 1), instead)
-    if (schema := manifest.get("schema_version")) != SCHEMA_VERSION:
+    if (schema := manifest["schema_version"]) != SCHEMA_VERSION:
         raise BadInput(
             f"{path}: of schema {schema}, this version has {SCHEMA_VERSION} and would measure "
-            f"something else; use the version that made it, or {instead}"
+            f"something else; use the version that made it, or {INSTEAD}"
         )
-    request = manifest[REQUEST]
-    if request.get("suite") not in JOB_SUITES:
+    request = {name: value for name, value in manifest[REQUEST].items() if name in MEASURED}
+    if manifest["suite"] not in JOB_SUITES:
         return request
-    names = ("methods", "conditions", "views")
-    repeated = request | {name: manifest[name] for name in names if name in manifest}
-    if "methods" in repeated:
-        repeated["methods"] = [address_of(manifest, method) for method in repeated["methods"]]
+    repeated = request | {name: manifest[name] for name in ("conditions", "views")}
+    repeated["methods"] = [address_of(manifest, method) for method in manifest["methods"]]
     if manifest.get("shard"):
         return repeated | {"shard": manifest["shard"]}
-    classes = Counter(name.partition("/")[0] for name in manifest.get("objects", ()))
+    classes = Counter(name.partition("/")[0] for name in manifest["objects"])
     return repeated | ({"limit": max(classes.values())} if classes else {})
 
 

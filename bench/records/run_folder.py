@@ -16,6 +16,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from bench.records.manifest_schema import misfit
 from bench.records.record import SCHEMA_VERSION
 from bench.records.store import STORE, Store, open_store
 from data_prep.datasets.protocol_version import refuse_other_version
@@ -138,34 +139,49 @@ def read_manifest(directory: Path, older: bool = False) -> dict[str, Any]:
     Raises BadInput where there is no run, and for one that is damaged, of version 1.0.0, of a newer
     schema or of another version of the protocol, but for an earlier one with `older`.
     """
-    path = directory / MANIFEST
     if not directory.exists():
         raise BadInput(f"{directory}: no such folder; give a run's folder")
-    if not path.is_file():
+    if not (directory / MANIFEST).is_file():
         raise BadInput(f"{directory}: no run here ({MANIFEST} is missing); give a run's folder")
+    is_former = (directory / JOURNAL).is_dir()
+    return load_manifest(directory / MANIFEST, directory, older=older, is_former=is_former)
+
+
+def load_manifest(
+    path: Path,
+    where: Path,
+    remedy: str = "",
+    older: bool = False,
+    is_former: bool = False,
+) -> dict[str, Any]:
+    """Return the manifest in a file, whose entries have the types of `SCHEMA`.
+
+    Raises BadInput as `read_manifest`; messages about versions name `where`. `remedy` is another
+    one than to run again.
+    """
+    instead = remedy or "move it away and run again"
     try:
         manifest = json.loads(read_file(path, MOST_BYTES))
+        json.dumps(manifest, ensure_ascii=False).encode()  # lone surrogates cannot be written
         schema = int(manifest["schema_version"])
-        lacking = [name for name in FIXED if name not in manifest]
     except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
         if isinstance(error, BadInput):
             raise
-        raise BadInput(f"{path}: not a manifest ({error}); move it away and run again") from error
+        raise BadInput(f"{path}: not a manifest ({error}); {instead}") from error
     if schema > SCHEMA_VERSION:
         raise BadInput(
-            f"{directory}: written by a newer version (schema {schema}, this one reads up to "
+            f"{where}: written by a newer version (schema {schema}, this one reads up to "
             f"{SCHEMA_VERSION}); update pc2pix-bench or give another --out"
         )
-    if lacking:
+    if PROTOCOL not in manifest or is_former:
         raise BadInput(
-            f"{path}: not a manifest (no {', '.join(lacking)}); move it away and run again"
-        )
-    if PROTOCOL not in manifest or (directory / JOURNAL).is_dir():
-        raise BadInput(
-            f"{directory}: a run of version 1.0.0 or earlier, which this one does not read; start "
+            f"{where}: a run of version 1.0.0 or earlier, which this one does not read; start "
             "it again with another --out or --fresh"
         )
-    refuse_other_version(directory, manifest[PROTOCOL], older=older)
+    again = remedy or "run again with another --out or --fresh"
+    refuse_other_version(where, manifest[PROTOCOL], again, older)
+    if problem := misfit(manifest):
+        raise BadInput(f"{path}: not a manifest ({problem}); {instead}")
     return manifest
 
 

@@ -21,7 +21,13 @@ from multiprocessing import connection
 from typing import Any, Generic, Literal, Protocol, TypeVar
 
 from bench.catalogue.suites import Limits
-from bench.running.worker_process import SAFE_PATH, WorkerProcess, watched_memory
+from bench.running.worker_process import (
+    SAFE_PATH,
+    TICK_S,
+    RunningTime,
+    WorkerProcess,
+    watched_memory,
+)
 
 
 @contextmanager
@@ -96,8 +102,6 @@ def submit_all(
 Result = TypeVar("Result")
 
 TASKS_PER_WORKER = 500  # then a fresh process, which ends every leak
-TICK_S = 1.0  # the pool looks about so often
-LONGEST_TICK_S = 2.0  # of a process that runs; a longer one was stopped, or the machine slept
 QUEUED = 2  # tasks for each worker, the one that it does and the next: there may be 10^5 in all
 START_S = 120.0  # for a worker to get ready, on a machine that swaps, too
 MOST_BREAKS = 3  # workers lost before they were ready, one after the other
@@ -135,24 +139,6 @@ class WorkerFailure:
     def reason(self) -> str:
         """Return the reason in a record, as in "timeout: no result within 120 s"."""
         return f"{self.kind}: {self.detail}"
-
-
-class RunningTime:
-    """A clock that stands still while this process is stopped, and its workers with it.
-
-    It has to be read every `TICK_S`. What lies beyond `LONGEST_TICK_S` between two readings counts
-    for nothing: a closed lid, SIGSTOP, a frozen container.
-    """
-
-    def __init__(self) -> None:
-        self._seconds, self._last = 0.0, time.monotonic()
-
-    def __call__(self) -> float:
-        """Return the seconds that this process could run since the clock was made."""
-        now = time.monotonic()
-        self._seconds += min(now - self._last, LONGEST_TICK_S)
-        self._last = now
-        return self._seconds
 
 
 @dataclass

@@ -34,6 +34,8 @@ WATCH_EVERY_S = 0.1
 # is for what CUDA and plug-ins reserve.
 RESERVED_GIB = 8.0
 PATIENCE_S = 10.0  # with a worker that has nothing left to do, or ought to have ended
+TICK_S = 1.0  # a pool looks about so often
+LONGEST_TICK_S = 2.0  # of a process that runs; a longer one was stopped, or the machine slept
 SAFE_PATH = "PYTHONSAFEPATH"  # keeps the current folder off the path of imports
 
 PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36  # linux/prctl.h
@@ -45,6 +47,24 @@ def own_python(*arguments: str) -> list[str]:
     The current folder is not on its path: a `random.py` there is not ours to run.
     """
     return [sys.executable, "-P", *arguments]
+
+
+class RunningTime:
+    """A clock that stands still while this process is stopped, and its workers with it.
+
+    It has to be read every `TICK_S`. What lies beyond `LONGEST_TICK_S` between two readings counts
+    for nothing: a closed lid, SIGSTOP, a frozen container.
+    """
+
+    def __init__(self) -> None:
+        self._seconds, self._last = 0.0, time.monotonic()
+
+    def __call__(self) -> float:
+        """Return the seconds that this process could run since the clock was made."""
+        now = time.monotonic()
+        self._seconds += min(now - self._last, LONGEST_TICK_S)
+        self._last = now
+        return self._seconds
 
 
 class WorkerProcess:
