@@ -213,9 +213,11 @@ RENDER_OPTIONS: dict[str, str | OptionSpec] = {
     "of the file.",
     "up": "Axis of the file that points up, -x to z; z for most scans. Default: y.",
     "front": "Axis of the file to the front. Default: -z, or -y where z is up.",
-    "points": "Points at most, chosen at random. Default: all.",
+    "points": "Points at most, chosen at random. Default: all; 2048 of the surface of a mesh.",
     "drop_invalid": "Leave out points that are not finite, and print how many. Default: refuse "
     "them.",
+    "drop_far": "Leave out points far from all others, and print how many. Default: draw them, "
+    "and print it.",
     "device": OptionSpec(DEVICE, kind=Device),
     "as_is": "Keep scale and place. Default: move the cloud into the unit sphere.",
 }

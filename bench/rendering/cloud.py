@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,14 +17,17 @@ from bench.rendering.drawing_thread import on_drawing_thread, one_pool
 from bench.rendering.orientation_hint import looks_lying
 from bench.running.isolation import WorkerFailure, run_tasks
 from bench.running.work import RenderedViews, draw, load_renderer, reason_of
+from data_prep.clouds.coarse_steps import note_on_steps
+from data_prep.clouds.far_points import far_points, note_on_far
 from data_prep.clouds.normalise import normalise_points
 from data_prep.clouds.orientations import upright
+from data_prep.clouds.sampling import sample_faces
 from data_prep.failures import BadInput, MissingDependency
 from data_prep.files.cloud_contents import CloudContents, PointColors
 from data_prep.files.clouds import read_cloud
 from data_prep.randomness import generator
 from data_prep.rendering.dots import draw_dots
-from data_prep.scene import PointCloud, Renderer, UInt8Images, View
+from data_prep.scene import CLOUD_SIZE, PointCloud, Renderer, UInt8Images, View
 
 Z_UP = (".las", ".laz", ".e57")  # formats of surveys: z is the height
 COLOUR_METHOD = "splat"  # draws the colours of a file
@@ -53,6 +57,8 @@ class CloudFile:
         None keeps all.
     drop_invalid : bool
         Whether to leave out points that are not finite; else they are refused, unless `as_is`.
+    drop_far : bool
+        Whether to leave out points far from all others; else a note tells of them, unless `as_is`.
     with_colors : bool
         Whether to read the colours of the points; a file without them is refused.
     up_unknown : bool
@@ -65,6 +71,7 @@ class CloudFile:
     front: str | None = None
     most: int | None = None
     drop_invalid: bool = False
+    drop_far: bool = False
     with_colors: bool = False
     up_unknown: bool = False
 
@@ -86,16 +93,11 @@ class CloudFile:
     def load_all(self) -> LoadedCloud:
         """Return the cloud as `load` does, its colours where asked for, and notes on the file."""
         contents = read_cloud(self.path, self.with_colors)
-        if self.with_colors and contents.colors is None:
-            raise BadInput(f"{self.path}: no colours of its points; {WHERE_COLOURS}")
-        notes = [f"{self.path}: {note}" for note in _unused(contents, self.with_colors)]
-        points = upright(contents.points, self.up, self.front)
-        valid = np.isfinite(points).all(axis=1)
-        kept = np.arange(len(points))
-        count = f"{np.count_nonzero(~valid)} of {len(points)} points"
+        notes: list[str] = []
+        valid = np.isfinite(contents.points).all(axis=1)
+        count = f"{np.count_nonzero(~valid)} of {len(contents.points)} points"
         if not valid.all() and self.drop_invalid:
-            kept = np.flatnonzero(valid)
-            notes.append(f"{self.path}: {count} are left out, they are not finite")
+            notes.append(f"{count} are left out, they are not finite")
         elif not valid.all() and not self.as_is:
             first, lines = int(np.flatnonzero(~valid)[0]), contents.lines
             where = f"is point {first + 1}" if lines is None else f"in line {lines[first]}"
@@ -103,16 +105,58 @@ class CloudFile:
                 f"{self.path}: {count} are not finite (the first {where}); remove them, or leave "
                 "them out with --drop-invalid"
             )
+        if contents.is_mesh:
+            contents = self._on_surface(contents, notes)
+            valid = np.isfinite(contents.points).all(axis=1)
+        if self.with_colors and contents.colors is None:
+            raise BadInput(f"{self.path}: no colours of its points; {WHERE_COLOURS}")
+        notes = [*_unused(contents, self.with_colors), *notes]
+        points = upright(contents.points, self.up, self.front)
+        kept = np.flatnonzero(valid) if self.drop_invalid else np.arange(len(points))
+        kept = kept[self._near(points[kept], notes)]
         if self.most is not None and len(kept) > self.most:
             chosen = generator("render", "points").choice(len(kept), self.most, replace=False)
             kept = kept[np.sort(chosen)]
         cloud = self._scaled(points[kept])
         if self.up_unknown and (self.path.suffix.lower() in Z_UP or looks_lying(cloud)):
-            notes.append(
-                f"{self.path}: its z axis seems to point up; give --up z, or --up y if it does not"
-            )
+            notes.append("its z axis seems to point up; give --up z, or --up y if it does not")
         colors = None if contents.colors is None else contents.colors[kept]
-        return LoadedCloud(cloud, colors, tuple(notes))
+        return LoadedCloud(cloud, colors, tuple(f"{self.path}: {note}" for note in notes))
+
+    def _on_surface(self, contents: CloudContents, notes: list[str]) -> CloudContents:
+        """Return points of the surface of a mesh in place of its vertices."""
+        faces = cast("NDArray[np.int64]", contents.faces)
+        whole = np.isfinite(contents.points[faces]).all(axis=(1, 2))
+        count, rng = self.most or CLOUD_SIZE, generator("render", "surface")
+        try:
+            points, face, shares = sample_faces(contents.points[faces[whole]], rng, count)
+        except BadInput:  # no area
+            return contents
+        face = np.flatnonzero(whole)[face]
+        colors = None if contents.face_colors is None else contents.face_colors[face]
+        if contents.colors is not None:
+            mixed = np.einsum("ij,ijk->ik", shares, contents.colors[faces[face]].astype(float))
+            colors = np.rint(mixed).astype(np.uint8)
+        notes.append(
+            f"a mesh of {len(faces)} triangles: {count} points of its surface are drawn, not its "
+            f"{len(contents.points)} vertices; --points takes another number"
+        )
+        if steps := note_on_steps(contents.points[np.isfinite(contents.points).all(axis=1)]):
+            notes.append(steps)
+        unused = tuple(part for part in contents.unused if not part.endswith("faces"))
+        return CloudContents(points, unused, None, contents.has_colors, colors)
+
+    def _near(self, points: NDArray[np.float64], notes: list[str]) -> NDArray[np.bool_]:
+        """Return which points are kept: all, or those that are not far; note what is odd."""
+        far = far_points(points)
+        if far.any() and self.drop_far:
+            count = f"{np.count_nonzero(far)} of {len(far)} points"
+            notes.append(f"{count} are left out, they lie far from the rest")
+        elif far.any() and not self.as_is:
+            notes.append(f"{note_on_far(points, far)}; --drop-far leaves them out")
+        if not self.as_is and (steps := note_on_steps(points[~far])):
+            notes.append(steps)
+        return ~far | (not self.drop_far)
 
     def _scaled(self, points: NDArray[np.float64]) -> PointCloud:
         if self.as_is:
@@ -140,7 +184,7 @@ def _unused(contents: CloudContents, with_colors: bool) -> Iterator[str]:
         remedy = i == 0 and contents.has_colors and not with_colors
         more = "; '--method splat --colour file' draws its colours" if remedy else ""
         if part.endswith("faces"):
-            more += "; of a mesh give points of its surface"
+            more += "; they make no surface of most of these"
         yield f"{part} are not used; only the coordinates of its points are{more}"
 
 

@@ -47,7 +47,7 @@ class RenderOptions:
         Most milliseconds for one image of a new cloud, which choose the method.
     up : str or None
         As in `bench.rendering.cloud.CloudFile`; None: y, and a note where z looks right.
-    front, points, drop_invalid, as_is
+    front, points, drop_invalid, drop_far, as_is
         See `bench.rendering.cloud.CloudFile`.
     """
 
@@ -64,6 +64,7 @@ class RenderOptions:
     front: str | None = None
     points: int | None = None
     drop_invalid: bool = False
+    drop_far: bool = False
     device: str = "auto"
     as_is: bool = False
 
@@ -129,6 +130,7 @@ def cloud_file(cloud: Path, options: RenderOptions) -> CloudFile:
         options.front,
         options.points,
         options.drop_invalid,
+        options.drop_far,
         with_colors=options.colour == "file",
         up_unknown=options.up is None,
     )

@@ -14,7 +14,10 @@ ELEVATION_RANGE_DEG = (-40.0, 40.0)
 
 def face_areas(mesh: Mesh) -> NDArray[np.float64]:
     """Return the area of each face [F] in squared unit-sphere units."""
-    corners = mesh.vertices.astype(np.float64)[mesh.faces]
+    return _areas(mesh.vertices.astype(np.float64)[mesh.faces])
+
+
+def _areas(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     edges = corners[:, 1:] - corners[:, :1]
     return 0.5 * np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
 
@@ -27,7 +30,19 @@ def sample_surface(mesh: Mesh, rng: np.random.Generator, count: int = CLOUD_SIZE
 
     Raises BadInput where the mesh has no face of positive area.
     """
-    areas = face_areas(mesh)
+    points, _, _ = sample_faces(mesh.vertices.astype(np.float64)[mesh.faces], rng, count)
+    return PointCloud(points.astype(np.float32), source=mesh)
+
+
+def sample_faces(
+    corners: NDArray[np.float64], rng: np.random.Generator, count: int
+) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
+    """Draw points as `sample_surface` does on triangles [F, 3, 3], with their places.
+
+    Returns the points [N, 3], the face of each [N], and its shares of the three corners [N, 3].
+    Raises BadInput where no face has an area.
+    """
+    areas = _areas(corners)
     total = areas.sum()
     if not (np.isfinite(total) and total > 0):
         raise BadInput(
@@ -39,13 +54,13 @@ def sample_surface(mesh: Mesh, rng: np.random.Generator, count: int = CLOUD_SIZE
     along = rng.random((count, 2))
     folded = along.sum(axis=1) > 1
     along[folded] = 1 - along[folded]
-    corners = mesh.vertices.astype(np.float64)[mesh.faces[face]]
+    chosen = corners[face]
     points = (
-        corners[:, 0]
-        + along[:, :1] * (corners[:, 1] - corners[:, 0])
-        + along[:, 1:] * (corners[:, 2] - corners[:, 0])
+        chosen[:, 0]
+        + along[:, :1] * (chosen[:, 1] - chosen[:, 0])
+        + along[:, 1:] * (chosen[:, 2] - chosen[:, 0])
     )
-    return PointCloud(points.astype(np.float32), source=mesh)
+    return points, face, np.column_stack([1 - along.sum(axis=1), along])
 
 
 def random_views(count: int, rng: np.random.Generator) -> tuple[View, ...]:

@@ -36,6 +36,10 @@ class CloudContents:
         Whether the file has columns that can be read as colours of its points.
     colors : uint8 array [N, 3] or None
         Red, green and blue of each point; None where they are not asked for, or not in the file.
+    faces : int64 array [F, 3] or None
+        Triangles of points, of a file that may hold a mesh.
+    face_colors : uint8 array [F, 3] or None
+        Their colours, as `colors`.
     """
 
     points: CloudPoints
@@ -43,6 +47,16 @@ class CloudContents:
     lines: Sequence[int] | None = None
     has_colors: bool = False
     colors: PointColors | None = None
+    faces: NDArray[np.int64] | None = None
+    face_colors: PointColors | None = None
+
+    @property
+    def is_mesh(self) -> bool:
+        """Return whether the triangles join at least half of the points."""
+        faces = self.faces
+        return (
+            faces is not None and len(faces) > 0 and 2 * len(np.unique(faces)) >= len(self.points)
+        )
 
 
 class NotACloud(Exception):

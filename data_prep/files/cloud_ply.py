@@ -1,4 +1,4 @@
-"""Clouds in PLY, ascii or binary.
+"""Clouds and meshes in PLY, ascii or binary.
 
 Without a library: trimesh reads a truncated text as if it were whole and refuses binary files with
 faces of different sizes; plyfile takes memory for as many rows as the header claims
@@ -8,10 +8,11 @@ faces of different sizes; plyfile takes memory for as many rows as the header cl
 from __future__ import annotations
 
 import re
+import struct
 from array import array
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import islice
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ from data_prep.files.cloud_contents import (
     COLOURS,
     CloudContents,
     NotACloud,
+    PointColors,
     color_columns,
     colors_of,
 )
@@ -29,74 +31,160 @@ from data_prep.files.safe_read import shown
 
 MOST_HEADER_BYTES = 2**16
 
-_PLY_HEADER = re.compile(rb"ply\r?\n((?:.*?\n)?)end_header\r?\n", re.DOTALL)
-_BYTE_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
-_PLY_TYPES = {
-    "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4",
-    "float": "f4", "double": "f8",
-    "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4",
-    "float32": "f4", "float64": "f8",
+# The first line tells how lines end: after end_header a \n may be the first byte of the numbers.
+_PLY_HEADER = re.compile(
+    rb"ply[ \t]*(?:\r?\n|(\r))((?:.*?[\r\n])?)end_header[ \t]*(?(1)\r|\r?\n)", re.DOTALL
+)
+_BYTE_ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
+_PLY_TYPES = {  # as `struct` and numpy call them
+    "char": "b", "uchar": "B", "short": "h", "ushort": "H", "int": "i", "uint": "I",
+    "int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i", "uint32": "I",
+    "int64": "q", "uint64": "Q", "float": "f", "double": "d", "float32": "f", "float64": "d",
 }  # fmt: skip
+_WHOLE = "bBhHiIqQ"
+_SPLAT_COLOURS = ("f_dc_0", "f_dc_1", "f_dc_2")  # the first spherical harmonic
+_HARMONIC = 0.28209479177387814
+_SURFACES = ("face", "tristrips")
+_CORNERS = ("vertex_indices", "vertex_index")
 
 
-@dataclass
-class _Element:
-    """An element of a PLY. Properties are names and types ("f4"); the type of a list is ""."""
+class _Property(NamedTuple):
+    """A property: its name, its type, and the type of the lengths of lists, else ""."""
 
     name: str
-    count: int
-    properties: list[tuple[str, str]]
+    kind: str
+    length: str = ""
 
-    @property
-    def has_lists(self) -> bool:
-        return any(not code for _, code in self.properties)
+
+class _Element(NamedTuple):
+    name: str
+    rows: int
+    properties: list[_Property]
+
+    def names(self, lists: bool = False) -> list[str]:
+        """Return the names of the properties that are lists, or are none; "" for the others."""
+        return [p.name if bool(p.length) == lists else "" for p in self.properties]
+
+
+class _Table(NamedTuple):
+    """The rows of an element: where each begins [R], and in it each property, [P] or [P, R]."""
+
+    element: _Element
+    kinds: Sequence[tuple[str, str]]  # as stored, with the byte order
+    data: bytes
+    starts: NDArray[np.int64]
+    offsets: NDArray[np.int64]
+    end: int
+
+    def columns(self, indices: Sequence[int]) -> NDArray[np.float64]:
+        """Return the numbers [rows, columns] of properties."""
+        numbers = (self._at(self.starts + self.offsets[i], self.kinds[i][0]) for i in indices)
+        return np.stack([column.astype(np.float64) for column in numbers], axis=1)
+
+    def colors(self, wanted: bool) -> tuple[bool, PointColors | None]:
+        """Return whether the rows have colours, and these if they are wanted."""
+        names = self.element.names()
+        columns = color_columns(names)
+        harmonics = not columns and set(_SPLAT_COLOURS) <= set(names)
+        if harmonics:
+            columns = tuple(names.index(name) for name in _SPLAT_COLOURS)
+        if not columns or not wanted:
+            return bool(columns), None
+        values = self.columns(columns)
+        if harmonics:
+            values = np.clip(0.5 + _HARMONIC * values, 0, 1)
+        whole = all(self.element.properties[i].kind in _WHOLE for i in columns)
+        return True, colors_of(values, whole)
+
+    def triangles(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return the triangles [F, 3] of polygons or strips, and the row of each."""
+        names = self.element.names(lists=True)
+        index = next((names.index(name) for name in _CORNERS if name in names), None)
+        if index is None:
+            return np.empty((0, 3), np.int64), np.empty(0, np.int64)
+        kind, length = self.kinds[index]
+        places, size = self.starts + self.offsets[index], struct.calcsize(kind)
+        lengths = self._at(places, length).astype(np.int64)
+        places = np.repeat(places + struct.calcsize(length), lengths) + size * _counted(lengths)
+        corners = self._at(places, kind).astype(np.int64)
+        counts = np.maximum(lengths - 2, 0)
+        rows = np.repeat(np.arange(len(counts)), counts)
+        first, step = (np.cumsum(lengths) - lengths)[rows], _counted(counts)
+        strips = self.element.name == "tristrips"  # -1 begins another
+        chosen = np.stack([first + strips * step, first + step + 1, first + step + 2], axis=1)
+        triangles = corners[chosen]
+        kept = (triangles >= 0).all(axis=1) if strips else slice(None)
+        return triangles[kept], rows[kept]
+
+    def _at(self, places: NDArray[np.int64], kind: str) -> NDArray[Any]:
+        step = int(places[1] - places[0]) if len(places) > 1 else 0
+        if step and (np.diff(places) == step).all():  # without a copy
+            return np.ndarray(len(places), kind, self.data, int(places[0]), (step,))
+        each = places[:, None] + np.arange(struct.calcsize(kind))
+        return np.frombuffer(self.data, np.uint8)[each].view(kind).ravel()
+
+
+def _counted(lengths: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return 0, 1, ... for each length."""
+    return np.arange(lengths.sum()) - np.repeat(np.cumsum(lengths) - lengths, lengths)
 
 
 def read_ply(data: bytes, with_colors: bool = False) -> CloudContents:
-    """Return the vertices; faces are only counted."""
+    """Return the vertices, and the triangles of a mesh."""
     header = _PLY_HEADER.match(data, 0, MOST_HEADER_BYTES)
     if header is None:
         raise NotACloud("no PLY header (ply ... end_header); use a PLY file")
-    byte_order, elements = _ply_header(header[1])
+    byte_order, elements = _ply_header(header[2])
     names = [element.name for element in elements]
     if "vertex" not in names:
         raise NotACloud(f"no element vertex, but {shown(', '.join(names))}; use a PLY of points")
-    *before, vertex = elements[: names.index("vertex") + 1]
-    properties = [name for name, _ in vertex.properties]
+    vertex = names.index("vertex")
+    properties = elements[vertex].names()
     for axis in "xyz":
         if properties.count(axis) != 1:
             raise NotACloud(
                 f"{properties.count(axis)} properties {axis} of the vertices, expected 1; use a "
                 "PLY with x, y and z"
             )
-    if vertex.has_lists:
-        raise NotACloud("a list among the properties of the vertices; write it without")
-    columns = [properties.index(axis) for axis in "xyz"]
-    colours = color_columns(properties)
-    if with_colors:
-        columns += colours
-    faces = sum(element.count for element in elements if element.name == "face")
-    any_red = set(CHANNELS[0]) & set(properties)
-    unused = (*((COLOURS,) if any_red else ()), *((f"its {faces} faces",) if faces else ()))
+    surface = next((i for i, e in enumerate(elements) if e.name in _SURFACES and e.rows), vertex)
+    wanted = elements[: max(vertex, surface) + 1]
     lines = None
-    if byte_order:
-        table = _binary_vertices(data, header.end(), byte_order, before, vertex, columns)
+    if byte_order == "=":
+        tables, lines = _text_tables(data, len(header[0].splitlines()), wanted)
+        lines = lines[vertex]
     else:
-        table, numbers = _ascii_vertices(data[header.end() :], before, vertex, columns)
-        header_lines = data.count(b"\n", 0, header.end())
-        lines = [header_lines + number for number in numbers]
-    colors = None
-    if len(columns) > 3:
-        whole = all(vertex.properties[i][1][0] in "iu" for i in colours)
-        colors = colors_of(table[:, 3:], whole)
-    return CloudContents(table[:, :3], unused, lines, bool(colours), colors)
+        tables, end = [], header.end()
+        for element in wanted:
+            tables.append(_table(element, data, end, byte_order))
+            end = tables[-1].end
+    points = tables[vertex].columns([properties.index(axis) for axis in "xyz"])
+    has_colors, colors = tables[vertex].colors(with_colors)
+    unused = (COLOURS,) if set(CHANNELS[0]) & set(properties) or has_colors else ()
+    if surface == vertex:
+        return CloudContents(points, unused, lines, has_colors, colors)
+    faces, rows = tables[surface].triangles()
+    if faces.size and not 0 <= faces.min() <= faces.max() < len(points):
+        raise NotACloud(
+            f"faces have the vertices {faces.min()} to {faces.max()}, of {len(points)}; the file "
+            "is damaged, fetch it again"
+        )
+    of_faces, face_colors = tables[surface].colors(with_colors)
+    return CloudContents(
+        points,
+        (*unused, f"its {elements[surface].rows} faces"),
+        lines,
+        has_colors or of_faces,
+        colors,
+        faces,
+        None if face_colors is None else face_colors[rows],
+    )
 
 
 def _ply_header(text: bytes) -> tuple[str, list[_Element]]:
-    """Return the byte order ("" for text) and the elements in their order."""
+    """Return the byte order and the elements in their order."""
     byte_order: str | None = None
     elements: list[_Element] = []
-    for line in text.split(b"\n"):
+    for line in text.splitlines():
         match line.decode("utf-8", "replace").split():
             case [] | ["comment" | "obj_info", *_]:
                 pass
@@ -105,11 +193,12 @@ def _ply_header(text: bytes) -> tuple[str, list[_Element]]:
             case ["element", name, count] if re.fullmatch("[0-9]{1,12}", count):
                 elements.append(_Element(name, int(count), []))
             case ["property", "list", length, kind, name] if (
-                elements and length in _PLY_TYPES and kind in _PLY_TYPES
+                elements and _PLY_TYPES.get(length, "f") in _WHOLE and kind in _PLY_TYPES
             ):
-                elements[-1].properties.append((name, ""))
+                kinds = _PLY_TYPES[kind], _PLY_TYPES[length]
+                elements[-1].properties.append(_Property(name.lower(), *kinds))
             case ["property", kind, name] if elements and kind in _PLY_TYPES:
-                elements[-1].properties.append((name, _PLY_TYPES[kind]))
+                elements[-1].properties.append(_Property(name.lower(), _PLY_TYPES[kind]))
             case _:
                 raise NotACloud(f"{shown(line)} in the PLY header; write the file again")
     if byte_order is None:
@@ -117,49 +206,68 @@ def _ply_header(text: bytes) -> tuple[str, list[_Element]]:
     return byte_order, elements
 
 
-def _binary_vertices(
-    data: bytes,
-    start: int,
-    byte_order: str,
-    before: Sequence[_Element],
-    vertex: _Element,
-    columns: Sequence[int],
-) -> NDArray[np.float64]:
-    """Return these columns of the vertices, [N, columns]."""
-    for element in before:
-        if element.has_lists and element.count:
-            raise NotACloud(f"lists ({shown(element.name)}) before the vertices; write them after")
-        start += element.count * _row(element, byte_order).itemsize
-    row = _row(vertex, byte_order)
-    have, need = len(data) - start, vertex.count * row.itemsize
-    if have < need:
+def _table(element: _Element, data: bytes, start: int, byte_order: str) -> _Table:
+    """Return the rows of an element from a byte of the data on."""
+    kinds = [(byte_order + p.kind, p.length and byte_order + p.length) for p in element.properties]
+    if byte_order == "=":  # a text, whose numbers are all stored alike
+        kinds = [("=d", p.length and "=d") for p in element.properties]
+    sizes = [struct.calcsize(kind) for kind, _ in kinds]
+    lengths = [struct.Struct(length) if length else None for _, length in kinds]
+    end, starts, offsets = start, array("q"), array("q")
+    try:
+        for _ in range(element.rows if any(lengths) else 0):
+            starts.append(end)
+            for size, length in zip(sizes, lengths, strict=True):
+                offsets.append(end - starts[-1])
+                if length is not None:
+                    size *= range(int(length.unpack_from(data, end)[0]) + 1)[-1]  # not below 0
+                    end += length.size
+                end += size
+    except (struct.error, ValueError, OverflowError, IndexError):
+        end = len(data) + 1
+    if not any(lengths):
+        end += sum(sizes) * element.rows
+    if end > len(data):
         raise NotACloud(
-            f"{vertex.count} vertices of {row.itemsize} bytes in the header, and {max(have, 0)} "
-            "bytes for them; the file is cut short, fetch it again"
+            f"{element.rows} rows of {shown(element.name)} in the header, and "
+            f"{max(len(data) - start, 0)} bytes for them; the file is cut short, fetch it again"
         )
-    rows = np.frombuffer(data, row, vertex.count, start)
-    return np.stack([rows[str(i)].astype(np.float64) for i in columns], axis=1)
+    if any(lengths):
+        by_row = np.array(offsets, np.int64).reshape(-1, len(sizes)).T
+        return _Table(element, kinds, data, np.array(starts, np.int64), by_row, end)
+    rows = start + sum(sizes) * np.arange(element.rows if sizes else 0)
+    return _Table(element, kinds, data, rows, np.cumsum([0, *sizes])[:-1], end)
 
 
-def _row(element: _Element, byte_order: str) -> np.dtype:
-    """Return the type of a row of an element without lists, with numbered fields."""
-    # Numbers, because a name may occur twice.
-    return np.dtype([(str(i), byte_order + c) for i, (_, c) in enumerate(element.properties)])
-
-
-def _ascii_vertices(
-    body: bytes, before: Sequence[_Element], vertex: _Element, columns: Sequence[int]
-) -> tuple[NDArray[np.float64], Sequence[int]]:
-    """Return these columns of the vertices, [N, columns], and the line of each after the header."""
-    rows = ((n, f) for n, line in text_lines(body) if (f := line.split(None, max(columns) + 1)))
-    first = sum(element.count for element in before)
-    values, lines = array("d"), array("q")
-    for number, fields in islice(rows, first, first + vertex.count):
-        values.extend(numbers_of(fields, columns, f"line {number} after the header"))
-        lines.append(number)
-    if len(lines) != vertex.count:
-        raise NotACloud(
-            f"{vertex.count} vertices in the header, {len(lines)} in the file; it is cut short, "
-            "fetch it again"
-        )
-    return np.array(values, np.float64).reshape(-1, len(columns)), lines
+def _text_tables(
+    data: bytes, header_lines: int, elements: Sequence[_Element]
+) -> tuple[list[_Table], list[Sequence[int]]]:
+    """Return the tables of a text, and the line of each row."""
+    all_lines = text_lines(data.replace(b"\r\n", b"\n").replace(b"\r", b"\n"))
+    rows = ((n, f) for n, line in islice(all_lines, header_lines, None) if (f := line.split()))
+    tables, lines = [], []
+    for element in elements:
+        values, ends, numbers = array("d"), array("q"), array("q")
+        expected = 0 if any(element.names(lists=True)) else len(element.properties)
+        for number, fields in islice(rows, element.rows if element.properties else 0):
+            if expected and len(fields) != expected:
+                raise NotACloud(
+                    f"line {number} has {len(fields)} columns, and the header has {expected}; "
+                    "write the file again"
+                )
+            values.extend(numbers_of(fields, range(len(fields)), f"line {number}"))
+            ends.append(8 * len(values))
+            numbers.append(number)
+        if len(numbers) < element.rows and element.properties:
+            raise NotACloud(
+                f"{element.rows} rows of {shown(element.name)} in the header, {len(numbers)} in "
+                "the file; it is cut short, fetch it again"
+            )
+        tables.append(_table(element, values.tobytes(), 0, "="))
+        wrong = np.flatnonzero(np.array(ends) != [*tables[-1].starts, tables[-1].end][1:])
+        if len(wrong):
+            raise NotACloud(
+                f"line {numbers[wrong[0]]} has other lists than it says; write the file again"
+            )
+        lines.append(numbers)
+    return tables, lines

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import io
 import os
+import struct
 import warnings
 from contextlib import suppress
 from pathlib import Path
@@ -43,6 +44,14 @@ def load(tmp_path: Path, name: str, content: bytes) -> np.ndarray:
 
 
 XYZ = "double x,double y,double z"
+LITTLE = "binary_little_endian"
+FACES = "element face 2\nproperty list uchar int vertex_indices\n"
+QUAD_AND_TRIANGLE = struct.pack("<B4iB3i", 4, 0, 1, 2, 3, 3, 1, 2, 3)
+SEEN = b"".join(struct.pack("<3dB2i", *point, 2, 5, 6) for point in POINTS)
+UNEVEN = b"".join(
+    point.astype("<f8").tobytes() + struct.pack(f"<B{i}f", i, *range(i)) + bytes([7])
+    for i, point in enumerate(POINTS)
+)
 WHOLE = {
     "ascii.ply": ply("ascii", XYZ, rows()),
     "blank-lines.ply": ply("ascii", XYZ, b"\n" + rows().replace(b"\n", b"\r\n\n")),
@@ -51,6 +60,25 @@ WHOLE = {
     "dos.ply": ply("binary_little_endian", XYZ, b"").replace(b"\n", b"\r\n")
     + POINTS.astype("<f8").tobytes(),
     "more-follows.ply": ply("ascii", XYZ, rows() + b"3 0 1 2\n"),
+    "cr.ply": ply("ascii", XYZ, rows()).replace(b"\n", b"\r"),
+    "cr-binary.ply": ply(LITTLE, XYZ, b"").replace(b"\n", b"\r") + POINTS.astype("<f8").tobytes(),
+    "blanks.ply": ply("ascii", XYZ, rows()).replace(b"ply\n", b"ply \n").replace(b"r\n", b"r \t\n"),
+    "capitals.ply": ply("ascii", XYZ.upper().replace("DOUBLE", "double"), rows()),
+    "list.ply": ply("ascii", f"{XYZ},list uint float64 d", rows().replace(b"\n", b" 2 .5 .25\n")),
+    "lists.ply": ply(
+        "ascii",
+        f"list uchar int a,list uchar int b,{XYZ}",
+        b"".join(
+            b"1 9 %d %s" % (i, b"8 " * i) + row for i, row in enumerate(rows().splitlines(True))
+        ),
+    ),
+    "list-binary.ply": ply(LITTLE, f"{XYZ},list uchar int view", SEEN),
+    "lists-binary.ply": ply(LITTLE, f"{XYZ},list uchar float d,uchar u", UNEVEN),
+    "faces-first.ply": ply("ascii", XYZ, b"4 0 1 2 3\n3 1 2 3\n" + rows(), 4, FACES),
+    "faces-first-binary.ply": ply(
+        LITTLE, XYZ, QUAD_AND_TRIANGLE + POINTS.astype("<f8").tobytes(), 4, FACES
+    ),
+    "empty-before.ply": ply(LITTLE, XYZ, POINTS.astype("<f8").tobytes(), 4, "element nothing 5\n"),
     "a.npy": npy(POINTS),
     "big.npy": npy(POINTS.astype(">f8")),
     "columns.npy": npy(np.asfortranarray(POINTS)),
@@ -128,6 +156,13 @@ COLOURED = {
         "ascii", f"{XYZ},float red,float green,float blue", b"1 2 3 1 0 .5\n4 5 6 .004 .004 0\n", 2
     ),
     "a.xyz": b"1 2 3 255 0 128\n4 5 6 1 1 0\n",
+    "splats.ply": ply(
+        LITTLE,
+        f"float opacity,{XYZ},float f_dc_0,float f_dc_1,float f_dc_2",
+        struct.pack("<f3d3f", 9, 1, 2, 3, 2, -1.77, 0.00695)
+        + struct.pack("<f3d3f", 9, 4, 5, 6, -1.7586, -1.7586, -2),
+        2,
+    ),
     "names.csv": b"g,x,y,z,b,label,R\n0,1,2,3,128,7,255\n1,4,5,6,0,7,1\n",
     "a.pts": b"2\n1 2 3 -9 255 0 128\n4 5 6 -9 1 1 0\n",
     "six.pts": b"2\n1 2 3 255 0 128\n4 5 6 1 1 0\n",
@@ -211,8 +246,6 @@ def test_nothing_and_what_is_not_finite_are_kept_and_numbers_of_other_types(tmp_
         np.testing.assert_array_equal(load(tmp_path, "a.npy", npy(values.astype(kind))), values)
 
 
-LITTLE = "binary_little_endian"
-LIST = "element face 1\nproperty list uchar int v\n"
 BROKEN = {
     "empty.ply": (b"", "no PLY header"),
     "endless.ply": (b"ply\n" + b"comment x\n" * 9000 + b"end_header\n", "no PLY header"),
@@ -222,23 +255,40 @@ BROKEN = {
     "flat.ply": (ply("ascii", "float x,float y", b"1 2\n", 1), "0 properties z"),
     "twice.ply": (ply("ascii", "float x,float y,float z,int x", b"", 0), "2 properties x"),
     "kind.ply": (ply("ascii", "quad x,float y,float z", b"", 0), "'property quad x'"),
-    "list.ply": (ply("ascii", "list uchar int x,float y,float z", b"", 0), "a list among"),
-    "lists-first.ply": (ply(LITTLE, XYZ, bytes(120), 1, LIST), "lists .'face'. before"),
-    "cut.ply": (ply(LITTLE, XYZ, bytes(95), 4), "4 vertices of 24 bytes .* and 95 bytes"),
-    "cut-ascii.ply": (ply("ascii", XYZ, rows(), 5), "5 vertices in the header, 4 in the file"),
-    "huge.ply": (ply(LITTLE, XYZ, bytes(96), 10**12 - 1), "999999999999 vertices"),
+    "list.ply": (ply("ascii", "list uchar int x,float y,float z", b"", 0), "0 properties x"),
+    "list-of.ply": (ply("ascii", f"{XYZ},list float int n", b"", 0), "'property list float int n'"),
+    "list-ends.ply": (
+        ply("ascii", f"{XYZ},list uchar int n", b"1 2 3 2 5 6\n1 2 3 1 5 6\n3\n", 2),
+        "line 11 has other lists than it says",
+    ),
+    "endless-list.ply": (ply(LITTLE, XYZ, b"\xff" * 126, 4, FACES), "2 rows of 'face'"),
+    "below-0.ply": (
+        ply(LITTLE, f"list int int n,{XYZ}", struct.pack("<i", -8) + bytes(96), 4),
+        "4 rows of 'vertex'",
+    ),
+    "nan-list.ply": (ply("ascii", f"{XYZ},list uchar int n", b"1 2 3 nan\n", 1), "1 rows of 'v"),
+    "corner.ply": (
+        ply(LITTLE, XYZ, POINTS.astype("<f8").tobytes() + QUAD_AND_TRIANGLE, 4)
+        .replace(b"end_header\n", FACES.encode() + b"end_header\n")
+        .replace(struct.pack("<i", 3), struct.pack("<i", 4)),
+        "faces have the vertices 0 to 4, of 4; the file is damaged",
+    ),
+    "cut.ply": (ply(LITTLE, XYZ, bytes(95), 4), "4 rows of 'vertex' in .* and 95 bytes for them"),
+    "cut-ascii.ply": (ply("ascii", XYZ, rows(), 5), "5 rows of 'vertex' in .*, 4 in the file"),
+    "huge.ply": (ply(LITTLE, XYZ, bytes(96), 10**12 - 1), "999999999999 rows"),
     "huger.ply": (ply("ascii", XYZ, rows(), 10**19), "'element vertex 1000.*write the file again"),
     "negative.ply": (ply("ascii", XYZ, rows(), -1), "'element vertex -1'"),
     "huge-before.ply": (
         ply(LITTLE, XYZ, bytes(96), 4, "element a 999999999999\nproperty char b\n"),
-        "and 0 bytes for them",
+        "and 96 bytes for them",
     ),
     "huge-before-ascii.ply": (
-        ply("ascii", XYZ, rows(), 4, "element a 999999999999\nproperty char b\n"),
-        "0 in the file",
+        ply("ascii", XYZ, rows(), 4, "element a 999999999999\n" + 3 * "property float b\n"),
+        "4 in the file",
     ),
-    "word.ply": (ply("ascii", XYZ, b"1 2 x\n", 1), "line 1 after the header: 'x' is not a"),
-    "short.ply": (ply("ascii", XYZ, b"\n1 2\n", 1), "line 2 after the header has 2 columns"),
+    "word.ply": (ply("ascii", XYZ, b"1 2 x\n", 1), "line 9: 'x' is not a number"),
+    "short.ply": (ply("ascii", XYZ, b"\n1 2\n", 1), "line 10 has 2 columns, and the header has 3"),
+    "long.ply": (ply("ascii", XYZ, b"1 2 3 4\n", 1), "line 9 has 4 columns, and the header has 3"),
     "empty.npy": (b"", "not a readable NPY"),
     "magic.npy": (b"\x93NUMPY\x07\x07" + bytes(90), "not a readable NPY"),
     "four.npy": (npy(np.zeros((5, 4))), r"float64' of shape '\(5, 4\)'; save real numbers"),
@@ -314,9 +364,9 @@ def test_large_files_are_refused_unread_and_large_texts_sooner(tmp_path: Path, m
     with pytest.raises(BadInput, match="268435457 bytes, and at most 268435456 are read"):
         load_points(tmp_path / "a.xyz")
     for name in ("a.xyz", "ascii.ply"):
-        monkeypatch.setattr(cloud_text, "MOST_TEXT_BYTES", len(rows()))
+        monkeypatch.setattr(cloud_text, "MOST_TEXT_BYTES", len(WHOLE[name]))
         load(tmp_path, name, WHOLE[name])
-        monkeypatch.setattr(cloud_text, "MOST_TEXT_BYTES", len(rows()) - 1)
+        monkeypatch.setattr(cloud_text, "MOST_TEXT_BYTES", len(WHOLE[name]) - 1)
         with pytest.raises(BadInput, match=r"bytes of text, at most \d+ are read; use NPY"):
             load(tmp_path, name, WHOLE[name])
 

@@ -1,0 +1,122 @@
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from data_prep.clouds.far_points import far_points, note_on_far, radius
+from data_prep.clouds.sampling import sample_surface
+from data_prep.datasets.registry import open_dataset
+from data_prep.files.meshes import load_mesh
+from data_prep.randomness import generator
+from data_prep.scene import Mesh
+
+REAL = Path(__file__).parents[4] / "shared" / "meshes"
+COUNTS = (64, 345, 2048)
+
+
+def shapes(of_class: int) -> Iterator[Mesh]:
+    dataset = open_dataset("procedural")
+    for name in dataset.classes:
+        for obj in dataset.objects(name, of_class, of_class):
+            yield obj.load()
+
+
+def clouds(mesh: Mesh) -> Iterator[np.ndarray]:
+    rng = np.random.default_rng(0)
+    for count in COUNTS:
+        points = sample_surface(mesh, rng, count).points.astype(float)
+        yield points
+        yield points + rng.normal(0, 0.1, points.shape)
+    yield mesh.vertices[np.unique(mesh.faces)].astype(float)
+
+
+@pytest.fixture(scope="module")
+def object_points() -> np.ndarray:
+    (chair,) = open_dataset("procedural").objects("chair", 1, 1)
+    return sample_surface(chair.load(), generator(0), 345).points.astype(float)
+
+
+def with_far(points: np.ndarray, far: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return all points in another order, and which are the far ones."""
+    order = np.random.default_rng(1).permutation(len(points) + len(far))
+    return np.vstack([points, far])[order], (np.arange(len(order)) >= len(points))[order]
+
+
+def ball(count: int, size: float) -> np.ndarray:
+    return np.random.default_rng(2).normal(0, size, (count, 3))
+
+
+FAR = {
+    "one": np.array([[40.0, 3, 2]]),
+    "one at three times the radius": np.array([[0.0, 0, 3]]),
+    "returns at one place, 30 %": np.full((148, 3), -9.0),
+    "more returns than points": np.full((500, 3), 30.0),
+    "-9999, 30 %": np.full((148, 3), -9999.0),
+    "some together": np.array([5.0, 5, 5]) + ball(5, 0.01),
+    "at several scales": np.array([[1e300, 0, 0], [-9999, 0, 0], [0, -1e30, 1], [0, 8, 0]]),
+    "all around": np.array([[-28.0, -8, 2], [9, -17, 3], [16, 12, 7], [2, 9, -15], [5, 3, 4]]),
+    "floaters, 3 %": ball(10, 10),
+}
+
+
+@pytest.mark.parametrize("name", FAR)
+def test_points_far_from_an_object_are_found_at_any_place_and_scale(
+    object_points: np.ndarray, name: str
+) -> None:
+    points, expected = with_far(object_points, FAR[name])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for factor, shift in ((1.0, 0.0), (1e-9, 0.0), (1e3, 3e5)):
+            if np.abs(points).max() < 1e6 or not shift:
+                np.testing.assert_array_equal(far_points(points * factor + shift), expected)
+
+
+def test_the_rest_of_what_hangs_together_stays(object_points: np.ndarray) -> None:
+    rng = np.random.default_rng(0)
+    thin = np.column_stack([rng.normal(0, 0.01, (150, 2)), rng.uniform(0, 12, 150)])
+    second = object_points + np.array([6.0, 0, 0])
+    grid = np.stack(np.meshgrid(*[np.arange(4.0)] * 3), -1).reshape(-1, 3)
+    for points in (
+        np.vstack([object_points, thin]),
+        np.vstack([object_points, second]),
+        np.vstack([object_points, second[::6]]),
+        np.vstack([object_points, np.zeros((100, 3))]),  # within
+        grid,
+        np.zeros((50, 3)),
+        np.array([[0.0, 0, 0], [1, 0, 0], [900, 0, 0]]),  # too few to tell
+        np.full((20, 3), np.nan),
+        np.empty((0, 3)),
+    ):
+        assert not far_points(points).any()
+
+
+def test_no_shape_of_ours_has_far_points() -> None:
+    for mesh in shapes(2):
+        assert not any(far_points(points).any() for points in clouds(mesh))
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason="needs the real meshes in ../shared/meshes")
+def test_no_real_object_has_far_points() -> None:
+    files = [path for path in sorted(REAL.rglob("*.ply")) if "pointclouds" not in path.parts]
+    assert len(files) > 100
+    for path in files:
+        assert not any(far_points(points).any() for points in clouds(load_mesh(path))), path
+
+
+def test_the_note_has_the_share_of_the_image_and_two_million_points_take_no_time() -> None:
+    points, far = with_far(ball(400, 1).clip(-1, 1), np.full((3, 3), 50.0))
+    note = note_on_far(points, far_points(points))
+    assert note == (
+        "3 of 403 points lie up to 50 times farther out than the rest, which takes 3.9 % of the "
+        "image's width"
+    )
+    assert radius(points[~far]) / radius(points) == pytest.approx(0.039, abs=5e-4)
+    many = np.vstack([ball(1_900_000, 1), np.full((100_000, 3), -9999.0)])
+    start = time.process_time()
+    assert far_points(many).sum() == 100_000
+    assert time.process_time() - start < 5
