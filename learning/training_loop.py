@@ -163,9 +163,9 @@ def run(
     length is replaced by the one that was kept from before them (FULL_RATE).
 
     Raises BadInput where the checkpoint belongs to another configuration, other data or another
-    number of processes, or is past the steps that both lengths have in common and no earlier one
-    was kept; TrainingDiverged on NaN, infinity or a loss that explodes. Of several processes all
-    call this, and the first one writes and reports.
+    number of processes, has more steps, or is past the steps that both lengths have in common and
+    no earlier one was kept; TrainingDiverged on NaN, infinity or a loss that explodes. Of several
+    processes all call this, and the first one writes and reports.
     """
     path = out_dir / checkpoint.FILE_NAME
     # as a checkpoint gives it back: in JSON tuples are lists
@@ -274,6 +274,11 @@ def _resume(trainer: Trainer, identity: Mapping[str, Any], path: Path, processes
             state, step, _ = _load(trainer, identity, kept, processes)
         if step > common:
             raise BadInput(problem)
+    if step > steps:
+        raise BadInput(
+            f"{path}: has {step} steps already, and {steps} are asked for; give --steps {step} or "
+            "more, or another output directory"
+        )
     trainer.restore(state)
     return step
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_prep.datasets.objects import SceneObject
+from data_prep.failures import BadInput
 from data_prep.progress import progress
 from data_prep.randomness import generator
 from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE, NEUTRAL_GREY, View
@@ -109,12 +110,18 @@ def training_clouds(objects: Sequence[SceneObject], *, quiet: bool = False) -> N
     """Return clouds float32 [N, M, 3]; show progress on stderr.
 
     M is CLOUD_POINTS, or less for objects that are smaller clouds themselves. The same objects give
-    the same clouds.
+    the same clouds. Raises BadInput for clouds of several sizes.
     """
-    clouds = []
+    clouds: list[NDArray[np.float32]] = []
     with progress("sampling", len(objects), quiet=quiet) as advance:
         for obj in objects:
             rng = generator(DATA_SEED, "training cloud", obj.class_name, obj.object_id)
             clouds.append(obj.cloud(rng, CLOUD_POINTS).points)
             advance(0)
+            if len(clouds[-1]) != len(clouds[0]):
+                raise BadInput(
+                    f"{obj.class_name}/{obj.object_id}: {len(clouds[-1])} points, and "
+                    f"{objects[0].object_id} has {len(clouds[0])}, of at most {CLOUD_POINTS} that "
+                    f"are taken; give clouds of one size, or of at least {CLOUD_POINTS} points"
+                )
     return np.stack(clouds)

@@ -161,6 +161,13 @@ def test_a_run_that_kept_nothing_from_before_its_rate_fell_is_not_lengthened(tmp
     assert anneal(tmp_path, 8)[0] == []
 
 
+def test_a_longer_training_is_not_given_for_a_shorter_one(tmp_path):
+    start(tmp_path, Config(steps=6))
+    with pytest.raises(BadInput, match=r"has 6 steps already, and 4 are asked for; give --steps 6"):
+        start(tmp_path, Config(steps=4))
+    assert start(tmp_path, Config(steps=6))[0] == []
+
+
 def test_the_length_of_a_run_has_to_be_there(tmp_path):
     path = tmp_path / checkpoint.FILE_NAME
     start(tmp_path, Config(steps=2))
