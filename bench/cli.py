@@ -14,6 +14,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from importlib import import_module
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -210,6 +211,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for name in ("stdout", "stderr"):  # None where the caller has closed it
         if getattr(sys, name) is None:
             setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_WRONLY), "w"))
+        # No work ends in an error over a character that the terminal cannot show.
+        if reconfigure := getattr(getattr(sys, name), "reconfigure", None):
+            reconfigure(errors="backslashreplace")
+    try:
+        Path.cwd()
+    except OSError:
+        print("bench: the current folder is gone; change to another, with cd", file=sys.stderr)
+        raise SystemExit(2) from None
     # Figures go into files. A notebook names a backend of its own, which may not be installed here.
     os.environ["MPLBACKEND"] = "agg"
     app(arguments, prog_name="bench")

@@ -22,12 +22,14 @@ from typing import Any, Generic, Literal, Protocol, TypeVar
 
 from bench.catalogue.suites import Limits
 from bench.running.worker_process import (
+    NO_GUARD,
     SAFE_PATH,
     TICK_S,
     RunningTime,
     WorkerProcess,
     watched_memory,
 )
+from data_prep.failures import BadInput
 
 
 @contextmanager
@@ -307,6 +309,11 @@ class TaskPool(Generic[Task, Result]):
         """Go on without a worker that has ended or is stopped."""
         self._remove(worker)
         worker.process.join()
+        if not worker.ready and worker.process.exit_code() == NO_GUARD:
+            raise BadInput(
+                "workers load the script that starts them, and it starts workers when it is "
+                'loaded; call it below if __name__ == "__main__":'
+            )
         if not worker.under_way:
             return
         is_late = reason.kind == "timeout"

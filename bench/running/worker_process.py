@@ -36,6 +36,7 @@ RESERVED_GIB = 8.0
 PATIENCE_S = 10.0  # with a worker that has nothing left to do, or ought to have ended
 TICK_S = 1.0  # a pool looks about so often
 LONGEST_TICK_S = 2.0  # of a process that runs; a longer one was stopped, or the machine slept
+NO_GUARD = 78  # exit code of a worker whose script starts workers when it is loaded
 SAFE_PATH = "PYTHONSAFEPATH"  # keeps the current folder off the path of imports
 
 PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36  # linux/prctl.h
@@ -76,6 +77,8 @@ class WorkerProcess:
     """
 
     def __init__(self, work: Callable[[Any], Any], memory_gib: float) -> None:
+        if getattr(multiprocessing.current_process(), "_inheriting", False):
+            os._exit(NO_GUARD)  # a new worker, which is still loading the script that wants workers
         spawn = multiprocessing.get_context("spawn")
         self.connection, of_worker = spawn.Pipe()
         self._keeper = spawn.Process(target=_keep, args=(of_worker, memory_gib))

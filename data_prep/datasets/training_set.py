@@ -95,7 +95,7 @@ def make_training_set(
         cameras = obj.views(views, generator("training views", *key))
         cloud, images[i] = obj.cloud_and_truth(generator("training cloud", *key), cameras)
         clouds[i] = cloud.points
-        angles[:, i] = np.transpose([(v.azimuth_deg, v.elevation_deg) for v in cameras])
+        angles[:, i] = np.array([(v.azimuth_deg, v.elevation_deg) for v in cameras]).T
         on_progress()
     return TrainingSet(images, angles[0], angles[1], clouds)
 

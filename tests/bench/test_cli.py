@@ -159,6 +159,53 @@ def test_nobody_reads_the_output(buffered):
     assert (done.returncode, done.stderr) == (141, b"")
 
 
+@pytest.mark.parametrize(
+    ("encoding", "shown"),
+    [
+        ("ascii", rb"St\xfchle \u2013 3.png"),
+        ("cp1252", b"St\xfchle \x96 3.png"),
+        ("latin-1", b"St\xfchle \\u2013 3.png"),
+        ("utf-8", "Stühle – 3.png".encode()),
+    ],
+)
+def test_a_terminal_that_cannot_show_a_character(tmp_path, encoding, shown):
+    """The image is written, and no traceback follows."""
+    (tmp_path / "Stühle – 3.xyz").write_text("0 0 0\n1 0 0\n0 1 0\n0 0 1\n" * 20)
+    done = subprocess.run(
+        [*BENCH, "render", "Stühle – 3.xyz", "--method", "splat"],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONIOENCODING": encoding},
+        capture_output=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout) == (0, shown + b"\n"), done.stderr
+    assert (tmp_path / "Stühle – 3.png").exists()
+
+
+def test_a_current_folder_that_is_gone(tmp_path):
+    script = f"rmdir {tmp_path} && exec {sys.executable} -c '{BENCH[-1]}' render /a.xyz"
+    done = subprocess.run(["sh", "-c", script], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert done.stderr == "bench: the current folder is gone; change to another, with cd\n"
+
+
+def test_a_script_without_a_main_guard_is_told_so(tmp_path):
+    """Its workers load it again, and say no word of their own about that."""
+    calls = (
+        "from bench.running.isolation import run_tasks\nfrom bench.catalogue.suites import Limits\n"
+    )
+    calls += "print(*run_tasks(range(3), abs, 2, Limits(60.0, 8.0)))\n"
+    script = tmp_path / "script.py"
+    script.write_text(calls)
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True)
+    assert "An attempt has been made to start a new process" not in done.stderr
+    assert 'call it below if __name__ == "__main__":' in done.stderr.splitlines()[-1]
+    head, call = calls.rsplit("print", 1)
+    script.write_text(f'{head}if __name__ == "__main__":\n    print{call}')
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True)
+    assert (done.returncode, sorted(done.stdout)) == (0, sorted("(0, 0) (1, 1) (2, 2)\n"))
+
+
 @pytest.mark.parametrize("backend", ["module://matplotlib_inline.backend_inline", "nonsense"])
 @pytest.mark.parametrize("code", [BENCH[-1], "import studies.figures, matplotlib.figure"])
 def test_figures_need_no_backend_that_a_notebook_names(copied, code, backend):

@@ -51,7 +51,7 @@ class Counter:
     def restore(self, state):
         self.count = state["count"].clone()
 
-    def independent_steps(self, steps):
+    def independent_steps(self, steps) -> int | None:
         return None
 
     def learning_rates(self, steps):

@@ -7,12 +7,7 @@ import pytest
 
 from data_prep.datasets.folder import BareCloud
 from data_prep.datasets.registry import MeshFile, ProceduralObject
-from data_prep.datasets.training_set import (
-    TrainingSet,
-    add_surfaces,
-    make_training_set,
-    training_clouds,
-)
+from data_prep.datasets.training_set import TrainingSet, add_surfaces, make_training_set
 from data_prep.failures import BadInput
 from data_prep.randomness import generator
 from data_prep.rendering.camera import FOCAL_PX
@@ -110,14 +105,3 @@ def test_what_has_no_mesh(tmp_path: Path) -> None:
             add_surfaces(seen_from((0.0, 0.0)), [obj])
     with pytest.raises(BadInput, match=r"gone\.ply: no such file"):
         make_training_set([gone], views=1, seed=SEED)
-
-
-def test_clouds_of_several_sizes_are_refused(tmp_path: Path) -> None:
-    for name, count in (("a", 5000), ("b", 9000), ("c", 3000)):
-        points = np.random.default_rng(1).random((count, 3))
-        np.save(tmp_path / f"{name}.npy", points)
-    clouds = [BareCloud("chair", f"{n}.npy", tmp_path / f"{n}.npy") for n in "abc"]
-    assert training_clouds(clouds[:2], quiet=True).shape == (2, 4096, 3)
-    message = r"chair/c\.npy: 3000 points, and a\.npy has 4096.*give clouds of one size, or of at"
-    with pytest.raises(BadInput, match=message):
-        training_clouds(clouds, quiet=True)

@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from data_prep.datasets.folder import BareCloud
 from data_prep.datasets.registry import open_dataset, recognised
+from data_prep.datasets.training_set import training_clouds
 from data_prep.failures import BadInput
 from data_prep.files.clouds import clouds_below
 from data_prep.files.safe_read import files_below
@@ -173,3 +175,14 @@ def test_walks_end(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr("data_prep.files.safe_read.MOST_ENTRIES", 5)
     with pytest.raises(BadInput, match=r"more than 5 files and folders.*give a folder"):
         open_dataset(f"folder:{folder}")
+
+
+def test_clouds_of_several_sizes_are_refused(tmp_path: Path) -> None:
+    for name, count in (("a", 5000), ("b", 9000), ("c", 3000)):
+        points = np.random.default_rng(1).random((count, 3))
+        np.save(tmp_path / f"{name}.npy", points)
+    clouds = [BareCloud("chair", f"{n}.npy", tmp_path / f"{n}.npy") for n in "abc"]
+    assert training_clouds(clouds[:2], quiet=True).shape == (2, 4096, 3)
+    message = r"chair/c\.npy: 3000 points, and a\.npy has 4096.*give clouds of one size, or of at"
+    with pytest.raises(BadInput, match=message):
+        training_clouds(clouds, quiet=True)
