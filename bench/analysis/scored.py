@@ -27,6 +27,8 @@ from bench.records.features import Features
 from bench.records.parquet import read_features, read_records
 from bench.records.record import COLUMNS
 from bench.records.run_folder import read_finished
+from data_prep.clouds.far_points import FAR_OFF
+from data_prep.datasets.dataset import listed
 from data_prep.failures import BadInput
 from data_prep.files.checksums import file_sha256
 
@@ -59,6 +61,16 @@ class ScoredRun:
             f"{metric}: not measured, {reason.removeprefix('skipped: ').removeprefix('weights; ')}"
             for metric, reason in reasons.items()
         ]
+
+    @property
+    def far_off(self) -> list[str]:
+        """Return a line on the objects whose scale is set by what is far from the rest of them."""
+        records = read_records(self.directory, ("class", "object", "notes"))
+        far = records[records["notes"].str.contains(FAR_OFF, regex=False)]
+        names = (far["class"] + "/" + far["object"]).unique().tolist()
+        if not names:
+            return []
+        return [f"{len(names)} objects are small in their images, {FAR_OFF}: {listed(names)}"]
 
     def measured(self, metrics: Sequence[str]) -> list[str]:
         """Return the metrics of images and of sets among these that the run has."""

@@ -35,6 +35,7 @@ from bench.running.options import Options
 from bench.running.protocol import name_of
 from bench.tables.markdown import visible
 from bench.tables.published import RESULTS
+from data_prep.clouds.far_points import note_on_scale
 from data_prep.datasets.dataset import Dataset, listed
 from data_prep.datasets.exported import COLUMNS, METADATA, listed_files
 from data_prep.datasets.objects import SceneObject
@@ -56,6 +57,7 @@ ENDLESS_SAMPLE = 3  # objects of a class where the dataset has no end
 # Readings of the angles closer than this are not distinguished: an object may look nearly the same
 # from both sides, and the outermost points of its outline fall beside its pixels.
 INDIFFERENCE = 0.01
+UNUSABLE = "it cannot be used"
 
 
 @dataclass(frozen=True)
@@ -118,7 +120,7 @@ def inspect(location: str, sample: int, workers: int) -> Inspection:
             advance(sum(bool(report.problems) for report in reports.values()))
     fit, misfit = _fit(reports)
     clouds = bool(reports) and all(report.bare for report in reports.values())
-    problems = [] if clouds else _grouped(reports)
+    problems = [line for line in _grouped(reports) if not (clouds and UNUSABLE in line)]
     irregular = (*dataset.irregular, *_without_images(dataset), *problems, *misfit)
     lines = (
         f"layout       {dataset.layout}",
@@ -175,13 +177,14 @@ def _examine(obj: SceneObject) -> _ObjectReport:
         except BadInput:  # a problem already
             return _ObjectReport(problems)
     try:
-        obj.cloud(generator("inspect"))
+        small = note_on_scale(obj.cloud(generator("inspect")).points)
     except MissingDependency:
         raise
     except BadInput as error:
         bare = isinstance(error, NoFaces) and Path(obj.object_id).suffix.lower() in CLOUD_SUFFIXES
-        return _ObjectReport((("it cannot be used", str(error)),), bare=bare)
-    return _ObjectReport((), bare=isinstance(obj, BareCloud))
+        return _ObjectReport(((UNUSABLE, str(error)),), bare=bare)
+    problems = (("it is small in its images", small),) if small else ()
+    return _ObjectReport(problems, bare=isinstance(obj, BareCloud))
 
 
 def _grouped(reports: Mapping[str, _ObjectReport]) -> list[str]:

@@ -184,8 +184,9 @@ def print_ending(finished: RunResult[Outputs]) -> None:
     """Print on stderr what was done, and what is incomplete or has failed altogether."""
     directory = finished.directory
     print(f"{_summary(finished)}\nresults in {directory}", file=sys.stderr)
-    for line in finished.outputs.run.not_measured if finished.outputs else ():
-        print(f"bench: {line}", file=sys.stderr)
+    run = finished.outputs.run if finished.outputs else None
+    for line in (*run.not_measured, *run.far_off) if run else ():
+        print(f"bench: {visible(line)}", file=sys.stderr)
     if finished.objects < finished.planned:
         kept = "" if finished.outputs is not None else "; the tables there stay those of before"
         if finished.interrupted:

@@ -113,7 +113,9 @@ class CloudFile:
         notes = [*_unused(contents, self.with_colors), *notes]
         points = upright(contents.points, self.up, self.front)
         kept = np.flatnonzero(valid) if self.drop_invalid else np.arange(len(points))
-        kept = kept[self._near(points[kept], notes)]
+        far, of_places = places(points[kept], self.drop_far, "--drop-far")
+        kept = kept[~far] if self.drop_far else kept
+        notes += of_places if self.drop_far or not self.as_is else ()
         if self.most is not None and len(kept) > self.most:
             chosen = generator("render", "points").choice(len(kept), self.most, replace=False)
             kept = kept[np.sort(chosen)]
@@ -141,22 +143,10 @@ class CloudFile:
             f"a mesh of {len(faces)} triangles: {count} points of its surface are drawn, not its "
             f"{len(contents.points)} vertices; --points takes another number"
         )
-        if steps := note_on_steps(contents.points[np.isfinite(contents.points).all(axis=1)]):
+        if steps := note_on_steps(contents.points):
             notes.append(steps)
         unused = tuple(part for part in contents.unused if not part.endswith("faces"))
         return CloudContents(points, unused, None, contents.has_colors, colors)
-
-    def _near(self, points: NDArray[np.float64], notes: list[str]) -> NDArray[np.bool_]:
-        """Return which points are kept: all, or those that are not far; note what is odd."""
-        far = far_points(points)
-        if far.any() and self.drop_far:
-            count = f"{np.count_nonzero(far)} of {len(far)} points"
-            notes.append(f"{count} are left out, they lie far from the rest")
-        elif far.any() and not self.as_is:
-            notes.append(f"{note_on_far(points, far)}; --drop-far leaves them out")
-        if not self.as_is and (steps := note_on_steps(points[~far])):
-            notes.append(steps)
-        return ~far | (not self.drop_far)
 
     def _scaled(self, points: NDArray[np.float64]) -> PointCloud:
         if self.as_is:
@@ -166,6 +156,21 @@ class CloudFile:
             return normalise_points(points)
         except BadInput as error:
             raise BadInput(f"{self.path}: {error}") from error
+
+
+def places(points: NDArray[np.float64], drop: bool, option: str) -> tuple[NDArray[np.bool_], Notes]:
+    """Return which points [N] are far, with notes on them and on steps of the coordinates.
+
+    `option` leaves the far points out, and `drop` says whether it was given.
+    """
+    far = far_points(points)
+    notes = [] if (steps := note_on_steps(points[~far])) is None else [steps]
+    if far.any() and drop:
+        count = f"{np.count_nonzero(far)} of {len(far)} points"
+        notes.insert(0, f"{count} are left out, they lie far from the rest")
+    elif far.any():
+        notes.insert(0, f"{note_on_far(points, far)}; {option} leaves them out")
+    return far, tuple(notes)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bench.rendering.choice import methods_to_draw, note_on_budget, note_on_chairs
-from bench.rendering.cloud import find_drawer
+from bench.rendering.cloud import find_drawer, places
 from bench.rendering.drawing_thread import on_drawing_thread
 from bench.running.work import draw, load_renderer
-from data_prep.clouds.normalise import cloud_of_points
+from data_prep.clouds.normalise import cloud_of_points, real_points
 from data_prep.randomness import generator
 from data_prep.scene import View
 
@@ -28,6 +28,7 @@ class DrawOptions(TypedDict, total=False):
     method: str | None
     colour: bool
     budget_ms: float | None
+    drop_far: bool
     device: str
 
 
@@ -47,6 +48,9 @@ class DrawRequest:
         Whether that one draws in colours that it makes up; else in grey.
     budget_ms : float or None
         Most milliseconds for one image of a new cloud, by costs measured on one machine.
+    drop_far : bool
+        Whether to leave out points far from all others, which make the object small; else a line
+        on stderr tells of them.
     device : str
         "auto", "cpu" or "cuda", for networks.
     """
@@ -56,6 +60,7 @@ class DrawRequest:
     method: str | None = None
     colour: bool = False
     budget_ms: float | None = None
+    drop_far: bool = False
     device: str = "auto"
 
     def draw(self, points: ArrayLike, views: Sequence[View]) -> NDArray[np.uint8]:
@@ -66,9 +71,11 @@ class DrawRequest:
         named = (self.method,) if self.method is not None else ()
         (method_id,) = methods_to_draw(named, self.colour, self.budget_ms)
         method = find_drawer(method_id)
-        cloud = cloud_of_points(points, self.up, self.front)
+        values = real_points(points)
+        far, notes = places(values, self.drop_far, "drop_far=True")
+        cloud = cloud_of_points(values[~far] if self.drop_far else values, self.up, self.front)
         renderer = load_renderer(method_id, self.device)
-        for note in (note_on_budget(self.budget_ms), note_on_chairs((method_id,))):
+        for note in (*notes, note_on_budget(self.budget_ms), note_on_chairs((method_id,))):
             _note_once(note)
         return draw(method, renderer, cloud, views, generator("render")).images
 
@@ -83,8 +90,8 @@ def draw_cloud(
 
     The method runs in this process, where a native library may crash or hang; the default is a
     network. Its weights are read once a process. Any thread may call this; draws are done one after
-    the other, in a thread of their own. A line on stderr names a method that was trained on chairs
-    alone, once a process.
+    the other, in a thread of their own. Lines on stderr, each once a process, name a method that
+    was trained on chairs alone, points far from the others, and coordinates that lie in steps.
 
     Parameters
     ----------
@@ -95,7 +102,7 @@ def draw_cloud(
     elevation_deg : float
         -90..90; the networks were trained within -40..40.
     **options
-        `up`, `front`, `method`, `colour`, `budget_ms` and `device` of `DrawRequest`.
+        `up`, `front`, `method`, `colour`, `budget_ms`, `drop_far` and `device` of `DrawRequest`.
 
     Returns
     -------

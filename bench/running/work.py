@@ -32,6 +32,7 @@ from bench.records.artifacts import pack, unpack_images
 from bench.records.job import NOTHING, Job, JobTiming, Result, Stopwatch, failed, records_of
 from bench.records.record import CLAIMED, GROUND_TRUTH, Record
 from data_prep.clouds.conditions import Unchanged
+from data_prep.clouds.far_points import note_on_scale
 from data_prep.datasets.exported import UNPERTURBED, ExportedObject
 from data_prep.failures import BadInput, MissingDependency, StageFailure
 from data_prep.randomness import generator
@@ -141,7 +142,9 @@ def _draw(job: Job, watch: Stopwatch) -> RenderedViews | Result:
         seen = replace(job, condition=UNPERTURBED)
     cloud, rng = replace(cloud_of(seen), origin=_origin(job)), rng_of(seen)
     with watch.on("methods"):
-        return draw(method, renderer, cloud, job.views, rng, job.batch, truth)
+        drawn = draw(method, renderer, cloud, job.views, rng, job.batch, truth)
+    scale = note_on_scale(cloud.points) if job.perturbation == Unchanged() else None
+    return replace(drawn, notes="; ".join(filter(None, (drawn.notes, scale))))
 
 
 def _scored(job: Job, drawn: RenderedViews, watch: Stopwatch) -> Result:

@@ -19,8 +19,9 @@ def note_on_steps(points: NDArray[np.float64]) -> str | None:
     Parameters
     ----------
     points : array [N, 3]
-        Finite numbers in any units.
+        Real numbers in any units; points that are not finite do not count.
     """
+    points = points[np.isfinite(points).all(axis=1)]
     if len(points) < FEWEST_POINTS:
         return None
     points = points[:: -(-len(points) // MOST_SAMPLED)]

@@ -8,10 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 FEWEST_POINTS = 8
+FAR_OFF = "points or faces far from the rest set its scale"
 CELLS = 16  # of the grid, along the longest side of a cloud
 # The share of all points that a cell and those around it need to hold parts together; the share of
 # the whole size that the rest has at most where the others are far; and their share of all points.
-RULES = ((0.001, 0.6, 1.0), (0.004, 0.25, 0.1))
+LEAST_SHARE = 0.6
+RULES = ((0.001, LEAST_SHARE, 1.0), (0.004, 0.25, 0.1))
 SPARSE = 4  # points, the least that the second rule asks of a cell and those around it
 # A part of its own has these shares of the points and the size of the largest part: it is large, or
 # it has many points that are not all in one place.
@@ -49,6 +51,18 @@ def note_on_far(points: NDArray[np.float64], far: NDArray[np.bool_]) -> str:
         f"{np.count_nonzero(far)} of {len(points)} points lie up to {times:.3g} times farther out "
         f"than the rest, which takes {100 * size / radius(points):.2g} % of the image's width"
     )
+
+
+def note_on_scale(points: NDArray[np.floating]) -> str | None:
+    """Return a sentence where an object in the unit sphere, of these points, fills little of it.
+
+    Its scale was set by what is far: other points, or faces without an area.
+    """
+    values = points[np.isfinite(points).all(axis=1)].astype(np.float64)
+    rest = values[~far_points(values)]
+    if not len(rest) or (share := radius(rest)) >= LEAST_SHARE:
+        return None
+    return f"the object takes {100 * share:.2g} % of the image's width: {FAR_OFF}"
 
 
 def _rest(points: NDArray[np.float64]) -> NDArray[np.bool_]:

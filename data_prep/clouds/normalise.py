@@ -94,10 +94,15 @@ def cloud_of_points(points: ArrayLike, up: str = "y", front: str | None = None) 
     BadInput
         If an axis is unknown, or as `normalise_points`.
     """
+    return normalise_points(upright(real_points(points), up, front))
+
+
+def real_points(points: ArrayLike) -> NDArray[np.float64]:
+    """Return points as float64 [N, 3]. Raises ValueError where they are no real numbers [N, 3]."""
     given = np.asarray(points)
     if given.ndim != 2 or given.shape[1] != 3 or given.dtype.kind not in "fiu":
         raise ValueError(f"points: expected real numbers [N, 3], got {given.dtype} {given.shape}")
-    return normalise_points(upright(given.astype(np.float64), up, front))
+    return given.astype(np.float64)
 
 
 def normalise_points(points: NDArray[Any]) -> PointCloud:

@@ -182,3 +182,32 @@ def test_the_list_of_real_meshes():
 def test_the_real_meshes_are_those_of_the_list():
     found = verify(SHARED)
     assert found == Verification((), (), (), 107)
+
+
+def test_what_is_far_off_and_sets_the_scale_is_named_by_inspect_and_by_a_run(
+    command, tmp_path, no_machine
+):
+    """A face without area, 40 times farther out than the mesh; one far point of a cloud."""
+    rng, folder, clouds = np.random.default_rng(0), tmp_path / "meshes", tmp_path / "clouds"
+    (folder / "chair").mkdir(parents=True)
+    clouds.mkdir()
+    write_obj(folder / "chair" / "good.obj")
+    text = (folder / "chair" / "good.obj").read_text()
+    (folder / "chair" / "odd.obj").write_text(f"{text}v 40 0 0\nf -1 -1 -1\n")
+    np.save(clouds / "odd.npy", np.vstack([rng.uniform(-1, 1, (300, 3)), [[40, 0, 0]]]))
+    for place, name, use in (
+        (folder, "chair/odd.obj", f"--dataset folder:{folder}"),
+        (clouds, "odd.npy", "bench render FILE"),
+    ):
+        status, out, _ = command("data", "inspect", place, "--workers", "1")
+        assert status == 1
+        assert re.search(rf"small in its images \(first \S*{name}: the object takes \S+ %", out)
+        assert out.endswith(f"use          {use}\n")
+    cells = ("--methods", "blank", "--conditions", "2048", "--views", "1", "--workers", "1")
+    run = ("run", "--suite", "chair-robustness", "--dataset", f"folder:{folder}", *cells)
+    status, _, err = command(*run, "--out", tmp_path / "run")
+    assert status == 0
+    assert (
+        "bench: 1 objects are small in their images, points or faces far from the rest set its "
+        "scale: chair/odd.obj\n"
+    ) in err

@@ -45,3 +45,18 @@ def test_any_method_from_all_around_and_in_other_axes(points):
 def test_what_cannot_be_drawn(points, wrong, kind, message):
     with pytest.raises(kind, match=message):
         bench.turntable(**({"points": points, "method": "splat"} | wrong))
+
+
+def test_far_points_and_steps_are_named_and_far_points_left_out_if_asked_for(points, capsys):
+    far = np.vstack([points, np.full((9, 3), -9999.0)])
+    expected = bench.turntable(points, 2, method="splat")
+    assert np.array_equal(bench.turntable(far, 2, method="splat", drop_far=True), expected)
+    assert capsys.readouterr().err == (
+        "note: 9 of 309 points are left out, they lie far from the rest\n"
+    )
+    bench.draw_cloud(far, method="splat")
+    bench.draw_cloud((points + np.array([5e6, 0, 0])).astype(np.float32), method="splat")
+    named, steps = capsys.readouterr().err.splitlines()
+    assert named.startswith("note: 9 of 309 points lie up to ")
+    assert named.endswith(" % of the image's width; drop_far=True leaves them out")
+    assert steps.startswith("note: coordinates are in steps of 0.5 where the object is ")
