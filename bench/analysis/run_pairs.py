@@ -7,13 +7,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
-from bench.analysis.comparison import Comparison, paired, pooled
+from bench.analysis.comparison import Comparison, candidates, paired, pooled
 from bench.analysis.further_metrics import with_further
 from bench.analysis.paired import ComparedPair, PairedDifference, Side, paired_differences
 from bench.analysis.scored import ScoredRun, read_scored
-from bench.catalogue.chosen import CHOSEN
+from bench.catalogue.chosen import BEST_RECONSTRUCTION, CHOSEN
 from bench.catalogue.gone import instead_of
 from bench.catalogue.methods import FLOOR
 from bench.catalogue.metrics import declared_metric, is_mean
@@ -60,15 +61,27 @@ def methods_of_run(
     return _two_methods(run, methods, metrics)
 
 
-def against_each(directory: Path, method: str, baselines: Sequence[str]) -> list[Differences]:
-    """Return a method against each of the baselines that the run has, by its headline metrics.
+def against_best(
+    directory: Path, method: str, added: Sequence[str]
+) -> list[tuple[tuple[str, ...], Differences]]:
+    """Return a method against the best of a run, which are not `added`, by each headline metric.
 
-    Each is what `methods_of_run` returns for the two. Raises BadInput for a run without scores.
+    The best has the best mean over all cells. Beside each comparison stand the metrics that it is
+    the best by; none for `best-reconstruction`, which comes last. Where nothing competes, `blank`
+    is the best there. Raises BadInput for a run without scores.
     """
     run = read_scored(directory)
-    available = [*run.manifest["methods"], *_chosen_rows(run)]
-    present = [name for name in baselines if name in available and name != method]
-    return [_two_methods(run, (name, method), None) for name in present]
+    rivals = candidates(m for m in run.manifest["methods"] if m not in added) or [FLOOR]
+    metrics = _metrics([run], None, [])
+    cells = run.compared(metrics, rivals)
+    best_by: dict[str, tuple[str, ...]] = {}
+    for metric in metrics:
+        ranks = {m: np.mean([c.qualities[metric][m].rank for c in cells]) for m in rivals}
+        best = max(rivals, key=lambda m: np.nan_to_num(ranks[m], nan=-np.inf))
+        best_by[best] = (*best_by.get(best, ()), metric)
+    if BEST_RECONSTRUCTION in _chosen_rows(run):
+        best_by[BEST_RECONSTRUCTION] = ()
+    return [(by, _two_methods(run, (best, method), None)) for best, by in best_by.items()]
 
 
 def _two_methods(

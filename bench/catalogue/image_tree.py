@@ -116,8 +116,8 @@ class ImageTree:
         """
         if export is None:
             raise BadInput(
-                f"{self.address}: has images of an export, and {dataset} is none; give --dataset "
-                "exported:PATH of the export that they were drawn from"
+                f"{self.address}: has images of an export, and {dataset} is none; score them by "
+                "'bench run --dataset exported:PATH' of the export that they were drawn from"
             )
         if export != self.claims.export:
             raise BadInput(

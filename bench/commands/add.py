@@ -10,23 +10,21 @@ from typing import Annotated
 
 import typer
 
-from bench.catalogue.chosen import BEST_RECONSTRUCTION
 from bench.catalogue.lookup import variant_of
-from bench.catalogue.methods import FLOOR, find_run_method, plugin_ids
-from bench.catalogue.modules import allow_modules, is_module_name
+from bench.catalogue.methods import find_run_method, plugin_ids
+from bench.catalogue.modules import allow_modules, is_module_name, stated_id
 from bench.commands.config import JOB_SUITES, repeated_request
 from bench.commands.contract import printed
 from bench.commands.options import RunDirectory, WorkersOption, names, worker_count
 from bench.commands.publish import run_suite
 from bench.commands.run import leave, print_ending
+from bench.commands.terminal import shown
 from bench.records.run_folder import MANIFEST, read_finished
 from bench.report.build import REPORT
 from bench.running.options import Options
 from bench.running.shards import read_shard
+from bench.tables.markdown import visible
 from data_prep.failures import BadInput
-
-BASELINES = (BEST_RECONSTRUCTION, "splat-net", FLOOR)
-
 
 def add(
     methods: Annotated[
@@ -50,6 +48,8 @@ def add(
 ) -> None:
     """Add a method to a finished run: test it, draw what the run drew, compare it with the best.
 
+    The best of the other methods by each metric of the headline table, and best-reconstruction.
+
     Only its jobs are done. Exit 1 if the test finds what blocks a run, or if all its images fail.
     """
     options = options_of(directory, names(methods) or (), worker_count(workers))
@@ -61,7 +61,7 @@ def add(
     finished = run_suite(options)
     ids = [find_run_method(name).id for name in asked]
     if finished.outputs is not None:
-        for line in verdict_lines(directory, ids):
+        for line in (*shown(finished.outputs.headline), *verdict_lines(directory, ids)):
             print(line)
         print(f"report: {directory / REPORT}")
     new = tuple(name for name in finished.hopeless if name in ids)  # others were so before
@@ -110,15 +110,21 @@ def _pass_test(name: str) -> None:
 
 
 def verdict_lines(directory: Path, methods: Sequence[str]) -> Iterator[str]:
-    """Yield the lines of each method against each baseline of a run, paired object by object."""
-    from bench.analysis.run_pairs import against_each
+    """Yield the lines of each method against the best of a run, paired object by object."""
+    from bench.analysis.run_pairs import against_best
     from bench.tables.verdict import comparison_lines
     from bench.tables.wrap import terminal_width
 
     for method in methods:
-        for differences in against_each(directory, method, BASELINES):
+        name = stated_id(method)
+        if name != method:
+            yield f"{name}: {method} in the tables"
+        for metrics, differences in against_best(directory, method, methods):
             yield ""
-            yield from comparison_lines(differences, terminal_width(80), hint="")
+            if metrics:
+                yield f"the best there by {' and '.join(metrics)}: {visible(differences.a)}"
+            named = replace(differences, b=name)
+            yield from comparison_lines(named, terminal_width(80), hint="")
             command = f"bench compare {directory} --methods {differences.a},{method} --format md"
             yield f"intervals: {command}"
     yield ""

@@ -110,8 +110,8 @@ def test_a_missing_image_is_a_failure_with_its_place(tree):
 
 def test_a_tree_of_other_clouds_is_refused(tree):
     assert problem(tree, export=None) == (
-        "images:TREE: has images of an export, and exported:x is none; give --dataset "
-        "exported:PATH of the export that they were drawn from"
+        "images:TREE: has images of an export, and exported:x is none; score them by "
+        "'bench run --dataset exported:PATH' of the export that they were drawn from"
     )
     assert problem(tree, export="f" * 64) == (
         "TREE/method.toml: export 0123456789ab... is not that of exported:x (ffffffffffff...): the "

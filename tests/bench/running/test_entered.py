@@ -152,7 +152,7 @@ def problem(*methods: str, dataset: str) -> str:
 def test_a_run_that_cannot_use_a_tree_is_refused(no_machine, exported, tree, tmp_path):
     images, dataset = f"images:{tree}", f"exported:{exported}"
     assert problem(images, dataset="procedural").startswith(
-        f"{images}: has images of an export, and procedural is none; give --dataset exported:PATH"
+        f"{images}: has images of an export, and procedural is none; score them by 'bench run "
     )
     other = draw_tree(exported, tmp_path / "other")
     assert problem(images, f"images:{other}", dataset=dataset) == (

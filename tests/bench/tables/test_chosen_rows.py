@@ -8,12 +8,13 @@ from dataclasses import replace
 
 import pytest
 
-from bench.analysis.run_pairs import against_each, methods_of_run
+from bench.analysis.run_pairs import against_best, methods_of_run
 from bench.analysis.scored import read_scored
 from bench.catalogue.chosen import BEST_LEARNED_3D, BEST_RECONSTRUCTION, CHOSEN
 from bench.catalogue.methods import METHODS as CATALOGUE
 from bench.catalogue.methods import role
 from bench.catalogue.suites import SUITES
+from bench.records.parquet import read_records
 from bench.tables.build import tables
 from bench.tables.differences import differences_table
 from bench.tables.headline import headline
@@ -128,13 +129,17 @@ def test_without_two_reconstructions_there_is_none(choice, tmp_path):
         methods_of_run(directory, ["best-reconstruction", "splat"], None)
 
 
-def test_a_method_is_compared_with_each_baseline_that_the_run_has(directory):
-    """The comparison is that of `bench compare`, with the same corrections."""
-    baselines = ("best-reconstruction", "splat-net", "blank", "splat")
-    present = ("best-reconstruction", "blank")
-    differences = against_each(directory, "splat", baselines)
-    pairs = [methods_of_run(directory, [name, "splat"], None) for name in present]
-    assert [d.a for d in differences] == [*present]
-    tables_of = [[differences_table(d).to_csv() for d in each] for each in (differences, pairs)]
-    assert tables_of[0] == tables_of[1]
-    assert {cell.pair.b.method for d in differences for cell in d.cells} == {"splat"}
+def test_an_added_method_is_compared_with_the_best_by_each_metric(directory):
+    """The comparisons are those of `bench compare`, with the same corrections."""
+    images = read_records(directory, ["method", "ssim_object", "lpips"]).groupby("method").mean()
+    rivals = images.loc[["surface-apss", "denoised-wrap"]]
+    best = {"ssim-object": rivals["ssim_object"].idxmax(), "lpips": rivals["lpips"].idxmin()}
+    compared = against_best(directory, "splat", ["splat"])
+    assert {metric: d.a for by, d in compared for metric in by} == best
+    assert compared[-1][1].a == BEST_RECONSTRUCTION
+    for _, differences in compared:
+        pair = methods_of_run(directory, [differences.a, "splat"], None)
+        assert differences_table(differences).to_csv() == differences_table(pair).to_csv()
+        assert {cell.pair.b.method for cell in differences.cells} == {"splat"}
+    every = [name for name in METHODS if name != "blank"]
+    assert against_best(directory, "splat", every)[0][1].a == "blank"  # nothing else is there
