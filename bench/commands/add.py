@@ -26,6 +26,7 @@ from bench.running.shards import read_shard
 from bench.tables.markdown import visible
 from data_prep.failures import BadInput
 
+
 def add(
     methods: Annotated[
         str,

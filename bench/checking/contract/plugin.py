@@ -86,11 +86,13 @@ def plugin_findings(
             reports.append(report)
             yield report.finding
     performed = {report.step.subject for report in reports}
-    if untested := [step.subject for step in steps if step.subject not in performed]:
+    if untested := [step for step in steps if step.subject not in performed]:
         reason = f"after '{reports[-1].step.subject}'"
         if time.monotonic() >= until:
             reason = f"{total_s:g} s are over"
-        yield Finding(False, "not tested", f"{', '.join(untested)}: {reason}")
+        subjects = ", ".join(step.subject for step in untested)
+        blocks = any(step.blocks for step in untested)
+        yield Finding(False, "not tested", f"{subjects}: {reason}", blocks)
     yield from trace_findings(reports)
 
 

@@ -150,7 +150,8 @@ def _report_of_death(step: CheckStep, lost: WorkerFailure) -> Report:
     reason = lost.reason
     if f"exit code {EXIT_STATUS})" in reason:
         reason = "crash: os._exit(0) was called"
-    return Report(step, Finding(False, step.subject, reason), is_last=lost.kind == "timeout")
+    finding = Finding(False, step.subject, reason, step.blocks)
+    return Report(step, finding, is_last=lost.kind == "timeout")
 
 
 def execute(task: StepTask) -> Report:

@@ -15,6 +15,7 @@ import time
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -28,7 +29,7 @@ SIDE = 128
 class Plain:
     """A gradient that depends on the cloud and the view. Without points it refuses."""
 
-    def prepare(self, cloud, rng):
+    def prepare(self, cloud, rng) -> Any:
         if not len(cloud) or not np.isfinite(cloud.points).all():
             raise StageFailure("input", "no points, or not finite")
         return float(np.tanh(np.abs(cloud.points.astype(np.float64)).mean()))
@@ -222,6 +223,15 @@ class DrawsNaN(Plain):
         return float(np.tanh(np.abs(cloud.points).max(initial=0.5)))
 
 
+class HangsAtNaN(Plain):
+    """It hangs where MeshLab does."""
+
+    def prepare(self, cloud, rng):
+        while not np.isfinite(cloud.points).all():
+            time.sleep(60)
+        return super().prepare(cloud, rng)
+
+
 # --- traces ---------------------------------------------------------------------------------------
 
 
@@ -340,7 +350,8 @@ FAULTS = {
     "RemembersTheBrightest": ("clouds", "a cloud again after 8 others", True),
     "LEAKS_20": ("clouds", "20 MiB more with every cloud", True),
     "RaisesAnything": ("three points", "KeyError: 'no triangle'; raise StageFailure", True),
-    "DrawsNaN": ("a point at NaN", "values that are not finite", True),
+    "DrawsNaN": ("a point at NaN", "values that are not finite", False),
+    "HangsAtNaN": ("a point at NaN", "timeout: no result within", False),
     "Prints": ("stdout", "'points: 2048'", False),
     "LEAVES_A_FILE": ("files left", "1 (debug.txt)", False),
     "LEAVES_AN_ORPHAN": ("processes left", "(sleep", True),

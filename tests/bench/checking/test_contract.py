@@ -14,7 +14,7 @@ import pytest
 from bench.catalogue.suites import Limits
 from bench.checking.contract.findings import Finding, is_blocked, summary
 from bench.checking.contract.plugin import plugin_findings
-from bench.checking.contract.session import CheckStep, Report, trace_findings
+from bench.checking.contract.session import CheckStep, Passed, Report, trace_findings
 from bench.checking.contract.targets import check_name
 from bench.checking.contract.traces import (
     ProcessState,
@@ -52,7 +52,9 @@ def test_the_summary_tells_what_blocks_a_run(verdicts, line):
 
 def reports(*traced, in_command=False):
     """Reports of steps 0, 1, ... with these traces."""
-    steps = [CheckStep(f"step {i}", lambda name: None, in_command) for i in range(len(traced))]
+    steps = [
+        CheckStep(f"step {i}", lambda name: Passed(""), in_command) for i in range(len(traced))
+    ]
     return [
         Report(step, Finding(True, step.subject, ""), None, left)
         for step, left in zip(steps, traced, strict=True)
@@ -191,4 +193,4 @@ def test_the_time_of_a_whole_test_is_limited():
     assert time.monotonic() - start < 8.0
     assert texts["clouds"].startswith("8 others between change nothing")
     assert texts["not tested"].startswith("no points, one point, three points, ")
-    assert texts["not tested"].endswith("cost: 8 s are over")
+    assert texts["not tested"].endswith("a point at infinity: 8 s are over")

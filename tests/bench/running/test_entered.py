@@ -56,7 +56,7 @@ def draw_tree(exported: Path, tree: Path, name="our-splat", **facts) -> Path:
         views.setdefault((row["class"], row["object"]), []).append(view)
     renderer = Splat()
     for row in csv.DictReader((exported / "clouds.csv").read_text().splitlines()):
-        state = renderer.prepare(PointCloud(load_points(exported / row["file"])))
+        state = renderer.prepare(PointCloud(load_points(exported / row["file"]).astype(np.float32)))
         images = to_uint8(renderer.draw(state, views[row["class"], row["object"]]))
         folder = tree / row["condition"] / row["class"] / row["object"]
         folder.mkdir(parents=True)
@@ -139,7 +139,7 @@ def test_only_such_a_method_gets_to_know_which_cloud_it_is(no_machine, exported)
     from bench.running.work import seen_by
     from data_prep.scene import CloudOrigin
 
-    cloud = PointCloud(np.zeros((3, 3)), origin=CloudOrigin("512", "chair", "a", ()))
+    cloud = PointCloud(np.zeros((3, 3), np.float32), origin=CloudOrigin("512", "chair", "a", ()))
     assert seen_by(find_method("splat"), cloud).origin is None
     assert seen_by(find_method("true-mesh"), cloud).origin is None
 

@@ -30,7 +30,7 @@ CHOICE = {"2048": ("denoised-wrap", "surface-apss"), "512": ("surface-apss", "de
 def choice(monkeypatch):
     """A ranking that differs between two conditions."""
     row = CHOSEN[BEST_RECONSTRUCTION]
-    monkeypatch.setitem(CHOSEN, row.id, replace(row, ranking=row.ranking | CHOICE))
+    monkeypatch.setitem(CHOSEN, row.id, replace(row, ranking={**row.ranking, **CHOICE}))
 
 
 @pytest.fixture
