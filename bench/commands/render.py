@@ -230,7 +230,7 @@ def render_clouds(
         list[Path],
         path_argument(
             "CLOUD",
-            "Files, or folders of them: PLY, NPY, XYZ, TXT, CSV, PTS, LAS, LAZ, E57 or PCD.",
+            "Files, or folders of them: PLY, NPY, XYZ, TXT, CSV, ASC, PTS, LAS, LAZ, E57, PCD.",
         ),
     ],
 ) -> None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from bench.catalogue.methods import Method, find_method
 from bench.catalogue.suites import Limits
 from bench.rendering.drawing_thread import on_drawing_thread, one_pool
-from bench.rendering.orientation_hint import looks_lying
+from bench.rendering.orientation_hint import looks_like_a_line, looks_lying
 from bench.running.isolation import WorkerFailure, run_tasks
 from bench.running.work import RenderedViews, draw, load_renderer, reason_of
 from data_prep.clouds.coarse_steps import note_on_steps
@@ -120,6 +120,8 @@ class CloudFile:
             chosen = generator("render", "points").choice(len(kept), self.most, replace=False)
             kept = kept[np.sort(chosen)]
         cloud = self._scaled(points[kept])
+        if looks_like_a_line(cloud):
+            notes.append("its points lie on a line; check which columns are x, y and z")
         if self.up_unknown and (self.path.suffix.lower() in Z_UP or looks_lying(cloud)):
             notes.append("its z axis seems to point up; give --up z, or --up y if it does not")
         colors = None if contents.colors is None else contents.colors[kept]

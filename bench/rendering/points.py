@@ -96,7 +96,7 @@ def draw_cloud(
     Parameters
     ----------
     points : array_like
-        Real numbers [N, 3].
+        Real numbers [N, 3]; rows with masked values are left out, with a warning.
     azimuth_deg : float
         0 is the front, 90 the side of +X (see `data_prep.scene`).
     elevation_deg : float

@@ -199,7 +199,7 @@ def draw(
     checked = (checked_images(i, len(part)) for i, part in zip(drawn, batches, strict=True))
     images = np.concatenate([*checked])
     if method.id not in FLOORS:
-        _refuse_blank(images, truth)
+        _refuse_blank(images, truth, len(cloud.points))
     if method.images is not None:  # reading them tells nothing about the method
         claims = method.images.claims
         return RenderedViews(images, CLAIMED, claims.prepare_s, claims.draw_s)
@@ -219,14 +219,15 @@ def seen_by(method: Method, cloud: PointCloud) -> PointCloud:
     )
 
 
-def _refuse_blank(images: UInt8Images, truth: UInt8Images | None) -> None:
+def _refuse_blank(images: UInt8Images, truth: UInt8Images | None, points: int) -> None:
     """Raise StageFailure where an image is of one colour throughout, unless the true one is."""
     # A renderer that has lost its context draws such images, or one that looks the wrong way.
     flat = _is_flat(images)
     if truth is not None:
         flat &= ~_is_flat(truth)
     if flat.any():
-        raise StageFailure("draw", f"{int(flat.sum())} of {len(flat)} images are blank")
+        few = f"; {points} points are too few" if points < 32 else ""
+        raise StageFailure("draw", f"{int(flat.sum())} of {len(flat)} images are blank{few}")
 
 
 def _is_flat(images: UInt8Images) -> NDArray[np.bool_]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import numpy as np
@@ -76,7 +77,7 @@ def cloud_of_points(points: ArrayLike, up: str = "y", front: str | None = None) 
     Parameters
     ----------
     points : array [N, 3]
-        Real numbers in any units and axes.
+        Real numbers in any units and axes. Rows with masked values are left out, with a warning.
     up : str
         Axis of the points that points up: "x", "-x", "y", "-y", "z" or "-z".
     front : str or None
@@ -99,6 +100,11 @@ def cloud_of_points(points: ArrayLike, up: str = "y", front: str | None = None) 
 
 def real_points(points: ArrayLike) -> NDArray[np.float64]:
     """Return points as float64 [N, 3]. Raises ValueError where they are no real numbers [N, 3]."""
+    if isinstance(points, np.ma.MaskedArray) and points.mask.any() and points.ndim == 2:
+        kept = np.flatnonzero(~np.ma.getmaskarray(points).any(axis=1))
+        count = f"{len(points) - len(kept)} of {len(points)} points"
+        warnings.warn(f"{count} are masked, and left out", stacklevel=2)
+        points = points.data[kept]
     given = np.asarray(points)
     if given.ndim != 2 or given.shape[1] != 3 or given.dtype.kind not in "fiu":
         raise ValueError(f"points: expected real numbers [N, 3], got {given.dtype} {given.shape}")

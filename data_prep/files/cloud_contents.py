@@ -2,17 +2,33 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from data_prep.files.safe_read import shown
+
 COLOURS = "its colours"
 CHANNELS = (  # names of columns
     ("red", "r", "diffuse_red"),
     ("green", "g", "diffuse_green"),
     ("blue", "b", "diffuse_blue"),
+)
+_POINT = "(?:points?|pos(?:ition)?|coord(?:inate)?s?)"
+_OF_AXIS = f"{_POINT}?{{}}(?:coord(?:inate)?|[cmk]?m|ft)?"  # as point_x, or x_m
+_NUMBERED = f"(?:{_POINT}|col(?:umn)?|var|[cfvx])"  # as ParaView, R and MATLAB number columns
+AXES = (  # patterns of names of x, y and z; the first that fit count
+    ("x", "y", "z"),
+    (
+        f"{_OF_AXIS.format('x')}|east(?:ing)?",
+        f"{_OF_AXIS.format('y')}|north(?:ing)?",
+        f"{_OF_AXIS.format('z')}|elev(?:ation)?|height|alt(?:itude)?",
+    ),
+    (f"{_NUMBERED}0", f"{_NUMBERED}1", f"{_NUMBERED}2"),
+    (f"{_NUMBERED}1", f"{_NUMBERED}2", f"{_NUMBERED}3"),
 )
 MOST_OF_16_BITS = 65535.0
 
@@ -61,6 +77,35 @@ class CloudContents:
 
 class NotACloud(Exception):
     """A problem of a file with its remedy; `read_cloud` adds the name of the file."""
+
+
+def axis_columns(names: Sequence[str]) -> tuple[int, ...]:
+    """Return the columns of x, y and z by their names in small letters; () where one is not clear.
+
+    Names such as `easting` or `points0` count where x, y and z themselves are not there.
+    """
+    for patterns in AXES:
+        columns = [[i for i, n in enumerate(names) if re.fullmatch(p, n)] for p in patterns]
+        if all(len(column) == 1 for column in columns):
+            return tuple(column for (column,) in columns)
+    return ()
+
+
+def check_first_column(table: NDArray[np.float64]) -> None:
+    """Raise NotACloud where the first column counts the points, or goes on in equal steps."""
+    first = table[:, 0]
+    steps = np.diff(first)
+    even = len(first) > 2 and steps[0] != 0 and np.allclose(steps, steps[0], 1e-3, 0)
+    if even and (len(first) > 15 or (first[0] in (0, 1) and steps[0] == 1)):
+        raise first_column_counts(f"{first[0]:g}")
+
+
+def first_column_counts(value: str) -> NotACloud:
+    """Return the refusal of columns without names that begin with counts or labels."""
+    return NotACloud(
+        f"its first column, {shown(value)} and so on, seems to count or label the points; name all "
+        "columns in a first line, such as id,x,y,z"
+    )
 
 
 def color_columns(names: Sequence[str]) -> tuple[int, ...]:

@@ -243,7 +243,7 @@ def _text_tables(
     data: bytes, header_lines: int, elements: Sequence[_Element]
 ) -> tuple[list[_Table], list[Sequence[int]]]:
     """Return the tables of a text, and the line of each row."""
-    all_lines = text_lines(data.replace(b"\r\n", b"\n").replace(b"\r", b"\n"))
+    all_lines = text_lines(data)
     rows = ((n, f) for n, line in islice(all_lines, header_lines, None) if (f := line.split()))
     tables, lines = [], []
     for element in elements:

@@ -1,85 +1,285 @@
-"""Clouds in columns of text: XYZ, TXT, CSV, PTS."""
+"""Clouds in columns of text: XYZ, TXT, CSV, ASC, PTS and their like."""
 
 from __future__ import annotations
 
+import csv
 import io
+import json
 import re
 from array import array
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import chain, islice, pairwise
 
 import numpy as np
 
-from data_prep.files.cloud_contents import CloudContents, NotACloud, color_columns, colors_of
+from data_prep.files.cloud_contents import (
+    CloudContents,
+    NotACloud,
+    axis_columns,
+    check_first_column,
+    color_columns,
+    colors_of,
+    first_column_counts,
+)
 from data_prep.files.safe_read import MIB, shown
 
 MOST_TEXT_BYTES = 64 * MIB  # 2 million points of the usual length; some 10 s
-MOST_LINE_BYTES = 2**16
+MOST_LINE_LENGTH = 2**16
+HEAD = 64  # rows that tell how all are written
 # Columns of colours where no line names them, by the number of columns.
-XYZ_COLOURS = {6: (3, 4, 5)}
+XYZ_COLOURS = {6: (3, 4, 5), 7: (3, 4, 5)}  # of seven the last is the opacity
 PTS_COLOURS = {6: (3, 4, 5), 7: (4, 5, 6)}  # of seven the fourth is the intensity
+
+_COMMENTS = "#", "//", "%"
+_NOTE = re.compile(r"(?<=[\s;,|])#.*")  # but not in 1.#INF, which Windows writes
+_BLANK = " \t\n;,|"
+_WHOLE = re.compile(r"[+-]?[0-9]+")
+_NUMBER = re.compile(r"[+-]?(?:[0-9.][0-9.,' ]*(?:[ed][+-]?[0-9]+)?|inf(?:inity)?)", re.I)
+_MISSING = re.compile(r"(?:[+-]?(?:nan(?:\(.*\))?|1\.#.+)|na|n/a|null|none)?", re.I)
+_WITH_COMMA = re.compile(r"[+-]?[0-9]*,[0-9]+(?:e[+-]?[0-9]+)?", re.I)
+_CUT = re.compile(r"[+-]?[0-9]{1,3} [0-9]{3}[.,][0-9]+")  # 4,866.8 at the comma
+_CUT_AT_POINT = re.compile(r"[+-]?[0-9]+ 0[0-9]+|-0 [0-9]+")  # 0,0666 or -0,5
+_UNIT = re.compile(r"\s*(?:\[[^\]]*\]|\([^)]*\))")
+_INTRODUCTION = re.compile(r"\w+:\s")  # Columns: x y z
+_OTHERS = {  # how files begin that hold no columns
+    "ply": "PLY", "OFF": "OFF", "COFF": "OFF", "v ": "OBJ", "mtllib ": "OBJ", "solid": "STL",
+    "VERSION": "PCD", "LASF": "LAS", "\ufffdNUMPY": "NPY", "PK\x03": "ZIP or XLSX",
+    "\x1f\ufffd": "GZIP", "[": "JSON or NumPy's print", "{": "JSON", "<": "XML or HTML",
+}  # fmt: skip
+_NUMBERS = "write numbers such as -1234.5 or 1e-3, without thousands separators"
+_UNNAMED = " (x, y and z are the first 3, as no first line names them)"
+
+Rows = Iterable[tuple[int, str]]  # texts with the numbers of their lines, from 1
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """How rows are written."""
+
+    separator: str = " "  # any white space
+    decimal_comma: bool = False
+    width: int = 3
+    axes: tuple[int, ...] = (0, 1, 2)
+    colours: tuple[int, ...] = ()
+    unsure: bool = False  # whether x may be a count of the points
+    unused: tuple[str, ...] = ()
 
 
 def read_text(
-    data: bytes, with_colors: bool = False, unnamed: Mapping[int, tuple[int, ...]] = XYZ_COLOURS
+    data: bytes,
+    with_colors: bool = False,
+    unnamed: Mapping[int, tuple[int, ...]] = XYZ_COLOURS,
+    parts: bool = False,
 ) -> CloudContents:
-    """Return the points of the lines, and how many columns are unused."""
+    """Return the points of the rows, and how many columns are unused.
+
+    `unnamed` has the columns of colours by the number of columns, where no line names them; `parts`
+    tells to pass over all lines of one whole number, the counts of parts.
+    """
+    lines_of_text = text_lines(data, json.detect_encoding(data[:4]))  # UTF-8, 16 or 32
+    names, separator, texts = _start_of(lines_of_text, parts)
+    head = list(islice(texts, HEAD))
+    layout, head = _layout_of(head, names, separator, unnamed)
+    columns = layout.axes + (layout.colours if with_colors else ())
     values, lines = array("d"), array("q")
-    columns: tuple[int, ...] = (0, 1, 2)
-    colours: tuple[int, ...] = ()
-    width, begun = 3, False
-    for number, line in text_lines(data.removeprefix(b"\xef\xbb\xbf")):
-        text = line.partition(b"#")[0].strip()
-        if not text:
-            continue
-        if not begun:
-            begun, first = True, _fields(text)
-            width = len(first)
-            names = [field.strip(b" \"'/").lower().decode("utf-8", "replace") for field in first]
-            named = {"x", "y", "z"} <= set(names)  # as `x,y,z` or `//X Y Z R G B`
-            colours = color_columns(names) if named else unnamed.get(width, ())
-            if named:
-                columns = names.index("x"), names.index("y"), names.index("z")
-            if with_colors:
-                columns += colours
-            if named:
-                continue
-        values.extend(numbers_of(_fields(text, max(columns) + 1), columns, f"line {number}"))
+    for number, fields in _split(chain(head, texts), layout.separator):
+        if len(fields) != layout.width and layout.separator != " ":
+            raise _uneven(number, len(fields), layout.width)
+        values.extend(numbers_of(fields, columns, f"line {number}", layout.decimal_comma))
         lines.append(number)
-    unused = (f"{width - 3} of its {width} columns",) if width > 3 else ()
     table = np.array(values, np.float64).reshape(-1, len(columns))
+    if layout.unsure:
+        check_first_column(table)
     colors = colors_of(table[:, 3:]) if len(columns) > 3 else None
-    return CloudContents(table[:, :3], unused, lines, bool(colours), colors)
+    return CloudContents(table[:, :3], layout.unused, lines, bool(layout.colours), colors)
 
 
-def _fields(text: bytes, most: int = -1) -> list[bytes]:
-    """Return the first `most` fields of a line, and the rest of it as one."""
-    return text.split(b",", most) if b"," in text else text.split(None, most)
+def _layout_of(
+    head: list[tuple[int, str]],
+    names: list[str],
+    separator: str,
+    unnamed: Mapping[int, tuple[int, ...]],
+) -> tuple[_Layout, list[tuple[int, str]]]:
+    """Return how rows are written, by the first of them; and those, but for numbers as names."""
+    if not head:
+        return _Layout(), head
+    rows = [[field.strip() for field in fields] for _, fields in _split(head, separator)]
+    guess: tuple[str, ...] = ()
+    if not names and len(rows) > 1 and _are_numbered(rows[0], rows[1]):
+        guess = (f"the numbers of line {head[0][0]}, taken for names of columns,",)
+        names = [{"0": "x", "1": "y", "2": "z"}.get(field, "") for field in rows[0]]
+        head, rows = head[1:], rows[1:]
+    width, filled = len(rows[0]), sum(map(bool, rows[0]))
+    if names and width == len(names) + 1 and _count_or_label([row[0] for row in rows]):
+        names = ["", *names]  # as R and pandas write the names of rows
+    elif names and separator != " " and any(rows[0][len(names) :]):
+        raise _uneven(head[0][0], width, len(names))
+    if filled > 3 and not names:
+        _check_unnamed(rows)
+    fields = [field for row in rows for field in row]
+    commas = any(map(_WITH_COMMA.fullmatch, fields))
+    points = any("." in field and _NUMBER.fullmatch(field) for field in fields)
+    axes = axis_columns(names) if names else (0, 1, 2)
+    unused = f"{filled - 3} of its {filled} columns" + ("" if names else _UNNAMED)
+    layout = _Layout(
+        separator,
+        commas and not points,
+        width,
+        axes,
+        color_columns(names) if names else unnamed.get(width, ()),
+        axes[0] == 0 and max(3, len(names)) < filled,
+        guess + ((unused,) if filled > 3 else ()),
+    )
+    return layout, head
 
 
-def read_pts(data: bytes, with_colors: bool = False) -> CloudContents:
-    """Return the points of all parts; the counts in the file are ignored."""
-    lines = (b"#" if _COUNT.fullmatch(line.strip()) else line for line in data.split(b"\n"))
-    return read_text(b"\n".join(lines), with_colors, PTS_COLOURS)
+def _start_of(
+    lines: Iterator[tuple[int, str]], parts: bool
+) -> tuple[list[str], str, Iterator[tuple[int, str]]]:
+    """Return the names of the columns, the separator, and the rows."""
+    names, comment, separator, count = [], "", "", 0
+    for number, line in lines:
+        text = _content(line)
+        if not text.strip(_BLANK):
+            if axis_columns(commented := _names(line.strip("#/% \t\n"))):
+                names, comment = commented, line
+        elif match := re.fullmatch(r'"?sep=(.)"?', text, re.I):
+            separator = match[1]
+        elif text.isdigit() and (parts or not count):
+            count += 1
+        elif (comment or not names) and axis_columns(header := _names(text)):
+            names, comment = header, ""
+        else:
+            separator = separator or _separator(text)
+            ((_, fields),) = _split([(number, text)], separator)
+            # Prose may have an x, a y and a z, too; COLMAP names the last of many columns once.
+            listed = "," in comment and len(names) < len(fields)
+            if comment and not (listed or len(names) == len(fields) or names[:3] == [*"xyz"]):
+                names = []
+            if not names:
+                _check_row(number, text, fields)
+            return names, separator, chain([(number, text)], _contents(lines, parts))
+    return names, separator, iter(())
 
 
-_COUNT = re.compile(rb"[0-9]{1,12}")
+def _names(text: str) -> list[str]:
+    """Return the names of columns without units, in small letters and digits alone."""
+    text = _UNIT.sub("", _INTRODUCTION.sub("", text, count=1))
+    separator = next((mark for mark in ";\t|," if mark in text), " ")
+    fields = next(csv.reader([text], delimiter=separator, skipinitialspace=True), [])
+    return [re.sub(r"[^a-z0-9]", "", field.lower()) for field in fields]
 
 
-def text_lines(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """Yield the lines with their numbers, from 1."""
+def _are_numbered(row: Sequence[str], following: Sequence[str]) -> bool:
+    """Return whether a row is 0, 1, 2 ... as pandas names columns, and the next is no such."""
+    names = [field for field in row if field]
+    counted = len(names) > 2 and names == [str(i) for i in range(len(names))]
+    return counted and (not row[0] or not all(map(_WHOLE.fullmatch, following)))
+
+
+def _count_or_label(fields: Sequence[str]) -> bool:
+    """Return whether the first fields of rows are 0, 1, 2 ..., or 1, 2, 3 ..., or no numbers."""
+    counted = any([*fields] == [str(i + k) for k in range(len(fields))] for i in (0, 1))
+    return counted or not any(map(_NUMBER.fullmatch, fields))
+
+
+def _check_row(number: int, text: str, fields: Sequence[str]) -> None:
+    """Raise NotACloud for a first line without names that does not have three numbers."""
+    for start, kind in _OTHERS.items():
+        if text.startswith(start):
+            raise NotACloud(f"its contents are {kind}; name it so, or save columns of numbers")
+    if sum(is_number(field.strip()) for field in fields) < min(3, len(fields)):
+        raise NotACloud(
+            f"line {number}: {shown(text)} is no point, and does not name columns x, y and z (no "
+            "degrees), each once; remove the line, or name all columns there"
+        )
+
+
+def _check_unnamed(rows: Sequence[Sequence[str]]) -> None:
+    """Raise NotACloud where the first three of more columns are likely not x, y and z."""
+    pairs = [list(pairwise(row[:16])) for row in rows]
+    grouped = all(any(_CUT.fullmatch(f"{a} {b}") for a, b in row) for row in pairs)
+    zeros = any(_CUT_AT_POINT.fullmatch(f"{a} {b}") for row in pairs for a, b in row)
+    if grouped or zeros:
+        raise NotACloud(f"its columns seem to be parts of numbers; {_NUMBERS}")
+    first, *others = zip(*rows, strict=False)
+    labels = not any(map(is_number, first))
+    whole = [sum(_WHOLE.fullmatch(field) is not None for field in column) for column in others[:2]]
+    counts = len(rows) > 2 and all(map(_WHOLE.fullmatch, first)) and 0 in whole
+    if labels or counts:
+        raise first_column_counts(first[0])
+
+
+def is_number(field: str) -> bool:
+    """Return whether a field stands for a number, in any way of writing, or for a missing one."""
+    return bool(field) and bool(_NUMBER.fullmatch(field) or _MISSING.fullmatch(field))
+
+
+def _separator(text: str) -> str:
+    """Return what separates the fields of a row; " " is any white space."""
+    for mark in ";\t|":
+        if text.count(mark) > 1 and (mark != "\t" or all(text.split(mark)[:-1])):
+            return mark
+    words = text.split()
+    apart = len(words) > 2 and all(map(_NUMBER.fullmatch, words)) and words[0][-1] != ","
+    return "," if "," in text and not apart else " "
+
+
+def _split(rows: Rows, separator: str) -> Iterator[tuple[int, list[str]]]:
+    """Yield the number and the fields of each row; a quoted field ends on its line."""
+    number = last = 0
+
+    def texts() -> Iterator[str]:
+        nonlocal number
+        for number, text in rows:  # noqa: B007
+            yield text.replace("\t", " ").strip() if separator == " " else text
+
+    reader = csv.reader(texts(), delimiter=separator, skipinitialspace=True)
+    try:
+        for count, fields in enumerate(reader, 1):
+            if reader.line_num != count:
+                raise csv.Error
+            yield number, fields
+            last = number
+    except csv.Error:
+        raise NotACloud(f"a quote after line {last} is left open; close it") from None
+
+
+def _contents(lines: Rows, parts: bool) -> Iterator[tuple[int, str]]:
+    """Yield the lines with contents; without counts, where a file consists of `parts`."""
+    for number, line in lines:
+        text = _content(line)
+        if text.strip(_BLANK) and not (parts and text.isdigit()):
+            yield number, text
+
+
+def _content(line: str) -> str:
+    """Return a line without its end and without a comment."""
+    text = line.strip(" \n")  # a tab may stand for an empty field
+    if text.startswith(_COMMENTS):
+        return ""
+    return _NOTE.sub("", text) if "#" in text and '"' not in text else text
+
+
+def text_lines(data: bytes, encoding: str = "latin-1") -> Iterator[tuple[int, str]]:
+    """Yield the lines with their numbers, from 1; LF, CR LF and CR end a line."""
     if len(data) > MOST_TEXT_BYTES:
         raise NotACloud(f"{len(data)} bytes of text, at most {MOST_TEXT_BYTES} are read; use NPY")
-    file = io.BytesIO(data)
-    number = 0
-    while line := file.readline(MOST_LINE_BYTES + 1):
-        number += 1
-        if len(line) > MOST_LINE_BYTES:
-            raise NotACloud(f"line {number} is longer than {MOST_LINE_BYTES} bytes; use short ones")
+    file = io.TextIOWrapper(io.BytesIO(data), encoding, errors="replace")
+    for number, line in enumerate(file, 1):
+        if len(line) > MOST_LINE_LENGTH:
+            raise NotACloud(f"line {number} has {len(line)} characters; use lines below 65536")
         yield number, line
 
 
-def numbers_of(fields: Sequence[bytes], columns: Sequence[int], where: str) -> list[float]:
-    """Return the numbers in these columns of a line. Raises NotACloud where one is missing."""
+def numbers_of(
+    fields: Sequence[str], columns: Sequence[int], where: str, decimal_comma: bool = False
+) -> list[float]:
+    """Return the numbers in these columns of a line; NaN for those that are marked as missing.
+
+    Raises NotACloud where a column or a number is missing.
+    """
     if len(fields) <= max(columns):
         raise NotACloud(
             f"{where} has {len(fields)} columns, expected at least {max(columns) + 1}; give x, y "
@@ -87,12 +287,22 @@ def numbers_of(fields: Sequence[bytes], columns: Sequence[int], where: str) -> l
         )
     values = []
     for column in columns:
+        field = fields[column]
         try:
-            if b"_" in fields[column]:  # Python's own, 1_000
+            if "_" in field:  # Python's own, 1_000
                 raise ValueError
-            values.append(float(fields[column]))
+            values.append(
+                float(field.replace(".", "'").replace(",", ".") if decimal_comma else field)
+            )
         except ValueError:
-            raise NotACloud(
-                f"{where}: {shown(fields[column])} is not a number; start comment lines with #"
-            ) from None
+            if not _MISSING.fullmatch(field.strip()):
+                raise NotACloud(f"{where}: {shown(field)} is not a number; {_NUMBERS}") from None
+            values.append(np.nan)
     return values
+
+
+def _uneven(number: int, count: int, expected: int) -> NotACloud:
+    return NotACloud(
+        f"line {number} has {count} columns, expected {expected}; {_NUMBERS}, and a text "
+        "with separators in quotes"
+    )

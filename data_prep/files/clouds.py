@@ -8,19 +8,28 @@ file, never for the sizes that it claims.
 from __future__ import annotations
 
 import io
+import json
 import math
 import re
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.files.atomic_write import write_whole
-from data_prep.files.cloud_contents import CloudContents, CloudPoints, NotACloud, colors_of
+from data_prep.files.cloud_contents import (
+    CloudContents,
+    CloudPoints,
+    NotACloud,
+    axis_columns,
+    color_columns,
+    colors_of,
+)
 from data_prep.files.cloud_ply import read_ply
-from data_prep.files.cloud_text import read_pts, read_text
+from data_prep.files.cloud_text import PTS_COLOURS, is_number, read_text
 from data_prep.files.meshes import SUFFIXES as MESH_SUFFIXES
 from data_prep.files.safe_read import MIB, files_below, open_file, read_file, shown
 from data_prep.files.scans import SCAN_SUFFIXES, read_scan
@@ -35,9 +44,10 @@ def load_points(path: Path) -> CloudPoints:
     """Read the coordinates of the points in a file.
 
     PLY    ascii or binary, either byte order; other properties and elements are ignored
-    NPY    an array of real numbers of shape [N, 3], or [N, 6]
-    text   the first three columns, or x, y and z of a first line that names all columns; separated
-           by white space or commas; # begins a comment
+    NPY    an array of real numbers of shape [N, 3], or [N, 6], or a table with fields x, y and z
+    text   x, y and z of a line before the numbers that names the columns, also in a comment, or the
+           first three; separated by white space, commas, semicolons, tabs or bars; # begins a
+           comment, // and % do at the start of a line; XYZ, TXT, CSV, ASC, XYZN and XYZRGB
     PTS    as text; lines of a single whole number, the counts of its parts, are ignored
     LAS, LAZ, E57, PCD  see `data_prep.files.scans`; large ones are thinned out
 
@@ -98,15 +108,9 @@ def _has_rows(path: Path) -> bool:
             start = file.read(MIB)
     except BadInput:  # its reader says why
         return True
-    text = start.decode(
-        "utf-16" if start[:2] in (b"\xff\xfe", b"\xfe\xff") else "latin-1", "replace"
-    )
+    text = start.decode(json.detect_encoding(start[:4]), "replace")
     fields = (re.split(r'[\s;,"]+', line.strip('\t ;,"')) for line in text.splitlines())
-    return not start or any(sum(map(_is_number, row)) >= max(3, len(row) / 2) for row in fields)
-
-
-def _is_number(field: str) -> bool:
-    return re.fullmatch(r"[-+]?(\d+\.?\d*|\.\d+)([eEdD][-+]?\d+)?", field) is not None
+    return not start or any(sum(map(is_number, row)) >= max(3, len(row) / 2) for row in fields)
 
 
 def check_cloud_name(path: Path) -> None:
@@ -171,10 +175,16 @@ def _read_npy(data: bytes, with_colors: bool = False) -> CloudContents:
             shape, by_columns, dtype = read_header(file)
     except Exception as error:  # numpy lets through any error of its parsers
         raise NotACloud("not a readable NPY file; write it with numpy.save") from error
-    if dtype.kind not in "fiu" or len(shape) != 2 or shape[1] not in (3, 6) or shape[0] < 0:
+    given = dtype.names or ()
+    names = [name.lower() for name in given]
+    axes, kinds, fits = axis_columns(names), dtype.kind, shape[1:] in ((3,), (6,))
+    fields = [given[i] for i in axes + color_columns(names)] if axes else []
+    if axes:
+        kinds, fits = "".join(dtype[field].kind for field in fields), len(shape) == 1
+    if not set(kinds) <= set("fiu") or dtype.hasobject or not fits or shape[0] < 0:
         raise NotACloud(
             f"an array of {shown(str(dtype))} of shape {shown(str(shape))}; save real numbers of "
-            "shape [N, 3], or [N, 6] with colours"
+            "shape [N, 3], or [N, 6] with colours, or a table with x, y and z"
         )
     have, need = len(data) - file.tell(), math.prod(shape) * dtype.itemsize
     if have != need:
@@ -184,19 +194,22 @@ def _read_npy(data: bytes, with_colors: bool = False) -> CloudContents:
         )
     values = np.frombuffer(data, dtype, math.prod(shape), file.tell())
     rows = values.reshape(shape, order="F" if by_columns else "C")
-    unused = ("3 of its 6 columns",) if shape[1] == 6 else ()
-    colors = colors_of(rows[:, 3:], dtype.kind in "iu") if unused and with_colors else None
+    if axes:
+        rows = np.stack([rows[field].astype(np.float64) for field in fields], axis=1)
+    columns, has_colors = len(names) or shape[1], rows.shape[1] == 6
+    unused = (f"{columns - 3} of its {columns} columns",) if columns > 3 else ()
+    whole = set(kinds[-3:]) <= set("iu")
+    colors = colors_of(rows[:, 3:], whole) if has_colors and with_colors else None
     return CloudContents(
-        np.array(rows[:, :3], np.float64), unused, has_colors=bool(unused), colors=colors
+        np.array(rows[:, :3], np.float64), unused, has_colors=has_colors, colors=colors
     )
 
 
 _READERS: Mapping[str, Callable[[bytes, bool], CloudContents]] = {
     ".ply": read_ply,
     ".npy": _read_npy,
-    ".xyz": read_text,
-    ".txt": read_text,
-    ".csv": read_text,
-    ".pts": read_pts,
+    **dict.fromkeys((".xyz", ".txt", ".csv", ".asc", ".xyzrgb"), read_text),
+    ".xyzn": partial(read_text, unnamed={}),  # normals
+    ".pts": partial(read_text, unnamed=PTS_COLOURS, parts=True),
 }
 CLOUD_SUFFIXES = (*_READERS, *SCAN_SUFFIXES)

@@ -99,7 +99,8 @@ def test_a_note_that_files_share_is_one_line(command, plugins, tmp_path):
         np.savetxt(tmp_path / name, np.eye(4, columns))
     _, _, err = command("render", tmp_path, "--method", "fake-healthy", "-o", tmp_path / "out")
     notes = [line for line in err.splitlines() if line.startswith("note: ")]
-    rest = "are not used; only the coordinates of its points are"
+    rest = "(x, y and z are the first 3, as no first line names them) "
+    rest += "are not used; only the coordinates of its points are"
     assert notes == [
         f"note: {tmp_path}/a.xyz and 1 more: 3 of its 6 columns {rest}; "
         "'--method splat --colour file' draws its colours",

@@ -6,7 +6,7 @@ import subprocess
 import numpy as np
 import plugin_methods
 import pytest
-from PIL import Image
+from PIL import Image, ImageSequence
 
 import bench
 import bench.rendering.cloud
@@ -142,7 +142,8 @@ def test_colours_of_a_file_are_drawn_by_splat_alone(command, refused, tmp_path):
     assert 10 < len(shown) <= 100
     assert shown <= {tuple(color) for color in file.colors.tolist()}
     assert command("render", path, "--method", "splat", *options)[2].startswith(
-        f"note: {path}: 3 of its 6 columns are not used; only the coordinates of its points are; "
+        f"note: {path}: 3 of its 6 columns (x, y and z are the first 3, as no first line names "
+        "them) are not used; only the coordinates of its points are; "
         "'--method splat --colour file' draws its colours\n"
     )
     alone = "give --method splat alone, or leave out --colour file"
@@ -219,6 +220,7 @@ def test_random_numbers_are_the_same_each_time(plugins):
     drawing = Drawing("fake-unlucky", views)
     once, twice = (draw_cloud(PointCloud(POINTS), drawing) for _ in range(2))
     assert not isinstance(once, Failed)
+    assert not isinstance(twice, Failed)
     assert np.array_equal(once, twice)
     other = Drawing("fake-unlucky", views, rng=generator("other"))
     assert draw_cloud(PointCloud(POINTS), other) == Failed("ValueError: bad luck")
@@ -323,7 +325,7 @@ def test_where_all_fail_nothing_is_written(command, plugins, cloud, tmp_path):
     assert (status, printed) == (1, "")
     *_, first, second = err.splitlines()
     assert first.startswith("bench: fake-exception: ValueError: ")
-    assert second == "bench: fake-blank: draw: 1 of 1 images are blank"
+    assert second == "bench: fake-blank: draw: 1 of 1 images are blank; 3 points are too few"
     assert out.read_bytes() == b"old"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["cloud.ply", "sheet.png"]
 
@@ -334,7 +336,7 @@ def test_a_turntable_of_several_methods_goes_round(command, plugins, cloud, tmp_
     turn = ("--frames", "5", "--azimuth", "-10", "--elevation", "15", "-o", out)
     assert command("render", cloud, "--method", "fake-round,splat", *turn)[:2] == (0, f"{out}\n")
     with Image.open(out) as film:
-        assert film.n_frames == 5
+        assert len(list(ImageSequence.Iterator(film))) == 5
     points = CloudFile(cloud, as_is=False).load()
     views = tuple(View(-10.0 + 72 * i, 15.0) for i in range(5))
     splats = draw_cloud(points, Drawing("splat", views))
@@ -363,7 +365,7 @@ def test_the_remedy_is_named_where_points_may_be_too_many(cloud):
         ("fake-exception", "ValueError: 12 of 34 parts are missing"),
         ("fake-wrong-shape", "draw: images of shape (1, 64, 128, 3), expected (1, 128, 128, 3)"),
         ("fake-nan", "draw: 384 pixel values are not finite"),
-        ("fake-blank", "draw: 1 of 1 images are blank"),
+        ("fake-blank", "draw: 1 of 1 images are blank; 3 points are too few"),
         ("surface-apss", "input: 3 points; normals need at least 11"),
     ],
 )

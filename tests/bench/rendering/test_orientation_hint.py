@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bench.rendering.cloud import CloudFile
-from bench.rendering.orientation_hint import looks_lying
+from bench.rendering.orientation_hint import looks_like_a_line, looks_lying
 from data_prep.clouds.normalise import normalise
 from data_prep.clouds.sampling import sample_surface
 from data_prep.datasets.registry import open_dataset
@@ -42,7 +42,7 @@ def test_few_points_and_points_that_are_not_finite_say_nothing(tables):
     back = next(lying(table).points for table in tables if looks_lying(lying(table)))
     assert not looks_lying(PointCloud(back[:255]))
     assert not looks_lying(PointCloud(back * np.nan))
-    assert not looks_lying(PointCloud(np.zeros((300, 3))))
+    assert not looks_lying(PointCloud(np.zeros((300, 3), np.float32)))
     assert looks_lying(PointCloud(np.concatenate([back, [[np.inf, 0, np.nan]]])))
 
 
@@ -53,6 +53,16 @@ def test_a_note_where_the_up_axis_is_a_guess(tables, tmp_path):
     assert CloudFile(path, as_is=False, up_unknown=True).load_with_notes()[1] == (note,)
     assert CloudFile(path, as_is=False).load_with_notes()[1] == ()
     assert CloudFile(path, as_is=False, up="z").load_with_notes()[1] == ()
+
+
+def test_a_note_where_all_points_lie_on_a_line(tmp_path):
+    times, depths = np.linspace(0, 1, 50) ** 2 * 1e6, np.random.default_rng(0).normal(size=(50, 2))
+    (path := tmp_path / "log.csv").write_text("x,y,z\n")
+    with path.open("a") as file:
+        np.savetxt(file, np.column_stack([times, depths]), delimiter=",")
+    note = f"{path}: its points lie on a line; check which columns are x, y and z"
+    assert CloudFile(path, as_is=False).load_with_notes()[1] == (note,)
+    assert not looks_like_a_line(PointCloud(np.array([[0, 0, 0], [1, 0, 0], [1, 0.1, 0]], "f4")))
 
 
 @pytest.mark.slow

@@ -1,11 +1,12 @@
 from __future__ import annotations
 
 import re
+from typing import Any
 
 import numpy as np
 import pytest
 
-from data_prep.clouds.normalise import normalise, normalise_points
+from data_prep.clouds.normalise import cloud_of_points, normalise, normalise_points
 from data_prep.failures import BadInput
 from data_prep.scene import Mesh
 
@@ -14,7 +15,7 @@ from data_prep.scene import Mesh
 ROUNDING = float(np.finfo(np.float32).eps)
 
 
-def triangle(vertices: object, faces: object = ((0, 1, 2),)) -> Mesh:
+def triangle(vertices: Any, faces: Any = ((0, 1, 2),)) -> Mesh:
     return Mesh(vertices, faces, np.full((len(faces), 3), 7))
 
 
@@ -128,6 +129,13 @@ def test_no_points_and_points_that_are_not_finite(value: float) -> None:
     points[2, 1] = points[4] = value
     with pytest.raises(BadInput, match=r"2 non-finite points of 9 .*point 2\); remove them"):
         normalise_points(points)
+
+
+def test_masked_points_are_left_out() -> None:
+    points = np.ma.masked_less(np.vstack([cloud(9), [[-9999, 1, 2], [1, 2, -9999]]]), -9000)
+    with pytest.warns(UserWarning, match="2 of 11 points are masked, and left out"):
+        made = cloud_of_points(points)
+    np.testing.assert_array_equal(made.points, cloud_of_points(cloud(9)).points)
 
 
 @pytest.mark.parametrize(("count", "place"), [(1, 0.0), (3, 5e-324), (2, 1e308)])
