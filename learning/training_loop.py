@@ -167,7 +167,10 @@ def run(
     no earlier one was kept; TrainingDiverged on NaN, infinity or a loss that explodes. Of several
     processes all call this, and the first one writes and reports.
     """
-    path = out_dir / checkpoint.FILE_NAME
+    path, losses_csv = out_dir / checkpoint.FILE_NAME, out_dir / loss_log.FILE_NAME
+    for file in (path, losses_csv):
+        if file.exists() and not file.is_file():  # a pipe would be waited for
+            raise BadInput(f"{file}: no regular file; remove it, or use another output directory")
     # as a checkpoint gives it back: in JSON tuples are lists
     identity = json.loads(json.dumps({**dataclasses.asdict(config), "data": data_hash}))
     first = _resume(trainer, identity, path, processes) if path.is_file() else 0
@@ -179,7 +182,6 @@ def run(
     cadence: Cadence = config.cadence
     writes = processes.rank == 0
     independent = trainer.independent_steps(config.steps)
-    losses_csv = out_dir / loss_log.FILE_NAME
     detector = DivergenceDetector(loss_log.read_losses(losses_csv, first)[1])
     log = loss_log.LossLog(losses_csv, first) if writes else None
     rate = _Rate(first)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import fcntl
 import json
+import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -136,15 +137,26 @@ def read_finished(directory: Path, older: bool = False) -> dict[str, Any]:
 def read_manifest(directory: Path, older: bool = False) -> dict[str, Any]:
     """Return the manifest of a run.
 
-    Raises BadInput where there is no run, and for one that is damaged, of version 1.0.0, of a newer
-    schema or of another version of the protocol, but for an earlier one with `older`.
+    Raises BadInput where there is no run, for one with links that lead out of it or with pipes or
+    devices, and for one that is damaged, of version 1.0.0, of a newer schema or of another version
+    of the protocol, but for an earlier one with `older`.
     """
     if not directory.exists():
         raise BadInput(f"{directory}: no such folder; give a run's folder")
+    for path in directory.iterdir() if directory.is_dir() else ():
+        # A command would wait for a pipe for ever, and write tables where a link leads.
+        if path.is_symlink() and not _is_below(path, directory):
+            raise BadInput(f"{path}: a link that leads out of the run's folder; put a copy there")
+        if path.exists() and not (path.is_file() or path.is_dir()):
+            raise BadInput(f"{path}: no regular file but a pipe or device; remove it")
     if not (directory / MANIFEST).is_file():
         raise BadInput(f"{directory}: no run here ({MANIFEST} is missing); give a run's folder")
     is_former = (directory / JOURNAL).is_dir()
     return load_manifest(directory / MANIFEST, directory, older=older, is_former=is_former)
+
+
+def _is_below(path: Path, directory: Path) -> bool:
+    return Path(os.path.realpath(path)).is_relative_to(os.path.realpath(directory))
 
 
 def load_manifest(

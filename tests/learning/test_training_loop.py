@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+import os
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -166,6 +167,13 @@ def test_a_longer_training_is_not_given_for_a_shorter_one(tmp_path):
     with pytest.raises(BadInput, match=r"has 6 steps already, and 4 are asked for; give --steps 6"):
         start(tmp_path, Config(steps=4))
     assert start(tmp_path, Config(steps=6))[0] == []
+
+
+@pytest.mark.parametrize("name", ["checkpoint.safetensors", "losses.csv"])
+def test_a_pipe_is_not_waited_for(tmp_path, name):
+    os.mkfifo(tmp_path / name)
+    with pytest.raises(BadInput, match=f"{name}: no regular file; remove it"):
+        start(tmp_path, Config(steps=1))
 
 
 def test_the_length_of_a_run_has_to_be_there(tmp_path):

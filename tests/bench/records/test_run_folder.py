@@ -43,6 +43,7 @@ def test_a_second_process_is_refused(tmp_path):
     pipe = subprocess.PIPE
     holder = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True)
     with holder:
+        assert holder.stdout
         assert holder.stdout.readline() == "held\n"
         for refused in (open_folder(tmp_path).__enter__, lambda: set_aside(tmp_path)):
             assert refusal(refused).startswith(f"{tmp_path}: another run is writing here; wait")
@@ -164,6 +165,25 @@ def test_a_damaged_manifest(tmp_path, text, message):
     path = tmp_path / "manifest.json"
     path.write_text(text, encoding="latin-1")
     assert refusal(read_manifest, tmp_path).startswith(f"{path}: not a manifest ({message}")
+
+
+@pytest.mark.parametrize("name", ["tables", "run.sqlite", "records.parquet", "manifest.json"])
+def test_links_that_lead_out_and_pipes_are_refused(tmp_path, name):
+    """Tables would be written where a link leads, and a pipe would be waited for."""
+    run, outside = tmp_path / "run", tmp_path / "outside"
+    outside.mkdir()
+    run.mkdir()
+    write_manifest(run, make_manifest())
+    (tmp_path / "link").symlink_to("run")  # the folder of the run itself may be one
+    (run / "inside").symlink_to("manifest.json")
+    (run / "loop").symlink_to("loop")
+    assert read_manifest(tmp_path / "link")
+    (run / name).unlink(missing_ok=True)
+    (run / name).symlink_to("../outside")
+    assert f"{name}: a link that leads out of the run's folder" in refusal(read_manifest, run)
+    (run / name).unlink()
+    os.mkfifo(run / name)
+    assert f"{name}: no regular file but a pipe or device" in refusal(read_manifest, run)
 
 
 def test_a_run_that_was_stopped_is_not_finished(tmp_path):
