@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bench.analysis.frontier import pareto
 from bench.catalogue.families import FAMILIES
 from bench.catalogue.methods import known_method
 from bench.catalogue.metrics import higher_is_better
@@ -258,7 +257,10 @@ def _draw_costs(
     competing = [line for line in lines if line["verdict"] != "reference"]
     cost, value = (np.array([number(line[n]) for line in competing]) for n in ("cost_ms", "value"))
     quality = value - blank if higher else blank - value
-    best = sorted(np.flatnonzero(pareto(cost, quality) & (quality >= 0)), key=lambda i: cost[i])
+    # Of those that are shown, which are not all of whom the run had.
+    beaten = (cost[:, None] <= cost) & (quality[:, None] >= quality)
+    beaten &= (cost[:, None] < cost) | (quality[:, None] > quality)
+    best = sorted(np.flatnonzero(~beaten.any(axis=0) & (quality >= 0)), key=lambda i: cost[i])
     axis.step(cost[best], value[best], where="post", color=SOFT, linewidth=1)
     styles = method_styles(line["method"] for line in competing)
     for line in sorted(competing, key=lambda line: line["method"] in methods):

@@ -13,15 +13,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bench.analysis.digits import decimals
+from bench.analysis.digits import prints_better
 from bench.analysis.distances import FeatureDistances
 from bench.analysis.intervals import (
+    NONE,
+    SIGNIFICANCE,
     StandardError,
     clipped,
     distance_interval,
-    interval_of_means,
     jackknife_error,
-    jackknife_interval,
     mean_error,
     mean_interval,
     median_interval,
@@ -64,13 +64,17 @@ class Quality:
     per_object: Floats
     method: str = ""
 
-    @property
-    def rank(self) -> float:
-        """Return the value with the metric's decimals, signed so that more is better, or NaN."""
-        # Rounded: the same images drawn in another order of sums differ by 1e-6, which must not
-        # decide.
-        value = round(self.estimate.value, decimals(self.metric))
-        return value if higher_is_better(self.metric) else -value
+
+def is_better(a: Quality, b: Quality) -> bool:
+    """Return whether a value is better than another in the digits that both are printed with."""
+    return prints_better(a.metric, a.estimate.value, b.estimate.value, a.method, b.method)
+
+
+def best_first(qualities: Mapping[str, Quality]) -> dict[str, int]:
+    """Return the methods that have a value, each with how many others print better than it."""
+    known = [m for m, quality in qualities.items() if math.isfinite(quality.estimate.value)]
+    before = {m: sum(is_better(qualities[n], qualities[m]) for n in known) for m in known}
+    return {m: before[m] for m in sorted(known, key=before.__getitem__)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +117,7 @@ def compare(
     metrics: Sequence[str],
     methods: Container[str] | None = None,
     claimed: Iterable[str] = (),
+    among: Mapping[tuple[str, str], Container[str]] | None = None,
 ) -> list[Comparison]:
     """Return a comparison for each condition and class, in the order of the cells.
 
@@ -121,6 +126,7 @@ def compare(
     metrics  metrics of images that the sums have, and set metrics that features exist for
     methods  methods that are compared, by default all; `blank` is needed, but may be left out
     claimed  methods whose times their authors state
+    among    objects that take part, by condition and class; by default all
     """
     by_cell: dict[tuple[str, str], list[str]] = {}
     for method, *cell in sums.cells:
@@ -129,17 +135,21 @@ def compare(
     for cell, every in by_cell.items():
         if FLOOR not in every:
             continue
-        known, _ = sums.numbers((FLOOR, *cell))
-        objects = tuple(sums.objects(cell[1])[known > 0].tolist())
+        drawn, _ = sums.numbers((FLOOR, *cell))
+        every_object = sums.objects(cell[1])
+        known = drawn > 0
+        if among is not None:
+            known &= np.array([name in among.get(cell, ()) for name in every_object], bool)
+        objects = tuple(every_object[known].tolist())
         if not objects:
             continue
         names = [method for method in every if methods is None or method in methods]
         prepare_s, draw_s = (
-            {m: sums.per_object((m, *cell), name)[known > 0] for m in names} for name in TIMES
+            {m: sums.per_object((m, *cell), name)[known] for m in names} for name in TIMES
         )
         qualities = {
             metric: {
-                m: _mean_quality(metric, sums.per_object((m, *cell), metric, True)[known > 0], m)
+                m: _mean_quality(metric, sums.per_object((m, *cell), metric, True)[known], m)
                 for m in names
             }
             if is_mean(metric)
@@ -188,14 +198,15 @@ def _set_qualities(
 
 
 def pooled(compared: Sequence[Comparison]) -> list[Comparison]:
-    """Return for each condition with several classes one comparison of all their objects, `ALL`.
+    """Return for each condition of several classes one comparison of all their objects, `ALL`.
 
     By metrics of images: every object counts alike, whatever its class.
     """
     by_condition: dict[str, list[Comparison]] = {}
     for comparison in compared:
         by_condition.setdefault(comparison.condition, []).append(comparison)
-    return [_pooled(classes) for classes in by_condition.values() if len(classes) > 1]
+    several = len({comparison.class_name for comparison in compared}) > 1
+    return [_pooled(classes) for classes in by_condition.values()] if several else []
 
 
 def _pooled(classes: Sequence[Comparison]) -> Comparison:
@@ -233,20 +244,52 @@ def candidates(methods: Iterable[str]) -> list[str]:
 def worse_than_blank(qualities: Mapping[str, Quality]) -> set[str]:
     """Return the methods whose value, as printed, is worse than that of a white image."""
     blank = qualities.get(FLOOR)
-    return set() if blank is None else {m for m, q in qualities.items() if q.rank < blank.rank}
+    return set() if blank is None else {m for m, q in qualities.items() if is_better(blank, q)}
+
+
+class QualityChange(NamedTuple):
+    """A difference of two qualities, its standard error, and the least and largest it can be.
+
+    error  None where there are too few objects
+    """
+
+    value: float
+    error: StandardError | None
+    possible: tuple[float, float]
+
+    def estimate(self, alpha: float = SIGNIFICANCE) -> Estimate:
+        """Return the difference with the interval that misses the true one in `alpha`."""
+        interval = self.error.interval(self.value, alpha) if self.error else NONE
+        return Estimate(self.value, *clipped(interval, self.possible))
+
+    @property
+    def p(self) -> float:
+        """Return the two-sided p value of no difference; NaN without an error."""
+        return self.error.p_value(self.value) if self.error else NAN
+
+
+def change(a: Sequence[Quality], b: Sequence[Quality]) -> QualityChange:
+    """Return a - b in the mean over classes, by pairing the two object by object.
+
+    Both have a quality of each class by one metric, in the same order. A class in which no object
+    has a value on both sides does not count.
+    """
+    metric, pairs = a[0].metric, list(zip(a, b, strict=True))
+    least, largest = value_range(metric)
+    possible = (least - largest, largest - least)
+    if is_mean(metric):
+        samples = [values for x, y in pairs if len(values := paired(x, y))]
+        value = float(np.mean([values.mean() for values in samples])) if samples else NAN
+        return QualityChange(value, mean_error(samples), possible)
+    value = float(np.mean([x.estimate.value - y.estimate.value for x, y in pairs]))
+    return QualityChange(
+        value, jackknife_error([x.per_object - y.per_object for x, y in pairs]), possible
+    )
 
 
 def difference(a: Quality, b: Quality) -> Estimate:
-    """Return a - b in units of the metric, by pairing the two object by object.
-
-    The interval is by the bootstrap of image metrics, by the jackknife of Fréchet distances
-    (`bench.analysis.intervals`); NaN where there are too few objects.
-    """
-    if is_mean(a.metric):
-        least, largest = value_range(a.metric)
-        return _mean_of_objects(paired(a, b), (least - largest, largest - least))
-    value = a.estimate.value - b.estimate.value
-    return Estimate(value, *jackknife_interval(value, [a.per_object - b.per_object]))
+    """Return a - b in units of the metric with its 95 % interval, paired object by object."""
+    return change([a], [b]).estimate()
 
 
 def better_by(a: Quality, b: Quality) -> Estimate:
@@ -255,21 +298,14 @@ def better_by(a: Quality, b: Quality) -> Estimate:
 
 
 def class_mean_difference(
-    a: Sequence[Quality], b: Sequence[Quality]
+    a: Sequence[Quality], b: Sequence[Quality], alpha: float = SIGNIFICANCE
 ) -> tuple[Estimate, StandardError | None]:
     """Return by how much `a` is better than `b` in the mean over classes, with its error.
 
     Both have a quality of each class by one metric, in the same order.
     """
-    metric = a[0].metric
-    sign = 1.0 if higher_is_better(metric) else -1.0
-    pairs = list(zip(a, b, strict=True))
-    differences = [sign * (x.per_object - y.per_object) for x, y in pairs]
-    if is_mean(metric):
-        value = float(np.mean([values.mean() for values in differences]))
-        return Estimate(value, *interval_of_means(differences)), mean_error(differences)
-    value = float(np.mean([sign * (x.estimate.value - y.estimate.value) for x, y in pairs]))
-    return Estimate(value, *jackknife_interval(value, differences)), jackknife_error(differences)
+    better = change(a, b) if higher_is_better(a[0].metric) else change(b, a)
+    return better.estimate(alpha), better.error
 
 
 def paired(a: Quality, b: Quality) -> Floats:

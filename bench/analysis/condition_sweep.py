@@ -1,8 +1,8 @@
 """Methods along families of conditions: which is ahead, and where that changes.
 
 Methods are compared on the same objects, failed images scored as blank ones
-(`bench.analysis.comparison`). Between the conditions that were measured a curve is a straight line
-on the axis of the family: on the logarithm where the axis is logarithmic.
+(`bench.analysis.paired.Verdicts`). Between the conditions that were measured a curve is a straight
+line on the axis of the family: on the logarithm where the axis is logarithmic.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from bench.analysis.comparison import NAN, Comparison, Estimate, Quality, better_by
+from bench.analysis.comparison import NAN, Comparison, Estimate, Quality
+from bench.analysis.paired import Verdicts
 from bench.catalogue.families import Family, families_of
 from bench.catalogue.lookup import family_of
 
@@ -54,7 +55,8 @@ class PairedComparison:
     """Two methods along a family by one metric.
 
     values, baseline_values  of both, at each step
-    differences              how much better the method is than its baseline, paired over objects
+    differences              how much better the method is than its baseline, paired over objects,
+                             with the intervals that decide
     """
 
     class_name: str
@@ -107,7 +109,7 @@ def condition_curves(
 
 
 def paired_comparisons(
-    comparisons: Sequence[Comparison], metrics: Sequence[str]
+    comparisons: Sequence[Comparison], metrics: Sequence[str], verdicts: Verdicts
 ) -> tuple[PairedComparison, ...]:
     """Return the pairs of the methods along every family, by class, family, metric and pair."""
     return tuple(
@@ -119,7 +121,10 @@ def paired_comparisons(
             baseline,
             tuple(step[method].estimate.value for step in steps),
             tuple(step[baseline].estimate.value for step in steps),
-            tuple(better_by(step[method], step[baseline]) for step in steps),
+            tuple(
+                verdicts.difference(baseline, method, metric, condition, class_name).lead
+                for condition in family.conditions
+            ),
         )
         for class_name, family, metric, steps in _steps(comparisons, metrics)
         for method, baseline in pairs_among(list(steps[0]))

@@ -14,7 +14,12 @@ from functools import cache
 from pathlib import Path
 
 from bench.catalogue.lookup import family_of
-from bench.catalogue.metrics import CONTROL_METRICS, SET_METRICS, declared_metric
+from bench.catalogue.metrics import (
+    CONTROL_METRICS,
+    SET_METRICS,
+    declared_metric,
+    higher_is_better,
+)
 
 DECIMALS_FILE = Path(__file__).resolve().parents[2] / "results" / "decimals.csv"
 
@@ -26,6 +31,14 @@ def decimals(metric: str, *methods: str) -> int:
     """
     every = _of_metric(metric)
     return min([every, *(_kept().get((family_of(method), metric), every) for method in methods)])
+
+
+def prints_better(metric: str, value: float, other: float, *methods: str) -> bool:
+    """Return whether a value is better than another of these methods, in the digits of both."""
+    # Also of others: the same images drawn in another order of sums differ by 1e-6.
+    digits = decimals(metric, *methods)
+    gain = round(value, digits) - round(other, digits)
+    return gain > 0 if higher_is_better(metric) else gain < 0
 
 
 def is_coarse(metric: str, *methods: str) -> bool:

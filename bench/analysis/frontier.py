@@ -1,9 +1,9 @@
 """The frontier of quality and cost: the methods that are worth their cost.
 
 A method is on the frontier where it is not worse than a white image, and no other is at least as
-good for at most its cost. That is decided by the values with the decimals of the metric; whether a
-method off the frontier is really worse, or only happened to come out so, is decided by pairing it
-with the cheaper ones, object by object.
+good for at most its cost. That is decided by the values in the digits that both are printed with;
+whether a method off the frontier is really worse, or only happened to come out so, is decided by
+pairing it with the cheaper ones, object by object (`bench.analysis.paired.Verdicts`).
 """
 
 from __future__ import annotations
@@ -13,17 +13,18 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.analysis.comparison import (
     Comparison,
     Estimate,
     Quality,
+    best_first,
     better_by,
     candidates,
+    is_better,
     worse_than_blank,
 )
-from bench.analysis.digits import decimals
+from bench.analysis.paired import Verdicts
 from bench.catalogue.methods import FLOOR
 from data_prep.clouds.conditions import CONDITIONS, Stride, Unchanged
 from data_prep.scene import CLOUD_SIZE
@@ -40,8 +41,8 @@ class FrontierPoint:
     cost_ms  milliseconds for a cloud with its views
     n_ok, n  images that exist, images that should
     verdict  frontier   no other candidate is at least as good for at most this cost
-             dominated  one that costs no more is better, by an interval without 0
-             tied       one that costs no more is at least as good, but not by such an interval
+             dominated  one that costs no more is shown to be better
+             tied       one that costs no more is at least as good, but not shown to be better
              below a white image  it is worse than `blank`, which costs nothing
              reference  no candidate: it sees the mesh, or no cloud
              claimed    no candidate: its author states the cost, on another machine
@@ -63,38 +64,23 @@ class FrontierPoint:
     baseline: str
 
 
-def pareto(cost: NDArray[np.float64], quality: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which of M candidates are on the frontier of cost [M] and quality [M], bool [M].
-
-    More quality is better. Candidates with equal values are on it together; one with a NaN is never
-    on it, and pushes no other off.
-    """
-    no_costlier = cost[:, None] <= cost  # [i, j]: i costs no more than j
-    no_worse = quality[:, None] >= quality
-    strictly = (cost[:, None] < cost) | (quality[:, None] > quality)
-    beaten = (no_costlier & no_worse & strictly).any(axis=0)
-    return np.isfinite(cost) & np.isfinite(quality) & ~beaten
-
-
-def places(comparison: Comparison, metrics: Sequence[str], views: int) -> list[FrontierPoint]:
+def places(
+    comparison: Comparison, metrics: Sequence[str], views: int, verdicts: Verdicts
+) -> list[FrontierPoint]:
     """Return the places of all methods by these metrics, in their order and the comparison's."""
     costs = {method: comparison.cost_ms(method, views) for method in comparison.images}
     could = [method for method in candidates(costs) if method not in comparison.claimed]
     points = []
     for metric in metrics:
         qualities = comparison.qualities[metric]
-        below = worse_than_blank(qualities)
-        above = [method for method in could if method not in below]
-        ahead = pareto(
-            np.array([costs[method].value for method in above]),
-            np.array([qualities[method].rank for method in above]),
-        )
-        on_frontier = {method for method, is_on in zip(above, ahead, strict=True) if is_on}
         for method, quality in qualities.items():
             if method in comparison.claimed:
                 verdict, baseline = "claimed", ""
+            elif method not in could:
+                verdict, baseline = "reference", ""
             else:
-                verdict, baseline = _verdict(method, could, below, on_frontier, costs, qualities)
+                rivals = {m: qualities[m] for m in could}
+                verdict, baseline = _verdict(comparison, metric, method, rivals, costs, verdicts)
             points.append(
                 FrontierPoint(
                     comparison.condition,
@@ -113,36 +99,28 @@ def places(comparison: Comparison, metrics: Sequence[str], views: int) -> list[F
 
 
 def _verdict(
+    comparison: Comparison,
+    metric: str,
     method: str,
-    could: Sequence[str],
-    below: set[str],
-    on_frontier: set[str],
+    rivals: Mapping[str, Quality],
     costs: Mapping[str, Estimate],
-    qualities: Mapping[str, Quality],
+    verdicts: Verdicts,
 ) -> tuple[Verdict, str]:
-    if method not in could:
-        return "reference", ""
-    quality = qualities[method]
-    if not (np.isfinite(costs[method].value) and np.isfinite(quality.rank)):
+    quality, cost = rivals[method], costs[method].value
+    if not np.isfinite((cost, quality.estimate.value)).all():
         return "no value", ""
-    if method in below:
+    if method in worse_than_blank(comparison.qualities[metric]):
         return "below a white image", FLOOR
-    if method in on_frontier:
-        return "frontier", ""
     baselines = [
         other
-        for other in could
-        if other != method
-        and costs[other].value <= costs[method].value
-        and qualities[other].rank >= quality.rank
+        for other in best_first(rivals)
+        if other != method and costs[other].value <= cost and not is_better(quality, rivals[other])
     ]
-    baselines.sort(key=lambda other: -qualities[other].rank)
-    digits = decimals(quality.metric)
-    clear = (
-        other for other in baselines if round(better_by(qualities[other], quality).low, digits) > 0
-    )
-    shown_by = next(clear, None)
-    return ("tied", baselines[0]) if shown_by is None else ("dominated", shown_by)
+    if not any(costs[m].value < cost or is_better(rivals[m], quality) for m in baselines):
+        return "frontier", ""
+    shown_by = (m for m in baselines if verdicts.shows(m, method, metric, comparison))
+    worse = next(shown_by, None)
+    return ("tied", baselines[0]) if worse is None else ("dominated", worse)
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,10 @@
-"""Intervals over objects: objects are independent, the views of one object are not.
+"""Intervals and p values over objects: objects are independent, the views of one object are not.
 
 The mean over classes is the paper's AVERAGE: every class counts alike, however many objects.
-Classes are fixed, and intervals draw objects within them. Means have a studentised bootstrap,
-distances of sets a jackknife. Below FEWEST objects there is no interval: `docs/protocol.md` has the
-rates at which a true null is rejected.
+Classes are fixed, and objects are drawn within them. A `StandardError` gives both the interval and
+the p value of an estimate, so that 0 is outside the interval of 1 - alpha exactly where the p value
+is below alpha. Below FEWEST objects there is neither: `docs/protocol.md` has the rates at which
+intervals miss the true value.
 """
 
 from __future__ import annotations
@@ -18,11 +19,7 @@ from scipy.special import stdtr, stdtrit
 from data_prep.arrays import Floats
 
 FEWEST = 8  # objects with an interval
-# Objects of a class that are resampled, also for p values (`bench.analysis.paired`). The mean of
-# more is so nearly normal that Student's t says the same: a skewness of g moves an end of the
-# interval by 1.45 g / sqrt(n) standard errors (Edgeworth), at 401 objects by 4 % of its half for a
-# skewness of 1, and 2,000 resamples are themselves uncertain by 3 % of it.
-MOST_RESAMPLED = 400
+SIGNIFICANCE = 0.05
 RESAMPLES = 2000
 SEED = 0
 AT_ONCE = 2**16  # numbers of the resamples that are in memory: little
@@ -31,69 +28,64 @@ NONE = float("nan"), float("nan")
 
 
 class StandardError(NamedTuple):
-    """The standard error of a mean over classes, with the degrees of freedom of its estimate.
+    """The standard error of an estimate over objects: its interval and its p value follow from it.
 
-    These are Welch and Satterthwaite's; with one class, the number of objects less one.
+    They are Student's, with the end at the longer tail of a skewed estimate moved out by the first
+    term of its Edgeworth expansion (Johnson, Journal of the American Statistical Association 73,
+    1978): by |skewness| (2 t^2 + 1) / 6 standard errors for a quantile of t. The other end stays.
+
+    freedom   degrees of freedom of the error: Welch and Satterthwaite's for a mean over classes,
+              with one class the number of objects less one
+    skewness  of the estimate, enlarged where it is known from few objects
     """
 
     error: float
     freedom: float
+    skewness: float = 0.0
 
     @property
     def reach(self) -> float:
-        """Return half of the t interval of 95 %."""
+        """Return half of Student's interval of 95 %."""
         return self.error * float(stdtrit(self.freedom, 0.975))
 
+    def interval(self, value: float, alpha: float = SIGNIFICANCE) -> tuple[float, float]:
+        """Return the interval (low, high) of a value, which misses the true one in `alpha`."""
+        t = -float(stdtrit(self.freedom, alpha / 2))
+        longer = self.skewness * (2 * t**2 + 1) / 6
+        below, above = t + max(-longer, 0.0), t + max(longer, 0.0)
+        return value - below * self.error, value + above * self.error
+
     def p_value(self, value: float) -> float:
-        """Return the two-sided p value of a true value of 0, by the t distribution."""
+        """Return the two-sided p value of a true value of 0: the alpha whose interval ends at 0."""
         if value == 0 or self.error == 0:
             return float(value == 0)
-        return float(2 * stdtr(self.freedom, -abs(value) / self.error))
+        longer = max(-self.skewness if value > 0 else self.skewness, 0.0)  # of the tail towards 0
+        beyond = max(abs(value) / self.error - longer / 6, 0.0)  # = t + longer t^2 / 3
+        t = 2 * beyond / (1 + (1 + 4 / 3 * longer * beyond) ** 0.5)
+        return float(2 * stdtr(self.freedom, -t))
 
 
-def mean_interval(per_object: Floats) -> tuple[float, float]:
-    """Return the 95 % interval (low, high) of the mean of one value per object [G].
+def mean_interval(per_object: Floats, alpha: float = SIGNIFICANCE) -> tuple[float, float]:
+    """Return the interval (low, high) of the mean of one value per object [G].
 
     It is the `interval_of_means` of one class.
     """
-    return interval_of_means([per_object])
+    return interval_of_means([per_object], alpha)
 
 
-def interval_of_means(per_object: Sequence[Floats], at_once: int = AT_ONCE) -> tuple[float, float]:
-    """Return the 95 % interval (low, high) of the mean over classes of the means over objects.
+def interval_of_means(
+    per_object: Sequence[Floats], alpha: float = SIGNIFICANCE
+) -> tuple[float, float]:
+    """Return the interval (low, high) of the mean over classes of the means over objects.
 
     per_object  one value per object [G] of each class
-    at_once     numbers of the resamples in memory
 
-    It is a studentised bootstrap (Efron and Tibshirani 1993, section 12.5), widened to the t
-    interval where that is wider, as where most values are equal. The resamples depend on the
-    numbers of objects alone, so that methods measured on the same objects are resampled alike and
-    their intervals are paired. Where every class has more than MOST_RESAMPLED objects it is the t
-    interval alone. (nan, nan) below FEWEST objects, without a class, where a class
-    has fewer than 2 objects, and where a value is not finite.
+    It is that of `mean_error`: (nan, nan) without one.
     """
     error = mean_error(per_object)
     if error is None:
         return NONE
-    value = float(np.mean([values.mean() for values in per_object]))
-    if all(np.ptp(values) == 0 for values in per_object):  # exact, where resampled sums would round
-        value = float(np.mean([values[0] for values in per_object]))
-        return value, value
-    if min(map(len, per_object)) > MOST_RESAMPLED:
-        return value - error.reach, value + error.reach
-    means, variances = np.zeros(RESAMPLES), np.zeros(RESAMPLES)
-    for number, values in enumerate(per_object):
-        rng = np.random.default_rng((SEED, number))  # one class says nothing about the next
-        drawn_means, drawn_variances = _resampled(values - values.mean(), rng, at_once)
-        means += drawn_means
-        variances += drawn_variances
-    # Resamples of equal values have no error of their own; rounding leaves a little.
-    spread = np.sqrt(variances) / len(per_object) > 1e-9 * error.error
-    if not spread.any():
-        return value - error.reach, value + error.reach
-    low, high = np.percentile(means[spread] / np.sqrt(variances[spread]), [2.5, 97.5])
-    below, above = max(high * error.error, error.reach), max(-low * error.error, error.reach)
-    return float(value - below), float(value + above)
+    return error.interval(float(np.mean([values.mean() for values in per_object])), alpha)
 
 
 def median_interval(
@@ -102,8 +94,8 @@ def median_interval(
     """Return the 95 % percentile-bootstrap interval (low, high) of the median of values [n].
 
     `objects` [n] names the object of each value; objects are drawn with all their values. The
-    resamples depend on the number of objects alone, like those of `mean_interval`. (nan, nan) below
-    FEWEST objects and where a value is not finite.
+    resamples depend on the number of objects alone, so that methods measured on the same objects
+    are resampled alike. (nan, nan) below FEWEST objects and where a value is not finite.
     """
     names, member = np.unique(objects, return_inverse=True)
     if len(names) < FEWEST or not np.isfinite(values).all():
@@ -126,15 +118,17 @@ def median_interval(
     return float(low), float(high)
 
 
-def jackknife_interval(value: float, leave_one_out: Sequence[Floats]) -> tuple[float, float]:
-    """Return the 95 % interval (low, high) of a mean over classes of distances of sets, unclipped.
+def jackknife_interval(
+    value: float, leave_one_out: Sequence[Floats], alpha: float = SIGNIFICANCE
+) -> tuple[float, float]:
+    """Return the interval (low, high) of a mean over classes of distances of sets, unclipped.
 
     value          the mean over the classes; with one class, its distance
     leave_one_out  for each class the distances without each block of objects [g]
 
-    It is the t interval with `jackknife_error`. (nan, nan) without such an error.
+    It is that of `jackknife_error`. (nan, nan) without such an error.
 
-    Why not the bootstrap, as for the means: it draws objects twice, and repeated rows shrink the
+    Why not the bootstrap: it draws objects twice, and repeated rows shrink the
     covariance and its rank. A Fréchet distance grows when sets get smaller, so that every replicate
     lies above the estimate and the percentile interval may exclude the very value it belongs to.
     Leaving out one object in g changes the size, and with it the bias, by 1 in g only. Neither
@@ -142,7 +136,7 @@ def jackknife_interval(value: float, leave_one_out: Sequence[Floats]) -> tuple[f
     not where the distance of infinite sets lies.
     """
     error = jackknife_error(leave_one_out)
-    return (value - error.reach, value + error.reach) if error else NONE
+    return error.interval(value, alpha) if error else NONE
 
 
 def clipped(interval: tuple[float, float], values: tuple[float, float]) -> tuple[float, float]:
@@ -173,12 +167,26 @@ def debiased(value: float, leave_one_out: Floats) -> float:
 def mean_error(per_object: Sequence[Floats]) -> StandardError | None:
     """Return the standard error of the mean over classes of the means over objects.
 
-    None where `interval_of_means` has no interval. That interval is at least the t interval of this
-    error.
+    None below FEWEST objects, without a class, where a class has fewer than 2 objects, and where a
+    value is not finite.
     """
     if not _enough(per_object):
         return None
-    return _standard_error([v.var(ddof=1) / len(v) for v in per_object], per_object)
+    variances = [values.var(ddof=1) / len(values) for values in per_object]
+    error = _standard_error(variances, per_object)
+    if error.error == 0:
+        return error
+    third = sum(map(_third_moment_of_mean, per_object)) / sum(variances) ** 1.5
+    # Few objects of a skewed distribution rarely have one of its tail and look less skewed.
+    return error._replace(skewness=float(third) * (1 + 8 / (error.freedom + 1)))
+
+
+def _third_moment_of_mean(values: Floats) -> float:
+    """Return the unbiased third central moment of the mean of values [n]; 0 of fewer than 3."""
+    count = len(values)
+    if count < 3:
+        return 0.0
+    return float(np.sum((values - values.mean()) ** 3) / (count * (count - 1) * (count - 2)))
 
 
 def sum_error(errors: Sequence[StandardError | None]) -> StandardError | None:
@@ -220,16 +228,3 @@ def _standard_error(variances: Sequence[float], of_classes: Sequence[Floats]) ->
     return StandardError(
         total**0.5 / len(of_classes), total**2 / float(parts) if parts > 0 else float(least)
     )
-
-
-def _resampled(values: Floats, rng: np.random.Generator, at_once: int) -> tuple[Floats, Floats]:
-    """Return the means of RESAMPLES draws of all values, and the squares of their errors."""
-    means, squares = np.empty(RESAMPLES), np.empty(RESAMPLES)
-    rows = max(1, at_once // len(values))
-    for start in range(0, RESAMPLES, rows):
-        part = slice(start, start + rows)
-        count = min(rows, RESAMPLES - start)
-        drawn = values[rng.integers(len(values), size=(count, len(values)))]
-        means[part] = drawn.mean(axis=1)
-        squares[part] = drawn.var(axis=1, ddof=1) / len(values)
-    return means, squares

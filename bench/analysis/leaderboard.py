@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from bench.analysis.comparison import Comparison, Estimate, Quality
-from bench.analysis.digits import decimals
+from bench.analysis.digits import prints_better
 from bench.analysis.intervals import clipped, mean_interval
-from bench.catalogue.metrics import higher_is_better, value_range
+from bench.catalogue.metrics import value_range
 
 OVERALL = "all conditions"
 
@@ -57,20 +57,24 @@ def over_conditions(compared: Sequence[Comparison]) -> Comparison:
 
 
 def mean_places(
-    columns: Sequence[tuple[str, Mapping[str, float]]], methods: Collection[str]
+    columns: Sequence[tuple[str, Mapping[str, float]]], ids: Mapping[str, str]
 ) -> dict[str, float]:
     """Return the mean place of each method that has one, 1 for one that is always the best.
 
-    A column is a metric with its values by method, which are compared as they are printed. A place
-    among fewer methods is stretched to all that have one.
+    A column is a metric with its values by name, which are compared in the digits that both are
+    printed with; `ids` has the methods of the names that compete. A place among fewer methods is
+    stretched to all that have one.
     """
-    from scipy.stats import rankdata
-
     places: dict[str, list[float]] = {}
     for metric, of_column in columns:
-        known = {m: of_column[m] for m in methods if m in of_column}
-        sign = -1 if higher_is_better(metric) else 1
-        ranks = rankdata([sign * round(v, decimals(metric)) for v in known.values()])
-        for method, rank in zip(known, ranks, strict=True):
-            places.setdefault(method, []).append((rank - 1) / max(len(known) - 1, 1))
+        known = {name: of_column[name] for name in ids if name in of_column}
+        for name, value in known.items():
+            balance = [
+                prints_better(metric, other, value, ids[name], ids[rival])
+                - prints_better(metric, value, other, ids[name], ids[rival])
+                for rival, other in known.items()
+            ]
+            # Those that print equal share their places.
+            others = len(known) - 1
+            places.setdefault(name, []).append((others + sum(balance)) / 2 / max(others, 1))
     return {m: 1 + (len(places) - 1) * float(np.mean(p)) for m, p in places.items()}

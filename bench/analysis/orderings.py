@@ -10,13 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from bench.analysis.comparison import (
-    NAN,
-    Comparison,
-    Estimate,
-    better_by,
-    class_mean_difference,
-)
+from bench.analysis.comparison import NAN, Comparison, Estimate, class_mean_difference
+from bench.analysis.intervals import SIGNIFICANCE
+from bench.analysis.paired import verdicts_of
 from bench.analysis.paper import AVERAGE, SURFACE, Published, network_of, paper_difference
 from bench.analysis.scored import ScoredRun
 from bench.catalogue.metrics import is_mean
@@ -30,7 +26,8 @@ class Ordering:
     """SR against the network in one class by one metric.
 
     surface, network  their values, failed images scored as blank ones
-    difference        how much better the network is, paired over objects: over 0 if it is
+    difference        how much better the network is, paired over objects: over 0 if it is; with the
+                      interval that decides
     paper_difference  the same by FID as the paper printed it; NaN where it has no such class
     objects           number of objects of the class
     method            the network that stands for the paper's PC2PIX
@@ -69,58 +66,55 @@ def orderings(run: ScoredRun, published: Published) -> list[Ordering]:
     wanted = run.suite.class_metrics
     metrics = [metric for metric in wanted if metric in run.features]
     metrics += [m for m in wanted if is_mean(m) and m in run.sums.metrics]
-    counts = run.sums.objects_of
+    both = (SURFACE, network)
+    verdicts = verdicts_of(run, metrics, both)
     by_condition: dict[str, list[Comparison]] = {}
-    for comparison in run.compared(metrics, (SURFACE, network)):
+    for comparison in run.compared(metrics, both):
         by_condition.setdefault(comparison.condition, []).append(comparison)
-    return [
-        row
-        for classes in by_condition.values()
-        for metric in metrics
-        for row in _of_classes(classes, metric, network, counts, published)
-    ]
+    counts = run.sums.objects_of
 
-
-def _of_classes(
-    classes: Sequence[Comparison],
-    metric: str,
-    network: str,
-    counts: dict[str, int],
-    published: Published,
-) -> list[Ordering]:
-    """Return the orderings of each class and of the average over them."""
-    qualities = [(c.qualities[metric][network], c.qualities[metric][SURFACE]) for c in classes]
-    condition = classes[0].condition
-    rows = [
-        Ordering(
-            condition,
+    def of_class(metric: str, c: Comparison) -> Ordering:
+        surface, ours = (c.qualities[metric][method].estimate.value for method in both)
+        cell = metric, c.condition, c.class_name
+        return Ordering(
+            c.condition,
             c.class_name,
             metric,
-            b.estimate.value,
-            a.estimate.value,
-            better_by(a, b),
+            surface,
+            ours,
+            verdicts.difference(SURFACE, network, *cell).lead,
             paper_difference(published, c.class_name),
             counts[c.class_name],
             network,
         )
-        for c, (a, b) in zip(classes, qualities, strict=True)
-    ]
-    difference, _ = class_mean_difference(*map(list, zip(*qualities, strict=True)))
-    average = Ordering(
-        condition,
-        AVERAGE,
-        metric,
-        _mean([row.surface for row in rows]),
-        _mean([row.network for row in rows]),
-        # Of the classes that have a value, as the table of classes has it.
-        difference._replace(value=_mean([row.difference.value for row in rows])),
-        paper_difference(published, AVERAGE),
-        sum(counts.values()),
-        network,
-    )
-    return [*rows, average]
+
+    rows = []
+    for condition, classes in by_condition.items():
+        for metric in metrics:
+            of_classes = [of_class(metric, c) for c in classes]
+            # Of the classes in which both have a value.
+            known = [row for row in of_classes if math.isfinite(row.difference.value)]
+            names = {row.class_name for row in known}
+            at = [c.qualities[metric] for c in classes if c.class_name in names]
+            sides = ([by_method[method] for by_method in at] for method in (network, SURFACE))
+            cells = len(by_condition) * (len(run.headline) if metric in run.headline else 1)
+            lead = Estimate(NAN, NAN, NAN)
+            if known:
+                lead, _ = class_mean_difference(*sides, alpha=SIGNIFICANCE / cells)
+            average = Ordering(
+                condition,
+                AVERAGE,
+                metric,
+                _mean([row.surface for row in known]),
+                _mean([row.network for row in known]),
+                lead,
+                paper_difference(published, AVERAGE),
+                sum(counts.values()),
+                network,
+            )
+            rows += [*of_classes, average]
+    return rows
 
 
 def _mean(values: Sequence[float]) -> float:
-    finite = [value for value in values if math.isfinite(value)]
-    return sum(finite) / len(finite) if finite else NAN
+    return sum(values) / len(values) if values else NAN

@@ -2,21 +2,19 @@
 
 The letters are a compact letter display by insertion and absorption (Piepho, Journal of
 Computational and Graphical Statistics 13, 2004). Whether two methods differ is decided object by
-object (`bench.analysis.paired`), corrected by Holm for all pairs under one condition. Reference
-methods have no rank; their pairs are a family of their own, so that they cost the others nothing.
+object (`bench.analysis.paired`), corrected for all pairs. Reference methods have no rank.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from itertools import combinations
 from string import ascii_lowercase
 
-from bench.analysis.comparison import Comparison, Estimate, candidates
-from bench.analysis.paired import ComparedPair, PairedDifference, Side, paired_differences
+from bench.analysis.comparison import Comparison, Estimate, best_first, candidates
+from bench.analysis.paired import Side, compared_pair, paired_differences
 
 
 @dataclass(frozen=True)
@@ -30,15 +28,10 @@ class Rank:
     estimate: Estimate
     letters: str
 
-    @property
-    def first(self) -> bool:
-        """Return whether it is ranked, and no other is shown to be better than it."""
-        return "a" in self.letters
-
 
 @dataclass(frozen=True)
 class Ranking:
-    """The ranks of methods by one metric under one condition, and all their pairs.
+    """The ranks of methods by one metric.
 
     ranks  the best first, then the reference methods
     objects_needed  where there are too few objects for letters, the fewest that can decide; else
@@ -46,43 +39,31 @@ class Ranking:
     """
 
     metric: str
-    condition: str
     ranks: tuple[Rank, ...]
-    pairs: tuple[PairedDifference, ...]
     objects_needed: int | None
 
 
 def ranking(comparison: Comparison, metric: str) -> Ranking:
     """Return the ranks of all methods that have a value."""
     qualities = comparison.qualities[metric]
-    known = [method for method, q in qualities.items() if math.isfinite(q.estimate.value)]
-    best_first = sorted(known, key=lambda method: -qualities[method].rank)
-    ranked = candidates(best_first)
-    references = [method for method in best_first if method not in ranked]
-
-    def differences(pairs: Iterable[tuple[str, str]]) -> list[PairedDifference]:
-        sides = [(Side("", a), Side("", b), qualities[a], qualities[b]) for a, b in pairs]
-        cell = comparison.condition, comparison.class_name
-        return paired_differences(
-            [ComparedPair(*cell, *side, objects=len(comparison.objects)) for side in sides]
-        )
-
-    family = differences(combinations(ranked, 2))
-    with_reference = [
-        pair for pair in combinations(best_first, 2) if not set(pair).isdisjoint(references)
-    ]
+    ordered = list(best_first(qualities))
+    ranked = candidates(ordered)
+    references = [method for method in ordered if method not in ranked]
+    pairs = paired_differences(
+        [
+            compared_pair(metric, comparison, comparison, Side("", a), Side("", b))
+            for a, b in combinations(ranked, 2)
+        ]
+    )
     resolved = {
-        frozenset((p.pair.a.method, p.pair.b.method)) for p in family if p.ahead in ("a", "b")
+        frozenset((p.pair.a.method, p.pair.b.method)) for p in pairs if p.ahead in ("a", "b")
     }
-    needed = max((p.objects_needed for p in family if p.objects_needed), default=None)
-    lettered = resolved or (needed is None and any(p.ahead == "tie" for p in family))
-    given = letters(ranked, resolved) if lettered else {}
+    needed = max((p.objects_needed for p in pairs if p.objects_needed), default=None)
+    given = letters(ranked, resolved) if pairs and not needed else {}
     return Ranking(
         metric,
-        comparison.condition,
         tuple(Rank(m, qualities[m].estimate, given.get(m, "")) for m in [*ranked, *references]),
-        (*family, *differences(with_reference)),
-        None if lettered else needed,
+        needed,
     )
 
 

@@ -5,6 +5,7 @@ A method is affordable where its median cost is within the budget.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -15,11 +16,13 @@ from bench.analysis.comparison import (
     NAN,
     Comparison,
     Estimate,
-    better_by,
+    best_first,
     candidates,
+    is_better,
     worse_than_blank,
 )
 from bench.analysis.intervals import mean_interval
+from bench.analysis.paired import Verdicts
 from bench.catalogue.metrics import higher_is_better
 from data_prep.arrays import Floats
 from data_prep.failures import BadInput
@@ -42,11 +45,24 @@ class Requirements:
     min_ssim: float | None = None
 
 
+def make_request(views: int, budget_ms: float | None, min_ssim: float | None) -> Requirements:
+    """Return a request. Raises BadInput for one without a limit, and for values out of range."""
+    if budget_ms is None and min_ssim is None:
+        raise BadInput("nothing to go by; give --budget-ms, --min-ssim, or both")
+    if views < 1:
+        raise BadInput(f"--views {views}: must be at least 1")
+    if budget_ms is not None and not 0 < budget_ms < math.inf:
+        raise BadInput(f"--budget-ms {budget_ms:g}: must be a number over 0")
+    if min_ssim is not None and not -1 <= min_ssim <= 1:
+        raise BadInput(f"--min-ssim {min_ssim:g}: must be from -1 to 1")
+    return Requirements(views, budget_ms, min_ssim)
+
+
 @dataclass(frozen=True)
 class MethodOption:
     """A method to choose, and its quality by one metric.
 
-    gap        how much worse it is than the best affordable method, paired
+    gap        how much worse it is than the best affordable method, with the interval that decides
     qualities  by each metric of the comparison
     """
 
@@ -66,6 +82,7 @@ class Advice:
     best, next    methods within the budget: the best by its mean, and those after it, the cheapest
                   of those that print equal; None and empty where nothing is affordable
     affordable    number of methods within the budget
+    undecided     those of them that the best is not shown to be ahead of, the best first
     below_blank   methods within the budget that are no choice, because a white image is better
     regret        quality that an oracle, which takes the best affordable method for each object,
                   has more than the best: mean over objects
@@ -84,6 +101,7 @@ class Advice:
     best: MethodOption | None
     next: tuple[MethodOption, ...]
     affordable: int
+    undecided: tuple[str, ...]
     below_blank: tuple[str, ...]
     regret: Estimate
     regret_blind: Estimate
@@ -116,19 +134,21 @@ class Recommendation:
 
 
 def recommend(
-    comparison: Comparison, request: Requirements, metrics: Sequence[str]
+    comparison: Comparison, request: Requirements, metrics: Sequence[str], verdicts: Verdicts
 ) -> Recommendation:
     """Return the advice of a comparison by each of these metrics of images, which it has to have.
 
     It has to have `ssim`, too, where a least SSIM is required.
     """
     return Recommendation(
-        tuple(advise(comparison, request, metric) for metric in metrics),
-        None if request.min_ssim is None else advise(comparison, request, SSIM),
+        tuple(advise(comparison, request, metric, verdicts) for metric in metrics),
+        None if request.min_ssim is None else advise(comparison, request, SSIM, verdicts),
     )
 
 
-def advise(comparison: Comparison, request: Requirements, metric: str) -> Advice:
+def advise(
+    comparison: Comparison, request: Requirements, metric: str, verdicts: Verdicts
+) -> Advice:
     """Return the advice of a comparison by a metric of images.
 
     Methods without a cost (they failed on all objects), those whose cost is claimed, and those
@@ -139,18 +159,23 @@ def advise(comparison: Comparison, request: Requirements, metric: str) -> Advice
     measured = [m for m in candidates(qualities) if m not in comparison.claimed]
     costs = {m: comparison.cost_ms(m, request.views) for m in measured}
     below = worse_than_blank(qualities)
-    valued = [m for m, cost in costs.items() if np.isfinite((cost.value, qualities[m].rank)).all()]
+    before = best_first({m: qualities[m] for m in measured})
+    valued = [m for m, cost in costs.items() if np.isfinite(cost.value) and m in before]
     usable = [m for m in valued if m not in below]
-    by_quality = sorted(usable, key=lambda m: (-qualities[m].rank, costs[m].value))
-    by_cost = sorted(usable, key=lambda m: (costs[m].value, -qualities[m].rank))
+    by_quality = sorted(usable, key=lambda m: (before[m], costs[m].value))
+    by_cost = sorted(usable, key=lambda m: (costs[m].value, before[m]))
     budget = np.inf if request.budget_ms is None else request.budget_ms
     affordable = [m for m in by_quality if costs[m].value <= budget]
-    distinct = list({qualities[m].rank: m for m in reversed(affordable)}.values())[::-1]
+    distinct: list[str] = []
+    for method in affordable:  # of those that print equal the first
+        if not distinct or is_better(qualities[distinct[-1]], qualities[method]):
+            distinct.append(method)
 
     def choice(method: str) -> MethodOption:
         gap = Estimate(NAN, NAN, NAN)
         if affordable:
-            gap = better_by(qualities[affordable[0]], qualities[method])
+            cell = metric, comparison.condition, comparison.class_name
+            gap = verdicts.difference(method, affordable[0], *cell).lead
         images = comparison.images[method]
         every = {name: by[method].estimate for name, by in comparison.qualities.items()}
         return MethodOption(method, costs[method], every[metric], *images, gap, every)
@@ -169,6 +194,9 @@ def advise(comparison: Comparison, request: Requirements, metric: str) -> Advice
         best=choice(affordable[0]) if affordable else None,
         next=tuple(map(choice, distinct[1 : 1 + ALTERNATIVES])),
         affordable=len(affordable),
+        undecided=tuple(
+            m for m in affordable[1:] if not verdicts.shows(affordable[0], m, metric, comparison)
+        ),
         below_blank=tuple(m for m in valued if m in below and costs[m].value <= budget),
         regret=_regret(scores, chosen=np.zeros(scores.shape[-1], np.intp)),
         regret_blind=_regret(scores, chosen=_chosen_by_the_others(scores)),

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -10,9 +11,23 @@ from typing import NamedTuple
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from bench.analysis.comparison import Comparison, candidates, paired, pooled
+from bench.analysis.comparison import (
+    Comparison,
+    Estimate,
+    Quality,
+    best_first,
+    candidates,
+    pooled,
+)
 from bench.analysis.further_metrics import with_further
-from bench.analysis.paired import ComparedPair, PairedDifference, Side, paired_differences
+from bench.analysis.intervals import NONE
+from bench.analysis.paired import (
+    PairedDifference,
+    Side,
+    compared_pair,
+    paired_differences,
+    two_methods,
+)
 from bench.analysis.scored import ScoredRun, read_scored
 from bench.catalogue.chosen import BEST_RECONSTRUCTION, CHOSEN
 from bench.catalogue.gone import instead_of
@@ -76,8 +91,11 @@ def against_best(
     cells = run.compared(metrics, rivals)
     best_by: dict[str, tuple[str, ...]] = {}
     for metric in metrics:
-        ranks = {m: np.mean([c.qualities[metric][m].rank for c in cells]) for m in rivals}
-        best = max(rivals, key=lambda m: np.nan_to_num(ranks[m], nan=-np.inf))
+        means = {}
+        for m in rivals:
+            values = np.array([c.qualities[metric][m].estimate.value for c in cells])
+            means[m] = Quality(metric, Estimate(float(values.mean()), *NONE), values, m)
+        best = next(iter(best_first(means)), rivals[0])
         best_by[best] = (*best_by.get(best, ()), metric)
     if BEST_RECONSTRUCTION in _chosen_rows(run):
         best_by[BEST_RECONSTRUCTION] = ()
@@ -95,16 +113,15 @@ def _two_methods(
     a, b = methods
     folder = str(run.directory)
     compared = _compare(run, methods, chosen)
-    pairs = [
-        _pair(metric, comparison, comparison, Side(folder, a), Side(folder, b))
-        for comparison in [*compared, *pooled(compared)]
-        for metric in comparison.qualities
-    ]
+    sides = Side(folder, a), Side(folder, b)
+    classes = two_methods(compared, chosen, *sides)
+    together = two_methods(pooled(compared), chosen, *sides)
     for name in chosen_rows.keys() & set(methods):
         parts = (f"`{method}` at {condition}" for condition, method in chosen_rows[name].items())
         remarks.append(f"`{name}` is {', '.join(parts)}.")
     truth = TRUTHS[run.suite.truth]
-    return Differences(a, b, _differences(pairs, chosen), tuple(remarks), truth)
+    cells = sorted((*classes, *together), key=lambda cell: chosen.index(cell.pair.metric))
+    return Differences(a, b, tuple(cells), tuple(remarks), truth)
 
 
 def runs(
@@ -134,25 +151,57 @@ def runs(
     _leave_out_changed(a, b, common["conditions"], remarks)
     names = methods or common["methods"]
     chosen = _metrics([a, b], metrics, remarks)
+    alone = [{(c.condition, c.class_name): c for c in _compare(run, names, ())} for run in (a, b)]
+    shared = {
+        cell: set(of_a.objects) & set(alone[1][cell].objects)
+        for cell, of_a in alone[0].items()
+        if cell in alone[1] and cell[0] in common["conditions"]
+    }
+    remarks += _of_fewer_objects(shared, *alone)
     in_a, in_b = (
-        {(c.condition, c.class_name): c for c in _compare(run, names, chosen)} for run in (a, b)
+        {(c.condition, c.class_name): c for c in _compare(run, names, chosen, shared)}
+        for run in (a, b)
     )
     pairs = [
-        _pair(metric, comparison, in_b[cell], Side(str(first), name), Side(str(second), name))
-        for cell, comparison in in_a.items()
-        if cell in in_b and cell[0] in common["conditions"]
+        compared_pair(
+            metric, in_a[cell], in_b[cell], Side(str(first), name), Side(str(second), name)
+        )
         for metric in chosen
+        for cell in in_a
         for name in names
     ]
-    cells, truth = _differences(pairs, chosen), TRUTHS[a.suite.truth]
+    cells, truth = tuple(paired_differences(pairs)), TRUTHS[a.suite.truth]
     return Differences(str(first), str(second), cells, tuple(remarks), truth)
 
 
-def _compare(run: ScoredRun, methods: Sequence[str], metrics: Sequence[str]) -> list[Comparison]:
+def _of_fewer_objects(
+    shared: Mapping[tuple[str, str], AbstractSet[str]],
+    *alone: Mapping[tuple[str, str], Comparison],
+) -> list[str]:
+    """Return a remark on the objects whose true images failed in one of two runs."""
+    missing: dict[str, set[str]] = {}
+    for cell, both in shared.items():
+        for of_run in alone:
+            missing.setdefault(cell[1], set()).update({*of_run[cell].objects} - both)
+    return [
+        f"{len(names)} of class {name} left out, as their true images failed in one of the runs: "
+        f"{', '.join(sorted(names)[:NAMED])}{' and others' * (len(names) > NAMED)}; "
+        f"{max(len(both) for cell, both in shared.items() if cell[1] == name)} are in both."
+        for name, names in missing.items()
+        if names
+    ]
+
+
+def _compare(
+    run: ScoredRun,
+    methods: Sequence[str],
+    metrics: Sequence[str],
+    among: Mapping[tuple[str, str], AbstractSet[str]] | None = None,
+) -> list[Comparison]:
     rows = {name: best for name, best in _chosen_rows(run).items() if name in methods}
     chosen = {method for best in rows.values() for method in best.values()}
     with threadpool_limits(1):  # the same digits on any number of cores
-        compared = run.compared(metrics, {*methods, *chosen})
+        compared = run.compared(metrics, {*methods, *chosen}, among)
     return [
         replace(
             comparison,
@@ -175,19 +224,6 @@ def _chosen_rows(run: ScoredRun) -> dict[str, dict[str, str]]:
     return {name: best for name, best in rows.items() if len(best) == len(conditions)}
 
 
-def _pair(metric: str, in_a: Comparison, in_b: Comparison, a: Side, b: Side) -> ComparedPair:
-    quality_a, quality_b = in_a.qualities[metric][a.method], in_b.qualities[metric][b.method]
-    objects = len(paired(quality_b, quality_a)) if is_mean(metric) else len(in_a.objects)
-    return ComparedPair(in_a.condition, in_a.class_name, a, b, quality_a, quality_b, objects)
-
-
-def _differences(
-    pairs: Sequence[ComparedPair], metrics: Sequence[str]
-) -> tuple[PairedDifference, ...]:
-    by_metric = sorted(pairs, key=lambda pair: metrics.index(pair.metric))
-    return tuple(paired_differences(by_metric))
-
-
 def _metrics(
     scored: Sequence[ScoredRun], wanted: Sequence[str] | None, remarks: list[str]
 ) -> list[str]:
@@ -207,7 +243,7 @@ def _metrics(
     if wanted is not None:
         _refuse_unknown("--metric", wanted, metrics)
         return list(wanted)
-    return [metric for metric in suite.headline if metric in metrics] or metrics[:1]
+    return [metric for metric in scored[0].headline if metric in metrics] or metrics[:1]
 
 
 def _common(name: str, a: Sequence[str], b: Sequence[str], remarks: list[str]) -> list[str]:

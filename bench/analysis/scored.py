@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from bench.catalogue.metrics import (
     RECOGNITION_METRICS,
     declared_metric,
     find_extractor,
+    is_mean,
 )
 from bench.catalogue.suites import PROCEDURES, Suite
 from bench.catalogue.truth import stored_suite
@@ -72,6 +73,11 @@ class ScoredRun:
             return []
         return [f"{len(names)} objects are small in their images, {FAR_OFF}: {listed(names)}"]
 
+    @property
+    def headline(self) -> list[str]:
+        """Return the metrics of images of the headline that the run has: those that judge."""
+        return self.measured([metric for metric in self.suite.headline if is_mean(metric)])
+
     def measured(self, metrics: Sequence[str]) -> list[str]:
         """Return the metrics of images and of sets among these that the run has."""
         available = {*self.features, *IMAGE_METRICS.keys() - self.skipped.keys()}
@@ -80,14 +86,21 @@ class ScoredRun:
         return [metric for metric in metrics if metric in available]
 
     def compared(
-        self, metrics: Sequence[str], methods: Iterable[str] | None = None
+        self,
+        metrics: Sequence[str],
+        methods: Iterable[str] | None = None,
+        among: Mapping[tuple[str, str], Container[str]] | None = None,
     ) -> list[Comparison]:
-        """Return methods on the same objects by these metrics, by default all; computed once."""
+        """Return methods on the same objects by these metrics, by default all; computed once.
+
+        `among` has the objects that take part, by condition and class; by default all.
+        """
         key = tuple(metrics), frozenset(self.manifest["methods"] if methods is None else methods)
+        entered = self.manifest.get(ENTERED, ())
+        if among is not None:
+            return compare(self.sums, self.features, metrics, key[1], entered, among)
         if key not in self._compared:
-            self._compared[key] = compare(
-                self.sums, self.features, metrics, key[1], self.manifest.get(ENTERED, ())
-            )
+            self._compared[key] = compare(self.sums, self.features, metrics, key[1], entered)
         return self._compared[key]
 
     def read_images(self, columns: Sequence[str] = COLUMNS, **only: str) -> pd.DataFrame:

@@ -15,8 +15,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from bench.analysis.comparison import Estimate
-from bench.analysis.intervals import StandardError
-from bench.analysis.paired import SIGNIFICANCE, holm
+from bench.analysis.intervals import SIGNIFICANCE, StandardError
 
 Verdict = Literal["supported", "contradicted", "undecided", "not testable here"]
 VERDICTS: tuple[Verdict, ...] = ("supported", "contradicted", "undecided", "not testable here")
@@ -131,3 +130,14 @@ def corrected(findings: Sequence[ClaimFinding]) -> list[Verdict]:
         else "undecided"
         for finding, p in zip(findings, p_values, strict=True)
     ]
+
+
+def holm(p_values: Sequence[float]) -> list[float]:
+    """Return p values corrected for their number, in their order; NaN stays and does not count."""
+    known = sorted((p, i) for i, p in enumerate(p_values) if not math.isnan(p))
+    corrected = [math.nan] * len(p_values)
+    largest = 0.0
+    for rank, (p, i) in enumerate(known):
+        largest = max(largest, min(1.0, (len(known) - rank) * p))
+        corrected[i] = largest
+    return corrected

@@ -13,13 +13,16 @@ import typer
 
 from bench.analysis.comparison import Estimate, milliseconds
 from bench.analysis.further_metrics import with_further
+from bench.analysis.paired import verdicts_of
 from bench.analysis.recommend import (
+    ALTERNATIVES,
     SSIM,
     Advice,
     MethodOption,
     Recommendation,
     Requirements,
     at_condition,
+    make_request,
 )
 from bench.analysis.recommend import recommend as best_methods
 from bench.analysis.scored import ScoredRun, read_scored
@@ -220,7 +223,8 @@ def recommend(
     metrics = _judging_metrics(run, names(metric))
     measured = [*metrics, SSIM] if min_ssim is not None and SSIM not in metrics else metrics
     compared = at_condition(run.compared(measured), condition)
-    given = [best_methods(comparison, request, metrics) for comparison in compared]
+    verdicts = verdicts_of(run, measured)
+    given = [best_methods(comparison, request, metrics, verdicts) for comparison in compared]
     lines = advice_lines(given, request, manifest["views"], in_full=condition is not None)
     head = f"{how_timed(manifest)} Scores are against {TRUTHS[run.suite.truth]}."
     for line in (head, *lines):
@@ -241,7 +245,7 @@ def _judging_metrics(run: ScoredRun, wanted: Sequence[str] | None) -> list[str]:
     for name in wanted or ():
         if name not in measured:
             raise BadInput(f"--metric {name}: cannot judge here; there are {', '.join(measured)}")
-    return list(wanted or [m for m in run.suite.headline if m in measured] or [SSIM])
+    return list(wanted or run.headline or [SSIM])
 
 
 def advice_lines(
@@ -330,6 +334,12 @@ def _within_budget(
         return f"no method within {budget}{worse}{by}{nearest}"
     chosen = [(advice, advice.best) for advice in advices if advice.best]
     message = f"best within {budget}{by}: {_text(chosen, request)}"
+    for advice in advices:
+        if rivals := advice.undecided:
+            more = f" and {len(rivals) - ALTERNATIVES} more" * (len(rivals) > ALTERNATIVES)
+            by = _by(advice) * (len(advices) > 1)
+            named = ", ".join(map(visible, rivals[:ALTERNATIVES]))
+            message += f"; not shown to be ahead of {named}{more}{by}"
     if first.best.cost_ms.high > budget_ms:
         message += "; the interval of its cost reaches beyond the budget"
     return message
@@ -382,16 +392,3 @@ def _estimated(estimate: Estimate, metric: str, *methods: str) -> str:
     if cell.value is None:
         return "unknown"
     return cell.text + (" [{}, {}]".format(*cell.interval) if cell.interval else "")
-
-
-def make_request(views: int, budget_ms: float | None, min_ssim: float | None) -> Requirements:
-    """Return a request. Raises BadInput for one without a limit, and for values out of range."""
-    if budget_ms is None and min_ssim is None:
-        raise BadInput("nothing to go by; give --budget-ms, --min-ssim, or both")
-    if views < 1:
-        raise BadInput(f"--views {views}: must be at least 1")
-    if budget_ms is not None and not 0 < budget_ms < math.inf:
-        raise BadInput(f"--budget-ms {budget_ms:g}: must be a number over 0")
-    if min_ssim is not None and not -1 <= min_ssim <= 1:
-        raise BadInput(f"--min-ssim {min_ssim:g}: must be from -1 to 1")
-    return Requirements(views, budget_ms, min_ssim)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, Literal
 
-from bench.analysis.digits import decimals, is_coarse
+from bench.analysis.digits import decimals, is_coarse, prints_better
 from bench.analysis.leaderboard import mean_places
 from bench.catalogue.lookup import family_of
 from bench.catalogue.methods import (
@@ -158,7 +158,7 @@ def leaderboard(
         for column in columns
         if column.placed
     ]
-    places = mean_places(values, competing)
+    places = mean_places(values, {name: ids[name] for name in competing})
     kinds = row_kinds(sorted(ids, key=lambda m: places.get(m, math.inf)), ids, named)
     ordered = sorted(kinds, key=lambda m: kinds[m] == "reference")
     mean = BoardColumn(
@@ -189,8 +189,8 @@ def _cell(column: BoardColumn, method: str, ids: Mapping[str, str]) -> BoardCell
     blanks = [of_name.value for name, of_name in column.cells.items() if ids[name] == FLOOR]
     if not column.placed or is_reference(ids[method]) or cell.value is None or not blanks:
         return cell
-    sign = 1 if column.higher else -1
-    below = blanks[0] is not None and sign * cell.value < sign * blanks[0]
+    blank = blanks[0]
+    below = blank is not None and prints_better(column.name, blank, cell.value, ids[method])
     caveats = [cell.caveat, "worse than blank" if below else ""]
     return replace(cell, caveat="; ".join(filter(None, caveats)))
 

@@ -14,6 +14,7 @@ import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from bench.analysis.comparison import ALL, pooled
+from bench.analysis.paired import verdicts_of
 from bench.analysis.scored import in_order
 from bench.analysis.scores import QualityRow
 from bench.catalogue.claims import entered_claims
@@ -29,7 +30,6 @@ from bench.catalogue.metrics import (
     SET_METRICS,
     column,
     declared_metric,
-    is_mean,
 )
 from bench.catalogue.modules import is_module_name
 from bench.catalogue.suite_types import TRUTHS, Suite, Truth
@@ -94,7 +94,7 @@ def read_page(made: Outputs) -> Page:
     """Return the content of the report of a finished run. Raises BadInput as `write_report`."""
     run, manifest, suite = made.run, made.run.manifest, made.run.suite
     views = int(manifest["views"])
-    headline = [metric for metric in run.measured(suite.headline) if is_mean(metric)]
+    headline = run.headline
     by = ("method", "condition", "class", "object", "view")
     columns = (*by, "azimuth_deg", "elevation_deg", "outcome", "reason", "notes", *TIMES)
     records = in_order(run.read_images((*columns, column(headline[0]))), manifest, by)
@@ -107,9 +107,9 @@ def read_page(made: Outputs) -> Page:
     with threadpool_limits(1):
         compared = run.compared(headline)
         answer = in_short(pooled(compared) or compared, headline, views)
-        comparisons = run.compared(of_cost)
-        costs = cost_plots(comparisons, of_cost, views, styles)
-        costed = cost_grid(comparisons, of_cost[0], views)
+        comparisons, verdicts = run.compared(of_cost), verdicts_of(run, of_cost)
+        costs = cost_plots(comparisons, of_cost, views, styles, verdicts)
+        costed = cost_grid(comparisons, of_cost[0], views, verdicts)
     left_out = _left_out(manifest["methods"])
     if made.curves:
         drawn, title = family_curves(made.curves, styles), "Beyond training"

@@ -13,6 +13,7 @@ import numpy as np
 
 from bench.analysis.comparison import Comparison, milliseconds
 from bench.analysis.frontier import FrontierPoint, places
+from bench.analysis.paired import Verdicts
 from bench.catalogue.condition_names import condition_words
 from bench.catalogue.lookup import family_of, variant_of
 from bench.catalogue.methods import FLOOR, role
@@ -331,6 +332,7 @@ def cost_plots(
     metrics: Sequence[str],
     views: int,
     styles: Mapping[str, MethodStyle],
+    verdicts: Verdicts,
 ) -> tuple[Plot, ...]:
     """Return a plot for each metric, condition and class, without ceiling, with floors as lines.
 
@@ -341,7 +343,7 @@ def cost_plots(
     plots = []
     for metric in metrics:
         cells = {
-            (c.condition, c.class_name): [p for p in places(c, (metric,), views) if _drawn(p)]
+            (c.condition, c.class_name): list(filter(_drawn, places(c, (metric,), views, verdicts)))
             for c in comparisons
         }
         counts = [sum(map(_competes, of_cell)) for of_cell in cells.values()]

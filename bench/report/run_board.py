@@ -36,7 +36,7 @@ _CHECKSUM = re.compile(r"\b[0-9a-f]{32,}\b")
 LETTERS = (
     "Values are means over objects and conditions; a failed image is scored as a blank one. "
     "Methods that share a letter are not shown to differ (paired object by object, p below .05 "
-    "after Holm's correction for all pairs of a column)."
+    "after correction for all pairs of a column)."
 )
 
 

@@ -1,8 +1,8 @@
 """The answer of a run in a few lines: who is ahead, what is not decided, below blank, cheapest.
 
-All pairs of methods under a condition are compared object by object and corrected by Holm's
-procedure (`bench.analysis.ranks`), as on a leaderboard of runs. Reference methods, settings of a
-parameter and methods measured for their cost alone do not take part.
+Who is ahead of whom is what `bench compare` says of the two (`bench.analysis.paired.Verdicts`).
+Reference methods, settings of a parameter and methods measured for their cost alone do not take
+part.
 """
 
 from __future__ import annotations
@@ -10,9 +10,17 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
-from bench.analysis.comparison import ALL, Comparison, candidates, milliseconds, worse_than_blank
+from bench.analysis.comparison import (
+    ALL,
+    Comparison,
+    best_first,
+    candidates,
+    milliseconds,
+    worse_than_blank,
+)
 from bench.analysis.frontier import places
-from bench.analysis.ranks import Ranking, ranking
+from bench.analysis.intervals import FEWEST
+from bench.analysis.paired import Verdicts
 from bench.catalogue.condition_names import listed
 from bench.catalogue.lookup import family_of
 from bench.catalogue.methods import COST_VARIANTS, FLOOR
@@ -25,30 +33,41 @@ ALIKE = 1.1  # costs that differ by a smaller factor are given as one
 
 @dataclass(frozen=True)
 class _Cell:
-    """A metric at a condition: the ranks of the methods that compete, and who is behind whom."""
+    """A metric at a condition.
+
+    methods  those that compete and drew an image, the best first
+    """
 
     comparison: Comparison
-    ranking: Ranking
+    metric: str
+    methods: tuple[str, ...]
+    verdicts: Verdicts
 
     @property
     def at(self) -> tuple[str, str]:
         """Return metric and condition."""
-        return self.ranking.metric, self.ranking.condition
+        return self.metric, self.comparison.condition
 
     @property
     def leader(self) -> str:
         """Return the method with the best mean."""
-        return self.ranking.ranks[0].method
+        return self.methods[0]
+
+    @property
+    def decides(self) -> bool:
+        """Return whether there are enough objects to show a difference."""
+        at = self.metric, self.comparison.condition, self.comparison.class_name
+        cells = [self.verdicts.difference(self.leader, m, *at) for m in self.methods[1:]]
+        return not cells or any(cell.ahead != "unknown" for cell in cells)
+
+    def shows(self, better: str, worse: str) -> bool:
+        """Return whether a method is shown to be better than another."""
+        return self.verdicts.shows(better, worse, self.metric, self.comparison)
 
     @property
     def undecided(self) -> list[str]:
         """Return the methods that are not shown to be behind the leader, the best first."""
-        behind = {
-            (pair.pair.b if pair.ahead == "a" else pair.pair.a).method
-            for pair in self.ranking.pairs
-            if pair.ahead in ("a", "b") and self.leader in (pair.pair.a.method, pair.pair.b.method)
-        }
-        return [r.method for r in self.ranking.ranks[1:] if r.method not in behind]
+        return [m for m in self.methods[1:] if not self.shows(self.leader, m)]
 
     @property
     def rivals(self) -> list[str]:
@@ -58,17 +77,21 @@ class _Cell:
     @property
     def below_blank(self) -> list[str]:
         """Return the methods that a white image is better than."""
-        below = worse_than_blank(self.comparison.qualities[self.ranking.metric])
-        return [rank.method for rank in self.ranking.ranks if rank.method in below]
+        below = worse_than_blank(self.comparison.qualities[self.metric])
+        return [method for method in self.methods if method in below]
 
     def cheapest(self, views: int) -> str:
         """Return the cheapest method of the frontier that no other is shown to be better than."""
         frontier = {
             point.method
-            for point in places(self.comparison, (self.ranking.metric,), views)
+            for point in places(self.comparison, (self.metric,), views, self.verdicts)
             if point.verdict == "frontier"
         }
-        unbeaten = [r.method for r in self.ranking.ranks if r.first and r.method in frontier]
+        unbeaten = [
+            m
+            for m in self.methods
+            if m in frontier and not any(self.shows(o, m) for o in self.methods)
+        ]
         cost = {m: self.comparison.cost_ms(m, views).value for m in unbeaten}
         return min(cost, key=cost.__getitem__, default="")
 
@@ -92,12 +115,13 @@ def in_short(
     tuple of Statement
         A line for each question that the run answers.
     """
+    verdicts = Verdicts(compared)
     compared = [_competing(comparison) for comparison in compared]
     cells = [
-        _Cell(comparison, ranks)
+        _Cell(comparison, metric, methods, verdicts)
         for metric in metrics
         for comparison in compared
-        if (ranks := _ranked(comparison, metric)).ranks
+        if (methods := _ranked(comparison, metric))
     ]
     if not cells:
         none = "no image of a method that competes was scored, nothing can be said"
@@ -124,25 +148,22 @@ def _competing(comparison: Comparison) -> Comparison:
     return replace(comparison, images=images, qualities=qualities)
 
 
-def _ranked(comparison: Comparison, metric: str) -> Ranking:
-    """Return the ranks of the methods that compete and drew an image."""
-    drew = [m for m, (n_ok, _) in comparison.images.items() if n_ok and m != FLOOR]
+def _ranked(comparison: Comparison, metric: str) -> tuple[str, ...]:
+    """Return the methods that compete and drew an image, the best first."""
     by_method = comparison.qualities[metric]
-    alone = {metric: {m: by_method[m] for m in drew}}
-    return ranking(replace(comparison, qualities=alone), metric)
+    drew = {m: by_method[m] for m, (n_ok, _) in comparison.images.items() if n_ok and m != FLOOR}
+    return tuple(best_first(drew))
 
 
 def _leads(cells: Sequence[_Cell], every: Sequence[str]) -> Iterable[Statement]:
     """Yield who is ahead, shown or not decided, or why there is nothing to decide."""
-    if all(len(cell.ranking.ranks) == 1 for cell in cells):
+    if all(len(cell.methods) == 1 for cell in cells):
         yield Statement("One method", (((cells[0].leader,), "has nothing to be compared with"),))
         return
-    needed = [cell.ranking.objects_needed for cell in cells]
-    if all(needed):
+    if not any(cell.decides for cell in cells):
         first = cells[0].comparison
         objects = objects_in_words(len(first.objects), first.class_name)
-        count = max(filter(None, needed))
-        decide = f"{objects} here: at least {count} are needed"
+        decide = f"{objects} here: at least {FEWEST} are needed"
         yield Statement("Not decided", (((), f"nothing can be shown with {decide}"),))
         by_mean = [(cell.at, (cell.leader,)) for cell in cells]
         yield _statement("Best by its mean alone", by_mean, every)
@@ -168,8 +189,8 @@ def objects_in_words(count: int, class_name: str) -> str:
 
 
 def _cheapest(cells: Sequence[_Cell], views: int, every: Sequence[str]) -> Statement:
-    decided = [cell for cell in cells if not cell.ranking.objects_needed]
-    chosen = [(cell, method) for cell in decided if (method := cell.cheapest(views))]
+    deciding = [cell for cell in cells if cell.decides]
+    chosen = [(cell, method) for cell in deciding if (method := cell.cheapest(views))]
     statement = _statement(
         "Cheapest that nothing beats", [(cell.at, (method,)) for cell, method in chosen], every
     )

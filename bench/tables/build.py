@@ -14,6 +14,7 @@ from bench.analysis.condition_sweep import ConditionCurve, condition_curves, pai
 from bench.analysis.frontier import FrontierPoint, SubsampledFrontier, places, thinned
 from bench.analysis.object_sums import ObjectSums
 from bench.analysis.orderings import Ordering, orderings
+from bench.analysis.paired import verdicts_of
 from bench.analysis.paper import Published
 from bench.analysis.scored import ScoredRun
 from bench.analysis.scores import QualityRow
@@ -89,7 +90,7 @@ def condition_sweep(run: ScoredRun) -> Table[ConditionStep] | None:
     if spec is None or not metrics:
         return None
     with threadpool_limits(1):
-        pairs = paired_comparisons(run.compared(metrics), metrics)
+        pairs = paired_comparisons(run.compared(metrics), metrics, verdicts_of(run, metrics))
     return _of_run(run, condition_sweep_table(spec, run.suite.id, pairs)) if pairs else None
 
 
@@ -105,8 +106,8 @@ def frontier_tables(
         return None
     metrics, views = run.measured(run.suite.frontier), int(run.manifest["views"])
     with threadpool_limits(1):
-        compared = run.compared(metrics)
-        placed = [place for comparison in compared for place in places(comparison, metrics, views)]
+        compared, verdicts = run.compared(metrics), verdicts_of(run, metrics)
+        placed = [p for c in compared for p in places(c, metrics, views, verdicts)]
         fewer = thinned(compared, metrics, views)
     by_cost = frontier_table(frontier, placed, how_timed(run.manifest))
     return _of_run(run, by_cost), _of_run(run, points_table(points, fewer, views))

@@ -103,19 +103,21 @@ def _layout(rows: Sequence[ConditionStep]) -> Iterator[Block]:
 
 
 _LEGEND = (
-    "How much better the first method is than the second, over 0 if it is, [95 % interval, paired "
-    "over objects], failed images scored as blank ones. **Bold**: the first is ahead, *italic*: "
-    "the second, by an interval without 0. Curves cross where the lead passes through 0, on "
-    "straight lines between what was measured (on the logarithm of the number of points and of the "
-    "ratio of densities); in brackets as far as its interval holds 0."
+    "How much better the first method is than the second, over 0 if it is, [interval, paired over "
+    "objects], failed images scored as blank ones. **Bold**: the first is ahead, *italic*: the "
+    "second, by an interval without 0; intervals of a metric hold in 95 % for all its cells "
+    "together. Curves cross where the lead passes through 0, on straight lines between what was "
+    "measured (on the logarithm of the number of points and of the ratio of densities); in "
+    "brackets as far as its interval holds 0."
 )
 
 
 _REMARK = (
-    "How much better the first of two methods is than the second: over 0 if it is, with its 95 % "
+    "How much better the first of two methods is than the second: over 0 if it is, with its "
     "interval, paired over objects; failed images are scored as blank ones. “ahead” and “behind” "
-    "are said where the interval leaves 0 out. Curves cross where the lead passes through 0, on "
-    "straight lines between what was measured; in brackets as far as its interval holds 0."
+    "are said where the interval leaves 0 out; intervals of a metric hold in 95 % for all its "
+    "cells together. Curves cross where the lead passes through 0, on straight lines between what "
+    "was measured; in brackets as far as its interval holds 0."
 )
 
 

@@ -7,9 +7,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
+from bench.analysis.comparison import ALL
 from bench.analysis.digits import decimals, is_coarse
 from bench.analysis.intervals import FEWEST
-from bench.analysis.paired import SIGNIFICANCE, PairedDifference
+from bench.analysis.paired import KEPT, PairedDifference
 from bench.analysis.run_pairs import Differences
 from bench.catalogue.metrics import higher_is_better
 from bench.tables import markdown
@@ -45,8 +46,8 @@ def differences_table(differences: Differences) -> Table[PairedDifference]:
         *columns(("method_b", "pair.b.method"), ("value_a", "pair.quality_a.estimate.value")),
         *columns(("value_b", "pair.quality_b.estimate.value")),
         *columns(("difference", "difference.value"), ("ci_low", "difference.low")),
-        *columns(("ci_high", "difference.high"), "p", "p_holm", "ahead"),
-        *columns(("objects", "pair.objects"), "objects_needed"),
+        *columns(("ci_high", "difference.high"), "level", "p", "p_corrected", "cells"),
+        *columns("ahead", ("objects", "pair.objects"), "objects_needed"),
     )
     title = f"{differences.b} against {differences.a}, scored against {differences.truth}"
     layout = partial(_layout, differences.remarks)
@@ -71,17 +72,33 @@ def _layout(remarks: Sequence[str], rows: Sequence[PairedDifference]) -> Iterato
 def _legend(rows: Sequence[PairedDifference]) -> str:
     """Return the meaning of the marks that the cells can have."""
     legend = (
-        "Each cell: value of a, value of b, and b - a with its 95 % interval, paired object by "
-        "object, failed images scored as blank ones."
+        "Each cell: value of a, value of b, and b - a with its interval, paired object by object, "
+        "failed images scored as blank ones."
     )
-    if tested := sum(not math.isnan(row.p) for row in rows):
+    if any(row.cells for row in rows):
         legend += (
-            f" **Bold**: the two differ (p below {SIGNIFICANCE} after Holm's correction for "
-            f"{tested} cells). `=`: a tie, no difference is shown."
+            f" {intervals_in_words(rows)} **Bold**: the two differ, the interval leaves out 0. "
+            "`=`: no difference is shown, it holds 0."
         )
     if needed := [row.objects_needed for row in rows if row.objects_needed]:
         legend += f" `?`: {too_few(max(needed))}."
     return legend
+
+
+def intervals_in_words(rows: Sequence[PairedDifference]) -> str:
+    """Return a sentence on the intervals that decide; empty where no cell has one."""
+    several = len({row.pair.class_name for row in rows}) > 1
+    levels: dict[tuple[int, float], bool] = {}
+    for row in rows:
+        if row.cells:
+            levels[row.cells, row.level] = row.pair.class_name == ALL
+    parts = [
+        f"{100 * level:.4g} %"
+        + (f", which is 95 % for all {cells} cells together" if cells > 1 else "")
+        + (" of all objects" if pooled else " of the classes") * several
+        for (cells, level), pooled in levels.items()
+    ]
+    return f"Intervals are of {'; and of '.join(parts)}." if parts else ""
 
 
 def too_few(objects_needed: int) -> str:
@@ -103,5 +120,8 @@ def difference_cell(row: PairedDifference) -> Cell:
     of_a, of_b = row.pair.quality_a.estimate, row.pair.quality_b.estimate
     values = f"{shown(of_a.value, digits)} to {shown(of_b.value, digits)}: "
     special = _TOO_FEW if row.objects_needed else _MARKS.get(row.ahead)
+    decisive = min(map(abs, row.difference[1:]))
+    while row.ahead in ("a", "b") and digits < KEPT and not round(decisive, digits):
+        digits += 1  # an interval that leaves out 0 does not print it
     cell = number(row.difference, f"{{:+.{digits}f}}".format, special=special)
     return marked(replace(cell, text=values + cell.text), is_coarse(metric, *methods))

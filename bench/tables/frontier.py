@@ -10,6 +10,7 @@ import numpy as np
 
 from bench.analysis.comparison import Comparison, milliseconds
 from bench.analysis.frontier import FrontierPoint, SubsampledFrontier, places
+from bench.analysis.paired import Verdicts
 from bench.catalogue.methods import role
 from bench.catalogue.suite_types import TableSpec
 from bench.tables import markdown
@@ -91,11 +92,11 @@ def _frontier(remark: str, rows: Sequence[FrontierPoint]) -> Iterator[Block]:
 
 _LEGEND = (
     "**Bold**: on the frontier, no other is at least as good for at most that cost. `=`: something "
-    "that costs no more is at least as good, but the paired difference may be none (its 95 % "
-    "interval holds 0). None of these: clearly dominated. *below*: worse than a white image, which "
-    "costs nothing. *ref*: no choice, it sees the mesh or no cloud. Costs in milliseconds for a "
-    "cloud with its views, median over objects; qualities are means over objects, failed images "
-    "scored as blank ones. [95 % interval over objects]."
+    "that costs no more is at least as good, but is not shown to be better (by the rule of `bench "
+    "compare`). None of these: one that costs no more is shown to be better. *below*: worse than a "
+    "white image, which costs nothing. *ref*: no choice, it sees the mesh or no cloud. Costs in "
+    "milliseconds for a cloud with its views, median over objects; qualities are means over "
+    "objects, failed images scored as blank ones. [95 % interval over objects]."
 )
 
 
@@ -141,7 +142,9 @@ def _points(views: int, rows: Sequence[SubsampledFrontier]) -> Iterator[Block]:
         )
 
 
-def cost_grid(comparisons: Sequence[Comparison], metric: str, views: int) -> Grid | None:
+def cost_grid(
+    comparisons: Sequence[Comparison], metric: str, views: int, verdicts: Verdicts
+) -> Grid | None:
     """Return the milliseconds for a cloud with its views, by method and condition.
 
     Return None without any times.
@@ -155,7 +158,7 @@ def cost_grid(comparisons: Sequence[Comparison], metric: str, views: int) -> Gri
     special = {
         (c.condition, c.class_name, p.method): MARKS[p.verdict]
         for c in comparisons
-        for p in places(c, (metric,), views)
+        for p in places(c, (metric,), views, verdicts)
         if p.verdict in ("frontier", "below a white image")
     }
 

@@ -51,11 +51,12 @@ def orderings_table(spec: TableSpec, suite: str, rows: Sequence[Ordering]) -> Ta
 def _layout(network: str, rows: Sequence[Ordering]) -> Iterator[Block]:
     """Yield for each condition how many orderings hold by each metric, then the differences."""
     yield (
-        f"How much better {markdown.code(network)} is than `{SURFACE}`, over 0 if it is, [95 % "
-        "interval, paired over objects], failed images scored as blank ones. The paper orders "
+        f"How much better {markdown.code(network)} is than `{SURFACE}`, over 0 if it is, "
+        "[interval, paired over objects], failed images scored as blank ones. The paper orders "
         f"by FID: {NETWORK} is ahead in 11 of 13 classes and on average, SR in rifle and lamp. "
         "**Bold**: that ordering, and the interval does not hold 0; *opposite*: the other one, "
-        f"the same; neither: undecided by so many objects, or no interval below {FEWEST}."
+        f"the same; neither: undecided by so many objects, or no interval below {FEWEST}. "
+        "Intervals of a metric hold in 95 % for all classes together."
     )
     for condition in ordered(row.condition for row in rows):
         of_condition = [row for row in rows if row.condition == condition]
@@ -115,8 +116,8 @@ def _cell(row: Ordering) -> Cell:
 
 
 _REMARK = (
-    "How much better {network} is than {surface}: over 0 if it is, with its 95 % interval, paired "
-    "over objects; failed images are scored as blank ones. The paper orders by FID, which is not "
+    "How much better {network} is than {surface}: over 0 if it is, with its interval, paired over "
+    "objects; failed images are scored as blank ones. The paper orders by FID, which is not "
     "on the scale of the others. “reproduced” is the paper's ordering, “opposite” the other one, "
     "both with an interval that leaves 0 out; the rest is undecided by so many objects."
 )

@@ -13,6 +13,7 @@ from functools import partial
 from typing import Any
 
 from bench.analysis.comparison import NAN
+from bench.analysis.digits import prints_better
 from bench.analysis.paper import PAPER_METHODS, Published, published_value
 from bench.analysis.scored import ScoredRun
 from bench.analysis.scores import QualityRow, image_rows, recognition_rows, set_rows
@@ -293,9 +294,8 @@ def best_printed(rows: Sequence[QualityRow]) -> set[tuple[str, str, str]]:
 
 def is_worse(row: QualityRow, other: QualityRow) -> bool:
     """Return whether a value is worse than another in the digits that both are printed with."""
-    digits = min(row.decimals, other.decimals)
-    ahead = round(other.value, digits) - round(row.value, digits)
-    return ahead > 0 if higher_is_better(row.metric) else ahead < 0
+    methods = row.measured_method, other.measured_method
+    return prints_better(row.metric, other.value, row.value, *methods)
 
 
 def _cell(row: QualityRow, best: Container[tuple[str, str, str]]) -> Cell:

@@ -12,7 +12,7 @@ from rich.cells import cell_len, set_cell_size
 
 from bench.analysis.comparison import ALL
 from bench.analysis.digits import decimals, is_coarse
-from bench.analysis.paired import SIGNIFICANCE, Ahead, PairedDifference
+from bench.analysis.paired import Ahead, PairedDifference
 from bench.analysis.run_pairs import Differences
 from bench.catalogue.condition_names import condition_name
 from bench.tables.grid import FEWER, MOVED, ordered
@@ -68,28 +68,38 @@ def comparison_lines(differences: Differences, width: int, hint: str = HINT) -> 
 
 
 def verdict(cells: Sequence[PairedDifference], name: str, objects: str, hint: str = HINT) -> str:
-    """Return one sentence or two on how often the second side, `name`, is ahead."""
-    nothing = f"{objects} decide{'s' * objects.startswith('1 ')} nothing here"
+    """Return one sentence or two on how often the second side, `name`, is ahead.
+
+    Of all objects together and of the classes each have a sentence.
+    """
     valued = [cell for cell in cells if math.isfinite(cell.difference.value)]
     needed = [cell.objects_needed for cell in valued if cell.objects_needed]
-    if not valued:
-        return f"{nothing}: no cell has a value on both sides."
     if len(needed) == len(valued):
+        nothing = f"{objects} decide{'s' * objects.startswith('1 ')} nothing here"
+        if not valued:
+            return f"{nothing}: no cell has a value on both sides."
         return f"{nothing}: at least {max(needed)} are needed."
-    counts = Counter(cell.ahead for cell in valued)
+    pooled = [cell for cell in valued if cell.pair.class_name == ALL]
+    classes = [cell for cell in valued if cell.pair.class_name != ALL]
+    sentences = [_count(pooled, name, " of all objects")] if pooled else []
+    sentences.append(_count(classes, name, " of the classes" * bool(pooled)))
+    if needed:
+        sentences.append(f"Too few objects in {len(needed)}: at least {max(needed)} are needed.")
+    if any(is_coarse(cell.pair.metric, *cell.pair.methods) for cell in valued):
+        sentences.append(f"{FEWER}.")
+    return " ".join(filter(None, (*sentences, hint)))
+
+
+def _count(cells: Sequence[PairedDifference], name: str, where: str) -> str:
+    counts = Counter(cell.ahead for cell in cells)
     undecided = counts["tie"] + counts["unknown"]
     parts = {"ahead in": counts["b"], "behind in": counts["a"], "not decided in": undecided}
     told = ", ".join(f"{words} {number}" for words, number in parts.items() if number)
-    tested = f"(Holm, p < {SIGNIFICANCE:g}".replace("0.", ".") + ")"
-    plural = "s" * (len(valued) != 1)
-    text = f"{name} is {told} of {len(valued)} cell{plural} {tested}."
-    if undecided == len(valued):
-        text = f"No difference is shown in {len(valued)} cell{plural} {tested}."
-    if needed:
-        text += f" Too few objects in {len(needed)}: at least {max(needed)} are needed."
-    if any(is_coarse(cell.pair.metric, *cell.pair.methods) for cell in valued):
-        text += f" {FEWER}."
-    return f"{text} {hint}".rstrip()
+    of_cells = f"{len(cells)} cell{'s' * (len(cells) != 1)}{where}"
+    corrected = f"(p < .05, corrected for {max(cell.cells for cell in cells)})"
+    if undecided == len(cells):
+        return f"No difference is shown in {of_cells} {corrected}."
+    return f"{name} is {told} of {of_cells} {corrected}."
 
 
 def _unit(cells: Sequence[PairedDifference]) -> tuple[str, int]:

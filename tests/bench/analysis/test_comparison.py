@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -8,6 +10,7 @@ from scipy.stats import t as student
 from bench.analysis.comparison import (
     ALL,
     NAN,
+    best_first,
     better_by,
     candidates,
     compare,
@@ -198,18 +201,25 @@ def test_a_lead_is_paired():
     np.testing.assert_allclose(better_by(b, a), [-0.01, -0.01, -0.01], atol=1e-12)
 
 
-def test_ranks_are_values_as_they_are_printed():
-    assert quality("ssim", [0.81449]).rank == quality("ssim", [0.8136]).rank == 0.814
-    assert quality("ssim", [0.8146]).rank == 0.815
-    assert quality("fd-views", [4.62]).rank == quality("fd-views", [4.58]).rank == -4.6
-    assert np.isnan(quality("ssim", [NAN]).rank)
+def test_digits_that_are_not_printed_order_nothing():
+    """By lpips surface-apss has two decimals, which its rivals are compared with it in."""
+
+    def values(metric, **scores):
+        made = {m.replace("_", "-"): quality(metric, [v]) for m, v in scores.items()}
+        return {m: replace(q, method=m) for m, q in made.items()}
+
+    assert best_first(values("ssim", a=0.81449, b=0.8136, c=0.8146)) == {"c": 0, "a": 1, "b": 1}
+    assert best_first(values("fd-views", a=4.62, b=4.58, c=NAN)) == {"a": 0, "b": 0}
+    coarse = values("lpips", splat=0.234, surface_apss=0.231, pc2pix=0.226)
+    assert best_first(coarse) == {"pc2pix": 0, "surface-apss": 0, "splat": 1}
 
 
 def test_classes_are_pooled_object_by_object():
     chairs = comparison({"splat": (1.0, 2.0, (0.5, 0.7)), "blank": (0, 0, (0.1, 0.2))})
     sofas = comparison({"splat": (3.0, 4.0, (0.9,)), "blank": (0, 0, (0.6,))}, class_name="sofa")
     noisy = comparison({"splat": (1.0, 2.0, (0.5,)), "blank": (0, 0, (0.1,))}, condition="512")
-    (both,) = pooled([chairs, noisy, sofas])  # one class at 512
+    both, alone = pooled([chairs, noisy, sofas])
+    assert (alone.condition, alone.objects) == ("512", ("chair/a",))  # the sofa has no true image
     assert (both.condition, both.class_name) == ("2048", ALL)
     assert both.objects == ("chair/a", "chair/b", "sofa/a")
     splat = both.qualities["ssim"]["splat"]

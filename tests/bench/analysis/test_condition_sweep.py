@@ -18,6 +18,7 @@ from bench.analysis.condition_sweep import (
     sign_changes,
 )
 from bench.analysis.intervals import mean_interval
+from bench.analysis.paired import Verdicts
 from bench.catalogue.families import FAMILIES, families_of
 
 from .comparisons import comparison
@@ -101,10 +102,11 @@ def test_straight_curves_cross_where_they_do():
     """0.8 - x and 0.6 + x/2 meet at 2/15, whatever the steps; the crossing reaches as far as the
     same interval around each lead holds 0: for [low, high] / 1.5."""
     curves = {"splat-net": lambda x: 0.8 - x, "pc2pix": lambda x: 0.6 + x / 2}
-    low, high = mean_interval(0.5 * OFFSETS)
+    low, high = mean_interval(0.5 * OFFSETS, 0.05 / 5)  # of five steps
     assert low < 0 < high
     for spread, below, above in ((0.0, 0.0, 0.0), (0.5, low, high)):
-        (made,) = paired_comparisons(along("noise", curves, spread), ["ssim"])
+        steps = along("noise", curves, spread)
+        (made,) = paired_comparisons(steps, ["ssim"], Verdicts([], steps))
         assert (made.method, made.baseline, made.family.id) == ("splat-net", "pc2pix", "noise")
         assert made.values == pytest.approx([0.8, 0.75, 0.7, 0.65, 0.6])
         assert made.baseline_values == pytest.approx([0.6, 0.625, 0.65, 0.675, 0.7])
@@ -192,7 +194,7 @@ def test_every_family_that_the_conditions_make_up():
         ("noise", ("2048", "noise-0.05")),
         ("density", ("1024", "density-3")),
     ]
-    made = paired_comparisons(compared, ["ssim"])
+    made = paired_comparisons(compared, ["ssim"], Verdicts([], compared))
     assert [(c.class_name, c.family.id, c.family.conditions) for c in made] == [
         (name, *family) for name in ("chair", "sofa") for family in families
     ]

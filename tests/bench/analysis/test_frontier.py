@@ -4,40 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from bench.analysis.frontier import pareto, places, point_count, thinned
+from bench.analysis import frontier
+from bench.analysis.frontier import point_count, thinned
 from bench.analysis.intervals import mean_interval
+from bench.analysis.paired import Verdicts
 
 from .comparisons import comparison
 
 pytestmark = pytest.mark.usefixtures("few_objects")
 
 NAN = float("nan")
-
-
-def by_definition(cost, quality):
-    """Each against each, in the words of the definition."""
-    on = []
-    for i in range(len(cost)):
-        beaten = False
-        for j in range(len(cost)):
-            no_costlier, no_worse = cost[j] <= cost[i], quality[j] >= quality[i]
-            beaten |= no_costlier and no_worse and (cost[j], quality[j]) != (cost[i], quality[i])
-        on.append(np.isfinite(cost[i]) and np.isfinite(quality[i]) and not beaten)
-    return on
-
-
-# Few values, so that ties are frequent.
-VALUE = st.sampled_from([0.0, 1.0, 2.0, 3.0, NAN])
-
-
-@settings(derandomize=True, max_examples=300)
-@given(st.lists(st.tuples(VALUE, VALUE), max_size=8))
-def test_pareto_by_its_definition(pairs):
-    cost, quality = np.array(pairs, float).reshape(-1, 2).T
-    assert pareto(cost, quality).tolist() == by_definition(cost, quality)
 
 
 FIELD = {
@@ -55,6 +32,10 @@ FIELD = {
     "constant": (0, 0, (0.4, 0.4, 0.4, 0.4)),
     "blank": (0, 0, (0.4, 0.4, 0.4, 0.4)),
 }
+
+
+def places(made, metrics, views):
+    return frontier.places(made, metrics, views, Verdicts([], [made]))
 
 
 def verdicts(made):

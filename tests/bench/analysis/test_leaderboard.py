@@ -16,15 +16,25 @@ def test_places_are_averaged_over_columns_and_equal_ones_shared():
         ("ssim-object", {"a": 0.9, "b": 0.8, "c": 0.8004, "blank": 1.0}),  # c: .800 as printed
         ("lpips", {"a": 0.3, "b": 0.1, "c": 0.2}),
     ]
-    assert mean_places(columns, ["a", "b", "c"]) == pytest.approx({"a": 2, "b": 1.75, "c": 2.25})
+    assert mean_places(columns, {m: m for m in "abc"}) == pytest.approx(
+        {"a": 2, "b": 1.75, "c": 2.25}
+    )
+
+
+def test_digits_that_are_noise_decide_no_place():
+    """By lpips surface-apss has two decimals: .234 and .226 both print like its .23."""
+    columns = [("lpips", {"wraps": 0.226, "paper": 0.231, "splats": 0.234})]
+    ids = {"wraps": "splat-net", "paper": "surface-apss", "splats": "splat"}
+    places = mean_places(columns, ids)
+    assert places == {"wraps": 1.5, "paper": 2, "splats": 2.5}
 
 
 def test_a_place_among_fewer_methods_is_stretched_to_all():
     columns = [("lpips", {"a": 0.1, "b": 0.2, "c": 0.3}), ("lpips", {"a": 0.2, "d": 0.1})]
-    assert mean_places(columns, ["a", "b", "c", "d"]) == pytest.approx(
+    assert mean_places(columns, {m: m for m in "abcd"}) == pytest.approx(
         {"a": 1 + 3 / 2, "b": 1 + 3 / 2, "c": 4, "d": 1}
     )
-    assert mean_places([], ["a"]) == {}
+    assert mean_places([], {"a": "a"}) == {}
 
 
 def records(scores) -> pd.DataFrame:

@@ -6,28 +6,27 @@ import csv
 import json
 import math
 import shutil
-import tracemalloc
-from itertools import product
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.stats import t, ttest_1samp
+from scipy.stats import t
 
 from bench.analysis.comparison import Estimate, Quality
 from bench.analysis.paired import (
     ComparedPair,
     Side,
-    fewest_objects,
-    holm,
+    Verdicts,
     paired_differences,
-    sign_flip_p,
+    two_methods,
 )
 from bench.records.run_folder import read_manifest, write_manifest
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 
 from ..builders import overwrite, write_run
 from ..conftest import on_terminal
+from .comparisons import comparison
 
 A, B = Side("r", "a"), Side("r", "b")
 NONE = Estimate(math.nan, math.nan, math.nan)
@@ -43,34 +42,11 @@ def pair(a, b, metric="ssim", values=None):
     return ComparedPair("2048", "chair", A, B, *qualities, len(a))
 
 
-def test_all_signs_of_few_objects_are_counted():
-    """By their definition: the share of signs whose mean is as far from 0 as the observed one."""
-    differences = np.array([0.3, -0.1, 0.25, 0.4, 0.05, 0.2])
-    means = [np.mean(differences * signs) for signs in product((1, -1), repeat=6)]
-    above = np.mean([mean >= differences.mean() - 1e-12 for mean in means])
-    assert sign_flip_p(differences) == pytest.approx(2 * above, abs=1e-12)
-
-
-def test_alike_signs_give_the_smallest_p():
-    assert sign_flip_p(np.arange(1.0, 6)) == 2 / 2**5
-    assert sign_flip_p(np.arange(1.0, 11)) == 2 / 2**10
-    assert sign_flip_p(np.zeros(30)) == 1.0
-
-
-def test_holm_by_hand():
-    """Sorted .01 .03 .04: times 3, 2, 1, and never below the one before."""
-    assert holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
-    corrected = holm([math.nan, 0.6, 0.5])
-    assert math.isnan(corrected[0])
-    assert corrected[1:] == [1.0, 1.0]
-    assert holm([]) == []
-
-
 def test_the_difference_is_b_less_a_and_the_better_side_is_named():
     a = np.linspace(0.5, 0.6, 12)
     (cell,) = paired_differences([pair(a, a + 0.1)])
     assert cell.difference == pytest.approx((0.1, 0.1, 0.1))
-    assert (cell.ahead, cell.pair.objects, cell.p) == ("b", 12, 2 / 2**12)
+    assert (cell.ahead, cell.pair.objects) == ("b", 12)
     (cell,) = paired_differences([pair(a, a - 0.1)])
     assert cell.ahead == "a"
 
@@ -106,79 +82,51 @@ def test_ties_and_what_cannot_be_known():
     some, same, few = paired_differences(
         [pair(a, a + difference), pair(a, a), pair(a[:7], a[:7] + 0.1)]
     )
-    # at least six of eight signs alike, both ways: 2 (28 + 8 + 1) / 2^8
-    assert (some.ahead, some.p, some.p_holm) == ("tie", 74 / 256, 148 / 256)
+    assert (some.ahead, some.cells) == ("tie", 2)
+    assert some.p_corrected == 2 * some.p
     assert (same.ahead, same.p) == ("tie", 1.0)
-    assert few.ahead == "unknown"
-    assert math.isnan(few.p_holm)
+    assert (few.ahead, few.objects_needed) == ("unknown", 8)
+    assert math.isnan(few.p_corrected)
 
 
-def test_p_values_are_corrected_for_all_cells_together():
-    a = np.linspace(0.5, 0.6, 8)
-    (alone,) = paired_differences([pair(a, a + 0.1)])
-    assert alone.ahead == "b"  # p = 1/128
-    cells = paired_differences([pair(a, a + 0.1)] * 7)
-    assert {cell.p_holm for cell in cells} == {7 / 128}
-    assert {cell.ahead for cell in cells} == {"unknown"}
-    assert {cell.objects_needed for cell in cells} == {9}  # 2^-8 x 7 is .027
+@pytest.mark.parametrize("cells", [1, 10, 66])
+@pytest.mark.parametrize("objects", [8, 12, 24, 100])
+def test_an_interval_never_contradicts_its_verdict(cells, objects):
+    """In no cell, for any number of cells, of skewed differences of any size."""
+    rng = np.random.default_rng(0)
+    by_verdict = {"a": 0, "b": 0, "tie": 0}
+    for _ in range(660 // cells):
+        pairs = []
+        for _ in range(cells):
+            b = rng.beta(2, 6, objects) * rng.choice([0.2, 1.0, 3.0])
+            pairs.append(pair(rng.beta(2, 6, objects), b, rng.choice(["ssim", "lpips"])))
+        for cell in paired_differences(pairs):
+            by_verdict[cell.ahead] += 1
+            outside = cell.difference.low > 0 or cell.difference.high < 0
+            assert (cell.ahead != "tie") == outside == (cell.p_corrected < 0.05)
+            assert cell.level == 1 - 0.05 / cells
+    assert min(by_verdict.values()) > 0
 
 
-@pytest.mark.parametrize(
-    ("cells", "objects"), [(1, 8), (6, 8), (10, 9), (18, 10), (66, 12), (253, 14), (1128, 16)]
-)
-def test_the_fewest_objects_that_can_decide(cells, objects):
-    """The smallest n, at least 8, with 2^(1-n) cells < .05."""
-    assert fewest_objects(cells) == objects
-    a = np.linspace(0.5, 0.6, objects)
-    assert {cell.ahead for cell in paired_differences([pair(a, a + 0.1)] * cells)} == {"b"}
-
-
-def test_too_few_objects_are_no_tie():
-    a = np.linspace(0.5, 0.7, 8)
-    difference = np.array([0.1] * 6 + [-0.1] * 2)
-    cells = paired_differences(
-        [*[pair(a, a + difference)] * 9, pair(a, a), pair(a[:7], a[:7] + 0.1)]
-    )
-    # 11 cells when all have enough objects: 2^-8 x 11 is .043
-    assert [cell.ahead for cell in cells] == ["unknown"] * 9 + ["tie", "unknown"]
-    assert [cell.objects_needed for cell in cells] == [9] * 9 + [None, 9]
-
-
-def test_frechet_distances_have_no_floor():
-    """Their p values are of Student's distribution: eight objects decide among any number."""
-    leave_one_out = np.array([1.0, 1.1, 0.9, 1.05, 0.95, 1.02, 0.98, 1.0])
-    distance = pair(leave_one_out, 1000 + leave_one_out, "fd-views", (1.0, 1001.0))
-    few = pair(leave_one_out[:7], leave_one_out[:7], "fd-views", (1.0, 1.0))
-    image = pair(leave_one_out / 2, leave_one_out / 2 + 0.1)
-    cells = paired_differences([distance, image, few] * 9)
-    assert [cell.ahead for cell in cells[:3]] == ["a", "unknown", "unknown"]
-    assert [cell.objects_needed for cell in cells[:3]] == [None, 11, 8]  # 2^-10 x 27 is .026
-
-
-def test_up_to_16_objects_all_signs_are_counted():
-    """All but the two smallest of 16 alike: 2 (1 + 16 + ...) signs at least as extreme, counted."""
-    differences = np.array([1.0, 2.0, *np.linspace(3.0, 9.0, 14)])
-    differences[0] *= -1
-    # At least as extreme: none turned, or the smallest alone; each with its negative.
-    assert sign_flip_p(differences) == 4 / 2**16
-    assert sign_flip_p(np.arange(1.0, 17)) == 2 / 2**16
-
-
-def test_at_their_floor_random_signs_give_way_to_students_p():
-    """17 and 40 alike signs; of 9,999 random ones none is as extreme, which says p < 2e-4 only."""
-    for count, spread in ((17, 0.3), (40, 0.6)):
-        differences = 1 + spread * np.linspace(-1, 1, count)
-        error = differences.std(ddof=1) / math.sqrt(count)
-        student = 2 * t.sf(differences.mean() / error, count - 1)
-        assert sign_flip_p(differences) == max(student, 2.0 ** (1 - count))
-    assert sign_flip_p(np.ones(20)) == 2.0**-19
-    # Student's p of a long tail is large: the signs alone show more.
-    assert sign_flip_p(np.array([1e3, *[1.0] * 19])) == 2e-4
-
-
-def test_rows_are_tested_each_for_itself():
-    rows = np.random.default_rng(2).normal(0.2, 1, (5, 24))
-    assert sign_flip_p(rows).tolist() == [float(sign_flip_p(row)) for row in rows]
+def test_what_is_said_of_two_methods_of_a_run_is_corrected_for_its_cells():
+    """Ten cells of the headline are a sentence; another metric is one of its own."""
+    rng = np.random.default_rng(1)
+    run = [
+        comparison({"splat": (1, 1, rng.random(8)), "blank": (0, 0, rng.random(8))}, m, c)
+        for c in ("2048", "1024", "512", "noise-0.05", "noise-0.10")
+        for m in ("lpips", "ssim-object", "psnr")
+    ]
+    both = [
+        replace(a, qualities=a.qualities | b.qualities)
+        for a, b in zip(run[::3], run[1::3], strict=True)
+    ]
+    verdicts = Verdicts(both, run[2::3])
+    cell = verdicts.difference("blank", "splat", "lpips", "512", "chair")
+    sides = Side("", "blank"), Side("", "splat")
+    asked = two_methods(both, ["ssim-object", "lpips"], *sides)
+    (same,) = [c for c in asked if (c.pair.metric, c.pair.condition) == ("lpips", "512")]
+    assert (cell.cells, cell.difference, cell.p) == (10, same.difference, same.p)
+    assert verdicts.difference("blank", "splat", "psnr", "512", "chair").cells == 5
 
 
 @pytest.fixture
@@ -370,35 +318,33 @@ def test_methods_of_one_run_alone_are_left_out_with_a_remark(command, two_runs):
     assert "Only one of the runs has the methods splat." in out
 
 
-@pytest.mark.parametrize("shape", ["normal", "skewed", "two values"])
-def test_random_signs_and_student_agree_where_they_meet(shape):
-    """Student's p value stands alone from 401 objects on; the signs of 400 say the same."""
-    rng = np.random.default_rng(5)
-    drawn = {
-        "normal": rng.normal(size=(6, 401)),
-        "skewed": rng.exponential(size=(6, 401)) - 1.0,
-        "two values": rng.choice([-1.0, 1.0], size=(6, 401)),
-    }[shape]
-    # p values between .6 and .001, by means 0.5 to 3.3 standard errors from 0
-    scaled = (drawn - drawn.mean(axis=1, keepdims=True)) / drawn.std(axis=1, keepdims=True)
-    rows = scaled + np.linspace(0.5, 3.3, 6)[:, None] / 20
-    student = sign_flip_p(rows)
-    assert student == pytest.approx(ttest_1samp(rows, 0, axis=1).pvalue, rel=1e-9)
-    flipped = sign_flip_p(rows[:, :400])
-    expected = ttest_1samp(rows[:, :400], 0, axis=1).pvalue
-    # 9,999 signs know p / 2 = q to sqrt(q / 10000), doubled: five of these. The two distributions
-    # differ by the excess kurtosis over n, at most 9 / 400, times a density of at most 0.25 a side.
-    close = 5 * 2 * np.sqrt(expected / 2 / 10_000) + 0.5 * 9 / 400
-    assert (np.abs(flipped - expected) < close).all()
-    assert len(set(flipped.tolist())) == 6
-
-
-def test_the_p_value_of_many_objects_takes_little_memory():
-    rows = np.random.default_rng(6).normal(0.02, size=(1, 44_000))
-    tracemalloc.start()
-    p = sign_flip_p(rows)
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert p == pytest.approx(ttest_1samp(rows, 0, axis=1).pvalue, rel=1e-9)
-    assert peak < 4 * rows.nbytes
-    assert sign_flip_p(np.zeros(401)) == 1.0
+@pytest.mark.parametrize(
+    ("lost", "objects", "remark"),
+    [
+        (
+            ("a", "c"),
+            1,
+            "2 of class chair left out, as their true images failed",
+        ),
+        (("", "c"), 2, "1 of class chair left out, as their true images failed"),
+        (("b", "b"), 2, ""),
+        (("", ""), 3, ""),
+    ],
+)
+def test_objects_of_two_runs_are_paired_by_name(command, two_runs, lost, objects, remark):
+    """The second run has the scores of the first; the truth of one object failed in either."""
+    scored = pd.read_parquet(two_runs[0] / "records.parquet")
+    # The scores of an object are like those of no other.
+    scored["ssim"] = scored["object"].map({"a": 0.1, "b": 0.5, "c": 0.9})
+    for folder, name in zip(two_runs, lost, strict=True):
+        failed = {"outcome": "failed", "reason": "input: no true image", "ssim": math.nan}
+        records = scored.copy()
+        for column, value in failed.items():
+            records.loc[records["object"] == name, column] = value
+        overwrite(folder / "records.parquet", records)
+    status, out, _ = command("compare", *map(str, two_runs), "--metric", "ssim")
+    assert status == 0
+    assert remark in out
+    assert ("left out" in out) == bool(remark)
+    rows = rows_of(two_runs[1] / "comparisons" / "first-second")
+    assert {(float(row["difference"]), int(row["objects"])) for row in rows} == {(0.0, objects)}

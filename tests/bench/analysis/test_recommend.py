@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from bench.analysis.intervals import mean_interval
-from bench.analysis.recommend import Requirements, at_condition, recommend
+from bench.analysis.paired import Verdicts
+from bench.analysis.recommend import Requirements, at_condition, make_request
 from bench.analysis.recommend import advise as advise_by
-from bench.commands.results import advice_lines, make_request
+from bench.analysis.recommend import recommend as recommend_by
+from bench.commands.results import advice_lines
 from data_prep.failures import BadInput
 
 from .comparisons import comparison
@@ -39,7 +41,11 @@ def names(choices):
 
 
 def advise(of, request):
-    return advise_by(of, request, "ssim")
+    return advise_by(of, request, "ssim", Verdicts([of]))
+
+
+def recommend(of, request, metrics):
+    return recommend_by(of, request, metrics, Verdicts([of]))
 
 
 def meets(request, of=None):
@@ -242,9 +248,8 @@ def test_objects_without_a_value_do_not_count_for_the_regret():
         m: replace(q, estimate=q.estimate._replace(value=float(np.nanmean(q.per_object))))
         for m, q in field.qualities["ssim-object"].items()
     }
-    advice = advise_by(
-        replace(field, qualities={"ssim-object": known}), Requirements(1, 10), "ssim-object"
-    )
+    scored = replace(field, qualities={"ssim-object": known})
+    advice = advise_by(scored, Requirements(1, 10), "ssim-object", Verdicts([scored]))
     assert name_of(advice.best) == "poisson"  # .567 and .5
     assert advice.regret.value == pytest.approx((0 + 0.3) / 2)
 

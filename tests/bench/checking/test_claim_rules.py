@@ -16,7 +16,7 @@ from bench.analysis.intervals import (
     mean_interval,
 )
 from bench.checking import claim_rules as rules
-from bench.checking.claim_findings import ClaimFinding, Requirement, corrected
+from bench.checking.claim_findings import ClaimFinding, Requirement, corrected, holm
 from bench.checking.claim_rules import weighted_sum
 from bench.checking.evidence import MissingEvidence, QualityEvidence, TimingEvidence, Training
 
@@ -145,6 +145,15 @@ def test_everything_that_is_required_has_to_hold():
     ):
         finding = ClaimFinding("pc2pix", "", required)
         assert (finding.verdict, finding.why) == (verdict, why)
+
+
+def test_holm_by_hand():
+    """Sorted .01 .03 .04: times 3, 2, 1, and never below the one before."""
+    assert holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
+    corrected = holm([math.nan, 0.6, 0.5])
+    assert math.isnan(corrected[0])
+    assert corrected[1:] == [1.0, 1.0]
+    assert holm([]) == []
 
 
 def test_p_values_of_what_requires_several_things():

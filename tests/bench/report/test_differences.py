@@ -17,7 +17,7 @@ def cell(metric, value, class_name="chair"):
     sides = Side("run", "splat"), Side("run", "splat-net")
     pair = ComparedPair("noise-0.05", class_name, *sides, quality, quality, 24)
     estimate = Estimate(value, value - 0.01, value + 0.01)
-    return PairedDifference(pair, estimate, 0.001, 0.002, "b", None)
+    return PairedDifference(pair, estimate, 0.001, 2)
 
 
 @pytest.mark.parametrize(("metric", "better"), [("ssim-object", 0.1), ("lpips", -0.1)])

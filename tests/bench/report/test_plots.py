@@ -13,6 +13,7 @@ import pytest
 from report_parser import parse
 
 from bench.analysis.comparison import NAN, Comparison, Estimate, Quality
+from bench.analysis.paired import Verdicts
 from bench.analysis.scores import QualityRow
 from bench.catalogue.metrics import higher_is_better
 from bench.catalogue.suites import TableSpec
@@ -192,7 +193,7 @@ QUALITIES = {"splat": 0.6, "surface-apss": 0.8, "true-mesh": 1.0, "blank": 0.5}
 
 def test_costs_stand_beside_their_methods():
     made = [comparison(COSTS, QUALITIES)]
-    (first,) = cost_plots(made, ["ssim"], 2, method_styles(METHODS))
+    (first,) = cost_plots(made, ["ssim"], 2, method_styles(METHODS), Verdicts([], made))
     svg = drawn_svg(first)
     series = [g.attributes["data-method"] for g in svg.all("g", class_="series")]
     assert sorted(series) == ["blank", "splat", "surface-apss"]
@@ -234,9 +235,9 @@ def test_costs_stand_beside_their_methods():
 def test_costs_say_who_is_at_the_frontier_and_of_how_many_images(values, images, said, marked, gap):
     made = comparison(COSTS, values)
     made = replace(made, images=made.images | {"splat": images})
-    (plot,) = cost_plots([made], ["ssim"], 2, method_styles(METHODS))
+    (plot,) = cost_plots([made], ["ssim"], 2, method_styles(METHODS), Verdicts([], [made]))
     assert titles(plot)[0] == said
-    table = cost_grid([made], "ssim", 2)
+    table = cost_grid([made], "ssim", 2, Verdicts([], [made]))
     assert table is not None
     assert {line.name for line in table.lines if line.cells[0].mark == "frontier"} == marked
     assert {line.name: line.cells[0].gap for line in table.lines} == {
@@ -250,5 +251,5 @@ def test_costs_say_who_is_at_the_frontier_and_of_how_many_images(values, images,
 def test_without_times_there_is_no_cost():
     nothing = dict.fromkeys(METHODS, (np.nan, np.nan))
     made = [comparison(nothing, QUALITIES)]
-    assert cost_plots(made, ["ssim"], 2, method_styles(METHODS)) == ()
-    assert cost_grid(made, "ssim", 2) is None
+    assert cost_plots(made, ["ssim"], 2, method_styles(METHODS), Verdicts([], made)) == ()
+    assert cost_grid(made, "ssim", 2, Verdicts([], made)) is None

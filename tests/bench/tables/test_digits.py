@@ -159,7 +159,7 @@ def test_a_difference_is_of_the_digits_of_both_values(method, text, printed):
     ]
     names = (Side("run", name) for name in ("best-reconstruction", "pc2pix"))
     pair = ComparedPair("2048", "chair", *names, *sides, objects=24)
-    made = PairedDifference(pair, Estimate(0.0359, 0.02, 0.0512), 0.001, 0.001, "b", None)
+    made = PairedDifference(pair, Estimate(0.0359, 0.02, 0.0512), 0.001, 1)
     assert difference_cell(made).text == text
     lines = comparison_lines(Differences("a", "b", (made,), (), TRUTHS["coloured"]), 80)
     assert any(line.split() == ["difference", printed] for line in lines)

@@ -8,7 +8,6 @@ import pytest
 from bench.analysis.comparison import Estimate
 from bench.analysis.distances import FeatureDistances
 from bench.analysis.intervals import (
-    distance_interval,
     interval_of_means,
     jackknife_interval,
     mean_interval,
@@ -65,7 +64,7 @@ def test_a_lead_is_paired_over_objects():
     found = row(made, "car")
     assert found.difference.value == pytest.approx(0.105, abs=1e-12)
     # differences of numbers near 0.6
-    expected = mean_interval(np.array(LEADS["car"]))
+    expected = mean_interval(np.array(LEADS["car"]), 0.05 / 3)  # of three classes
     assert found.difference[1:] == pytest.approx(expected, abs=1e-12)
     assert found.surface == pytest.approx(0.5 + 0.15 + 0.005, abs=1e-12)
     assert found.network == pytest.approx(found.surface + 0.105, abs=1e-12)
@@ -104,13 +103,24 @@ def test_the_average():
 
 
 def test_the_average_of_the_classes_that_have_a_value():
-    """The average has no interval, because one would be of other classes."""
+    """Value, interval and both sides are of the same classes."""
     without = records()
     without.loc[without["class"] == "lamp", "ssim"] = math.nan
-    made = of_run(without)
-    found = row(made, "average")
+    found = row(of_run(without), "average")
     assert found.difference.value == pytest.approx((0.105 + 0) / 2, abs=1e-12)
-    assert all(map(math.isnan, found.difference[1:]))
+    assert found.network - found.surface == pytest.approx(found.difference.value, abs=1e-12)
+    differences = [np.array(LEADS[k], float) for k in ("car", "vessel")]
+    assert found.difference[1:] == pytest.approx(interval_of_means(differences), abs=1e-12)
+
+
+def test_an_object_without_a_value_leaves_the_average_an_interval():
+    without = records()
+    without.loc[(without["class"] == "lamp") & (without["object"] == "a"), "ssim"] = math.nan
+    found = row(of_run(without), "average")
+    differences = [np.array(LEADS[k][k == "lamp" :], float) for k in ("car", "lamp", "vessel")]
+    value = np.mean([values.mean() for values in differences])
+    assert found.difference.value == pytest.approx(value, abs=1e-12)
+    assert found.difference[1:] == pytest.approx(interval_of_means(differences), abs=1e-12)
 
 
 def test_distances_are_ahead_where_they_are_smaller():
@@ -130,7 +140,7 @@ def test_distances_are_ahead_where_they_are_smaller():
         found = row(made, k, "fd-views")
         assert found.difference.value == pytest.approx(found.surface - found.network, rel=1e-12)
         assert found.difference.value > 5  # 3 features off by 2 each: 12, less what chance gives
-        interval = distance_interval(found.difference.value, -every[-1])
+        interval = jackknife_interval(found.difference.value, [-every[-1]], 0.05 / 3)
         assert found.difference[1:] == pytest.approx(interval, rel=1e-9)
     average = row(made, "average", "fd-views")
     value = np.mean([row(made, k, "fd-views").difference.value for k in LEADS])

@@ -14,6 +14,7 @@ from rich.cells import cell_len
 from bench.analysis.comparison import Estimate, Quality
 from bench.analysis.paired import ComparedPair, PairedDifference, Side
 from bench.analysis.run_pairs import Differences
+from bench.catalogue.metrics import higher_is_better
 from bench.catalogue.suite_types import TRUTHS
 from bench.tables.verdict import comparison_lines
 
@@ -28,8 +29,9 @@ def cell(metric, condition, value, ahead="b", **changes):
     quality = Quality(metric, Estimate(0.5, nan, nan), np.zeros(0))
     a, b = (Side("run", method) for method in about["method"])
     pair = ComparedPair(condition, about["class_name"], a, b, quality, quality, about["objects"])
-    change = Estimate(value, nan, nan)
-    return PairedDifference(pair, change, nan, nan, ahead, about.get("needed"))
+    side = 1 if (ahead == "b") == higher_is_better(metric) else -1
+    ends = {"tie": (-1.0, 1.0), "unknown": (nan, nan)}.get(ahead, tuple(sorted((side, 2.0 * side))))
+    return PairedDifference(pair, Estimate(value, *ends), 0.001, 10)
 
 
 def lines(cells, width=80, remarks=(), a="poisson", b="splat-net"):
@@ -47,21 +49,24 @@ def better(metrics=HEADLINE, **changes):
 @pytest.mark.parametrize(
     ("aheads", "verdict"),
     [
-        ("bba", "splat-net is ahead in 2, behind in 1 of 3 cells (Holm, p < .05)."),
-        ("aaa", "splat-net is behind in 3 of 3 cells (Holm, p < .05)."),
-        ("b==", "splat-net is ahead in 1, not decided in 2 of 3 cells (Holm, p < .05)."),
-        ("===", "No difference is shown in 3 cells (Holm, p < .05)."),
+        ("bba", "splat-net is ahead in 2, behind in 1 of 3 cells (p < .05, corrected for 10)."),
+        ("aaa", "splat-net is behind in 3 of 3 cells (p < .05, corrected for 10)."),
+        (
+            "b==",
+            "splat-net is ahead in 1, not decided in 2 of 3 cells (p < .05, corrected for 10).",
+        ),
+        ("===", "No difference is shown in 3 cells (p < .05, corrected for 10)."),
         (
             "ba?",
-            "splat-net is ahead in 1, behind in 1, not decided in 1 of 3 cells (Holm, p < .05). "
-            "Too few objects in 1: at least 10 are needed.",
+            "splat-net is ahead in 1, behind in 1, not decided in 1 of 3 cells (p < .05, corrected "
+            "for 10). Too few objects in 1: at least 8 are needed.",
         ),
     ],
 )
 def test_a_mixed_verdict_counts_the_cells(aheads, verdict):
     names = {"=": "tie", "?": "unknown"}
     cells = [
-        cell("lpips", condition, -0.1, names.get(ahead, ahead), needed=10 if ahead == "?" else None)
+        cell("lpips", condition, -0.1, names.get(ahead, ahead))
         for condition, ahead in zip(CONDITIONS, aheads, strict=True)
     ]
     shown = lines(cells, width=200)
@@ -97,20 +102,20 @@ def test_the_page_shows_the_verdict_on_the_sealed_chairs():
 
 
 def test_too_few_objects_decide_nothing():
-    few = better(ahead="unknown", objects=8, needed=10)
+    few = better(ahead="unknown", objects=7)
     shown = lines(few)
-    assert shown[0] == "splat-net against poisson, 8 chairs, paired by chair"
+    assert shown[0] == "splat-net against poisson, 7 chairs, paired by chair"
     assert shown[4].split() == ["ssim-object", *["undecided"] * 3]
-    assert shown[-1] == "8 chairs decide nothing here: at least 10 are needed."
-    alone = lines(better(ahead="unknown", objects=1, needed=10))
-    assert alone[-1] == "1 chair decides nothing here: at least 10 are needed."
+    assert shown[-1] == "7 chairs decide nothing here: at least 8 are needed."
+    alone = lines(better(ahead="unknown", objects=1))
+    assert alone[-1] == "1 chair decides nothing here: at least 8 are needed."
 
 
 def test_no_value_on_either_side():
     unmeasured = [cell("lpips", "2048", nan, "unknown"), cell("ssim-object", "2048", 0.1, "b")]
     shown = lines(unmeasured)
     assert shown[4].split() == ["lpips", "-"]
-    assert shown[-1].startswith("splat-net is ahead in 1 of 1 cell (")
+    assert any(line.startswith("splat-net is ahead in 1 of 1 cell (") for line in shown)
     nothing = "24 chairs decide nothing here: no cell has a value on both sides."
     assert lines(unmeasured[:1])[-1] == nothing
 
@@ -126,6 +131,20 @@ def test_classes_are_blocks():
     benches = [*better(class_name="bench", objects=1), *better(class_name="bench", objects=2)]
     assert lines(benches)[0].endswith(", 2 benches, paired by bench")
     assert lines(better(class_name="meshes"))[0].endswith(", 24 objects, paired by object")
+
+
+def test_all_objects_and_the_classes_have_a_sentence_each():
+    classes = [
+        cell("lpips", "2048", -0.1, ahead, class_name=k)
+        for k, ahead in (("bench", "tie"), ("sofa", "a"), ("sofa", "b"))
+    ]
+    shown = lines([cell("lpips", "2048", -0.1, class_name="all"), *classes], width=200)
+    corrected = "(p < .05, corrected for 10)."
+    assert " ".join(shown).endswith(
+        f"splat-net is ahead in 1 of 1 cell of all objects {corrected} splat-net is ahead in 1, "
+        f"behind in 1, not decided in 1 of 3 cells of the classes {corrected} "
+        "Intervals: --format md"
+    )
 
 
 @pytest.mark.parametrize("width", [60, 40, 30, 20])
