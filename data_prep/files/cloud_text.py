@@ -44,7 +44,7 @@ _UNIT = re.compile(r"\s*(?:\[[^\]]*\]|\([^)]*\))")
 _INTRODUCTION = re.compile(r"\w+:\s")  # Columns: x y z
 _OTHERS = {  # how files begin that hold no columns
     "ply": "PLY", "OFF": "OFF", "COFF": "OFF", "v ": "OBJ", "mtllib ": "OBJ", "solid": "STL",
-    "VERSION": "PCD", "LASF": "LAS", "\ufffdNUMPY": "NPY", "PK\x03": "ZIP or XLSX",
+    "VERSION": "PCD", "LASF": "LAS", "ASTM": "E57", "\ufffdNUMPY": "NPY", "PK\x03": "ZIP or XLSX",
     "\x1f\ufffd": "GZIP", "[": "JSON or NumPy's print", "{": "JSON", "<": "XML or HTML",
 }  # fmt: skip
 _NUMBERS = "write numbers such as -1234.5 or 1e-3, without thousands separators"
@@ -111,7 +111,9 @@ def _layout_of(
         names = [{"0": "x", "1": "y", "2": "z"}.get(field, "") for field in rows[0]]
         head, rows = head[1:], rows[1:]
     width, filled = len(rows[0]), sum(map(bool, rows[0]))
-    if names and width == len(names) + 1 and _count_or_label([row[0] for row in rows]):
+    labels = [row[0] for row in rows]
+    counts = _counts(labels, 0) or _counts(labels, 1) or not any(map(is_number, labels))
+    if names and width == len(names) + 1 and counts:
         names = ["", *names]  # as R and pandas write the names of rows
     elif names and separator != " " and any(rows[0][len(names) :]):
         raise _uneven(head[0][0], width, len(names))
@@ -138,12 +140,13 @@ def _start_of(
     lines: Iterator[tuple[int, str]], parts: bool
 ) -> tuple[list[str], str, Iterator[tuple[int, str]]]:
     """Return the names of the columns, the separator, and the rows."""
-    names, comment, separator, count = [], "", "", 0
+    names, comment, separator, count, degrees = [], "", "", 0, False
     for number, line in lines:
         text = _content(line)
         if not text.strip(_BLANK):
             if axis_columns(commented := _names(line.strip("#/% \t\n"))):
                 names, comment = commented, line
+            degrees |= {"lat", "lon"} <= {name[:3] for name in commented}
         elif match := re.fullmatch(r'"?sep=(.)"?', text, re.I):
             separator = match[1]
         elif text.isdigit() and (parts or not count):
@@ -157,6 +160,11 @@ def _start_of(
             listed = "," in comment and len(names) < len(fields)
             if comment and not (listed or len(names) == len(fields) or names[:3] == [*"xyz"]):
                 names = []
+            if degrees and not names:
+                raise NotACloud(
+                    f"longitude and latitude are named before line {number}; project them to "
+                    "metres, and name columns x, y and z"
+                )
             if not names:
                 _check_row(number, text, fields)
             return names, separator, chain([(number, text)], _contents(lines, parts))
@@ -174,14 +182,12 @@ def _names(text: str) -> list[str]:
 def _are_numbered(row: Sequence[str], following: Sequence[str]) -> bool:
     """Return whether a row is 0, 1, 2 ... as pandas names columns, and the next is no such."""
     names = [field for field in row if field]
-    counted = len(names) > 2 and names == [str(i) for i in range(len(names))]
-    return counted and (not row[0] or not all(map(_WHOLE.fullmatch, following)))
+    numbered = len(names) > 2 and _counts(names, 0)
+    return numbered and not (row[0] and all(map(_WHOLE.fullmatch, following)))
 
 
-def _count_or_label(fields: Sequence[str]) -> bool:
-    """Return whether the first fields of rows are 0, 1, 2 ..., or 1, 2, 3 ..., or no numbers."""
-    counted = any([*fields] == [str(i + k) for k in range(len(fields))] for i in (0, 1))
-    return counted or not any(map(_NUMBER.fullmatch, fields))
+def _counts(fields: Sequence[str], start: int) -> bool:
+    return [*fields] == [str(start + i) for i in range(len(fields))]
 
 
 def _check_row(number: int, text: str, fields: Sequence[str]) -> None:
@@ -191,8 +197,9 @@ def _check_row(number: int, text: str, fields: Sequence[str]) -> None:
             raise NotACloud(f"its contents are {kind}; name it so, or save columns of numbers")
     if sum(is_number(field.strip()) for field in fields) < min(3, len(fields)):
         raise NotACloud(
-            f"line {number}: {shown(text)} is no point, and does not name columns x, y and z (no "
-            "degrees), each once; remove the line, or name all columns there"
+            f"line {number}: {shown(text)} is no point, and no names of columns with x, y and z "
+            "(each once, no degrees; separated by spaces, tabs, commas, semicolons or bars); "
+            "remove or correct it"
         )
 
 
@@ -269,7 +276,7 @@ def text_lines(data: bytes, encoding: str = "latin-1") -> Iterator[tuple[int, st
     file = io.TextIOWrapper(io.BytesIO(data), encoding, errors="replace")
     for number, line in enumerate(file, 1):
         if len(line) > MOST_LINE_LENGTH:
-            raise NotACloud(f"line {number} has {len(line)} characters; use lines below 65536")
+            raise NotACloud(f"line {number} has {len(line)} characters, more than a row; break it")
         yield number, line
 
 
