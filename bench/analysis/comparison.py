@@ -83,7 +83,7 @@ class Comparison:
 
     objects            the G objects that have true images, sorted
     prepare_s, draw_s  float64 [G] by method, in the run's order: seconds for the cloud and for a
-                       view, NaN where the method failed
+                       view; where the method failed those until then and 0, NaN where unknown
     images             numbers of images that exist and that should, by method
     qualities          by metric and method
     claimed            methods whose times their authors state; nothing here has measured them
@@ -99,16 +99,16 @@ class Comparison:
     claimed: frozenset[str] = frozenset()
 
     def cost_ms(self, method: str, views: int) -> Estimate:
-        """Return the milliseconds for a cloud with its views: the median over managed objects.
+        """Return the milliseconds for a cloud with its views: the median over objects.
 
-        NaN for a method that failed on all.
+        A cloud that failed counts with the time that it took. NaN for a method without an image.
         """
         cost = 1000.0 * (self.prepare_s[method] + views * self.draw_s[method])
-        managed = np.isfinite(cost)
-        if not managed.any():
+        known = np.isfinite(cost)
+        if not known.any() or not self.images[method][0]:
             return Estimate(NAN, NAN, NAN)
-        interval = median_interval(cost[managed], np.flatnonzero(managed))
-        return Estimate(float(np.median(cost[managed])), *interval)
+        interval = median_interval(cost[known], np.flatnonzero(known))
+        return Estimate(float(np.median(cost[known])), *interval)
 
 
 def compare(

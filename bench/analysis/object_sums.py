@@ -107,7 +107,11 @@ class ObjectSums:
         drawn = places[exists]
         np.add.at(self._drawn, drawn, ONE)
         for name, tally in self._scores.items():
-            tally.add(drawn, records[name].to_numpy(np.float64)[exists])
+            values = records[name].to_numpy(np.float64)
+            if name in TIMES:  # failed images have times, too
+                tally.add(places, values)
+            else:
+                tally.add(drawn, values[exists])
         failed = (records["outcome"] == "failed").to_numpy()
         if failed.any():
             lost, at = records[failed], places[failed]

@@ -164,9 +164,11 @@ class Result:
         return replace(self, records=(), artifact=None)
 
 
-def failed(job: Job, reason: str) -> Result:
-    """Return the result of a job that gave no images."""
-    return Result(job.key, tuple(records_of(job, "failed", reason=reason)), None, reason)
+def failed(job: Job, reason: str, taken_s: float | None = None) -> Result:
+    """Return the result of a job that gave no images, after so many seconds; None if unknown."""
+    draw_s = None if taken_s is None else 0.0
+    records = records_of(job, "failed", reason=reason, prepare_s=taken_s, draw_s=draw_s)
+    return Result(job.key, tuple(records), None, reason)
 
 
 def records_of(

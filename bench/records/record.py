@@ -30,9 +30,9 @@ class Record:
     notes : str
         What the method repaired on its way; CLAIMED where its author states the times.
     prepare_s : float or None
-        The time to prepare the object, repeated for each view.
+        The time to prepare the object, repeated for each view; of a failed one all time until then.
     draw_s : float or None
-        This view's share of the time to draw all views at once.
+        This view's share of the time to draw all views at once; 0 of a failed one.
     """
 
     suite: str

@@ -92,7 +92,9 @@ class JobPool:
                     steps += 1
                 elif not isinstance(result, RenderedViews):
                     results += 1
-                    yield result if isinstance(result, Result) else failed(step.job, result.reason)
+                    if isinstance(result, WorkerFailure):
+                        result = failed(step.job, result.reason, result.taken_s)
+                    yield result
             is_waiting = is_waiting and steps > 0 and not results
 
     def _further_step(

@@ -15,7 +15,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, closing, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from multiprocessing import connection
 from typing import Any, Generic, Literal, Protocol, TypeVar
@@ -132,10 +132,11 @@ WORKER_ENVIRONMENT = thread_counts(1) | {
 
 @dataclass(frozen=True)
 class WorkerFailure:
-    """A task whose worker had to be killed, or died."""
+    """A task whose worker had to be killed, or died, after so many seconds; None if unknown."""
 
     kind: Literal["timeout", "memory", "crash"]
     detail: str
+    taken_s: float | None = field(default=None, compare=False)
 
     @property
     def reason(self) -> str:
@@ -319,7 +320,8 @@ class TaskPool(Generic[Task, Result]):
         is_late = reason.kind == "timeout"
         if worker.ready and (is_late or worker.process.was_reached()):
             self._breaks = 0
-            self._ended.append((worker.under_way[0], True, reason))
+            taken_s = self._clock() - (worker.deadline - self._limits.time_s)
+            self._ended.append((worker.under_way[0], True, replace(reason, taken_s=taken_s)))
             return
         self._queue.extendleft(worker.under_way)
         self._breaks += MOST_BREAKS if is_late else 1  # a second one that hangs is enough

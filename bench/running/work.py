@@ -141,8 +141,14 @@ def _draw(job: Job, watch: Stopwatch) -> RenderedViews | Result:
     if not method.sees_cloud and job.perturbation == Unchanged():  # one job for every condition
         seen = replace(job, condition=UNPERTURBED)
     cloud, rng = replace(cloud_of(seen), origin=_origin(job)), rng_of(seen)
-    with watch.on("methods"):
-        drawn = draw(method, renderer, cloud, job.views, rng, job.batch, truth)
+    begun = time.perf_counter()
+    try:
+        with watch.on("methods"):
+            drawn = draw(method, renderer, cloud, job.views, rng, job.batch, truth)
+    except MissingDependency:
+        raise
+    except BaseException as error:
+        return failed(job, reason_of(error), time.perf_counter() - begun)
     scale = note_on_scale(cloud.points) if job.perturbation == Unchanged() else None
     return replace(drawn, notes="; ".join(filter(None, (drawn.notes, scale))))
 

@@ -88,6 +88,9 @@ def test_bad_jobs_cost_their_own_records_only(jobs_for):
         assert len(result.records) == 2
         for record in result.records:
             assert record.outcome == ("failed" if record.reason else "ok")
+            # What a lost worker took counts; an unreadable object costs a method nothing.
+            counts = not record.reason.startswith(("input", "SystemExit"))
+            assert (record.prepare_s is not None and 0 < record.prepare_s < 30) == counts
 
 
 @pytest.mark.slow
