@@ -13,6 +13,7 @@ import os
 import re
 import warnings
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -120,7 +121,45 @@ def _parts(file: BinaryIO, path: Path, within: Path | None) -> list[Any]:
         faces += len(getattr(scene.geometry[scene.graph[node][1]], "faces", ()))
         if faces > MOST_FACES:
             raise BadInput(f"{path}: more than {MOST_FACES} faces; give a coarser mesh")
-    return [g for g in scene.dump() if isinstance(g, trimesh.Trimesh) and len(g.faces)]
+    parts = [g for g in scene.dump() if isinstance(g, trimesh.Trimesh) and len(g.faces)]
+    if kind == ".off" and parts:
+        file.seek(0)
+        # A broken colour costs the colours, not the object.
+        with suppress(ValueError, IndexError, OverflowError):
+            _paint_off(parts[0], file.read())
+    return parts
+
+
+def _paint_off(part: Any, data: bytes) -> None:
+    """Give the mesh of an OFF the colours of its vertices and faces, which trimesh leaves out."""
+    from trimesh.geometry import triangulate_quads
+    from trimesh.util import comment_strip, decode_text
+
+    kind, _, body = comment_strip(decode_text(data)).partition("OFF")
+    lines = [line for line in body.splitlines() if line.strip()]
+    corners = int(lines[0].split()[0])
+    if "C" in kind:
+        first = 6 if "N" in kind else 3  # after the normal
+        colors = [_off_color(line.split()[first:]) for line in lines[1 : 1 + corners]]
+        part.visual.vertex_colors = np.array(colors, np.uint8)
+    rows = [line.split() for line in lines[1 + corners :]][: int(lines[0].split()[1])]
+    painted = [row[1 + int(row[0]) :] for row in rows]
+    if any(len(values) >= 3 for values in painted):
+        # Triangles come in an order of trimesh's own: each face has numbers of its own here.
+        sizes = [len(row) - 1 - len(values) for row, values in zip(rows, painted, strict=True)]
+        ends = np.cumsum(sizes)
+        owner = np.repeat(np.arange(len(rows)), np.diff(ends, prepend=0))
+        numbered = [list(range(end - n, end)) for end, n in zip(ends, sizes, strict=True)]
+        faces = owner[triangulate_quads(numbered)[:, 0]]
+        part.visual.face_colors = np.array([_off_color(v) for v in painted], np.uint8)[faces]
+
+
+def _off_color(values: Sequence[str]) -> tuple[int, ...]:
+    """Return red, green and blue of an OFF: whole numbers up to 255, or fractions up to 1."""
+    if len(values) < 3:
+        return NEUTRAL_GREY
+    full = 255 if any("." in value for value in values[:3]) else 1
+    return tuple(min(255, max(0, round(float(value) * full))) for value in values[:3])
 
 
 def _in_double(file: BinaryIO) -> BinaryIO:

@@ -16,7 +16,7 @@ from data_prep.clouds.orientations import OURS
 from data_prep.datasets.registry import open_dataset
 from data_prep.datasets.stored_meshes import MeshFile, PlacedMesh
 from data_prep.randomness import generator
-from data_prep.scene import View
+from data_prep.scene import NEUTRAL_GREY, View
 
 BALL = trimesh.creation.icosphere(subdivisions=2)
 FACES = "".join("3 {} {} {}\n".format(*face) for face in BALL.faces)
@@ -41,7 +41,7 @@ def text_stl(vertices) -> str:
     return f"solid a\n{text}endsolid a\n"
 
 
-def placed_glb(vertices) -> bytes:
+def placed_glb(vertices):
     """The ball in float32 near the origin, and its place in a node."""
     scene = trimesh.Scene()
     middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
@@ -68,7 +68,7 @@ def test_a_mesh_far_from_the_origin_is_the_mesh_at_the_origin(tmp_path, name, wr
         folder = tmp_path / str(place)
         folder.mkdir()
         (folder / name).write_bytes(content if isinstance(content, bytes) else content.encode())
-        (obj,) = open_dataset(f"folder:{folder}").finite
+        obj = open_dataset(f"folder:{folder}").objects("any", 1, 1)[0]
         lengths = np.linalg.norm(obj.load().vertices.astype(np.float64), axis=1)
         # float64 keeps 1e-9 at 1e7; float32, in which vertices are, 6e-8 of 1
         np.testing.assert_allclose(lengths, 1.0, rtol=0, atol=2e-7)
@@ -143,7 +143,7 @@ BEHIND = {
 def test_a_file_behind_a_mesh_changes_its_fingerprint(tmp_path, case, placed):
     name, mesh, files, changing, write = BEHIND[case]
 
-    def put(file: str, content: str | bytes) -> None:
+    def put(file, content):
         (tmp_path / file).parent.mkdir(exist_ok=True)
         (tmp_path / file).write_bytes(content if isinstance(content, bytes) else content.encode())
 
@@ -171,3 +171,32 @@ def test_a_file_that_is_not_behind_it_does_not(tmp_path: Path) -> None:
     (tmp_path / "other.mtl").write_text("newmtl m\nKd 1 0 0\n")
     (tmp_path / "b.png").write_bytes(png(1))
     assert obj.fingerprint()[:4] == plain
+
+
+PLACES = ["0 0 0", "1 0 0", "1 1 0", "0 1 0", "0 0 1"]
+RED, GREEN, BLUE = [255, 0, 0], [0, 255, 0], [0, 0, 255]
+GREY = list(NEUTRAL_GREY)
+
+
+@pytest.mark.parametrize(
+    ("kind", "of_vertices", "faces", "expected"),
+    [
+        ("OFF", "", ["3 0 1 2 255 0 0", "3 0 1 3 0 255 0 128"], [RED, GREEN]),
+        ("OFF", "", ["3 0 1 2 1.0 0.0 0.0", "3 0 1 3 0. 0. 1. 0.5"], [RED, BLUE]),
+        # a triangle comes before the halves of quads
+        ("OFF", "", ["4 0 1 2 3 255 0 0", "3 0 1 4 0 255 0", "4 1 2 3 4 0 0 255"],
+         [GREEN, RED, BLUE, RED, BLUE]),
+        ("OFF", "", ["3 0 1 2", "3 0 1 3 0 0 255", "3 0 1 4 7"], [GREY, BLUE, GREY]),
+        ("OFF", "", ["3 0 1 2", "3 0 1 3"], [GREY, GREY]),
+        ("OFF", "", ["3 0 1 2 red as wine", "3 0 1 3 0 255 0"], [GREY, GREY]),
+        ("COFF", " 0 0 255 255", ["3 0 1 2", "3 0 1 3"], [BLUE, BLUE]),
+        ("COFF", " 0.0 1.0 0.0", ["3 0 1 2"], [GREEN]),
+        ("CNOFF", " 0 0 1 255 0 0 255", ["3 0 1 2"], [RED]),
+        ("NOFF", " 0 0 1", ["3 0 1 2"], [GREY]),
+    ],
+)  # fmt: skip
+def test_colours_of_an_off_are_drawn(tmp_path: Path, kind, of_vertices, faces, expected) -> None:
+    rows = [f"{place}{of_vertices}" for place in PLACES] + faces
+    (tmp_path / "a.off").write_text("\n".join([kind, f"5 {len(faces)} 0", *rows]) + "\n")
+    obj = open_dataset(f"folder:{tmp_path}").objects("any", 1, 1)[0]
+    assert obj.load().face_colors.tolist() == expected
