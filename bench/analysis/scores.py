@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -130,17 +131,24 @@ class CellValue(NamedTuple):
     debiased: float = NAN
 
 
-def image_rows(run: ScoredRun, metrics: Sequence[str]) -> list[RowWithSamples]:
-    """Return the means over images by metrics of images, for all cells."""
-    return mean_rows(run.suite.id, run.sums, metrics, run.skipped)
+def image_rows(
+    run: ScoredRun, metrics: Sequence[str], blanks: bool = False
+) -> list[RowWithSamples]:
+    """Return the means over images by metrics of images, for all cells, as `mean_rows`."""
+    return mean_rows(run.suite.id, run.sums, metrics, run.skipped, blanks)
 
 
 def mean_rows(
-    suite: str, sums: ObjectSums, metrics: Sequence[str], skipped: Mapping[str, str]
+    suite: str,
+    sums: ObjectSums,
+    metrics: Sequence[str],
+    skipped: Mapping[str, str],
+    blanks: bool = False,
 ) -> list[RowWithSamples]:
     """Return the means over images by metrics of images, for all cells of some sums.
 
-    `skipped` has the reasons for metrics that were not measured.
+    `skipped` has the reasons for metrics that were not measured. With `blanks` values and intervals
+    are those with a blank image in place of each failed one.
     """
     return [
         quality_row(
@@ -150,25 +158,27 @@ def mean_rows(
             metric,
             CellValue(note=skipped[metric])
             if metric in skipped
-            else _mean_of_images(sums, cell, metric),
+            else _mean_of_images(sums, cell, metric, blanks),
         )
         for cell in sums.cells
         for metric in metrics
     ]
 
 
-def _mean_of_images(sums: ObjectSums, cell: CellKey, metric: str) -> CellValue:
+def _mean_of_images(sums: ObjectSums, cell: CellKey, metric: str, blanks: bool) -> CellValue:
     drawn, _ = sums.images(cell)
     total, count = sums.totals(cell, metric)
-    of_blank, blanks = sums.totals(cell, metric, blanks=True)
+    of_blank, number = sums.totals(cell, metric, blanks=True)
     missing = drawn - count
     if missing and metric not in UNDEFINED:  # an error, and shows as such
         total = of_blank = NAN
-    per_object = sums.per_object(cell, metric)
+    per_object = sums.per_object(cell, metric, blanks)
     per_object = per_object[~np.isnan(per_object)]
+    as_blank = _ratio(total + of_blank, count + number)
+    value = as_blank if blanks else _ratio(total, count)
     return CellValue(
-        Estimate(_ratio(total, count), *clipped(mean_interval(per_object), value_range(metric))),
-        _ratio(total + of_blank, count + blanks),
+        Estimate(value, *clipped(mean_interval(per_object), value_range(metric))),
+        as_blank,
         per_object,
         undefined=missing if metric in UNDEFINED else 0,
     )
@@ -302,34 +312,42 @@ def class_rows(run: ScoredRun, metrics: Sequence[str]) -> list[QualityRow]:
 
 
 def with_averages(of_metric: Sequence[RowWithSamples]) -> list[QualityRow]:
-    """Return the rows of a metric class by class, and last the means over classes."""
+    """Return the rows of a metric class by class, and last the means over classes.
+
+    These are of the same classes for all methods: of those in which any of them has a value.
+    """
     by_class: dict[str, list[QualityRow]] = {}
     by_cell: dict[tuple[str, str], list[RowWithSamples]] = {}
+    known: dict[str, set[str]] = {}  # by condition: classes that any method has a value of
     for sampled in of_metric:
         row = sampled.row
+        if math.isfinite(row.value):
+            known.setdefault(row.condition, set()).add(row.class_name)
         by_class.setdefault(row.class_name, []).append(row)
         by_cell.setdefault((row.method, row.condition), []).append(sampled)
     return [
         *(row for of_class in by_class.values() for row in of_class),
-        *map(_average, by_cell.values()),
+        *(_average(of_cell, known.get(cell[1], set())) for cell, of_cell in by_cell.items()),
     ]
 
 
-def _average(of_cell: Sequence[RowWithSamples]) -> QualityRow:
-    """Return the mean over the classes that have a value, each counting alike."""
+def _average(of_cell: Sequence[RowWithSamples], classes: AbstractSet[str]) -> QualityRow:
+    """Return the mean over the classes, each counting alike; none where one has no value."""
     rows = [sampled.row for sampled in of_cell]
     first = rows[0]
-    valued = [sampled for sampled in of_cell if math.isfinite(sampled.row.value)]
-    missing = [row.class_name for row in rows if not math.isfinite(row.value)]
-    value, debiased = NAN, NAN
-    if valued:
-        value = float(np.mean([sampled.row.value for sampled in valued]))
-        debiased = float(np.mean([sampled.row.debiased for sampled in valued]))
+    valued = [sampled for sampled in of_cell if sampled.row.class_name in classes]
+    missing = [s.row.class_name for s in valued if not math.isfinite(s.row.value)]
+    left_out = [row.class_name for row in rows if row.class_name not in classes]
+    value, debiased, as_blank = (
+        float(np.mean([getattr(sampled.row, name) for sampled in valued])) if valued else NAN
+        for name in ("value", "debiased", "failures_as_blank")
+    )
     samples = [sampled.per_object for sampled in valued]
     mean = is_mean(first.metric)
     interval = interval_of_means(samples) if mean else jackknife_interval(value, samples)
     low, high = clipped(interval, value_range(first.metric))
-    note = f"without {', '.join(missing)}" if missing else ""
+    parts = {"no value in": missing, "without": left_out}
+    note = "; ".join(f"{words} {', '.join(names)}" for words, names in parts.items() if names)
     return QualityRow(
         suite=first.suite,
         method=first.method,
@@ -342,7 +360,7 @@ def _average(of_cell: Sequence[RowWithSamples]) -> QualityRow:
         n_ok=sum(row.n_ok for row in rows),
         n=sum(row.n for row in rows),
         paper=NAN,
-        failures_as_blank=float(np.mean([row.failures_as_blank for row in rows])),
+        failures_as_blank=as_blank,
         note=note if valued else first.note,
         debiased=debiased,
     )

@@ -34,7 +34,7 @@ class LiveTable:
         self._added.update(missing)
         skipped = self._sums.unmeasured(manifest.get("skipped_metrics", {}))
         with threadpool_limits(1):
-            rows = mean_rows(suite.id, self._sums, self._sums.metrics, skipped)
+            rows = mean_rows(suite.id, self._sums, self._sums.metrics, skipped, True)
             table = headline_of(suite, manifest, rows)
         write_tables(snapshot.directory, [table])
         return table

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from bench.analysis.digits import decimals, is_coarse
+from bench.analysis.digits import is_coarse
 from bench.analysis.scores import QualityRow
 from bench.catalogue.condition_names import condition_name, condition_words
 from bench.catalogue.methods import FLOOR, role
@@ -46,8 +46,7 @@ def compact_table(rows: Sequence[QualityRow]) -> CompactTable | None:
             ends = shown(row.ci_low, digits), shown(row.ci_high, digits)
             texts.append("95 % interval {} to {}".format(*ends))
         if row.failed:
-            blanks = shown(row.failures_as_blank, digits)
-            texts.append(f"{row.n_ok} of {row.n} images; {blanks} with blank ones for the others")
+            texts.append(f"{row.n_ok} of {row.n} images, the others scored as blank ones")
         return CompactCell(
             MOVED * coarse + shown(row.value, digits) + "*" * row.failed,
             row.value,
@@ -91,6 +90,6 @@ def compact_table(rows: Sequence[QualityRow]) -> CompactTable | None:
 
 
 def _signed(row: QualityRow) -> float:
-    """Return the value with the metric's decimals, signed so that more is better."""
-    value = round(row.value, decimals(row.metric))
+    """Return the value in the digits that it is printed with, signed so that more is better."""
+    value = round(row.value, row.decimals)
     return value if higher_is_better(row.metric) else -value

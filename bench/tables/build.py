@@ -32,7 +32,7 @@ from bench.tables.headline import headline
 from bench.tables.orderings import orderings_table
 from bench.tables.published import published
 from bench.tables.quality import detail_table, image_table, recognition_table, set_table
-from bench.tables.table import Table, of_protocol, write_tables
+from bench.tables.table import Table, of_protocol, remove_others, write_tables
 from data_prep.files.atomic_write import write_whole
 
 R = TypeVar("R")
@@ -148,9 +148,11 @@ def make_outputs(run: ScoredRun) -> Outputs:
 
 
 def write_outputs(run: ScoredRun) -> Outputs:
-    """Make the tables of a run and write them into its folder."""
+    """Make the tables of a run and write its folder of tables anew."""
     outputs = make_outputs(run)
-    write_tables(run.directory, [outputs.headline, *outputs.tables, *outputs.further])
+    written = [outputs.headline, *outputs.tables, *outputs.further]
+    write_tables(run.directory, written)
+    remove_others(run.directory, written)
     write_whole(run.directory / COST, outputs.cost.encode())
     return outputs
 

@@ -1,6 +1,7 @@
 """The table that a run shows while it goes on, and at its end: few metrics, all methods.
 
 With one class methods are down and conditions across; with several it is the mean over classes.
+Failed images are scored as blank ones, so that all methods have values of the same objects.
 """
 
 from __future__ import annotations
@@ -29,6 +30,10 @@ from bench.tables.quality import all_methods, annotated, with_chosen_rows
 from bench.tables.table import Table, columns_of, of_protocol
 
 HEADLINE = "headline"
+_LEGEND = (
+    "All methods: value [95 % interval over objects], failed images scored as blank ones; n_ok/n "
+    "images."
+)
 FEWEST_SHOWN = 12  # objects: intervals of fewer are so wide and so uncertain that they mislead here
 
 
@@ -36,7 +41,7 @@ def headline(run: ScoredRun) -> Table[QualityRow]:
     """Return the headline metrics of the suite over the objects that are complete."""
     metrics = run.suite.headline
     with threadpool_limits(1):
-        rows = image_rows(run, [metric for metric in metrics if is_mean(metric)])
+        rows = image_rows(run, [metric for metric in metrics if is_mean(metric)], True)
         for metric in metrics:
             rows += [] if is_mean(metric) else set_rows(run, metric)
         return headline_of(run.suite, run.manifest, rows)
@@ -67,7 +72,7 @@ def headline_of(
                 "Intervals hold for a number of objects that was fixed beforehand, not for a run "
                 "that is ended when its values please."
             )
-        yield from all_methods(rows)
+        yield from all_methods(rows, _LEGEND)
 
     every = with_chosen_rows(annotated(chosen, manifest, {}))
     table = Table(HEADLINE, title, columns_of(QualityRow), every, layout)

@@ -197,22 +197,26 @@ def with_paper_values(
     return Grid(corner, tuple(map(ColumnHeader, heads.values())), tuple(lines))
 
 
-def all_methods(rows: Sequence[QualityRow]) -> Iterator[Block]:
+_LEGEND = (
+    "All methods: value [95 % interval over objects] n_ok/n images. Where images are missing, *b* "
+    "is the value with a blank image in place of each."
+)
+
+
+def all_methods(rows: Sequence[QualityRow], legend: str = _LEGEND) -> Iterator[Block]:
     """Yield all cells, with a grid for each metric.
 
     With one class methods are down and conditions across; with several classes these are down and
     methods across, condition by condition.
     """
-    yield (
-        "All methods: value [95 % interval over objects] n_ok/n images. Where images are "
-        "missing, *b* is the value with a blank image in place of each."
-    )
+    yield legend
     trained = {row.method: _training(row, markdown.code(row.objective)) for row in rows}
     yield "\n".join(
         f"{markdown.code(method)}: {training}.  "
         for method, training in trained.items()
         if training
     )
+    told: set[str] = set()
     by_class = len({row.class_name for row in rows}) > 1
     attribute = "condition" if by_class else "class_name"
     groups: dict[str, dict[str, list[QualityRow]]] = {}
@@ -223,7 +227,11 @@ def all_methods(rows: Sequence[QualityRow]) -> Iterator[Block]:
         for metric in ordered(row.metric for row in rows if row.metric in groups[name]):
             of_metric = groups[name][metric]
             yield f"## {markdown.cell(metric + where)}"
-            yield _grid(of_metric, by_class)
+            shown_grid = _grid(of_metric, by_class)
+            # What holds for several metrics is said once, below the first.
+            new = tuple(note for note in shown_grid.notes if f"{name} {note}" not in told)
+            told |= {f"{name} {note}" for note in new}
+            yield replace(shown_grid, notes=shown_grid.notes if shown_grid.void else new)
             if any(math.isfinite(row.debiased) for row in of_metric):
                 nothing = dict.fromkeys(("ci_low", "ci_high", "paper", "failures_as_blank"), NAN)
                 without_bias = [replace(row, value=row.debiased, **nothing) for row in of_metric]
@@ -302,7 +310,8 @@ def _cell(row: QualityRow, best: Container[tuple[str, str, str]]) -> Cell:
     paper = f"{row.paper:g}" if math.isfinite(row.paper) else ""
     if row.skipped:
         return Cell("skipped", paper=paper)
-    blank = shown(row.failures_as_blank, row.decimals) if row.failed else None
+    beside = row.failed and row.failures_as_blank != row.value
+    blank = shown(row.failures_as_blank, row.decimals) if beside else None
     is_best = (row.class_name, row.condition, row.method) in best
     return replace(
         quality_cell(row),

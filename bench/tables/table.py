@@ -20,6 +20,7 @@ from bench.records.run_folder import COLOURED, TRUTH
 from bench.tables import markdown
 from bench.tables.grid import Block, Grid
 from data_prep.files.atomic_write import write_whole
+from data_prep.progress import log
 
 R = TypeVar("R")
 TABLES = "tables"  # folder of a run
@@ -151,3 +152,18 @@ def write_tables(directory: Path, tables: Iterable[Table[Any]]) -> None:
     """Write tables into the folder of tables of a run, each file whole or not at all."""
     for name, text in table_files(tables).items():
         write_whole(directory / TABLES / name, text.encode())
+
+
+def remove_others(directory: Path, tables: Iterable[Table[Any]]) -> None:
+    """Remove what is in the folder of tables of a run beside these tables, and name it."""
+    written, folder = table_files(tables), directory / TABLES
+    others = [
+        path
+        for path in sorted(folder.iterdir())
+        if path.suffix in (".csv", ".md") and path.name not in written and not folder.is_symlink()
+    ]
+    for path in others:
+        path.unlink()
+    if others:
+        names = ", ".join(dict.fromkeys(path.stem for path in others))
+        log(f"removed from {folder}, as no table of the run as it is now: {names}")

@@ -214,14 +214,22 @@ def test_a_frechet_distance_is_never_below_0_a_kernel_distance_may_be():
         assert cell(made, metric="kd-views", **at).ci_low < 0.0
 
 
-def test_an_average_without_a_class():
-    """One image has no distance; the average says that it is without."""
+def test_averages_are_of_the_same_classes_for_all_methods():
+    """One image has no distance: no mean over fewer classes stands beside those over all."""
     made = table_without("surface-apss", "lamp", *images("lamp")[1:])
     at = {"method": "surface-apss", "metric": "fd-views"}
     average = cell(made, class_name="average", **at)
-    assert average.value == cell(made, class_name="car", **at).value
-    assert average.note == "without lamp"
+    assert math.isnan(average.value)
+    assert math.isnan(average.ci_low)
+    assert average.note == "no value in lamp"
     assert (average.n_ok, average.n) == (9, 14)
+    of_ssim = cell(made, class_name="average", method="surface-apss", metric="ssim")
+    classes = [
+        cell(made, class_name=k, method="surface-apss", metric="ssim") for k in ("car", "lamp")
+    ]
+    assert of_ssim.value == pytest.approx(np.mean([row.value for row in classes]), rel=1e-12)
+    as_blank = np.mean([row.failures_as_blank for row in classes])
+    assert of_ssim.failures_as_blank == pytest.approx(as_blank, rel=1e-12)
 
 
 def test_what_is_skipped_says_why():

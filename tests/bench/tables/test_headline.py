@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import math
+
+import numpy as np
 import pandas as pd
 import pytest
 
+from bench.analysis.intervals import mean_interval
 from bench.analysis.scored import read_scored
 from bench.commands.terminal import shown
+from bench.tables.build import write_outputs
 from bench.tables.headline import headline
 
-from ..builders import write_run
+from ..builders import overwrite, write_run
 
 
 @pytest.mark.parametrize(("count", "intervals"), [(8, False), (11, False), (12, True)])
@@ -30,3 +35,38 @@ def test_intervals_are_shown_from_12_objects_on(tmp_path, monkeypatch, count, in
     assert ("Intervals are shown from 12 objects on." in table.to_markdown()) != intervals
     written = pd.read_csv(directory / "tables" / "headline.csv")
     assert written["ci_low"].notna().all()
+
+
+def test_failed_images_count_as_blank_ones_and_are_named_once(tmp_path):
+    """By hand: of two objects of two views one failed; the interval is over both."""
+    objects = [f"chair/{i:02d}" for i in range(8)]
+    directory = write_run(tmp_path / "run", objects=objects, methods=["splat", "blank"])
+    records = pd.read_parquet(directory / "records.parquet")
+    splat, lost = records["method"] == "splat", records["object"] == "00"
+    records["ssim_object"] = np.where(splat, 0.8, 0.4)
+    failed = {"outcome": "failed", "reason": "timeout: 3 s", "ssim_object": math.nan}
+    for column, value in failed.items():
+        records.loc[splat & lost, column] = value
+    overwrite(directory / "records.parquet", records)
+    table = headline(read_scored(directory))
+    rows = [r for r in table.rows if (r.method, r.metric) == ("splat", "ssim-object")]
+    scores = np.array([0.4, *[0.8] * 7])
+    for row in rows:
+        assert row.value == row.failures_as_blank == pytest.approx(scores.mean())
+        assert (row.ci_low, row.ci_high) == pytest.approx(mean_interval(scores))
+        assert (row.n_ok, row.n) == (14, 16)
+    text = table.to_markdown()
+    assert text.count("splat at 2048: 2 x timeout: 3 s") == 1
+    assert "*b*" not in text
+
+
+def test_the_folder_of_tables_is_written_anew(tmp_path, capsys):
+    directory = write_run(tmp_path / "run", methods=["splat", "blank"])
+    write_outputs(read_scored(directory))
+    kept = {path.name for path in (directory / "tables").iterdir()}
+    for name in ("metric_flip.csv", "metric_flip.md", "frontier.csv"):
+        (directory / "tables" / name).write_text("of other records")
+    (directory / "tables" / "mine.txt").write_text("of the user")
+    write_outputs(read_scored(directory))
+    assert {path.name for path in (directory / "tables").iterdir()} == kept | {"mine.txt"}
+    assert "as no table of the run as it is now: frontier, metric_flip" in capsys.readouterr().err
