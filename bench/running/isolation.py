@@ -313,7 +313,7 @@ class TaskPool(Generic[Task, Result]):
         if not worker.ready and worker.process.exit_code() == NO_GUARD:
             raise BadInput(
                 "workers load the script that starts them, and it starts workers when it is "
-                'loaded; call it below if __name__ == "__main__":'
+                'loaded; call it below if __name__ == "__main__": (docs/python.md)'
             )
         if not worker.under_way:
             return
