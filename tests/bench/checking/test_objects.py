@@ -7,6 +7,7 @@ import json
 import shutil
 from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -17,6 +18,7 @@ import bench.tables.published
 from bench.analysis.scored import read_scored
 from bench.catalogue.metrics import IMAGE_METRICS, column
 from bench.catalogue.suites import SUITES
+from bench.catalogue.truth import with_truth
 from bench.checking.golden import bless, check
 from bench.checking.objects import environment_of, golden_thumbnails, read_objects
 from bench.checking.thumbnails import ACROSS, SIDE, read_png, thumbnail, to_png
@@ -27,7 +29,7 @@ from bench.records.run_folder import open_folder, read_manifest, read_store, wri
 from bench.records.stored_artifacts import StoredArtifacts, read_jobs
 from bench.rendering.sheet import LABEL_HEIGHT, MARGIN, PROBLEM_GROUND
 from bench.tables.build import write_outputs
-from bench.tables.published import golden
+from bench.tables.published import golden, golden_name
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from data_prep.failures import BadInput
 
@@ -215,8 +217,14 @@ def test_tolerances_of_objects():
     assert object_tolerance("surface-apss", "ssim", same_environment=False) == 0.047
 
 
+def lines_of(name):
+    objects = read_objects(name)
+    assert objects is not None
+    return objects.lines
+
+
 def test_the_file_has_the_means_of_the_records(run, results):
-    lines = read_objects(SUITE).lines
+    lines = lines_of(SUITE)
     assert lines[["method", "condition"]].drop_duplicates().to_numpy().tolist() == [
         ["splat", "2048"], ["splat", "512"], ["true-mesh", "any"], ["blank", "any"]
     ]  # fmt: skip
@@ -224,7 +232,8 @@ def test_the_file_has_the_means_of_the_records(run, results):
     records = pd.read_parquet(run / "records.parquet").set_index(["method", "condition", "object"])
     for line in lines.to_dict("records"):
         condition = "2048" if line["condition"] == "any" else line["condition"]
-        of_item = records.loc[(line["method"], condition, line["object"])]
+        key: Any = line["method"], condition, line["object"]
+        of_item = records.loc[key]
         for metric in IMAGE_METRICS:
             first, second = of_item[column(metric)]
             assert line[metric] == pytest.approx((first + second) / 2, abs=5.1e-7)
@@ -240,7 +249,7 @@ def test_no_value_is_golden_too(run, golden_results):
     overwrite(path, frame)
     write_outputs(read_scored(run))
     bless(run)
-    assert read_objects(SUITE).lines["thin-precision"].isna().sum() == 7
+    assert lines_of(SUITE)["thin-precision"].isna().sum() == 7
     assert check(run).regressions == ()
     drawn = (frame["method"] == "blank") & (frame["object"] == "c") & (frame["view"] == 1)
     frame.loc[drawn & (frame["condition"] == "512"), "thin_precision"] = 0.25
@@ -293,7 +302,8 @@ def test_the_objects_that_moved_most_beside_their_golden_images(run, golden_resu
     alter(run, {"a": 0.1}, method="blank", condition="2048")
     red = halves((255, 0, 0), (0, 0, 0))
     rewrite(run, key_of(run, "c"), red)
-    damage_images(run, [key_of(run, "e")], data=None)
+    removed: Any = None
+    damage_images(run, [key_of(run, "e")], data=removed)
     status, out, _ = command("check", run)
     assert status == 1
     assert f"chair/c {values(run, 'c')[0]:.6f}, golden" in out
@@ -317,7 +327,7 @@ def test_the_objects_that_moved_most_beside_their_golden_images(run, golden_resu
     assert not (run / "figures" / "moved.png").exists()
 
 
-def key_of(run, obj):
+def key_of(run, obj) -> Any:
     with read_store(run) as store:
         return store.key_of(item_of(run, obj))
 
@@ -423,12 +433,14 @@ def test_a_sheet_is_read_back_in_its_order(tmp_path):
         read_png(path)
 
 
-def test_the_golden_objects_of_this_project():
+@pytest.mark.parametrize("truth", ["coloured", "grey"])
+def test_the_golden_objects_of_this_project(truth):
     """They are of the run of the golden means: where every image has a value, their means agree."""
-    suite = SUITES[0]
-    objects = read_objects(suite.id)
+    suite = with_truth(SUITES[0], truth)
+    name = golden_name({"suite": suite.id, "truth": truth})
+    objects = read_objects(name)
     assert objects is not None
-    frame = golden(suite.id)
+    frame = golden(name)
     for metric in ("ssim", "luminance", "contrast", "structure", "silhouette-iou"):
         means = frame[frame["metric"] == metric].set_index(["method", "condition"])["value"]
         every = objects.part({"methods": suite.methods, "conditions": suite.conditions,
@@ -438,5 +450,5 @@ def test_the_golden_objects_of_this_project():
         # both are rounded to six digits
         assert (means_of_objects - means).abs().max() < 1.1e-6
     assert objects.environment["gl"] != "None"
-    sheet = golden_thumbnails(suite.id)
+    sheet = golden_thumbnails(name)
     assert len(objects.lines) <= len(sheet) < len(objects.lines) + ACROSS
