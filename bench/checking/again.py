@@ -50,7 +50,10 @@ CELL = ["method", "condition", "class", "object"]  # of records: those of a job
 
 @dataclass(frozen=True)
 class AgainResult:
-    """A line for each job that differs, of the jobs computed again, of all jobs of the run."""
+    """A line for each job that differs, and how many jobs were computed again, of how many.
+
+    Lines are about true images, too; they are no jobs of a method, and do not count as such.
+    """
 
     differing: tuple[str, ...]
     computed: int
@@ -84,6 +87,7 @@ def check_again(
     same_environment = _name_changes(manifest, replace(protocol, environment=probe()))
     workers, limits = 1 if protocol.suite.timed else cores(), protocol.suite.limits
     chosen = draw_jobs(planned, share, seed)
+    log(f"jobs drawn by --seed {seed}")
     of_tables = read_records(directory, [*CELL, "view", *map(column, OBJECT_RENDERING)])
     lines: list[str] = []
     with (
@@ -99,8 +103,9 @@ def check_again(
                 lines += _compare(job, stored, key, store, same_environment) or (
                     _unlike_store(job, stored.records(key), of_tables) if job in jobs else []
                 )
-    computed = sum(1 + len(jobs) for _, jobs in chosen)
-    return AgainResult(tuple(lines), computed, planned.job_count, same_environment)
+    computed = sum(len(jobs) for _, jobs in chosen)
+    total = (planned.jobs_per_object - 1) * len(planned)
+    return AgainResult(tuple(lines), computed, total, same_environment)
 
 
 def _protocol_again(directory: Path, manifest: Mapping[str, Any]) -> Protocol:

@@ -134,9 +134,7 @@ def check(
     if methods is not None:
         raise BadInput("--methods: golden values are of all methods; give --claims with it")
     if len(directories) > 1:
-        raise BadInput(
-            f"{len(directories)} folders: golden values are of one run; or give --claims"
-        )
+        raise BadInput(f"{len(directories)} folders: give one, or several with --claims")
     (directory,) = directories
     if again is not None:
         _check_again(directory, again, secrets.randbelow(MOST_SEED) if seed is None else seed)
@@ -173,7 +171,6 @@ def _check_again(directory: Path, share: float, seed: int) -> None:
     """Print a line for each job whose results are others than in the run, and how many are not."""
     from bench.checking.again import check_again
 
-    print(f"jobs drawn by --seed {seed}", file=sys.stderr)
     result = check_again(directory, share, seed)
     for line in result.differing:
         print(visible(f"DIFFERS {line}"))
