@@ -6,7 +6,6 @@ the facts in its manifest, so that it can be read where the tree is not.
 
 from __future__ import annotations
 
-import math
 import re
 import tomllib
 from collections.abc import Collection, Mapping
@@ -82,7 +81,9 @@ def read_claims(tree: Path, taken: Collection[str]) -> Claims:
         raise BadInput(f"{tree}: no such folder; give a tree of images with its {CLAIMS}")
     try:
         stated = tomllib.loads(read_text(path, MOST_BYTES))
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # ValueError: of a number of 5,000 digits
+        if isinstance(error, BadInput):
+            raise
         raise BadInput(f"{path}: not TOML ({reason_of(error)}); correct it") from error
     claims = check_claims(stated, str(path))
     if claims.name in taken:
@@ -119,7 +120,7 @@ def check_claims(stated: Mapping[str, Any], where: str) -> Claims:
 def _checked(key: str, value: Any, is_number: bool, where: str) -> str | float:
     if is_number:
         whole_or_float = isinstance(value, (int, float)) and not isinstance(value, bool)
-        if whole_or_float and math.isfinite(value) and 0 <= value <= MOST_S:
+        if whole_or_float and 0 <= value <= MOST_S:
             return float(value)
         raise BadInput(
             f"{where}: {key} {shown(repr(value))} is no number of seconds from 0 to {MOST_S:g}; "

@@ -77,7 +77,7 @@ def _toml(path: Path) -> Mapping[str, Any]:
 
 def _manifest(path: Path) -> Mapping[str, Any]:
     """Return the manifest of a run of this version that can be repeated."""
-    manifest = load_manifest(path, path, INSTEAD)
+    manifest = load_manifest(path, remedy=INSTEAD)
     if not manifest.get(REQUEST):
         raise BadInput(
             f"{path}: has no options of a run; give the manifest.json of a run of this version"

@@ -21,6 +21,7 @@ from data_prep.failures import BadInput
 # Click's, which some Typers contain.
 USAGE_ERROR: Any = typer.BadParameter.__mro__[1]
 SETTINGS: dict[str, Any] = {"add_completion": False, "rich_markup_mode": None}
+MOST_WORKERS = 1_024
 
 
 def read_path(text: str | Path) -> Path:
@@ -95,9 +96,11 @@ def names(text: str | None) -> tuple[str, ...] | None:
 
 
 def worker_count(workers: int | None) -> int | None:
-    """Return the value of --workers. Raises BadInput below 1."""
+    """Return the value of --workers. Raises BadInput below 1, and for more than any machine has."""
     if workers is not None and workers < 1:
         raise BadInput(f"--workers {workers}: must be at least 1")
+    if workers is not None and workers > MOST_WORKERS:
+        raise BadInput(f"--workers {workers}: too many processes; give at most {MOST_WORKERS}")
     return workers
 
 

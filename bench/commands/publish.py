@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -30,6 +31,7 @@ from bench.running.options import Options, device_of
 from bench.running.run import RunResult, WrittenRun, run, timed
 from bench.tables.build import Outputs, paper_values, write_outputs
 from bench.tables.figure import FIGURES
+from bench.tables.markdown import visible
 from bench.tables.table import TABLES, Table
 from data_prep.failures import BadInput
 
@@ -94,8 +96,14 @@ def in_format(tables: Sequence[Table[Any]], format_: Format) -> str:
     """Return tables as one text.
 
     In CSV, tables with the same columns share a header, and an empty line stands before others.
-    JSON is a list of tables with their rows, null for a missing value.
+    JSON is a list of tables with their rows, null for a missing value. Where stdout is a terminal,
+    control characters in names are escaped, as nothing else there may give it orders.
     """
+    text = _in_format(tables, format_)
+    return "\n".join(map(visible, text.split("\n"))) if sys.stdout.isatty() else text
+
+
+def _in_format(tables: Sequence[Table[Any]], format_: Format) -> str:
     if format_ is Format.md:
         return "\n".join(table.to_markdown() for table in tables)
     if format_ is Format.json:

@@ -6,7 +6,7 @@ method, condition and class, and says in the footer of which; other row groups a
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -65,8 +65,10 @@ class FeatureFile:
             raise unreadable(self._path, error) from error
         if lacking := [n for n in (*GROUP, "object", "view", VALUES) if n not in arrow.names]:
             raise BadInput(f"{path}: no column {', '.join(lacking)}; start the run again")
-        self._width = int(getattr(arrow.field(VALUES).type, "list_size", 0))
-        if self._width < 1:  # of variable length, or -1
+        kind = arrow.field(VALUES).type
+        self._width = int(getattr(kind, "list_size", 0))
+        # Of variable length it is missing or -1.
+        if self._width < 1 or not pa.types.is_floating(kind.value_type):
             raise BadInput(f"{path}: features of no fixed number; start the run again")
         self._of_group: dict[tuple[str, ...], list[int]] = {}  # row groups
         for number in range(self._footer.num_row_groups):
@@ -94,7 +96,7 @@ class FeatureFile:
     ) -> Floats32:
         """Return the features of `images`, [n, d].
 
-        Raises KeyError for an unknown image, and BadInput for a file that cannot be read.
+        Raises BadInput for a file that cannot be read, or lacks one of them or its values.
         """
         rows = {image: row for row, image in enumerate(dict.fromkeys(images))}
         values = np.empty((len(rows), self._width), np.float32)
@@ -106,11 +108,18 @@ class FeatureFile:
             stored = _images(table)
             wanted = [number for number, image in enumerate(stored) if image in rows]
             column = table.column(VALUES).combine_chunks()
+            if column.null_count or column.flatten().null_count:
+                break
             read = column.flatten().to_numpy().reshape(-1, self._width)
             values[[rows[stored[number]] for number in wanted]] = read[wanted]
             missing.difference_update(stored)
-        if missing:
-            raise KeyError(min(missing))
+        if missing or not np.isfinite(values).all():
+            first = min(missing or _not_finite(rows, values))
+            whose = f"{method} at {condition}" if condition else method
+            raise BadInput(
+                f"{self._path}: no features of {whose} of {class_name}/{first[0]}, view "
+                f"{first[1]}; start the run again with its command, which writes them anew"
+            )
         return values if len(rows) == len(images) else values[[rows[image] for image in images]]
 
     def _read(
@@ -133,6 +142,10 @@ class FeatureFile:
                     yield file.read_row_group(number, columns, use_threads=False)
         except (pa.ArrowException, OSError) as error:
             raise unreadable(self._path, error) from error
+
+
+def _not_finite(rows: Mapping[ImageKey, int], values: Floats32) -> list[ImageKey]:
+    return [image for image, row in rows.items() if not np.isfinite(values[row]).all()]
 
 
 def unreadable(path: Path, error: Exception) -> BadInput:

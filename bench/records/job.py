@@ -42,6 +42,13 @@ class JobTiming:
 
 
 NOTHING = JobTiming()
+MOST_TEXT = 10_000  # characters of a reason, or of notes
+
+
+def stored_text(text: str) -> str:
+    """Return a text as every file can hold it: not endless, and without lone surrogates."""
+    kept = text if len(text) <= MOST_TEXT else f"{text[:MOST_TEXT]} [...]"
+    return kept.encode("utf-8", "backslashreplace").decode()
 
 
 class Stopwatch:
@@ -166,7 +173,7 @@ class Result:
 
 def failed(job: Job, reason: str, taken_s: float | None = None) -> Result:
     """Return the result of a job that gave no images, after so many seconds; None if unknown."""
-    draw_s = None if taken_s is None else 0.0
+    draw_s, reason = None if taken_s is None else 0.0, stored_text(reason)
     records = records_of(job, "failed", reason=reason, prepare_s=taken_s, draw_s=draw_s)
     return Result(job.key, tuple(records), None, reason)
 
@@ -193,7 +200,7 @@ def records_of(
             elevation_deg=view.elevation_deg,
             outcome=outcome,
             reason=reason,
-            notes=notes,
+            notes=stored_text(notes),
             prepare_s=prepare_s,
             draw_s=draw_s,
         )

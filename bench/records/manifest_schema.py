@@ -24,7 +24,7 @@ SCHEMA: Mapping[str, Any] = {
     "methods": [str],
     "identities": {str: [int, str, str]},
     "objectives": _FACTS,
-    "entered": {str: {str: (str, int, float)}},
+    "entered": {str: {"tree": str, "name": str}},
     "conditions": [str],
     "condition_identities": _FACTS,
     "objects": [_OBJECT],
@@ -42,12 +42,14 @@ SCHEMA: Mapping[str, Any] = {
     "command": [str],
     "started": str,
     "finished": (None, str),
-    "machine": {"cpu": str, "platform": str, "instructions": str, "cores": int},
+    "machine": {"cpu": str, "platform": str, "instructions": str, "cores": int}
+    | {"memory_gib": (int, float)},
+    "code": str,
     "git": {"commit": str, "clean": bool},
-    "cluster": (None, {"address": str, "cpus": int, "gpus": int, "nodes": int}),
+    "cluster": (None, dict.fromkeys(("address", "version"), str)),
     "stage_seconds": {str: (int, float)},
     "worker_shares": {str: (int, float)},
-    "merged": [{"shard": str, "machine": {"cpu": str}}],
+    "merged": [{"shard": str, "started": (None, str), "machine": {"cpu": str}}],
     "request": (
         None,
         {

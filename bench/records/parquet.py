@@ -19,7 +19,7 @@ from bench.records.artifacts import JobName, unpack
 from bench.records.features import FeatureFile, may_hold, unreadable
 from bench.records.record import COLUMNS, SCHEMA_VERSION, TYPES, Record
 from bench.records.seal import check_seal, file_with_seal
-from bench.records.store import JobRow, Store
+from bench.records.store import DamagedJob, JobRow, Store
 from data_prep.failures import BadInput
 
 # Arrow's own pool keeps what has been freed: some 35 MB after the records of 20,000 images.
@@ -157,6 +157,10 @@ def _open_records(directory: Path, dictionaries: bool) -> pq.ParquetFile:
         )
     if lacking := [name for name in COLUMNS if name not in stored.names]:
         raise BadInput(f"{path}: no column {', '.join(lacking)}; start the run again")
+    for name in TYPES:
+        kind = stored.field(name).type
+        if not (pa.types.is_floating(kind) or pa.types.is_integer(kind)):
+            raise BadInput(f"{path}: column {name} is {kind}, no numbers; start the run again")
     return file
 
 
@@ -173,7 +177,7 @@ def write_features(
     writers: dict[str, pq.ParquetWriter] = {}
     with ExitStack() as files:
         for jobs in _row_groups(drawn, jobs_per_group):
-            read = [unpack(store.artifact(job.key), metrics) for job in jobs]
+            read = [_features(store, job.key, metrics) for job in jobs]
             for metric in metrics:
                 table = pa.concat_tables(
                     _feature_table(job.name, arrays[metric])
@@ -184,6 +188,14 @@ def write_features(
                     new = files.enter_context(file_with_seal(path))
                     writers[metric] = files.enter_context(pq.ParquetWriter(new, table.schema))
                 writers[metric].write_table(table)
+
+
+def _features(store: Store, key: str, metrics: Sequence[str]) -> dict[str, NDArray[Any]]:
+    artifact = store.artifact(key)
+    try:
+        return unpack(artifact, metrics)
+    except (BadInput, KeyError) as error:
+        raise DamagedJob(store.path, key, "features") from error
 
 
 def _row_groups(jobs: Iterable[JobRow], most: int) -> Iterator[list[JobRow]]:

@@ -161,16 +161,17 @@ def _is_below(path: Path, directory: Path) -> bool:
 
 def load_manifest(
     path: Path,
-    where: Path,
+    where: Path | None = None,
     remedy: str = "",
     older: bool = False,
     is_former: bool = False,
 ) -> dict[str, Any]:
     """Return the manifest in a file, whose entries have the types of `SCHEMA`.
 
-    Raises BadInput as `read_manifest`; messages about versions name `where`. `remedy` is another
-    one than to run again.
+    Raises BadInput as `read_manifest`; messages about versions name `where`, by default the
+    file. `remedy` is another one than to run again.
     """
+    where = where or path
     instead = remedy or "move it away and run again"
     try:
         manifest = json.loads(read_file(path, MOST_BYTES))

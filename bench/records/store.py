@@ -12,9 +12,9 @@ only a result that has not been committed. While a run goes on, its last transac
 from __future__ import annotations
 
 import json
+import os
 import sqlite3
-import zlib
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from hashlib import sha256
@@ -22,9 +22,11 @@ from pathlib import Path
 from typing import Any
 
 from bench.records.artifacts import JobName
-from bench.records.job import Result
+from bench.records.job import MOST_TEXT, Result
+from bench.records.packed_records import pack_records, unpack_columns
 from bench.records.record import GROUND_TRUTH, Record
 from data_prep.failures import BadInput, CannotWrite
+from data_prep.files.safe_read import is_regular_file
 
 STORE = "run.sqlite"
 APPLICATION_ID = 0x70633270  # "pc2p", in the header of the file
@@ -52,24 +54,24 @@ _LISTED = """
     FROM listed LEFT JOIN jobs ON jobs.key = listed.key
 """
 _BY_NAME = "ORDER BY method, condition, class, object"
-_FIELDS = tuple(Record.__dataclass_fields__)
 
 
-class DamagedArtifact(BadInput):
-    """An artifact that is not what was stored.
+class DamagedJob(BadInput):
+    """A job whose images or records are not what was stored.
 
     Attributes
     ----------
     path : Path
         The file of the store.
+    key : str
     """
 
-    def __init__(self, path: Path, key: str) -> None:
+    def __init__(self, path: Path, key: str, what: str = "images") -> None:
         super().__init__(
-            f"{path}: the images of job {key} are missing or altered; start the run again with its "
+            f"{path}: the {what} of job {key} are missing or altered; start the run again with its "
             "command, which finds and draws them anew"
         )
-        self.path = path
+        self.path, self.key = path, key
 
 
 @dataclass(frozen=True)
@@ -82,26 +84,6 @@ class JobRow:
     key: str
     name: JobName
     artifact_sha256: str | None
-
-
-def pack_records(records: Sequence[Record]) -> bytes:
-    """Return the records of a job as compressed JSON: a list of values for each field."""
-    columns = {name: [getattr(record, name) for record in records] for name in _FIELDS}
-    return zlib.compress(json.dumps(columns, ensure_ascii=False).encode(), 1)
-
-
-def unpack_columns(data: bytes) -> dict[str, list[Any]]:
-    """Return the values of each field that `pack_records` has packed.
-
-    Raises BadInput for other bytes.
-    """
-    try:
-        columns = json.loads(zlib.decompress(data))
-        if tuple(columns) != _FIELDS:
-            raise ValueError(f"fields {', '.join(columns)}")
-    except (ValueError, TypeError, zlib.error) as error:
-        raise BadInput(f"records that cannot be read ({error}); start the run again") from error
-    return columns
 
 
 class Store:
@@ -120,24 +102,33 @@ class Store:
     def find(self, keys: Collection[str]) -> dict[str, Result]:
         """Return the results of the jobs that are finished, without records and artifacts."""
         rows = self._rows(
-            "SELECT key, artifact_sha256, reason FROM jobs "
+            f"SELECT key, artifact_sha256, substr(reason, 1, {MOST_TEXT}) FROM jobs "
             "WHERE key IN (SELECT value FROM json_each(?))",
             json.dumps([*keys]),
         )
         return {key: Result(key, (), sha, reason) for key, sha, reason in rows}
 
     def records(self, key: str) -> list[Record]:
-        """Return the records of a job. Raises KeyError for one that is not finished."""
+        """Return the records of a job.
+
+        Raises KeyError for one that is not finished, and DamagedJob where they have changed.
+        """
         rows = self._rows("SELECT records FROM jobs WHERE key = ?", key)
         if not rows:
             raise KeyError(key)
-        values = zip(*unpack_columns(rows[0][0]).values(), strict=True)
+        values = zip(*self._unpacked(key, rows[0][0]).values(), strict=True)
         return [Record(*row) for row in values]
+
+    def _unpacked(self, key: str, data: bytes) -> dict[str, list[Any]]:
+        try:
+            return unpack_columns(data)
+        except BadInput as error:
+            raise DamagedJob(self.path, key, "records") from error
 
     def artifact(self, key: str) -> bytes:
         """Return the artifact of a job.
 
-        Raises KeyError for a job without images, and DamagedArtifact where it has changed.
+        Raises KeyError for a job without images, and DamagedJob where it has changed.
         """
         rows = self._rows(
             "SELECT artifact_sha256, data FROM jobs LEFT JOIN artifacts USING (id) "
@@ -148,7 +139,7 @@ class Store:
             raise KeyError(key)
         ((expected, data),) = rows
         if data is None or sha256(data).hexdigest() != expected:
-            raise DamagedArtifact(self.path, key)
+            raise DamagedJob(self.path, key)
         return data
 
     def append(self, result: Result) -> None:
@@ -163,7 +154,7 @@ class Store:
     def copy(self, keys: Collection[str], source: Store) -> set[str]:
         """Copy jobs from another store as far as this one does not have them, or has others.
 
-        Return the keys of the jobs that this store has then. Raises DamagedArtifact where an
+        Return the keys of the jobs that this store has then. Raises DamagedJob where an
         artifact of `source` has changed.
         """
         query = (
@@ -195,14 +186,19 @@ class Store:
                 execute("REPLACE INTO artifacts VALUES (?, ?)", (row_id, artifact))
         self.appended += 1
 
-    def forget_damaged(self) -> int:
-        """Remove the jobs whose artifact has changed, also those of no complete run; count them."""
-        damaged = []
-        for key in self._each("SELECT key FROM jobs WHERE artifact_sha256 IS NOT NULL"):
+    def forget_damaged(self, known: str = "") -> int:
+        """Remove the jobs of which anything has changed, also those of no complete run; count them.
+
+        `known` is the key of one that is.
+        """
+        damaged = [(known,)] if known else []
+        for key, sha in self._each("SELECT key, artifact_sha256 FROM jobs"):
             try:
-                self.artifact(*key)
-            except DamagedArtifact:
-                damaged.append(key)
+                self.records(key)
+                if sha:
+                    self.artifact(key)
+            except DamagedJob:
+                damaged += [(key,)] if key != known else []
         with self._transaction() as execute:
             for key in damaged:
                 execute("DELETE FROM artifacts WHERE id = (SELECT id FROM jobs WHERE key = ?)", key)
@@ -239,11 +235,11 @@ class Store:
         The records are as `unpack_columns` gives them. Ground truths are left out.
         """
         rows = self._each(
-            "SELECT method, condition, class, object, records FROM listed "
+            "SELECT method, condition, class, object, key, records FROM listed "
             f"JOIN jobs USING (key) WHERE method != '{GROUND_TRUTH}' {_BY_NAME}"
         )
-        for *name, records in rows:
-            yield JobName(*name), unpack_columns(records)
+        for *name, key, records in rows:
+            yield JobName(*name), self._unpacked(key, records)
 
     def key_of(self, name: JobName) -> str | None:
         """Return the key of a job of the complete run; None for one without images."""
@@ -291,6 +287,10 @@ def open_store(directory: Path, *, write: bool = False) -> Iterator[Store]:
         Where the file cannot be written.
     """
     path = directory / STORE
+    for end in ("", "-wal", "-shm", "-journal"):  # a pipe is opened for ever, a link leads out
+        file = directory / f"{STORE}{end}"
+        if os.path.lexists(file) and (file.is_symlink() or not is_regular_file(file)):
+            raise BadInput(f"{file}: no file of this folder, but a link or a pipe; move it away")
     new = write and not path.exists()
     with _named(path), closing(_connect(path, write=write)) as connection:
         store = Store(path, connection)
@@ -336,8 +336,11 @@ def _is_store(path: Path, connection: sqlite3.Connection) -> bool:
     try:
         ((application,),) = connection.execute("PRAGMA application_id")
         ((version,),) = connection.execute("PRAGMA user_version")
-        ((tables,),) = connection.execute("SELECT count(*) FROM sqlite_schema WHERE type = 'table'")
-        if tables and application != APPLICATION_ID:
+        kinds = connection.execute("SELECT type, name, sql FROM sqlite_schema").fetchall()
+        tables = [name for kind, name, _ in kinds if kind == "table"]
+        # A view, a trigger or a virtual table may execute anything, and without end.
+        others = [name for kind, name, sql in kinds if _is_code(kind, sql)]
+        if others or (tables and application != APPLICATION_ID):
             raise BadInput(f"{path}: a database, but not the store of a run; move it away")
         if version > STORE_VERSION:
             raise BadInput(
@@ -347,7 +350,11 @@ def _is_store(path: Path, connection: sqlite3.Connection) -> bool:
     except BaseException:
         connection.close()
         raise
-    return tables >= TABLES
+    return len(tables) >= TABLES
+
+
+def _is_code(kind: str, sql: str | None) -> bool:
+    return kind in ("view", "trigger") or (sql or "").upper().startswith("CREATE VIRTUAL")
 
 
 @contextmanager

@@ -23,7 +23,7 @@ from bench.records.run_folder import (
     read_manifest,
     read_store,
 )
-from bench.records.store import Store
+from bench.records.store import STORE, Store
 from bench.running.options import Options
 from bench.running.plan import ObjectJobs, Plan, plan
 from bench.running.protocol import Protocol, method_identity, name_of
@@ -96,6 +96,9 @@ def join(options: Options, protocol: Protocol) -> tuple[Protocol, KeptRun | None
         more = (len(getattr(wide, kind)) - len(getattr(protocol, kind)) for kind in kinds)
         _tell(directory, list(map(_counted, more, kinds)))
     _tell_changes(directory, kept.manifest, wide)
+    with read_store(directory) as store:
+        if store.is_empty:
+            log(f"{directory}: {STORE} has none of its finished jobs any more; all are done again")
     return wide, kept
 
 

@@ -24,7 +24,7 @@ from bench.records.run_folder import (
     set_aside,
     write_manifest,
 )
-from bench.records.store import DamagedArtifact, Store
+from bench.records.store import DamagedJob, Store
 from bench.records.stored_artifacts import Artifact, StoredArtifacts
 from bench.running.environment import now
 from bench.running.executors import results
@@ -240,13 +240,13 @@ def _open_checked(directory: Path, check: Callable[[], None], fresh: bool) -> It
         check()  # another process may have had the lock meanwhile
         try:
             yield store
-        except DamagedArtifact as error:
+        except DamagedJob as error:
             if error.path != store.path:  # of a shard
                 raise
-            count = store.forget_damaged()
+            count = store.forget_damaged(error.key)
             raise BadInput(
-                f"{store.path}: the images of {count} jobs are missing or altered; run again, "
-                "which draws them anew"
+                f"{store.path}: the images or records of {count} jobs are missing or altered; run "
+                "again, which draws them anew"
             ) from error
 
 

@@ -102,13 +102,22 @@ def of_images_only(job: Job) -> Job:
 
 
 def _failed(job: Job, error: BaseException) -> Result:
-    if isinstance(error, MissingDependency):
-        return replace(failed(job, str(error)), unusable=str(error))
-    return failed(job, reason_of(error))
+    reason = reason_of(error)
+    if not isinstance(error, MissingDependency):
+        return failed(job, reason)
+    result = failed(job, reason.partition(": ")[2])
+    return replace(result, unusable=result.reason)
 
 
 def reason_of(error: BaseException) -> str:
     """Return an exception as the reason in a record, as in "ball-pivoting: no faces"."""
+    try:
+        return _reason_of(error)
+    except BaseException:  # its text is made by code of others, too
+        return f"{type(error).__name__}: its message cannot be shown"
+
+
+def _reason_of(error: BaseException) -> str:
     if isinstance(error, BadInput):
         return f"input: {error}"
     if isinstance(error, StageFailure):
@@ -135,7 +144,8 @@ def _draw(job: Job, watch: Stopwatch) -> RenderedViews | Result:
         with watch.on("methods"):
             renderer = load_renderer(address, job.device)
     except BadInput as error:  # unusable weights fail every job alike
-        return replace(failed(job, str(error)), unusable=str(error))
+        result = failed(job, str(error))
+        return replace(result, unusable=result.reason)
     truth = None if job.reference is None else unpack_images(job.reference)
     seen = job
     if not method.sees_cloud and job.perturbation == Unchanged():  # one job for every condition

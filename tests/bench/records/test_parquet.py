@@ -222,9 +222,9 @@ def test_files_without_a_seal_are_of_an_earlier_version(tmp_path):
 def test_images_without_features_are_named(tmp_path):
     features(tmp_path, 2)
     found = read_features(tmp_path, "metric")
-    with pytest.raises(KeyError, match="o005"):
+    with pytest.raises(BadInput, match="o005"):
         found.of("m0", "2048", "chair", [("o000", 0), ("o005", 1)])
-    with pytest.raises(KeyError):
+    with pytest.raises(BadInput):
         found.of("m2", "2048", "chair", [("o000", 0)])
     assert found.of("m0", "2048", "chair", []).shape == (0, 5)
     twice = found.of("m0", "2048", "chair", [("o001", 0), ("o000", 0), ("o001", 0)])
@@ -264,7 +264,7 @@ def test_interrupted_features_leave_the_old_ones(tmp_path):
     old = path.read_bytes()
     with open_folder(tmp_path) as store:
         store.append(make_result(jobs[-1], images=np.zeros(1)))
-        with pytest.raises(KeyError):
+        with pytest.raises(BadInput, match=f"the features of job {jobs[-1].key} are missing"):
             write_features(tmp_path, store, ["metric"], jobs_per_group=16)
     assert path.read_bytes() == old
     assert list(path.parent.iterdir()) == [path]

@@ -1,10 +1,15 @@
 from __future__ import annotations
 
+import io
+import json
 import os
 import signal
 import sqlite3
 import time
 import tracemalloc
+import zipfile
+import zlib
+from contextlib import closing
 from dataclasses import replace
 from hashlib import sha256
 
@@ -12,9 +17,9 @@ import numpy as np
 import pytest
 
 from bench.records.artifacts import pack, unpack, unpack_images
-from bench.records.job import failed
+from bench.records.job import MOST_TEXT, failed
 from bench.records.run_folder import open_folder, read_store
-from bench.records.store import STORE, DamagedArtifact, pack_records, unpack_columns
+from bench.records.store import STORE, DamagedJob, pack_records, unpack_columns
 from bench.records.stored_artifacts import Artifact, StoredArtifacts, read_jobs
 from data_prep.failures import BadInput, CannotWrite
 from tests.robustness.failing_writes import cut_everywhere
@@ -156,10 +161,115 @@ def test_an_artifact_that_has_changed_is_refused_and_its_job_forgotten(tmp_path,
         f"{tmp_path / STORE}: the images of job {job.key} are missing or altered; start the run"
     )
     with open_folder(tmp_path) as store:
-        with pytest.raises(DamagedArtifact):
+        with pytest.raises(DamagedJob):
             store.artifact(job.key)
         assert store.forget_damaged() == 1
         assert store.find([job.key, other.key]).keys() == {other.key}
+
+
+RECORD = json.loads(zlib.decompress(pack_records([make_record()])))
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"",
+        zlib.compress(b"null"),
+        zlib.compress(b"[" * 100_000),
+        zlib.compress(bytes(2**29)),  # half a GiB of zeros
+        *(
+            zlib.compress(json.dumps(RECORD | change).encode())
+            for change in (
+                {"draw_s": [10**400]},
+                {"draw_s": ["0.5"]},
+                {"ssim": [float("nan")]},
+                {"ssim": []},
+                {"view": [None]},
+                {"view": [2**40]},
+                {"reason": ["\ud800"]},
+                {"outcome": 7},
+            )
+        ),
+    ],
+    ids=range(12),
+)
+def test_records_that_have_changed_are_refused_and_their_job_forgotten(tmp_path, data):
+    job, other = fill(tmp_path, "splat", "blank")
+    with closing(sqlite3.connect(tmp_path / STORE)) as database, database:
+        database.execute("UPDATE jobs SET records = ? WHERE key = ?", (data, job.key))
+    with open_folder(tmp_path) as store:
+        for read in (lambda: store.records(job.key), lambda: [*store.listed_columns()]):
+            assert f"the records of job {job.key} are missing or altered; start" in refusal(read)
+        assert store.forget_damaged() == 1
+        assert store.find([job.key, other.key]).keys() == {other.key}
+
+
+def bomb(shape: tuple[int, ...], data: bytes) -> bytes:
+    """An artifact whose array says that it has another shape than its bytes."""
+    header, artifact = io.BytesIO(), io.BytesIO()
+    np.lib.format.write_array_header_1_0(
+        header, {"descr": "|u1", "fortran_order": False, "shape": shape}
+    )
+    with zipfile.ZipFile(artifact, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("images.npy", header.getvalue() + data)
+    return artifact.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("artifact", "why"),
+    [
+        (bomb((1, 128, 128, 3), bytes(600 * 2**20)), "images.npy of more than 512 MiB"),
+        (bomb((2**34, 128, 128, 3), bytes(49_152)), "cannot reshape"),
+        (bomb((1, 128, 128, 3), bytes(49_151)), "cannot reshape"),
+        (b"PK", "not a zip file"),
+    ],
+    ids=range(4),
+)
+def test_an_artifact_takes_no_more_memory_than_images_do(artifact, why):
+    assert why in refusal(unpack, artifact)
+
+
+def test_a_reason_is_short_and_every_file_takes_it(tmp_path):
+    job = make_job()
+    with open_folder(tmp_path) as store:
+        store.append(failed(job, "\ud800" + 3_000_000 * "long "))
+        assert store.find([job.key])[job.key].reason.startswith("\\ud800long ")
+        (record, _) = store.records(job.key)
+        assert len(record.reason) == MOST_TEXT
+
+
+def endless(database):
+    database.execute("ALTER TABLE jobs RENAME TO others")
+    database.execute(
+        "CREATE VIEW jobs AS WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM n) "
+        "SELECT x AS id, 'k' || x AS key, NULL AS artifact_sha256, '' AS reason, '' AS records "
+        "FROM n"
+    )
+
+
+@pytest.mark.parametrize("harm", ["pipe", "link", "wal", "view", "trigger", "virtual"])
+def test_a_store_that_is_more_than_a_file_with_tables_is_refused(tmp_path, harm):
+    run = tmp_path / "run"
+    fill(run, "splat")
+    path = run / STORE
+    if harm in ("pipe", "link"):
+        path.rename(tmp_path / "elsewhere")
+    with closing(sqlite3.connect(path if path.exists() else ":memory:")) as database, database:
+        match harm:
+            case "pipe":
+                os.mkfifo(path)
+            case "link":
+                path.symlink_to(tmp_path / "elsewhere")
+            case "wal":
+                os.mkfifo(run / f"{STORE}-wal")
+            case "view":
+                endless(database)
+            case "trigger":
+                database.execute("CREATE TRIGGER t AFTER INSERT ON jobs BEGIN SELECT 1; END")
+            case "virtual":
+                database.execute("CREATE VIRTUAL TABLE v USING fts5(a)")
+    for read in (read_jobs, lambda folder: open_folder(folder).__enter__()):
+        assert "move it away" in refusal(read, run)
 
 
 def test_damage_in_a_run_that_is_not_complete_is_forgotten_too(tmp_path):

@@ -156,19 +156,20 @@ def test_a_finished_run_is_not_done_again(finished, copied, same_machine, tiny_w
 
 @pytest.mark.slow
 def test_damage_is_repaired_and_growth_added(finished, copied, same_machine, tiny_weights):
-    """One artifact gone, one altered, and one condition more: only these are done."""
+    """Images gone, images altered, records altered, a condition more: only these are done."""
     keys = {row.name.method: row.key for row in read_jobs(copied)}
-    truth, splat = keys[GROUND_TRUTH], keys["splat"]
+    truth, splat, mesh = keys[GROUND_TRUTH], keys["splat"], keys["true-mesh"]
     of_job = "WHERE id = (SELECT id FROM jobs WHERE key = ?)"
     with closing(sqlite3.connect(copied / STORE)) as database, database:
         database.execute(f"DELETE FROM artifacts {of_job}", [truth])
         database.execute(f"UPDATE artifacts SET data = substr(data, 2) {of_job}", [splat])
-    with pytest.raises(BadInput, match=r"run.sqlite: the images of 2 jobs are missing or altered"):
+        database.execute("UPDATE jobs SET records = x'00' WHERE key = ?", [mesh])
+    with pytest.raises(BadInput, match=r"run.sqlite: the images or records of 3 jobs are missing"):
         run_suite(finished_options(tiny_weights, copied))
     conditions = ("2048", "noise-0.10", "512")
     again = run_suite(finished_options(tiny_weights, copied, conditions=conditions))
     # A job that depends on no condition is there for the new one, too.
-    assert (again.done, again.reused, again.failed) == (6 + 1 + 1, 21 - 2, 0)
+    assert (again.done, again.reused, again.failed) == (6 + 1 + 1 + 1, 21 - 3, 0)
     was, now = contents(finished[0]), contents(copied)
     assert {key: now[key][1] for key in was} == {key: images for key, (_, images) in was.items()}
     old, grown = (pd.read_csv(d / "tables/table3_ssim.csv") for d in (finished[0], copied))

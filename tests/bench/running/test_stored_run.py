@@ -6,6 +6,8 @@ import csv
 import io
 import json
 import shutil
+import sqlite3
+from contextlib import closing
 from importlib import metadata
 from itertools import product
 from pathlib import Path
@@ -14,6 +16,7 @@ import pytest
 
 from bench.analysis.scored import read_scored
 from bench.records.run_folder import read_manifest
+from bench.records.store import STORE
 from bench.running.options import Options
 from bench.running.run import run
 from bench.tables.build import make_outputs
@@ -66,6 +69,17 @@ def test_going_on_with_it_does_no_job(stored, monkeypatch):
     result = run(options, publish=lambda written: None, watch=None)
     assert (result.done, result.reused) == (0, len(before))
     assert stored_keys(stored) == before
+
+
+def test_an_emptied_store_is_not_filled_again_without_a_word(stored, command):
+    with closing(sqlite3.connect(stored / STORE)) as database, database:
+        database.execute("DELETE FROM jobs")
+    request = read_manifest(stored)["request"]
+    names = ("--methods", ",".join(request["methods"]), "--limit", "2", "--views", "2")
+    command_line = ("run", "--suite", request["suite"], *names, "--out", stored, "--dry-run")
+    status, _, err = command(*command_line)
+    assert status == 0
+    assert f"{stored}: {STORE} has none of its finished jobs any more; all are done again" in err
 
 
 def rows(text):

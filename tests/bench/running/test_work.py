@@ -68,6 +68,11 @@ class Failing(Fake):
         raise self.error
 
 
+class Mute(Exception):
+    def __str__(self):
+        raise RuntimeError("no text")
+
+
 @pytest.fixture
 def measure(tmp_path, monkeypatch):
     """Does one job with a renderer of the test's own, on a random ground truth."""
@@ -377,6 +382,9 @@ def test_the_same_job_gives_the_same_bytes(tmp_path):
         (SystemExit("enough"), "SystemExit: enough"),
         (KeyboardInterrupt(), "KeyboardInterrupt: no message"),
         (TimeoutError("slow"), "TimeoutError: slow"),
+        (Mute(), "Mute: its message cannot be shown"),
+        (ValueError("\ud800"), "ValueError: \\ud800"),
+        (ValueError("long " * 10_000), ("ValueError: " + "long " * 10_000)[:10_000] + " [...]"),
     ],
 )
 def test_what_a_method_raises_is_a_record(measure, error, reason):

@@ -1,0 +1,185 @@
+"""Folders of runs that others have made or altered: one line and status 2, or the usual result."""
+
+from __future__ import annotations
+
+import copy
+import json
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+import pytest
+
+from bench.records.run_folder import load_manifest, read_finished
+from bench.records.seal import seal
+from data_prep.failures import BadInput
+
+from .builders import EXTRACTORS, make_manifest, write_run
+
+STORED = Path(__file__).parent / "data" / "stored-run" / "manifest.json"
+OTHERS = (None, True, 7, 1.5, "x", [], {}, ["\ud800"], 10**30)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory) -> Path:
+    """A run whose manifest has every entry that a run of jobs can have."""
+    stored = json.loads(STORED.read_text())
+    names = {name: make_manifest()[name] for name in ("methods", "conditions", "objects")}
+    entries = {
+        "identities": {method: [1, "", "auto"] for method in names["methods"]},
+        "request": stored["request"] | {"methods": names["methods"], "limit": 3},
+        "planned": 3,
+        "entered": {"splat": {"tree": "/x", "name": "splat"}},
+        "merged": [{"shard": "1/2", "started": None, "machine": {"cpu": "x"}}],
+        "cluster": {"address": "local", "version": "2"},
+        "truth": "coloured",
+    }
+    return write_run(tmp_path_factory.mktemp("foreign") / "run", **stored | names | entries)
+
+
+@pytest.fixture
+def copied(made, tmp_path, monkeypatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return Path(shutil.copytree(made, tmp_path / "run"))
+
+
+def places(value: Any, above: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Yield the place of each entry of a manifest, three levels down."""
+    entries = value.items() if isinstance(value, dict) else enumerate(value[:1])
+    for name, element in entries:
+        yield (*above, name)
+        if isinstance(element, (dict, list)) and len(above) < 2:
+            yield from places(element, (*above, name))
+
+
+def altered(manifest: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield a manifest without each entry, and with values of other types in its place."""
+    for place in places(manifest):
+        for other in ("removed", *OTHERS):
+            changed: Any = copy.deepcopy(manifest)
+            inner = changed
+            for name in place[:-1]:
+                inner = inner[name]
+            if other == "removed":
+                del inner[place[-1]]
+            elif type(other) is type(inner[place[-1]]) and other not in (OTHERS[-1], OTHERS[-2]):
+                continue
+            else:
+                inner[place[-1]] = other
+            yield f"{'.'.join(map(str, place))} {other}", changed
+
+
+def one_line(error: str) -> bool:
+    return error.startswith("bench: ") and error.count("\n") == 1
+
+
+COMMANDS = (
+    ("table", "run"),
+    ("check", "run"),
+    ("check", "run", "--claims"),
+    ("check", "run", "--again", "0.1"),
+    ("compare", "run", "--methods", "splat,blank"),
+    ("compare", "run", "other"),
+    ("recommend", "run", "--budget-ms", "1000"),
+    ("report", "run"),
+    ("score", "run", "--metrics", "ms-ssim"),
+    ("merge", "run", "--out", "merged"),
+    ("add", "splat", "run"),
+    ("run", "--config", "run/manifest.json", "--dry-run"),
+    ("run", "--suite", "chair-robustness", "--limit", "3", "--views", "2", "--out", "run"),
+)
+
+
+def problem(read: Any, *arguments: Any) -> str:
+    try:
+        read(*arguments)
+    except BadInput as error:
+        return str(error)
+    return ""
+
+
+def test_every_entry_of_a_manifest_has_a_type(copied):
+    path = copied / "manifest.json"
+    accepted = []
+    for what, changed in altered(json.loads(path.read_text())):
+        path.write_text(json.dumps(changed))
+        reasons = problem(load_manifest, path), problem(read_finished, copied)
+        assert "\n" not in "".join(reasons), what
+        if not all(reasons) and not what.endswith("removed"):
+            accepted.append(what)
+    either = {"shard x", "request None", "cluster None", "machine.memory_gib 7", "finished None"}
+    either |= {"merged.0.started x"} | {w for w in accepted if w.endswith(" 7") and "_s" in w}
+    assert {*accepted} == either
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("arguments", COMMANDS, ids=" ".join)
+def test_no_command_stumbles_over_a_manifest(copied, command, no_machine, arguments):
+    """What one schema lets pass, and some of what it does not."""
+    shutil.copytree(copied, "other")
+    path = copied / "manifest.json"
+    manifest = json.loads(path.read_text())
+    usual, _, _ = command(*arguments)
+    for number, (what, changed) in enumerate(altered(manifest)):
+        is_top = what.endswith(" removed") and "." not in what
+        if is_top or number % 40 == 0:
+            path.write_text(json.dumps(changed))
+            status, _, error = command(*arguments)
+            assert status == usual or (status == 2 and one_line(error)), (what, error)
+            path.write_text(json.dumps(manifest))
+
+
+def without_a_cell(table: pa.Table) -> pa.Table:
+    of_splat = pc.and_(pc.equal(table["method"], "splat"), pc.equal(table["condition"], "512"))
+    return table.filter(pc.invert(of_splat))
+
+
+def with_values(value: float | None) -> Any:
+    def change(table: pa.Table) -> pa.Table:
+        kind = table["features"].type
+        row = None if value is None else [value] * kind.list_size
+        return table.set_column(5, "features", pa.array([row] * len(table), kind))
+
+    return change
+
+
+@pytest.mark.parametrize(
+    "change", [without_a_cell, with_values(None), with_values(float("nan"))], ids=range(3)
+)
+def test_features_that_lack_images_are_named(copied, command, change):
+    for name in EXTRACTORS:
+        path = copied / "features" / f"{name}.parquet"
+        with pq.ParquetFile(path) as file:
+            groups = [file.read_row_group(number) for number in range(file.num_row_groups)]
+        with pq.ParquetWriter(path, groups[0].schema) as writer:
+            for group in map(change, groups):
+                if len(group):
+                    writer.write_table(group)
+        seal(path)
+    for arguments in (("table", "run"), ("report", "run")):
+        status, _, error = command(*arguments)
+        assert (status, one_line(error)) == (2, True)
+        assert ".parquet: no features of " in error
+
+
+def test_a_terminal_gets_no_orders_from_names(tmp_path, command, monkeypatch):
+    """A pipe gets them as they are."""
+    name = "splat\x1b[31m\x9b"
+    run = write_run(tmp_path / "run", methods=[name, "true-mesh", "blank"])
+    for terminal, shown in ((False, name), (True, r"splat\x1b[31m\x9b")):
+        for format_ in ("csv", "json"):
+            monkeypatch.setattr("sys.stdout.isatty", lambda: terminal)  # noqa: B023
+            status, out, _ = command("table", run, "--format", format_)
+            assert status == 0
+            assert (shown in out) or (format_ == "json" and r"\u001b" in out)
+            assert terminal == out.replace("\n", "").isprintable()
+
+
+def test_more_workers_than_any_machine_has_are_refused(refused):
+    assert refused("run", "--suite", "chair-robustness", "--workers", "100000") == (
+        "--workers 100000: too many processes; give at most 1024"
+    )
