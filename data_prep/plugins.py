@@ -87,8 +87,11 @@ def load_entry_point(
         raise BadInput(problem)
     (entry,) = _entries(groups, wanted)
     where = f"{kind} '{wanted}' of {_package(entry)}"
+    import numpy as np
+
     try:
-        loaded = entry.load()
+        with np.errstate():  # a module may call np.seterr, which is of this process, not of it
+            loaded = entry.load()
     except (Exception, SystemExit) as error:  # another package's module may raise anything
         raise BadInput(
             f"{where}: {entry.value} cannot be loaded ({type(error).__name__}: {error}); fix or "

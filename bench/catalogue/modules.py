@@ -70,7 +70,10 @@ def load_object(module: str, path: str) -> Any:
 
     Raises BadInput where the module has no such object.
     """
-    target: Any = import_module(module)
+    import numpy as np
+
+    with np.errstate():  # as in `data_prep.plugins.load_entry_point`
+        target: Any = import_module(module)
     for part in path.split("."):
         if not hasattr(target, part):
             raise BadInput(f"{module} has no '{path}'; give a name in it")

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 _OBJECT = re.compile(r"[^/]+/.+", re.DOTALL)  # class and name
@@ -70,39 +69,28 @@ def misfit(manifest: Mapping[str, Any]) -> str:
     needed = [name for name in NEEDED if name not in _LACKING.get(str(suite), ())]
     if lacking := [name for name in needed if name not in manifest]:
         return f"no {', '.join(lacking)}"
-    return next((f"{place} is not {named}" for place, named in _misfits(manifest, SCHEMA, "")), "")
+    return _misfit(manifest, SCHEMA, "")
 
 
-def _misfits(value: Any, wanted: Any, place: str) -> Iterable[tuple[str, str]]:
-    """Yield the places where a value has another type, each with what it should be."""
+def _misfit(value: Any, wanted: Any, place: str) -> str:
+    """Return the first place where a value has another type; "" where there is none."""
     if isinstance(wanted, tuple):
-        if all(any(True for _ in _misfits(value, kind, place)) for kind in wanted):
-            yield from _misfits(value, wanted[-1], place)
-    elif isinstance(wanted, list):
-        if not isinstance(value, list) or (len(wanted) > 1 and len(wanted) != len(value)):
-            yield place, f"a list of {len(wanted)}" if len(wanted) > 1 else "a list"
-            return
-        for i, element in enumerate(value):
-            yield from _misfits(element, wanted[i % len(wanted)], f"{place}[{i}]")
-    elif isinstance(wanted, Mapping):
-        if not isinstance(value, Mapping):
-            yield place, "an object"
-            return
-        for name, element in value.items():
-            of_entry = wanted.get(name, wanted.get(str))
-            if of_entry is not None:
-                yield from _misfits(element, of_entry, f"{place}.{name}".removeprefix("."))
-    elif not _fits(value, wanted):
-        yield place, "class/name" if wanted is _OBJECT else _NAMES[wanted]
-
-
-_NAMES = {
-    str: "text",
-    int: "a whole number",
-    float: "a number",
-    bool: "true or false",
-    None: "null",
-}
+        problems = [_misfit(value, kind, place) for kind in wanted]
+        return "" if "" in problems else problems[-1]
+    if isinstance(wanted, list):
+        if not isinstance(value, list) or len(wanted) not in (1, len(value)):
+            return f"{place} is no list" + f" of {len(wanted)}" * (len(wanted) > 1)
+        inner = [(f"[{i}]", v, wanted[i % len(wanted)]) for i, v in enumerate(value)]
+    elif isinstance(wanted, dict):
+        if not isinstance(value, dict):
+            return f"{place} is no object"
+        inner = [
+            (f".{name}", v, wanted.get(name, wanted.get(str, object))) for name, v in value.items()
+        ]
+    else:
+        return "" if _fits(value, wanted) else f"{place} is no {_NAMES.get(wanted, 'class/name')}"
+    problems = (_misfit(v, kind, f"{place}{at}".removeprefix(".")) for at, v, kind in inner)
+    return next(filter(None, problems), "")
 
 
 def _fits(value: Any, wanted: Any) -> bool:
@@ -112,4 +100,7 @@ def _fits(value: Any, wanted: Any) -> bool:
         return value is None
     if wanted is int:
         return type(value) is int and abs(value) < 2**63
-    return type(value) is wanted and (wanted is not float or math.isfinite(value))
+    return wanted is object or (type(value) is wanted and value == value)  # NaN is no number
+
+
+_NAMES = {str: "text", int: "whole number", float: "number", bool: "truth value", None: "null"}

@@ -77,25 +77,17 @@ class JobPool:
         self._pool.submit(_Step(job, foreign_code(job)))
 
     def wait_any(self, timeout_s: float | None = None) -> Iterator[Result]:
-        """Wait until jobs have ended, and yield the result of each.
+        """Wait until jobs have ended, and yield the result of each; nothing after `timeout_s`.
 
-        Yield nothing after `timeout_s`, or, where that is given, where a job goes on by another
-        step.
+        Yield nothing, either, where a job goes on by another step.
         """
-        is_waiting = True
-        while is_waiting:
-            is_waiting = timeout_s is None
-            steps, results = 0, 0
-            for step, result in self._pool.wait_any(timeout_s):
-                if further := self._further_step(step, result):
-                    self._pool.submit(further)
-                    steps += 1
-                elif not isinstance(result, RenderedViews):
-                    results += 1
-                    if isinstance(result, WorkerFailure):
-                        result = failed(step.job, result.reason, result.taken_s)
-                    yield result
-            is_waiting = is_waiting and steps > 0 and not results
+        for step, result in self._pool.wait_any(timeout_s):
+            if further := self._further_step(step, result):
+                self._pool.submit(further)
+            elif not isinstance(result, RenderedViews):
+                if isinstance(result, WorkerFailure):
+                    result = failed(step.job, result.reason, result.taken_s)
+                yield result
 
     def _further_step(
         self, step: _Step, result: Result | RenderedViews | WorkerFailure

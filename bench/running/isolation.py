@@ -66,10 +66,7 @@ class Executor(Protocol[TaskIn, DoneOut]):
         ...
 
     def wait_any(self, timeout_s: float | None, /) -> Iterator[DoneOut]:
-        """Wait until at least one task has ended, and yield the results of those that have.
-
-        Where none has within `timeout_s`, yield nothing.
-        """
+        """Wait until tasks have ended, and yield their results; perhaps none, after `timeout_s`."""
         ...
 
     def close(self) -> None:

@@ -79,8 +79,9 @@ class Node:
             mismatch = f"node {socket.gethostname()}: {mismatch}"
             return replace(failed(job, mismatch), unusable=mismatch)
         self._pool.submit(job)
-        (result,) = self._pool.wait_any()
-        return result
+        while not (results := [*self._pool.wait_any()]):
+            pass  # a job may take several steps
+        return results[0]
 
 
 _node: Node | None = None  # of this process, where it is one of Ray's
