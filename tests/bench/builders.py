@@ -9,6 +9,7 @@ from dataclasses import asdict, replace
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -173,9 +174,8 @@ def names_of(records: pd.DataFrame) -> dict[str, list[str]]:
 def sums_of(records: pd.DataFrame, manifest=None) -> ObjectSums:
     """The sums of records in one piece."""
     names = names_of(records) | (manifest or {})
-    wanted = (names[name] for name in ("methods", "conditions", "objects"))
     metrics = [metric for metric in IMAGE_METRICS if column(metric) in records]
-    sums = ObjectSums(*wanted, metrics)
+    sums = ObjectSums(names["methods"], names["conditions"], names["objects"], metrics)
     sums.add(records)
     sums.add_blanks(records)
     return sums
@@ -236,7 +236,7 @@ def read_all(directory) -> list[Record]:
     return [Record(**{str(name): row[name] for name in row}) for row in frame.to_dict("records")]
 
 
-def watched(reporter=Terminal, *arguments):
+def watched(reporter=Terminal, *arguments) -> dict[str, Any]:
     """The argument `watch` of a run with a live table, as commands give it."""
     return {"watch": partial(reporter, *arguments, LiveTable().table)}
 
@@ -257,8 +257,9 @@ def file_bytes(folder: Path) -> dict[str, bytes]:
 def assert_equal_runs(one: Path, other: Path) -> None:
     """Tables to the byte, and records to the bit but for times."""
     assert file_bytes(one / "tables") == file_bytes(other / "tables")
-    of_both = (pd.read_parquet(directory / "records.parquet") for directory in (one, other))
-    pd.testing.assert_frame_equal(*(f.drop(columns=["prepare_s", "draw_s"]) for f in of_both))
+    left, right = (pd.read_parquet(folder / "records.parquet") for folder in (one, other))
+    times = ["prepare_s", "draw_s"]
+    pd.testing.assert_frame_equal(left.drop(columns=times), right.drop(columns=times))
 
 
 def make_artifact(job: Job, seed=0, **arrays) -> bytes:
@@ -267,7 +268,7 @@ def make_artifact(job: Job, seed=0, **arrays) -> bytes:
     return pack({"images": rng.integers(0, 256, (len(job.views), 128, 128, 3), np.uint8)} | arrays)
 
 
-def make_result(job: Job, records=(), seed=0, **arrays) -> Result:
+def make_result(job: Job, records=(), seed: Any = 0, **arrays) -> Result:
     """The result of a job, with `make_artifact`."""
     artifact = make_artifact(job, seed, **arrays)
     return Result(job.key, tuple(records), sha256(artifact).hexdigest(), artifact=artifact)

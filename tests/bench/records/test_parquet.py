@@ -181,6 +181,7 @@ def test_only_the_row_groups_that_are_asked_for_are_read(tmp_path):
     jobs, expected, path = features(tmp_path, 40)
     spoil(path, (0, 1, 2))
     stored = read_features(tmp_path, "metric")
+    assert stored is not None
     images = stored.images("m1", "2048", "chair")
     assert images == [(f"o{i:03d}", view) for i in range(40) for view in range(2)]
     backwards = stored.of("m1", "2048", "chair", images[::-1])
@@ -222,6 +223,7 @@ def test_files_without_a_seal_are_of_an_earlier_version(tmp_path):
 def test_images_without_features_are_named(tmp_path):
     features(tmp_path, 2)
     found = read_features(tmp_path, "metric")
+    assert found is not None
     with pytest.raises(BadInput, match="o005"):
         found.of("m0", "2048", "chair", [("o000", 0), ("o005", 1)])
     with pytest.raises(BadInput):

@@ -13,6 +13,7 @@ import time
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -179,7 +180,7 @@ def test_damage_is_repaired_and_growth_added(finished, copied, same_machine, tin
 
 
 def test_fresh_starts_over(copied, same_machine, no_networks, capsys):
-    cell = {"methods": ("blank",), "conditions": ("2048",)}
+    cell: dict[str, Any] = {"methods": ("blank",), "conditions": ("2048",)}
     small = Options("chair-robustness", **cell, limit=1, views=2, workers=1, out=copied, fresh=True)
     with pytest.raises(BadInput, match="must be at least 1"):
         run_suite(replace(small, views=0))
@@ -333,7 +334,12 @@ def test_a_manifest_that_another_run_writes_meanwhile_stays(no_machine, copied, 
     manifest = copied / "manifest.json"
     if not there:
         shutil.rmtree(copied)
-    request = {"methods": ("splat", "blank"), "conditions": ("2048",), "limit": 1, "views": 2}
+    request: dict[str, Any] = {
+        "methods": ("splat", "blank"),
+        "conditions": ("2048",),
+        "limit": 1,
+        "views": 2,
+    }
     options = Options("chair-robustness", out=copied, workers=1, **request)
     real = bench.running.run.plan
 
@@ -412,7 +418,7 @@ def test_bad_meshes_among_good_ones(same_machine, no_networks, tmp_path, capsys)
         (folder / name).write_text(text)
     (folder / "good.obj").write_text(TETRAHEDRON)
     (folder / "tall.obj").write_text(TETRAHEDRON.replace("v 1 1 1", "v 1 3 1"))
-    cell = {"methods": ("true-mesh",), "conditions": ("2048",)}
+    cell: dict[str, Any] = {"methods": ("true-mesh",), "conditions": ("2048",)}
     options = Options("chair-robustness", f"folder:{folder}", **cell, views=2, workers=1, out=out)
     done = counted_run(options)
     assert (done.done, done.reused, done.failed) == (15, 0, 9)

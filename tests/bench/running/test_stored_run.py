@@ -25,7 +25,7 @@ from data_prep.plugins import CONDITIONS
 from tests.bench import plugin_conditions, plugin_methods
 from tests.bench.checking import broken_conditions
 
-from ..builders import stored_keys
+from ..builders import stored_keys, watched
 
 STORED = Path(__file__).parents[1] / "data" / "stored-run"
 """Made by commit d75c6426: six methods, of which one fails, and four conditions, of which one is
@@ -66,7 +66,7 @@ def test_going_on_with_it_does_no_job(stored, monkeypatch):
     )
     before = stored_keys(stored)
     assert len(before) == 2 * (1 + 4 * 4 + 2)  # true-mesh and blank see no cloud
-    result = run(options, publish=lambda written: None, watch=None)
+    result = run(options, publish=lambda written: None, **watched())
     assert (result.done, result.reused) == (0, len(before))
     assert stored_keys(stored) == before
 
