@@ -13,7 +13,7 @@ CELLS = 16  # of the grid, along the longest side of a cloud
 # The share of all points that a cell and those around it need to hold parts together; the share of
 # the whole size that the rest has at most where the others are far; and their share of all points.
 LEAST_SHARE = 0.6
-RULES = ((0.001, LEAST_SHARE, 1.0), (0.004, 0.25, 0.1))
+RULES = ((0.001, LEAST_SHARE, 1.0), (0.01, 0.25, 0.15))
 SPARSE = 4  # points, the least that the second rule asks of a cell and those around it
 # A part of its own has these shares of the points and the size of the largest part: it is large, or
 # it has many points that are not all in one place.

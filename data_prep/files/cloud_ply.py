@@ -33,7 +33,8 @@ MOST_HEADER_BYTES = 2**16
 
 # The first line tells how lines end: after end_header a \n may be the first byte of the numbers.
 _PLY_HEADER = re.compile(
-    rb"ply[ \t]*(?:\r?\n|(\r))((?:.*?[\r\n])?)end_header[ \t]*(?(1)\r|\r?\n)", re.DOTALL
+    rb"(?:\xef\xbb\xbf)?ply[ \t]*(?:\r?\n|(\r))((?:.*?[\r\n])?)end_header[ \t]*(?(1)\r|\r?\n)",
+    re.DOTALL,
 )
 _BYTE_ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 _PLY_TYPES = {  # as `struct` and numpy call them
@@ -143,8 +144,8 @@ def read_ply(data: bytes, with_colors: bool = False) -> CloudContents:
     for axis in "xyz":
         if properties.count(axis) != 1:
             raise NotACloud(
-                f"{properties.count(axis)} properties {axis} of the vertices, expected 1; use a "
-                "PLY with x, y and z"
+                f"{properties.count(axis)} properties {axis} of the vertices "
+                f"({shown(', '.join(properties))}), expected 1; use a PLY with x, y and z"
             )
     surface = next((i for i, e in enumerate(elements) if e.name in _SURFACES and e.rows), vertex)
     wanted = elements[: max(vertex, surface) + 1]

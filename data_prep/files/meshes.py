@@ -24,6 +24,8 @@ from data_prep.clouds.normalise import normalise
 from data_prep.clouds.orientations import OURS, Orientation
 from data_prep.clouds.sampling import face_areas
 from data_prep.failures import BadInput, NoFaces
+from data_prep.files.cloud_contents import NotACloud
+from data_prep.files.cloud_ply import read_ply
 from data_prep.files.safe_read import open_file, reason_of
 from data_prep.scene import NEUTRAL_GREY, Mesh
 
@@ -80,10 +82,13 @@ def _read(path: Path, within: Path | None) -> tuple[Mesh, NDArray[np.float64]]:
         except BadInput:
             raise
         except Exception as error:  # trimesh lets through any error of its parsers
-            raise BadInput(
-                f"{path}: not a readable mesh ({reason_of(error)}); use one of "
-                + ", ".join(SUFFIXES)
-            ) from error
+            try:
+                parts = _polygons(file, path, error)
+            except NotACloud as problem:
+                raise BadInput(
+                    f"{path}: not a readable mesh ({str(problem) or reason_of(error)}); use one of "
+                    + ", ".join(SUFFIXES)
+                ) from error
         if not parts:
             raise NoFaces(f"{path}: the mesh has no faces; a bare point cloud cannot be scored")
         try:
@@ -160,6 +165,31 @@ def _off_color(values: Sequence[str]) -> tuple[int, ...]:
         return NEUTRAL_GREY
     full = 255 if any("." in value for value in values[:3]) else 1
     return tuple(min(255, max(0, round(float(value) * full))) for value in values[:3])
+
+
+def _polygons(file: BinaryIO, path: Path, error: Exception) -> list[Any]:
+    """Return the mesh of a PLY that trimesh does not read, with faces of different sizes, as parts.
+
+    Raises NotACloud, without a message for other files and for other errors than its own.
+    """
+    import trimesh
+
+    if path.suffix.lower() != ".ply" or not isinstance(error, ValueError):
+        raise NotACloud
+    file.seek(0)
+    read = read_ply(file.read(), with_colors=True)
+    if read.faces is None:
+        return []
+    of_vertices = read.colors if read.face_colors is None else None
+    return [
+        trimesh.Trimesh(
+            read.points,
+            read.faces,
+            face_colors=read.face_colors,
+            vertex_colors=of_vertices,
+            process=False,
+        )
+    ]
 
 
 def _in_double(file: BinaryIO) -> BinaryIO:

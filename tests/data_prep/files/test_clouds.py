@@ -15,6 +15,7 @@ from data_prep.failures import BadInput, CannotWrite
 from data_prep.files import cloud_text
 from data_prep.files import clouds as cloud_files
 from data_prep.files.clouds import load_points, read_cloud, save_ply
+from data_prep.files.meshes import read_mesh
 
 # Exact in binary and in text; nothing is ever rounded on the way in.
 POINTS = np.array([[0.5, -1.25, 3.0], [1e30, -1e-30, 0.0], [7.0, 8.0, 9.0], [0.1, 0.2, 0.3]])
@@ -62,6 +63,7 @@ WHOLE = {
     "more-follows.ply": ply("ascii", XYZ, rows() + b"3 0 1 2\n"),
     "cr.ply": ply("ascii", XYZ, rows()).replace(b"\n", b"\r"),
     "cr-binary.ply": ply(LITTLE, XYZ, b"").replace(b"\n", b"\r") + POINTS.astype("<f8").tobytes(),
+    "mark.ply": b"\xef\xbb\xbf" + ply("ascii", XYZ, rows()),
     "blanks.ply": ply("ascii", XYZ, rows()).replace(b"ply\n", b"ply \n").replace(b"r\n", b"r \t\n"),
     "capitals.ply": ply("ascii", XYZ.upper().replace("DOUBLE", "double"), rows()),
     "list.ply": ply("ascii", f"{XYZ},list uint float64 d", rows().replace(b"\n", b" 2 .5 .25\n")),
@@ -529,3 +531,26 @@ def test_a_failed_write_leaves_the_old_file(tmp_path: Path, monkeypatch) -> None
     with pytest.raises(CannotWrite, match=r"a\.ply: cannot be written \(No space left"):
         save_ply(POINTS.astype("f4"), tmp_path / "a.ply")
     assert [p.read_bytes() for p in tmp_path.iterdir()] == [b"old"]
+
+
+def test_a_binary_ply_of_triangles_and_quads(tmp_path: Path) -> None:
+    """trimesh refuses it; Blender writes such files."""
+    head = (
+        "ply\nformat binary_little_endian 1.0\nelement vertex 5\nproperty double x\n"
+        "property double y\nproperty double z\nelement face 2\n"
+        "property list uchar uint vertex_indices\nproperty uchar red\nproperty uchar green\n"
+        "property uchar blue\nend_header\n"
+    )
+    points = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1.0]])
+    faces = struct.pack("<B4I3B", 4, 0, 1, 2, 3, 255, 0, 0) + struct.pack(
+        "<B3I3B", 3, 0, 1, 4, 0, 9, 0
+    )
+    path = tmp_path / "a.ply"
+    path.write_bytes(head.encode() + points.astype("<f8").tobytes() + faces)
+    mesh = read_mesh(path)
+    assert mesh.vertices.tolist() == points.tolist()
+    assert mesh.faces.tolist() == [[0, 1, 2], [0, 2, 3], [0, 1, 4]]
+    assert mesh.face_colors.tolist() == [[255, 0, 0], [255, 0, 0], [0, 9, 0]]
+    path.write_bytes(path.read_bytes()[:-1])
+    with pytest.raises(BadInput, match="2 rows of 'face' in the header, and 35 bytes for them"):
+        read_mesh(path)
