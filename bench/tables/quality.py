@@ -310,7 +310,7 @@ def _cell(row: QualityRow, best: Container[tuple[str, str, str]]) -> Cell:
     paper = f"{row.paper:g}" if math.isfinite(row.paper) else ""
     if row.skipped:
         return Cell("skipped", paper=paper)
-    beside = row.failed and row.failures_as_blank != row.value
+    beside = row.failed and math.isfinite(row.failures_as_blank)
     blank = shown(row.failures_as_blank, row.decimals) if beside else None
     is_best = (row.class_name, row.condition, row.method) in best
     return replace(
