@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import sqlite3
 from contextlib import closing
@@ -13,9 +14,7 @@ import pytest
 from bench.analysis.scored import read_scored
 from bench.commands.publish import merge_shards, run_suite
 from bench.records.job import Result
-from bench.records.record import SCHEMA_VERSION
 from bench.records.run_folder import (
-    FIXED,
     open_folder,
     read_manifest,
     read_store,
@@ -28,7 +27,7 @@ from bench.tables.build import tables
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from data_prep.failures import BadInput
 
-from ..builders import assert_equal_runs, file_bytes, finished_options
+from ..builders import assert_equal_runs, file_bytes, finished_options, make_manifest
 
 COUNT = 2
 
@@ -147,27 +146,28 @@ def test_what_does_not_belong_together_is_refused(shards, tmp_path, changes, mes
     assert not (tmp_path / "whole").exists()
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        *("suite", "dataset", "views", "seed", "device", "truth", "methods", "identities"),
-        *("conditions", "condition_identities", "skipped_metrics", "feature_identity"),
-        *("environment", "versions"),
-    ],
-)
+OF_SHARD = {  # by entry: the value of a shard with this number
+    **dict.fromkeys(("suite", "dataset", "device", "truth"), "made by {}".format),
+    **dict.fromkeys(("views", "seed"), int),
+    **dict.fromkeys(("methods", "conditions"), lambda number: [f"made by {number}"]),
+    **dict.fromkeys(
+        ("condition_identities", "skipped_metrics", "feature_identity", "environment", "versions"),
+        lambda number: {"of": f"made by {number}", "same": "in both"},
+    ),
+    "identities": lambda number: {"splat": [number, "", "cpu"]},
+}
+
+
+@pytest.mark.parametrize("name", OF_SHARD)
 def test_shards_that_were_not_made_alike_are_refused(tmp_path, name):
     """Other weights of a method or a metric, other packages, another machine: each by its name."""
-    manifest = dict.fromkeys(FIXED, "one") | {
-        "schema_version": SCHEMA_VERSION,
-        "protocol": PROTOCOL_VERSION,
-        "objects": ["chair/a"],
-        "finished": "now",
-    }
     for number in (1, 2):
         (tmp_path / str(number)).mkdir()
-        of_shard = {"shard": f"{number}/2", name: f"made by {number}"}
-        write_manifest(tmp_path / str(number), manifest | of_shard)
-    message = f"not of one run with .*1: its {name} is 'made by 2', there "
+        of_shard = {"shard": f"{number}/2", name: OF_SHARD[name](number)}
+        write_manifest(tmp_path / str(number), make_manifest(**of_shard))
+    other = OF_SHARD[name](2)
+    shown = {"of": "made by 2"} if isinstance(other, dict) and "of" in other else other
+    message = f"not of one run with .*1: its {name} is {re.escape(repr(shown))}, there "
     with pytest.raises(BadInput, match=message):
         merge_shards([tmp_path / "1", tmp_path / "2"], tmp_path / "whole")
     assert not (tmp_path / "whole").exists()
