@@ -42,9 +42,9 @@ from data_prep.datasets.objects import SceneObject
 from data_prep.datasets.paper import VIEWS, PaperObject
 from data_prep.datasets.paper_checks import READINGS, agreement, find_problems
 from data_prep.datasets.registry import BareCloud, is_dataset, open_dataset, recognised
+from data_prep.datasets.stored_meshes import MeshFile
 from data_prep.failures import BadInput, MissingDependency, NoFaces
 from data_prep.files.checksums import file_sha256
-from data_prep.files.clouds import CLOUD_SUFFIXES
 from data_prep.files.meshes import SUFFIXES
 from data_prep.files.safe_read import files_below, is_regular_file
 from data_prep.progress import progress
@@ -181,8 +181,11 @@ def _examine(obj: SceneObject) -> _ObjectReport:
     except MissingDependency:
         raise
     except BadInput as error:
-        bare = isinstance(error, NoFaces) and Path(obj.object_id).suffix.lower() in CLOUD_SUFFIXES
-        return _ObjectReport(((UNUSABLE, str(error)),), bare=bare)
+        problems = ((UNUSABLE, str(error)),)
+        if not (isinstance(error, NoFaces) and isinstance(obj, MeshFile)):
+            return _ObjectReport(problems)
+        cloud = _examine(BareCloud(obj.class_name, obj.object_id, obj.path))
+        return _ObjectReport((*problems, *cloud.problems), bare=cloud.bare)
     problems = (("it is small in its images", small),) if small else ()
     return _ObjectReport(problems, bare=isinstance(obj, BareCloud))
 

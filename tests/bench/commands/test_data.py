@@ -194,10 +194,14 @@ def test_what_is_far_off_and_sets_the_scale_is_named_by_inspect_and_by_a_run(
     write_obj(folder / "chair" / "good.obj")
     text = (folder / "chair" / "good.obj").read_text()
     (folder / "chair" / "odd.obj").write_text(f"{text}v 40 0 0\nf -1 -1 -1\n")
-    np.save(clouds / "odd.npy", np.vstack([rng.uniform(-1, 1, (300, 3)), [[40, 0, 0]]]))
+    points = np.vstack([rng.uniform(-1, 1, (300, 3)), [[40, 0, 0]]])
+    np.save(clouds / "odd.npy", points)
+    (tmp_path / "ply").mkdir()  # PLY may have meshes, too
+    save_ply(points.astype(np.float32), tmp_path / "ply" / "odd.ply")
     for place, name, use in (
         (folder, "chair/odd.obj", f"--dataset folder:{folder}"),
         (clouds, "odd.npy", "bench render FILE"),
+        (tmp_path / "ply", "odd.ply", "bench render FILE"),
     ):
         status, out, _ = command("data", "inspect", place, "--workers", "1")
         assert status == 1
