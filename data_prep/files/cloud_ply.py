@@ -68,19 +68,16 @@ class _Element(NamedTuple):
 
 
 class _Table(NamedTuple):
-    """The rows of an element: where each begins [R], and in it each property, [P] or [P, R]."""
+    """The rows of an element: the numbers of each property, of lists their lengths and entries."""
 
     element: _Element
-    kinds: Sequence[tuple[str, str]]  # as stored, with the byte order
-    data: bytes
-    starts: NDArray[np.int64]
-    offsets: NDArray[np.int64]
-    end: int
+    columns: Sequence[NDArray[Any]]
+    entries: Sequence[NDArray[Any]]
+    end: int  # of its bytes
 
-    def columns(self, indices: Sequence[int]) -> NDArray[np.float64]:
-        """Return the numbers [rows, columns] of properties."""
-        numbers = (self._at(self.starts + self.offsets[i], self.kinds[i][0]) for i in indices)
-        return np.stack([column.astype(np.float64) for column in numbers], axis=1)
+    def numbers(self, indices: Sequence[int]) -> NDArray[np.float64]:
+        """Return the numbers [rows, properties] of some properties."""
+        return np.stack([self.columns[i].astype(np.float64) for i in indices], axis=1)
 
     def colors(self, wanted: bool) -> tuple[bool, PointColors | None]:
         """Return whether the rows have colours, and these if they are wanted."""
@@ -91,7 +88,7 @@ class _Table(NamedTuple):
             columns = tuple(names.index(name) for name in _SPLAT_COLOURS)
         if not columns or not wanted:
             return bool(columns), None
-        values = self.columns(columns)
+        values = self.numbers(columns)
         if harmonics:
             values = np.clip(0.5 + _HARMONIC * values, 0, 1)
         whole = all(self.element.properties[i].kind in _WHOLE for i in columns)
@@ -103,31 +100,16 @@ class _Table(NamedTuple):
         index = next((names.index(name) for name in _CORNERS if name in names), None)
         if index is None:
             return np.empty((0, 3), np.int64), np.empty(0, np.int64)
-        kind, length = self.kinds[index]
-        places, size = self.starts + self.offsets[index], struct.calcsize(kind)
-        lengths = self._at(places, length).astype(np.int64)
-        places = np.repeat(places + struct.calcsize(length), lengths) + size * _counted(lengths)
-        corners = self._at(places, kind).astype(np.int64)
+        lengths, corners = (part[index].astype(np.int64) for part in (self.columns, self.entries))
         counts = np.maximum(lengths - 2, 0)
         rows = np.repeat(np.arange(len(counts)), counts)
-        first, step = (np.cumsum(lengths) - lengths)[rows], _counted(counts)
+        first = (np.cumsum(lengths) - lengths)[rows]
+        step = np.arange(len(rows)) - (np.cumsum(counts) - counts)[rows]
         strips = self.element.name == "tristrips"  # -1 begins another
         chosen = np.stack([first + strips * step, first + step + 1, first + step + 2], axis=1)
         triangles = corners[chosen]
         kept = (triangles >= 0).all(axis=1) if strips else slice(None)
         return triangles[kept], rows[kept]
-
-    def _at(self, places: NDArray[np.int64], kind: str) -> NDArray[Any]:
-        step = int(places[1] - places[0]) if len(places) > 1 else 0
-        if step and (np.diff(places) == step).all():  # without a copy
-            return np.ndarray(len(places), kind, self.data, int(places[0]), (step,))
-        each = places[:, None] + np.arange(struct.calcsize(kind))
-        return np.frombuffer(self.data, np.uint8)[each].view(kind).ravel()
-
-
-def _counted(lengths: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return 0, 1, ... for each length."""
-    return np.arange(lengths.sum()) - np.repeat(np.cumsum(lengths) - lengths, lengths)
 
 
 def read_ply(data: bytes, with_colors: bool = False) -> CloudContents:
@@ -158,7 +140,7 @@ def read_ply(data: bytes, with_colors: bool = False) -> CloudContents:
         for element in wanted:
             tables.append(_table(element, data, end, byte_order))
             end = tables[-1].end
-    points = tables[vertex].columns([properties.index(axis) for axis in "xyz"])
+    points = tables[vertex].numbers([properties.index(axis) for axis in "xyz"])
     has_colors, colors = tables[vertex].colors(with_colors)
     unused = (COLOURS,) if set(CHANNELS[0]) & set(properties) or has_colors else ()
     if surface == vertex:
@@ -212,32 +194,32 @@ def _table(element: _Element, data: bytes, start: int, byte_order: str) -> _Tabl
     kinds = [(byte_order + p.kind, p.length and byte_order + p.length) for p in element.properties]
     if byte_order == "=":  # a text, whose numbers are all stored alike
         kinds = [("=d", p.length and "=d") for p in element.properties]
-    sizes = [struct.calcsize(kind) for kind, _ in kinds]
-    lengths = [struct.Struct(length) if length else None for _, length in kinds]
-    end, starts, offsets = start, array("q"), array("q")
+    end, row = start, np.dtype([(str(i), kind) for i, (kind, _) in enumerate(kinds)])
+    columns, entries = [bytearray() for _ in kinds], [bytearray() for _ in kinds]
+    lists = any(length for _, length in kinds)
     try:
-        for _ in range(element.rows if any(lengths) else 0):
-            starts.append(end)
-            for size, length in zip(sizes, lengths, strict=True):
-                offsets.append(end - starts[-1])
-                if length is not None:
-                    size *= range(int(length.unpack_from(data, end)[0]) + 1)[-1]  # not below 0
-                    end += length.size
-                end += size
+        for _ in range(element.rows if lists else 0):
+            for (kind, length), column, entry in zip(kinds, columns, entries, strict=True):
+                at, end = end, end + struct.calcsize(length or kind)
+                column += data[at:end]
+                if length:
+                    count = int(struct.unpack_from(length, data, at)[0])
+                    at, end = end, end + struct.calcsize(kind) * range(count + 1)[-1]  # not below 0
+                    entry += data[at:end]
     except (struct.error, ValueError, OverflowError, IndexError):
         end = len(data) + 1
-    if not any(lengths):
-        end += sum(sizes) * element.rows
+    end += 0 if lists else element.rows * row.itemsize
     if end > len(data):
         raise NotACloud(
             f"{element.rows} rows of {shown(element.name)} in the header, and "
             f"{max(len(data) - start, 0)} bytes for them; the file is cut short, fetch it again"
         )
-    if any(lengths):
-        by_row = np.array(offsets, np.int64).reshape(-1, len(sizes)).T
-        return _Table(element, kinds, data, np.array(starts, np.int64), by_row, end)
-    rows = start + sum(sizes) * np.arange(element.rows if sizes else 0)
-    return _Table(element, kinds, data, rows, np.cumsum([0, *sizes])[:-1], end)
+    if not lists:
+        table = np.ndarray(element.rows if kinds else 0, row, data, start)
+        return _Table(element, [table[str(i)] for i in range(len(kinds))], [], end)
+    numbers = [np.frombuffer(columns[i], length or kind) for i, (kind, length) in enumerate(kinds)]
+    of_lists = [np.frombuffer(entries[i], kind) for i, (kind, _) in enumerate(kinds)]
+    return _Table(element, numbers, of_lists, end)
 
 
 def _text_tables(
@@ -248,24 +230,26 @@ def _text_tables(
     rows = ((n, f) for n, line in islice(all_lines, header_lines, None) if (f := line.split()))
     tables, lines = [], []
     for element in elements:
-        values, ends, numbers = array("d"), array("q"), array("q")
-        expected = 0 if any(element.names(lists=True)) else len(element.properties)
-        for number, fields in islice(rows, element.rows if element.properties else 0):
-            if expected and len(fields) != expected:
+        values, counts, numbers = array("d"), array("q"), array("q")
+        expected = len(element.properties)
+        lists = [i for i, p in enumerate(element.properties) if p.length]
+        for number, fields in islice(rows, element.rows if expected else 0):
+            if len(fields) != expected and not lists:
                 raise NotACloud(
                     f"line {number} has {len(fields)} columns, and the header has {expected}; "
                     "write the file again"
                 )
             values.extend(numbers_of(fields, range(len(fields)), f"line {number}"))
-            ends.append(8 * len(values))
+            counts.append(len(fields))
             numbers.append(number)
-        if len(numbers) < element.rows and element.properties:
+        if len(numbers) < element.rows and expected:
             raise NotACloud(
                 f"{element.rows} rows of {shown(element.name)} in the header, {len(numbers)} in "
                 "the file; it is cut short, fetch it again"
             )
         tables.append(_table(element, values.tobytes(), 0, "="))
-        wrong = np.flatnonzero(np.array(ends) != [*tables[-1].starts, tables[-1].end][1:])
+        told = expected + sum(tables[-1].columns[i] for i in lists)
+        wrong = np.flatnonzero(np.array(counts) != told)
         if len(wrong):
             raise NotACloud(
                 f"line {numbers[wrong[0]]} has other lists than it says; write the file again"
