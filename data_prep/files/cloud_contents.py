@@ -18,7 +18,7 @@ CHANNELS = (  # names of columns
     ("blue", "b", "diffuse_blue"),
 )
 _POINT = "(?:points?|pos(?:ition)?|coord(?:inate)?s?)"
-_OF_AXIS = f"{_POINT}?{{}}(?:coord(?:inate)?|[cmk]?m|ft)?"  # as point_x, or x_m
+_OF_AXIS = f"(?:field)?{_POINT}?{{}}(?:coord(?:inate)?|[cmk]?m|ft)?"  # point_x, x_m
 _NUMBERED = f"(?:{_POINT}|col(?:umn)?|var|[cfvx])"  # as ParaView, R and MATLAB number columns
 AXES = (  # patterns of names of x, y and z; the first that fit count
     ("x", "y", "z"),

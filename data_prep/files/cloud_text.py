@@ -84,7 +84,9 @@ def read_text(
     columns = layout.axes + (layout.colours if with_colors else ())
     values, lines = array("d"), array("q")
     for number, fields in _split(chain(head, texts), layout.separator):
-        if len(fields) != layout.width and layout.separator != " ":
+        if len(fields) != layout.width and (
+            layout.separator != " " or (not names and all(map(is_number, fields)))
+        ):
             raise _uneven(number, len(fields), layout.width)
         values.extend(numbers_of(fields, columns, f"line {number}", layout.decimal_comma))
         lines.append(number)
@@ -117,20 +119,22 @@ def _layout_of(
         names = ["", *names]  # as R and pandas write the names of rows
     elif names and separator != " " and any(rows[0][len(names) :]):
         raise _uneven(head[0][0], width, len(names))
-    if filled > 3 and not names:
+    axes = axis_columns(names) if names else (0, 1, 2)
+    numbered = bool(guess or (names and names[axes[0]][-1:].isdigit()))
+    unsure = axes[0] == 0 and filled > 3 and (numbered or len(names) not in (filled, width))
+    if unsure:
         _check_unnamed(rows)
     fields = [field for row in rows for field in row]
     commas = any(map(_WITH_COMMA.fullmatch, fields))
     points = any("." in field and _NUMBER.fullmatch(field) for field in fields)
-    axes = axis_columns(names) if names else (0, 1, 2)
-    unused = f"{filled - 3} of its {filled} columns" + ("" if names else _UNNAMED)
+    unused = f"{filled - 3} of its {filled} columns" + _UNNAMED * unsure
     layout = _Layout(
         separator,
         commas and not points,
         width,
         axes,
         color_columns(names) if names else unnamed.get(width, ()),
-        axes[0] == 0 and max(3, len(names)) < filled,
+        unsure,
         guess + ((unused,) if filled > 3 else ()),
     )
     return layout, head

@@ -19,6 +19,7 @@ MOST_REASON_LENGTH = 120  # of a parser's complaint
 MOST_ENTRIES = 2_000_000  # below a folder: all of Objaverse has 800,000 files
 LEFT_BY_SYSTEMS = ("__macosx", "thumbs.db", "desktop.ini", "icon\r", "@eadir", "#recycle")
 LEFT_BY_SYSTEMS += ("$recycle.bin", "system volume information", "lost+found", "__pycache__")
+LEFT_BY_SYSTEMS += ("@recycle", "#snapshot", "~snapshot")
 
 
 def is_regular_file(path: Path) -> bool:
