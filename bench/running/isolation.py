@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import atexit
 import os
+import pickle
 import signal
 import time
 from collections import deque
@@ -289,6 +290,9 @@ class TaskPool(Generic[Task, Result]):
                 self._lose(worker, WorkerFailure("timeout", late))
         except (EOFError, OSError):
             self._lose(worker, self._exit_reason(process))
+        except (pickle.UnpicklingError, ValueError, TypeError):  # a task wrote there itself
+            process.stop()
+            self._lose(worker, WorkerFailure("crash", "no answer that can be read"))
 
     def _take(self, worker: _Worker[Task], fine: bool, value: Any) -> None:
         if not worker.ready:  # it says that it is, and gets its first task

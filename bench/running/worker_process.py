@@ -187,11 +187,14 @@ def _serve(connection: Connection, memory_gib: float) -> None:
     _bind(memory_gib)
     # A method that starts Python gets it as usual.
     os.environ.pop(SAFE_PATH, None)
+    worker = os.getpid()
     with suppress(EOFError, BrokenPipeError, ConnectionResetError):  # the pool is gone
         work = connection.recv()
         connection.send((True, None))
         while True:
             answer = _answer(work, connection.recv())
+            if os.getpid() != worker:
+                os._exit(0)  # a task forked, and its child came back, too: one answer is enough
             end_children()  # a task's result and memory depend on no other task
             try:
                 connection.send(answer)

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing
+from contextlib import closing, suppress
 from itertools import count, islice
 from pathlib import Path
 
@@ -94,6 +94,27 @@ def test_whatever_becomes_of_a_worker_is_reported_and_the_others_go_on(tmp_path)
     }
     assert found["hang"].reason == "timeout: no result within 10 s"
     assert not psutil.pid_exists(int((tmp_path / "hang").read_text()))
+
+
+def meddle(how: str) -> str:
+    if how == "fork":
+        os.fork()  # both processes go on
+    if how == "garbage":
+        for descriptor in range(3, 64):
+            with suppress(OSError):
+                os.write(descriptor, bytes([0, 0, 0, 3]) + b"abc")
+    return how
+
+
+def test_a_task_that_forks_or_writes_to_its_pool_costs_itself_alone():
+    unreadable = WorkerFailure("crash", "no answer that can be read")
+    assert dict(run_tasks(["a", "fork", "b", "garbage", "c"], meddle, 1, LIMITS)) == {
+        "a": "a",
+        "fork": "fork",
+        "b": "b",
+        "garbage": unreadable,
+        "c": "c",
+    }
 
 
 @pytest.mark.slow
