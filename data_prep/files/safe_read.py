@@ -24,17 +24,8 @@ LEFT_BY_SYSTEMS += ("@recycle", "#snapshot", "~snapshot")
 
 def is_regular_file(path: Path) -> bool:
     """Return whether `path` is a regular file or a link to one."""
-    try:
-        return path.is_file()
-    except (OSError, ValueError):  # the folder may not be searched, or the name is too long
-        return False
-
-
-def _is_folder(path: Path) -> bool:
-    try:
-        return path.is_dir()
-    except OSError:  # a link in a circle, before Python 3.13
-        return False
+    # Path.is_file raises where a folder may not be searched, and for a name that is too long.
+    return os.path.isfile(path)  # noqa: PTH113
 
 
 @contextmanager
@@ -194,7 +185,7 @@ def folders_in(folder: Path) -> tuple[Path, ...]:
     """
     folders = []
     for path, is_folder in _entries(folder):
-        if is_folder or _is_folder(path):
+        if is_folder or os.path.isdir(path):  # noqa: PTH112
             check_name(path, folder)
             folders.append(path)
     return tuple(sorted(folders))
