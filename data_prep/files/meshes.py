@@ -82,13 +82,10 @@ def _read(path: Path, within: Path | None) -> tuple[Mesh, NDArray[np.float64]]:
         except BadInput:
             raise
         except Exception as error:  # trimesh lets through any error of its parsers
-            try:
-                parts = _polygons(file, path, error)
-            except NotACloud as problem:
-                raise BadInput(
-                    f"{path}: not a readable mesh ({str(problem) or reason_of(error)}); use one of "
-                    + ", ".join(SUFFIXES)
-                ) from error
+            reason = str(error) if isinstance(error, NotACloud) else reason_of(error)
+            raise BadInput(
+                f"{path}: not a readable mesh ({reason}); use one of {', '.join(SUFFIXES)}"
+            ) from error
         if not parts:
             raise NoFaces(f"{path}: the mesh has no faces; a bare point cloud cannot be scored")
         try:
@@ -112,7 +109,13 @@ def _parts(file: BinaryIO, path: Path, within: Path | None) -> list[Any]:
     if kind == ".ply":
         file = _in_double(file)
     resources = MeshResources(path.parent, MOST_BYTES, within)
-    scene = trimesh.load_scene(file, file_type=kind, resolver=resources, process=False)
+    try:
+        scene = trimesh.load_scene(file, file_type=kind, resolver=resources, process=False)
+    except ValueError as error:
+        if kind != ".ply" or isinstance(error, BadInput):
+            raise
+        file.seek(0)
+        scene = trimesh.Scene(_polygons(file.read()))
     for geometry in scene.geometry.values():
         material = getattr(getattr(geometry, "visual", None), "material", None)
         for image in (getattr(material, name, None) for name in _TEXTURES):
@@ -167,29 +170,18 @@ def _off_color(values: Sequence[str]) -> tuple[int, ...]:
     return tuple(min(255, max(0, round(float(value) * full))) for value in values[:3])
 
 
-def _polygons(file: BinaryIO, path: Path, error: Exception) -> list[Any]:
-    """Return the mesh of a PLY that trimesh does not read, with faces of different sizes, as parts.
-
-    Raises NotACloud, without a message for other files and for other errors than its own.
-    """
+def _polygons(data: bytes) -> Any:
+    """Return the mesh of a PLY that trimesh does not read, with faces of different sizes."""
     import trimesh
 
-    if path.suffix.lower() != ".ply" or not isinstance(error, ValueError):
-        raise NotACloud
-    file.seek(0)
-    read = read_ply(file.read(), with_colors=True)
-    if read.faces is None:
-        return []
-    of_vertices = read.colors if read.face_colors is None else None
-    return [
-        trimesh.Trimesh(
-            read.points,
-            read.faces,
-            face_colors=read.face_colors,
-            vertex_colors=of_vertices,
-            process=False,
-        )
-    ]
+    read = read_ply(data, with_colors=True)
+    return trimesh.Trimesh(
+        read.points,
+        read.faces,
+        face_colors=read.face_colors,
+        vertex_colors=read.colors if read.face_colors is None else None,
+        process=False,
+    )
 
 
 def _in_double(file: BinaryIO) -> BinaryIO:
