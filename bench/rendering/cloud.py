@@ -120,7 +120,7 @@ class CloudFile:
             chosen = generator("render", "points").choice(len(kept), self.most, replace=False)
             kept = kept[np.sort(chosen)]
         cloud = self._scaled(points[kept])
-        if looks_like_a_line(cloud):
+        if (self.drop_far or not far.any()) and looks_like_a_line(cloud):
             notes.append("its points lie on a line; check which columns are x, y and z")
         if self.up_unknown and (self.path.suffix.lower() in Z_UP or looks_lying(cloud)):
             notes.append("its z axis seems to point up; give --up z, or --up y if it does not")

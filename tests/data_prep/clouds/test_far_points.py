@@ -76,6 +76,23 @@ def test_points_far_from_an_object_are_found_at_any_place_and_scale(
                 np.testing.assert_array_equal(far_points(points * factor + shift), expected)
 
 
+@pytest.mark.parametrize("share", [0.05, 0.3])
+def test_missing_heights_of_a_terrain_are_far(share: float) -> None:
+    x, z = np.meshgrid(np.arange(40.0), np.arange(40.0))
+    points = np.stack([x, 4 * np.sin(x / 9) * np.cos(z / 7), z], axis=-1).reshape(-1, 3)
+    expected = np.random.default_rng(0).random(len(points)) < share
+    points[expected, 1] = -9999
+    np.testing.assert_array_equal(far_points(points), expected)
+
+
+@pytest.mark.parametrize("count", [9, 10, 12, 16, 24])
+def test_few_points_have_gaps_everywhere(count: int) -> None:
+    for points in np.random.default_rng(0).normal(0, 1, (50, count, 3)):
+        assert not far_points(points).any()
+    points[0] = 50
+    assert np.flatnonzero(far_points(points)).tolist() == [0]
+
+
 def test_the_rest_of_what_hangs_together_stays(object_points: np.ndarray) -> None:
     rng = np.random.default_rng(0)
     thin = np.column_stack([rng.normal(0, 0.01, (150, 2)), rng.uniform(0, 12, 150)])
