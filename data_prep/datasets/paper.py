@@ -189,19 +189,12 @@ def paper_dataset(spec: str, root: Path) -> Dataset:
         for synset, paper_class in read_split(path).items():
             if synset not in classes:
                 classes[synset] = paper_class
-            elif (classes[synset].train, classes[synset].test) != (
-                paper_class.train,
-                paper_class.test,
-            ):
+            elif classes[synset].splits != paper_class.splits:
                 irregular.append(f"{path.name}: another split of {synset}; not used")
     names = class_names({synset: paper_class.name for synset, paper_class in classes.items()})
     splits: dict[Split, list[SceneObject]] = {split: [] for split in _SPLITS}
     for synset, paper_class in sorted(classes.items(), key=lambda item: names[item[0]]):
-        named: Mapping[Split, Sequence[str]] = {
-            "train": paper_class.train,
-            "test": paper_class.test,
-        }
-        for split, ids in named.items():
+        for split, ids in paper_class.splits.items():
             splits[split] += [
                 PaperObject(
                     names[synset],
@@ -211,7 +204,7 @@ def paper_dataset(spec: str, root: Path) -> Dataset:
                 )
                 for object_id in ids
             ]
-        irregular += _differences(root, names[synset], synset, named)
+        irregular += _differences(root, names[synset], synset, paper_class.splits)
     return Dataset(
         spec,
         tuple(sorted(names.values())),
@@ -244,8 +237,7 @@ class PaperClass:
     """A class of a split file: its name, and the ids of its training and test split."""
 
     name: str
-    train: tuple[str, ...]
-    test: tuple[str, ...]
+    splits: Mapping[Split, tuple[str, ...]]
 
 
 def read_views(path: Path) -> tuple[View, ...]:
@@ -309,8 +301,8 @@ def _number(field: str) -> float:
 def _paper_class(synset: str, entry: Any) -> PaperClass:
     if not isinstance(entry, dict) or not isinstance(entry.get("name"), str):
         raise ValueError(f"class {shown(synset)} has no name")
-    splits = {}
-    for split in ("train", "test"):
+    splits: dict[Split, tuple[str, ...]] = {}
+    for split in _SPLITS:
         ids = entry.get(split)
         if not isinstance(ids, list):
             raise ValueError(f"class {shown(synset)} has no list {split!r}")
@@ -318,7 +310,7 @@ def _paper_class(synset: str, entry: Any) -> PaperClass:
     twice = _first_double(splits["train"] + splits["test"])
     if twice is not None:
         raise ValueError(f"class {shown(synset)} lists {shown(twice)} twice")
-    return PaperClass(plain_text(entry["name"]), **splits)
+    return PaperClass(plain_text(entry["name"]), splits)
 
 
 def _without_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -50,8 +50,8 @@ def split(tmp_path: Path, content: object) -> dict[str, PaperClass]:
 def test_classes_of_a_split(tmp_path: Path) -> None:
     lamp = {"test": [], "train": ["1a6f"], "name": "lamp, floor lamp", "note": 1}
     assert split(tmp_path, {"03001627": CHAIR, "03636649": lamp}) == {
-        "03001627": PaperClass("chair", ("1a6f", "2b"), ("c-3.x",)),
-        "03636649": PaperClass("lamp, floor lamp", ("1a6f",), ()),
+        "03001627": PaperClass("chair", {"train": ("1a6f", "2b"), "test": ("c-3.x",)}),
+        "03636649": PaperClass("lamp, floor lamp", {"train": ("1a6f",), "test": ()}),
     }
 
 
