@@ -97,19 +97,16 @@ def folder_dataset(spec: str, root: Path) -> Dataset:
         )
     nested = tuple(file for file in files if file.parent != root)
     layout = f"a folder of {kind}" + (", sub-folders are classes" if nested else "")
-    if not nested:
-        name = root.resolve().name
-        flat = tuple(make(name, file.name, file) for file in files)
-        dataset = Dataset(spec, (), flat, layout=layout, orientation=OURS.message)
-        return replace(dataset, left_out=listed(others))
     listing = DatasetListing()
-    for file in nested:
-        class_name, *rest = file.relative_to(root).parts
+    for file in nested or files:
+        parts = file.relative_to(root).parts
+        class_name, *rest = parts if nested else (root.resolve().name, *parts)
         listing.objects.append(make(class_name, "/".join(rest), file))
-    if beside := len(files) - len(nested):
+    if nested and (beside := len(files) - len(nested)):
         listing.irregular.append(f"{beside} files beside the sub-folders are left alone")
     listing.irregular += _splits(root, [file.relative_to(root).parts[:-1] for file in nested])
-    return replace(listing.dataset(spec, layout, OURS.message), left_out=listed(others))
+    dataset = listing.dataset(spec, layout, OURS.message)
+    return replace(dataset, classes=dataset.classes if nested else (), left_out=listed(others))
 
 
 def _splits(root: Path, folders: Sequence[Sequence[str]]) -> list[str]:
