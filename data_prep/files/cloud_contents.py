@@ -9,8 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from data_prep.files.safe_read import shown
-
 COLOURS = "its colours"
 CHANNELS = (  # names of columns
     ("red", "r", "diffuse_red"),
@@ -89,23 +87,6 @@ def axis_columns(names: Sequence[str]) -> tuple[int, ...]:
         if all(len(column) == 1 for column in columns):
             return tuple(column for (column,) in columns)
     return ()
-
-
-def check_first_column(table: NDArray[np.float64]) -> None:
-    """Raise NotACloud where the first column counts the points, or goes on in equal steps."""
-    first = table[:, 0]
-    steps = np.diff(first)
-    even = len(first) > 2 and steps[0] != 0 and np.allclose(steps, steps[0], 1e-3, 0)
-    if even and (len(first) > 15 or (first[0] in (0, 1) and steps[0] == 1)):
-        raise first_column_counts(f"{first[0]:g}")
-
-
-def first_column_counts(value: str) -> NotACloud:
-    """Return the refusal of columns without names that begin with counts or labels."""
-    return NotACloud(
-        f"its first column, {shown(value)} and so on, seems to count or label the points; name all "
-        "columns in a first line, such as id,x,y,z"
-    )
 
 
 def color_columns(names: Sequence[str]) -> tuple[int, ...]:

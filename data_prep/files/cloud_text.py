@@ -12,15 +12,14 @@ from dataclasses import dataclass
 from itertools import chain, islice, pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from data_prep.files.cloud_contents import (
     CloudContents,
     NotACloud,
     axis_columns,
-    check_first_column,
     color_columns,
     colors_of,
-    first_column_counts,
 )
 from data_prep.files.safe_read import MIB, shown
 
@@ -92,7 +91,7 @@ def read_text(
         lines.append(number)
     table = np.array(values, np.float64).reshape(-1, len(columns))
     if layout.unsure:
-        check_first_column(table)
+        _check_first_column(table)
     colors = colors_of(table[:, 3:]) if len(columns) > 3 else None
     return CloudContents(table[:, :3], layout.unused, lines, bool(layout.colours), colors)
 
@@ -219,7 +218,24 @@ def _check_unnamed(rows: Sequence[Sequence[str]]) -> None:
     whole = [sum(_WHOLE.fullmatch(field) is not None for field in column) for column in others[:2]]
     counts = len(rows) > 2 and all(map(_WHOLE.fullmatch, first)) and 0 in whole
     if labels or counts:
-        raise first_column_counts(first[0])
+        raise _first_column_counts(first[0])
+
+
+def _check_first_column(table: NDArray[np.float64]) -> None:
+    """Raise NotACloud where the first column counts the points, or goes on in equal steps."""
+    first = table[:, 0]
+    steps = np.diff(first)
+    even = len(first) > 2 and steps[0] != 0 and np.allclose(steps, steps[0], 1e-3, 0)
+    if even and (len(first) > 15 or (first[0] in (0, 1) and steps[0] == 1)):
+        raise _first_column_counts(f"{first[0]:g}")
+
+
+def _first_column_counts(value: str) -> NotACloud:
+    """Return the refusal of columns without names that begin with counts or labels."""
+    return NotACloud(
+        f"its first column, {shown(value)} and so on, seems to count or label the points; name all "
+        "columns in a first line, such as id,x,y,z"
+    )
 
 
 def is_number(field: str) -> bool:
