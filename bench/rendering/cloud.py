@@ -145,8 +145,7 @@ class CloudFile:
             f"a mesh of {len(faces)} triangles: {count} points of its surface are drawn, not its "
             f"{len(contents.points)} vertices; --points takes another number"
         )
-        if steps := note_on_steps(contents.points):
-            notes.append(steps)
+        notes += filter(None, [note_on_steps(contents.points)])
         unused = tuple(part for part in contents.unused if not part.endswith("faces"))
         return CloudContents(points, unused, None, contents.has_colors, colors)
 
@@ -166,13 +165,13 @@ def places(points: NDArray[np.float64], drop: bool, option: str) -> tuple[NDArra
     `option` leaves the far points out, and `drop` says whether it was given.
     """
     far = far_points(points)
-    notes = [] if (steps := note_on_steps(points[~far])) is None else [steps]
+    notes = [note_on_steps(points[~far])]
     if far.any() and drop:
         count = f"{np.count_nonzero(far)} of {len(far)} points"
-        notes.insert(0, f"{count} are left out, they lie far from the rest")
+        notes = [f"{count} are left out, they lie far from the rest", *notes]
     elif far.any():
-        notes.insert(0, f"{note_on_far(points, far)}; {option} leaves them out")
-    return far, tuple(notes)
+        notes = [f"{note_on_far(points, far)}; {option} leaves them out", *notes]
+    return far, tuple(filter(None, notes))
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -90,7 +90,7 @@ def _read_las(path: Path, limits: ScanLimits, with_colors: bool) -> tuple[Table,
         _check_records(file)
         with laspy.LasReader(file, closefd=False, read_evlrs=False) as las:
             has_colors = "red" in las.header.point_format.dimension_names
-            columns = _columns("xyz", ("red", "green", "blue"), with_colors and has_colors)
+            columns = [*"xyz", *(("red", "green", "blue") if with_colors and has_colors else ())]
             step, seen = limits.stride(las.header.point_count), 0
             kept = [np.empty((0, len(columns)))]
             for piece in las.chunk_iterator(limits.piece):
@@ -100,10 +100,6 @@ def _read_las(path: Path, limits: ScanLimits, with_colors: bool) -> tuple[Table,
         if seen != las.header.point_count:
             raise _cut_short(path, las.header.point_count, seen)
     return np.concatenate(kept), has_colors
-
-
-def _columns(axes: Sequence[str], channels: Sequence[str], with_colors: bool) -> tuple[str, ...]:
-    return (*axes, *channels) if with_colors else (*axes,)
 
 
 def _check_records(file: BinaryIO) -> None:
@@ -126,7 +122,7 @@ def _read_e57(path: Path, limits: ScanLimits, with_colors: bool) -> tuple[Table,
         headers = [file.get_header(i) for i in range(file.scan_count)]
         limits.check_claim(path, sum(header.point_count for header in headers))
         has_colors = any(channels[0] in header.point_fields for header in headers)
-        columns = _columns(axes, channels, with_colors and has_colors)
+        columns = (*axes, *(channels if with_colors and has_colors else ()))
         scans = [
             file.read_scan(i, colors=len(columns) > 3, ignore_missing_fields=True)
             for i in range(file.scan_count)
