@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, partial
-from typing import TypedDict, Unpack
+from typing import Any, TypedDict, Unpack, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +16,7 @@ from bench.rendering.cloud import find_drawer, places
 from bench.rendering.drawing_thread import on_drawing_thread
 from bench.running.work import draw, load_renderer
 from data_prep.clouds.normalise import cloud_of_points, real_points
+from data_prep.files.cloud_contents import axis_columns
 from data_prep.randomness import generator
 from data_prep.scene import View
 
@@ -71,7 +72,9 @@ class DrawRequest:
         named = (self.method,) if self.method is not None else ()
         (method_id,) = methods_to_draw(named, self.colour, self.budget_ms)
         method = find_drawer(method_id)
-        values = real_points(points)
+        names = [str(name).lower() for name in getattr(points, "columns", ())]
+        axes = axis_columns(names) if hasattr(points, "iloc") else ()
+        values = real_points(cast("Any", points).iloc[:, list(axes)] if axes else points)
         far, notes = places(values, self.drop_far, "drop_far=True")
         cloud = cloud_of_points(values[~far] if self.drop_far else values, self.up, self.front)
         renderer = load_renderer(method_id, self.device)
@@ -96,7 +99,8 @@ def draw_cloud(
     Parameters
     ----------
     points : array_like
-        Real numbers [N, 3]; rows with masked values are left out, with a warning.
+        Real numbers [N, 3]; rows with masked values are left out, with a warning. Of a DataFrame
+        the columns named x, y and z.
     azimuth_deg : float
         0 is the front, 90 the side of +X (see `data_prep.scene`).
     elevation_deg : float

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import bench
@@ -27,6 +28,14 @@ def test_any_method_from_all_around_and_in_other_axes(points):
     theirs = np.stack([-z, -x, y], axis=1).tolist()
     turned = bench.draw_cloud(theirs, 90, 10, up="z", front="x", method="splat")
     assert np.array_equal(turned, expected[1])
+
+
+@pytest.mark.parametrize("names", ["xyz", ("Easting", "Northing", "Height")])
+def test_columns_of_a_table_are_found_by_their_names(points, names):
+    x, y, z = points.T
+    table = pd.DataFrame(dict(zip(names, (x, y, z), strict=True)) | {"id": "a"})
+    drawn = bench.draw_cloud(table[["id", *reversed(names)]], method="splat")
+    assert np.array_equal(drawn, bench.draw_cloud(points, method="splat"))
 
 
 @pytest.mark.parametrize(
