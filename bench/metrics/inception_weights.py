@@ -58,8 +58,7 @@ def find_weights(
     if not intact:
         if chosen is None:
             raise WeightsUnavailable(
-                f"no weights; add --inception-weights {DOWNLOAD} (95 MB, once), or the path of "
-                f"{WEIGHTS_URL}"
+                f"no weights; add --inception-weights {DOWNLOAD} (95 MB, once)"
             )
         data = _download(sha256, open_url)
         try:

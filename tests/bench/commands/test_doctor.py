@@ -67,8 +67,8 @@ def test_a_healthy_machine(command, monkeypatch, tmp_path, capsys):
     assert findings["method blank"] == (True, "ready")
     assert findings["method splat"] == (True, f"scipy {version('scipy')}")
     assert Path(findings["metric fd-views"][1]).name == "views_network.safetensors"
-    missing = "not measured, no weights; add --inception-weights download (95 MB, once), or "
-    assert findings["metric fid"][1].startswith(missing)
+    missing = "not measured, no weights; add --inception-weights download (95 MB, once)"
+    assert findings["metric fid"][1] == missing
     assert Path(findings["metric fd-alexnet"][1]).name == "alexnet.ckpt"
     assert Path(findings["metric dists"][1]).parts[-2:] == ("DISTS_pytorch", "weights.pt")
     assert "cores" in findings["machine"][1]

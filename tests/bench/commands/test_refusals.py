@@ -126,7 +126,7 @@ def test_one_line_says_why_and_nothing_is_written(refused_here, line, says):
 
 DOWNLOAD = "--inception-weights download"
 GREY = "--inception-weights: chair-robustness takes no fid against the true mesh in grey; leave it"
-NO_WEIGHTS = "no weights; add --inception-weights download (95 MB, once), or the path of file:"
+NO_WEIGHTS = "no weights; add --inception-weights download (95 MB, once)"
 WITHOUT_FID = {  # asked for, and cannot be met
     f"{ROBUSTNESS} {DOWNLOAD}": "the FID weights cannot be fetched (<urlopen error [Errno 2] No ",
     f"{ROBUSTNESS} {DOWNLOAD} --truth grey": GREY,
