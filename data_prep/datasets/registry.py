@@ -146,20 +146,20 @@ def recognised(location: str) -> str:
     Raises BadInput where there is no such folder, and where it has several datasets.
     """
     root = folder_of(location)
-    if kind := _kind_of(root):
-        return f"{kind}:{location}"
-    others = _datasets_around(root)
-    if len(others) > 1:
-        raise BadInput(f"{root}: has several datasets; give one of them: {listed(others)}")
-    return others[0] if others else f"folder:{location}"
+    datasets = _datasets_at(root, location)
+    if len(datasets) > 1:
+        raise BadInput(f"{root}: has several datasets; give one of them: {listed(datasets)}")
+    return datasets[0] if datasets else f"folder:{location}"
 
 
 def _kind_of(root: Path) -> str | None:
     return next((kind for kind, looks_so in _LAYOUTS.items() if looks_so(root)), None)
 
 
-def _datasets_around(root: Path) -> list[str]:
-    """Return the datasets up to two levels below a folder, or the one that it is a part of."""
+def _datasets_at(root: Path, location: str) -> list[str]:
+    """Return the dataset that a folder is or is a part of, else those up to two levels below."""
+    if kind := _kind_of(root):
+        return [f"{kind}:{location}"]
     part = root.resolve()
     if part.name in SPLITS:  # of a class of ModelNet
         part = part.parent
@@ -178,9 +178,7 @@ def _refuse_other_layout(kind: str, root: Path) -> None:
     """Raise BadInput where a folder has, by its layout, a dataset that `kind` would not read."""
     if kind in _LAYOUTS and _LAYOUTS[kind](root):
         return
-    itself = _kind_of(root)
-    others = [f"{itself}:{root}"] if itself else _datasets_around(root)
-    if others:
+    if others := _datasets_at(root, str(root)):
         kinds = " and ".join(sorted({other.partition(":")[0] for other in others}))
         layout = f"has the layout of {kinds}, with axes and splits of its own"
         raise BadInput(
