@@ -93,7 +93,7 @@ class CloudFile:
     def load_all(self) -> LoadedCloud:
         """Return the cloud as `load` does, its colours where asked for, and notes on the file."""
         contents = read_cloud(self.path, self.with_colors)
-        notes: list[str] = []
+        notes = [*contents.notes]
         valid = np.isfinite(contents.points).all(axis=1)
         count = f"{np.count_nonzero(~valid)} of {len(contents.points)} points"
         if not valid.all() and self.drop_invalid:

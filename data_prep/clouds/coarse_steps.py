@@ -7,14 +7,15 @@ from numpy.typing import NDArray
 
 LEAST_SHARE = 0.01  # of the size of the cloud: finer steps are not seen
 MOST_SAMPLED = 4096
-FEWEST_POINTS, FEWEST_LEVELS = 64, 4
+FEWEST_POINTS, FEWEST_LEVELS = 64, 3  # the faces of a box have two
 
 
 def note_on_steps(points: NDArray[np.float64]) -> str | None:
     """Return a sentence on the steps of the coordinates where they can be seen, else None.
 
     Steps are those of float32 at the place of the cloud, on any axis, if all its coordinates are
-    float32; or those of a grid on two axes.
+    float32; or those of a grid on two axes, or on one in a power of two, as float32 that was
+    shifted afterwards has.
 
     Parameters
     ----------
@@ -33,15 +34,16 @@ def note_on_steps(points: NDArray[np.float64]) -> str | None:
     magnitude = np.abs(single).max(axis=0)
     spacing = np.spacing(magnitude).astype(np.float64)
     steps = np.array([_step(axis) for axis in points.T])
+    coarse = steps > LEAST_SHARE * size
     rounded = (single == points).all(axis=0) & (spacing > LEAST_SHARE * size)
     if rounded.any():
         axis = int(np.argmax(np.where(rounded, spacing, 0)))
         step, why = max(spacing[axis], steps[axis]), f"float32 at {magnitude[axis]:.3g}"
         remedy = "shift them before they are saved, or save doubles"
-    elif (steps > LEAST_SHARE * size).sum() > 1:
+    elif coarse.sum() > 1 or (coarse & (np.frexp(steps.astype(np.float32))[0] == 0.5)).any():
         step, why, remedy = (
             steps.max(),
-            "voxels, or few digits",
+            "voxels, few digits, or float32 before a shift",
             "save more digits of a rounded one",
         )
     else:

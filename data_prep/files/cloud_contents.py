@@ -54,6 +54,8 @@ class CloudContents:
         Triangles of points, of a file that may hold a mesh.
     face_colors : uint8 array [F, 3] or None
         Their colours, as `colors`.
+    notes : tuple of str
+        What the reader guessed, for people.
     """
 
     points: CloudPoints
@@ -63,6 +65,7 @@ class CloudContents:
     colors: PointColors | None = None
     faces: NDArray[np.int64] | None = None
     face_colors: PointColors | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def is_mesh(self) -> bool:

@@ -97,7 +97,9 @@ class _Table(NamedTuple):
     def triangles(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return the triangles [F, 3] of polygons or strips, and the row of each."""
         names = self.element.names(lists=True)
-        index = next((names.index(name) for name in _CORNERS if name in names), None)
+        lists = [name for name in names if name]
+        corners_of = (*_CORNERS, *(lists if len(lists) == 1 else ()))
+        index = next((names.index(name) for name in corners_of if name in names), None)
         if index is None:
             return np.empty((0, 3), np.int64), np.empty(0, np.int64)
         lengths, corners = (part[index].astype(np.int64) for part in (self.columns, self.entries))
@@ -119,8 +121,11 @@ def read_ply(data: bytes, with_colors: bool = False) -> CloudContents:
         raise NotACloud("no PLY header (ply ... end_header); use a PLY file")
     byte_order, elements = _ply_header(header[2])
     names = [element.name for element in elements]
-    if "vertex" not in names:
-        raise NotACloud(f"no element vertex, but {shown(', '.join(names))}; use a PLY of points")
+    if names.count("vertex") != 1:
+        raise NotACloud(
+            f"{names.count('vertex')} elements vertex ({shown(', '.join(names))}), expected 1; use "
+            "a PLY of points"
+        )
     vertex = names.index("vertex")
     properties = elements[vertex].names()
     for axis in "xyz":
@@ -130,16 +135,16 @@ def read_ply(data: bytes, with_colors: bool = False) -> CloudContents:
                 f"({shown(', '.join(properties))}), expected 1; use a PLY with x, y and z"
             )
     surface = next((i for i, e in enumerate(elements) if e.name in _SURFACES and e.rows), vertex)
-    wanted = elements[: max(vertex, surface) + 1]
     lines = None
     if byte_order == "=":
-        tables, lines = _text_tables(data, len(header[0].splitlines()), wanted)
+        tables, lines = _text_tables(data, len(header[0].splitlines()), elements)
         lines = lines[vertex]
     else:
         tables, end = [], header.end()
-        for element in wanted:
+        for element in elements:
             tables.append(_table(element, data, end, byte_order))
             end = tables[-1].end
+        _check_rest(len(data[end:].strip(b"\0 \t\r\n")), "bytes")
     points = tables[vertex].numbers([properties.index(axis) for axis in "xyz"])
     has_colors, colors = tables[vertex].colors(with_colors)
     unused = (COLOURS,) if set(CHANNELS[0]) & set(properties) or has_colors else ()
@@ -255,4 +260,10 @@ def _text_tables(
                 f"line {numbers[wrong[0]]} has other lists than it says; write the file again"
             )
         lines.append(numbers)
+    _check_rest(sum(1 for _ in rows), "rows")
     return tables, lines
+
+
+def _check_rest(count: int, what: str) -> None:
+    if count:
+        raise NotACloud(f"{count} more {what} than the header has; write the file again")

@@ -37,6 +37,7 @@ _WHOLE = re.compile(r"[+-]?[0-9]+")
 _NUMBER = re.compile(r"[+-]?(?:[0-9.][0-9.,' ]*(?:[ed][+-]?[0-9]+)?|inf(?:inity)?)", re.I)
 _MISSING = re.compile(r"(?:[+-]?(?:nan(?:\(.*\))?|1\.#.+)|na|n/a|null|none)?", re.I)
 _WITH_COMMA = re.compile(r"[+-]?[0-9]*,[0-9]+(?:e[+-]?[0-9]+)?", re.I)
+_GROUPED = re.compile(r"[+-]?[1-9][0-9]{0,2},[0-9]{3}")  # 657,700
 _CUT = re.compile(r"[+-]?[0-9]{1,3} [0-9]{3}[.,][0-9]+")  # 4,866.8 at the comma
 _CUT_AT_POINT = re.compile(r"[+-]?[0-9]+ 0[0-9]+|-0 [0-9]+")  # 0,0666 or -0,5
 _UNIT = re.compile(r"\s*(?:\[[^\]]*\]|\([^)]*\))")
@@ -47,6 +48,7 @@ _OTHERS = {  # how files begin that hold no columns
     "\x1f\ufffd": "GZIP", "[": "JSON or NumPy's print", "{": "JSON", "<": "XML or HTML",
 }  # fmt: skip
 _NUMBERS = "write numbers such as -1234.5 or 1e-3, without thousands separators"
+_COMMAS = "commas are taken for decimal marks; if they are none, write numbers without them"
 _UNNAMED = " (x, y and z are the first 3, as no first line names them)"
 
 Rows = Iterable[tuple[int, str]]  # texts with the numbers of their lines, from 1
@@ -91,9 +93,12 @@ def read_text(
         lines.append(number)
     table = np.array(values, np.float64).reshape(-1, len(columns))
     if layout.unsure:
-        _check_first_column(table)
+        _check_first_column(table, layout.width > 3)
     colors = colors_of(table[:, 3:]) if len(columns) > 3 else None
-    return CloudContents(table[:, :3], layout.unused, lines, bool(layout.colours), colors)
+    notes = (_COMMAS,) * layout.decimal_comma
+    return CloudContents(
+        table[:, :3], layout.unused, lines, bool(layout.colours), colors, notes=notes
+    )
 
 
 def _layout_of(
@@ -120,12 +125,14 @@ def _layout_of(
         raise _uneven(head[0][0], width, len(names))
     axes = axis_columns(names) if names else (0, 1, 2)
     numbered = bool(guess or (names and names[axes[0]][-1:].isdigit()))
-    unsure = axes[0] == 0 and filled > 3 and (numbered or len(names) not in (filled, width))
-    if unsure:
+    unsure = axes[0] == 0 and (numbered or len(names) not in (filled, width))
+    if unsure and filled > 3:
         _check_unnamed(rows)
     fields = [field for row in rows for field in row]
     commas = any(map(_WITH_COMMA.fullmatch, fields))
     points = any("." in field and _NUMBER.fullmatch(field) for field in fields)
+    if commas and not points:
+        _check_commas([row[axis] for row in rows for axis in axes if axis < len(row)])
     unused = f"{filled - 3} of its {filled} columns" + _UNNAMED * unsure
     layout = _Layout(
         separator,
@@ -221,12 +228,23 @@ def _check_unnamed(rows: Sequence[Sequence[str]]) -> None:
         raise _first_column_counts(first[0])
 
 
-def _check_first_column(table: NDArray[np.float64]) -> None:
-    """Raise NotACloud where the first column counts the points, or goes on in equal steps."""
+def _check_commas(fields: Sequence[str]) -> None:
+    """Raise NotACloud where some coordinates are grouped by commas, and the others are whole."""
+    whole = [field for field in fields if _WHOLE.fullmatch(field)]
+    grouped = [field for field in fields if _GROUPED.fullmatch(field)]
+    if whole and grouped and len(whole) + len(grouped) == len(fields):
+        raise NotACloud(f"{shown(grouped[0])} seems to have a thousands separator; {_NUMBERS}")
+
+
+def _check_first_column(table: NDArray[np.float64], spare: bool) -> None:
+    """Raise NotACloud where the first column counts the points, or goes on in equal steps.
+
+    `spare` tells whether three other columns are there; without them both are asked for.
+    """
     first = table[:, 0]
     steps = np.diff(first)
     even = len(first) > 2 and steps[0] != 0 and np.allclose(steps, steps[0], 1e-3, 0)
-    if even and (len(first) > 15 or (first[0] in (0, 1) and steps[0] == 1)):
+    if even and spare + (len(first) > 15) + (first[0] in (0, 1) and steps[0] == 1) > 1:
         raise _first_column_counts(f"{first[0]:g}")
 
 

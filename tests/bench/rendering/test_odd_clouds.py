@@ -58,6 +58,12 @@ def test_rounded_coordinates_are_named_and_those_of_the_object_alone_count(tmp_p
     assert len(CloudFile(path, as_is=True, drop_far=True).load()) == 345
 
 
+def test_decimal_commas_are_named(tmp_path: Path) -> None:
+    (tmp_path / "a.xyz").write_text("0,5 1,5 2,5\n1 3,25 7\n")
+    _, notes = CloudFile(tmp_path / "a.xyz", as_is=False).load_with_notes()
+    assert [note for note in notes if "commas are taken for decimal marks" in note]
+
+
 def test_a_mesh_is_drawn_from_its_surface(tmp_path: Path) -> None:
     path = tmp_path / "box.ply"
     face_colors = "".join(f"{side} 9 {i} 7\n" for i, side in enumerate(SIDES.splitlines()))
@@ -67,6 +73,7 @@ def test_a_mesh_is_drawn_from_its_surface(tmp_path: Path) -> None:
         (box(face_colors, properties=RGB), 12),
         (box(strip.replace("10 ", "10 ", 1), element="tristrips"), 12),
         (box(SIDES + "3 0 0 0\n"), 13),
+        (box().replace("vertex_indices", "indices"), 12),
     ):
         path.write_text(text)
         file = CloudFile(path, as_is=True, with_colors="red" in text)
