@@ -227,7 +227,15 @@ def _chosen_by_the_others(scores: Floats) -> NDArray[np.intp]:
 
 
 def at_condition(comparisons: Sequence[Comparison], condition: str | None) -> list[Comparison]:
-    """Return the comparisons at a condition; None: all. Raises BadInput for an unknown one."""
+    """Return the comparisons at a condition; None: all.
+
+    Raises BadInput for an unknown one, and where no object has scores.
+    """
+    if not comparisons:
+        raise BadInput(
+            "no object of this run has scores, as all true images failed; 'bench report DIR' shows "
+            "why"
+        )
     chosen = [c for c in comparisons if condition in (None, c.condition)]
     if not chosen:
         known = ", ".join(dict.fromkeys(c.condition for c in comparisons))

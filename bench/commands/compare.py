@@ -73,6 +73,11 @@ def compare(
     else:
         first, second = directories
         differences = runs(first, second, names(methods), names(metric))
+    if not differences.cells:
+        raise BadInput(
+            f"{' '.join(map(str, directories))}: no object has true images and scores on both "
+            "sides, so nothing is compared; 'bench report DIR' shows what failed"
+        )
     folder = out or directories[-1] / COMPARISONS / file_name(
         Path(differences.a).name, Path(differences.b).name
     )

@@ -348,3 +348,16 @@ def test_objects_of_two_runs_are_paired_by_name(command, two_runs, lost, objects
     assert ("left out" in out) == bool(remark)
     rows = rows_of(two_runs[1] / "comparisons" / "first-second")
     assert {(float(row["difference"]), int(row["objects"])) for row in rows} == {(0.0, objects)}
+
+
+def test_what_has_no_object_in_common_is_no_comparison(refused, two_runs):
+    """All true images failed in both runs."""
+    for folder in two_runs:
+        records = pd.read_parquet(folder / "records.parquet")
+        records = records.assign(outcome="failed", reason="input: no true image", ssim=math.nan)
+        overwrite(folder / "records.parquet", records)
+    both = ("compare", *map(str, two_runs), "--metric", "ssim")
+    assert "so nothing is compared" in refused(*both)
+    assert not (two_runs[1] / "comparisons").exists()
+    said = refused("recommend", str(two_runs[0]), "--metric", "ssim", "--budget-ms", "50")
+    assert said.startswith("no object of this run has scores")
