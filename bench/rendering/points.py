@@ -16,7 +16,9 @@ from bench.rendering.cloud import find_drawer, places
 from bench.rendering.drawing_thread import on_drawing_thread
 from bench.running.work import draw, load_renderer
 from data_prep.clouds.normalise import cloud_of_points, real_points
+from data_prep.failures import BadInput
 from data_prep.files.cloud_contents import axis_columns
+from data_prep.files.safe_read import shown
 from data_prep.randomness import generator
 from data_prep.scene import View
 
@@ -72,9 +74,13 @@ class DrawRequest:
         named = (self.method,) if self.method is not None else ()
         (method_id,) = methods_to_draw(named, self.colour, self.budget_ms)
         method = find_drawer(method_id)
-        names = [str(name).lower() for name in getattr(points, "columns", ())]
-        axes = axis_columns(names) if hasattr(points, "iloc") else ()
-        values = real_points(cast("Any", points).iloc[:, list(axes)] if axes else points)
+        labels = [label for label in getattr(points, "columns", ()) if isinstance(label, str)]
+        axes = axis_columns(labels)
+        if not axes and not all(map(str.isdigit, labels)):
+            raise BadInput(
+                f"points: columns {shown(', '.join(labels))}; name three of them x, y and z"
+            )
+        values = real_points(cast("Any", points)[[labels[i] for i in axes]] if axes else points)
         far, notes = places(values, self.drop_far, "drop_far=True")
         cloud = cloud_of_points(values[~far] if self.drop_far else values, self.up, self.front)
         renderer = load_renderer(method_id, self.device)
@@ -124,7 +130,8 @@ def draw_cloud(
     data_prep.failures.StageFailure
         Where the method cannot draw this cloud.
     """
-    return DrawRequest(**options).draw(points, [View(azimuth_deg, elevation_deg)])[0]
+    request = _request("draw_cloud", "azimuth_deg", options)
+    return request.draw(points, [View(azimuth_deg, elevation_deg)])[0]
 
 
 def turntable(
@@ -155,7 +162,16 @@ def turntable(
     if frames < 1:
         raise ValueError(f"frames must be at least 1, got {frames}")
     views = [View(360 * i / frames, elevation_deg) for i in range(frames)]
-    return DrawRequest(**options).draw(points, views)
+    return _request("turntable", "frames", options).draw(points, views)
+
+
+def _request(caller: str, first: str, options: DrawOptions) -> DrawRequest:
+    allowed = DrawOptions.__annotations__
+    if unknown := ", ".join(options.keys() - allowed.keys()):
+        raise TypeError(
+            f"{caller}: no option {unknown}; there are {first}, elevation_deg, {', '.join(allowed)}"
+        )
+    return DrawRequest(**options)
 
 
 @cache

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -105,6 +105,9 @@ def real_points(points: ArrayLike) -> NDArray[np.float64]:
         count = f"{len(points) - len(kept)} of {len(points)} points"
         warnings.warn(f"{count} are masked, and left out", stacklevel=2)
         points = points.data[kept]
+    if hasattr(points, "is_floating_point"):  # a tensor, of which NumPy takes only some
+        tensor = cast("Any", points).detach().cpu()
+        points = tensor.double() if tensor.is_floating_point() else tensor
     given = np.asarray(points)
     if given.ndim != 2 or given.shape[1] != 3 or given.dtype.kind not in "fiu":
         raise ValueError(f"points: expected real numbers [N, 3], got {given.dtype} {given.shape}")

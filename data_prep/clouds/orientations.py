@@ -107,7 +107,7 @@ def upright(
     Blender: its front view looks along +Y). Nothing is rounded. Raises BadInput for an unknown
     axis, and for a front along up.
     """
-    front = front or ("-y" if up.endswith("z") else "-z")
+    front = front or ("-y" if str(up).endswith("z") else "-z")
     for name, axis in (("up", up), ("front", front)):
         if axis not in AXES:
             raise BadInput(f"{name} '{axis}': no axis; give one of {', '.join(AXES)}")

@@ -15,15 +15,17 @@ CHANNELS = (  # names of columns
     ("green", "g", "diffuse_green"),
     ("blue", "b", "diffuse_blue"),
 )
-_POINT = "(?:points?|pos(?:ition)?|coord(?:inate)?s?)"
-_OF_AXIS = f"(?:field)?{_POINT}?{{}}(?:coord(?:inate)?|[cmk]?m|ft)?"  # point_x, x_m
-_NUMBERED = f"(?:{_POINT}|col(?:umn)?|var|[cfvx])"  # as ParaView, R and MATLAB number columns
+_POINT = "(?:p(?:oints?|os(?:ition)?)?|coord(?:inate)?s?)"
+_OF_AXIS = f"(?:field|utm)?{_POINT}?{{}}(?:coord(?:inate)?|[cmk]?m|ft|utm)?"  # point_x, x_m
+_NUMBERED = (
+    f"(?:{_POINT}(?:mxyz)?|col(?:umn)?|var|[cfvx])"  # as ParaView, R and MATLAB number columns
+)
 AXES = (  # patterns of names of x, y and z; the first that fit count
     ("x", "y", "z"),
     (
-        f"{_OF_AXIS.format('x')}|east(?:ing)?",
-        f"{_OF_AXIS.format('y')}|north(?:ing)?",
-        f"{_OF_AXIS.format('z')}|elev(?:ation)?|height|alt(?:itude)?",
+        f"{_OF_AXIS.format('x')}|ea?st(?:e|ing)?|rechtswert",
+        f"{_OF_AXIS.format('y')}|nor(?:th(?:ing)?|te|d)|hochwert",
+        f"{_OF_AXIS.format('z')}|elev(?:ation)?|height|alt(?:itude)?|h(?:oe)?he|cota|quota",  # Höhe
     ),
     (f"{_NUMBERED}0", f"{_NUMBERED}1", f"{_NUMBERED}2"),
     (f"{_NUMBERED}1", f"{_NUMBERED}2", f"{_NUMBERED}3"),
@@ -81,10 +83,11 @@ class NotACloud(Exception):
 
 
 def axis_columns(names: Sequence[str]) -> tuple[int, ...]:
-    """Return the columns of x, y and z by their names in small letters; () where one is not clear.
+    """Return the columns of x, y and z by their names; () where one is not clear.
 
-    Names such as `easting` or `points0` count where x, y and z themselves are not there.
+    Letters and digits count; names such as `easting` or `points0` do where x, y, z are not there.
     """
+    names = [re.sub(r"[^a-z0-9]", "", name.lower()) for name in names]
     for patterns in AXES:
         columns = [[i for i, n in enumerate(names) if re.fullmatch(p, n)] for p in patterns]
         if all(len(column) == 1 for column in columns):

@@ -40,13 +40,14 @@ _WITH_COMMA = re.compile(r"[+-]?[0-9]*,[0-9]+(?:e[+-]?[0-9]+)?", re.I)
 _GROUPED = re.compile(r"[+-]?[1-9][0-9]{0,2},[0-9]{3}")  # 657,700
 _CUT = re.compile(r"[+-]?[0-9]{1,3} [0-9]{3}[.,][0-9]+")  # 4,866.8 at the comma
 _CUT_AT_POINT = re.compile(r"[+-]?[0-9]+ 0[0-9]+|-0 [0-9]+")  # 0,0666 or -0,5
-_UNIT = re.compile(r"\s*(?:\[[^\]]*\]|\([^)]*\))")
+_UNIT = re.compile(r"\s*(?:\[(?![xyz]\])[^\]]*\]|\([^)]*\))", re.I)  # but P[x]
 _INTRODUCTION = re.compile(r"\w+:\s")  # Columns: x y z
-_OTHERS = {  # how files begin that hold no columns
+_OTHERS = {  # how files begin that are read under another name
     "ply": "PLY", "OFF": "OFF", "COFF": "OFF", "v ": "OBJ", "mtllib ": "OBJ", "solid": "STL",
-    "VERSION": "PCD", "LASF": "LAS", "ASTM": "E57", "\ufffdNUMPY": "NPY", "PK\x03": "ZIP or XLSX",
-    "\x1f\ufffd": "GZIP", "[": "JSON or NumPy's print", "{": "JSON", "<": "XML or HTML",
+    "VERSION": "PCD", "LASF": "LAS", "ASTM": "E57", "\ufffdNUMPY": "NPY",
 }  # fmt: skip
+_PACKED = {"PK\x03": "ZIP or XLSX", "\x1f\ufffd": "GZIP"}
+_NO_COLUMNS = {"[": "JSON or NumPy's print", "{": "JSON", "<": "XML or HTML"}
 _NUMBERS = "write numbers such as -1234.5 or 1e-3, without thousands separators"
 _COMMAS = "commas are taken for decimal marks; if they are none, write numbers without them"
 _UNNAMED = " (x, y and z are the first 3, as no first line names them)"
@@ -88,7 +89,7 @@ def read_text(
         if len(fields) != layout.width and (
             layout.separator != " " or (not names and all(map(is_number, fields)))
         ):
-            raise _uneven(number, len(fields), layout.width)
+            raise _uneven(number, fields, layout.width)
         values.extend(numbers_of(fields, columns, f"line {number}", layout.decimal_comma))
         lines.append(number)
     table = np.array(values, np.float64).reshape(-1, len(columns))
@@ -122,7 +123,7 @@ def _layout_of(
     if names and width == len(names) + 1 and counts:
         names = ["", *names]  # as R and pandas write the names of rows
     elif names and separator != " " and any(rows[0][len(names) :]):
-        raise _uneven(head[0][0], width, len(names))
+        raise _uneven(head[0][0], rows[0], len(names))
     axes = axis_columns(names) if names else (0, 1, 2)
     numbered = bool(guess or (names and names[axes[0]][-1:].isdigit()))
     unsure = axes[0] == 0 and (numbered or len(names) not in (filled, width))
@@ -150,13 +151,13 @@ def _start_of(
     lines: Iterator[tuple[int, str]], parts: bool
 ) -> tuple[list[str], str, Iterator[tuple[int, str]]]:
     """Return the names of the columns, the separator, and the rows."""
-    names, comment, separator, count, degrees = [], "", "", 0, False
+    names, header, comment, separator, count, degrees = [], [], "", "", 0, False
     for number, line in lines:
         text = _content(line)
         if not text.strip(_BLANK):
             if axis_columns(commented := _names(line.strip("#/% \t\n"))):
                 names, comment = commented, line
-            degrees |= {"lat", "lon"} <= {name[:3] for name in commented}
+            degrees |= _in_degrees(commented)
         elif match := re.fullmatch(r'"?sep=(.)"?', text, re.I):
             separator = match[1]
         elif text.isdigit() and (parts or not count):
@@ -170,9 +171,9 @@ def _start_of(
             listed = "," in comment and len(names) < len(fields)
             if comment and not (listed or len(names) == len(fields) or names[:3] == [*"xyz"]):
                 names = []
-            if degrees and not names:
+            if not names and (degrees or _in_degrees(header)):
                 raise NotACloud(
-                    f"longitude and latitude are named before line {number}; project them to "
+                    f"longitude and latitude are named up to line {number}; project them to "
                     "metres, and name columns x, y and z"
                 )
             if not names:
@@ -189,6 +190,10 @@ def _names(text: str) -> list[str]:
     return [re.sub(r"[^a-z0-9]", "", field.lower()) for field in fields]
 
 
+def _in_degrees(names: Sequence[str]) -> bool:
+    return {"lat", "lon"} <= {name[:3].replace("lng", "lon") for name in names}
+
+
 def _are_numbered(row: Sequence[str], following: Sequence[str]) -> bool:
     """Return whether a row is 0, 1, 2 ... as pandas names columns, and the next is no such."""
     names = [field for field in row if field]
@@ -202,9 +207,11 @@ def _counts(fields: Sequence[str], start: int) -> bool:
 
 def _check_row(number: int, text: str, fields: Sequence[str]) -> None:
     """Raise NotACloud for a first line without names that does not have three numbers."""
-    for start, kind in _OTHERS.items():
-        if text.startswith(start):
-            raise NotACloud(f"its contents are {kind}; name it so, or save columns of numbers")
+    others = (_OTHERS, "name it so, or "), (_PACKED, "unpack it, or "), (_NO_COLUMNS, "")
+    for kinds, remedy in others:
+        for start, kind in kinds.items():
+            if text.startswith(start):
+                raise NotACloud(f"its contents are {kind}; {remedy}save columns of numbers")
     if sum(is_number(field.strip()) for field in fields) < min(3, len(fields)):
         raise NotACloud(
             f"line {number}: {shown(text)} is no point, and no names of columns with x, y and z "
@@ -273,11 +280,12 @@ def _separator(text: str) -> str:
 
 def _split(rows: Rows, separator: str) -> Iterator[tuple[int, list[str]]]:
     """Yield the number and the fields of each row; a quoted field ends on its line."""
-    number = last = 0
+    number = start = 0
 
     def texts() -> Iterator[str]:
-        nonlocal number
-        for number, text in rows:  # noqa: B007
+        nonlocal number, start
+        for number, text in rows:
+            start = start or number
             yield text.replace("\t", " ").strip() if separator == " " else text
 
     reader = csv.reader(texts(), delimiter=separator, skipinitialspace=True)
@@ -286,9 +294,9 @@ def _split(rows: Rows, separator: str) -> Iterator[tuple[int, list[str]]]:
             if reader.line_num != count:
                 raise csv.Error
             yield number, fields
-            last = number
+            start = 0
     except csv.Error:
-        raise NotACloud(f"a quote after line {last} is left open; close it") from None
+        raise NotACloud(f"a quote of line {start} is left open; close it on its line") from None
 
 
 def _contents(lines: Rows, parts: bool) -> Iterator[tuple[int, str]]:
@@ -341,13 +349,18 @@ def numbers_of(
             )
         except ValueError:
             if not _MISSING.fullmatch(field.strip()):
-                raise NotACloud(f"{where}: {shown(field)} is not a number; {_NUMBERS}") from None
+                raise NotACloud(
+                    f"{where}: {shown(field)} is not a number; {_remedy([field])}"
+                ) from None
             values.append(np.nan)
     return values
 
 
-def _uneven(number: int, count: int, expected: int) -> NotACloud:
-    return NotACloud(
-        f"line {number} has {count} columns, expected {expected}; {_NUMBERS}, and a text "
-        "with separators in quotes"
-    )
+def _uneven(number: int, fields: Sequence[str], expected: int) -> NotACloud:
+    remedy = _remedy(fields, ", and a text with separators in quotes")
+    return NotACloud(f"line {number} has {len(fields)} columns, expected {expected}; {remedy}")
+
+
+def _remedy(fields: Sequence[str], more: str = "") -> str:
+    digits = re.search("[0-9]", "".join(fields))
+    return f"{_NUMBERS}{more}" if digits else "correct or remove the line"

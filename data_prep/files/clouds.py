@@ -37,7 +37,7 @@ from data_prep.scene import Points
 
 MOST_BYTES = 256 * MIB  # 22 million points, which take 1.3 GiB of memory and some seconds
 
-PROSE = (".txt", ".csv")  # more often than the others something to read
+PROSE = (".txt", ".csv", ".tsv")  # more often than the others something to read
 
 
 def load_points(path: Path) -> CloudPoints:
@@ -47,7 +47,7 @@ def load_points(path: Path) -> CloudPoints:
     NPY    an array of real numbers of shape [N, 3], or [N, 6], or a table with fields x, y and z
     text   x, y and z of a line before the numbers that names the columns, also in a comment, or the
            first three; separated by white space, commas, semicolons, tabs or bars; # begins a
-           comment, // and % do at the start of a line; XYZ, TXT, CSV, ASC, XYZN and XYZRGB
+           comment, // and % do at the start of a line; XYZ, TXT, CSV, TSV, ASC, XYZN and XYZRGB
     PTS    as text; lines of a single whole number, the counts of its parts, are ignored
     LAS, LAZ, E57, PCD  see `data_prep.files.scans`; large ones are thinned out
 
@@ -208,7 +208,7 @@ def _read_npy(data: bytes, with_colors: bool = False) -> CloudContents:
 _READERS: Mapping[str, Callable[[bytes, bool], CloudContents]] = {
     ".ply": read_ply,
     ".npy": _read_npy,
-    **dict.fromkeys((".xyz", ".txt", ".csv", ".asc", ".xyzrgb"), read_text),
+    **dict.fromkeys((".xyz", ".txt", ".csv", ".tsv", ".asc", ".xyzrgb"), read_text),
     ".xyzn": partial(read_text, unnamed={}),  # normals
     ".pts": partial(read_text, unnamed=PTS_COLOURS, parts=True),
 }

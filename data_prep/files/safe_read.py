@@ -133,7 +133,7 @@ def is_disk(folder: Path) -> bool:
 
 def is_hidden(name: str) -> bool:
     """Return whether a file or folder counts as not there: hidden, or left by a system."""
-    return name.startswith(".") or name.lower() in LEFT_BY_SYSTEMS
+    return name.startswith((".", "~$")) or name.lower() in LEFT_BY_SYSTEMS
 
 
 def files_below(root: Path, suffixes: Sequence[str]) -> tuple[tuple[Path, ...], tuple[str, ...]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
+import torch
 
 import bench
 from bench.rendering.cloud import Drawing, Failed, draw_cloud
@@ -12,6 +13,8 @@ from data_prep.clouds.normalise import normalise_points
 from data_prep.failures import BadInput, StageFailure
 from data_prep.randomness import generator
 from data_prep.scene import View
+
+TABLE = pd.DataFrame(np.eye(3), columns=["nx", "ny", "nz"])
 
 
 @pytest.fixture(scope="module")
@@ -38,12 +41,30 @@ def test_columns_of_a_table_are_found_by_their_names(points, names):
     assert np.array_equal(drawn, bench.draw_cloud(points, method="splat"))
 
 
+@pytest.mark.parametrize("kind", [torch.float64, torch.bfloat16])
+def test_tensors_of_networks_are_points(points, kind):
+    tensor = torch.tensor(points, dtype=kind, requires_grad=True)
+    expected = bench.draw_cloud(tensor.detach().double().numpy(), method="splat")
+    assert np.array_equal(bench.draw_cloud(tensor, method="splat"), expected)
+
+
 @pytest.mark.parametrize(
     ("wrong", "kind", "message"),
     [
         ({"points": np.zeros((0, 3))}, BadInput, "the cloud has no points"),
         ({"points": np.zeros((5, 2))}, ValueError, r"points: expected real numbers \[N, 3\]"),
+        (
+            {"points": TABLE},
+            BadInput,
+            "points: columns 'nx, ny, nz'; name three of them x, y and z",
+        ),
+        (
+            {"elevation": 9},
+            TypeError,
+            "turntable: no option elevation; there are frames, ele.*, up, f",
+        ),
         ({"up": "w"}, BadInput, "up 'w': no axis"),
+        ({"up": None}, BadInput, "up 'None': no axis"),
         ({"method": "splta"}, BadInput, "unknown method 'splta': did you mean 'splat'"),
         ({"method": "true-mesh"}, BadInput, "method 'true-mesh' draws the mesh behind a cloud"),
         ({"elevation_deg": 91}, ValueError, "elevation_deg must lie in"),

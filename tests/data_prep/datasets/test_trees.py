@@ -79,7 +79,7 @@ RECOGNISED = {
         ("chair/a.obj", "chair/@eaDir/a.obj", "chair/Thumbs.db", "chair/desktop.ini",
          "chair/.ipynb_checkpoints/a.obj", ".git/a.obj", "lost+found/a.obj", "@eaDir/b.obj",
          "System Volume Information/a.obj", "$RECYCLE.BIN/a.obj", "#recycle/a.obj",
-         "@Recycle/a.obj", "chair/#snapshot/a.obj"),
+         "@Recycle/a.obj", "chair/#snapshot/a.obj", "chair/~$a.obj"),
         "folder:", {"chair": 1}),
     "a Mac's chairs": (
         ("chair/a.obj", "chair/b.obj", "chair/._a.obj", "__MACOSX/chair/._a.obj", "._chair"),
