@@ -111,7 +111,7 @@ def _parts(file: BinaryIO, path: Path, within: Path | None) -> list[Any]:
     resources = MeshResources(path.parent, MOST_BYTES, within)
     try:
         scene = trimesh.load_scene(file, file_type=kind, resolver=resources, process=False)
-    except ValueError as error:
+    except (ValueError, NameError) as error:  # the latter of corners under another name
         if kind != ".ply" or isinstance(error, BadInput):
             raise
         file.seek(0)
@@ -171,7 +171,7 @@ def _off_color(values: Sequence[str]) -> tuple[int, ...]:
 
 
 def _polygons(data: bytes) -> Any:
-    """Return the mesh of a PLY that trimesh does not read, with faces of different sizes."""
+    """Return the mesh of a PLY that trimesh does not read: of polygons, or of other names."""
     import trimesh
 
     read = read_ply(data, with_colors=True)

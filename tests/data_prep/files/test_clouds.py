@@ -589,6 +589,8 @@ def test_a_binary_ply_of_triangles_and_quads(tmp_path: Path) -> None:
     assert mesh.vertices.tolist() == points.tolist()
     assert mesh.faces.tolist() == [[0, 1, 2], [0, 2, 3], [0, 1, 4]]
     assert mesh.face_colors.tolist() == [[255, 0, 0], [255, 0, 0], [0, 9, 0]]
+    path.write_bytes(path.read_bytes().replace(b"vertex_indices", b"indices"))
+    assert read_mesh(path).faces.tolist() == mesh.faces.tolist()
     path.write_bytes(path.read_bytes()[:-1])
     with pytest.raises(BadInput, match="2 rows of 'face' in the header, and 35 bytes for them"):
         read_mesh(path)
