@@ -233,6 +233,7 @@ def write_all(directory, records, **options):
 def read_all(directory) -> list[Record]:
     """The records of a run, to be altered and written again by `write_all`."""
     frame = read_records(directory).rename(columns={"class": "class_name"})
+    frame = frame.astype(object).where(frame.notna(), None)
     return [Record(**{str(name): row[name] for name in row}) for row in frame.to_dict("records")]
 
 

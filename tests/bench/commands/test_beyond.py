@@ -13,6 +13,7 @@ from bench.records.run_folder import read_manifest
 from bench.report.build import read_page
 from bench.running.options import Options
 from bench.tables.build import make_outputs, write_outputs
+from data_prep.failures import BadInput
 
 from ..builders import write_run
 
@@ -36,7 +37,8 @@ def test_table_and_check_know_the_leads(written, command, monkeypatch):
     none = {"method": "none", "condition": "none", "class": "chair", "metric": "ssim", "value": 0.5}
     golden = pd.DataFrame([protocol | none])
     monkeypatch.setattr(bench.checking.golden, "golden", lambda suite: golden)
-    assert bench.checking.golden.check(written).regressions == ()
+    with pytest.raises(BadInput, match="nothing is compared"):
+        bench.checking.golden.check(written)
     path = written / "tables" / "crossings.csv"
     before = path.read_bytes()
     path.write_bytes(before.replace(b"pc2pix", b"pc2pax", 1))

@@ -228,7 +228,8 @@ def test_what_draws_nothing_is_not_timed():
     nothing = Fake(world)
     nothing.draw = lambda state, views, rng: np.ones((len(views), *SIZE, 3), np.float32)
     samples, failures = take_samples(FAKE, lambda: nothing, [subject(1)], SMALL, world.clock)
-    assert failures == [CloudFailure("cloud 1", "draw: 3 of 3 images are blank")]
+    reason = "draw: 3 of 3 images are blank; 1 points are too few"
+    assert failures == [CloudFailure("cloud 1", reason)]
     assert {s.round for s in samples} == {0}
 
 
