@@ -233,8 +233,8 @@ def at_condition(comparisons: Sequence[Comparison], condition: str | None) -> li
     """
     if not comparisons:
         raise BadInput(
-            "no object of this run has scores, as all true images failed; 'bench report DIR' shows "
-            "why"
+            "no object of this run has scores (0), as all true images failed; 'bench report DIR' "
+            "shows why"
         )
     chosen = [c for c in comparisons if condition in (None, c.condition)]
     if not chosen:
