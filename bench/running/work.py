@@ -158,7 +158,9 @@ def _draw(job: Job, watch: Stopwatch) -> RenderedViews | Result:
     except MissingDependency:
         raise
     except BaseException as error:
-        return failed(job, reason_of(error), time.perf_counter() - begun)
+        # Of images that were drawn elsewhere, the time to read them is no cost.
+        taken_s = time.perf_counter() - begun if method.images is None else None
+        return failed(job, reason_of(error), taken_s)
     scale = note_on_scale(cloud.points) if job.perturbation == Unchanged() else None
     return replace(drawn, notes="; ".join(filter(None, (drawn.notes, scale))))
 
