@@ -126,7 +126,7 @@ def paired_differences(pairs: Sequence[ComparedPair]) -> list[PairedDifference]:
 
 
 class Verdicts:
-    """Who is shown to be ahead of whom among the methods of a run.
+    """The verdicts on who is ahead of whom among the methods of a run.
 
     What is said of two methods is about all conditions, by the metrics of the headline together or
     by one other metric alone, and is corrected for these cells.

@@ -57,7 +57,7 @@ Rows = Iterable[tuple[int, str]]  # texts with the numbers of their lines, from 
 
 @dataclass(frozen=True)
 class _Layout:
-    """How rows are written."""
+    """The way in which rows are written."""
 
     separator: str = " "  # any white space
     decimal_comma: bool = False

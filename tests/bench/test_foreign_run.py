@@ -118,7 +118,7 @@ def test_every_entry_of_a_manifest_has_a_type(copied):
 @pytest.mark.slow
 @pytest.mark.parametrize("arguments", COMMANDS, ids=" ".join)
 def test_no_command_stumbles_over_a_manifest(copied, command, no_machine, arguments):
-    """What one schema lets pass, and some of what it does not."""
+    """The schema lets some values pass, and refuses others."""
     shutil.copytree(copied, "other")
     path = copied / "manifest.json"
     manifest = json.loads(path.read_text())

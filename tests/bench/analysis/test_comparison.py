@@ -77,7 +77,7 @@ def test_cost_is_the_median_over_clouds(views, cost_ms):
 
 
 def test_a_cloud_that_failed_costs_the_time_that_it_took():
-    """In records of before such a time is not known."""
+    """Older records do not have the time of a failed cloud."""
     taken = {"prepare_s": 0.5, "draw_s": 0.0}
     for failed, times, cost_ms in [
         ("c", taken, (30.0, 70.0, 500.0)),
@@ -211,7 +211,7 @@ def test_a_lead_is_paired():
 
 
 def test_digits_that_are_not_printed_order_nothing():
-    """By lpips surface-apss has two decimals, which its rivals are compared with it in."""
+    """Rivals are compared with surface-apss in its two decimals of lpips."""
 
     def values(metric, **scores):
         made = {m.replace("_", "-"): quality(metric, [v]) for m, v in scores.items()}

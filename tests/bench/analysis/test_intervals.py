@@ -38,7 +38,7 @@ def test_of_what_is_not_skewed_it_is_students():
 
 
 def test_the_end_at_the_long_tail_lies_farther_out():
-    """By |skewness| (2 t^2 + 1) / 6 standard errors; SciPy's skewness, enlarged by 8 / n."""
+    """It is |skewness| (2 t^2 + 1) / 6 standard errors; SciPy's skewness, enlarged by 8 / n."""
     for values, sign in ((SKEWED, 1), (-SKEWED, -1)):
         near, far = student(values)[::sign]
         count, t = len(values), stats.t.ppf(0.975, len(values) - 1)

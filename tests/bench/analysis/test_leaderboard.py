@@ -22,7 +22,7 @@ def test_places_are_averaged_over_columns_and_equal_ones_shared():
 
 
 def test_digits_that_are_noise_decide_no_place():
-    """By lpips surface-apss has two decimals: .234 and .226 both print like its .23."""
+    """Values .234 and .226 print like the .23 of surface-apss, which has two decimals by lpips."""
     columns = [("lpips", {"wraps": 0.226, "paper": 0.231, "splats": 0.234})]
     ids = {"wraps": "splat-net", "paper": "surface-apss", "splats": "splat"}
     places = mean_places(columns, ids)

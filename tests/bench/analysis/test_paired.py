@@ -92,7 +92,7 @@ def test_ties_and_what_cannot_be_known():
 @pytest.mark.parametrize("cells", [1, 10, 66])
 @pytest.mark.parametrize("objects", [8, 12, 24, 100])
 def test_an_interval_never_contradicts_its_verdict(cells, objects):
-    """In no cell, for any number of cells, of skewed differences of any size."""
+    """The differences are skewed, of any size, in any number of cells."""
     rng = np.random.default_rng(0)
     by_verdict = {"a": 0, "b": 0, "tie": 0}
     for _ in range(660 // cells):
@@ -351,7 +351,7 @@ def test_objects_of_two_runs_are_paired_by_name(command, two_runs, lost, objects
 
 
 def test_what_has_no_object_in_common_is_no_comparison(refused, two_runs):
-    """All true images failed in both runs."""
+    """The true images of both runs have all failed."""
     for folder in two_runs:
         records = pd.read_parquet(folder / "records.parquet")
         records = records.assign(outcome="failed", reason="input: no true image", ssim=math.nan)

@@ -72,7 +72,7 @@ def repeated(asked, tmp_path):
 
 
 def test_a_manifest_repeats_its_run_with_what_was_left_to_defaults(repeated):
-    """Two of the five objects were complete; the device may be another one here."""
+    """The stored run has two complete objects of five; the device may be another one here."""
     assert repeated() == Options(
         "chair-robustness",
         methods=("splat", "true-mesh", "blank"),

@@ -187,7 +187,7 @@ def test_the_real_meshes_are_those_of_the_list():
 def test_what_is_far_off_and_sets_the_scale_is_named_by_inspect_and_by_a_run(
     command, tmp_path, no_machine
 ):
-    """A face without area, 40 times farther out than the mesh; one far point of a cloud."""
+    """The mesh has a face without area 40 times farther out; the clouds have one far point."""
     rng, folder, clouds = np.random.default_rng(0), tmp_path / "meshes", tmp_path / "clouds"
     (folder / "chair").mkdir(parents=True)
     clouds.mkdir()

@@ -38,7 +38,7 @@ def test_intervals_are_shown_from_12_objects_on(tmp_path, monkeypatch, count, in
 
 
 def test_failed_images_count_as_blank_ones_and_are_named_once(tmp_path):
-    """By hand: of two objects of two views one failed; the interval is over both."""
+    """The values are reckoned by hand: one of two objects failed; the interval is over both."""
     objects = [f"chair/{i:02d}" for i in range(8)]
     directory = write_run(tmp_path / "run", objects=objects, methods=["splat", "blank"])
     records = pd.read_parquet(directory / "records.parquet")

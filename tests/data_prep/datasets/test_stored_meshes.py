@@ -128,7 +128,7 @@ BEHIND = {
         "a.obj", f"mtllib a.mtl\n{OBJ}{FACE}", {"a.mtl": "newmtl m\n  MAP_Kd tex/a.png\n"},
         "tex/a.png", png),
     "a texture that is elsewhere by its path": (
-        "a.obj", f"mtllib C:/x/b.mtl\n{OBJ}{FACE}", {"b.mtl": "newmtl m\nmap_Kd /home/x/a.png\n"},
+        "a.obj", f"mtllib C:/x/b.mtl\n{OBJ}{FACE}", {"b.mtl": "newmtl m\nmap_Kd /other/a.png\n"},
         "a.png", png),
     "a texture of a PLY": ("a.ply", TEXTURED_PLY, {}, "tex/a.png", png),
     "a buffer of a glTF": (
