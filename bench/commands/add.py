@@ -21,8 +21,7 @@ from bench.commands.run import leave, print_ending
 from bench.commands.terminal import shown
 from bench.records.run_folder import MANIFEST, read_finished
 from bench.report.build import REPORT
-from bench.running.options import Options
-from bench.running.shards import read_shard
+from bench.running.options import Options, read_shard
 from bench.tables.markdown import visible
 from data_prep.failures import BadInput
 

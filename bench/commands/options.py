@@ -227,7 +227,7 @@ def _option(
 
 
 def _shard(text: str | None) -> Any:
-    from bench.running.shards import read_shard
+    from bench.running.options import read_shard
 
     return read_shard(text) if text else None
 

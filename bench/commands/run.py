@@ -27,8 +27,7 @@ from bench.metrics.inception_weights import DOWNLOAD, WEIGHTS_SHA256
 from bench.report.build import REPORT
 from bench.running.options import Options
 from bench.running.protocol import Protocol, method_identity, protocol_of
-from bench.running.run import RunResult
-from bench.running.status import RunStatus, run_status
+from bench.running.run import RunResult, RunStatus, run_status
 from bench.tables.markdown import visible
 from data_prep.failures import BadInput
 

@@ -9,7 +9,7 @@ from types import TracebackType
 from typing import Any
 
 from bench.analysis.scores import QualityRow
-from bench.running.listeners import PartialRun
+from bench.running.run import PartialRun
 from bench.tables.plain import plain
 from bench.tables.table import TABLES, Table
 from bench.tables.wrap import terminal_width, wrapped
@@ -27,7 +27,7 @@ def shown(table: Table[Any], lines: int = MOST_LINES) -> list[str]:
 
 
 class Terminal(AbstractContextManager["Terminal"]):
-    """A progress reporter of a run (`bench.running.listeners.ProgressReporter`).
+    """A progress reporter of a run (`bench.running.run.ProgressReporter`).
 
     The headline table is made again as objects are completed, unless that would take more than a
     fiftieth of the time.

@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from contextlib import closing
-from dataclasses import dataclass, replace
+from contextlib import closing, contextmanager
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache, partial
 from operator import attrgetter
+from typing import Any
 
+from bench.catalogue.modules import is_module_name
 from bench.catalogue.suites import Limits
 from bench.records.job import Job, Result, failed
 from bench.records.store import Store
 from bench.running.isolation import (
+    QUEUED,
     TASKS_PER_WORKER,
     Executor,
     TaskPool,
     WorkerFailure,
     submit_all,
 )
+from bench.running.options import LOCAL, Options, workers_of
+from bench.running.protocol import Protocol
 from bench.running.work import (
     RenderedViews,
     draw_job,
@@ -26,7 +31,7 @@ from bench.running.work import (
     run_job,
     score_job,
 )
-from data_prep.failures import MissingDependency
+from data_prep.failures import BadInput, MissingDependency
 from data_prep.progress import log, progress
 
 REFERENCES_KEPT = 4  # ground truths in memory: the jobs of an object follow each other
@@ -162,3 +167,56 @@ def _with_reference(read: Callable[[str], bytes], job: Job | None) -> Job | None
     if job is None or job.reference_key is None:
         return job
     return replace(job, reference=read(job.reference_key))
+
+
+@dataclass(frozen=True)
+class ExecutorFactory:
+    """The executors of a run: worker processes of this machine, or a cluster.
+
+    Attributes
+    ----------
+    start : callable
+        Returns an executor for a number of jobs.
+    workers : int
+        Processes at work at once.
+    cluster : dict or None
+        What the manifest says about the cluster; None for this machine.
+    """
+
+    start: Callable[[int], Executor[Job, Result]]
+    workers: int
+    cluster: dict[str, Any] | None
+
+    @property
+    def capacity(self) -> int:
+        """Return how many jobs keep the workers busy when the run starts."""
+        return QUEUED * max(1, self.workers)
+
+
+@contextmanager
+def executor_factory(options: Options, protocol: Protocol) -> Iterator[ExecutorFactory]:
+    """Yield the executors that the options ask for, connected to the cluster within the block.
+
+    Raises BadInput for options that have no meaning, and as `bench.running.ray.connected`.
+    """
+    suite = protocol.suite
+    workers = workers_of(suite, options)
+    if options.ray is None:
+        start = partial(JobPool, workers=workers, limits=suite.limits)
+        yield ExecutorFactory(start, workers, None)
+        return
+    if suite.timed:
+        raise BadInput(
+            f"--ray: has no meaning for the suite {suite.id}, whose times are compared; leave it"
+        )
+    if modules := list(filter(is_module_name, protocol.methods)):
+        raise BadInput(
+            f"--ray: {modules[0]} is of a module of this machine; install its package on all "
+            "nodes, and give the id of its method"
+        )
+    if options.workers is not None and options.ray != LOCAL:
+        raise BadInput("--workers: has no meaning with --ray, whose nodes bring theirs; leave it")
+    from bench.running.ray import RayPool, connected  # which does its jobs by a `JobPool`
+
+    with connected(options.ray, workers) as cluster:
+        yield ExecutorFactory(lambda _: RayPool(cluster, protocol), cluster.cpus, asdict(cluster))

@@ -26,8 +26,7 @@ from bench.records.run_folder import (
 from bench.records.store import STORE, Store
 from bench.running.options import Options
 from bench.running.plan import ObjectJobs, Plan, plan
-from bench.running.protocol import Protocol, method_identity, name_of
-from bench.running.shards import WHOLE, objects_to_search
+from bench.running.protocol import WHOLE, Protocol, method_identity, name_of, objects_to_search
 from data_prep.datasets.objects import SceneObject
 from data_prep.datasets.registry import open_dataset
 from data_prep.failures import BadInput

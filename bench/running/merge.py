@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any, Generic
 
@@ -24,8 +25,9 @@ from bench.records.run_folder import (
     read_store,
 )
 from bench.records.store import JobRow, Store
+from bench.running.options import Element, Shard, read_shard
+from bench.running.protocol import WHOLE
 from bench.running.run import Outputs, WrittenRun, open_run, write_parquet
-from bench.running.shards import WHOLE, Shard, interleave, read_shard
 from data_prep.failures import BadInput
 from data_prep.progress import progress
 
@@ -122,6 +124,20 @@ def _in_order(parts: Sequence[FinishedShard]) -> list[FinishedShard]:
         named = ", ".join(missing)
         raise BadInput(f"missing: shard {named}; make it with --shard, and give it too")
     return [by_number[k] for k in range(1, count + 1)]
+
+
+def interleave(shards: Sequence[Sequence[Element]]) -> list[Element]:
+    """Return the elements of shards 1 to N in the order they had before `Shard.select`.
+
+    Raises ValueError where `Shard.select` cannot give such lengths: each shard has as many elements
+    as the one before, or, once, one less.
+    """
+    total = sum(map(len, shards))
+    positions = [Shard(k, len(shards)).select(range(total)) for k in range(1, len(shards) + 1)]
+    if [*map(len, shards)] != [*map(len, positions)]:
+        raise ValueError(f"{[*map(len, shards)]} elements are not interleaved")
+    by_position = dict(zip(chain(*positions), chain(*shards), strict=True))
+    return [by_position[position] for position in range(total)]
 
 
 def _differing(value: object, other: object) -> str:

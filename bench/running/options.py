@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import ctypes
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 from unicodedata import category, normalize
 
 from bench.catalogue.loaders import GPU, chosen_device
 from bench.catalogue.suite_types import Suite, Truth
 from bench.records.run_folder import COLOURED
 from bench.running.environment import cores
-from bench.running.shards import Shard
 from data_prep.datasets.registry import Dataset
 from data_prep.failures import BadInput
 
@@ -31,6 +30,34 @@ REPEATED = (
     "seed",
     "inception_weights",
 )
+
+
+Element = TypeVar("Element")
+
+
+@dataclass(frozen=True)
+class Shard:
+    """Shard `number` (from 1) of `count` shards."""
+
+    number: int
+    count: int
+
+    def __str__(self) -> str:
+        return f"{self.number}/{self.count}"
+
+    def select(self, elements: Sequence[Element]) -> tuple[Element, ...]:
+        """Return the elements of this shard; none where there are fewer elements than shards."""
+        return tuple(elements[self.number - 1 :: self.count])
+
+
+def read_shard(text: str) -> Shard:
+    """Return the shard with the name "k/N". Raises BadInput for any other text."""
+    match = re.fullmatch(r"([0-9]{1,6})/([0-9]{1,6})", text)
+    if match is not None:
+        shard = Shard(int(match[1]), int(match[2]))
+        if 1 <= shard.number <= shard.count:
+            return shard
+    raise BadInput(f"--shard {text}: give k/N, the kth of N parts, as in 1/4 ... 4/4")
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The protocol of a run: what is measured, from the options of a command or from a manifest."""
+"""The protocol of a run: what is measured, from options or a manifest, and as a manifest."""
 
 from __future__ import annotations
 
@@ -6,29 +6,36 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from bench.catalogue.claims import address_of
-from bench.catalogue.conditions import find_condition
+from bench.catalogue.claims import address_of, manifest_entry
+from bench.catalogue.conditions import condition_ids, find_condition
 from bench.catalogue.loaders import GPU
-from bench.catalogue.methods import FLOOR, RECOMMENDED, Method, find_run_method
+from bench.catalogue.methods import FLOOR, RECOMMENDED, Method, find_run_method, objectives
 from bench.catalogue.metrics import FID, WeightsUnavailable, find_extractor, metrics_device
 from bench.catalogue.plugins import plugin_problem
 from bench.catalogue.suite_types import TRUTHS
 from bench.catalogue.suites import Suite
-from bench.catalogue.truth import left_out_in_grey, stored_suite, with_truth
-from bench.running.environment import environment
+from bench.catalogue.truth import left_out_in_grey, stored_suite, truth_entry, with_truth
+from bench.records.record import SCHEMA_VERSION
+from bench.records.run_folder import CONDITION_IDENTITIES
+from bench.records.run_folder import PROTOCOL as PROTOCOL_ENTRY
+from bench.running.environment import environment, machine_info
 from bench.running.options import (
     Options,
+    Shard,
     device_of,
+    read_shard,
     refuse_absent_gpu,
     refuse_counts,
     seed_of,
 )
-from bench.running.shards import Shard, objects_to_search
 from data_prep.datasets.objects import SceneObject
+from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from data_prep.datasets.registry import Dataset, open_dataset
 from data_prep.failures import BadInput
 from data_prep.files.checksums import file_sha256
 from data_prep.progress import log
+
+WHOLE: str | None = None  # in the manifest of a run that is no shard
 
 
 @dataclass(frozen=True)
@@ -283,3 +290,73 @@ def stored_protocol(
         environment={},
         export=dataset.checksum,
     )
+
+
+def objects_to_search(manifest: Mapping[str, Any]) -> int:
+    """Return how many objects of a class include all objects of the run with this manifest."""
+    name = manifest.get("shard")
+    # In a run that was stopped, the complete objects need not be the first that were planned.
+    count = max(len(manifest["objects"]), manifest.get("planned", 0))
+    return count * (read_shard(name).count if name else 1)
+
+
+def describe(
+    protocol: Protocol, workers: int, skipped_metrics: Mapping[str, str]
+) -> dict[str, Any]:
+    """Return the manifest of a run of a suite of jobs."""
+    return manifest_of(
+        protocol,
+        protocol.suite.id,
+        protocol.views,
+        protocol.environment,
+        shard=str(protocol.shard) if protocol.shard else WHOLE,
+        methods=list(protocol.methods),
+        identities={
+            id_: method_identity(m, protocol.device) for id_, m in protocol.methods.items()
+        },
+        objectives=objectives(protocol.methods.values()),
+        **manifest_entry(
+            {
+                id_: (m.images.root, m.images.claims)
+                for id_, m in protocol.methods.items()
+                if m.images
+            }
+        ),
+        **truth_entry(protocol.suite),
+        conditions=list(protocol.conditions),
+        **_condition_identities(protocol),
+        objects=[name_of(obj) for obj in protocol.objects],
+        skipped_metrics=dict(skipped_metrics),
+        feature_identity=dict(protocol.feature_identity),
+        workers=workers,
+    )
+
+
+def _condition_identities(protocol: Protocol) -> dict[str, dict[str, str]]:
+    """Return the entry for what clouds of other packages' conditions depend on; none without."""
+    others = [name for name in protocol.conditions if name in condition_ids()]
+    keys = {name: find_condition(name).key for name in others}
+    return {CONDITION_IDENTITIES: keys} if keys else {}
+
+
+def manifest_of(
+    request: Protocol | Options,
+    suite: str,
+    views: int,
+    environment: Mapping[str, str],
+    **entries: object,
+) -> dict[str, Any]:
+    """Return the manifest of a run of any suite; `entries` are those of this kind of suite."""
+    repeated = {"request": request.request} if isinstance(request, Options) else {}
+    return {
+        "schema_version": SCHEMA_VERSION,
+        PROTOCOL_ENTRY: PROTOCOL_VERSION,
+        **repeated,
+        "suite": suite,
+        "dataset": request.dataset,
+        "views": views,
+        "seed": request.seed or 0,
+        "device": request.device,
+        **entries,
+        "environment": dict(environment),
+    } | machine_info()

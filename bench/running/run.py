@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import closing, contextmanager
-from dataclasses import dataclass
+import typing
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, closing, contextmanager
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
+from bench.catalogue.costs import MeasuredMethod, cost_of
 from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
 from bench.records.artifacts import JobName
 from bench.records.job import Job, Result, shares
 from bench.records.parquet import write_features, write_records
+from bench.records.record import GROUND_TRUTH, Record
 from bench.records.run_folder import (
     MANIFEST,
     check_directory,
@@ -24,10 +28,10 @@ from bench.records.run_folder import (
     set_aside,
     write_manifest,
 )
-from bench.records.store import DamagedJob, Store
+from bench.records.store import STORE, DamagedJob, Store
 from bench.records.stored_artifacts import Artifact, StoredArtifacts
 from bench.running.environment import now
-from bench.running.executors import results
+from bench.running.executors import ExecutorFactory, executor_factory, results
 from bench.running.extension import (
     KeptRun,
     is_complete,
@@ -36,19 +40,69 @@ from bench.running.extension import (
     refuse_lost_modules,
     refuse_narrowing,
 )
-from bench.running.factory import ExecutorFactory, executor_factory
 from bench.running.isolation import Executor
-from bench.running.listeners import PartialRun, Watch
-from bench.running.manifest import describe
-from bench.running.options import Options
-from bench.running.plan import Plan, plan
-from bench.running.protocol import Protocol, protocol_of
-from bench.running.schedule import Budget, Schedule, guess_s
-from bench.running.turns import seeded_turns
+from bench.running.options import Options, workers_of
+from bench.running.plan import ObjectJobs, Plan, plan
+from bench.running.protocol import Protocol, describe, protocol_of
+from bench.running.schedule import START_S, Budget, Schedule, end_s, guess_s, seeded_turns
 from data_prep.failures import BadInput
 from data_prep.progress import log
 
 Outputs = TypeVar("Outputs")
+# Of an image: it is scored in some 15 ms of a core; its bytes are those of the default suite.
+IMAGE_S, IMAGE_B = 0.015, 7_000
+TRUTH_MS = 5.0  # of a view of the true mesh
+
+
+@dataclass(frozen=True)
+class PartialRun:
+    """The complete objects of a run, which may still go on.
+
+    Attributes
+    ----------
+    directory : Path
+    manifest : dict
+        Manifest that a run of these objects alone would have.
+    plan : Plan
+        Jobs of the complete objects.
+    store : Store
+        Has their results.
+    planned : sequence of str
+        Names of all objects that the run is to have.
+    """
+
+    directory: Path
+    manifest: dict[str, Any]
+    plan: Plan
+    store: Store
+    planned: Sequence[str]
+
+    def read_records(self, obj: ObjectJobs) -> list[Record]:
+        """Return all records of an object.
+
+        A job that stands for every condition is there once for each.
+        """
+        return [
+            replace(record, condition=job.condition)
+            for job in obj.method_jobs
+            for record in self.store.records(job.key)
+        ]
+
+
+class ProgressReporter(typing.Protocol):
+    """A listener to the progress of a run."""
+
+    def on_jobs_done(self, ended: int, failed: int) -> None:
+        """Report that `ended` more jobs have ended, and that `failed` of the run have failed."""
+        ...
+
+    def on_object_done(self, snapshot: Callable[[], PartialRun]) -> None:
+        """Report that an object is complete. `snapshot` takes the longer the more there are."""
+        ...
+
+
+# Takes title and number of the jobs to be done.
+Watch = Callable[[str, int], AbstractContextManager[ProgressReporter]]
 
 
 @dataclass(frozen=True)
@@ -394,3 +448,93 @@ def timed(stage: str, seconds: dict[str, float]) -> Iterator[None]:
     start = time.perf_counter()
     yield
     seconds[stage] = round(seconds.get(stage, 0.0) + time.perf_counter() - start, 1)
+
+
+@dataclass(frozen=True)
+class RunStatus:
+    """A run that has not been started, or not now.
+
+    Attributes
+    ----------
+    protocol : Protocol
+    directory : Path
+    plan : Plan
+    left : dict
+        Jobs that are left, by method; zeros included. A job that is the same under every condition
+        counts once.
+    workers : int
+        Processes of this machine.
+    stored_b : int
+        Size of the store in the folder.
+    """
+
+    protocol: Protocol
+    directory: Path
+    plan: Plan
+    left: dict[str, int]
+    workers: int
+    stored_b: int
+
+    @property
+    def jobs(self) -> int:
+        """Return the number of jobs that are left."""
+        return sum(self.left.values())
+
+    @property
+    def size_b(self) -> float:
+        """Return the bytes of disk that the jobs left are expected to take."""
+        done = self.plan.job_count - self.jobs
+        return self.jobs * (self.stored_b / done if done else IMAGE_B * self.protocol.views)
+
+    def unmeasured(self, costs: Mapping[str, MeasuredMethod]) -> list[str]:
+        """Return the methods with jobs left whose cost is not known."""
+        return [m for m, jobs in self.left.items() if jobs and self._job_s(m, costs) is None]
+
+    def seconds(self, costs: Mapping[str, MeasuredMethod]) -> float:
+        """Return the time that the jobs left are expected to take, tables and figures included.
+
+        `costs` are those of `bench.catalogue.costs`. Methods without a cost are left out.
+        """
+        of_cores = sum(jobs * (self._job_s(m, costs) or 0.0) for m, jobs in self.left.items())
+        busy = max(1, min(self.workers, self.jobs))
+        return START_S + of_cores / busy + end_s(len(self.plan))
+
+    def _job_s(self, method: str, costs: Mapping[str, MeasuredMethod]) -> float | None:
+        """Return the seconds of a core that a job takes, scores included; None if unknown."""
+        views = self.protocol.views
+        if method == GROUND_TRUTH:
+            return views * (TRUTH_MS / 1000 + IMAGE_S)
+        cost = cost_of(method, costs)
+        return None if cost is None else cost.cloud_ms(views) / 1000 + views * IMAGE_S
+
+
+def run_status(options: Options, protocol: Protocol) -> RunStatus:
+    """Return what `bench run` would do.
+
+    Raises BadInput as `bench.running.run.run` before it does its first job.
+    """
+    directory = options.directory
+    workers = workers_of(protocol.suite, options)
+    protocol, _ = join(options, protocol)
+    planned = plan(protocol)
+    left = Counter(job.method for job in planned[0].jobs)
+    left = {method: jobs * len(planned) for method, jobs in left.items()}
+    stored_b = 0
+    if not options.fresh:
+        with read_store(directory) as store:
+            if not store.is_empty:
+                stored_b = (directory / STORE).stat().st_size
+                for method, done in Counter(_done(planned, store)).items():
+                    left[method] -= done
+    elif not (directory / MANIFEST).exists():  # else it would be renamed
+        check_directory(directory, {})
+    return RunStatus(protocol, directory, planned, left, workers, stored_b)
+
+
+def _done(planned: Plan, store: Store) -> Iterator[str]:
+    """Yield the method of each job that is done, or has no true image to be scored with."""
+    for obj in planned:
+        results = store.find([job.key for job in obj.jobs])
+        truth = results.get(obj.truth.key)
+        undrawn = truth is not None and not truth.has_images
+        yield from (job.method for job in obj.jobs if undrawn or job.key in results)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from itertools import islice
@@ -19,6 +19,7 @@ from bench.records.record import GROUND_TRUTH
 from bench.records.store import Store
 from bench.running.plan import ObjectJobs, Plan
 from data_prep.failures import BadInput
+from data_prep.randomness import generator
 
 UNITS_S = {"s": 1, "m": 60, "h": 3600}
 # Seconds that a run takes beside its jobs: to start the workers and load the weights, and for
@@ -48,6 +49,25 @@ def guess_s(jobs: int, workers: int) -> float:
 def end_s(objects: int) -> float:
     """Return the seconds for the tables, figures and report of so many objects."""
     return END_S + END_OF_OBJECT_S * objects
+
+
+def seeded_turns(names: Iterable[str], seed: int) -> list[str]:
+    """Return objects "class/name" in turns: one of each class, another of each...
+
+    Within a class they come in an order that depends on the seed and on their names alone, so that
+    it says nothing about results, and neither more objects nor an earlier start change the order of
+    the others. Classes keep their order.
+    """
+    names = list(names)
+    classes = {name: name.partition("/")[0] for name in names}
+    rank = {name: i for i, name in enumerate(dict.fromkeys(classes.values()))}
+    keys = {name: generator(seed, "order of objects", name).random() for name in names}
+    turns: Counter[str] = Counter()
+    order = []
+    for name in sorted(names, key=keys.__getitem__):
+        turns[classes[name]] += 1
+        order.append((turns[classes[name]], rank[classes[name]], name))
+    return [name for _, _, name in sorted(order)]
 
 
 @dataclass

@@ -38,7 +38,7 @@ from unittest import mock
 
 import pyarrow.parquet as pq
 
-import bench.running.factory
+import bench.running.executors
 import bench.running.protocol
 import bench.running.run
 from bench.analysis.scored import scored_run
@@ -197,7 +197,7 @@ def run_once(out: Path, writes: Writes, done: Any) -> None:
         os.write(keys, f"{result.key}\n".encode())
 
     sys.stdout = sys.stderr = io.StringIO()
-    bench.running.factory.JobPool = InProcess  # type: ignore[misc]
+    bench.running.executors.JobPool = InProcess  # type: ignore[misc]
     options = Options(
         suite="chair-robustness",
         methods=("splat", "blank"),

@@ -17,8 +17,8 @@ from bench.judges import VIEWS_WEIGHTS
 from bench.judges.views import load_views_network
 from bench.running.environment import environment
 from bench.running.isolation import library_threads
-from bench.running.manifest import manifest_of
 from bench.running.options import Options
+from bench.running.protocol import manifest_of
 from bench.running.run import open_run
 from bench.suites.latent.arithmetic import ANSWERS, SUM_METRICS, SUM_REMARK, add_up, train_codes
 from bench.suites.latent.chairs import (

@@ -16,10 +16,9 @@ from bench.catalogue.conditions import find_condition
 from bench.catalogue.methods import find_method, objectives
 from bench.running.environment import CODE, code_sha256, cores, environment
 from bench.running.isolation import WorkerFailure, run_tasks, thread_counts
-from bench.running.manifest import manifest_of
 from bench.running.options import Options, seed_of
 from bench.running.plan import digest
-from bench.running.protocol import method_identity
+from bench.running.protocol import manifest_of, method_identity
 from bench.running.run import open_run
 from bench.suites.procedure import SuiteRun, methods_of
 from bench.suites.speed.figure import amortised_figure

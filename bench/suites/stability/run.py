@@ -18,10 +18,9 @@ from bench.records.parquet import write_records
 from bench.records.record import SCHEMA_VERSION
 from bench.running.environment import cores, environment
 from bench.running.executors import JobPool, run_jobs
-from bench.running.manifest import manifest_of
 from bench.running.options import Options
 from bench.running.plan import digest
-from bench.running.protocol import method_identity
+from bench.running.protocol import manifest_of, method_identity
 from bench.running.run import open_run
 from bench.suites.procedure import SuiteRun, methods_of
 from bench.suites.stability.cases import CASES, TURN_DEG, VIEWS

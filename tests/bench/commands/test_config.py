@@ -8,8 +8,7 @@ import pytest
 
 from bench.commands import run as module
 from bench.records.run_folder import read_manifest
-from bench.running.options import REPEATED, Options
-from bench.running.shards import Shard
+from bench.running.options import REPEATED, Options, Shard
 
 from ..builders import make_manifest, write_manifest
 

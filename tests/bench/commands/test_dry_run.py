@@ -17,11 +17,10 @@ from bench.records.job import failed
 from bench.records.record import GROUND_TRUTH
 from bench.records.run_folder import open_folder, read_store, write_manifest
 from bench.records.store import STORE
-from bench.running.manifest import describe
 from bench.running.options import Options
 from bench.running.plan import plan
-from bench.running.protocol import protocol_of
-from bench.running.status import RunStatus, run_status
+from bench.running.protocol import describe, protocol_of
+from bench.running.run import RunStatus, run_status
 
 from ..builders import SUITE, make_protocol
 

@@ -18,7 +18,7 @@ ORDER = [f"chair/o{i:02d}" for i in range(40)]
 
 
 class Part:
-    """A part of a run (`bench.running.listeners.PartialRun`) whose lpips was not measured."""
+    """A part of a run (`bench.running.run.PartialRun`) whose lpips was not measured."""
 
     planned = ORDER
 

@@ -10,7 +10,7 @@ import pytest
 from bench.analysis.scores import QualityRow
 from bench.catalogue.suites import TableSpec
 from bench.commands.terminal import MOST_LINES, SHARE, Terminal, shown
-from bench.running.listeners import PartialRun
+from bench.running.run import PartialRun
 from bench.tables.quality import quality_table
 
 

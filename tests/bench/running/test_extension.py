@@ -18,13 +18,12 @@ from bench.commands.terminal import Terminal
 from bench.records.parquet import read_records
 from bench.records.run_folder import read_manifest, read_store, write_manifest
 from bench.records.store import STORE
+from bench.running.executors import executor_factory
 from bench.running.extension import is_complete, join, joined
-from bench.running.factory import executor_factory
-from bench.running.options import Options
+from bench.running.options import Options, Shard
 from bench.running.plan import plan
 from bench.running.protocol import protocol_of
 from bench.running.run import open_run, run
-from bench.running.shards import Shard
 from bench.suites.procedure import methods_of
 from bench.suites.stability.suite import STABILITY
 from data_prep.failures import BadInput

@@ -19,10 +19,9 @@ from bench.catalogue.plugins import plugin_problems
 from bench.catalogue.suites import SUITES
 from bench.records.run_folder import CONDITION_IDENTITIES, read_manifest
 from bench.running.export import export
-from bench.running.manifest import describe
 from bench.running.options import Options
 from bench.running.plan import plan
-from bench.running.protocol import protocol_of
+from bench.running.protocol import describe, protocol_of
 from bench.running.work import cloud_of, run_job
 from data_prep.clouds.conditions import CONDITIONS, Condition
 from data_prep.failures import BadInput, MissingDependency

@@ -13,7 +13,7 @@ import pytest
 from harness_objects import Killed, Refusing, Tetrahedron
 
 from bench.catalogue.suites import Limits
-from bench.running.ray_node import Node, mismatch, requirements
+from bench.running.ray import Node, mismatch, requirements
 from bench.running.work import run_job
 from data_prep.failures import MissingDependency
 

@@ -30,12 +30,10 @@ from bench.records.record import GROUND_TRUTH
 from bench.records.run_folder import read_manifest, read_store
 from bench.records.store import STORE
 from bench.records.stored_artifacts import read_jobs
-from bench.running.options import Options
+from bench.running.options import Options, Shard
 from bench.running.protocol import protocol_of
-from bench.running.run import run
+from bench.running.run import run, run_status
 from bench.running.schedule import Budget
-from bench.running.shards import Shard
-from bench.running.status import run_status
 from bench.tables.build import tables
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from data_prep.failures import BadInput, MissingDependency

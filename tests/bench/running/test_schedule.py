@@ -13,7 +13,7 @@ from bench.records.record import GROUND_TRUTH
 from bench.records.store import open_store
 from bench.running.isolation import submit_all
 from bench.running.plan import plan
-from bench.running.schedule import Budget, Schedule, end_s, seconds_of
+from bench.running.schedule import Budget, Schedule, end_s, seconds_of, seeded_turns
 from data_prep.failures import BadInput
 
 from ..builders import make_protocol
@@ -200,3 +200,23 @@ def test_times(text, seconds):
 def test_what_is_no_time(text):
     with pytest.raises(BadInput, match=r"--budget .*: give a time over 0 with its unit"):
         seconds_of(text)
+
+
+CHAIRS = [f"chair/{i:03d}" for i in range(40)]
+CARS = [f"car/{i:03d}" for i in range(3)]
+
+
+def test_classes_take_turns_and_every_object_comes_once():
+    order = seeded_turns([*CHAIRS, *CARS], 0)
+    assert sorted(order) == sorted([*CHAIRS, *CARS])
+    kinds = [name.partition("/")[0] for name in order]
+    assert kinds == ["chair", "car"] * 3 + ["chair"] * 37
+
+
+def test_the_order_depends_on_seed_and_names_alone():
+    order = seeded_turns(CHAIRS, 0)
+    assert order != CHAIRS
+    assert seeded_turns(reversed(CHAIRS), 0) == order
+    assert seeded_turns(CHAIRS, 1) != order
+    # objects that are added or left out do not change the order of the others
+    assert seeded_turns(CHAIRS[:20], 0) == [name for name in order if name in CHAIRS[:20]]
