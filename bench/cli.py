@@ -124,7 +124,7 @@ class Commands(Group):
 
 def _refused(error: Any) -> typer.Exit:
     """Print a usage error as one line, and return the exit with status 2."""
-    from bench.catalogue.gone import instead_of
+    from bench.catalogue.lookup import instead_of
     from bench.tables.markdown import visible
 
     command = error.ctx.command_path if error.ctx else "bench"

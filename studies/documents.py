@@ -51,7 +51,7 @@ from pathlib import Path
 from bench.analysis.comparison import milliseconds
 from bench.analysis.digits import decimals, is_coarse
 from bench.catalogue.chosen import CHOSEN
-from bench.catalogue.condition_names import condition_name
+from bench.catalogue.conditions import condition_name
 from bench.catalogue.methods import find_method
 from bench.tables.grid import FEWER, MOVED
 from data_prep.files.atomic_write import write_whole

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bench.catalogue.families import FAMILIES
+from bench.catalogue.conditions import FAMILIES
 from bench.catalogue.methods import known_method
 from bench.catalogue.metrics import higher_is_better
 from bench.report.styles import RULE, SOFT, MethodStyle, method_styles

@@ -19,9 +19,8 @@ import numpy as np
 
 from bench.analysis.comparison import milliseconds
 from bench.analysis.paper import AVERAGE
-from bench.catalogue.chosen import BEST_RECONSTRUCTION
-from bench.catalogue.condition_names import condition_words
-from bench.catalogue.costs import MEASURED_ON, cost_of, measured_methods
+from bench.catalogue.chosen import BEST_RECONSTRUCTION, MEASURED_ON, cost_of, measured_methods
+from bench.catalogue.conditions import condition_words
 from bench.catalogue.methods import RECOMMENDED
 from bench.report.board import (
     HEADLINE,

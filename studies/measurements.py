@@ -23,8 +23,7 @@ from pathlib import Path
 from bench.analysis.paper import AVERAGE
 from bench.analysis.run_pairs import methods_of_run
 from bench.analysis.scored import ScoredRun, read_scored
-from bench.catalogue.chosen import BEST_RECONSTRUCTION
-from bench.catalogue.costs import COSTS
+from bench.catalogue.chosen import BEST_RECONSTRUCTION, COSTS
 from bench.catalogue.methods import find_method, role
 from bench.tables.build import tables
 from bench.tables.differences import differences_table

@@ -24,7 +24,7 @@ from scipy.stats import kendalltau
 
 from bench.analysis.digits import decimals
 from bench.catalogue.chosen import CHOSEN
-from bench.catalogue.condition_names import condition_words
+from bench.catalogue.conditions import condition_words
 from bench.catalogue.methods import role
 from bench.catalogue.metrics import higher_is_better
 from bench.tables.table import TABLES

@@ -14,7 +14,7 @@ from itertools import pairwise
 
 from bench.analysis.comparison import NAN, Comparison, Estimate, Quality
 from bench.analysis.paired import Verdicts
-from bench.catalogue.families import Family, families_of
+from bench.catalogue.conditions import Family, families_of
 from bench.catalogue.lookup import family_of
 
 # Who is set against whom; settings and weights of a method (`pc2pix@FILE`) stand for it too.

@@ -30,10 +30,10 @@ from bench.analysis.paired import (
 )
 from bench.analysis.scored import ScoredRun, read_scored
 from bench.catalogue.chosen import BEST_RECONSTRUCTION, CHOSEN
-from bench.catalogue.gone import instead_of
+from bench.catalogue.lookup import instead_of
 from bench.catalogue.methods import FLOOR
 from bench.catalogue.metrics import declared_metric, is_mean
-from bench.catalogue.suite_types import TRUTHS
+from bench.catalogue.suites import TRUTHS
 from bench.records.parquet import read_records
 from bench.records.run_folder import CONDITION_IDENTITIES, PROTOCOL
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION, refuse_other_version

@@ -13,7 +13,7 @@ from bench.analysis.comparison import Comparison, compare
 from bench.analysis.distances import FeatureDistances
 from bench.analysis.object_sums import ObjectSums, sum_records
 from bench.analysis.recognition import confidences, read_class_head
-from bench.catalogue.claims import ENTERED
+from bench.catalogue.images import ENTERED
 from bench.catalogue.metrics import (
     IMAGE_METRICS,
     RECOGNITION_METRICS,
@@ -21,8 +21,7 @@ from bench.catalogue.metrics import (
     find_extractor,
     is_mean,
 )
-from bench.catalogue.suites import PROCEDURES, Suite
-from bench.catalogue.truth import stored_suite
+from bench.catalogue.suites import PROCEDURES, Suite, stored_suite
 from bench.judges import VIEWS_WEIGHTS
 from bench.records.features import Features
 from bench.records.parquet import read_features, read_records

@@ -1,4 +1,7 @@
-"""Conditions by their ids: those of the project, and those of other packages.
+"""Conditions: of the project and of other packages, their names in words, and their families.
+
+A family is one property of a cloud that is varied step by step. What networks were trained on
+stands beside it, so that figures and tables can say where they are beyond it.
 
 A package announces a condition by an entry point of the group `pc2pix_bench.conditions`, whose name
 is the id. Workers find it by that id, as they find methods: nothing of the package is pickled.
@@ -8,15 +11,25 @@ from __future__ import annotations
 
 import pickle
 import random
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
-from bench.catalogue.gone import unknown
+from bench.catalogue.lookup import unknown
 from data_prep import plugins
-from data_prep.clouds.conditions import CONDITIONS, Condition
+from data_prep.clouds.conditions import (
+    CONDITIONS,
+    Condition,
+    GaussianNoise,
+    Missing,
+    Outliers,
+    Perturbation,
+    Stride,
+    Unchanged,
+    UnevenDensity,
+)
 from data_prep.failures import BadInput, MissingDependency, StageFailure
 from data_prep.plugins import entry_point_names, load_entry_point
 
@@ -27,6 +40,7 @@ if TYPE_CHECKING:  # `bench list` answers at once
 
 ALL = "all"  # every condition of this project, for `bench data export`
 OUR_CONDITIONS = frozenset({ALL, *(condition.id for condition in CONDITIONS)})
+GAP = 0.6  # of a step of an axis, between kinds of conditions
 MOST_POINTS = 100_000  # about 50 times the cloud of the protocol; methods take minutes beyond
 
 
@@ -173,3 +187,175 @@ def load_condition(condition_id: str) -> Condition:
     named = "data_prep.clouds.conditions.Condition"
     groups = (plugins.CONDITIONS,)
     return load_entry_point(groups, condition_id, "condition", Condition, named, OUR_CONDITIONS)
+
+
+class ConditionName(NamedTuple):
+    """The names of a condition; conditions of one kind stand together on an axis.
+
+    kind     the kind of the change; "" for a condition that is not known
+    short    name beside others of its kind
+    words    name that needs nothing beside it
+    """
+
+    kind: str
+    short: str
+    words: str
+
+    @property
+    def brief(self) -> str:
+        """Return the name for a narrow column: "noise 5 %", "2,048"."""
+        kind = self.kind if self.kind != "points" else ""
+        return f"{kind} {self.short}".lstrip()
+
+
+def condition_name(condition_id: str) -> ConditionName:
+    """Return the names of a condition; of one that is not known its id."""
+    known = (c.perturbation for c in CONDITIONS if c.id == condition_id)
+    return ConditionName(*_names(next(known, None), condition_id))
+
+
+def condition_words(condition_id: str) -> str:
+    """Return a condition in words that need nothing beside them; the id of an unknown one."""
+    return condition_name(condition_id).words
+
+
+def _names(change: Perturbation | None, condition_id: str) -> tuple[str, str, str]:
+    from data_prep.scene import CLOUD_SIZE  # `bench list` needs no NumPy
+
+    match change:
+        case Unchanged():
+            return "points", f"{CLOUD_SIZE:,}", f"{CLOUD_SIZE:,} points"
+        case Stride(step):
+            count = -(-CLOUD_SIZE // step)
+            return "points", f"{count:,}", f"{count:,} of {CLOUD_SIZE:,} points"
+        case GaussianNoise(sigma):
+            return "noise", _percent(sigma), f"noise {_percent(sigma)} of the radius"
+        case Outliers(share):
+            return "outliers", _percent(share), f"{_percent(share)} outliers"
+        case Missing(share):
+            return "missing", _percent(share), f"{_percent(share)} missing on one side"
+        case UnevenDensity(ratio):
+            words = f"{CLOUD_SIZE // 2:,} points, {ratio:g} times as dense at one end"
+            return "density", f"{ratio:g} : 1", words
+        case _:
+            return "", condition_id, condition_id
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:g} %"
+
+
+def places(conditions: Sequence[str]) -> list[float]:
+    """Return places on an axis, a step apart, with a gap where another kind of change begins."""
+    kinds = [condition_name(condition).kind for condition in conditions]
+    at, gaps = [], 0.0
+    for i, kind in enumerate(kinds):
+        gaps += GAP * (i > 0 and kind != kinds[i - 1])
+        at.append(i + gaps)
+    return at
+
+
+def listed(conditions: Iterable[str], every: Sequence[str]) -> str:
+    """Return conditions in words: all of `every` but some, all of a kind, or one by one."""
+    chosen = set(conditions)
+    if chosen == set(every) and len(every) > 1:
+        return "every condition"
+    others = [condition for condition in every if condition not in chosen]
+    if others and 4 * len(others) <= len(every):
+        return f"every condition but {listed(others, every)}"
+    by_kind: dict[str, list[str]] = {}
+    for condition in every:
+        by_kind.setdefault(condition_name(condition).kind, []).append(condition)
+    parts = []
+    for kind, of_kind in by_kind.items():
+        if kind and len(of_kind) > 1 and chosen.issuperset(of_kind):
+            parts.append("any number of points" if kind == "points" else f"any {kind}")
+        else:
+            parts += [condition_words(c) for c in of_kind if c in chosen]
+    return ", ".join(parts)
+
+
+@dataclass(frozen=True)
+class Family:
+    """Conditions along a numeric axis, in the order in which clouds get worse.
+
+    axis         what is varied, with its unit
+    steps        (value on the axis, condition), values rising or falling
+    trained      by network, the least and the most that it was shown in training
+    logarithmic  whether equal factors are equal steps
+    """
+
+    id: str
+    axis: str
+    steps: tuple[tuple[float, str], ...]
+    trained: tuple[tuple[str, float, float], ...]
+    logarithmic: bool = False
+
+    @property
+    def values(self) -> tuple[float, ...]:
+        """Return the values on the axis."""
+        return tuple(value for value, _ in self.steps)
+
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """Return the conditions in the order of the axis."""
+        return tuple(condition for _, condition in self.steps)
+
+    def unseen_by(self, value: float) -> tuple[str, ...]:
+        """Return the networks whose training had no cloud with this value on the axis."""
+        return tuple(name for name, least, most in self.trained if not least <= value <= most)
+
+
+# Of `splat-net@chair` the constants of learning/clouds.py; of `pc2pix` its bundled weights
+# (pc2pix/weights/chair.md): it was shown at most 1,024 points, and of more it sees 1,024 at a time.
+FAMILIES = (
+    Family(
+        "points",
+        "points",
+        ((2048, "2048"), (1024, "1024"), (512, "512"), (256, "256"), (128, "128")),
+        trained=(("splat-net@chair", 512, 2048), ("pc2pix", 256, 2048)),
+        logarithmic=True,
+    ),
+    Family(
+        "noise",
+        "noise: standard deviation, in radii of the unit sphere",
+        (
+            (0.0, "2048"),
+            *((0.05, "noise-0.05"), (0.10, "noise-0.10")),
+            *((0.15, "noise-0.15"), (0.20, "noise-0.20")),
+        ),
+        trained=(("splat-net@chair", 0.0, 0.12), ("pc2pix", 0.0, 0.10)),
+    ),
+    Family(
+        "outliers",
+        "outliers: share of the points",
+        (
+            (0.0, "2048"),
+            *((0.01, "outliers-0.01"), (0.05, "outliers-0.05"), (0.10, "outliers-0.10")),
+        ),
+        trained=(("splat-net@chair", 0.0, 0.0), ("pc2pix", 0.0, 0.0)),
+    ),
+    Family(
+        "missing",
+        "missing on one side: share of the points",
+        ((0.0, "2048"), (0.25, "missing-0.25"), (0.50, "missing-0.50")),
+        trained=(("splat-net@chair", 0.0, 0.0), ("pc2pix", 0.0, 0.0)),
+    ),
+    Family(  # of 1,024 points all: beside them stands the stride
+        "density",
+        "density: densest end to sparsest, of 1,024 points",
+        ((1.0, "1024"), (3.0, "density-3"), (10.0, "density-10")),
+        trained=(("splat-net@chair", 1.0, 1.0), ("pc2pix", 1.0, 1.0)),
+        logarithmic=True,
+    ),
+)
+
+
+def families_of(conditions: Iterable[str]) -> tuple[Family, ...]:
+    """Return the families with at least two of these conditions, reduced to them."""
+    wanted = set(conditions)
+    reduced = (
+        replace(family, steps=tuple(step for step in family.steps if step[1] in wanted))
+        for family in FAMILIES
+    )
+    return tuple(family for family in reduced if len(family.steps) > 1)

@@ -1,22 +1,43 @@
-"""The type of a method: a renderer with an id, and what is known about it."""
+"""The type of a method, and methods of modules that are not installed, by MODULE:NAME.
+
+Such a module is a file in the current folder, say. To find its method is to execute it. So only the
+names that a command line gives are found (`allow_modules`). A manifest, which may come from
+anywhere, can name a module as well, and nothing of it is executed.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+import ast
+import os
+import re
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from hashlib import sha256
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from bench.catalogue.lookup import family_of
 from data_prep.failures import BadInput
 
 if TYPE_CHECKING:
-    from bench.catalogue.image_tree import ImageTree
+    from bench.catalogue.images import ImageTree
     from data_prep.scene import Renderer
 
 Kind = Literal["", "reconstruction", "network", "splat", "reference"]
 TrainedOn = Literal["chairs", "13 classes", "nothing"]  # of our own methods
 Color = Literal["", "none", "invented", "true"]
+
+# The names that a command has allowed. Worker processes inherit it, as they do `sys.path`.
+ALLOWED = "PC2PIX_BENCH_MODULES"
+IMAGES = "images:"  # of a folder of images on the command line, as in "images:TREE"
+NAME = re.compile(rf"(?!{IMAGES})[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*(\.[^\W\d]\w*)*")
+# Packages of this project; versions in the keys of jobs stand for their code.
+PROJECT = {"bench", "data_prep", "learning", "baselines", "pc2pix", "results"}
 
 
 @dataclass(frozen=True)
@@ -105,3 +126,159 @@ class Method:
         if self.sees_mesh:
             return "ceiling"
         return "floor" if self.kind == "reference" and not self.sees_cloud else ""
+
+
+def is_module_name(name: str) -> bool:
+    """Return whether a name has the form MODULE:NAME."""
+    return NAME.fullmatch(name) is not None
+
+
+def allow_modules(names: Iterable[str]) -> None:
+    """Let this process and its workers load the names of the form MODULE:NAME among `names`."""
+    if not (modules := [name for name in names if is_module_name(name)]):
+        return
+    os.environ[ALLOWED] = ",".join(dict.fromkeys([*_allowed(), *modules]))
+    search_folder()
+
+
+def search_folder() -> None:
+    """Let this process and its workers import modules of the current folder."""
+    if (folder := str(Path.cwd())) not in sys.path:
+        sys.path.append(folder)  # last: no file of this folder hides an installed module
+
+
+def _allowed() -> list[str]:
+    return list(filter(None, os.environ.get(ALLOWED, "").split(",")))
+
+
+def check_module(name: str) -> None:
+    """Raise BadInput where the module of a name MODULE:NAME is not there; load nothing."""
+    package = name.partition(":")[0].partition(".")[0]
+    if not package.isidentifier() or find_spec(package) is None:
+        raise BadInput(
+            f"{name}: no module '{package}' in this folder or among the installed packages; "
+            "give MODULE:NAME, or the name of a dataset and its folder"
+        )
+
+
+def load_object(module: str, path: str) -> Any:
+    """Return the object at a dotted path of a module; what its module raises goes on.
+
+    Raises BadInput where the module has no such object.
+    """
+    import numpy as np
+
+    with np.errstate():  # as in `data_prep.plugins.load_entry_point`
+        target: Any = import_module(module)
+    for part in path.split("."):
+        if not hasattr(target, part):
+            raise BadInput(f"{module} has no '{path}'; give a name in it")
+        target = getattr(target, part)
+    return target
+
+
+def as_method(target: Any, name: str) -> Method | None:
+    """Return a method, or a class or an object that draws as a method; None for another object."""
+    if isinstance(target, Method):
+        return target
+    if not all(callable(getattr(target, function, None)) for function in ("prepare", "draw")):
+        return None
+    module = name.partition(":")[0]
+    return Method(name, partial(_instance, target), identity=str, version=1, source=module)
+
+
+def _instance(target: Any, device: str) -> Any:
+    """Return an object that draws: a class is instantiated, in each worker anew."""
+    del device  # a class that needs it is wrapped in a Method
+    return target() if isinstance(target, type) else target
+
+
+@cache
+def module_method(name: str) -> Method:
+    """Return the method MODULE:NAME; the checksum of its source is a part of its identity.
+
+    Raises BadInput for a name that no command has allowed, a module that cannot be loaded, and an
+    object that is no method.
+    """
+    if name not in _allowed():
+        raise BadInput(
+            f"{name}: is of a module, which only a command line that names it executes, as with "
+            "--methods of 'bench run'; name it there, or install its package"
+        )
+    check_module(name)
+    module, _, path = name.partition(":")
+    try:
+        target = load_object(module, path)
+    except BadInput:
+        raise
+    except (Exception, SystemExit) as error:  # a module may raise anything
+        raise BadInput(
+            f"{name}: its module cannot be loaded ({type(error).__name__}: {error}); "
+            f"'bench test {name}' says more"
+        ) from error
+    if (method := as_method(target, name)) is None:
+        raise BadInput(
+            f"{name}: is a {type(target).__name__}; expected a Method, or a class with the "
+            "functions prepare and draw"
+        )
+    stated = method.identity
+    return replace(
+        method,
+        id=name,
+        identity=lambda: f"{stated()} source {source_sha256(module)}".strip(),
+    )
+
+
+def stated_id(name: str) -> str:
+    """Return the id that a Method of a module states; other names, and classes, as they are."""
+    module, _, path = name.partition(":")
+    target = load_object(module, path) if name in _allowed() else None
+    return target.id if isinstance(target, Method) else name
+
+
+@cache  # as of the module that this process has loaded
+def source_sha256(module: str) -> str:
+    """Return the checksum of the source of a module and of what it imports from its folder."""
+    digest = sha256()
+    for file in source_files(module):
+        digest.update(f"{file.name} {sha256(file.read_bytes()).hexdigest()}\n".encode())
+    return digest.hexdigest()
+
+
+def source_files(module: str) -> list[Path]:
+    """Return the files behind a module, sorted.
+
+    These are the module or all files of its package, and, where these are in the current folder,
+    the modules and packages of that folder that they import, at the top or within functions.
+    """
+    top = module.partition(".")[0]
+    spec = find_spec(top)
+    assert spec is not None, "the module was loaded"
+    locations = [*spec.submodule_search_locations] if spec.submodule_search_locations else []
+    if not locations and not (spec.origin and Path(spec.origin).is_file()):
+        raise BadInput(f"{module}: has no source, by which a run knows its images; wrap it")
+    queue = [Path(place) for place in locations] or [Path(str(spec.origin))]
+    folder, seen, files = Path.cwd(), {top}, set[Path]()
+    is_here = queue[0].resolve().parent == folder.resolve()
+    while queue:
+        place = queue.pop()
+        of_place = sorted(place.rglob("*.py")) if place.is_dir() else [place]
+        files.update(of_place)
+        names = {name for file in of_place if is_here for name in _imported(file)}
+        for name in names - seen - PROJECT:
+            beside = (folder / name, folder / f"{name}.py")
+            queue += (path for path in beside if path.exists())
+        seen |= names
+    return sorted(files)
+
+
+def _imported(file: Path) -> Iterator[str]:
+    """Yield the first part of the name of each module that a file of Python imports."""
+    if file.suffix != ".py":
+        return
+    with suppress(SyntaxError, ValueError):  # it fails when it is imported, if it ever is
+        for node in ast.walk(ast.parse(file.read_bytes())):
+            if isinstance(node, ast.Import):
+                yield from (alias.name.partition(".")[0] for alias in node.names)
+            elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+                yield node.module.partition(".")[0]

@@ -6,25 +6,148 @@ method's id, the object a `Method`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from bench.catalogue import loaders  # no package that is slow to import: `bench list` needs this
 from bench.catalogue.chosen import CHOSEN
-from bench.catalogue.claims import PREFIX, entered_claims
-from bench.catalogue.gone import instead_of, unknown
-from bench.catalogue.lookup import family_of, find, variant_of
-from bench.catalogue.method import Method
-from bench.catalogue.modules import is_module_name, module_method
-from bench.catalogue.networks import COST_VARIANTS, NETWORK_METHODS
-from bench.catalogue.parameters import find_setting
+from bench.catalogue.lookup import family_of, find, instead_of, unknown, variant_of
+from bench.catalogue.method import IMAGES, Color, Method, TrainedOn, is_module_name, module_method
 from data_prep import plugins
 from data_prep.failures import BadInput
 from data_prep.files.safe_read import is_regular_file
 from data_prep.plugins import entry_point_names, load_entry_point
+
+if TYPE_CHECKING:
+    from data_prep.scene import Renderer
+
+
+def _network(
+    method_id: str,
+    source: str,
+    weights: str = loaders.BUNDLED,
+    package: loaders.NetworkPackage = loaders.PC2PIX,
+    load: Callable[[str], Renderer] | None = None,
+    trained_on: TrainedOn = "chairs",
+    color: Color = "invented",
+) -> Method:
+    """Return a network with bundled weights; `load` where it is not loaded as usual."""
+    return Method(
+        method_id,
+        load=load or partial(package.load, weights),
+        identity=partial(package.identity, weights),
+        version=package.version,
+        source=source,
+        weights_file=partial(package.file, weights),
+        trained_on=trained_on,
+        kind="network",
+        color=color,
+    )
+
+
+_splat_net = partial(_network, package=loaders.SPLAT_NET)
+
+NETWORK_METHODS = (
+    _network(
+        "pc2pix",
+        source="paper, section 3; bundled weights, objective paired (pc2pix/weights/chair.md)",
+    ),
+    _network(
+        "pc2pix@acgan",
+        source="paper, section 3; the paper's objective alone (pc2pix/weights/chair-acgan.md)",
+        weights="chair-acgan",
+    ),
+    _network(
+        "pc2pix@all",
+        trained_on="13 classes",
+        source="one network for all 13 classes, objective paired (pc2pix/weights/all.md)",
+        weights="all",
+    ),
+    _splat_net(
+        "splat-net",
+        weights="all",
+        trained_on="13 classes",
+        source="a U-Net over the projected points: one network for objects of any kind, trained on "
+        "shapes of all 13 classes that vary more (baselines/splat_net/weights/all.md)",
+    ),
+    _splat_net(
+        "splat-net@grey",
+        weights="all-grey",
+        color="none",
+        trained_on="13 classes",
+        source="splat-net in neutral grey: no colour is made up",
+    ),
+    _splat_net(
+        "splat-net@chair",
+        weights="chair",
+        source="splat-net trained on chairs (baselines/splat_net/weights/chair.md)",
+    ),
+    # Its images changed with the windows of its finest level: version 3.
+    replace(
+        _splat_net(
+            "splat-net@tiny",
+            weights="all-tiny",
+            trained_on="13 classes",
+            source="splat-net without normals, of half the width "
+            "(baselines/splat_net/weights/all-tiny.md)",
+        ),
+        version=3,
+    ),
+    replace(
+        _splat_net(
+            "splat-net@tiny-grey",
+            weights="all-tiny-grey",
+            color="none",
+            trained_on="13 classes",
+            source="splat-net@tiny in neutral grey",
+        ),
+        version=3,
+    ),
+    _splat_net(
+        "points2pix",
+        weights="points2pix",
+        trained_on="13 classes",
+        source="the U-Net of pix2pix with a code of the cloud (Milz et al. 2019); its own loss, a "
+        "short training (baselines/splat_net/weights/points2pix.md)",
+    ),
+    _network(
+        "occupancy-net",
+        package=loaders.OCCUPANCY_NET,
+        weights="all",
+        trained_on="13 classes",
+        color="none",
+        source="an occupancy network on three planes (Peng et al. 2020), trained on the clouds "
+        "of splat-net (baselines/occupancy_net/weights/all.md)",
+    ),
+    _network(
+        "fused-net",
+        package=loaders.FUSED_NET,
+        weights="all",
+        trained_on="13 classes",
+        source="splat-net that also sees the meshes of denoised-wrap and occupancy-net "
+        "(baselines/fused_net/weights/all.md)",
+    ),
+    _network(
+        "fused-net@grey",
+        package=loaders.FUSED_NET,
+        weights="all-grey",
+        trained_on="13 classes",
+        color="none",
+        source="fused-net in neutral grey: no colour is made up",
+    ),
+)
+# Methods that nobody would draw with, but whose cost is measured beside the others.
+COST_VARIANTS = (
+    _network(
+        "pc2pix@paper",
+        load=loaders.widened,
+        source="the bundled pc2pix at the paper's width: same images, the paper's cost",
+    ),
+)
 
 
 def _reconstruction(
@@ -156,17 +279,97 @@ FLOOR = "blank"
 FLOORS = tuple(method.id for method in METHODS if method.role == "floor")
 
 
+@dataclass(frozen=True)
+class Parameter:
+    """A number that a method's class takes as a field.
+
+    method         the id of the method that has it
+    name           in ids of variants
+    low, high      the values that are taken, both included
+    about          what it is, with its unit
+    field          of the method's class; "" where it has the parameter's name
+    whole          whether only whole numbers are taken
+    """
+
+    method: str
+    name: str
+    low: float
+    high: float
+    about: str
+    field: str = ""
+    whole: bool = False
+
+
+_whole = partial(Parameter, whole=True)
+
+PARAMETERS = (
+    _whole("surface-apss", "resolution", 10, 400, "grid cells along the longest side of the cloud"),
+    Parameter(
+        "surface-fit", "cell", 0.5, 4, "side of a grid cell, in pixels at the origin", "cell_px"
+    ),
+    Parameter(
+        *("surface-bpa", "radius", 0.1, 20),
+        *("of the ball, in percent of the diagonal of the cloud's box", "radius_percent"),
+    ),
+    _whole("poisson", "depth", 3, 10, "levels of the octree"),
+    Parameter("alpha-wrap", "ball", 0.5, 8, "radius of the ball, in spacings of the points"),
+    Parameter("denoised-wrap", "ball", 0.5, 8, "radius of the ball, in spacings of the points"),
+    Parameter("denoised-wrap", "strength", 0, 4, "factor on the estimated noise"),
+    _whole("open3d-poisson", "depth", 3, 10, "levels of the octree"),
+    Parameter("splat", "spread", 0.1, 10, "factor on the radius of the discs"),
+)
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A parameter and its value."""
+
+    parameter: Parameter
+    value: float
+
+    @property
+    def fields(self) -> dict[str, float]:
+        """Return the arguments of the renderer's class."""
+        return {self.parameter.field or self.parameter.name: self.value}
+
+
+def find_setting(method_id: str) -> Setting | None:
+    """Return the setting of an id METHOD@PARAMETER=VALUE; None for an id of another form.
+
+    Raises BadInput for a parameter that the method does not have, and for a value out of its range.
+    """
+    method, setting = family_of(method_id), variant_of(method_id)
+    name, equals, text = setting.partition("=")
+    if not equals or method_id.endswith(".safetensors"):
+        return None
+    parameter = next((k for k in PARAMETERS if (k.method, k.name) == (method, name)), None)
+    if parameter is None:
+        variants = ", ".join(f"{k.method}@{k.name}=..." for k in PARAMETERS)
+        raise BadInput(f"unknown variant '{method_id}': there are {variants}")
+    try:
+        value = int(text) if parameter.whole else float(text)
+    except ValueError:
+        value = math.nan
+    if not parameter.low <= value <= parameter.high:
+        kind = "whole number" if parameter.whole else "number"
+        raise BadInput(
+            f"'{method_id}': {name} must be a {kind} from {parameter.low:g} to {parameter.high:g}, "
+            f"not '{text}'"
+        )
+    return Setting(parameter, value)
+
+
 def find_run_method(address: str) -> Method:
     """Return a method of a run: by its id, or with the images in a folder, as "images:TREE".
 
-    Raises BadInput as `find_method`, and as `bench.catalogue.image_tree.entered_method`.
+    Raises BadInput as `find_method`, and as `bench.catalogue.images.entered_method`.
     """
-    if not address.startswith(PREFIX):
+    if not address.startswith(IMAGES):
         return find_method(address)
-    from bench.catalogue.image_tree import entered_method
+    from bench.catalogue.images import entered_method
 
     taken = OUR_FAMILIES | {family_of(id_) for id_ in plugin_ids()}
-    return entered_method(Path(address.removeprefix(PREFIX)), taken)
+    return entered_method(Path(address.removeprefix(IMAGES)), taken)
 
 
 def find_method(method_id: str) -> Method:
@@ -174,14 +377,14 @@ def find_method(method_id: str) -> Method:
 
     `pc2pix@FILE.safetensors` and the like (WITH_WEIGHTS_FILE) have weights of your own,
     `METHOD@PARAMETER=VALUE` is a method with one parameter set
-    (`bench.catalogue.parameters.PARAMETERS`), `MODULE:NAME` is of a module that the command line
-    names (`bench.catalogue.modules`).
+    (`PARAMETERS`), `MODULE:NAME` is of a module that the command line
+    names (`bench.catalogue.method.module_method`).
 
     Raises BadInput for images in place of a method, an unknown id (naming the nearest), an unknown
     parameter or value, weights that are missing or in another format, where another package
     announces a method that it does not have, and as `module_method`.
     """
-    if method_id.startswith(PREFIX):
+    if method_id.startswith(IMAGES):
         raise BadInput(
             f"{method_id}: images of an export, which cannot draw other clouds; give them to "
             "'bench run' of a suite that scores images"
@@ -258,6 +461,8 @@ def role(method_id: str) -> str:
 
 def training_objects(method_id: str, manifest: Mapping[str, Any]) -> str:
     """Return the objects that a method of a run was trained on; "" where nobody says."""
+    from bench.catalogue.images import entered_claims
+
     if claims := entered_claims(manifest, method_id):
         return claims.trained_on
     method = known_method(method_id)

@@ -13,7 +13,7 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 from bench.catalogue.conditions import OUR_CONDITIONS
-from bench.catalogue.gone import unknown
+from bench.catalogue.lookup import unknown
 from bench.catalogue.methods import OUR_FAMILIES
 from bench.catalogue.metrics import (
     CONTROL_METRICS,

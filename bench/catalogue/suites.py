@@ -1,22 +1,149 @@
 """The suites: literal tables of what is measured and shown. The suite is the configuration.
 
 Whatever can move a value beyond its tolerance stands here; the command line chooses only where, how
-much and how fast.
+much and how fast. Of the truth it chooses the colours: a cloud has none, so against truth in
+colours a part of every score is luck with the lightness; in grey only the shape counts.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
-from bench.catalogue.suite_types import (
-    DETAIL_TABLE,
-    IMAGE_TABLE,
-    SET_TABLE,
-    Limits,
-    Procedure,
-    Suite,
-    TableSpec,
+from bench.catalogue.lookup import find, unknown
+from bench.catalogue.methods import find_method
+from bench.catalogue.metrics import JUDGE, extractor_of
+
+
+@dataclass(frozen=True)
+class Limits:
+    """The wall time in seconds of a task, and the resident memory in GiB of its worker."""
+
+    time_s: float
+    memory_gib: float
+
+
+TableKind = Literal[
+    "images",
+    "sets",
+    "classes",
+    "detail",
+    "recognition",
+    "orderings",
+    "condition sweep",
+    "frontier",
+    "points",
+]
+
+Figures = Literal["robustness", "classes", "condition sweep", "frontier"]
+
+Truth = Literal["coloured", "grey"]
+TRUTHS: dict[Truth, str] = {
+    "coloured": "the true mesh in its colours",
+    "grey": "the true mesh in grey",
+}
+
+
+@dataclass(frozen=True)
+class TableSpec:
+    """A table of a suite.
+
+    kind          images           means over images by `image_metrics`
+                  sets             distances by `set_metrics`
+                  classes          both by class and in the mean over classes, `class_metrics`
+                  detail           means over images by `detail_metrics`
+                  recognition      what the judge recognises, by `control_metrics`
+                  orderings        SR against pc2pix in each class, as the paper's Table 5 has them
+                  condition sweep  methods along families of conditions
+                  frontier         quality against cost
+                  points           quality against the number of points
+    name          of its files, without suffix
+    paper_layout  whether Markdown begins with SR beside PC2PIX and the paper's values
+    """
+
+    kind: TableKind
+    name: str
+    title: str
+    paper_layout: bool = False
+
+
+# Titles do not name the truth: `bench.tables.table.of_truth` adds it to those of all tables.
+DETAIL_TABLE = TableSpec(
+    "detail", "table_detail", "Detail: the object alone, its outline and its thin parts"
 )
+IMAGE_TABLE = TableSpec("images", "table_ssim", "SSIM and its components (higher is better)")
+SET_TABLE = TableSpec("sets", "table_frechet", "Distances between sets of images (lower is better)")
+
+
+@dataclass(frozen=True)
+class Suite:
+    """Methods x conditions x objects x views, the metrics, and the tables and figures of a run.
+
+    classes          the classes of the dataset that take part
+    image_metrics    of the paper's table of SSIM
+    detail_metrics   further image metrics, in a table of their own
+    set_metrics      Fréchet and kernel distances between sets of images
+    class_metrics    by class and in the mean over classes, in the paper's Table 5
+    control_metrics  what the judge recognises
+    views            random views per object
+    endless_limit    objects taken from a dataset without end (the procedural one)
+    limits           for one method on one cloud with all its views; what takes more has failed
+    frontier         metrics that cost is traded for
+    condition_sweep  metrics by which methods are compared along families of conditions
+    headline         metrics of the table that a run shows while it goes on, and at its end
+    truth            true images in the colours of their objects or, by `with_truth` alone, with all
+                     faces in neutral grey; points and views are the same
+    grey_methods     methods that join the list where the truth is in grey
+    timed            whether one worker does all, so that times are taken with nothing beside them
+    tables           in the order in which they are shown; without those that a part of a run, or
+                     one with few methods, does not give
+    figures          the figures in the run's folder
+    """
+
+    id: str
+    about: str
+    methods: tuple[str, ...]
+    conditions: tuple[str, ...]
+    classes: tuple[str, ...]
+    image_metrics: tuple[str, ...]
+    detail_metrics: tuple[str, ...]
+    set_metrics: tuple[str, ...]
+    control_metrics: tuple[str, ...]
+    views: int
+    endless_limit: int
+    limits: Limits
+    frontier: tuple[str, ...] = ()
+    class_metrics: tuple[str, ...] = ()
+    condition_sweep: tuple[str, ...] = ()
+    headline: tuple[str, ...] = ("ssim-object", "lpips")
+    truth: Truth = "coloured"
+    grey_methods: tuple[str, ...] = ()
+    timed: bool = False
+    tables: tuple[TableSpec, ...] = (IMAGE_TABLE, SET_TABLE, DETAIL_TABLE)
+    figures: Figures = "robustness"
+
+    @property
+    def extractors(self) -> tuple[str, ...]:
+        """Return the extractors of the features that the metrics are made from."""
+        of_sets = dict.fromkeys(map(extractor_of, self.set_metrics))
+        return (*of_sets, *((JUDGE,) if self.control_metrics else ()))
+
+    def table(self, kind: TableKind) -> TableSpec | None:
+        """Return the suite's table of a kind; None where it has none."""
+        return next((table for table in self.tables if table.kind == kind), None)
+
+
+@dataclass(frozen=True)
+class Procedure:
+    """A suite with a procedure of its own: its name here, all else beside it in `bench.suites`.
+
+    methods  the default ones
+    """
+
+    id: str
+    about: str
+    methods: tuple[str, ...]
 
 
 def _ids(text: str) -> tuple[str, ...]:
@@ -167,7 +294,7 @@ SUITES = (
             *("surface-apss", "alpha-wrap", "denoised-wrap"),
             *("pc2pix", "splat-net@chair", "fused-net", "blank"),
         ),
-        conditions=(  # each the worse the later, see bench/catalogue/families.py
+        conditions=(  # each the worse the later, see `FAMILIES`
             *("2048", "1024", "512", "256", "128"),
             *("noise-0.05", "noise-0.10", "noise-0.15", "noise-0.20"),
             *("outliers-0.01", "outliers-0.05", "outliers-0.10"),
@@ -223,3 +350,80 @@ SPEED = Procedure(
 
 PROCEDURES = (LATENT, STABILITY, SPEED)  # which make their tables themselves
 ALL_SUITES = (*SUITES, *PROCEDURES)
+
+
+# The networks behind these were trained on images in colours.
+_OF_COLOURS = {"fid", "kid", "fd-views", "kd-views", "class-confidence"}
+CEILING = "true-mesh"
+_IN_GREY = {"fd-views": "fd-views-grey"}
+# Tables of the paper, which has no truth in grey, under names that do not number them.
+_UNNUMBERED: dict[TableKind, TableSpec] = {
+    "images": IMAGE_TABLE,
+    "sets": SET_TABLE,
+    "classes": TableSpec("classes", "table_classes", "Classes"),
+}
+
+
+def with_truth(suite: Suite, truth: str | None) -> Suite:
+    """Return the suite with true images in colours or in grey; None leaves it as it is.
+
+    In grey, the list of methods has none that makes up colours and those of `grey_methods`, and
+    there are no metrics that need colours, none of the paper's values and no check of its
+    orderings. Raises BadInput for an unknown truth.
+    """
+    if truth is None or truth == "coloured":
+        return suite
+    if truth not in TRUTHS:
+        raise unknown(truth, list(TRUTHS), "truth")
+    return replace(
+        suite,
+        about=f"{suite.about}; here in grey",
+        methods=_methods_in_grey(suite),
+        set_metrics=_metrics_in_grey(suite.set_metrics),
+        class_metrics=_metrics_in_grey(suite.class_metrics),
+        frontier=_metrics_in_grey(suite.frontier),
+        condition_sweep=_metrics_in_grey(suite.condition_sweep),
+        tables=tuple(
+            replace(_UNNUMBERED.get(table.kind, table), paper_layout=False)
+            for table in suite.tables
+            if table.kind != "orderings"
+        ),
+        truth="grey",
+    )
+
+
+def left_out_in_grey(suite: Suite) -> dict[str, str]:
+    """Return the methods that the suite's default list does not have in grey, with the reasons.
+
+    Reference methods stay, but for the grey twin of `true-mesh`.
+    """
+    reasons = {}
+    for method in map(find_method, suite.methods):
+        if method.color == "invented" and method.kind != "reference":
+            reasons[method.id] = "makes up colours"
+        elif method.sees_mesh and method.color == "none" and CEILING in suite.methods:
+            reasons[method.id] = f"is {CEILING} in grey"
+    return reasons
+
+
+def _methods_in_grey(suite: Suite) -> tuple[str, ...]:
+    left = left_out_in_grey(suite)
+    kept = [method for method in suite.methods if method not in left]
+    references = [method for method in kept if find_method(method).kind == "reference"]
+    compete = [method for method in kept if method not in references]
+    return tuple(dict.fromkeys((*compete, *suite.grey_methods, *references)))
+
+
+def _metrics_in_grey(metrics: Sequence[str]) -> tuple[str, ...]:
+    names = (_IN_GREY.get(metric, metric) for metric in metrics)
+    return tuple(dict.fromkeys(name for name in names if name not in _OF_COLOURS))
+
+
+def stored_suite(manifest: Mapping[str, Any]) -> Suite:
+    """Return the suite of a run, with the truth of the run. Raises BadInput for unknown ones."""
+    return with_truth(find(str(manifest.get("suite")), SUITES, "suite"), manifest.get("truth"))
+
+
+def truth_entry(suite: Suite) -> dict[str, Truth]:
+    """Return the entry of manifests for the truth; none for colours."""
+    return {"truth": suite.truth} if suite.truth != "coloured" else {}

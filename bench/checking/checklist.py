@@ -15,11 +15,10 @@ from bench.analysis.cells import CellKey
 from bench.analysis.paper import NETWORK, SURFACE
 from bench.analysis.recognition import true_gallery
 from bench.analysis.scored import read_scored
-from bench.catalogue.gone import unknown
-from bench.catalogue.lookup import family_of
+from bench.catalogue.lookup import family_of, unknown
 from bench.catalogue.methods import FLOORS, known_method
 from bench.catalogue.metrics import JUDGE
-from bench.catalogue.suite_types import TRUTHS
+from bench.catalogue.suites import TRUTHS
 from bench.checking.claim_findings import VERDICTS, ClaimFinding, Verdict, corrected
 from bench.checking.claim_rules import CHAIR, RECOGNISABLE
 from bench.checking.claims import CHAIRS, CLASSES, LATENT, SPEED, Claim, claims

@@ -11,8 +11,8 @@ from typing import Annotated
 import typer
 
 from bench.catalogue.lookup import variant_of
+from bench.catalogue.method import allow_modules, is_module_name, stated_id
 from bench.catalogue.methods import find_run_method, plugin_ids
-from bench.catalogue.modules import allow_modules, is_module_name, stated_id
 from bench.commands.config import JOB_SUITES, repeated_request
 from bench.commands.contract import printed
 from bench.commands.options import RunDirectory, WorkersOption, names, worker_count

@@ -10,8 +10,8 @@ from typing import Annotated, Any
 
 import typer
 
-from bench.catalogue.claims import address_of
-from bench.catalogue.gone import instead_of, unknown
+from bench.catalogue.images import address_of
+from bench.catalogue.lookup import instead_of, unknown
 from bench.catalogue.suites import SUITES
 from bench.commands.options import USAGE_ERROR, read_path
 from bench.records.record import SCHEMA_VERSION

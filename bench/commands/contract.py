@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from bench.catalogue.lookup import family_of
-from bench.catalogue.modules import search_folder
+from bench.catalogue.method import search_folder
 from bench.checking.contract.findings import Finding, is_blocked, summary
 from bench.tables.markdown import visible
 

@@ -11,13 +11,17 @@ from typing import Annotated
 
 import typer
 
-from bench.catalogue.chosen import BEST_RECONSTRUCTION, CHOSEN
-from bench.catalogue.claims import PREFIX
+from bench.catalogue.chosen import (
+    BEST_RECONSTRUCTION,
+    CHOSEN,
+    MeasuredMethod,
+    cost_of,
+    measured_methods,
+)
 from bench.catalogue.conditions import condition_ids
-from bench.catalogue.costs import MeasuredMethod, cost_of, measured_methods
-from bench.catalogue.gone import unknown
-from bench.catalogue.method import Method
-from bench.catalogue.methods import COST_VARIANTS, METHODS, RECOMMENDED, plugin_ids
+from bench.catalogue.lookup import unknown
+from bench.catalogue.method import IMAGES, Method
+from bench.catalogue.methods import COST_VARIANTS, METHODS, PARAMETERS, RECOMMENDED, plugin_ids
 from bench.catalogue.metrics import (
     CONTROL_METRICS,
     FURTHER_METRICS,
@@ -27,7 +31,6 @@ from bench.catalogue.metrics import (
     SET_METRICS,
     higher_is_better,
 )
-from bench.catalogue.parameters import PARAMETERS
 from bench.catalogue.plugins import metric_ids, plugin_problem
 from bench.catalogue.suites import ALL_SUITES, ROBUSTNESS
 from bench.tables.wrap import line_width, wrapped
@@ -127,7 +130,7 @@ def _methods(width: int, costs: Mapping[str, MeasuredMethod]) -> Iterator[str]:
         width,
     )
     yield from wrapped(
-        f"{PREFIX}TREE: a method that was run elsewhere, by its images of an export "
+        f"{IMAGES}TREE: a method that was run elsewhere, by its images of an export "
         "(docs/entering.md)",
         width,
     )

@@ -7,7 +7,7 @@ from threadpoolctl import threadpool_limits
 from bench.analysis.object_sums import ObjectSums
 from bench.analysis.scores import QualityRow, mean_rows
 from bench.catalogue.metrics import is_mean
-from bench.catalogue.truth import stored_suite
+from bench.catalogue.suites import stored_suite
 from bench.running.run import PartialRun
 from bench.tables.headline import headline_of
 from bench.tables.table import Table, write_tables

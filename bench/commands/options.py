@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 import typer
 from typer.core import TyperGroup
 
-from bench.catalogue.gone import unknown
+from bench.catalogue.lookup import unknown
 from data_prep.failures import BadInput
 
 # Click's, which some Typers contain.

@@ -13,9 +13,9 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from bench.catalogue.costs import budget_ms_of
+from bench.catalogue.chosen import budget_ms_of
+from bench.catalogue.method import allow_modules
 from bench.catalogue.methods import RECOMMENDED
-from bench.catalogue.modules import allow_modules
 from bench.commands.options import (
     DEVICE,
     Device,

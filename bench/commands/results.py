@@ -27,7 +27,7 @@ from bench.analysis.recommend import (
 from bench.analysis.recommend import recommend as best_methods
 from bench.analysis.scored import ScoredRun, read_scored
 from bench.catalogue.metrics import declared_metric
-from bench.catalogue.suite_types import TRUTHS
+from bench.catalogue.suites import TRUTHS
 from bench.commands.options import FormatOption, RunDirectory, names, path_argument, path_option
 from bench.tables.build import how_timed
 from bench.tables.grid import FEWER, MOVED, measured

@@ -11,15 +11,13 @@ from typing import Annotated, Any
 
 import typer
 
-from bench.catalogue.costs import MeasuredMethod, measured_methods
+from bench.catalogue.chosen import MeasuredMethod, measured_methods
 from bench.catalogue.loaders import GPU
 from bench.catalogue.lookup import find
+from bench.catalogue.method import allow_modules
 from bench.catalogue.metrics import FID, find_extractor, metrics_device
-from bench.catalogue.modules import allow_modules
 from bench.catalogue.plugins import find_metric
-from bench.catalogue.suite_types import TRUTHS
-from bench.catalogue.suites import ALL_SUITES, Suite
-from bench.catalogue.truth import with_truth
+from bench.catalogue.suites import ALL_SUITES, TRUTHS, Suite, with_truth
 from bench.commands.config import ConfigOption, refuse_other_objects
 from bench.commands.options import RUN_OPTIONS, FormatOption, options_from_dataclass
 from bench.commands.publish import Outputs, in_format, print_outputs, run_suite

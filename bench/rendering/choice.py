@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from bench.catalogue.costs import best_within
+from bench.catalogue.chosen import best_within
 from bench.catalogue.methods import RECOMMENDED, RECOMMENDED_IN_COLOUR, find_method
 from data_prep.failures import BadInput
 

@@ -17,9 +17,9 @@ from bench.analysis.comparison import ALL, pooled
 from bench.analysis.paired import verdicts_of
 from bench.analysis.scored import in_order
 from bench.analysis.scores import QualityRow
-from bench.catalogue.claims import entered_claims
-from bench.catalogue.condition_names import condition_words
-from bench.catalogue.conditions import known_condition
+from bench.catalogue.conditions import condition_words, known_condition
+from bench.catalogue.images import entered_claims
+from bench.catalogue.method import is_module_name
 from bench.catalogue.methods import find_method, known_method, role
 from bench.catalogue.metrics import (
     CONTROL_METRICS,
@@ -31,8 +31,7 @@ from bench.catalogue.metrics import (
     column,
     declared_metric,
 )
-from bench.catalogue.modules import is_module_name
-from bench.catalogue.suite_types import TRUTHS, Suite, Truth
+from bench.catalogue.suites import TRUTHS, Suite, Truth
 from bench.records.artifacts import JobName
 from bench.records.record import TIMES
 from bench.records.store import STORE

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from bench.analysis.condition_sweep import ConditionCurve, place_of
-from bench.catalogue.families import Family
+from bench.catalogue.conditions import Family
 from bench.catalogue.methods import FLOOR, role
 from bench.catalogue.metrics import is_mean
 from bench.records.artifacts import JobName

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from bench.analysis.digits import is_coarse
 from bench.analysis.scores import QualityRow
-from bench.catalogue.condition_names import condition_name, condition_words
+from bench.catalogue.conditions import condition_name, condition_words
 from bench.catalogue.methods import FLOOR, role
 from bench.catalogue.metrics import higher_is_better
 from bench.report.page import CompactCell, CompactColumn, CompactTable

@@ -14,8 +14,8 @@ from typing import Any
 from urllib.parse import quote
 
 from bench.analysis.scored import ScoredRun, read_scored
-from bench.catalogue.condition_names import condition_words
-from bench.catalogue.suite_types import TRUTHS
+from bench.catalogue.conditions import condition_words
+from bench.catalogue.suites import TRUTHS
 from bench.records.parquet import RECORDS
 from bench.records.run_folder import FIXED, PROTOCOL, TRUTH
 from bench.report.board import Board

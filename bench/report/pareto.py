@@ -14,11 +14,10 @@ import numpy as np
 from bench.analysis.comparison import Comparison, milliseconds
 from bench.analysis.frontier import FrontierPoint, places
 from bench.analysis.paired import Verdicts
-from bench.catalogue.condition_names import condition_words
+from bench.catalogue.conditions import condition_words
 from bench.catalogue.lookup import family_of, variant_of
-from bench.catalogue.methods import FLOOR, role
+from bench.catalogue.methods import FLOOR, find_setting, role
 from bench.catalogue.metrics import IMAGE_METRICS, higher_is_better
-from bench.catalogue.parameters import find_setting
 from bench.report.blank_region import shade_worse
 from bench.report.inline import MarkedFigure, inline
 from bench.report.page import Plot

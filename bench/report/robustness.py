@@ -14,10 +14,9 @@ import numpy as np
 
 from bench.analysis.comparison import Estimate
 from bench.analysis.scores import QualityRow
-from bench.catalogue.condition_names import ConditionName, condition_name, condition_words, places
-from bench.catalogue.methods import COST_VARIANTS, FLOOR, role
+from bench.catalogue.conditions import ConditionName, condition_name, condition_words, places
+from bench.catalogue.methods import COST_VARIANTS, FLOOR, find_setting, role
 from bench.catalogue.metrics import FURTHER_METRICS, higher_is_better, is_mean
-from bench.catalogue.parameters import find_setting
 from bench.records.artifacts import JobName
 from bench.records.record import GROUND_TRUTH
 from bench.records.stored_artifacts import Artifact

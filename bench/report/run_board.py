@@ -14,7 +14,7 @@ from bench.analysis.comparison import Comparison, milliseconds, pooled
 from bench.analysis.leaderboard import over_conditions
 from bench.analysis.ranks import Ranking, ranking
 from bench.analysis.scored import ScoredRun
-from bench.catalogue.condition_names import condition_words
+from bench.catalogue.conditions import condition_words
 from bench.catalogue.methods import RECOMMENDED, role
 from bench.catalogue.metrics import is_mean
 from bench.report.board import (

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from bench.catalogue.lookup import family_of
-from bench.catalogue.methods import BUNDLED, role
-from bench.catalogue.parameters import find_setting
+from bench.catalogue.methods import BUNDLED, find_setting, role
 
 Dashes = str | tuple[int, tuple[float, ...]]
 Fill = Literal["full", "left", "right", "top", "bottom"]

@@ -21,10 +21,9 @@ from bench.analysis.comparison import (
 from bench.analysis.frontier import places
 from bench.analysis.intervals import FEWEST
 from bench.analysis.paired import Verdicts
-from bench.catalogue.condition_names import listed
+from bench.catalogue.conditions import listed
 from bench.catalogue.lookup import family_of
-from bench.catalogue.methods import COST_VARIANTS, FLOOR
-from bench.catalogue.parameters import find_setting
+from bench.catalogue.methods import COST_VARIANTS, FLOOR, find_setting
 from bench.report.page import Statement
 
 NAMED = 3  # methods named beside each other

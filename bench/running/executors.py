@@ -9,7 +9,7 @@ from functools import lru_cache, partial
 from operator import attrgetter
 from typing import Any
 
-from bench.catalogue.modules import is_module_name
+from bench.catalogue.method import is_module_name
 from bench.catalogue.suites import Limits
 from bench.records.job import Job, Result, failed
 from bench.records.store import Store

@@ -18,8 +18,7 @@ from typing import Any
 from bench.catalogue.conditions import ALL
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import FLOOR
-from bench.catalogue.suite_types import TRUTHS
-from bench.catalogue.suites import SUITES
+from bench.catalogue.suites import SUITES, TRUTHS
 from bench.records.run_folder import COLOURED
 from bench.running.isolation import WorkerFailure, run_tasks
 from bench.running.options import Options, workers_of

@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from bench.catalogue.claims import address_of
 from bench.catalogue.conditions import find_condition
+from bench.catalogue.images import address_of
+from bench.catalogue.method import is_module_name
 from bench.catalogue.methods import Method, find_method, find_run_method
-from bench.catalogue.modules import is_module_name
-from bench.catalogue.truth import truth_entry
+from bench.catalogue.suites import truth_entry
 from bench.records.run_folder import (
     MANIFEST,
     SHARD,

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 from unicodedata import category, normalize
 
 from bench.catalogue.loaders import GPU, chosen_device
-from bench.catalogue.suite_types import Suite, Truth
+from bench.catalogue.suites import Suite, Truth
 from bench.records.run_folder import COLOURED
 from bench.running.environment import cores
 from data_prep.datasets.registry import Dataset

@@ -6,15 +6,20 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from bench.catalogue.claims import address_of, manifest_entry
 from bench.catalogue.conditions import condition_ids, find_condition
+from bench.catalogue.images import address_of, manifest_entry
 from bench.catalogue.loaders import GPU
 from bench.catalogue.methods import FLOOR, RECOMMENDED, Method, find_run_method, objectives
 from bench.catalogue.metrics import FID, WeightsUnavailable, find_extractor, metrics_device
 from bench.catalogue.plugins import plugin_problem
-from bench.catalogue.suite_types import TRUTHS
-from bench.catalogue.suites import Suite
-from bench.catalogue.truth import left_out_in_grey, stored_suite, truth_entry, with_truth
+from bench.catalogue.suites import (
+    TRUTHS,
+    Suite,
+    left_out_in_grey,
+    stored_suite,
+    truth_entry,
+    with_truth,
+)
 from bench.records.record import SCHEMA_VERSION
 from bench.records.run_folder import CONDITION_IDENTITIES
 from bench.records.run_folder import PROTOCOL as PROTOCOL_ENTRY

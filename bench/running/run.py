@@ -13,7 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from bench.catalogue.costs import MeasuredMethod, cost_of
+from bench.catalogue.chosen import MeasuredMethod, cost_of
 from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
 from bench.records.artifacts import JobName
@@ -493,7 +493,7 @@ class RunStatus:
     def seconds(self, costs: Mapping[str, MeasuredMethod]) -> float:
         """Return the time that the jobs left are expected to take, tables and figures included.
 
-        `costs` are those of `bench.catalogue.costs`. Methods without a cost are left out.
+        `costs` are those of `bench.catalogue.chosen`. Methods without a cost are left out.
         """
         of_cores = sum(jobs * (self._job_s(m, costs) or 0.0) for m, jobs in self.left.items())
         busy = max(1, min(self.workers, self.jobs))

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.catalogue.conditions import PluginPerturbation, find_condition
+from bench.catalogue.method import PROJECT
 from bench.catalogue.methods import FLOORS, Method, find_run_method, is_foreign
 from bench.catalogue.metrics import (
     LEARNED_METRICS,
@@ -26,7 +27,6 @@ from bench.catalogue.metrics import (
     lpips_network,
     metrics_device,
 )
-from bench.catalogue.modules import PROJECT
 from bench.metrics.image_scores import scores
 from bench.records.artifacts import pack, unpack_images
 from bench.records.job import NOTHING, Job, JobTiming, Result, Stopwatch, failed, records_of

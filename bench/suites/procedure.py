@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.catalogue.methods import find_method
-from bench.catalogue.suite_types import Procedure
+from bench.catalogue.suites import Procedure
 from bench.running.extension import with_methods_there
 from bench.running.options import Options, refuse, refuse_absent_gpu, refuse_counts
 from bench.tables.table import Table

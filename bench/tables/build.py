@@ -18,8 +18,8 @@ from bench.analysis.paired import verdicts_of
 from bench.analysis.paper import Published
 from bench.analysis.scored import ScoredRun
 from bench.analysis.scores import QualityRow
-from bench.catalogue.claims import ENTERED
-from bench.catalogue.suite_types import Suite, TableKind, TableSpec
+from bench.catalogue.images import ENTERED
+from bench.catalogue.suites import Suite, TableKind, TableSpec
 from bench.records.record import TIMES
 from bench.records.run_folder import PROTOCOL
 from bench.tables import markdown

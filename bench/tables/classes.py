@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from bench.analysis.paper import SURFACE, Published, network_of
 from bench.analysis.scored import ScoredRun
 from bench.analysis.scores import QualityRow, class_rows
-from bench.catalogue.suite_types import TableSpec
+from bench.catalogue.suites import TableSpec
 from bench.tables import markdown
 from bench.tables.grid import Block, ordered
 from bench.tables.quality import (

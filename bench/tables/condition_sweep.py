@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 from bench.analysis.comparison import Estimate
 from bench.analysis.condition_sweep import Crossover, PairedComparison
-from bench.catalogue.families import Family
-from bench.catalogue.suite_types import TableSpec
+from bench.catalogue.conditions import Family
+from bench.catalogue.suites import TableSpec
 from bench.tables import markdown
 from bench.tables.grid import (
     Annotation,

@@ -12,7 +12,7 @@ from bench.analysis.comparison import Comparison, milliseconds
 from bench.analysis.frontier import FrontierPoint, SubsampledFrontier, places
 from bench.analysis.paired import Verdicts
 from bench.catalogue.methods import role
-from bench.catalogue.suite_types import TableSpec
+from bench.catalogue.suites import TableSpec
 from bench.tables import markdown
 from bench.tables.grid import (
     NOTHING,

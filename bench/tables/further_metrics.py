@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from bench.analysis.further_metrics import with_scores
 from bench.analysis.scored import ScoredRun
 from bench.analysis.scores import QualityRow, image_rows
-from bench.catalogue.suite_types import TableSpec
+from bench.catalogue.suites import TableSpec
 from bench.records.image_scores import read_scores, scored_ids
 from bench.tables.quality import quality_table
 from bench.tables.table import Table, of_truth

@@ -23,7 +23,7 @@ from bench.analysis.scores import (
     with_averages,
 )
 from bench.catalogue.metrics import is_mean
-from bench.catalogue.suite_types import Suite
+from bench.catalogue.suites import Suite
 from bench.records.run_folder import PROTOCOL
 from bench.tables.grid import Block
 from bench.tables.quality import all_methods, annotated, with_chosen_rows

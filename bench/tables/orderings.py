@@ -10,7 +10,7 @@ from bench.analysis.comparison import NAN
 from bench.analysis.intervals import FEWEST
 from bench.analysis.orderings import VERDICTS, Ordering
 from bench.analysis.paper import AVERAGE, NETWORK, SURFACE
-from bench.catalogue.suite_types import TableSpec
+from bench.catalogue.suites import TableSpec
 from bench.tables import markdown
 from bench.tables.grid import (
     Annotation,

@@ -20,7 +20,7 @@ from bench.analysis.scores import QualityRow, image_rows, recognition_rows, set_
 from bench.catalogue.chosen import CHOSEN
 from bench.catalogue.methods import role, training_objects
 from bench.catalogue.metrics import JUDGE, higher_is_better
-from bench.catalogue.suite_types import TableSpec
+from bench.catalogue.suites import TableSpec
 from bench.records.record import GROUND_TRUTH
 from bench.tables import markdown
 from bench.tables.grid import (

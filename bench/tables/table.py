@@ -15,7 +15,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from bench.catalogue.suite_types import TRUTHS, Suite
+from bench.catalogue.suites import TRUTHS, Suite
 from bench.records.run_folder import COLOURED, TRUTH
 from bench.tables import markdown
 from bench.tables.grid import Block, Grid

@@ -14,7 +14,7 @@ from bench.analysis.comparison import ALL
 from bench.analysis.digits import decimals, is_coarse
 from bench.analysis.paired import Ahead, PairedDifference
 from bench.analysis.run_pairs import Differences
-from bench.catalogue.condition_names import condition_name
+from bench.catalogue.conditions import condition_name
 from bench.tables.grid import FEWER, MOVED, ordered
 from bench.tables.markdown import visible
 from bench.tables.plain import GAP, in_groups

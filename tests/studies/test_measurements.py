@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.catalogue.chosen import BEST_RECONSTRUCTION
-from bench.catalogue.costs import measured_methods
+from bench.catalogue.chosen import BEST_RECONSTRUCTION, measured_methods
 from bench.catalogue.methods import find_method
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from studies import measurements

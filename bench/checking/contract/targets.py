@@ -11,8 +11,8 @@ from typing import TypeAlias, get_args
 
 from bench.catalogue.conditions import condition_ids, load_condition
 from bench.catalogue.lookup import family_of
+from bench.catalogue.method import as_method, check_module, load_object
 from bench.catalogue.methods import Method, find_method, plugin_ids
-from bench.catalogue.modules import as_method, check_module, load_object
 from bench.catalogue.plugins import (
     ImageMetric,
     SetMetric,

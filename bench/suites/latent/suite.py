@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from bench.catalogue import suites
-from bench.catalogue.suite_types import Procedure
+from bench.catalogue.suites import Procedure
 
 
 @dataclass(frozen=True)

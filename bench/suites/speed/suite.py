@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from bench.catalogue import suites
-from bench.catalogue.suite_types import Limits, Procedure
+from bench.catalogue.suites import Limits, Procedure
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from bench.analysis.condition_sweep import (
 )
 from bench.analysis.intervals import mean_interval
 from bench.analysis.paired import Verdicts
-from bench.catalogue.families import FAMILIES, families_of
+from bench.catalogue.conditions import FAMILIES, families_of
 
 from .comparisons import comparison
 

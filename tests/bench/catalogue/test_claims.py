@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from bench.catalogue.claims import (
+from bench.catalogue.images import (
     Claims,
     address_of,
     entered_claims,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.catalogue.condition_names import condition_name, listed, places
+from bench.catalogue.conditions import condition_name, listed, places
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.catalogue.costs import (
+from bench.catalogue.chosen import (
     MeasuredMethod,
     best_within,
     budget_ms_of,

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from bench.catalogue.families import FAMILIES, families_of
+from bench.catalogue.conditions import FAMILIES, families_of
 from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
 from data_prep.clouds.conditions import (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from bench.catalogue import gone
+from bench.catalogue import lookup
 from bench.records.run_folder import write_manifest
 
 from ..builders import make_manifest
@@ -23,7 +23,7 @@ from ..builders import make_manifest
 )
 def test_one_line_says_what_to_use_now(command, monkeypatch, tmp_path, kind, name, arguments):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setitem(gone.GONE[kind], name, "use another")
+    monkeypatch.setitem(lookup.GONE[kind], name, "use another")
     status, out, err = command(*arguments)
     assert (status, out, err.count("\n")) == (2, "", 1)
     assert err.startswith(f"bench: {kind} '")

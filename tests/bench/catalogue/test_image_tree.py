@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from bench.catalogue.image_tree import ImageTree, ImageTreeRenderer, entered_method
+from bench.catalogue.images import ImageTree, ImageTreeRenderer, entered_method
 from bench.catalogue.methods import find_method, find_run_method
 from data_prep.datasets.exported import ExportedObject, StoredFile
 from data_prep.failures import BadInput, StageFailure

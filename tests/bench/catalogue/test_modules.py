@@ -6,14 +6,14 @@ import sys
 
 import pytest
 
-from bench.catalogue.methods import find_method, known_method
-from bench.catalogue.modules import (
+from bench.catalogue.method import (
     ALLOWED,
     allow_modules,
     is_module_name,
     source_files,
     source_sha256,
 )
+from bench.catalogue.methods import find_method, known_method
 from data_prep.failures import BadInput
 
 CLASS = """class Mine:

@@ -2,8 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from bench.catalogue.methods import COST_VARIANTS, METHODS, find_method
-from bench.catalogue.parameters import PARAMETERS, find_setting
+from bench.catalogue.methods import COST_VARIANTS, METHODS, PARAMETERS, find_method, find_setting
 from data_prep.failures import BadInput
 
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from bench.catalogue.suites import SUITES
-from bench.catalogue.truth import with_truth
+from bench.catalogue.suites import SUITES, with_truth
 
 METRICS = {
     "images": "image_metrics",

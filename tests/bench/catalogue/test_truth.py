@@ -6,9 +6,18 @@ import pytest
 
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import find_method
-from bench.catalogue.suite_types import DETAIL_TABLE, IMAGE_TABLE, SET_TABLE
-from bench.catalogue.suites import RECOGNITION_TABLE, ROBUSTNESS, SUITES
-from bench.catalogue.truth import left_out_in_grey, stored_suite, truth_entry, with_truth
+from bench.catalogue.suites import (
+    DETAIL_TABLE,
+    IMAGE_TABLE,
+    RECOGNITION_TABLE,
+    ROBUSTNESS,
+    SET_TABLE,
+    SUITES,
+    left_out_in_grey,
+    stored_suite,
+    truth_entry,
+    with_truth,
+)
 from data_prep.failures import BadInput
 
 CLASSES = find("thirteen-classes", SUITES, "suite")

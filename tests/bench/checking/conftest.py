@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-import bench.catalogue.truth
+import bench.catalogue.suites
 import bench.tables.published
 from bench.catalogue.suites import SUITES
 from bench.checking.golden import bless
@@ -25,7 +25,7 @@ def be_default(patch, **changes):
         endless_limit=len(manifest["objects"]),
         grey_methods=(),
     )
-    patch.setattr(bench.catalogue.truth, "SUITES", (small, *SUITES[1:]))
+    patch.setattr(bench.catalogue.suites, "SUITES", (small, *SUITES[1:]))
 
 
 @pytest.fixture

@@ -10,8 +10,7 @@ from bench.analysis.scored import read_scored
 from bench.catalogue.chosen import BEST_RECONSTRUCTION
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import FLOORS
-from bench.catalogue.suites import SUITES
-from bench.catalogue.truth import with_truth
+from bench.catalogue.suites import SUITES, with_truth
 from bench.checking.golden import CheckResult, bless, check, golden_lines
 from bench.checking.tolerances import JUDGED, OF_CLASSES, RECONSTRUCTION, RENDERING, tolerance
 from bench.records.run_folder import read_manifest, write_manifest

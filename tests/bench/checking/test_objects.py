@@ -17,8 +17,7 @@ from PIL import Image
 import bench.tables.published
 from bench.analysis.scored import read_scored
 from bench.catalogue.metrics import IMAGE_METRICS, column
-from bench.catalogue.suites import SUITES
-from bench.catalogue.truth import with_truth
+from bench.catalogue.suites import SUITES, with_truth
 from bench.checking.golden import bless, check
 from bench.checking.objects import environment_of, golden_thumbnails, read_objects
 from bench.checking.thumbnails import ACROSS, SIDE, read_png, thumbnail, to_png

@@ -9,8 +9,8 @@ from contextlib import closing
 import pytest
 from harness_objects import Tetrahedron
 
-from bench.catalogue import costs
-from bench.catalogue.costs import MeasuredMethod
+from bench.catalogue import chosen
+from bench.catalogue.chosen import MeasuredMethod
 from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
 from bench.records.job import failed
@@ -154,9 +154,9 @@ def test_time_and_disk_of_the_jobs_left(tmp_path):
 
 @pytest.mark.usefixtures("no_cache", "no_machine")
 def test_a_method_without_a_measured_cost_is_named(command, tmp_path, monkeypatch):
-    lines = costs.COSTS.read_text().splitlines(keepends=True)
+    lines = chosen.COSTS.read_text().splitlines(keepends=True)
     (tmp_path / "costs.csv").write_text("".join(x for x in lines if "points2pix" not in x))
-    monkeypatch.setattr(costs, "COSTS", tmp_path / "costs.csv")
+    monkeypatch.setattr(chosen, "COSTS", tmp_path / "costs.csv")
     few = ("--methods", "points2pix,splat", "--limit", "1")
     status, out, _ = command("run", *DRY, *few, "--out", tmp_path / "a")
     assert status == 0

@@ -6,8 +6,8 @@ import re
 
 import pytest
 
-from bench.catalogue.costs import measured_methods
-from bench.catalogue.methods import COST_VARIANTS, METHODS
+from bench.catalogue.chosen import measured_methods
+from bench.catalogue.methods import COST_VARIANTS, METHODS, PARAMETERS
 from bench.catalogue.metrics import (
     CONTROL_METRICS,
     FURTHER_METRICS,
@@ -16,7 +16,6 @@ from bench.catalogue.metrics import (
     RECOGNITION_METRICS,
     SET_METRICS,
 )
-from bench.catalogue.parameters import PARAMETERS
 from bench.catalogue.suites import LATENT, SPEED, STABILITY, SUITES
 from bench.commands.listing import SECTIONS, section_lines
 from data_prep.clouds.conditions import CONDITIONS

@@ -9,8 +9,7 @@ import pandas as pd
 import pytest
 
 from bench.analysis.scored import read_scored
-from bench.catalogue.methods import find_method
-from bench.catalogue.parameters import find_setting
+from bench.catalogue.methods import find_method, find_setting
 from bench.catalogue.suites import SUITES
 from bench.commands.publish import run_suite
 from bench.records.run_folder import read_manifest

@@ -10,7 +10,7 @@ from report_parser import parse
 
 from bench.analysis.comparison import Estimate
 from bench.analysis.condition_sweep import ConditionCurve
-from bench.catalogue.families import FAMILIES
+from bench.catalogue.conditions import FAMILIES
 from bench.report.families import beyond_figure, family_curves, write_beyond_figures
 from bench.report.styles import method_styles
 

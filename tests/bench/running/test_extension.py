@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.catalogue.modules import ALLOWED, allow_modules, module_method, source_sha256
+from bench.catalogue.method import ALLOWED, allow_modules, module_method, source_sha256
 from bench.catalogue.suites import SUITES
 from bench.commands.add import options_of
 from bench.commands.publish import merge_shards, publish, run_suite

@@ -13,8 +13,7 @@ import bench.running.plan
 from bench.catalogue.conditions import find_condition
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import find_method
-from bench.catalogue.suites import SUITES, Limits
-from bench.catalogue.truth import with_truth
+from bench.catalogue.suites import SUITES, Limits, with_truth
 from bench.records.artifacts import unpack_images
 from bench.records.record import GROUND_TRUTH, SCHEMA_VERSION
 from bench.running.options import Options

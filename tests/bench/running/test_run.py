@@ -20,7 +20,7 @@ import pandas as pd
 import pytest
 from PIL import Image
 
-import bench.catalogue.truth
+import bench.catalogue.suites
 import bench.running.run
 from bench.analysis.scored import read_scored
 from bench.catalogue.suites import SUITES
@@ -238,7 +238,7 @@ def no_networks(monkeypatch):
     """Without set metrics, workers need no torch and start in a second."""
     suites = [replace(SUITES[0], set_metrics=(), control_metrics=())]
     monkeypatch.setattr(bench.running.run, "SUITES", suites)
-    monkeypatch.setattr(bench.catalogue.truth, "SUITES", suites)
+    monkeypatch.setattr(bench.catalogue.suites, "SUITES", suites)
 
 
 class OneMore(Budget):

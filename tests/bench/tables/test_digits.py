@@ -14,8 +14,7 @@ from bench.analysis.paired import ComparedPair, PairedDifference, Side
 from bench.analysis.run_pairs import Differences
 from bench.analysis.scored import read_scored
 from bench.analysis.scores import QualityRow
-from bench.catalogue.suite_types import TRUTHS
-from bench.catalogue.suites import TableSpec
+from bench.catalogue.suites import TRUTHS, TableSpec
 from bench.report.build import read_page
 from bench.report.headline import compact_table
 from bench.report.page import TableGroup, html

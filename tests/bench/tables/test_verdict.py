@@ -15,7 +15,7 @@ from bench.analysis.comparison import Estimate, Quality
 from bench.analysis.paired import ComparedPair, PairedDifference, Side
 from bench.analysis.run_pairs import Differences
 from bench.catalogue.metrics import higher_is_better
-from bench.catalogue.suite_types import TRUTHS
+from bench.catalogue.suites import TRUTHS
 from bench.tables.verdict import comparison_lines
 
 REPOSITORY = Path(__file__).parents[3]

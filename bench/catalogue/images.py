@@ -1,31 +1,42 @@
 """Methods entered by images: a folder of images that were drawn of an export's clouds elsewhere.
 
-    method.toml                          what the author states (`bench.catalogue.claims`)
+    method.toml                          what the author states (`Claims`)
     CONDITION/CLASS/OBJECT/VIEW.png      an image: 00.png, 01.png, ... are the views of `views.csv`
     CONDITION/CLASS/OBJECT.npz           or all of an object: `images`, uint8 [V, 128, 128, 3]
 
 Files come from strangers: their headers are checked before a run starts, and links may not lead out
-of the folder.
+of the folder. Nothing that the author states can be checked here but its form, so tables call the
+times *claimed*. A run repeats the facts in its manifest: it can be read where the tree is not.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+import re
+import tomllib
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import MISSING, asdict, dataclass, fields
 from functools import partial
 from hashlib import sha256
 from pathlib import Path, PurePosixPath
+from typing import Any
 
 import numpy as np
 
-from bench.catalogue.claims import CLAIMS, PREFIX, Claims, read_claims
-from bench.catalogue.method import Method
+from bench.catalogue.method import IMAGES, Method
 from data_prep.datasets.exported import ExportedObject
 from data_prep.datasets.objects import SceneObject
 from data_prep.failures import BadInput, StageFailure
 from data_prep.files.checksums import file_sha256
-from data_prep.files.safe_read import files_in, folders_in, shown
+from data_prep.files.safe_read import (
+    files_in,
+    folders_in,
+    plain_text,
+    read_text,
+    reason_of,
+    shown,
+)
+from data_prep.plugins import is_id
 from data_prep.rendering.images import to_float
 from data_prep.rendering.opaque_images import (
     check_image_array,
@@ -35,8 +46,153 @@ from data_prep.rendering.opaque_images import (
 )
 from data_prep.scene import CloudOrigin, Images, PointCloud, UInt8Images, View
 
+CLAIMS = "method.toml"
+ENTERED = "entered"  # in manifests: facts by method, and under TREE the folder of the images
+TREE = "tree"
+MOST_BYTES = 64 * 2**10  # of a file
+MOST_S = 1e6  # of a claimed time: twelve days
 MOST_NAMED = 3  # in a line about images that are not used
 _ARRAY, _IMAGE = ".npz", ".png"
+_CHECKSUM = re.compile("[0-9a-f]{64}")
+
+
+@dataclass(frozen=True)
+class Claims:
+    """The facts about a method that was run elsewhere, as its author states them.
+
+    Attributes
+    ----------
+    name : str
+        Id of the method in tables, kebab-case.
+    source : str
+        One line about what it does and where it comes from.
+    trained_on : str
+        The objects that a network has seen; "nothing" for a method that learns nothing.
+    hardware : str
+        The machine of the times.
+    prepare_s, draw_s : float
+        Seconds for a cloud, and for one view of it.
+    licence : str
+        Licence of the images.
+    export : str
+        Checksum of the export whose clouds it drew (`data_prep.datasets.exported.checksum_of`).
+    version : str
+        Version or commit of the method; "" for none. Another version is another method
+        on a leaderboard of runs.
+    """
+
+    name: str
+    source: str
+    trained_on: str
+    hardware: str
+    prepare_s: float
+    draw_s: float
+    licence: str
+    export: str
+    version: str = ""
+
+    @property
+    def about(self) -> str:
+        """Return the description for people, in one line."""
+        return (
+            f"{self.source}; entered by images, drawn elsewhere on {self.hardware}, its times are "
+            f"claimed; licence of the images: {self.licence}"
+        )
+
+
+def read_claims(tree: Path, taken: Collection[str]) -> Claims:
+    """Return the facts in the `method.toml` of a tree.
+
+    Raises BadInput, naming the file, for one that is missing or no TOML, for a key that is missing
+    or unknown, for a value of another form, and for a name that is `taken`.
+    """
+    path = tree / CLAIMS
+    if not tree.is_dir():
+        raise BadInput(f"{tree}: no such folder; give a tree of images with its {CLAIMS}")
+    try:
+        stated = tomllib.loads(read_text(path, MOST_BYTES))
+    except (ValueError, RecursionError) as error:  # ValueError: of a number of 5,000 digits
+        if isinstance(error, BadInput):
+            raise
+        raise BadInput(f"{path}: not TOML ({reason_of(error)}); correct it") from error
+    claims = check_claims(stated, str(path))
+    if claims.name in taken:
+        raise BadInput(
+            f"{path}: name {shown(claims.name)} is an id of this installation; give another name"
+        )
+    return claims
+
+
+def check_claims(stated: Mapping[str, Any], where: str) -> Claims:
+    """Return the facts of a mapping, whose place messages call `where`. Raises BadInput."""
+    known = {field.name: field for field in fields(Claims)}
+    if others := [key for key in stated if key not in known]:
+        raise BadInput(f"{where}: unknown key {shown(others[0])}; the keys are {', '.join(known)}")
+    values: dict[str, Any] = {}
+    for key, field in known.items():
+        if key in stated:
+            values[key] = _checked(key, stated[key], field.type == "float", where)
+        elif field.default is MISSING:
+            raise BadInput(f"{where}: no key {key}; add it, as docs/entering.md shows")
+    if not is_id(values["name"]):
+        raise BadInput(
+            f"{where}: name {shown(values['name'])} is not kebab-case (a-z, 0-9 and single "
+            "hyphens), and it names files; rename it"
+        )
+    if not _CHECKSUM.fullmatch(values["export"]):
+        raise BadInput(
+            f"{where}: export {shown(values['export'])} is no sha256; copy the identifier in the "
+            "croissant.json of the export"
+        )
+    return Claims(**values)
+
+
+def _checked(key: str, value: Any, is_number: bool, where: str) -> str | float:
+    if is_number:
+        whole_or_float = isinstance(value, (int, float)) and not isinstance(value, bool)
+        if whole_or_float and 0 <= value <= MOST_S:
+            return float(value)
+        raise BadInput(
+            f"{where}: {key} {shown(repr(value))} is no number of seconds from 0 to {MOST_S:g}; "
+            "give one"
+        )
+    try:
+        return plain_text(value)
+    except ValueError as error:
+        raise BadInput(f"{where}: {key} {error}; give a short text in one line") from None
+
+
+def manifest_entry(trees: Mapping[str, tuple[Path, Claims]]) -> dict[str, Any]:
+    """Return the entry of a manifest for methods entered by images; nothing without any."""
+    facts = {
+        name: {TREE: str(root)} | {key: fact for key, fact in asdict(claims).items() if fact != ""}
+        for name, (root, claims) in trees.items()
+    }
+    return {ENTERED: facts} if facts else {}
+
+
+def entered_claims(manifest: Mapping[str, Any], method_id: str) -> Claims | None:
+    """Return the facts of a method entered by images, as a run's manifest has them.
+
+    None for another method, and for an entry that is damaged.
+    """
+    stated = _entry(manifest, method_id)
+    try:
+        return check_claims({k: v for k, v in stated.items() if k != TREE}, ENTERED)
+    except BadInput:
+        return None
+
+
+def address_of(manifest: Mapping[str, Any], method_id: str) -> str:
+    """Return the text by which a method of a run is found: its id, or "images:" and its tree."""
+    tree = _entry(manifest, method_id).get(TREE)
+    return f"{IMAGES}{tree}" if isinstance(tree, str) else method_id
+
+
+def _entry(manifest: Mapping[str, Any], method_id: str) -> Mapping[str, Any]:
+    entered = manifest.get(ENTERED)
+    stated = entered.get(method_id) if isinstance(entered, Mapping) else None
+    return stated if isinstance(stated, Mapping) else {}
 
 
 @dataclass(frozen=True)
@@ -56,7 +212,7 @@ class ImageTree:
     @property
     def address(self) -> str:
         """Return the text by which a command finds the method."""
-        return f"{PREFIX}{self.root}"
+        return f"{IMAGES}{self.root}"
 
     def read(self, origin: CloudOrigin, views: Sequence[View]) -> UInt8Images:
         """Return the images of a cloud from these of its views, [V, 128, 128, 3].
@@ -236,7 +392,7 @@ class ImageTreeRenderer:
 def entered_method(folder: Path, taken: Collection[str]) -> Method:
     """Return the method whose images are in a folder; `taken` are ids that it must not have.
 
-    Raises BadInput as `bench.catalogue.claims.read_claims`.
+    Raises BadInput as `read_claims`.
     """
     root = folder.absolute()
     tree = ImageTree(root, read_claims(root, taken))
