@@ -21,8 +21,8 @@ import numpy as np
 from bench.catalogue.conditions import FAMILIES
 from bench.catalogue.methods import known_method
 from bench.catalogue.metrics import higher_is_better
+from bench.report.figure import drawing, name_lines, panels, save
 from bench.report.styles import RULE, SOFT, MethodStyle, method_styles
-from bench.tables.figure import drawing, name_lines, panels, save
 from studies.documents import read_lines
 from studies.plot_parts import (
     DPI,

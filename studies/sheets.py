@@ -24,9 +24,9 @@ from bench.catalogue.lookup import find
 from bench.catalogue.methods import RECOMMENDED
 from bench.metrics.silhouette import object_boxes
 from bench.metrics.thin_parts import evaluated
+from bench.report.figure import image_grid, save
 from bench.report.image_sheets import THIN_OF, THIN_TINT
 from bench.running.work import load_renderer
-from bench.tables.figure import image_grid, save
 from data_prep.clouds.conditions import CONDITIONS
 from data_prep.datasets.grey import GreyObject
 from data_prep.datasets.objects import SceneObject

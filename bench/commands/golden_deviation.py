@@ -10,7 +10,7 @@ from bench.checking.thumbnails import SIDE
 from bench.records.run_folder import read_manifest
 from bench.rendering.files import write_images
 from bench.rendering.sheet import Tile, draw_sheet
-from bench.tables.figure import FIGURES
+from bench.report.figure import FIGURES
 from bench.tables.published import golden_name
 from data_prep.failures import CannotWrite
 from data_prep.scene import IMAGE_SIZE

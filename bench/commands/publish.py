@@ -24,13 +24,13 @@ from bench.records.stored_artifacts import Artifact
 from bench.report.build import REPORT, write_report
 from bench.report.classes import write_class_figures
 from bench.report.families import write_beyond_figures
+from bench.report.figure import FIGURES
 from bench.report.pareto import write_frontier
 from bench.report.robustness import write_figures
 from bench.running.merge import Merged, merge
 from bench.running.options import Options, device_of
 from bench.running.run import RunResult, WrittenRun, run, timed
 from bench.tables.build import Outputs, paper_values, write_outputs
-from bench.tables.figure import FIGURES
 from bench.tables.markdown import visible
 from bench.tables.table import TABLES, Table
 from data_prep.failures import BadInput

@@ -25,9 +25,7 @@ from bench.metrics.structural_similarity import ssim_per_image
 from bench.records.artifacts import JobName
 from bench.records.record import GROUND_TRUTH
 from bench.records.stored_artifacts import Artifact
-from bench.report.image_sheets import wrapped
-from bench.report.styles import method_styles
-from bench.tables.figure import (
+from bench.report.figure import (
     FIGURES,
     MOST_HIGH_IN,
     TEXT,
@@ -37,6 +35,8 @@ from bench.tables.figure import (
     save,
     show,
 )
+from bench.report.image_sheets import wrapped
+from bench.report.styles import method_styles
 from bench.tables.grid import ordered
 from bench.tables.markdown import visible
 from bench.tables.table import Table

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from bench.analysis.paired import ComparedPair, PairedDifference
 from bench.catalogue.conditions import condition_name
 from bench.catalogue.metrics import higher_is_better
-from bench.tables.figure import TEXT, WIDTH_IN, drawing, panels, save
+from bench.report.figure import TEXT, WIDTH_IN, drawing, panels, save
 from bench.tables.markdown import visible
 
 if TYPE_CHECKING:

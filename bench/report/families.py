@@ -17,6 +17,7 @@ from bench.catalogue.metrics import is_mean
 from bench.records.artifacts import JobName
 from bench.records.stored_artifacts import Artifact
 from bench.report.blank_region import shade_worse
+from bench.report.figure import FIGURES, TEXT, WIDTH_IN, drawing, panels, save
 from bench.report.inline import MarkedFigure, inline
 from bench.report.page import Plot
 from bench.report.robustness import (
@@ -30,7 +31,6 @@ from bench.report.robustness import (
     write_images,
 )
 from bench.report.styles import RULE, MethodStyle, method_styles
-from bench.tables.figure import FIGURES, TEXT, WIDTH_IN, drawing, panels, save
 from bench.tables.grid import Tags, measured, ordered
 from bench.tables.markdown import visible
 

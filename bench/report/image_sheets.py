@@ -14,8 +14,8 @@ from bench.metrics.thin_parts import evaluated
 from bench.records.artifacts import JobName
 from bench.records.record import GROUND_TRUTH
 from bench.records.stored_artifacts import Artifact
+from bench.report.figure import MOST_HIGH_IN, WIDTH_IN, Image, image_grid, save
 from bench.report.styles import rivals
-from bench.tables.figure import MOST_HIGH_IN, WIDTH_IN, Image, image_grid, save
 from bench.tables.grid import ordered
 from bench.tables.markdown import visible
 

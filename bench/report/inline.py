@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
+from bench.report.figure import drawing
 from bench.report.page import Svg, Tags
 from bench.report.styles import HUES, INK, PAPER, RULE, SHADE, SOFT
-from bench.tables.figure import drawing
 from bench.tables.markdown import visible
 
 if TYPE_CHECKING:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
+from bench.report.figure import drawing, panels
 from bench.report.inline import MarkedFigure, inline
 from bench.report.page import LegendEntry
 from bench.report.robustness import point_style
 from bench.report.styles import MethodStyle
-from bench.tables.figure import drawing, panels
 
 SYMBOL_IN = (0.5, 0.2)
 

@@ -19,6 +19,7 @@ from bench.catalogue.lookup import family_of, variant_of
 from bench.catalogue.methods import FLOOR, find_setting, role
 from bench.catalogue.metrics import IMAGE_METRICS, higher_is_better
 from bench.report.blank_region import shade_worse
+from bench.report.figure import TEXT, WIDTH_IN, drawing, panels, save
 from bench.report.inline import MarkedFigure, inline
 from bench.report.page import Plot
 from bench.report.robustness import (
@@ -29,7 +30,6 @@ from bench.report.robustness import (
     shortened,
 )
 from bench.report.styles import INK, RULE, SOFT, MethodStyle, method_styles
-from bench.tables.figure import TEXT, WIDTH_IN, drawing, panels, save
 from bench.tables.grid import Tags, measured, scored_as_blank
 from bench.tables.markdown import visible
 from data_prep.arrays import Floats

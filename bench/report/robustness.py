@@ -21,11 +21,11 @@ from bench.records.artifacts import JobName
 from bench.records.record import GROUND_TRUTH
 from bench.records.stored_artifacts import Artifact
 from bench.report.blank_region import shade_worse
+from bench.report.figure import FIGURES, TEXT, WIDTH_IN, drawing, panels, save
 from bench.report.image_sheets import write_images, write_thin_parts
 from bench.report.inline import MarkedFigure, inline
 from bench.report.page import Plot
 from bench.report.styles import PAPER, RULE, MethodStyle, method_styles
-from bench.tables.figure import FIGURES, TEXT, WIDTH_IN, drawing, panels, save
 from bench.tables.grid import Cell, Tags, ordered, shown
 from bench.tables.markdown import visible
 from bench.tables.quality import quality_cell

@@ -43,7 +43,7 @@ def table_of_classes(spec: TableSpec, rows: Iterable[QualityRow], remark: str) -
             yield from _paper_layout(of_condition)
             yield from all_methods(of_condition)
 
-    return Table(spec.name, spec.title, columns_of(QualityRow), tuple(rows), layout, remark)
+    return Table.of_rows(spec.name, spec.title, columns_of(QualityRow), tuple(rows), layout, remark)
 
 
 def remark(run: ScoredRun) -> str:

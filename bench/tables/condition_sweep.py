@@ -16,7 +16,6 @@ from bench.tables.grid import (
     Block,
     Cell,
     Grid,
-    PivotLayout,
     Tags,
     measured,
     ordered,
@@ -69,7 +68,7 @@ def condition_sweep_table(
         *columns(("crossing_low", "crossover.low"), ("crossing_high", "crossover.high")),
     )
     rows = tuple(step for paired in paired_comparisons for step in _steps(paired))
-    return Table(spec.name, spec.title, csv, rows, _layout, _REMARK)
+    return Table.of_rows(spec.name, spec.title, csv, rows, _layout, _REMARK)
 
 
 def _steps(c: PairedComparison) -> Iterator[ConditionStep]:
@@ -156,15 +155,13 @@ def _summary(paired_comparisons: Sequence[PairedComparison]) -> Grid:
         "sides",
         "metric",
         lambda row: Cell(end_to_end_text(row)),
-        PivotLayout(
-            line_name=lambda row: row.family.id,
-            before={
-                "from": lambda row: Cell(row.family.conditions[0]),
-                "to": lambda row: Cell(row.family.conditions[-1]),
-                "first": lambda row: Cell(row.method),
-                "second": lambda row: Cell(row.baseline),
-            },
-        ),
+        line_name=lambda row: row.family.id,
+        before={
+            "from": lambda row: Cell(row.family.conditions[0]),
+            "to": lambda row: Cell(row.family.conditions[-1]),
+            "first": lambda row: Cell(row.method),
+            "second": lambda row: Cell(row.baseline),
+        },
         corner="family",
         caption=f"from end to end, {class_name}",
         tags=Tags(class_name=class_name),
@@ -180,14 +177,12 @@ def _leads(rows: Sequence[ConditionStep]) -> Grid:
         "paired",
         "condition",
         _lead,
-        PivotLayout(
-            line_name=lambda row: row.paired.metric,
-            column_name=lambda condition: at[condition],
-            before={
-                "first": lambda row: Cell(row.paired.method),
-                "second": lambda row: Cell(row.paired.baseline),
-            },
-        ),
+        line_name=lambda row: row.paired.metric,
+        column_name=lambda condition: at[condition],
+        before={
+            "first": lambda row: Cell(row.paired.method),
+            "second": lambda row: Cell(row.paired.baseline),
+        },
         corner="metric",
         caption=f"lead along {family.axis}, {class_name}",
         remark=f"In training: {shown_in_training(family)}." if family.trained else "",

@@ -20,7 +20,6 @@ from bench.tables.grid import (
     Annotation,
     Block,
     Cell,
-    PivotLayout,
     marked,
     number,
     ordered,
@@ -51,7 +50,7 @@ def differences_table(differences: Differences) -> Table[PairedDifference]:
     )
     title = f"{differences.b} against {differences.a}, scored against {differences.truth}"
     layout = partial(_layout, differences.remarks)
-    return Table("differences", title, csv, differences.cells, layout)
+    return Table.of_rows("differences", title, csv, differences.cells, layout)
 
 
 def _layout(remarks: Sequence[str], rows: Sequence[PairedDifference]) -> Iterator[Block]:
@@ -63,9 +62,13 @@ def _layout(remarks: Sequence[str], rows: Sequence[PairedDifference]) -> Iterato
         of_grid = [r for r in rows if (r.pair.metric, r.pair.class_name) == (metric, class_name)]
         better = "higher" if higher_is_better(metric) else "lower"
         yield f"## {markdown.cell(f'{metric}, {class_name}')} ({better} is better)"
-        layout = PivotLayout(line_name=_methods)
         yield pivot(
-            of_grid, "pair.b.method", "pair.condition", difference_cell, layout, corner="method"
+            of_grid,
+            "pair.b.method",
+            "pair.condition",
+            difference_cell,
+            corner="method",
+            line_name=_methods,
         )
 
 

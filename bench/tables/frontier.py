@@ -21,7 +21,6 @@ from bench.tables.grid import (
     Cell,
     ColumnHeader,
     Grid,
-    PivotLayout,
     TableRow,
     Tags,
     measured,
@@ -64,7 +63,7 @@ def frontier_table(
         *columns("n_ok", "n", "verdict", ("rival", "baseline")),
     )
     layout = partial(_frontier, remark)
-    return Table(spec.name, spec.title, csv, tuple(rows), layout)
+    return Table.of_rows(spec.name, spec.title, csv, tuple(rows), layout)
 
 
 def _frontier(remark: str, rows: Sequence[FrontierPoint]) -> Iterator[Block]:
@@ -81,11 +80,9 @@ def _frontier(remark: str, rows: Sequence[FrontierPoint]) -> Iterator[Block]:
             "method",
             "metric",
             _quality,
-            PivotLayout(
-                lines=sorted(costs, key=lambda m: (not math.isfinite(costs[m].value), costs[m])),
-                before={"ms": _cost},
-                after={"images": lambda p: Cell(f"{p.n_ok}/{p.n}")},
-            ),
+            lines=sorted(costs, key=lambda m: (not math.isfinite(costs[m].value), costs[m])),
+            before={"ms": _cost},
+            after={"images": lambda p: Cell(f"{p.n_ok}/{p.n}")},
             corner="method",
         )
 
@@ -117,7 +114,7 @@ def points_table(
         *_interval_columns("lost", "lost", "lost_ci"),
     )
     layout = partial(_points, views)
-    return Table(spec.name, spec.title, csv, tuple(rows), layout)
+    return Table.of_rows(spec.name, spec.title, csv, tuple(rows), layout)
 
 
 def _points(views: int, rows: Sequence[SubsampledFrontier]) -> Iterator[Block]:
@@ -134,10 +131,8 @@ def _points(views: int, rows: Sequence[SubsampledFrontier]) -> Iterator[Block]:
             "method",
             "points",
             _thinned,
-            PivotLayout(
-                columns=sorted({row.points for row in of_cell}, reverse=True),
-                column_name="{} points".format,
-            ),
+            columns=sorted({row.points for row in of_cell}, reverse=True),
+            column_name="{} points".format,
             corner="method",
         )
 

@@ -9,12 +9,14 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from operator import attrgetter
-from typing import Any, NamedTuple, TypeVar
+from operator import attrgetter, itemgetter
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from bench.analysis.digits import decimals, is_coarse
 
-R = TypeVar("R")
+if TYPE_CHECKING:
+    import pandas as pd
+
 K = TypeVar("K")
 
 
@@ -229,68 +231,77 @@ def grid(heads: Sequence[str], lines: Iterable[Sequence[str | Cell]], **more: An
     return Grid(heads[0], tuple(map(ColumnHeader, heads[1:])), tuple(rows), **more)
 
 
-@dataclass(frozen=True)
-class PivotLayout:
-    """The lines and columns of a pivot, and what stands beside its cells.
-
-    lines, columns  values of the two attributes, in order; None: all, in the order of the rows
-    line_name       returns the name of a line from its first row; None: the attribute's value
-    column_name     returns the name of a column from the attribute's value
-    before, after   further columns at both sides, from the first row of a line
-    about, outcomes return these of a line from its rows; see `TableRow` and `Tags`
-    missing         stands where there is no row
-    """
-
-    lines: Iterable[Any] | None = None
-    columns: Iterable[Any] | None = None
-    line_name: Callable[[Any], str] | None = None
-    column_name: Callable[[Any], str] = str
-    before: Mapping[str, Callable[[Any], Cell]] | None = None
-    after: Mapping[str, Callable[[Any], Cell]] | None = None
-    about: Callable[[Sequence[Any]], str] = lambda rows: ""
-    outcomes: Callable[[Sequence[Any]], tuple[str, ...]] = lambda rows: ()
-    missing: Cell = NOTHING
-
-
 def pivot(
-    rows: Sequence[R],
+    rows: pd.DataFrame | Sequence[Any],
     line: str,
     column: str,
-    cell: Callable[[R], Cell],
-    layout: PivotLayout | None = None,
+    cell: Callable[[Any], Cell],
+    *,
     corner: str = "",
+    lines: Iterable[Any] | None = None,
+    columns: Iterable[Any] | None = None,
+    line_name: Callable[[Any], str] | None = None,
+    column_name: Callable[[Any], str] = str,
+    before: Mapping[str, Callable[[Any], Cell]] | None = None,
+    after: Mapping[str, Callable[[Any], Cell]] | None = None,
+    about: Callable[[Sequence[Any]], str] = lambda rows: "",
+    outcomes: Callable[[Sequence[Any]], tuple[str, ...]] = lambda rows: (),
+    missing: Cell = NOTHING,
     **more: Any,
 ) -> Grid:
-    """Return tidy rows as a grid by two of their attributes; `more` are fields of `Grid`."""
-    by = layout or PivotLayout()
-    line_of, column_of = attrgetter(line), attrgetter(column)
-    columns = ordered(map(column_of, rows)) if by.columns is None else list(by.columns)
-    before, after = by.before or {}, by.after or {}
-    lines = []
-    for key in ordered(map(line_of, rows)) if by.lines is None else by.lines:
-        of_line = [row for row in rows if line_of(row) == key]
+    """Return a frame as a grid by two of its columns; functions get its rows as mappings.
+
+    Parameters
+    ----------
+    lines, columns
+        Values of the two columns, in order; by default all, in the order of the rows.
+    line_name, column_name
+        Return the name of a line from its first row, and of a column from the value.
+    before, after
+        Further columns at both sides, from the first row of a line.
+    about, outcomes
+        Return these of a line from its rows; see `TableRow` and `Tags`.
+    missing
+        Stands where there is no row.
+    more
+        Fields of `Grid`.
+    """
+    every: Sequence[Any] = rows if isinstance(rows, Sequence) else records(rows)
+    get = attrgetter if isinstance(rows, Sequence) else itemgetter
+    line_of, column_of = get(line), get(column)
+    across = ordered(map(column_of, every)) if columns is None else list(columns)
+    before, after = before or {}, after or {}
+    down = []
+    for key in ordered(map(line_of, every)) if lines is None else lines:
+        of_line = [row for row in every if line_of(row) == key]
         at_column = {column_of(row): row for row in of_line}
         first = of_line[:1]
         cells = (
             *(further(row) for further in before.values() for row in first),
-            *(cell(at_column[name]) if name in at_column else by.missing for name in columns),
+            *(cell(at_column[name]) if name in at_column else missing for name in across),
             *(further(row) for further in after.values() for row in first),
         )
-        name = by.line_name(first[0]) if by.line_name else str(key)
-        tags = _tags(line, key, by.outcomes(of_line))
-        lines.append(TableRow(name, cells, by.about(of_line), tags))
+        name = line_name(first[0]) if line_name else str(key)
+        tags = _tags(line, key, outcomes(of_line))
+        down.append(TableRow(name, cells, about(of_line), tags))
     heads = (
         *map(ColumnHeader, before),
-        *(ColumnHeader(by.column_name(name), _tags(column, name)) for name in columns),
+        *(ColumnHeader(column_name(name), _tags(column, name)) for name in across),
         *map(ColumnHeader, after),
     )
-    return Grid(corner, heads, tuple(lines), **more)
+    return Grid(corner, heads, tuple(down), **more)
+
+
+def records(frame: pd.DataFrame) -> list[dict[str, Any]]:
+    """Return the rows of a frame as mappings, numbers as those of Python."""
+    return frame.to_dict("records")  # type: ignore[return-value]
 
 
 def _tags(attribute: str, value: Any, outcomes: tuple[str, ...] = ()) -> Tags:
-    if attribute not in ("method", "condition", "class_name"):
+    field = "class_name" if attribute == "class" else attribute
+    if field not in ("method", "condition", "class_name"):
         return Tags(outcomes=outcomes)
-    return Tags(**{attribute: value}, outcomes=outcomes)
+    return Tags(**{field: value}, outcomes=outcomes)
 
 
 def ordered(values: Iterable[K]) -> list[K]:

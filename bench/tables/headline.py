@@ -76,5 +76,5 @@ def headline_of(
         yield from all_methods([replace(row, failures_as_blank=NAN) for row in rows], _LEGEND)
 
     every = with_chosen_rows(annotated(chosen, manifest, {}))
-    table = Table(HEADLINE, title, columns_of(QualityRow), every, layout)
+    table = Table.of_rows(HEADLINE, title, columns_of(QualityRow), every, layout)
     return of_protocol(table, suite, manifest[PROTOCOL])

@@ -17,7 +17,6 @@ from bench.tables.grid import (
     Block,
     Cell,
     Grid,
-    PivotLayout,
     Tags,
     grid,
     measured,
@@ -45,7 +44,7 @@ def orderings_table(spec: TableSpec, suite: str, rows: Sequence[Ordering]) -> Ta
     )
     remark = _REMARK.format(network=network, surface=SURFACE)
     layout = partial(_layout, network)
-    return Table(spec.name, spec.title, csv, tuple(rows), layout, remark)
+    return Table.of_rows(spec.name, spec.title, csv, tuple(rows), layout, remark)
 
 
 def _layout(network: str, rows: Sequence[Ordering]) -> Iterator[Block]:
@@ -92,15 +91,11 @@ def _differences(rows: Sequence[Ordering]) -> Grid:
         "class_name",
         "metric",
         _cell,
-        PivotLayout(
-            before={
-                "objects": lambda row: Cell(str(row.objects), row.objects),
-                "paper (FID)": lambda row: number(
-                    (row.paper_difference, NAN, NAN), "{:+.1f}".format
-                ),
-            }
-        ),
-        "class",
+        before={
+            "objects": lambda row: Cell(str(row.objects), row.objects),
+            "paper (FID)": lambda row: number((row.paper_difference, NAN, NAN), "{:+.1f}".format),
+        },
+        corner="class",
         caption=f"lead at {condition}",
         tags=Tags(condition=condition),
     )

@@ -30,7 +30,6 @@ from bench.tables.grid import (
     Cell,
     ColumnHeader,
     Grid,
-    PivotLayout,
     TableRow,
     Tags,
     measured,
@@ -116,7 +115,7 @@ def quality_table(
 
     rows = with_chosen_rows(rows)
     remark = " ".join(filter(None, [remark, which_are_chosen(rows)]))
-    return Table(spec.name, spec.title, columns_of(QualityRow), rows, layout, remark)
+    return Table.of_rows(spec.name, spec.title, columns_of(QualityRow), rows, layout, remark)
 
 
 def with_chosen_rows(rows: Iterable[QualityRow]) -> tuple[QualityRow, ...]:
@@ -253,14 +252,14 @@ def _grid(rows: Sequence[QualityRow], by_class: bool, how: str = "") -> Grid:
     else:
         line, column, corner = "method", "condition", "method"
         where, across, tags = rows[0].class_name, column, Tags(class_name=rows[0].class_name)
-    layout = PivotLayout(outcomes=_outcomes)
     return pivot(
         rows,
         line,
         column,
         partial(_cell, best=best_printed(rows)),
-        layout if by_class else replace(layout, about=_about),
-        corner,
+        corner=corner,
+        outcomes=_outcomes,
+        about=(lambda rows: "") if by_class else _about,
         caption=f"{metric}{how}, {where} ({'higher' if higher else 'lower'} is better)",
         notes=tuple(skipped or _gaps(rows, across)),
         void=bool(skipped),

@@ -10,15 +10,17 @@ import csv
 import io
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from operator import attrgetter
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
+import pandas as pd
+
 from bench.catalogue.suites import TRUTHS, Suite
 from bench.records.run_folder import COLOURED, TRUTH
 from bench.tables import markdown
-from bench.tables.grid import Block, Grid
+from bench.tables.grid import Block, Grid, records
 from data_prep.files.atomic_write import write_whole
 from data_prep.progress import log
 
@@ -37,13 +39,6 @@ class Column:
     name: str
     value: Callable[[Any], object]
     digits: str = ".6f"
-
-    def field(self, row: object) -> object:
-        """Return the field of a row."""
-        value = self.value(row)
-        if not isinstance(value, float):
-            return value
-        return format(value, self.digits) if math.isfinite(value) else ""
 
 
 def columns(*names: str | tuple[str, str], digits: str = ".6f") -> tuple[Column, ...]:
@@ -76,38 +71,56 @@ def _csv_line(values: Iterable[object]) -> str:
     return buffer.getvalue().removesuffix("\r\n") + "\n"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Table(Generic[R]):
     """A finished table.
 
-    name     of its files, without suffix
-    columns  of its CSV
-    layout   returns what people see of its rows; None: the table is for scripts alone
-    remark   what one has to know to read it in the report
+    name    of its files, without suffix
+    frame   its rows; the columns are those of the CSV
+    layout  returns what people see of the frame; None: the table is for scripts alone
+    remark  what one has to know to read it in the report
+    digits  format of the floats of its CSV; one that is not finite is an empty field
+    hidden  columns of the frame for the layout alone
     """
 
     name: str
     title: str
-    columns: tuple[Column, ...]
-    rows: tuple[R, ...]
-    layout: Callable[[Sequence[R]], Iterable[Block]] | None = field(default=None, compare=False)
+    frame: pd.DataFrame
+    layout: Callable[[pd.DataFrame], Iterable[Block]] | None = None
     remark: str = ""
+    digits: str = ".6f"
+    hidden: tuple[str, ...] = ()
+    rows: tuple[R, ...] = ()
+
+    @staticmethod
+    def of_rows(
+        name: str,
+        title: str,
+        columns: Sequence[Column],
+        rows: Sequence[R],
+        layout: Callable[[Sequence[R]], Iterable[Block]] | None = None,
+        remark: str = "",
+    ) -> Table[R]:
+        """Return a table of row objects, which its layout gets in place of a frame."""
+        values = {c.name: pd.Series([c.value(row) for row in rows], dtype=object) for c in columns}
+        digits = next((c.digits for c in columns if c.digits != ".6f"), ".6f")
+        seen = None if layout is None else lambda frame: layout(rows)
+        return Table(name, title, pd.DataFrame(values), seen, remark, digits, rows=tuple(rows))
 
     def to_csv(self) -> str:
         """Return a header, and a line for each row."""
-        return csv_text(
-            [column.name for column in self.columns],
-            ([column.field(row) for column in self.columns] for row in self.rows),
-        )
+        shown = self._shown
+        return csv_text(shown.columns, (map(self._field, line.values()) for line in records(shown)))
 
     def to_rows(self) -> list[dict[str, object]]:
         """Return values by column, unrounded; None for a float that is not finite."""
-
-        def value(column: Column, row: R) -> object:
-            number = column.value(row)
-            return None if isinstance(number, float) and not math.isfinite(number) else number
-
-        return [{c.name: value(c, row) for c in self.columns} for row in self.rows]
+        return [
+            {
+                name: None if isinstance(value, float) and not math.isfinite(value) else value
+                for name, value in line.items()
+            }
+            for line in records(self._shown)
+        ]
 
     def to_markdown(self) -> str:
         """Return the title and what people see."""
@@ -117,8 +130,17 @@ class Table(Generic[R]):
         """Return the grids that the report shows."""
         return tuple(b for b in self._blocks() if isinstance(b, Grid) and b.caption)
 
+    @property
+    def _shown(self) -> pd.DataFrame:
+        return self.frame.drop(columns=[*self.hidden])
+
+    def _field(self, value: object) -> object:
+        if not isinstance(value, float):
+            return value
+        return format(value, self.digits) if math.isfinite(value) else ""
+
     def _blocks(self) -> Iterable[Block]:
-        return self.layout(self.rows) if self.layout else ()
+        return self.layout(self.frame) if self.layout else ()
 
 
 def of_truth(table: Table[R], suite: Suite) -> Table[R]:
@@ -126,15 +148,13 @@ def of_truth(table: Table[R], suite: Suite) -> Table[R]:
 
     In grey there is a last column, for the suite alone does not tell.
     """
-    more = (constant(TRUTH, suite.truth),) if suite.truth != COLOURED else ()
-    title = f"{table.title}; against {TRUTHS[suite.truth]}"
-    return replace(table, title=title, columns=(*table.columns, *more))
+    frame = table.frame if suite.truth == COLOURED else table.frame.assign(**{TRUTH: suite.truth})
+    return replace(table, title=f"{table.title}; against {TRUTHS[suite.truth]}", frame=frame)
 
 
 def of_protocol(table: Table[R], suite: Suite, version: int) -> Table[R]:
     """Return the table with the truth and the protocol's version in its title and as columns."""
-    protocol = replace(table, columns=(*table.columns, constant("protocol", version)))
-    titled = of_truth(protocol, suite)
+    titled = of_truth(replace(table, frame=table.frame.assign(protocol=version)), suite)
     return replace(titled, title=f"{titled.title}; protocol {version}")
 
 

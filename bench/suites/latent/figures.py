@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from baselines.splat import Splat
-from bench.tables.figure import TEXT, WIDTH_IN, bare, drawing, panels, show
+from bench.report.figure import TEXT, WIDTH_IN, bare, drawing, panels, show
 from data_prep.rendering.images import to_uint8
 from data_prep.scene import PointCloud, Points, View
 

@@ -15,6 +15,7 @@ from typing import TypeVar
 
 from bench.judges import VIEWS_WEIGHTS
 from bench.judges.views import load_views_network
+from bench.report.figure import FIGURES, save
 from bench.running.environment import environment
 from bench.running.isolation import library_threads
 from bench.running.options import Options
@@ -34,7 +35,6 @@ from bench.suites.latent.paths import PATH_METRICS, PATH_REMARK, PATHS, walk
 from bench.suites.latent.suite import LATENT, LatentSuite
 from bench.suites.latent.tables import LatentValue, Mean, latent_table, means, values_table
 from bench.suites.procedure import SuiteRun, methods_of
-from bench.tables.figure import FIGURES, save
 from bench.tables.table import Table, write_tables
 from data_prep.datasets.registry import Split, open_dataset
 from data_prep.failures import BadInput

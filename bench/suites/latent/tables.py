@@ -10,7 +10,7 @@ import numpy as np
 
 from bench.analysis.intervals import mean_interval
 from bench.tables import markdown
-from bench.tables.grid import Block, Cell, PivotLayout, number, ordered, pivot
+from bench.tables.grid import Block, Cell, number, ordered, pivot
 from bench.tables.table import Table, columns_of
 
 ALL = "all"
@@ -84,20 +84,18 @@ def latent_table(
                 "metric",
                 "what",
                 cell,
-                PivotLayout(
-                    lines=about,
-                    columns=[subject for subject in subjects if subject in shown],
-                    missing=Cell(""),
-                ),
+                lines=about,
+                columns=[subject for subject in subjects if subject in shown],
+                missing=Cell(""),
             )
         yield "\n".join(f"* {metric}: {message}" for metric, message in about.items())
 
-    return Table(name, title, columns_of(Mean, ".6g"), tuple(rows), layout)
+    return Table.of_rows(name, title, columns_of(Mean, ".6g"), tuple(rows), layout)
 
 
 def values_table(name: str, values: Sequence[LatentValue]) -> Table[LatentValue]:
     """Return the single values behind a table, for scripts."""
-    return Table(name, "", columns_of(LatentValue, ".6g"), tuple(values))
+    return Table.of_rows(name, "", columns_of(LatentValue, ".6g"), tuple(values))
 
 
 def means(suite: str, values: Iterable[LatentValue]) -> tuple[Mean, ...]:

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bench.report.figure import WIDTH_IN, drawing, name_lines, panels
 from bench.suites.speed.suite import SpeedSuite
 from bench.suites.speed.summary import MS, Summary, beside, break_even
-from bench.tables.figure import WIDTH_IN, drawing, name_lines, panels
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

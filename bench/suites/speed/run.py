@@ -14,6 +14,7 @@ from typing import Any
 
 from bench.catalogue.conditions import find_condition
 from bench.catalogue.methods import find_method, objectives
+from bench.report.figure import FIGURES, save
 from bench.running.environment import CODE, code_sha256, cores, environment
 from bench.running.isolation import WorkerFailure, run_tasks, thread_counts
 from bench.running.options import Options, seed_of
@@ -37,7 +38,6 @@ from bench.suites.speed.tables import (
     samples_table,
     speed_table,
 )
-from bench.tables.figure import FIGURES, save
 from bench.tables.published import published
 from bench.tables.table import Table, write_tables
 from data_prep.datasets.registry import SceneObject, open_dataset

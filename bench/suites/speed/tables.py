@@ -23,7 +23,7 @@ from bench.suites.speed.samples import Measurement, TimingSample
 from bench.suites.speed.suite import SpeedSuite
 from bench.suites.speed.summary import MS, BreakEven, Summary, beside, speedups
 from bench.tables import markdown
-from bench.tables.grid import BOLD, ITALIC, Block, Cell, Grid, PivotLayout, grid, ordered, pivot
+from bench.tables.grid import BOLD, ITALIC, Block, Cell, Grid, grid, ordered, pivot
 from bench.tables.table import Column, Table, columns, constant
 
 WHERE = ("method", "condition", "threads")  # columns that identify a measurement
@@ -49,7 +49,7 @@ def samples_table(measurements: Iterable[Measurement]) -> Table[SampleRow]:
         ),
     )
     rows = tuple(SampleRow(m, sample) for m in measurements for sample in m.samples)
-    return Table("speed_samples", "", layout, rows)
+    return Table.of_rows("speed_samples", "", layout, rows)
 
 
 def speed_table(
@@ -91,7 +91,7 @@ def speed_table(
         constant("cores", machine["cores"]),
     )
     rows = tuple(speed_rows(summaries, suite, paper))
-    return Table("speed", "Speed: what an image costs", table_columns, rows, layout)
+    return Table.of_rows("speed", "Speed: what an image costs", table_columns, rows, layout)
 
 
 def _setting_in_words(
@@ -236,7 +236,9 @@ def amortised_table(summaries: Sequence[Summary], suite: SpeedSuite) -> Table[Am
 
     title = "What an image costs, by the number of views of a cloud"
     table_columns = _columns(suite, *columns("views", "wall_ms", "core_ms", digits=".6g"))
-    return Table("amortised", title, table_columns, tuple(amortised_rows(summaries, suite)), layout)
+    return Table.of_rows(
+        "amortised", title, table_columns, tuple(amortised_rows(summaries, suite)), layout
+    )
 
 
 def break_even_table(summaries: Sequence[Summary], suite: SpeedSuite) -> Table[BreakEvenRow]:
@@ -248,7 +250,7 @@ def break_even_table(summaries: Sequence[Summary], suite: SpeedSuite) -> Table[B
         Column("views", lambda row: row.ends[0], ".6g"),
         Column("views_2", lambda row: row.ends[1], ".6g"),
     )
-    return Table("break_even", "", table_columns, tuple(break_even_rows(summaries, suite)))
+    return Table.of_rows("break_even", "", table_columns, tuple(break_even_rows(summaries, suite)))
 
 
 def _per_image(rows: Sequence[AmortisedRow], suite: SpeedSuite) -> Grid:
@@ -261,7 +263,7 @@ def _per_image(rows: Sequence[AmortisedRow], suite: SpeedSuite) -> Grid:
         first = _rival(row) and row.wall_ms == cheapest[row.views]
         return Cell(_number(row.wall_ms), special=BOLD if first else None)
 
-    return pivot(rows, METHOD, "views", cell, PivotLayout(columns=suite.amortised), corner="method")
+    return pivot(rows, METHOD, "views", cell, columns=suite.amortised, corner="method")
 
 
 def _rival(row: AmortisedRow) -> bool:
@@ -276,7 +278,7 @@ def _break_even(rows: Sequence[BreakEvenRow], suite: SpeedSuite) -> Grid:
     def cell(row: BreakEvenRow) -> Cell:
         return Cell(in_whole_views(row.break_even))
 
-    return pivot(rows, METHOD, "rival", cell, PivotLayout(columns=baselines), corner="method")
+    return pivot(rows, METHOD, "rival", cell, columns=baselines, corner="method")
 
 
 def in_whole_views(break_even: BreakEven) -> str:

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.report.figure import drawing, panels
 from bench.suites.stability.expectations import KINDS, Kind
 from bench.suites.stability.outcomes import CaseOutcome
 from bench.suites.stability.tables import subjects as subjects_of
-from bench.tables.figure import drawing, panels
 from bench.tables.table import Table
 from data_prep.scene import IMAGE_SIZE
 

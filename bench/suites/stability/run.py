@@ -16,6 +16,7 @@ from bench.records.artifacts import unpack_images
 from bench.records.job import Job
 from bench.records.parquet import write_records
 from bench.records.record import SCHEMA_VERSION
+from bench.report.figure import FIGURES, save
 from bench.running.environment import cores, environment
 from bench.running.executors import JobPool, run_jobs
 from bench.running.options import Options
@@ -30,7 +31,6 @@ from bench.suites.stability.outcomes import CaseOutcome, observe, outcome
 from bench.suites.stability.suite import STABILITY, StabilitySuite
 from bench.suites.stability.tables import counts, matrix, observations_table, unexpected
 from bench.tables import markdown
-from bench.tables.figure import FIGURES, save
 from bench.tables.table import Table, write_tables
 from data_prep.datasets.registry import ProceduralObject
 from data_prep.failures import BadInput

@@ -23,7 +23,7 @@ NAME, TITLE = "stability_methods", "Methods at the extremes"
 def matrix(remark: str, outcomes: Iterable[CaseOutcome]) -> Table[CaseOutcome]:
     """Return outcomes, a row each; for people `remark`, counts by kind, expected and observed."""
     layout = partial(_layout, remark)
-    return Table(NAME, TITLE, columns_of(CaseOutcome), tuple(outcomes), layout)
+    return Table.of_rows(NAME, TITLE, columns_of(CaseOutcome), tuple(outcomes), layout)
 
 
 def subjects(table: Table[CaseOutcome]) -> list[str]:
@@ -85,4 +85,4 @@ def read_outcomes(folder: Path) -> list[CaseOutcome]:
 
 def observations_table(observations: Sequence[Observation]) -> Table[Observation]:
     """Return the numbers behind the matrix of methods, a row for each method and case."""
-    return Table("observations", "", columns_of(Observation, ".6g"), tuple(observations))
+    return Table.of_rows("observations", "", columns_of(Observation, ".6g"), tuple(observations))

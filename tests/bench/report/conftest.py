@@ -7,7 +7,7 @@ import bench.report.image_sheets
 import bench.report.robustness
 from bench.records.run_folder import open_folder
 from bench.records.stored_artifacts import Artifact
-from bench.tables.figure import save
+from bench.report.figure import save
 
 from ..builders import make_result
 

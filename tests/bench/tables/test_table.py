@@ -1,8 +1,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
+import pandas as pd
 import pytest
 
 from bench.analysis.comparison import NAN
@@ -10,29 +10,22 @@ from bench.tables.grid import (
     BOLD,
     Annotation,
     Cell,
-    PivotLayout,
     grid,
     number,
     pivot,
     shown,
 )
 from bench.tables.markdown import document
-from bench.tables.table import Table, columns, columns_of, constant, table_files
+from bench.tables.table import Table, table_files
 
-
-@dataclass(frozen=True)
-class Measured:
-    class_name: str
-    method: str
-    condition: str
-    value: float
-    n: int
-
-
-ROWS = (
-    Measured("chair", "a|b", "512", 0.5, 2),
-    Measured("chair", "splat", "2048", 1 / 3, 1),
-    Measured("chair", "splat", "512", NAN, 0),
+COLUMNS = ["class", "method", "condition", "value", "n", "aside"]
+FRAME = pd.DataFrame(
+    [
+        ("chair", "a|b", "512", 0.5, 2, "x"),
+        ("chair", "splat", "2048", 1 / 3, 1, "y"),
+        ("chair", "splat", "512", NAN, 0, "z"),
+    ],
+    columns=COLUMNS,
 )
 
 
@@ -42,37 +35,53 @@ def show(value):
 
 def made():
     return pivot(
-        ROWS,
+        FRAME,
         "method",
         "condition",
-        lambda row: number((row.value, 0.25, NAN), show, count=(row.n, 2)),
-        PivotLayout(
-            columns=("2048", "512"),
-            before={"class": lambda row: Cell(row.class_name)},
-            about=lambda rows: f"{len(rows)} rows",
-        ),
+        lambda row: number((row["value"], 0.25, 0.75), show, count=(row["n"], 2)),
+        columns=("2048", "512"),
+        before={"class": lambda row: Cell(row["class"])},
+        about=lambda rows: f"{len(rows)} rows",
         corner="method",
         notes=("why *not*",),
         remark="Of two_.",
     )
 
 
-def test_csv_of_a_dataclass():
-    table = Table("t", "T", (constant("suite", "s"), *columns_of(Measured, ".3g")), ROWS)
-    assert table.to_csv() == (
-        "suite,class,method,condition,value,n\n"
-        "s,chair,a|b,512,0.5,2\ns,chair,splat,2048,0.333,1\ns,chair,splat,512,,0\n"
+def test_a_pivot_of_a_frame():
+    grid = made()
+    assert [head.name for head in grid.columns] == ["class", "2048", "512"]
+    assert [(line.name, line.about) for line in grid.lines] == [
+        ("a|b", "1 rows"),
+        ("splat", "2 rows"),
+    ]
+    assert document([grid]) == (
+        "Of two\\_.\n\n| method | class | 2048 | 512 |\n|---|---|---|---|\n"
+        "| a\\|b | chair | - | 0.50 [0.25, 0.75] 2/2 |\n"
+        "| splat | chair | 0.33 [0.25, 0.75] 1/2 | - 0/2 |\n\n"
+        "* why \\*not\\*\n"
     )
-    table = Table("t", "T", columns("n", ("first", "value")), ROWS[:1])
-    assert table.to_csv() == "n,first\n2,0.500000\n"
+
+
+def test_csv_and_rows_of_a_frame():
+    table = Table("t", "T", FRAME, digits=".3g", hidden=("aside",))
+    assert table.to_csv() == (
+        "class,method,condition,value,n\n"
+        "chair,a|b,512,0.5,2\nchair,splat,2048,0.333,1\nchair,splat,512,,0\n"
+    )
+    assert table.to_rows()[2] == {
+        **{"class": "chair", "method": "splat", "condition": "512"},
+        **{"value": None, "n": 0},
+    }
+    assert Table("t", "T", FRAME[["n", "value"]]).to_csv().splitlines()[1] == "2,0.500000"
 
 
 def test_a_table_without_a_layout_is_for_scripts_alone():
-    table = Table("t", "T", columns("n"), ROWS)
+    table = Table("t", "T", FRAME)
     assert list(table_files([table])) == ["t.csv"]
     assert table.grids() == ()
-    made = Table("t", "T", columns("n"), ROWS, lambda rows: [f"{len(rows)} rows"])
-    assert table_files([made])["t.md"] == "# T\n\n3 rows\n"
+    table = Table("t", "T", FRAME, lambda frame: [f"{len(frame)} rows"])
+    assert table_files([table])["t.md"] == "# T\n\n3 rows\n"
 
 
 def test_marks_in_both_renderers():

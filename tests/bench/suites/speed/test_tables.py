@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bench.report.figure import spread
 from bench.suites.speed.rows import break_even_rows, speed_rows
 from bench.suites.speed.samples import CloudFailure, Measurement, TimingSample
 from bench.suites.speed.suite import SPEED
@@ -22,7 +23,6 @@ from bench.suites.speed.tables import (
     in_whole_views,
     speed_table,
 )
-from bench.tables.figure import spread
 
 MACHINE = {"cpu": "some cpu", "cores": 2}
 SUITE = replace(SPEED, baselines=("slow",), amortised=(1, 4, 8))

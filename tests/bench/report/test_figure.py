@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.tables.figure import drawing, image_grid, panels, save
+from bench.report.figure import drawing, image_grid, panels, save
 
 
 def a_figure():

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import isotonic_regression
 
 from bench.tables.markdown import visible
 from data_prep.files.atomic_write import atomic_write
@@ -148,18 +149,10 @@ def spread(places: Sequence[float], apart: float) -> list[float]:
 
     By least squares (isotonic regression): places that would touch stand evenly about their mean.
     """
-    order = sorted(range(len(places)), key=lambda i: places[i])
-    # Less its share of the distance, a place must not be lower than the one before: places that
-    # are get pooled (Barlow 1972, pool adjacent violators).
-    blocks: list[list[float]] = []
-    for rank, index in enumerate(order):
-        blocks.append([places[index] - rank * apart])
-        while len(blocks) > 1 and _mean(blocks[-2]) > _mean(blocks[-1]):
-            blocks[-2:] = [blocks[-2] + blocks[-1]]
-    levels = [_mean(block) for block in blocks for _ in block]
-    moved = dict(zip(order, (level + r * apart for r, level in enumerate(levels)), strict=True))
-    return [moved[i] for i in range(len(places))]
-
-
-def _mean(values: Sequence[float]) -> float:
-    return sum(values) / len(values)
+    if not places:
+        return []
+    # Less its share of the distance, a place must not be lower than the one before.
+    order, steps = np.argsort(places, kind="stable"), apart * np.arange(len(places))
+    moved = np.empty(len(places))
+    moved[order] = isotonic_regression(np.asarray(places)[order] - steps).x + steps
+    return moved.tolist()
