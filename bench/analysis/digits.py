@@ -14,12 +14,7 @@ from functools import cache
 from pathlib import Path
 
 from bench.catalogue.lookup import family_of
-from bench.catalogue.metrics import (
-    CONTROL_METRICS,
-    SET_METRICS,
-    declared_metric,
-    higher_is_better,
-)
+from bench.catalogue.metrics import higher_is_better, metric_facts
 
 DECIMALS_FILE = Path(__file__).resolve().parents[2] / "results" / "decimals.csv"
 
@@ -29,7 +24,7 @@ def decimals(metric: str, *methods: str) -> int:
 
     Of a method it may have fewer; a difference of methods has those of the coarser value.
     """
-    every = _of_metric(metric)
+    every = metric_facts(metric).decimals
     return min([every, *(_kept().get((family_of(method), metric), every) for method in methods)])
 
 
@@ -43,15 +38,7 @@ def prints_better(metric: str, value: float, other: float, *methods: str) -> boo
 
 def is_coarse(metric: str, *methods: str) -> bool:
     """Return whether a value of the methods has fewer digits than its metric."""
-    return decimals(metric, *methods) < _of_metric(metric)
-
-
-def _of_metric(metric: str) -> int:
-    if declared := declared_metric(metric):
-        return declared.decimals
-    if metric in CONTROL_METRICS or metric == "psnr":  # deg, dB
-        return 2
-    return 1 if any(metric == source.id for source in SET_METRICS) else 3
+    return decimals(metric, *methods) < metric_facts(metric).decimals
 
 
 @cache

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from bench.analysis.cells import CellKey, cells
 from bench.catalogue.methods import FLOOR
-from bench.catalogue.metrics import IMAGE_METRICS, LEARNED_METRICS, column
+from bench.catalogue.metrics import IMAGE_METRICS, METRICS, column
 from bench.records.parquet import read_batches
 from bench.records.record import TIMES, Record
 from data_prep.arrays import Floats
@@ -255,8 +255,9 @@ class ObjectSums:
             return {}
         return {
             metric: reasons.get(extractor, f"skipped: {extractor} is not measured")
-            for metric, extractor in LEARNED_METRICS.items()
-            if metric in self.metrics and not self._tallies(metric)[0].counts.any()
+            for metric in set(IMAGE_METRICS).intersection(self.metrics)
+            if (extractor := METRICS[metric].extractor)
+            and not self._tallies(metric)[0].counts.any()
         }
 
 

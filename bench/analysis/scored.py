@@ -79,7 +79,7 @@ class ScoredRun:
 
     def measured(self, metrics: Sequence[str]) -> list[str]:
         """Return the metrics of images and of sets among these that the run has."""
-        available = {*self.features, *IMAGE_METRICS.keys() - self.skipped.keys()}
+        available = {*self.features} | ({*IMAGE_METRICS} - self.skipped.keys())
         # Scores that were kept beside the records:
         available.update(m for m in self.sums.metrics if declared_metric(m))
         return [metric for metric in metrics if metric in available]
@@ -156,7 +156,7 @@ def score(
         if metric not in distances:
             skipped.setdefault(metric, "skipped: no features in this run")
     skipped |= sums.unmeasured(skipped)
-    for metric in set(suite.class_metrics) & RECOGNITION_METRICS.keys():
+    for metric in {*suite.class_metrics} & {*RECOGNITION_METRICS}:
         if reason := _why_unrecognised(manifest, distances, sums):
             skipped[metric] = f"skipped: {reason}"
         else:

@@ -33,7 +33,7 @@ from bench.analysis.recognition import true_gallery
 from bench.analysis.scored import ScoredRun
 from bench.catalogue.chosen import CHOSEN
 from bench.catalogue.methods import FLOOR
-from bench.catalogue.metrics import JUDGE, UNDEFINED, extractor_of, is_mean, value_range
+from bench.catalogue.metrics import JUDGE, extractor_of, is_mean, metric_facts, value_range
 from bench.judges import answers as judge
 from bench.records.record import GROUND_TRUTH
 from data_prep.arrays import Floats
@@ -170,7 +170,7 @@ def _mean_of_images(sums: ObjectSums, cell: CellKey, metric: str, blanks: bool) 
     total, count = sums.totals(cell, metric)
     of_blank, number = sums.totals(cell, metric, blanks=True)
     missing = drawn - count
-    if missing and metric not in UNDEFINED:  # an error, and shows as such
+    if missing and not metric_facts(metric).undefined:  # an error, and shows as such
         total = of_blank = NAN
     per_object = sums.per_object(cell, metric, blanks)
     per_object = per_object[~np.isnan(per_object)]
@@ -180,7 +180,7 @@ def _mean_of_images(sums: ObjectSums, cell: CellKey, metric: str, blanks: bool) 
         Estimate(value, *clipped(mean_interval(per_object), value_range(metric))),
         as_blank,
         per_object,
-        undefined=missing if metric in UNDEFINED else 0,
+        undefined=missing if metric_facts(metric).undefined else 0,
     )
 
 
@@ -374,7 +374,7 @@ def quality_row(
     reasons = sums.reasons.get(cell, Counter[str]())
     message = [f"{count} x {reason}" for reason, count in reasons.most_common()]
     if value.undefined:
-        message.append(f"{value.undefined} x {NO_VALUE}: {UNDEFINED[metric]}")
+        message.append(f"{value.undefined} x {NO_VALUE}: {metric_facts(metric).undefined}")
     row = QualityRow(
         suite,
         *cell,

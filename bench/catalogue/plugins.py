@@ -16,17 +16,12 @@ from bench.catalogue.conditions import OUR_CONDITIONS
 from bench.catalogue.lookup import unknown
 from bench.catalogue.methods import OUR_FAMILIES
 from bench.catalogue.metrics import (
-    CONTROL_METRICS,
     FURTHER_METRICS,
     FURTHER_VERSION,
-    IMAGE_METRICS,
-    KERNEL_METRICS,
-    RECOGNITION_METRICS,
-    SET_METRICS,
+    METRICS,
     WeightsUnavailable,
     extractor_of,
     find_extractor,
-    higher_is_better,
 )
 from data_prep import plugins
 from data_prep.failures import BadInput
@@ -72,14 +67,10 @@ class SetMetric:
     about: str
 
 
-OUR_METRICS = {
-    *(*IMAGE_METRICS, *FURTHER_METRICS, *CONTROL_METRICS, *RECOGNITION_METRICS, *KERNEL_METRICS),
-    *(metric.id for metric in SET_METRICS),
-}
 # By kind: groups of entry points, and the ids of this project.
 _KINDS = {
     "method": ((plugins.METHODS,), OUR_FAMILIES),
-    "metric": ((plugins.METRICS, plugins.EXTRACTORS), OUR_METRICS),
+    "metric": ((plugins.METRICS, plugins.EXTRACTORS), METRICS.keys()),
     "dataset": ((plugins.DATASETS,), OUR_KINDS),
     "condition": ((plugins.CONDITIONS,), OUR_CONDITIONS),
 }
@@ -101,7 +92,7 @@ def find_metric(metric_id: str, device: str = "cpu") -> ImageMetric | SetMetric:
     if metric_id in FURTHER_METRICS:
         return _further(metric_id, device)
     if metric_id not in metric_ids():
-        if metric_id in OUR_METRICS:
+        if metric_id in METRICS:
             raise BadInput(
                 f"metric '{metric_id}': {_lacking(metric_id)}suites that have it take it by "
                 "themselves; leave --metrics"
@@ -142,8 +133,8 @@ def _further(metric_id: str, device: str) -> ImageMetric:
 
         return further_score(metric_id, device)(truth, drawn)
 
-    better, about = higher_is_better(metric_id), FURTHER_METRICS[metric_id]
-    return ImageMetric(metric_id, score, FURTHER_VERSION, better, about)
+    facts = METRICS[metric_id]
+    return ImageMetric(metric_id, score, FURTHER_VERSION, facts.higher, facts.about)
 
 
 def our_ids(kind: str) -> Collection[str]:

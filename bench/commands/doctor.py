@@ -7,7 +7,7 @@ import importlib
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from subprocess import CompletedProcess
@@ -17,17 +17,22 @@ from typing import Annotated
 import typer
 
 from bench.catalogue.methods import METHODS, Method
-from bench.catalogue.metrics import DISTS, SET_METRICS, WeightsSource, WeightsUnavailable
+from bench.catalogue.metrics import SET_METRICS, WeightsUnavailable, find_extractor
 from bench.catalogue.plugins import plugin_problems
 from bench.checking.contract.findings import Finding, is_blocked
 from bench.commands.contract import printed
 from bench.metrics.flip import flip_module
+from bench.metrics.learned_weights import find_dists_weights
 from bench.running.environment import PACKAGES, cores, environment
 from bench.running.worker_process import own_python
 from data_prep.failures import BadInput, MissingDependency
 from data_prep.rendering.opengl import DEBIAN_PACKAGES
 
 WITHOUT_DEPENDENCIES = Path(__file__).with_name("without-dependencies.txt")
+WEIGHTS = {
+    **{metric: find_extractor(metric).weights for metric in SET_METRICS},
+    "dists": lambda _: find_dists_weights(),
+}  # of metrics
 OPTIONAL = ("libusb-1.0-0",)  # Open3D only
 
 
@@ -36,7 +41,7 @@ def examine(
     load_library: Callable[[str], object] = ctypes.CDLL,
     environment: Callable[[], dict[str, str]] = environment,
     methods: Sequence[Method] = METHODS,
-    metrics: Sequence[WeightsSource] = (*SET_METRICS, DISTS),
+    weights: Mapping[str, Callable[[None], Path]] = WEIGHTS,
     flip: Callable[[], ModuleType] = flip_module,
 ) -> Iterator[Finding]:
     """Yield all findings about this machine and installation, cheap ones first."""
@@ -66,13 +71,13 @@ def examine(
             yield Finding(True, f"method {method.id}", f"not available: {error}")
         except (BadInput, PackageNotFoundError) as error:
             yield Finding(False, f"method {method.id}", str(error))
-    for metric in metrics:
+    for metric, find_weights in weights.items():
         try:
-            yield Finding(True, f"metric {metric.id}", str(metric.weights(None)))
+            yield Finding(True, f"metric {metric}", str(find_weights(None)))
         except WeightsUnavailable as error:
-            yield Finding(False, f"metric {metric.id}", f"not measured, {error}", blocks=False)
+            yield Finding(False, f"metric {metric}", f"not measured, {error}", blocks=False)
         except BadInput as error:
-            yield Finding(False, f"metric {metric.id}", str(error))
+            yield Finding(False, f"metric {metric}", str(error))
     try:
         yield Finding(True, "metric flip", str(flip().__file__))
     except WeightsUnavailable as error:

@@ -27,9 +27,9 @@ from bench.catalogue.metrics import (
     FURTHER_METRICS,
     IMAGE_METRICS,
     KERNEL_METRICS,
+    METRICS,
     RECOGNITION_METRICS,
     SET_METRICS,
-    higher_is_better,
 )
 from bench.catalogue.plugins import metric_ids, plugin_problem
 from bench.catalogue.suites import ALL_SUITES, ROBUSTNESS
@@ -153,21 +153,19 @@ def _cost(method: Method, costs: Mapping[str, MeasuredMethod]) -> str:
 
 def _metrics(width: int) -> Iterator[str]:
     """Yield the metrics by what they are taken of, and which way is better."""
-    of_sets = {m.id: m.about for m in SET_METRICS} | {
-        name: about for name, (_, about) in KERNEL_METRICS.items()
-    }
     sections = {
         "of an image": IMAGE_METRICS,
         "of an image, on request: 'bench run --metrics' and 'bench score'": FURTHER_METRICS,
-        "of a set of images": of_sets,
-        "of a judge": RECOGNITION_METRICS | CONTROL_METRICS,
+        "of a set of images": SET_METRICS + KERNEL_METRICS,
+        "of a judge": RECOGNITION_METRICS + CONTROL_METRICS,
     }
     yield from _heads(("better",), width)
     for head, metrics in sections.items():
         yield from wrapped(head, width, " ", " ")
-        for name, about in metrics.items():
-            better = ("better", "higher" if higher_is_better(name) else "lower")
-            yield from _lines(_Entry(name, about, (better,), name in ROBUSTNESS.headline), width)
+        for metric in (METRICS[name] for name in metrics):
+            better = ("better", "higher" if metric.higher else "lower")
+            star = metric.id in ROBUSTNESS.headline
+            yield from _lines(_Entry(metric.id, metric.about, (better,), star), width)
     if others := metric_ids():
         yield from wrapped("of other packages", width, " ", " ")
         for id_ in others:

@@ -20,7 +20,7 @@ class Record:
     """One image and its scores, or the reason why there is none.
 
     Scores are None unless the outcome is ok; `ssim_object` and the thin scores also where the image
-    does not define them (`bench.catalogue.metrics.UNDEFINED` says when). Times are wall time in
+    does not define them (`bench/catalogue/metrics.csv` says when). Times are wall time in
     seconds; workers of a run disturb each other: compare times within a run only.
 
     Attributes

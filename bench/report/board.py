@@ -22,7 +22,7 @@ from bench.catalogue.methods import (
     role,
     training_objects,
 )
-from bench.catalogue.metrics import IMAGE_METRICS, higher_is_better
+from bench.catalogue.metrics import metric_facts
 from bench.tables.grid import FEWER, MOVED
 
 RowKind = Literal["", "variant", "reference"]
@@ -121,7 +121,7 @@ class Board:
 
 def metric_column(metric: str, cells: Mapping[str, BoardCell]) -> BoardColumn:
     """Return the column of a metric, in which methods have places."""
-    higher = higher_is_better(metric)
+    higher = metric_facts(metric).higher
     return BoardColumn(metric, metric_words(metric), cells, higher=higher, placed=True)
 
 
@@ -224,8 +224,9 @@ def is_reference(method_id: str) -> bool:
 
 def metric_words(metric: str) -> str:
     """Return the meaning of a metric and its better direction."""
-    better = "higher is better" if higher_is_better(metric) else "lower is better"
-    return f"{IMAGE_METRICS.get(metric, 'a metric of another package')}; {better}"
+    facts = metric_facts(metric)
+    better = "higher is better" if facts.higher else "lower is better"
+    return f"{facts.about or 'a metric of another package'}; {better}"
 
 
 def method_words(method_id: str) -> str:

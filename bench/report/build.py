@@ -22,12 +22,7 @@ from bench.catalogue.images import entered_claims
 from bench.catalogue.method import is_module_name
 from bench.catalogue.methods import find_method, known_method, role
 from bench.catalogue.metrics import (
-    CONTROL_METRICS,
-    FURTHER_METRICS,
-    IMAGE_METRICS,
-    KERNEL_METRICS,
-    RECOGNITION_METRICS,
-    SET_METRICS,
+    METRICS,
     column,
     declared_metric,
 )
@@ -292,13 +287,14 @@ def _command(manifest: Mapping[str, Any]) -> str:
 def _meanings(
     manifest: Mapping[str, Any], suite: Suite, tables: Sequence[Table[QualityRow]]
 ) -> tuple[tuple[str, tuple[tuple[str, str], ...]], ...]:
-    distances = {m.id: f"Fréchet distance, lower is better: {m.about}" for m in SET_METRICS}
-    kernel = {m: about for m, (_, about) in KERNEL_METRICS.items()}
-    metrics = IMAGE_METRICS | distances | kernel | RECOGNITION_METRICS | CONTROL_METRICS
+    metrics = {
+        m.id: "Fréchet distance, lower is better: " * (m.kind == "set") + m.about
+        for m in METRICS.values()
+    }
     shown = {row.metric for table in tables for row in table.rows}
     requested = manifest.get("request", {}).get("metrics", ())
     further = {
-        m: (FURTHER_METRICS | metrics).get(m, "of another package")
+        m: metrics.get(m, "of another package")
         for m in (*requested, *sorted(m for m in shown if declared_metric(m)))
     }
     measured = (

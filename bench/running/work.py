@@ -21,8 +21,8 @@ from bench.catalogue.conditions import PluginPerturbation, find_condition
 from bench.catalogue.method import PROJECT
 from bench.catalogue.methods import FLOORS, Method, find_run_method, is_foreign
 from bench.catalogue.metrics import (
-    LEARNED_METRICS,
     Extractor,
+    extractor_of,
     find_extractor,
     lpips_network,
     metrics_device,
@@ -185,7 +185,7 @@ def _scored(job: Job, drawn: RenderedViews, watch: Stopwatch) -> Result:
 
 def _learned(job: Job, truth: UInt8Images, images: UInt8Images) -> dict[str, NDArray[np.float64]]:
     """Return scores [V] by the networks among the job's extractors, by their names in a record."""
-    weights = dict(job.features).get(LEARNED_METRICS["lpips"])
+    weights = dict(job.features).get(extractor_of("lpips"))
     if weights is None:
         return {}
     network = lpips_network(weights, metrics_device(job.device))

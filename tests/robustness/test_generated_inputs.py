@@ -16,7 +16,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from bench.catalogue.methods import find_method
-from bench.catalogue.metrics import JUDGE, RANGES, UNDEFINED
+from bench.catalogue.metrics import JUDGE, metric_facts
+from bench.catalogue.metrics import METRICS as TABLE
 from bench.metrics.inception_weights import WeightsUnavailable
 from bench.running.isolation import TaskPool
 from bench.running.work import checked_images, draw, load_renderer, reason_of
@@ -212,7 +213,10 @@ def test_methods(pool, method, data):
 # Silhouettes are drawn by the contrast of the true image.
 DIRECTED = ("ssim-object", "silhouette-iou", "thin-recall", "thin-precision", JUDGE, *ANGLES)
 DISTANCES = ("lpips", "dists", "flip", "frechet-distance", *OF_FEATURES)
-IN_RANGE = RANGES | {JUDGE: (1.0, 1.0), ANGLES[0]: (0.0, 180.0)}
+IN_RANGE = {m.id: (m.low, m.high) for m in TABLE.values()} | {
+    JUDGE: (1.0, 1.0),
+    ANGLES[0]: (0.0, 180.0),
+}
 
 
 def rounding(metric, first, second):
@@ -221,7 +225,7 @@ def rounding(metric, first, second):
         first, second = extractor(metric)(first), extractor(metric)(second)
     if metric in OF_FEATURES or metric == "frechet-distance":
         return 2 * rounding_of_frechet(first, second)
-    return 0.01 if metric == "psnr" else 1e-5  # the largest PSNR in RANGES has two digits
+    return 0.01 if metric == "psnr" else 1e-5  # the largest PSNR has two digits
 
 
 @pytest.mark.slow
@@ -246,7 +250,8 @@ def test_metrics(metric, data):
             return
     low, high = IN_RANGE.get(metric, (0.0, math.inf))
     within = rounding(metric, first, second)
-    nothing = np.isnan(values) & (metric in UNDEFINED)
+    undefined = bool(metric_facts(metric).undefined)
+    nothing = np.isnan(values) & undefined
     assert (nothing | ((values >= low - within) & (values <= high + within))).all(), values
     np.testing.assert_allclose(reverse, values, rtol=0, atol=within)
     if metric in (JUDGE, *ANGLES):
@@ -254,5 +259,5 @@ def test_metrics(metric, data):
     best = 0.0 if metric in DISTANCES else high
     if metric == "psnr":  # one level of one channel
         best = 20 * math.log10(255) + 10 * math.log10(first[0].size)
-    same = same[~np.isnan(same)] if metric in UNDEFINED else same
+    same = same[~np.isnan(same)] if undefined else same
     np.testing.assert_allclose(same, best, rtol=0, atol=rounding(metric, first, first))

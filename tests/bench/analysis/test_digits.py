@@ -34,7 +34,7 @@ def test_decimals(metric, methods, expected, coarse):
 def test_the_file_has_methods_and_metrics_of_the_benchmark_and_takes_digits_away():
     lines = list(csv.DictReader(DECIMALS_FILE.read_text(encoding="utf-8").splitlines()))
     assert len({(line["method"], line["metric"]) for line in lines}) == len(lines) > 30
-    metrics = {*IMAGE_METRICS, *(source.id for source in SET_METRICS), *KERNEL_METRICS}
+    metrics = {*IMAGE_METRICS, *SET_METRICS, *KERNEL_METRICS}
     for line in lines:
         assert find_method(line["method"]).id == line["method"]
         assert line["metric"] in metrics

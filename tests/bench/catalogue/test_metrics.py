@@ -13,8 +13,7 @@ from bench.catalogue.metrics import (
     FURTHER_METRICS,
     IMAGE_METRICS,
     JUDGE,
-    LEARNED_METRICS,
-    UNDEFINED,
+    METRICS,
     FeatureSource,
     WeightsUnavailable,
     column,
@@ -42,14 +41,14 @@ IMAGES = RNG.integers(0, 256, (3, 128, 128, 3), np.uint8)
 
 def test_the_suites_ask_for_what_there_is():
     assert {column(metric) for metric in IMAGE_METRICS} <= set(Record.__dataclass_fields__)
-    assert UNDEFINED.keys() < IMAGE_METRICS.keys()
+    assert {m.id for m in METRICS.values() if m.undefined} < {*IMAGE_METRICS}
     for suite in SUITES:
-        assert {*suite.image_metrics, *suite.detail_metrics} <= IMAGE_METRICS.keys()
+        assert {*suite.image_metrics, *suite.detail_metrics} <= {*IMAGE_METRICS}
         for metric in suite.class_metrics:
             if not is_mean(metric):
                 assert extractor_of(metric) in suite.extractors
-        for metric in {*suite.detail_metrics, *suite.headline} & LEARNED_METRICS.keys():
-            assert extractor_of(metric) in suite.extractors
+        for metric in (*suite.detail_metrics, *suite.headline):
+            assert METRICS[metric].extractor in ("", *suite.extractors)
         assert [find_extractor(name).id for name in suite.extractors] == list(suite.extractors)
     assert SUITES[0].extractors == ("fid", "fd-views", "fd-views-grey", "fd-alexnet", JUDGE)
     with pytest.raises(BadInput, match="unknown metric 'fd-view': did you mean 'fd-views'"):

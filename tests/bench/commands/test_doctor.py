@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -13,8 +12,7 @@ import pytest
 import typer
 
 from bench.catalogue.methods import METHODS, Method
-from bench.catalogue.metrics import SET_METRICS
-from bench.commands.doctor import WITHOUT_DEPENDENCIES, conclude, examine, install, pinned
+from bench.commands.doctor import WEIGHTS, WITHOUT_DEPENDENCIES, conclude, examine, install, pinned
 from bench.metrics import flip
 from bench.metrics.inception_weights import WeightsUnavailable
 from bench.metrics.learned_weights import DISTS
@@ -76,8 +74,8 @@ def test_a_healthy_machine(command, monkeypatch, tmp_path, capsys):
     summary = f"ready, but for metric fid: {count - 1} of {count} checks passed"
     fid = f"warn metric fid: {findings['metric fid'][1]}"
     assert outcome(capsys) == (0, f"{fid}\n{summary}\n")
-    complete = [metric for metric in SET_METRICS if metric.id != "fid"]
-    assert outcome(capsys, metrics=complete) == (0, f"ready: all of {count - 2} checks passed\n")
+    complete = {metric: find for metric, find in WEIGHTS.items() if metric not in ("fid", "dists")}
+    assert outcome(capsys, weights=complete) == (0, f"ready: all of {count - 2} checks passed\n")
     status, out = outcome(capsys, verbose=True)
     assert status == 0
     lines = [f"ok   {subject}: {text}" for subject, (ok, text) in findings.items() if ok]
@@ -148,8 +146,8 @@ def test_set_up_installs_what_the_doctor_looks_for():
 
 def test_weights_of_a_metric_that_are_not_the_published_ones(capsys):
     message = "alexnet.ckpt: sha256 0, expected 443c5bc3"
-    broken = [replace(metric, weights=raises(BadInput(message))) for metric in SET_METRICS]
-    assert f"FAIL metric fd-alexnet: {message}\n" in outcome(capsys, metrics=broken)[1]
+    broken = dict.fromkeys(WEIGHTS, raises(BadInput(message)))
+    assert f"FAIL metric fd-alexnet: {message}\n" in outcome(capsys, weights=broken)[1]
 
 
 def test_what_the_wheel_cannot_require_is_installed_by_pip():

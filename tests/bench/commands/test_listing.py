@@ -39,7 +39,7 @@ BY_SECTION = {
     "metrics": [
         *IMAGE_METRICS,
         *FURTHER_METRICS,
-        *(metric.id for metric in SET_METRICS),
+        *SET_METRICS,
         *KERNEL_METRICS,
         *RECOGNITION_METRICS,
         *CONTROL_METRICS,
