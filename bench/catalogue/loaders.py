@@ -139,13 +139,13 @@ def chosen_device(device: str) -> str:
 
 
 def renderer(class_path: str, device: str, **fields: float) -> Renderer:
-    """Return an instance of a class, given as MODULE:NAME, that learns nothing.
+    """Return an instance of a class below `baselines`, given as MODULE:NAME, that learns nothing.
 
     It draws on the processor, whatever the device.
     """
     del device
     module, _, name = class_path.partition(":")
-    return getattr(importlib.import_module(module), name)(**fields)
+    return getattr(importlib.import_module(f"baselines.{module}"), name)(**fields)
 
 
 def constant(device: str) -> Renderer:

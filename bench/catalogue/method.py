@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from data_prep.scene import Renderer
 
 Kind = Literal["", "reconstruction", "network", "splat", "reference"]
-TrainedOn = Literal["chairs", "13 classes", "nothing"]  # of our own methods
 Color = Literal["", "none", "invented", "true"]
 
 # The names that a command has allowed. Worker processes inherit it, as they do `sys.path`.
@@ -67,24 +66,15 @@ class Method:
     trained_on : str or None
         The objects that a network has seen: "chairs", "13 classes" or "nothing"; free text for a
         method entered by images. None means unknown, as for weights in a file.
-    reconstruction : str
-        The chain that makes a surface of the points: "paper" for the paper's chain or a part of
-        it, "other" for another one, "" for none.
     kind : str
-        "reconstruction", "network", "splat" or
-        "reference" (blank, constant and true-mesh); "" means unknown. A method with a
-        `reconstruction` is of kind "reconstruction".
+        "reconstruction", "network", "splat" or "reference" (blank, constant and true-mesh); ""
+        means unknown.
     color : str
         The colours of its images: "none" (grey), "invented" (guessed by a network) or "true" (of
         the mesh); "" means unknown.
     images : ImageTree or None
         The images of a method that was run elsewhere; it draws only clouds of an export, and its
         times are claimed.
-
-    Raises
-    ------
-    BadInput
-        A `reconstruction` of another `kind`.
     """
 
     id: str
@@ -96,19 +86,9 @@ class Method:
     sees_cloud: bool = True
     weights_file: Callable[[], Path] | None = None
     trained_on: str | None = None
-    reconstruction: Literal["", "paper", "other"] = ""
     kind: Kind = ""
     color: Color = ""
     images: ImageTree | None = None
-
-    def __post_init__(self) -> None:
-        if self.reconstruction and self.kind not in ("", "reconstruction"):
-            raise BadInput(
-                f"method '{self.id}': kind '{self.kind}' with reconstruction "
-                f"'{self.reconstruction}'; leave one of the two out"
-            )
-        if self.reconstruction:
-            object.__setattr__(self, "kind", "reconstruction")
 
     @property
     def address(self) -> str:

@@ -1,4 +1,4 @@
-"""The methods of the benchmark, as a literal table.
+"""The methods of the benchmark, a row of `methods.csv` each, and their variants.
 
 Other packages add methods by entry points of the group `pc2pix_bench.methods`: the name is the
 method's id, the object a `Method`.
@@ -6,276 +6,79 @@ method's id, the object a `Method`.
 
 from __future__ import annotations
 
+import csv
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, NamedTuple
 
 from bench.catalogue import loaders  # no package that is slow to import: `bench list` needs this
 from bench.catalogue.chosen import CHOSEN
 from bench.catalogue.lookup import family_of, find, instead_of, unknown, variant_of
-from bench.catalogue.method import IMAGES, Color, Method, TrainedOn, is_module_name, module_method
+from bench.catalogue.method import IMAGES, Method, is_module_name, module_method
 from data_prep import plugins
 from data_prep.failures import BadInput
 from data_prep.files.safe_read import is_regular_file
 from data_prep.plugins import entry_point_names, load_entry_point
 
-if TYPE_CHECKING:
-    from data_prep.scene import Renderer
-
-
-def _network(
-    method_id: str,
-    source: str,
-    weights: str = loaders.BUNDLED,
-    package: loaders.NetworkPackage = loaders.PC2PIX,
-    load: Callable[[str], Renderer] | None = None,
-    trained_on: TrainedOn = "chairs",
-    color: Color = "invented",
-) -> Method:
-    """Return a network with bundled weights; `load` where it is not loaded as usual."""
-    return Method(
-        method_id,
-        load=load or partial(package.load, weights),
-        identity=partial(package.identity, weights),
-        version=package.version,
-        source=source,
-        weights_file=partial(package.file, weights),
-        trained_on=trained_on,
-        kind="network",
-        color=color,
-    )
-
-
-_splat_net = partial(_network, package=loaders.SPLAT_NET)
-
-NETWORK_METHODS = (
-    _network(
-        "pc2pix",
-        source="paper, section 3; bundled weights, objective paired (pc2pix/weights/chair.md)",
-    ),
-    _network(
-        "pc2pix@acgan",
-        source="paper, section 3; the paper's objective alone (pc2pix/weights/chair-acgan.md)",
-        weights="chair-acgan",
-    ),
-    _network(
-        "pc2pix@all",
-        trained_on="13 classes",
-        source="one network for all 13 classes, objective paired (pc2pix/weights/all.md)",
-        weights="all",
-    ),
-    _splat_net(
-        "splat-net",
-        weights="all",
-        trained_on="13 classes",
-        source="a U-Net over the projected points: one network for objects of any kind, trained on "
-        "shapes of all 13 classes that vary more (baselines/splat_net/weights/all.md)",
-    ),
-    _splat_net(
-        "splat-net@grey",
-        weights="all-grey",
-        color="none",
-        trained_on="13 classes",
-        source="splat-net in neutral grey: no colour is made up",
-    ),
-    _splat_net(
-        "splat-net@chair",
-        weights="chair",
-        source="splat-net trained on chairs (baselines/splat_net/weights/chair.md)",
-    ),
-    # Its images changed with the windows of its finest level: version 3.
-    replace(
-        _splat_net(
-            "splat-net@tiny",
-            weights="all-tiny",
-            trained_on="13 classes",
-            source="splat-net without normals, of half the width "
-            "(baselines/splat_net/weights/all-tiny.md)",
-        ),
-        version=3,
-    ),
-    replace(
-        _splat_net(
-            "splat-net@tiny-grey",
-            weights="all-tiny-grey",
-            color="none",
-            trained_on="13 classes",
-            source="splat-net@tiny in neutral grey",
-        ),
-        version=3,
-    ),
-    _splat_net(
-        "points2pix",
-        weights="points2pix",
-        trained_on="13 classes",
-        source="the U-Net of pix2pix with a code of the cloud (Milz et al. 2019); its own loss, a "
-        "short training (baselines/splat_net/weights/points2pix.md)",
-    ),
-    _network(
-        "occupancy-net",
-        package=loaders.OCCUPANCY_NET,
-        weights="all",
-        trained_on="13 classes",
-        color="none",
-        source="an occupancy network on three planes (Peng et al. 2020), trained on the clouds "
-        "of splat-net (baselines/occupancy_net/weights/all.md)",
-    ),
-    _network(
-        "fused-net",
-        package=loaders.FUSED_NET,
-        weights="all",
-        trained_on="13 classes",
-        source="splat-net that also sees the meshes of denoised-wrap and occupancy-net "
-        "(baselines/fused_net/weights/all.md)",
-    ),
-    _network(
-        "fused-net@grey",
-        package=loaders.FUSED_NET,
-        weights="all-grey",
-        trained_on="13 classes",
-        color="none",
-        source="fused-net in neutral grey: no colour is made up",
-    ),
-)
-# Methods that nobody would draw with, but whose cost is measured beside the others.
-COST_VARIANTS = (
-    _network(
-        "pc2pix@paper",
-        load=loaders.widened,
-        source="the bundled pc2pix at the paper's width: same images, the paper's cost",
-    ),
-)
-
-
-def _reconstruction(
-    method_id: str,
-    renderer: str,
-    source: str,
-    identity: Callable[[], str],
-    version: int = 1,
-    chain: Literal["paper", "other"] = "other",
-) -> Method:
-    """Return a method that reconstructs a surface, in grey, by a class of our own."""
-    return Method(
-        method_id,
-        load=partial(loaders.renderer, f"baselines.reconstruction.{renderer}"),
-        identity=identity,
-        version=version,
-        source=source,
-        trained_on="nothing",
-        reconstruction=chain,
-        color="none",
-    )
-
-
-_MESHLAB = partial(loaders.versions, "embreex", "pymeshlab")
-_paper_chain = partial(_reconstruction, version=2, identity=_MESHLAB, chain="paper")
-_untrained = partial(Method, version=1, trained_on="nothing")
-_splat = partial(
-    _untrained, kind="splat", color="none", identity=partial(loaders.versions, "scipy")
-)
-_reference = partial(_untrained, kind="reference", identity=loaders.versions)
-
-METHODS = (
-    *NETWORK_METHODS,
-    _paper_chain(
-        "surface-apss",
-        "surface:SurfaceApss",
-        source="paper's SR; filter script of roatienza/pc2pix@23b7b46d",
-    ),
-    _paper_chain(
-        "surface-fit",
-        "surface_fit:SurfaceFit",
-        source="the paper's SR on a grid no finer than the image can show",
-    ),
-    _paper_chain(
-        "surface-bpa",
-        "surface:SurfaceBpa",
-        source="the paper's SR without its last step: ball pivoting and holes closed",
-    ),
-    _reconstruction(
-        "poisson",
-        "poisson:Poisson",
-        version=2,
-        source="screened Poisson reconstruction (Kazhdan and Hoppe 2013)",
-        identity=partial(loaders.versions, "embreex", "pymeshlab", "scipy"),
-    ),
-    _reconstruction(
-        "alpha-wrap",
-        "alpha_wrap:AlphaWrap",
-        source="alpha wrapping of the points as they are (Portaneri et al. 2022)",
-        identity=partial(loaders.versions, "embreex", "pymeshlab", "scipy"),
-    ),
-    _reconstruction(
-        "denoised-wrap",
-        "alpha_wrap:DenoisedWrap",
-        source="alpha wrapping of points smoothed as their noise asks for",
-        identity=partial(loaders.versions, "embreex", "pymeshlab", "scipy"),
-    ),
-    _reconstruction(
-        "open3d-poisson",
-        "open3d_poisson:Open3dPoisson",
-        source="screened Poisson as a first script with Open3D does it; extra [open3d]",
-        identity=loaders.open3d_identity,
-    ),
-    _splat(
-        "splat",
-        load=partial(loaders.renderer, "baselines.splat:Splat"),
-        source="depth-buffered discs: what a viewer shows",
-    ),
-    _splat(
-        "splat-fill",
-        load=partial(loaders.renderer, "baselines.splat_fill:SplatFill"),
-        source="projected points filled by pull-push (Marroquim et al. 2007)",
-    ),
-    _reference(
-        "true-mesh",
-        load=partial(loaders.renderer, "baselines.reference:TrueMesh"),
-        source="the ceiling: the mesh behind the cloud",
-        sees_mesh=True,
-        sees_cloud=False,
-        color="true",
-    ),
-    _reference(
-        "true-mesh@grey",
-        load=partial(loaders.renderer, "baselines.reference:TrueMesh", coloured=False),
-        source="the mesh behind the cloud in neutral grey: a ceiling for what has no colour",
-        sees_mesh=True,
-        sees_cloud=False,
-        color="none",
-    ),
-    _reference(
-        "constant",
-        load=loaders.constant,
-        identity=loaders.constant_identity,
-        source="a second floor: the one image that scores best by SSIM on the training set",
-        sees_cloud=False,
-        trained_on="chairs",
-        color="invented",
-    ),
-    _reference(
-        "blank",
-        load=partial(loaders.renderer, "baselines.reference:Blank"),
-        source="the floor: white images; failures are scored as these",
-        sees_cloud=False,
-        color="none",
-    ),
-)
-RECOMMENDED = "fused-net@grey"  # for a cloud of an unknown object: docs/trade.md
-RECOMMENDED_IN_COLOUR = "fused-net"  # the same where colours are asked for
-BUNDLED = (*METHODS, *COST_VARIANTS)
 WITH_WEIGHTS_FILE = {
     "pc2pix": loaders.PC2PIX,
     "splat-net": loaders.SPLAT_NET,
     "fused-net": loaders.FUSED_NET,
     "occupancy-net": loaders.OCCUPANCY_NET,
 }
+_BY_HAND: dict[str, dict[str, Any]] = {  # what rows cannot say
+    "open3d-poisson": {"identity": loaders.open3d_identity},
+    "true-mesh@grey": {"load": partial(loaders.renderer, "reference:TrueMesh", coloured=False)},
+    "constant": {"load": loaders.constant, "identity": loaders.constant_identity},
+}
+
+
+def _methods() -> Iterator[Method]:
+    """Yield the methods of the table.
+
+    sees      mesh, as only the ceiling does; cloud; or nothing, with the same images always
+    version   raised by hand when a change alters its images; "" for that of its package
+    renderer  of a network the package (`WITH_WEIGHTS_FILE`), else a class below `baselines`
+    needs     of a network the name of its weights, else the libraries that its images depend on
+    """
+    with Path(__file__).with_suffix(".csv").open(encoding="utf-8", newline="") as file:
+        for row in csv.DictReader(file):
+            renderer, needs, version = row.pop("renderer"), row.pop("needs"), row.pop("version")
+            sees = row.pop("sees")
+            fields: dict[str, Any] = {"sees_mesh": sees == "mesh", "sees_cloud": sees == "cloud"}
+            if row["kind"] == "network":
+                package = WITH_WEIGHTS_FILE[renderer]
+                fields["weights_file"] = partial(package.file, needs)
+                fields["identity"] = partial(package.identity, needs)
+                fields["load"] = partial(package.load, needs)
+                version = version or package.version
+            else:
+                fields["identity"] = partial(loaders.versions, *needs.split())
+                fields["load"] = partial(loaders.renderer, renderer)
+            fields |= {"version": int(version)} | _BY_HAND.get(row["id"], {})
+            yield Method(**row, **fields)
+
+
+METHODS = tuple(_methods())
+# Methods that nobody would draw with, but whose cost is measured beside the others.
+COST_VARIANTS = (
+    replace(
+        METHODS[0],
+        id="pc2pix@paper",
+        load=loaders.widened,
+        source="the bundled pc2pix at the paper's width: same images, the paper's cost",
+    ),
+)
+RECOMMENDED = "fused-net@grey"  # for a cloud of an unknown object: docs/trade.md
+RECOMMENDED_IN_COLOUR = "fused-net"  # the same where colours are asked for
+BUNDLED = (*METHODS, *COST_VARIANTS)
 # The first ones stand where the id of a method stands: they are no ids for methods of others.
 OUR_FAMILIES = {"ground-truth", *CHOSEN, *WITH_WEIGHTS_FILE} | {m.family for m in BUNDLED}
 FLOOR = "blank"
+PAPERS_CHAIN = {"surface-apss", "surface-fit", "surface-bpa"}  # or a part of it
 FLOORS = tuple(method.id for method in METHODS if method.role == "floor")
 
 
@@ -320,17 +123,11 @@ PARAMETERS = (
 )
 
 
-@dataclass(frozen=True)
-class Setting:
+class Setting(NamedTuple):
     """A parameter and its value."""
 
     parameter: Parameter
     value: float
-
-    @property
-    def fields(self) -> dict[str, float]:
-        """Return the arguments of the renderer's class."""
-        return {self.parameter.field or self.parameter.name: self.value}
 
 
 def find_setting(method_id: str) -> Setting | None:
@@ -392,9 +189,10 @@ def find_method(method_id: str) -> Method:
     if (line := instead_of("method", method_id)) and method_id not in plugin_ids():
         raise BadInput(line)
     if (setting := find_setting(method_id)) is not None:
-        method = find(setting.parameter.method, METHODS, "method")
-        source = f"{method.id} with {setting.parameter.name} {setting.value:g}"
-        load = partial(method.load, **setting.fields)
+        parameter, value = setting
+        method = find(parameter.method, METHODS, "method")
+        source = f"{method.id} with {parameter.name} {value:g}"
+        load = partial(method.load, **{parameter.field or parameter.name: value})
         return replace(method, id=method_id, load=load, source=source)
     family, weights = family_of(method_id), variant_of(method_id)
     package, suffix = WITH_WEIGHTS_FILE.get(family), Path(weights).suffix
@@ -467,12 +265,6 @@ def training_objects(method_id: str, manifest: Mapping[str, Any]) -> str:
         return claims.trained_on
     method = known_method(method_id)
     return (method and method.trained_on) or ""
-
-
-def has_papers_chain(method_id: str) -> bool:
-    """Return whether a method is the paper's chain of reconstruction or a part of it."""
-    known = known_method(method_id)
-    return known is not None and known.reconstruction == "paper"
 
 
 def known_method(method_id: str) -> Method | None:

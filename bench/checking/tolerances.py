@@ -90,7 +90,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from bench.catalogue.lookup import family_of
-from bench.catalogue.methods import has_papers_chain
+from bench.catalogue.methods import PAPERS_CHAIN
 
 
 @dataclass(frozen=True)
@@ -190,7 +190,7 @@ def tolerance(method: str, metric: str) -> Tolerance | None:
         return EXACT
     if (method, metric) in _FEW_IMAGES:
         return _FEW_IMAGES[method, metric]
-    if not has_papers_chain(method):
+    if family_of(method) not in PAPERS_CHAIN:
         return RENDERING.get(metric)
     rule = RECONSTRUCTION.get(metric)
     if rule is None or rule.reason == _DRIVER or family_of(method) == "surface-apss":
@@ -205,5 +205,5 @@ def object_tolerance(method: str, metric: str, same_environment: bool) -> float:
     """
     if same_environment or method == "true-mesh":
         return PRINTED
-    table = OBJECT_RECONSTRUCTION if has_papers_chain(method) else OBJECT_RENDERING
+    table = OBJECT_RECONSTRUCTION if family_of(method) in PAPERS_CHAIN else OBJECT_RENDERING
     return table[metric]

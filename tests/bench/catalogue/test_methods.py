@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import pytest
-
 from bench.catalogue.methods import (
     BUNDLED,
     FLOORS,
@@ -16,7 +14,6 @@ from bench.catalogue.methods import (
     find_method,
     role,
 )
-from data_prep.failures import BadInput
 
 
 def test_every_method_says_what_it_was_trained_on():
@@ -45,7 +42,6 @@ def test_the_card_of_each_network_says_the_same():
 def test_every_method_says_its_kind_and_its_colours():
     for method in BUNDLED:
         assert (method.kind == "network") == (method.weights_file is not None)
-        assert (method.kind == "reconstruction") == (method.reconstruction != "")
         assert (method.kind == "reference") == (role(method.id) != "")
         assert method.color
     assert [m.id for m in BUNDLED if m.kind == "splat"] == ["splat", "splat-fill"]
@@ -58,12 +54,9 @@ def test_every_method_says_its_kind_and_its_colours():
 def test_a_plug_in_need_not_say_its_kind():
     plug_in = Method("hull", lambda device: None, str, 1, "", sees_cloud=False)
     assert (plug_in.kind, plug_in.color, plug_in.role) == ("", "", "")
-    assert replace(plug_in, id="hull@fine", reconstruction="other").kind == "reconstruction"
     assert replace(plug_in, id="hull@fine").family == "hull"
     assert replace(plug_in, kind="reference").role == "floor"
     assert replace(plug_in, sees_mesh=True).role == "ceiling"
-    with pytest.raises(BadInput, match="method 'hull': kind 'splat' with reconstruction 'other'"):
-        replace(plug_in, reconstruction="other", kind="splat")
 
 
 def test_what_draws_an_unknown_object_knows_more_than_chairs():
