@@ -32,7 +32,7 @@ from bench.checking.objects import (
 from bench.checking.tolerances import tolerance
 from bench.records.run_folder import COLOURED, TRUTH, read_finished
 from bench.running.options import Options
-from bench.suites.stability.tables import read_outcomes
+from bench.suites.stability.tables import read_outcomes, unexpected
 from bench.tables.build import class_orderings, condition_sweep, tables
 from bench.tables.published import golden, golden_name, golden_path
 from bench.tables.table import TABLES, Table, table_files
@@ -291,15 +291,7 @@ def _stale_tables(directory: Path, written: Sequence[Table[Any]]) -> list[str]:
 def _check_outcomes(directory: Path) -> CheckResult:
     """Return a regression for each unexpected outcome in the tables of a stability run."""
     outcomes = read_outcomes(directory / TABLES)
-    return CheckResult(
-        len(outcomes),
-        tuple(
-            f"{o.subject}, {o.case}: {o.observed}; stated was: {o.expected}"
-            for o in outcomes
-            if o.kind == "unexpected"
-        ),
-        (),
-    )
+    return CheckResult(len(outcomes), tuple(unexpected(outcomes)), ())
 
 
 def _cell(row: QualityRow) -> tuple[str, str, str, str]:

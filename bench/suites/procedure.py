@@ -1,31 +1,85 @@
-"""The request for a run, and its result, of suites with a procedure of their own."""
+"""The steps of all suites with a procedure of their own: request, folder, files, result."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from bench.catalogue.methods import find_method
+from bench.catalogue.methods import find_method, objectives
 from bench.catalogue.suites import Procedure
+from bench.records.store import Store
+from bench.report.figure import FIGURES, save
 from bench.running.extension import with_methods_there
 from bench.running.options import Options, refuse, refuse_absent_gpu, refuse_counts
-from bench.tables.table import Table
+from bench.running.protocol import manifest_of
+from bench.running.run import open_run
+from bench.tables.table import Table, write_tables
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True)
 class SuiteRun:
-    """A finished run of a suite.
+    """A run of a suite.
 
-    tables   for people
-    printed  the output of `bench run`
-    summary  its last line
+    tables     those without a layout are for scripts alone, and left out of a finished run
+    figures    by name
+    summary    the last line that `bench run` prints, to which the time is added
+    printed    what it prints before; None: the tables
+    directory  its folder, once it is finished
     """
 
-    directory: Path
     tables: tuple[Table[Any], ...]
-    printed: list[str]
-    summary: str
+    figures: Mapping[str, Figure] = field(default_factory=dict)
+    summary: str = ""
+    printed: Sequence[str] = ()
+    directory: Path = Path()
+
+
+def suite_manifest(
+    options: Options,
+    suite: Procedure,
+    views: int,
+    environment: Mapping[str, str],
+    **entries: object,
+) -> dict[str, Any]:
+    """Return the manifest of a run; `entries` are those beside what all runs have.
+
+    options  with the methods, and all that the suite chooses: a repetition has no defaults
+    """
+    methods = options.methods or ()
+    entries = {"objectives": objectives(map(find_method, methods))} | entries
+    return manifest_of(options, suite.id, views, environment, methods=list(methods), **entries)
+
+
+def run_suite(
+    options: Options, manifest: dict[str, Any], procedure: Callable[[Store], SuiteRun]
+) -> SuiteRun:
+    """Carry out a procedure in the folder of a run, and write its tables and figures.
+
+    Raises BadInput where the folder holds another run.
+    """
+    start, directory = time.perf_counter(), options.directory
+    with open_run(directory, manifest, options.fresh) as store:
+        done = procedure(store)
+        write_tables(directory, done.tables)
+        for name, figure in done.figures.items():
+            save(figure, directory / FIGURES / f"{name}.png")
+        for old in (directory / FIGURES).glob("*.png"):  # perhaps of a run with other methods
+            if old.stem not in done.figures:
+                old.unlink()
+    people = tuple(table for table in done.tables if table.layout)
+    return replace(
+        done,
+        tables=people,
+        summary=f"{done.summary}{time.perf_counter() - start:.0f} s",
+        printed=done.printed or [table.to_markdown() for table in people],
+        directory=directory,
+    )
 
 
 def methods_of(
@@ -47,6 +101,7 @@ def methods_of(
         "budget": "which is not done object by object",
         "truth": "which has no true images in grey",
         "metrics": "which does not compare images with true ones",
+        "inception_weights": "no fid is taken",
         **meaningless,
     }
     refuse(suite.id, [(name, given[name], why) for name, why in meaningless.items()])

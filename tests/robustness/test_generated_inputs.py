@@ -24,7 +24,7 @@ from bench.running.work import checked_images, draw, load_renderer, reason_of
 from bench.suites.stability.cases import CASES
 from bench.suites.stability.expectations import EXACT_MEAN, Agrees, Either, Fails, expectation
 from bench.suites.stability.outcomes import names_stage
-from bench.suites.stability.suite import STABILITY
+from bench.suites.stability.run import STABILITY
 from data_prep.datasets.registry import ProceduralObject
 from data_prep.failures import StageFailure
 from data_prep.randomness import generator

@@ -17,6 +17,8 @@ from data_prep.scene import Mesh
 from data_prep.shapes.chair.chairs import build_chair
 from data_prep.shapes.chair.spec import ChairSpec, draw_chair_spec
 
+ALL = "all"  # changes
+
 
 @dataclass(frozen=True)
 class SpecifiedChair:
@@ -32,15 +34,11 @@ class SpecifiedChair:
 
 @dataclass(frozen=True)
 class Change:
-    """A change of a description.
-
-    fits   returns whether a chair can be changed so, and is not so already
-    apply  returns the changed description, with everything else as it was
-    """
+    """A change of a description."""
 
     id: str
-    fits: Callable[[ChairSpec], bool]
-    apply: Callable[[ChairSpec], ChairSpec]
+    fits: Callable[[ChairSpec], bool]  # whether a chair can be changed so, and is not so already
+    apply: Callable[[ChairSpec], ChairSpec]  # with everything else as it was
     about: str
 
 
@@ -93,6 +91,7 @@ class ChairPair:
 
     start: SpecifiedChair
     end: SpecifiedChair
+    change = ALL  # of no kind
 
     @property
     def id(self) -> str:

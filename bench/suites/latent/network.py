@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,12 +42,8 @@ class LatentNetwork:
 
         Raises BadInput where the code is not finite.
         """
-        try:
+        with self._usable(f"encode {name}"):
             return self.renderer.prepare(cloud)
-        except StageFailure as error:
-            raise BadInput(
-                f"{self.method}: cannot encode {name} ({error}); these weights cannot be measured"
-            ) from error
 
     def decode(self, codes: Tensor) -> NDArray[np.float32]:
         """Return clouds float32 [K, 2048, 3] of whitened codes [K, d]."""
@@ -56,22 +54,19 @@ class LatentNetwork:
 
         Raises BadInput where an image is not finite.
         """
-        try:
+        with self._usable("draw"):
             # One by one, so that an image does not depend on its neighbours.
             drawn = [self.renderer.draw(code[None], [self.view]) for code in codes]
-        except StageFailure as error:
-            raise BadInput(
-                f"{self.method}: cannot draw ({error}); these weights cannot be measured"
-            ) from error
         return to_uint8(np.concatenate(drawn))
 
-
-@dataclass(frozen=True, eq=False)
-class SampledChair:
-    """The cloud [2048, 3] of a chair and its true image uint8 [128, 128, 3]."""
-
-    cloud: PointCloud
-    image: NDArray[np.uint8]
+    @contextmanager
+    def _usable(self, what: str) -> Iterator[None]:
+        try:
+            yield
+        except StageFailure as error:
+            raise BadInput(
+                f"{self.method}: cannot {what} ({error}); these weights cannot be measured"
+            ) from error
 
 
 def weights_of(method: str) -> str:
@@ -97,10 +92,12 @@ def load_network(method: str, device: str, view: View) -> LatentNetwork:
     return LatentNetwork(method, renderer, decoder.to(renderer.device), sha256, view)
 
 
-def sample_chair(network: LatentNetwork, chair: SpecifiedChair, seed: int) -> SampledChair:
-    """Return the cloud of a chair, and its image from the network's view."""
+def sample_chair(
+    chair: SpecifiedChair, view: View, seed: int
+) -> tuple[PointCloud, NDArray[np.uint8]]:
+    """Return the cloud [2048, 3] of a chair, and its true image uint8 [128, 128, 3]."""
     mesh = chair.load()
-    return SampledChair(cloud_of(mesh, chair, seed), render(mesh, [network.view])[0])
+    return cloud_of(mesh, chair, seed), render(mesh, [view])[0]
 
 
 def cloud_of(mesh: Mesh, chair: SpecifiedChair, seed: int) -> PointCloud:

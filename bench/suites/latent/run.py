@@ -6,22 +6,20 @@ same bytes on one machine, with any number of threads.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
-from typing import TypeVar
 
+import pandas as pd
+
+from bench.catalogue import suites
+from bench.catalogue.suites import Procedure
 from bench.judges import VIEWS_WEIGHTS
 from bench.judges.views import load_views_network
-from bench.report.figure import FIGURES, save
+from bench.records.store import Store
 from bench.running.environment import environment
 from bench.running.isolation import library_threads
 from bench.running.options import Options
-from bench.running.protocol import manifest_of
-from bench.running.run import open_run
-from bench.suites.latent.arithmetic import ANSWERS, SUM_METRICS, SUM_REMARK, add_up, train_codes
 from bench.suites.latent.chairs import (
     ChairPair,
     Triple,
@@ -29,20 +27,43 @@ from bench.suites.latent.chairs import (
     choose_triples,
     specified_chairs,
 )
-from bench.suites.latent.figures import Strip, strips_figure
+from bench.suites.latent.codes import (
+    ANSWERS,
+    PATH_METRICS,
+    PATH_REMARK,
+    PATHS,
+    SUM_METRICS,
+    SUM_REMARK,
+    add_up,
+    train_codes,
+    walk,
+)
+from bench.suites.latent.figures import strips_figure
 from bench.suites.latent.network import LatentNetwork, load_network, weights_of
-from bench.suites.latent.paths import PATH_METRICS, PATH_REMARK, PATHS, walk
-from bench.suites.latent.suite import LATENT, LatentSuite
-from bench.suites.latent.tables import LatentValue, Mean, latent_table, means, values_table
-from bench.suites.procedure import SuiteRun, methods_of
-from bench.tables.table import Table, write_tables
+from bench.suites.latent.tables import VALUES, latent_table, means
+from bench.suites.procedure import SuiteRun, methods_of, run_suite, suite_manifest
+from bench.tables.table import Table
 from data_prep.datasets.registry import Split, open_dataset
 from data_prep.failures import BadInput
 from data_prep.progress import progress
 from data_prep.randomness import generator
 from data_prep.scene import View
 
-Subject = TypeVar("Subject")
+
+@dataclass(frozen=True)
+class LatentSuite(Procedure):
+    """Paths between codes and sums of codes of networks: pc2pix with any weights."""
+
+    pairs: int = 50  # of test chairs of different structural families, joined by a path
+    positions: int = 8  # on a path, its two ends included
+    triples: int = 60  # sums A - B + C, where A is B with one change
+    pool: int = 800  # test chairs that the triples are chosen from
+    neighbours: int = 500  # train chairs that the nearest to a sum is chosen from
+    shown: int = 5  # pairs and triples in the figures
+
+
+LATENT = LatentSuite(**vars(suites.LATENT))
+VIEW = View(30.0, 20.0)  # of all images
 
 
 def run(
@@ -54,14 +75,12 @@ def run(
 
     Raises BadInput for options that the user has to fix.
     """
-    start = time.perf_counter()
     methods = methods_of(
         options,
         suite,
         conditions="clouds have all their 2048 points",
         views="everything is seen from one fixed view",
         **dict.fromkeys(("workers", "shard", "ray"), "it works in one process"),
-        inception_weights="no fid is taken",
     )
     split, seed = _split(options), options.seed or 0
     for method in methods:
@@ -71,16 +90,13 @@ def run(
     rng = generator(seed, "latent triples")
     triples = choose_triples(chairs[: suite.pool], suite.triples, rng)
     pairs, triples = pairs[: options.limit], triples[: options.limit]
-    view = View(suite.azimuth_deg, suite.elevation_deg)
-    directory = options.directory
     with library_threads(1):
-        networks = [load_network(method, options.device, view) for method in methods]
-        manifest = manifest_of(
-            replace(options, methods=methods, seed=seed),  # a repetition has no defaults
-            suite.id,
+        networks = [load_network(method, options.device, VIEW) for method in methods]
+        manifest = suite_manifest(
+            replace(options, methods=methods, seed=seed),
+            suite,
             1,
             environment(),
-            methods=list(methods),
             weights={
                 network.method: {
                     "weights": network.renderer.weights.sha256,
@@ -91,19 +107,12 @@ def run(
             pairs=[pair.id for pair in pairs],
             triples=[triple.id for triple in triples],
         )
-        with open_run(directory, manifest, options.fresh):
-            tables = _measure(networks, pairs, triples, seed, suite, directory)
-    seconds = time.perf_counter() - start
-    return SuiteRun(
-        directory, tables, [table.to_markdown() for table in tables], f"{seconds:.0f} s"
-    )
+        measured = partial(_measure, networks, pairs, triples, seed, suite)
+        return run_suite(options, manifest, measured)
 
 
 def _split(options: Options) -> Split:
-    """Return the split to be measured.
-
-    Raises BadInput for a dataset without descriptions.
-    """
+    """Return the split to be measured; raise BadInput for a dataset without descriptions."""
     dataset = open_dataset(options.dataset)
     if dataset.finite is not None or dataset.measured == "novel-families":
         raise BadInput(
@@ -119,65 +128,40 @@ def _measure(
     triples: Sequence[Triple],
     seed: int,
     suite: LatentSuite,
-    directory: Path,
-) -> tuple[Table[Mean], ...]:
-    """Measure everything; write figures, tables and the single values behind them."""
+    _: Store,
+) -> SuiteRun:
+    """Measure everything, and return it with the single values behind the means."""
     classifier = load_views_network(VIEWS_WEIGHTS)
-    folder = directory / FIGURES
-    for old in folder.glob("*.png"):  # perhaps of a run with other methods
-        old.unlink()
-    on_paths: list[LatentValue] = []
-    on_sums: list[LatentValue] = []
+    rows: dict[str, list[tuple[object, ...]]] = {"interpolation": [], "arithmetic": []}
+    figures = {}
     for number, network in enumerate(networks, 1):
         # Each method has a figure; the first has no number.
-        suffix = ".png" if number == 1 else f"-{number}.png"
+        suffix = "" if number == 1 else f"-{number}"
+        train = train_codes(network, suite.neighbours)
         walks = partial(walk, network, classifier, seed=seed, positions=suite.positions)
-        strips = _take(f"paths, {network.method}", pairs, walks, on_paths, suite.shown)
-        save(strips_figure(strips, network.view), folder / f"interpolation{suffix}")
-        neighbours = train_codes(network, suite.neighbours)
-        sums = partial(add_up, network, train=neighbours, seed=seed)
-        strips = _take(f"sums, {network.method}", triples, sums, on_sums, suite.shown)
-        save(strips_figure(strips, network.view), folder / f"arithmetic{suffix}")
-    tables = (
-        latent_table(
-            "latent_interpolation",
-            "Paths between codes (after Figure 5)",
-            PATH_REMARK,
-            PATH_METRICS,
-            PATHS,
-            means(suite.id, on_paths),
-        ),
-        latent_table(
-            "latent_arithmetic",
-            "A - B + C against D (after Figure 6)",
-            SUM_REMARK,
-            SUM_METRICS,
-            ANSWERS,
-            means(suite.id, on_sums),
-        ),
-    )
-    values = [
-        values_table(f"{table.name}_values", values_of_table)
-        for table, values_of_table in zip(tables, (on_paths, on_sums), strict=True)
-    ]
-    write_tables(directory, [*tables, *values])
-    return tables
-
-
-def _take(
-    name: str,
-    items: Sequence[Subject],
-    measure: Callable[[Subject], tuple[list[LatentValue], Strip]],
-    values: list[LatentValue],
-    shown: int,
-) -> list[Strip]:
-    """Measure pairs or triples, append all values to `values`, and return `shown` strips."""
-    strips = []
-    with progress(name, len(items)) as advance:
-        for item in items:
-            item_values, strip = measure(item)
-            values += item_values
-            if len(strips) < shown:
-                strips.append(strip)
-            advance(0)
-    return strips
+        sums = partial(add_up, network, train=train, seed=seed)
+        for name, title, items, measure in (
+            ("interpolation", "paths", pairs, walks),
+            ("arithmetic", "sums", triples, sums),
+        ):
+            strips = []
+            with progress(f"{title}, {network.method}", len(items)) as advance:
+                for item in items:
+                    measured, strip = measure(item)  # type: ignore[arg-type]
+                    for what, values in measured.items():
+                        where = network.method, what, item.change, item.id
+                        rows[name] += [(*where, *value) for value in values.items()]
+                    if len(strips) < suite.shown:
+                        strips.append(strip)
+                    advance(0)
+            figures[f"{name}{suffix}"] = strips_figure(strips, VIEW)
+    tables = []
+    for name, title, remark, about, subjects in (
+        ("interpolation", "Paths between codes (after Figure 5)", PATH_REMARK, PATH_METRICS, PATHS),
+        ("arithmetic", "A - B + C against D (after Figure 6)", SUM_REMARK, SUM_METRICS, ANSWERS),
+    ):
+        frame, file = pd.DataFrame(rows[name], columns=VALUES), f"latent_{name}"
+        of_means = means(suite.id, frame)
+        tables.append(latent_table(file, title, remark, about, subjects, of_means))
+        tables.append(Table(f"{file}_values", "", frame, digits=".6g"))
+    return SuiteRun(tuple(tables), figures)

@@ -34,50 +34,37 @@ Returned = TypeVar("Returned")
 
 @dataclass(frozen=True)
 class Unit:
-    """A measurement to be taken, as a plain value that crosses process boundaries.
+    """A measurement to be taken, as a plain value that crosses process boundaries."""
 
-    key           names everything that the times depend on
-    perturbation  of the condition
-    views         of each cloud, drawn in one call and some of them one by one
-    """
-
-    key: str
+    key: str  # names everything that the times depend on
     suite: SpeedSuite
     method: str
     condition: str
     perturbation: Perturbation
     objects: tuple[SceneObject, ...]
     threads: int
-    views: int
+    views: int  # of each cloud, drawn in one call and some of them one by one
     seed: int
     device: str
 
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """A cloud with the views to draw of it.
-
-    rng  returns a new generator, so that each round has the same work
-    """
+    """A cloud with the views to draw of it."""
 
     id: str
     cloud: PointCloud
     views: tuple[View, ...]
-    rng: Callable[[], np.random.Generator]
+    rng: Callable[[], np.random.Generator]  # a new one each time: each round has the same work
 
 
 @dataclass(frozen=True)
 class Clock:
-    """The sources of times, in seconds.
+    """The sources of times, in seconds."""
 
-    wall    time by the clock
-    core    processor time of this process, all threads
-    finish  returns when the device has done all its work
-    """
-
-    wall: Callable[[], float]
-    core: Callable[[], float]
-    finish: Callable[[], None]
+    wall: Callable[[], float]  # by the clock
+    core: Callable[[], float]  # processor time of this process, all threads
+    finish: Callable[[], None]  # returns when the device has done all its work
 
 
 def finish_gpu(modules: Mapping[str, Any] = sys.modules) -> None:
@@ -129,7 +116,6 @@ def measure(unit: Unit, peak_mib: Callable[[], float | None] = peak_mib) -> Meas
 
 def lost(unit: Unit, reason: str) -> Measurement:
     """Return the measurement of a process that died: no cloud has a time, each failed."""
-    failures = (CloudFailure(f"{obj.class_name}/{obj.object_id}", reason) for obj in unit.objects)
     return Measurement(
         key=unit.key,
         method=unit.method,
@@ -139,10 +125,9 @@ def lost(unit: Unit, reason: str) -> Measurement:
         clouds=len(unit.objects),
         device=unit.device,
         samples=(),
-        failures=tuple(failures),
-        idle_mib=None,
-        peak_mib=None,
-        elsewhere_cores=None,
+        failures=tuple(
+            CloudFailure(f"{obj.class_name}/{obj.object_id}", reason) for obj in unit.objects
+        ),
     )
 
 

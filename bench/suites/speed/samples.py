@@ -22,21 +22,14 @@ Stage = Literal["load", "prepare", "draw"]
 
 @dataclass(frozen=True)
 class TimingSample:
-    """A timed call.
+    """A timed call."""
 
-    cloud   its object, "chair/test-0000"; empty for "load", which needs none
-    round   0 for the first call of its kind in its process, cold; from 1 on warm
-    views   drawn in the call; 0 for other stages
-    wall_s  seconds by the clock
-    core_s  seconds of processor time of the whole process, all threads together
-    """
-
-    cloud: str
-    round: int
+    cloud: str  # its object, "chair/test-0000"; empty for "load", which needs none
+    round: int  # 0 for the first call of its kind in its process, cold; from 1 on warm
     stage: Stage
-    views: int
-    wall_s: float
-    core_s: float
+    views: int  # drawn in the call; 0 for other stages
+    wall_s: float  # seconds by the clock
+    core_s: float  # seconds of processor time of the whole process, all threads together
 
 
 @dataclass(frozen=True)
@@ -51,28 +44,21 @@ class CloudFailure:
 class Measurement:
     """A method with a number of threads under a condition, in a process of its own.
 
-    key              names everything that the times depend on
-    views            the larger of the two batches
-    clouds           number of clouds; those in `failures` were not drawn, or not to the end
-    device           "cpu", or the name of the GPU that was used
-    idle_mib         peak resident memory before the method was loaded; None where the process died
-    peak_mib         peak resident memory at the end; None where the process died
-    elsewhere_cores  mean number of cores that other processes kept busy meanwhile; None where the
-                     process died
+    The last three are None where the process died.
     """
 
-    key: str
+    key: str  # names everything that the times depend on
     method: str
     condition: str
     threads: int
-    views: int
-    clouds: int
-    device: str
+    views: int  # the larger of the two batches
+    clouds: int  # those in `failures` were not drawn, or not to the end
+    device: str  # "cpu", or the name of the GPU that was used
     samples: tuple[TimingSample, ...]
     failures: tuple[CloudFailure, ...]
-    idle_mib: float | None
-    peak_mib: float | None
-    elsewhere_cores: float | None
+    idle_mib: float | None = None  # peak resident memory before the method was loaded
+    peak_mib: float | None = None  # peak resident memory at the end
+    elsewhere_cores: float | None = None  # mean number that other processes kept busy meanwhile
 
 
 def measurement_path(directory: Path, key: str) -> Path:

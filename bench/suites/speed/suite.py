@@ -7,60 +7,35 @@ from dataclasses import dataclass
 from bench.catalogue import suites
 from bench.catalogue.suites import Limits, Procedure
 
+LIMITS = Limits(time_s=600.0, memory_gib=8.0)
+
 
 @dataclass(frozen=True)
 class SpeedSuite(Procedure):
     """The cost of images, which `bench.suites.speed.run` measures.
 
-    methods       timed methods, each in a process of its own for each number of threads
-    baselines     methods that all others are compared with; the first is the paper's
-    conditions    of the clouds
-    class_name    class of the objects
-    clouds        objects whose clouds are drawn
-    views         views of each cloud, drawn in one call
-    singles       views that are also drawn one by one, in each round
-    warm_ups      rounds over all clouds that are not counted
-    least_rounds  fewest counted rounds over all clouds
-    most_rounds   most counted rounds over all clouds
-    seconds       time after which no further round begins, once there are `least_rounds`
-    amortised     numbers of views that the cost per image is given for
-    quiet_cores   more cores than these busy with something else: a warning beside the times
-    limits        for one measurement
+    Each method is timed in a process of its own for each number of threads.
     """
 
-    baselines: tuple[str, ...]
-    conditions: tuple[str, ...]
-    class_name: str
-    clouds: int
-    views: int
-    singles: int
-    warm_ups: int
-    least_rounds: int
-    most_rounds: int
-    seconds: float
-    amortised: tuple[int, ...]
-    quiet_cores: float
-    limits: Limits
-
-
-SPEED = SpeedSuite(
-    **vars(suites.SPEED),
-    baselines=("surface-apss", "surface-fit"),
-    conditions=("2048",),
-    class_name="chair",
+    # All others are compared with these; the first is the paper's.
+    baselines: tuple[str, ...] = ("surface-apss", "surface-fit")
+    conditions: tuple[str, ...] = ("2048",)
+    class_name: str = "chair"
     # As many as an interval over objects needs. Reconstruction takes seconds a cloud: three rounds
     # leave the whole run at some minutes. What takes milliseconds goes on for `seconds`, so that
     # its median is over more than chance, but not beyond `most_rounds`.
-    clouds=8,
-    views=20,
-    singles=5,
-    # One: after it libraries have chosen their algorithms for both sizes of a call, and memory is
-    # mapped; later rounds were no faster.
-    warm_ups=1,
-    least_rounds=3,
-    most_rounds=100,
-    seconds=3.0,
-    amortised=(1, 2, 5, 10, 20, 50, 100, 500),
-    quiet_cores=0.25,
-    limits=Limits(time_s=600.0, memory_gib=8.0),
-)
+    clouds: int = 8
+    views: int = 20  # of each cloud, drawn in one call
+    singles: int = 5  # views that are also drawn one by one, in each round
+    # Rounds over all clouds that do not count. One: after it libraries have chosen their algorithms
+    # for both sizes of a call, and memory is mapped; later rounds were no faster.
+    warm_ups: int = 1
+    least_rounds: int = 3  # that count
+    most_rounds: int = 100
+    seconds: float = 3.0  # after which no round begins, once there are `least_rounds`
+    amortised: tuple[int, ...] = (1, 2, 5, 10, 20, 50, 100, 500)  # views of the cost an image
+    quiet_cores: float = 0.25  # more than these busy with something else: a mark beside the times
+    limits: Limits = LIMITS  # of one measurement
+
+
+SPEED = SpeedSuite(**vars(suites.SPEED))

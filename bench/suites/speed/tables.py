@@ -1,324 +1,255 @@
-"""The tables of the suite `speed`, as pure functions."""
+"""The tables of the suite `speed`, as pure functions of its measurements."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import fields
 from typing import Any
 
+import numpy as np
+import pandas as pd
+
 from bench.catalogue.methods import find_method
-from bench.suites.speed.rows import (
-    PAPER_CLASS,
-    AmortisedRow,
-    BreakEvenRow,
-    Paper,
-    SampleRow,
-    SpeedRow,
-    amortised_rows,
-    break_even_rows,
-    speed_rows,
-)
-from bench.suites.speed.samples import Measurement, TimingSample
+from bench.suites.speed.samples import Measurement
 from bench.suites.speed.suite import SpeedSuite
-from bench.suites.speed.summary import MS, BreakEven, Summary, beside, speedups
+from bench.suites.speed.summary import UNITS, costs, summarise
 from bench.tables import markdown
-from bench.tables.grid import BOLD, ITALIC, Block, Cell, Grid, grid, ordered, pivot
-from bench.tables.table import Column, Table, columns, constant
+from bench.tables.grid import BOLD, ITALIC, Block, Cell, Grid, grid, ordered
+from bench.tables.table import Table
 
-WHERE = ("method", "condition", "threads")  # columns that identify a measurement
-METHOD = "summary.measurement.method"
-
-
-def _columns(suite: SpeedSuite, *further: Column) -> tuple[Column, ...]:
-    """Return the columns of rows that have a summary: suite, measurement, and further ones."""
-    where = columns(*((name, f"summary.measurement.{name}") for name in WHERE))
-    return (constant("suite", suite.id), *where, *further)
+PAPER_CLASS = "all"  # the paper gives one number for its 13 classes
+Paper = Mapping[tuple[str, str, str, str], float]  # by class, metric, condition and method
+SETTING = ["condition", "threads"]
+WHERE = ["method", *SETTING]  # columns that identify a measurement
 
 
-def samples_table(measurements: Iterable[Measurement]) -> Table[SampleRow]:
+def samples_table(measurements: Iterable[Measurement]) -> Table[Any]:
     """Return every timed call behind the tables, a row each, for scripts."""
-    layout = (
-        *columns(*((name, f"measurement.{name}") for name in WHERE)),
-        *columns(
-            *(
-                (sample_field.name, f"sample.{sample_field.name}")
-                for sample_field in fields(TimingSample)
-            ),
-            digits=".6g",
-        ),
-    )
-    rows = tuple(SampleRow(m, sample) for m in measurements for sample in m.samples)
-    return Table.of_rows("speed_samples", "", layout, rows)
+    rows = [
+        {name: getattr(m, name) for name in WHERE} | vars(sample)
+        for m in measurements
+        for sample in m.samples
+    ]
+    return Table("speed_samples", "", pd.DataFrame(rows), digits=".6g")
+
+
+def speed_rows(
+    measurements: Sequence[Measurement],
+    suite: SpeedSuite,
+    machine: Mapping[str, Any],
+    paper: Paper,
+) -> pd.DataFrame:
+    """Return a row for each statistic, with its published counterpart on an NVIDIA GTX 1060.
+
+    The paper's stands beside that of an image among V, and the last statistics are how many times
+    cheaper an image is than with the first baseline, where both have a cost.
+    """
+    by_where = {(m.method, m.condition, m.threads): summarise(m) for m in measurements}
+    rows = []
+    for m in measurements:
+        values = dict(by_where[m.method, m.condition, m.threads])
+        rival = by_where.get((suite.baselines[0], m.condition, m.threads), {})
+        for views in dict.fromkeys((1, m.views)):
+            (value, n), (other, _) = (
+                v.get(f"picture-of-{views}-ms", (math.nan, 0)) for v in (values, rival)
+            )
+            if math.isfinite(other / value):
+                values[f"picture-of-{views}-speedup"] = other / value, n
+        for metric, (value, n) in values.items():
+            published = metric.replace(f"picture-of-{m.views}-", "picture-")
+            key = (PAPER_CLASS, published, m.condition, m.method)
+            rows.append(
+                {
+                    "suite": suite.id,
+                    **{name: getattr(m, name) for name in WHERE},
+                    **{"metric": metric, "value": value, "n": n},
+                    "n_ok": m.clouds - len({failure.cloud for failure in m.failures}),
+                    "clouds": m.clouds,
+                    "reason": "; ".join(dict.fromkeys(f.reason for f in m.failures)),
+                    "paper": paper.get(key, math.nan),
+                    "elsewhere_cores": m.elsewhere_cores,
+                    **{"device": m.device, "cpu": machine["cpu"], "cores": machine["cores"]},
+                }
+            )
+    return pd.DataFrame(rows)
 
 
 def speed_table(
-    summaries: Sequence[Summary], suite: SpeedSuite, machine: Mapping[str, Any], paper: Paper
-) -> Table[SpeedRow]:
+    measurements: Sequence[Measurement],
+    suite: SpeedSuite,
+    machine: Mapping[str, Any],
+    paper: Paper,
+) -> Table[Any]:
     """Return all statistics; for people the claim of the paper, then all times.
 
     The times are a pair of grids for each condition and number of threads.
 
     machine  model of the processor (`cpu`), and `cores` that were available
     """
+    rows, batch = speed_rows(measurements, suite, machine, paper), measurements[0].views
+    noisy = {
+        (m.method, m.condition, m.threads)
+        for m in measurements
+        if (m.elsewhere_cores or 0.0) > suite.quiet_cores
+    }
+    value = rows.set_index([*WHERE, "metric"])["value"]
 
-    def layout(rows: Sequence[SpeedRow]) -> Iterator[Block]:
-        yield _setting_in_words(summaries, suite, machine)
-        yield from _claim(summaries, suite, paper)
-        for condition, threads in ordered(map(_setting, summaries)):
-            yield f"## {markdown.cell(condition)}, {_threads(threads)}"
-            chosen = [s for s in summaries if _setting(s) == (condition, threads)]
-            yield from _times_of(chosen, suite)
-        if any(_noisy(summary, suite) for summary in summaries):
+    def layout(_: pd.DataFrame) -> Iterator[Block]:
+        devices = ", ".join(ordered(rows["device"]))
+        yield (
+            f"On {markdown.cell(machine['cpu'])}, {machine['cores']} cores; device "
+            f"{markdown.cell(devices)}. Each method alone in a fresh process, its libraries on the "
+            f"threads named. Medians over clouds (here {measurements[0].clouds}) and rounds "
+            f"(at least {suite.least_rounds}, after {suite.warm_ups} not counted), the 95th "
+            "percentile in brackets. 2x: an image costs half of what it does with "
+            f"{markdown.cell(suite.baselines[0])}."
+        )
+        yield "## The claim"
+        if paper:
+            yield (
+                "The paper gives one number for each approach, on an NVIDIA GTX 1060, and does not "
+                "say how many images a reconstruction was shared by. pc2pix@paper has the paper's "
+                "width: it is made of the bundled pc2pix, which has a quarter of it, when it is "
+                "loaded."
+            )
+        for condition in ordered(rows["condition"]):
+            yield f"An image at {markdown.cell(condition)}, its cloud's preparation included, ms:"
+            yield _claim(value, condition, batch, suite, noisy, paper)
+        for (condition, threads), chosen in rows.groupby(SETTING, sort=False):
+            yield f"## {markdown.cell(str(condition))}, {_threads(threads)}"
+            yield from _times_of(chosen, batch, noisy)
+        if noisy:
             yield (
                 f"\\* Something else kept more than {suite.quiet_cores:g} of the cores busy "
                 "meanwhile; take these times again on a quiet machine."
             )
-        yield "\n".join(_failures(summaries))
-
-    measurement = "summary.measurement"
-    table_columns = _columns(
-        suite,
-        *columns("metric", ("value", "statistic.value"), ("n", "statistic.n"), digits=".6g"),
-        *columns(
-            ("n_ok", "summary.n_ok"),
-            ("clouds", f"{measurement}.clouds"),
-            ("reason", "summary.reason"),
-        ),
-        *columns("paper", ("elsewhere_cores", f"{measurement}.elsewhere_cores"), digits=".6g"),
-        *columns(("device", f"{measurement}.device")),
-        constant("cpu", machine["cpu"]),
-        constant("cores", machine["cores"]),
-    )
-    rows = tuple(speed_rows(summaries, suite, paper))
-    return Table.of_rows("speed", "Speed: what an image costs", table_columns, rows, layout)
-
-
-def _setting_in_words(
-    summaries: Sequence[Summary], suite: SpeedSuite, machine: Mapping[str, Any]
-) -> str:
-    devices = ", ".join(ordered(s.measurement.device for s in summaries))
-    return (
-        f"On {markdown.cell(machine['cpu'])}, {machine['cores']} cores; device "
-        f"{markdown.cell(devices)}. Each method alone in a fresh process, its libraries on the "
-        f"threads named. Medians over clouds (here {summaries[0].measurement.clouds}) and rounds "
-        f"(at least {suite.least_rounds}, after {suite.warm_ups} not counted), the 95th percentile "
-        "in brackets. 2x: an image costs half of what it does with "
-        f"{markdown.cell(suite.baselines[0])}."
-    )
-
-
-def _claim(summaries: Sequence[Summary], suite: SpeedSuite, paper: Paper) -> Iterator[Block]:
-    """Yield a grid for each condition, with methods down, images of a cloud by threads across."""
-    yield "## The claim"
-    if paper:
-        yield (
-            "The paper gives one number for each approach, on an NVIDIA GTX 1060, and does not "
-            "say how many images a reconstruction was shared by. pc2pix@paper has the paper's "
-            "width: it is made of the bundled pc2pix, which has a quarter of it, when it is loaded."
+        yield "\n".join(
+            f"* {markdown.cell(m.method)}, {markdown.cell(m.condition)}, {_threads(m.threads)}, "
+            f"{markdown.cell(failure.cloud)}: failed, {markdown.cell(failure.reason)}"
+            for m in measurements
+            for failure in m.failures
         )
-    counts = ordered((1, summaries[0].measurement.views))
-    for condition in ordered(s.measurement.condition for s in summaries):
-        of_condition = [s for s in summaries if s.measurement.condition == condition]
-        across = [
-            (views, threads)
-            for views in counts
-            for threads in ordered(s.measurement.threads for s in summaries)
-        ]
-        heads = (
-            f"{'alone' if views == 1 else f'one of {views}'}, {_threads(threads)}"
-            for views, threads in across
-        )
-        lines = []
-        for method in ordered(s.measurement.method for s in summaries):
-            ours = {
-                s.measurement.threads: s for s in of_condition if s.measurement.method == method
-            }
-            cells = (
-                _image(ours.get(threads), views, suite, summaries) for views, threads in across
-            )
-            value, faster = (
-                paper.get((PAPER_CLASS, metric, condition, method))
-                for metric in ("picture-ms", "picture-speedup")
-            )
-            published = Cell("-")
-            if value is not None:
-                published = Cell(f"{value:g}{_times(faster)}", special=ITALIC)
-            lines.append([method, published, *cells])
-        yield f"An image at {markdown.cell(condition)}, its cloud's preparation included, ms:"
-        yield grid(["method", "as published", *heads], lines)
+
+    return Table("speed", "Speed: what an image costs", rows, layout, digits=".6g")
 
 
-def _image(
-    summary: Summary | None, views: int, suite: SpeedSuite, summaries: Sequence[Summary]
-) -> str:
-    if summary is None or summary.wall is None:
-        return "failed" if summary else "-"
-    rival = beside(summaries, summary, suite.baselines[0])
-    faster = speedups(summary, rival).get(f"picture-of-{views}-speedup")
-    is_rival = summary is rival
-    return (
-        _number(MS * summary.wall.per_image(views))
-        + _times(None if is_rival or faster is None else faster.value)
-        + _mark(summary, suite)
+def _claim(
+    value: pd.Series,
+    condition: str,
+    batch: int,
+    suite: SpeedSuite,
+    noisy: set[tuple[str, str, int]],
+    paper: Paper,
+) -> Grid:
+    """Return the grid of a condition: methods down, images of a cloud by threads across."""
+    threads = ordered(value.index.get_level_values("threads"))
+    across = [(views, count) for views in ordered((1, batch)) for count in threads]
+    heads = (
+        f"{'alone' if views == 1 else f'one of {views}'}, {_threads(count)}"
+        for views, count in across
     )
 
+    def image(method: str, views: int, count: int) -> str:
+        where = method, condition, count
+        cost = value.get((*where, f"picture-of-{views}-ms"))
+        if cost is None or not math.isfinite(cost):
+            return "-" if cost is None else "failed"
+        faster = value.get((*where, f"picture-of-{views}-speedup"))
+        times = _times(None if method == suite.baselines[0] else faster)
+        return _number(cost) + times + _mark(where, noisy)
 
-def _times_of(chosen: Sequence[Summary], suite: SpeedSuite) -> Iterator[Block]:
+    lines = []
+    for method in ordered(value.index.get_level_values("method")):
+        ours, faster = (
+            paper.get((PAPER_CLASS, metric, condition, method))
+            for metric in ("picture-ms", "picture-speedup")
+        )
+        published = Cell("-")
+        if ours is not None:
+            published = Cell(f"{ours:g}{_times(faster)}", special=ITALIC)
+        lines.append([method, published, *(image(method, *cell) for cell in across)])
+    return grid(["method", "as published", *heads], lines)
+
+
+def _times_of(rows: pd.DataFrame, batch: int, noisy: set[tuple[str, str, int]]) -> Iterator[Block]:
     """Yield warm times, then cold ones and memory, of one condition and number of threads."""
-    batch = chosen[0].measurement.views
+    warm, cold = [], []
+    for method, of_method in rows.groupby("method", sort=False):
+        first = of_method.iloc[0]
+        at = dict(zip(of_method["metric"], map(_number, of_method["value"]), strict=True))
+        where = (str(method), first["condition"], first["threads"])
+        short = first["n_ok"] < first["clouds"]
+        warm.append(
+            [
+                f"{method}{_mark(where, noisy)}",
+                *(
+                    f"{at[f'{name}-ms']} ({at[f'{name}-p95-ms']})"
+                    for name in ("prepare", "draw-1", f"draw-{batch}")
+                ),
+                *(at[f"picture-of-{views}-core-ms"] for views in (1, batch)),
+                f"{first['n_ok']}/{first['clouds']} clouds" if short else "",
+            ]
+        )
+        parts = (at[f"cold-{name}-ms"] for name in ("load", "prepare", "draw", "picture"))
+        cold.append([str(method), *parts, f"{at['peak-mib']} ({at['idle-mib']})"])
     yield (
         f"Warm, ms: a cloud prepared; a view drawn alone, and one of {batch} drawn in a call; "
         "core-ms is processor time of an image, all threads together."
     )
     yield grid(
-        ["method", "prepare", "draw 1", f"of {batch}", "core-ms: of 1", f"of {batch}", ""],
-        (_warm(summary, suite) for summary in chosen),
+        ["method", "prepare", "draw 1", f"of {batch}", "core-ms: of 1", f"of {batch}", ""], warm
     )
     yield (
         "Cold, ms: imports and weights; the first cloud; the first view. Memory, MiB, at most; in "
         "brackets what the process had before the method was loaded."
     )
-    yield grid(["method", "load", "prepare", "draw", "first image", "memory"], map(_cold, chosen))
+    yield grid(["method", "load", "prepare", "draw", "first image", "memory"], cold)
 
 
-def _warm(summary: Summary, suite: SpeedSuite) -> list[str]:
-    values, measurement = summary.values, summary.measurement
-    cells = [
-        f"{_number(values[f'{name}-ms'].value)} ({_number(values[f'{name}-p95-ms'].value)})"
-        for name in ("prepare", "draw-1", f"draw-{measurement.views}")
-    ]
-    cells += [
-        _number(values[f"picture-of-{views}-core-ms"].value) for views in (1, measurement.views)
-    ]
-    count = (
-        f"{summary.n_ok}/{measurement.clouds} clouds" if summary.n_ok < measurement.clouds else ""
-    )
-    return [measurement.method + _mark(summary, suite), *cells, count]
+def amortised_rows(measurements: Sequence[Measurement], suite: SpeedSuite) -> pd.DataFrame:
+    """Return an image's cost against the number of views; none for methods without a cost."""
+    rows = []
+    for m in measurements:
+        values = summarise(m)
+        wall, core = (costs(values, unit, m.views, suite.amortised) for unit in UNITS)
+        if np.isfinite([wall, core]).all():
+            where = suite.id, m.method, m.condition, m.threads
+            rows += [(*where, *row) for row in zip(suite.amortised, wall, core, strict=True)]
+    return pd.DataFrame(rows, columns=["suite", *WHERE, "views", "wall_ms", "core_ms"])
 
 
-def _cold(summary: Summary) -> list[str]:
-    values = summary.values
-    cells = [
-        _number(values[f"cold-{name}-ms"].value) for name in ("load", "prepare", "draw", "picture")
-    ]
-    memory = f"{_number(values['peak-mib'].value)} ({_number(values['idle-mib'].value)})"
-    return [summary.measurement.method, *cells, memory]
+def amortised_table(rows: pd.DataFrame, suite: SpeedSuite, batch: int) -> Table[Any]:
+    """Return the cost per image by number of views, in calls of up to `batch`."""
 
-
-def _failures(summaries: Sequence[Summary]) -> list[str]:
-    return [
-        f"* {markdown.cell(timed.method)}, {markdown.cell(timed.condition)}, "
-        f"{_threads(timed.threads)}, {markdown.cell(failure.cloud)}: failed, "
-        f"{markdown.cell(failure.reason)}"
-        for timed in (summary.measurement for summary in summaries)
-        for failure in timed.failures
-    ]
-
-
-def amortised_table(summaries: Sequence[Summary], suite: SpeedSuite) -> Table[AmortisedRow]:
-    """Return cost per image by number of views; for people also the break-even counts."""
-    batch, pairs = summaries[0].measurement.views, break_even_rows(summaries, suite)
-
-    def layout(rows: Sequence[AmortisedRow]) -> Iterator[Block]:
+    def layout(_: pd.DataFrame) -> Iterator[Block]:
         yield (
             f"Milliseconds an image: prepare / views + draw, in calls of up to {batch} views; in "
             "bold the cheapest that looks at the cloud alone."
         )
-        for condition, threads in ordered(map(_setting, summaries)):
-            chosen = [r for r in rows if _setting(r.summary) == (condition, threads)]
-            equal = [r for r in pairs if _setting(r.summary) == (condition, threads)]
-            yield f"## {markdown.cell(condition)}, {_threads(threads)}"
-            yield _per_image(chosen, suite)
-            if equal:
-                yield "For how many views of a cloud a method is cheaper than"
-                yield _break_even(equal, suite)
+        for (condition, threads), chosen in rows.groupby(SETTING, sort=False):
+            yield f"## {markdown.cell(str(condition))}, {_threads(threads)}"
+            wide = chosen.pivot(index="method", columns="views", values="wall_ms")
+            rivals = [method for method in wide.index if not find_method(method).role]
+            cheapest = wide.loc[rivals].min()
+            lines = []
+            for method in ordered(chosen["method"]):
+                costs = wide.loc[method]
+                bold = (costs == cheapest) & (method in rivals)
+                cells = zip(costs, bold, strict=True)
+                lines.append(
+                    [method, *(Cell(_number(c), special=BOLD if b else None) for c, b in cells)]
+                )
+            yield grid(["method", *map(str, wide.columns)], lines)
 
     title = "What an image costs, by the number of views of a cloud"
-    table_columns = _columns(suite, *columns("views", "wall_ms", "core_ms", digits=".6g"))
-    return Table.of_rows(
-        "amortised", title, table_columns, tuple(amortised_rows(summaries, suite)), layout
-    )
+    return Table("amortised", title, rows, layout, digits=".6g")
 
 
-def break_even_table(summaries: Sequence[Summary], suite: SpeedSuite) -> Table[BreakEvenRow]:
-    """Return each method against each rival, for scripts."""
-    table_columns = (
-        constant("suite", suite.id),
-        *columns(("method", METHOD), "rival", ("condition", "summary.measurement.condition")),
-        *columns(("threads", "summary.measurement.threads"), ("cheaper", "break_even.cheaper")),
-        Column("views", lambda row: row.ends[0], ".6g"),
-        Column("views_2", lambda row: row.ends[1], ".6g"),
-    )
-    return Table.of_rows("break_even", "", table_columns, tuple(break_even_rows(summaries, suite)))
+def _mark(where: tuple[str, str, int], noisy: set[tuple[str, str, int]]) -> str:
+    return " *" if where in noisy else ""
 
 
-def _per_image(rows: Sequence[AmortisedRow], suite: SpeedSuite) -> Grid:
-    cheapest = {
-        views: min((r.wall_ms for r in rows if r.views == views and _rival(r)), default=None)
-        for views in suite.amortised
-    }
-
-    def cell(row: AmortisedRow) -> Cell:
-        first = _rival(row) and row.wall_ms == cheapest[row.views]
-        return Cell(_number(row.wall_ms), special=BOLD if first else None)
-
-    return pivot(rows, METHOD, "views", cell, columns=suite.amortised, corner="method")
-
-
-def _rival(row: AmortisedRow) -> bool:
-    """Return whether the row's method looks at the cloud alone."""
-    return not find_method(row.summary.measurement.method).role
-
-
-def _break_even(rows: Sequence[BreakEvenRow], suite: SpeedSuite) -> Grid:
-    compared = {row.rival for row in rows}
-    baselines = [name for name in suite.baselines if name in compared]
-
-    def cell(row: BreakEvenRow) -> Cell:
-        return Cell(in_whole_views(row.break_even))
-
-    return pivot(rows, METHOD, "rival", cell, columns=baselines, corner="method")
-
-
-def in_whole_views(break_even: BreakEven) -> str:
-    """Return the break-even in whole views: "any", "none", "1 to 12", "13 and more"."""
-    below = [math.ceil(views) - 1 for views in break_even.views]
-    above = [math.floor(views) + 1 for views in break_even.views]
-    match break_even.cheaper:
-        case "always":
-            return "any"
-        case "never":
-            return "none"
-        case "up to":
-            return _range(1, below[0])
-        case "from":
-            return f"{above[0]} and more"
-        case "between":
-            return _range(above[0], below[1])
-        case _:
-            return f"{_range(1, below[0])}, {above[1]} and more"
-
-
-def _range(first: int, last: int) -> str:
-    if last < first:
-        return "none"
-    return f"{first} to {last}" if last > first else str(first)
-
-
-def _setting(summary: Summary) -> tuple[str, int]:
-    return summary.measurement.condition, summary.measurement.threads
-
-
-def _noisy(summary: Summary, suite: SpeedSuite) -> bool:
-    return (summary.measurement.elsewhere_cores or 0.0) > suite.quiet_cores
-
-
-def _mark(summary: Summary, suite: SpeedSuite) -> str:
-    return " *" if _noisy(summary, suite) else ""
-
-
-def _threads(count: int) -> str:
+def _threads(count: Any) -> str:
     return f"{count} thread" if count == 1 else f"{count} threads"
 
 

@@ -6,26 +6,24 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from bench.report.figure import drawing, panels
-from bench.suites.stability.expectations import KINDS, Kind
-from bench.suites.stability.outcomes import CaseOutcome
-from bench.suites.stability.tables import subjects as subjects_of
-from bench.tables.table import Table
+from bench.suites.stability.expectations import KINDS
+from bench.tables.grid import ordered
 from data_prep.scene import IMAGE_SIZE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 # Kinds differ in lightness and letter, too: not everybody sees colours.
-COLOURS: dict[Kind | None, tuple[str, str]] = {
+COLOURS = {
     "holds": ("#cfe8cf", ""),
     "refused": ("#f5e6a3", "r"),
     "differs": ("#f0b77c", "d"),
     "contained": ("#9db7de", "c"),
     "unexpected": ("#8f1d2c", "!"),
-    None: ("#ffffff", ""),
 }
 ROW_IN, COLUMN_IN = 0.17, 0.55  # of a cell
 ACROSS = 12  # images
@@ -33,45 +31,36 @@ MISSING = 225  # grey
 
 
 @drawing()
-def matrix_figure(matrix: Table[CaseOutcome]) -> Figure:
-    """Return cases down and subjects across, coloured by kind; white for no case."""
+def matrix_figure(outcomes: pd.DataFrame, title: str) -> Figure:
+    """Return cases down and methods across, coloured by kind; white for no case."""
     from matplotlib import patches
 
-    kinds: dict[tuple[str, str, str], Kind] = {
-        (o.group, o.case, o.subject): o.kind for o in matrix.rows
-    }
-    rows = list(dict.fromkeys((o.group, o.case) for o in matrix.rows))
-    subjects = subjects_of(matrix)
-    size_in = (3.2 + COLUMN_IN * len(subjects), 1.8 + ROW_IN * len(rows))
+    methods = ordered(outcomes["subject"])
+    rows = ordered(zip(outcomes["group"], outcomes["case"], strict=True))
+    size_in = (3.2 + COLUMN_IN * len(methods), 1.8 + ROW_IN * len(rows))
     figure, ((axis,),) = panels(1, 1, size_in)
-    for y, (group, case) in enumerate(rows):
-        for x, subject in enumerate(subjects):
-            colour, letter = COLOURS[kinds.get((group, case, subject))]
-            axis.add_patch(patches.Rectangle((x, y), 1, 1, facecolor=colour, edgecolor="white"))
-            dark = letter == "!"
-            axis.text(
-                *(x + 0.5, y + 0.52, letter),
-                ha="center", va="center", fontsize=7, color="white" if dark else "black",
-            )  # fmt: skip
-        if y and group != rows[y - 1][0]:
+    for cell in outcomes.itertuples():
+        x, y = methods.index(cell.subject), rows.index((cell.group, cell.case))
+        colour, letter = COLOURS[str(cell.kind)]
+        axis.add_patch(patches.Rectangle((x, y), 1, 1, facecolor=colour, edgecolor="white"))
+        dark = "white" if letter == "!" else "black"
+        axis.text(x + 0.5, y + 0.52, letter, ha="center", va="center", fontsize=7, color=dark)
+    for y, ((group, _), (before, _)) in enumerate(zip(rows[1:], rows, strict=False), 1):
+        if group != before:
             axis.axhline(y, color="black", linewidth=0.6)
-    axis.set(xlim=(0, len(subjects)), ylim=(len(rows), 0))
-    axis.set_xticks(np.arange(len(subjects)) + 0.5, subjects, rotation=45, ha="left", fontsize=8)
+    axis.set(xlim=(0, len(methods)), ylim=(len(rows), 0))
+    axis.set_xticks(np.arange(len(methods)) + 0.5, methods, rotation=45, ha="left", fontsize=8)
     axis.set_yticks(np.arange(len(rows)) + 0.5, [case for _, case in rows], fontsize=7)
     axis.xaxis.tick_top()
     axis.tick_params(length=0)
     axis.spines[:].set_visible(False)
-    axis.set_title(matrix.title, fontsize=10)
-    figure.legend(
-        handles=[
-            patches.Patch(facecolor=COLOURS[kind][0], label=f"{COLOURS[kind][1]} {kind}".strip())
-            for kind in KINDS
-        ],
-        loc="outside lower center",
-        ncols=3,
-        fontsize=7,
-        frameon=False,
-    )
+    axis.set_title(title, fontsize=10)
+    handles = [
+        patches.Patch(facecolor=COLOURS[kind][0], label=f"{COLOURS[kind][1]} {kind}".strip())
+        for kind in KINDS
+    ]
+    place = {"loc": "outside lower center", "ncols": 3}
+    figure.legend(handles=handles, fontsize=7, frameon=False, **place)
     return figure
 
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from bench.metrics.inception_weights import WeightsUnavailable
 from bench.metrics.silhouette import foreground
@@ -14,7 +16,7 @@ from bench.metrics.structural_similarity import ssim_per_image
 from bench.records.artifacts import unpack_images
 from bench.records.job import Job
 from bench.records.store import Store
-from bench.suites.stability.cases import CASES, Case
+from bench.suites.stability.cases import CASES
 from bench.suites.stability.expectations import (
     ROUNDED_MEAN,
     Agrees,
@@ -28,34 +30,27 @@ from bench.suites.stability.expectations import (
     expectation,
     in_words,
 )
+from bench.suites.stability.tables import COLUMNS
 from data_prep.arrays import Floats
 from data_prep.scene import UInt8Images
 
 
-@dataclass(frozen=True)
-class Observation:
-    """The result of one method on one case, as small values from records and images.
-
-    reason         why the method drew no images; empty where it drew them
-    notes          repairs by the method on its way
-    shown          share of the pixels that are not white, mean over the views; None without images
-    mean_change    mean absolute difference to the images of the case's `like`, in grey levels
-                   0..255; None without `like`, or without images of either
-    most_change    largest absolute difference to them
-    prepare_s, draw_s  as in a record; None without images
-    ssim_change, lpips_change  largest change of the score against the true images, mean over the
-                   views, in a repetition of the case; None without repetitions
-    """
+class Observation(NamedTuple):
+    """The result of one method on one case, as small values from records and images."""
 
     case: str
     method: str
-    reason: str
-    notes: str
-    shown: float | None
-    mean_change: float | None
-    most_change: int | None
-    prepare_s: float | None
-    draw_s: float | None
+    reason: str  # why the method drew no images; empty where it drew them
+    notes: str  # repairs by the method on its way
+    shown: float | None = None  # share of the pixels that are not white; None without images
+    # Absolute differences to the images of the case's `like`, in grey levels 0..255; None without
+    # `like`, or without images of either.
+    mean_change: float | None = None
+    most_change: int | None = None
+    prepare_s: float | None = None  # as in a record
+    draw_s: float | None = None
+    # Largest changes of the score against the true images, mean over the views, in a repetition of
+    # the case; None without repetitions.
     ssim_change: float | None = None
     lpips_change: float | None = None
 
@@ -63,47 +58,34 @@ class Observation:
 def observe(jobs: Sequence[Job], store: Store) -> list[Observation]:
     """Return an observation for each method and case, in their order; the store has all jobs."""
     case_of = {condition: case for case in CASES for condition in case.conditions}
-    repetitions: dict[tuple[str, Case], list[Job]] = {}
+    repetitions: dict[tuple[str, str], list[Job]] = {}
     for job in jobs:
-        repetitions.setdefault((job.method, case_of[job.condition]), []).append(job)
+        repetitions.setdefault((job.method, case_of[job.condition].id), []).append(job)
     # The first failure of several stands for them.
     records = {
         key: min((store.records(job.key)[0] for job in group), key=lambda r: r.outcome == "ok")
         for key, group in repetitions.items()
     }
-    drawn = {
-        (method, case.id): group
-        for (method, case), group in repetitions.items()
-        if records[method, case].outcome == "ok"
-    }
+    drawn = {key for key, record in records.items() if record.outcome == "ok"}
     observations = []
-    for (method, case), record in records.items():
-        shown = mean = most = ssim = lpips = None
-        if (method, case.id) in drawn:
-            images = _images(drawn[method, case.id], store)
-            shown = float(foreground(images).mean())
-            if others := drawn.get((method, case.like or "")):
+    for (method, case_id), record in records.items():
+        seen: dict[str, Any] = {}
+        case, like_id = case_of[case_id], case_of[case_id].like or ""
+        if (method, case_id) in drawn:
+            images = _images(repetitions[method, case_id], store)
+            seen["shown"] = float(foreground(images).mean())
+            if (method, like_id) in drawn:
+                others = repetitions[method, like_id]
                 like = _images(others, store)
                 # A case may have more images than its `like`, which is repeated then.
                 counterpart = like[np.arange(len(images)) % len(like)]
                 difference = np.abs(images.astype(np.int16) - counterpart)
-                mean, most = float(difference.mean()), int(difference.max())
+                seen |= {"mean_change": float(difference.mean()), "most_change": difference.max()}
                 if case.repetitions > 1:
-                    ssim, lpips = _score_changes(others[0], like, images)
+                    seen |= _score_changes(others[0], like, images)
+        times = {"prepare_s": record.prepare_s, "draw_s": record.draw_s}
         observations.append(
-            Observation(
-                case=case.id,
-                method=method,
-                reason=record.reason,
-                notes=record.notes,
-                shown=shown,
-                mean_change=mean,
-                most_change=most,
-                prepare_s=record.prepare_s,
-                draw_s=record.draw_s,
-                ssim_change=ssim,
-                lpips_change=lpips,
-            )
+            Observation(case_id, method, record.reason, record.notes, **times, **seen)
         )
     return observations
 
@@ -112,7 +94,7 @@ def _images(jobs: Sequence[Job], store: Store) -> UInt8Images:
     return np.concatenate([unpack_images(store.artifact(job.key)) for job in jobs])
 
 
-def _score_changes(job: Job, like: UInt8Images, images: UInt8Images) -> tuple[float, float | None]:
+def _score_changes(job: Job, like: UInt8Images, images: UInt8Images) -> dict[str, float]:
     """Return the largest changes of SSIM and LPIPS from `like`; no LPIPS without its package."""
     from bench.metrics.lpips_network import lpips  # imports torch
 
@@ -123,45 +105,23 @@ def _score_changes(job: Job, like: UInt8Images, images: UInt8Images) -> tuple[fl
         values = scores.reshape(-1, len(like)).mean(axis=1)
         return float(np.abs(values - values[0]).max())
 
-    ssim = largest_change(ssim_per_image(truth, drawn).ssim)
-    try:
-        return ssim, largest_change(lpips(truth, drawn, single=True))
-    except WeightsUnavailable:
-        return ssim, None
+    changes = {"ssim_change": largest_change(ssim_per_image(truth, drawn).ssim)}
+    with suppress(WeightsUnavailable):
+        changes["lpips_change"] = largest_change(lpips(truth, drawn, single=True))
+    return changes
 
 
-@dataclass(frozen=True)
-class CaseOutcome:
-    """The verdict on one case of one method, which is a cell of a matrix of cases and methods.
-
-    case      kebab-case id
-    group     kind of case, such as "outlier"; the cases of a group follow each other
-    subject   the method
-    expected  in words: a value with its tolerance, an invariant, or a named failure
-    observed  in words; compared with `expected`
-    kind      the verdict, see `KINDS`
-    """
-
-    case: str
-    group: str
-    subject: str
-    expected: str
-    observed: str
-    kind: Kind
-
-
-def outcome(observation: Observation) -> CaseOutcome:
-    """Return the verdict on one observation."""
-    case = next(case for case in CASES if case.id == observation.case)
-    expected = expectation(observation.method, case)
-    return CaseOutcome(
-        case=case.id,
-        group=case.group,
-        subject=observation.method,
-        expected=in_words(expected, case.like),
-        observed=_observed_in_words(observation),
-        kind=verdict(expected, observation),
-    )
+def outcomes_of(observations: Iterable[Observation]) -> pd.DataFrame:
+    """Return the verdict on each observation, in the columns of the matrix."""
+    cases = {case.id: case for case in CASES}
+    rows = []
+    for observed in observations:
+        case = cases[observed.case]
+        expected = expectation(observed.method, case)
+        texts = in_words(expected, case.like), _observed_in_words(observed)
+        kind = verdict(expected, observed)
+        rows.append((case.id, case.group, observed.method, *texts, kind))
+    return pd.DataFrame(rows, columns=COLUMNS)
 
 
 def verdict(expected: Expectation, observed: Observation) -> Kind:

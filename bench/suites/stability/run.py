@@ -5,37 +5,50 @@ Workers that can be killed draw the clouds, and a run that was stopped goes on.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 
-from bench.catalogue.methods import FLOORS, find_method, objectives
+import pandas as pd
+
+from bench.catalogue import suites
+from bench.catalogue.methods import FLOORS, find_method
+from bench.catalogue.suites import Limits, Procedure
 from bench.records.artifacts import unpack_images
 from bench.records.job import Job
 from bench.records.parquet import write_records
 from bench.records.record import SCHEMA_VERSION
-from bench.report.figure import FIGURES, save
+from bench.records.store import Store
 from bench.running.environment import cores, environment
 from bench.running.executors import JobPool, run_jobs
 from bench.running.options import Options
 from bench.running.plan import digest
-from bench.running.protocol import manifest_of, method_identity
-from bench.running.run import open_run
-from bench.suites.procedure import SuiteRun, methods_of
+from bench.running.protocol import method_identity
+from bench.suites.procedure import SuiteRun, methods_of, run_suite, suite_manifest
 from bench.suites.stability.cases import CASES, TURN_DEG, VIEWS
-from bench.suites.stability.expectations import EXPECTED
+from bench.suites.stability.expectations import EXPECTED, KINDS
 from bench.suites.stability.figures import extremes_figure, matrix_figure
-from bench.suites.stability.outcomes import CaseOutcome, observe, outcome
-from bench.suites.stability.suite import STABILITY, StabilitySuite
-from bench.suites.stability.tables import counts, matrix, observations_table, unexpected
+from bench.suites.stability.outcomes import observe, outcomes_of
+from bench.suites.stability.tables import matrix, unexpected
 from bench.tables import markdown
-from bench.tables.table import Table, write_tables
+from bench.tables.grid import grid
+from bench.tables.table import Table
 from data_prep.datasets.registry import ProceduralObject
 from data_prep.failures import BadInput
-from data_prep.scene import UInt8Images
 
+LIMITS = Limits(time_s=60.0, memory_gib=4.0)
+
+
+@dataclass(frozen=True)
+class StabilitySuite(Procedure):
+    """A suite of extreme inputs with expected outcomes of methods."""
+
+    class_name: str = "chair"  # of the one procedural test object
+    index: int = 0
+    limits: Limits = LIMITS  # of a method on a case
+
+
+STABILITY = StabilitySuite(**vars(suites.STABILITY))
 CASES_VERSION = 1  # raise when a perturbation of `data_prep.clouds.extremes` changes a cloud
 
 
@@ -86,55 +99,67 @@ def run(options: Options, suite: StabilitySuite = STABILITY) -> SuiteRun:
 
     Raises BadInput for options that the user has to fix.
     """
-    start = time.perf_counter()
     methods = methods_of(
         options,
         suite,
         conditions="its cases take their place",
         views="each case has its own",
         **dict.fromkeys(("limit", "shard", "ray"), "all cases are taken of one object"),
-        inception_weights="no fid is taken",
     )
     if options.dataset != "procedural":
         raise BadInput(
             f"--dataset {options.dataset}: the suite {suite.id} states what happens to one "
             "procedural object; leave it"
         )
-    directory = options.directory
-    workers = options.workers or cores()
-    machine = environment()
+    options = replace(options, methods=methods)
+    workers, machine = options.workers or cores(), environment()
     jobs = stability_jobs(suite, methods, options.seed or 0, options.device, machine)
-    manifest = manifest_of(
-        replace(options, methods=methods),  # a repetition has no defaults
-        suite.id,
+    manifest = suite_manifest(
+        options,
+        suite,
         len(VIEWS),
         machine,
-        methods=list(methods),
-        objectives=objectives(map(find_method, methods)),
         objects=[f"{suite.class_name}/test-{suite.index:04d}"],
         cases=[case.id for case in CASES],
         workers=workers,
     )
-    with open_run(directory, manifest, options.fresh) as store:
-        outcomes = run_jobs(
-            jobs, store, suite.id, partial(JobPool, limits=suite.limits, workers=workers)
-        )
-        store.list_jobs((job.key, job.name) for job in jobs)
-        write_records(directory, store.listed_columns())
-        observations = observe(jobs, store)
-        table = matrix(_remark(methods), map(outcome, observations))
-        write_tables(directory, [table, observations_table(observations)])
-        images = {
-            (job.condition, job.method): unpack_images(store.artifact(job.key))[0]
-            for job in jobs
-            if outcomes[job.key].has_images
-        }
-        _draw(directory, table, images, methods)
-    printed = [markdown.table(counts(table))] + [
-        f"UNEXPECTED {cell.subject}, {cell.case}: {cell.observed}; stated was: {cell.expected}"
-        for cell in unexpected(table)
-    ]
-    return SuiteRun(directory, (table,), printed, f"{time.perf_counter() - start:.0f} s")
+    return run_suite(options, manifest, partial(_draw_all, suite, jobs, methods, options, workers))
+
+
+def _draw_all(
+    suite: StabilitySuite,
+    jobs: Sequence[Job],
+    methods: Sequence[str],
+    options: Options,
+    workers: int,
+    store: Store,
+) -> SuiteRun:
+    """Do the jobs that the store does not have, and return the verdicts on all."""
+    pool = partial(JobPool, limits=suite.limits, workers=workers)
+    results = run_jobs(jobs, store, suite.id, pool)
+    store.list_jobs((job.key, job.name) for job in jobs)
+    write_records(options.directory, store.listed_columns())
+    observations = observe(jobs, store)
+    outcomes = outcomes_of(observations)
+    table = matrix(_remark(methods), outcomes)
+    images = {
+        (job.condition, job.method): unpack_images(store.artifact(job.key))[0]
+        for job in jobs
+        if results[job.key].has_images
+    }
+    shown = [method for method in methods if method not in FLOORS]
+    counts = outcomes["kind"].value_counts()
+    return SuiteRun(
+        (table, Table("observations", "", pd.DataFrame(observations), digits=".6g")),
+        {
+            table.name: matrix_figure(outcomes, table.title),
+            "extremes": extremes_figure([case.id for case in CASES], shown, images),
+        },
+        printed=[
+            markdown.table(grid([*KINDS], [[str(counts.get(kind, 0)) for kind in KINDS]])),
+            *(f"UNEXPECTED {line}" for line in unexpected(outcomes)),
+        ],
+    )
 
 
 def _remark(methods: Sequence[str]) -> str:
@@ -148,17 +173,3 @@ def _remark(methods: Sequence[str]) -> str:
     if unstated:
         remark += f" Nothing is stated about {', '.join(unstated)}: what has a name is in order."
     return remark
-
-
-def _draw(
-    directory: Path,
-    table: Table[CaseOutcome],
-    images: Mapping[tuple[str, str], UInt8Images],
-    methods: Sequence[str],
-) -> None:
-    """Write the figures; `images` are the first views by case and method."""
-    folder = directory / FIGURES
-    save(matrix_figure(table), folder / f"{table.name}.png")
-    shown = [method for method in methods if method not in FLOORS]
-    extremes = extremes_figure([case.id for case in CASES], shown, images)
-    save(extremes, folder / "extremes.png", dpi=100)

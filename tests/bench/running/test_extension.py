@@ -25,7 +25,7 @@ from bench.running.plan import plan
 from bench.running.protocol import protocol_of
 from bench.running.run import open_run, run
 from bench.suites.procedure import methods_of
-from bench.suites.stability.suite import STABILITY
+from bench.suites.stability.run import STABILITY
 from data_prep.failures import BadInput
 
 from ..builders import file_bytes, finished_options, make_manifest, stored_keys, watched

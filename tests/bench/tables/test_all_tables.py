@@ -14,23 +14,27 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from bench.analysis.scored import read_scored
 from bench.records.parquet import write_features
 from bench.records.run_folder import open_folder, write_manifest
-from bench.suites.latent.paths import PATH_METRICS, PATHS
-from bench.suites.latent.tables import LatentValue, latent_table, means, values_table
+from bench.suites.latent.codes import PATH_METRICS, PATHS
+from bench.suites.latent.tables import VALUES, latent_table, means
 from bench.suites.speed.samples import Measurement, TimingSample
 from bench.suites.speed.suite import SPEED
-from bench.suites.speed.summary import summarise
-from bench.suites.speed.tables import amortised_table, samples_table, speed_table
-from bench.suites.stability.outcomes import CaseOutcome
-from bench.suites.stability.tables import matrix
+from bench.suites.speed.tables import (
+    amortised_rows,
+    amortised_table,
+    samples_table,
+    speed_table,
+)
+from bench.suites.stability.tables import COLUMNS, matrix
 from bench.tables import differences, orderings
 from bench.tables.build import make_outputs
 from bench.tables.published import published
-from bench.tables.table import table_files
+from bench.tables.table import Table, table_files
 
 from ..builders import (
     EXTRACTORS,
@@ -169,15 +173,16 @@ def test_what_compare_says_of_two_runs(tmp_path, command, monkeypatch):
 
 def test_tables_of_latent():
     rng = np.random.default_rng(0)
-    values = [
-        LatentValue("pc2pix", path, "all", f"pair {i}", metric, rng.random())
+    rows = [
+        ("pc2pix", path, "all", f"pair {i}", metric, rng.random())
         for path in PATHS
         for metric in PATH_METRICS
         for i in range(8)
     ]
+    values = pd.DataFrame(rows, columns=VALUES)
     tables = [
         latent_table("latent", "Paths", "Remark.", PATH_METRICS, PATHS, means("latent", values)),
-        values_table("latent_values", values),
+        Table("latent_values", "", values, digits=".6g"),
     ]
     kept("latent.txt", as_text(table_files(tables)))
 
@@ -197,11 +202,10 @@ def test_tables_of_speed():
         sizes = {"threads": 1, "views": 20, "clouds": 2, "device": "cpu", "failures": ()}
         memory = {"idle_mib": 50.0, "peak_mib": 75.0, "elsewhere_cores": 0.0}
         measured.append(Measurement(f"{key}", method, "2048", samples=samples, **sizes, **memory))
-    summaries = [summarise(measurement) for measurement in measured]
     machine = {"cpu": "some cpu", "cores": 2}
     tables = [
-        speed_table(summaries, suite, machine, published("speed")),
-        amortised_table(summaries, suite),
+        speed_table(measured, suite, machine, published("speed")),
+        amortised_table(amortised_rows(measured, suite), suite, 20),
         samples_table(measured),
     ]
     kept("speed.txt", as_text(table_files(tables)))
@@ -209,10 +213,10 @@ def test_tables_of_speed():
 
 def test_tables_of_stability():
     outcomes = [
-        CaseOutcome("one-point", "points", "splat", "images", "images", "holds"),
-        CaseOutcome("one-point", "points", "pc2pix", "images", "fails: no points", "unexpected"),
-        CaseOutcome("turned", "views", "splat", "agrees", "0.01, at most 1", "holds"),
-        CaseOutcome("turned", "views", "pc2pix", "fails", "fails: too few", "refused"),
+        ("one-point", "points", "splat", "images", "images", "holds"),
+        ("one-point", "points", "pc2pix", "images", "fails: no points", "unexpected"),
+        ("turned", "views", "splat", "agrees", "0.01, at most 1", "holds"),
+        ("turned", "views", "pc2pix", "fails", "fails: too few", "refused"),
     ]
-    table = matrix("Remark.", outcomes)
+    table = matrix("Remark.", pd.DataFrame(outcomes, columns=COLUMNS))
     kept("stability.txt", as_text(table_files([table])))

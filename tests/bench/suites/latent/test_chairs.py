@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bench.suites.latent.chairs import CHANGES, choose_pairs, choose_triples, specified_chairs
-from bench.suites.latent.suite import LATENT
+from bench.suites.latent.run import LATENT
 from data_prep.datasets.registry import ProceduralObject
 from data_prep.failures import BadInput
 

@@ -9,7 +9,7 @@ from scipy.spatial.distance import cdist
 
 from bench.judges import VIEWS_WEIGHTS
 from bench.judges.views import load_views_network
-from bench.suites.latent.measures import (
+from bench.suites.latent.codes import (
     chamfer_distances,
     cosine,
     cross_fade,

@@ -17,12 +17,10 @@ from bench.judges import VIEWS_WEIGHTS
 from bench.judges.views import load_views_network
 from bench.metrics.structural_similarity import ssim
 from bench.running.options import Options
-from bench.suites.latent.arithmetic import ANSWER, NOTHING, SUM, TRAIN, add_up
 from bench.suites.latent.chairs import choose_pairs, choose_triples, specified_chairs
+from bench.suites.latent.codes import ANSWER, NOTHING, SUM, TRAIN, add_up, walk
 from bench.suites.latent.network import cloud_of, load_network
-from bench.suites.latent.paths import walk
-from bench.suites.latent.run import run
-from bench.suites.latent.suite import LATENT
+from bench.suites.latent.run import LATENT, run
 from data_prep.failures import BadInput
 from data_prep.rendering.opengl import render
 from data_prep.scene import View
@@ -125,8 +123,8 @@ def test_known_sums():
     names = (chair.id for chair in (triple.a, triple.b, triple.c, triple.d))
     network = Known(dict(zip(names, (a, b, c, d), strict=True)))
     train = torch.tensor([[2.5, 1, 0], [1, 0.5, 1], [1, -1, 1]])  # A, near to the sum, farther
-    values, strip = add_up(network, triple, train, 0)
-    measured = {(value.what, value.metric): value.value for value in values}
+    values, (_, tiles) = add_up(network, triple, train, 0)
+    measured = {(what, metric): value for what in values for metric, value in values[what].items()}
     points = {SUM: [1, 0, 1], NOTHING: c, TRAIN: [1, 0.5, 1], ANSWER: d}
     for what, point in points.items():
         # float32 sums of 2,048 numbers
@@ -142,16 +140,16 @@ def test_known_sums():
     assert (NOTHING, "cloud-gain") not in measured
     # A - B is (1, 0, 0), D - C is (1, 0, 1)
     assert measured[SUM, "cosine"] == pytest.approx(np.sqrt(0.5))
-    assert [tile.cloud.tolist() for tile in strip.tiles] == [[a], [b], [c], [[1, 0, 1]], [d]]
-    assert strip.tiles[3].truth is None
+    assert [tile.cloud.tolist() for tile in tiles] == [[a], [b], [c], [[1, 0, 1]], [d]]
+    assert tiles[3].truth is None
 
 
 def test_a_known_path():
     pair = choose_pairs(specified_chairs("test", 2), np.random.default_rng(0))[0]
     network = Known({pair.start.id: [0.0, 0, 0], pair.end.id: [2.0, 0, 0]})
-    values, strip = walk(network, load_views_network(VIEWS_WEIGHTS), pair, 0, 5)
-    measured = {(value.what, value.metric): value.value for value in values}
-    assert [tile.cloud[0, 0] for tile in strip.tiles[1:-1]] == [0, 0.5, 1, 1.5, 2]
+    values, (_, tiles) = walk(network, load_views_network(VIEWS_WEIGHTS), pair, 0, 5)
+    measured = {(what, metric): value for what in values for metric, value in values[what].items()}
+    assert [tile.cloud[0, 0] for tile in tiles[1:-1]] == [0, 0.5, 1, 1.5, 2]
     for what in ("code", "cross-fade"):  # grey levels 0, 50, 100, 150, 200
         assert measured[what, "picture-unevenness"] == pytest.approx(1, abs=1e-12)
         assert measured[what, "picture-step"] == pytest.approx(50 / 255, abs=1e-12)
@@ -165,7 +163,7 @@ def test_a_known_path():
     truth = [render(chair.load(), [network.view]) for chair in (pair.start, pair.end)]
     drawn = network.draw(torch.tensor([[0.0, 0, 0], [2.0, 0, 0]]))
     assert measured["code", "end-ssim"] == pytest.approx(ssim(np.concatenate(truth), drawn).ssim)
-    for tile, true in zip((strip.tiles[0], strip.tiles[-1]), truth, strict=True):
+    for tile, true in zip((tiles[0], tiles[-1]), truth, strict=True):
         assert np.array_equal(tile.image, true[0])
 
 
@@ -180,7 +178,7 @@ def test_the_same_seed_gives_the_same_bytes(measured, untrained, tmp_path):
             (run.directory / "tables" / name).read_bytes() for run in (measured, again, other)
         )
         assert first == second != third
-    assert other.tables[0].rows[0].n == 2
+    assert other.tables[0].frame["n"][0] == 2
 
 
 def test_a_rerun_starts_over(measured, untrained, tmp_path):

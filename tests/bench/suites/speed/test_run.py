@@ -16,7 +16,7 @@ from bench.records.run_folder import read_manifest
 from bench.running.isolation import WORKER_ENVIRONMENT, run_tasks, thread_counts
 from bench.running.options import Options
 from bench.suites.speed.measure import Unit, lost
-from bench.suites.speed.run import Laboratory, measure_alone, run
+from bench.suites.speed.run import measure_alone, run
 from bench.suites.speed.samples import TimingSample
 from bench.suites.speed.suite import SPEED
 from bench.tables.build import tables
@@ -38,12 +38,9 @@ SMALL = replace(
 )
 UNIT = Unit("k", SMALL, "blank", "2048", Unchanged(), (Tetrahedron(),), 1, 3, 0, "cpu")
 FILES = [
-    *("amortised.csv", "amortised.md", "break_even.csv"),
-    *("speed.csv", "speed.md", "speed_samples.csv"),
+    *("amortised.csv", "amortised.md", "speed.csv", "speed.md"),
+    "speed_samples.csv",
 ]
-
-
-REAL = Laboratory(environment=lambda: {"gl": "some"}, cores=lambda: 2)
 
 
 @dataclass
@@ -63,12 +60,11 @@ class Fake:
         measurement = replace(lost(unit, ""), failures=(), samples=tuple(samples))
         return replace(measurement, elsewhere_cores=0.5 if unit.method == "blank" else 0.0)
 
-    @property
-    def laboratory(self):
-        return replace(REAL, cores=lambda: self.cores, measure=self.measure)
+    def run(self, out, gl="some", **changes):
+        return run(stated(out, **changes), *self.arguments(gl))
 
-    def run(self, out, **changes):
-        return run(stated(out, **changes), SMALL, self.laboratory)
+    def arguments(self, gl="some"):
+        return SMALL, lambda: {"gl": gl}, lambda: self.cores, self.measure
 
 
 def stated(out, **changes):
@@ -83,7 +79,7 @@ def read(path):
 @pytest.mark.slow
 def test_a_run_leaves_times_tables_and_a_figure(tmp_path):
     out = tmp_path / "run"
-    finished = run(stated(out), SMALL, REAL)
+    finished = run(stated(out), *Fake().arguments()[:3])
     counted = "4 measurements taken, 0 from before, 0 with failures"
     assert finished.summary.startswith(counted)
     names = {"figures", "lock", "manifest.json", "measurements", "tables"}
@@ -109,7 +105,6 @@ def test_a_run_leaves_times_tables_and_a_figure(tmp_path):
     assert (row["cpu"], row["cores"]) == (machine["cpu"], str(machine["cores"]))
     assert float(rows["blank", "1", "picture-of-1-speedup"]["value"]) > 1
     assert len(read(out / "tables" / "amortised.csv")) == 4 * len(SMALL.amortised)
-    assert [r["cheaper"] for r in read(out / "tables" / "break_even.csv")] == ["always"] * 2
     with pytest.raises(BadInput, match="writes its tables itself"):
         tables(read_scored(out))
 
@@ -128,7 +123,7 @@ def test_times_taken_while_something_else_ran_are_counted(tmp_path):
 
 def test_the_command_line_tells_what_was_done(tmp_path, command, monkeypatch):
     fake = Fake()
-    monkeypatch.setattr(bench.suites.speed.run.run, "__defaults__", (SMALL, fake.laboratory))
+    monkeypatch.setattr(bench.suites.speed.run.run, "__defaults__", fake.arguments())
     chosen = ("--methods", "blank,blank", "--limit", "1", "--views", "5", "--device", "cpu")
     status, out, err = command("run", "--suite", "speed", *chosen, "--out", tmp_path / "run")
     assert status == 0
@@ -182,8 +177,7 @@ def test_a_run_that_was_stopped_goes_on(tmp_path):
 def test_another_driver_is_measured_again(tmp_path):
     fake = Fake()
     fake.run(tmp_path / "run")
-    other = replace(fake.laboratory, environment=lambda: {"gl": "other"})
-    assert ", 0 from before, " in run(stated(tmp_path / "run"), SMALL, other).summary
+    assert ", 0 from before, " in fake.run(tmp_path / "run", gl="other").summary
 
 
 def threads_here(name):

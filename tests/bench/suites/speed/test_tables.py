@@ -13,16 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.report.figure import spread
-from bench.suites.speed.rows import break_even_rows, speed_rows
 from bench.suites.speed.samples import CloudFailure, Measurement, TimingSample
 from bench.suites.speed.suite import SPEED
-from bench.suites.speed.summary import BreakEven, Cost, Statistic, speedups, summarise
-from bench.suites.speed.tables import (
-    amortised_table,
-    break_even_table,
-    in_whole_views,
-    speed_table,
-)
+from bench.suites.speed.summary import costs, summarise
+from bench.suites.speed.tables import amortised_rows, amortised_table, speed_rows, speed_table
 
 MACHINE = {"cpu": "some cpu", "cores": 2}
 SUITE = replace(SPEED, baselines=("slow",), amortised=(1, 4, 8))
@@ -57,11 +51,11 @@ def measurement(
 
 
 STAGES = ("load", "prepare", "draw")
-SLOW = summarise(measurement())  # 1 + 0.2, and 1 + 0.4 for 4 views
-QUICK = summarise(measurement("quick", prepare=(0.1,) * 3, single=(0.2,) * 3, batch=1.0))
+SLOW = measurement()  # 1 + 0.2, and 1 + 0.4 for 4 views
+QUICK = measurement("quick", prepare=(0.1,) * 3, single=(0.2,) * 3, batch=1.0)
 NOTHING = dict.fromkeys(("idle_mib", "peak_mib", "elsewhere_cores"))
 FAILURES = tuple(CloudFailure(f"chair/{name}", "timeout: too long") for name in "abc")
-LOST = summarise(measurement("lost", samples=(), failures=FAILURES, **NOTHING))
+LOST = measurement("lost", samples=(), failures=FAILURES, **NOTHING)
 ALL = [SLOW, QUICK, LOST]
 PAPER = {
     ("all", "picture-ms", "2048", "slow"): 180.0,
@@ -71,7 +65,8 @@ PAPER = {
 
 
 def test_medians_in_milliseconds():
-    assert {name: statistic.value for name, statistic in SLOW.values.items()} == pytest.approx(
+    values = summarise(SLOW)
+    assert {name: value for name, (value, _) in values.items()} == pytest.approx(
         {
             **dict.fromkeys(("cold-load-ms", "cold-prepare-ms", "cold-draw-ms"), 8000.0),
             "cold-picture-ms": 24000.0,
@@ -94,36 +89,40 @@ def test_medians_in_milliseconds():
             "idle-mib": 50.0,
         }
     )
-    counts = {name: statistic.n for name, statistic in SLOW.values.items()}
-    assert (counts["cold-picture-ms"], counts["prepare-ms"], counts["peak-mib"]) == (1, 3, 1)
-    assert (SLOW.wall, SLOW.core) == (Cost(1.0, 0.2, 0.4, 4), Cost(2.0, 0.4, 0.8, 4))
+    assert [values[name][1] for name in ("cold-picture-ms", "prepare-ms", "peak-mib")] == [1, 3, 1]
+
+
+def test_calls_are_as_measured_and_grow_evenly_between():
+    """A cloud of 1 s; calls of 0.2 s for one view and 0.4 s for four."""
+    totals = {1: 1.2, 2: 1.2 + 0.2 / 3, 4: 1.4, 8: 1.8, 10: 2.0}
+    per_image = costs(summarise(SLOW), "ms", 4, [*totals])
+    assert per_image * [*totals] == pytest.approx([1000 * total for total in totals.values()])
 
 
 def test_one_view_a_call_has_no_second_batch():
     single = measurement(views=1)
     values = summarise(replace(single, samples=tuple(s for s in single.samples if s.views < 2)))
-    assert not [name for name in values.values if "4" in name]
-    assert values.wall == Cost(1.0, 0.2, 0.2, 1)
+    assert not [name for name in values if "4" in name]
+    assert costs(values, "ms", 1, [1, 2, 10]) * [1, 2, 10] == pytest.approx([1200, 1400, 3000])
 
 
 def test_failures():
-    assert all(
-        math.isnan(statistic.value) and not statistic.n for statistic in LOST.values.values()
-    )
-    assert (LOST.wall, LOST.core, LOST.n_ok) == (None, None, 0)
-    assert LOST.reason == "timeout: too long"
+    assert all(math.isnan(value) and not n for value, n in summarise(LOST).values())
+    assert amortised_rows([LOST], SUITE).empty
     twice = (CloudFailure("chair/a", "b"), CloudFailure("chair/a", "c"))
-    statistic = summarise(measurement(failures=twice))
-    assert (statistic.n_ok, statistic.reason) == (2, "b; c")
+    row = speed_rows([measurement(failures=twice)], SUITE, MACHINE, {}).iloc[0]
+    assert (row["n_ok"], row["reason"]) == (2, "b; c")
 
 
 def test_speedups_are_of_the_rival_over_the_method():
     """1.2 s against 0.3 s alone, 0.35 s against 0.275 s among four."""
-    assert speedups(QUICK, SLOW) == {
-        "picture-of-1-speedup": Statistic(pytest.approx(4.0), 3),
-        "picture-of-4-speedup": Statistic(pytest.approx(0.35 / 0.275), 3),
-    }
-    assert speedups(QUICK, None) == speedups(LOST, SLOW) == speedups(SLOW, LOST) == {}
+    rows = speed_rows(ALL, SUITE, MACHINE, PAPER).set_index(["method", "metric"])
+    for views, faster in ((1, 4.0), (4, 0.35 / 0.275)):
+        row = rows.loc[("quick", f"picture-of-{views}-speedup")]
+        assert (row["value"], row["n"]) == (pytest.approx(faster), 3)
+    assert ("lost", "picture-of-1-speedup") not in rows.index
+    of_lost = replace(SUITE, baselines=("lost",))
+    assert not speed_rows(ALL, of_lost, MACHINE, PAPER)["metric"].str.endswith("speedup").any()
 
 
 def read(table):
@@ -132,7 +131,6 @@ def read(table):
 
 def test_rows_say_all_that_they_were_taken_under():
     rows = read(speed_table(ALL, SUITE, MACHINE, PAPER))
-    assert len(rows) == len(speed_rows(ALL, SUITE, PAPER))
     by = {(row["method"], row["metric"]): row for row in rows}
     assert by["slow", "picture-of-1-speedup"]["value"] == "1"
     assert {key: row["paper"] for key, row in by.items() if row["paper"]} == {
@@ -145,49 +143,15 @@ def test_rows_say_all_that_they_were_taken_under():
     assert by["lost", "prepare-ms"]["elsewhere_cores"] == ""
 
 
-def method_of(row):
-    return row.summary.measurement.method
-
-
-def test_break_even():
-    """1 + 0.1 V against 0.1 + 0.25 V: equal at 6 views."""
-    table = break_even_table(ALL, SUITE).to_csv().splitlines()
-    assert table[1:] == ["speed,quick,slow,2048,1,up to,6,"]
-    both = replace(SUITE, baselines=("slow", "quick", "lost"))
-    pairs = [(method_of(r), r.rival, r.break_even.cheaper) for r in break_even_rows(ALL, both)]
-    assert pairs == [("slow", "quick", "from"), ("quick", "slow", "up to")]
-
-
 def test_only_what_was_taken_alike_is_compared():
-    faster = summarise(measurement("quick", threads=2))
-    other = summarise(measurement("quick", condition="512"))
-    assert break_even_rows([SLOW, faster, other], SUITE) == []
-    rows = speed_rows([SLOW, faster, other], SUITE, PAPER)
-    assert {method_of(r) for r in rows if r.metric.endswith("speedup")} == {"slow"}
-
-
-@pytest.mark.parametrize(
-    ("cheaper", "views", "message"),
-    [
-        ("always", (), "any"),
-        ("never", (), "none"),
-        ("up to", (6.5,), "1 to 6"),
-        ("up to", (6.0,), "1 to 5"),  # at 6 both cost the same
-        ("up to", (1.5,), "1"),
-        ("from", (6.5,), "7 and more"),
-        ("from", (6.0,), "7 and more"),
-        ("between", (2.5, 6.0), "3 to 5"),
-        ("between", (2.5, 2.8), "none"),
-        ("outside", (2.5, 6.0), "1 to 2, 7 and more"),
-    ],
-)
-def test_verdicts_in_whole_views(cheaper, views, message):
-    assert in_whole_views(BreakEven(cheaper, views)) == message
+    faster, other = measurement("quick", threads=2), measurement("quick", condition="512")
+    rows = speed_rows([SLOW, faster, other], SUITE, MACHINE, PAPER)
+    assert {*rows[rows["metric"].str.endswith("speedup")]["method"]} == {"slow"}
 
 
 @pytest.mark.parametrize(("cores", "marked"), [(0.25, False), (0.26, True), (None, False)])
 def test_times_beside_other_work_are_marked(cores, marked):
-    noisy = summarise(measurement("quick", elsewhere_cores=cores))
+    noisy = measurement("quick", elsewhere_cores=cores)
     text = speed_table([SLOW, noisy], SUITE, MACHINE, {}).to_markdown()
     assert ("| quick \\* |" in text) == marked
     assert ("take these times again" in text) == marked
@@ -202,10 +166,9 @@ def test_markdown_of_the_amortised():
         quick,
         replace(quick, method="blank"),
         measurement("true-mesh", prepare=(0.0,), single=(0.001,), batch=0.004),
-        replace(LOST.measurement, method="splat"),
+        replace(LOST, method="splat"),
     ]
-    suite = replace(SUITE, baselines=("surface-apss",))
-    text = amortised_table([summarise(m) for m in named], suite).to_markdown()
+    text = amortised_table(amortised_rows(named, SUITE), SUITE, 4).to_markdown()
     for line in (
         "| surface-apss | 1200 | 350 | **225** |",
         "| pc2pix | **300** | **275** | 262 |",

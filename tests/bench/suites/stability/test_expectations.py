@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 
 from bench.catalogue.methods import METHODS
@@ -16,16 +14,16 @@ from bench.suites.stability.expectations import (
     NoExpectation,
     expectation,
 )
-from bench.suites.stability.outcomes import Observation, outcome, verdict
+from bench.suites.stability.outcomes import Observation, outcomes_of, verdict
 from data_prep.scene import View
 
-IMAGES = Observation("plain", "splat", "", "", 0.25, None, None, 0.1, 0.1)
-FAILED = replace(IMAGES, reason="apss: no faces", shown=None, prepare_s=None, draw_s=None)
+IMAGES = Observation("plain", "splat", "", "", 0.25)
+FAILED = Observation("plain", "splat", "apss: no faces", "")
 BY_ID = {case.id: case for case in CASES}
 
 
 def changed(mean, most=0):
-    return replace(IMAGES, mean_change=mean, most_change=most)
+    return IMAGES._replace(mean_change=mean, most_change=most)
 
 
 def test_cases_are_about_others_that_are_there():
@@ -87,7 +85,7 @@ def test_what_is_expected_where_nothing_special_is_stated(method, case, expected
         (Fails("apss: "), FAILED, "refused"),
         (Fails("no faces"), FAILED, "unexpected"),  # a reason has to begin so
         (Fails("apss: "), IMAGES, "unexpected"),
-        (Fails("timeout: ", "contained"), replace(FAILED, reason="timeout: 60 s"), "contained"),
+        (Fails("timeout: ", "contained"), FAILED._replace(reason="timeout: 60 s"), "contained"),
         (Either((Draws(), Fails("apss: ")), "why"), IMAGES, "holds"),
         (Either((Draws(), Fails("apss: ")), "why"), FAILED, "refused"),
         (Either((Draws(), Fails("draw: ")), "why"), FAILED, "unexpected"),
@@ -96,7 +94,7 @@ def test_what_is_expected_where_nothing_special_is_stated(method, case, expected
         (NoExpectation(), changed(0.9), "holds"),
         (NoExpectation(), changed(1.1), "differs"),
         *(
-            (NoExpectation(), replace(FAILED, reason=reason), "unexpected")
+            (NoExpectation(), FAILED._replace(reason=reason), "unexpected")
             for reason in ("ValueError: 3", "timeout: 60 s", "crash: SIGSEGV", "memory: 4 GiB")
         ),
     ],
@@ -106,15 +104,18 @@ def test_verdicts(expected, seen, kind):
 
 
 def test_outcomes_say_what_was_expected_and_what_came():
-    result = outcome(replace(changed(1.25, 7), case="shuffled", method="splat", notes="3 faces"))
-    named = (result.case, result.group, result.subject, result.kind)
-    assert named == ("shuffled", "metamorphic", "splat", "unexpected")
-    assert result.expected == "as plain: mean change up to 0.01 grey levels, at most 1"
-    assert result.observed == "images, 25.0 % not white; change 1.25, at most 7; 3 faces"
-    moved = replace(changed(0.5, 9), case="last-bit", ssim_change=0.00123, lpips_change=0.0456)
-    result = outcome(replace(moved, method="surface-apss"))
-    assert result.observed.endswith(
-        "change 0.5, at most 9; ssim moves by up to 0.0012, lpips by 0.046"
+    moved = changed(0.5, 9)._replace(ssim_change=0.00123, lpips_change=0.0456)
+    observations = [
+        changed(1.25, 7)._replace(case="shuffled", notes="3 faces"),
+        moved._replace(case="last-bit", method="surface-apss"),
+        FAILED._replace(case="coplanar", method="surface-apss"),
+    ]
+    shuffled, last_bit, coplanar = outcomes_of(observations).itertuples(index=False, name=None)
+    assert shuffled == (
+        *("shuffled", "metamorphic", "splat"),
+        "as plain: mean change up to 0.01 grey levels, at most 1",
+        "images, 25.0 % not white; change 1.25, at most 7; 3 faces",
+        "unexpected",
     )
-    result = outcome(replace(FAILED, case="coplanar", method="surface-apss"))
-    assert (result.observed, result.kind) == ("failed: apss: no faces", "refused")
+    assert last_bit[4].endswith("change 0.5, at most 9; ssim moves by up to 0.0012, lpips by 0.046")
+    assert coplanar[4:] == ("failed: apss: no faces", "refused")

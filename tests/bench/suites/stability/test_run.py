@@ -6,6 +6,7 @@ from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from bench.analysis.scored import read_scored
@@ -14,14 +15,12 @@ from bench.records.run_folder import read_manifest
 from bench.running.options import Options
 from bench.suites.stability.cases import CASES
 from bench.suites.stability.figures import ACROSS, MISSING, sheet
-from bench.suites.stability.outcomes import CaseOutcome
 from bench.suites.stability.run import run
-from bench.suites.stability.tables import matrix as matrix_of
-from bench.suites.stability.tables import read_outcomes, subjects, unexpected
+from bench.suites.stability.tables import COLUMNS, matrix, read_outcomes, unexpected
 from bench.tables.build import tables
 from data_prep.failures import BadInput
 
-HOLDS = CaseOutcome("shuffled", "metamorphic", "splat", "as plain", "images", "holds")
+HOLDS = ("shuffled", "metamorphic", "splat", "as plain", "images", "holds")
 OPTIONS = Options("stability", methods=("blank", "true-mesh"), workers=2)
 STORED = ("jobs", "artifacts", "listed")
 
@@ -32,17 +31,13 @@ def finished(tmp_path):
     return run(replace(OPTIONS, out=tmp_path / "run"))
 
 
-def matrix(*outcomes):
-    return matrix_of("One chair.", outcomes)
-
-
 @pytest.mark.slow
 def test_a_run_leaves_tables_and_figures_and_goes_on(finished, tmp_path):
     out = tmp_path / "run"
     (methods,) = finished.tables
     expected = {(case.id, method) for case in CASES for method in ("blank", "true-mesh")}
-    assert {(o.case, o.subject) for o in methods.rows} == expected
-    assert {o.kind for o in methods.rows} == {"holds"}
+    assert {*zip(methods.frame["case"], methods.frame["subject"], strict=True)} == expected
+    assert {*methods.frame["kind"]} == {"holds"}
     assert (out / "tables" / "stability_methods.md").stat().st_size > 100
     assert (out / "figures" / "stability_methods.png").stat().st_size > 1000
     assert (out / "figures" / "extremes.png").stat().st_size > 10_000
@@ -73,13 +68,13 @@ def test_a_run_leaves_tables_and_figures_and_goes_on(finished, tmp_path):
 
 
 def test_a_matrix_survives_its_file(tmp_path):
-    odd = replace(HOLDS, observed='a "quoted", line\nbroken | text', kind="unexpected")
-    table = matrix(HOLDS, odd)
+    odd = (*HOLDS[:4], 'a "quoted", line\nbroken | text', "unexpected")
+    table = matrix("One chair.", pd.DataFrame([HOLDS, odd], columns=COLUMNS))
     (tmp_path / "stability_methods.csv").write_text(table.to_csv())
     (tmp_path / "observations.csv").write_text("a,b\n1,2\n")  # none of the matrices
-    assert read_outcomes(tmp_path) == [HOLDS, odd]
-    assert unexpected(table) == [odd]
-    assert subjects(table) == ["splat"]
+    assert [*read_outcomes(tmp_path).itertuples(index=False, name=None)] == [HOLDS, odd]
+    (line,) = unexpected(table.frame)
+    assert line == f"splat, shuffled: {odd[4]}; stated was: as plain"
 
 
 @pytest.mark.parametrize("text", ["", "a,b\n1,2\n", "{header}\na,b,c,d,e,fine\n"])
