@@ -189,17 +189,6 @@ def _third_moment_of_mean(values: Floats) -> float:
     return float(np.sum((values - values.mean()) ** 3) / (count * (count - 1) * (count - 2)))
 
 
-def sum_error(errors: Sequence[StandardError | None]) -> StandardError | None:
-    """Return the error of a sum or difference of independent estimates; None where one is None."""
-    known = [error for error in errors if error is not None]
-    if len(known) < len(errors) or not known:
-        return None
-    total = sum(e.error**2 for e in known)
-    parts = sum(e.error**4 / e.freedom for e in known)
-    freedom = total**2 / parts if parts > 0 else min(e.freedom for e in known)
-    return StandardError(total**0.5, freedom)
-
-
 def jackknife_error(leave_one_out: Sequence[Floats]) -> StandardError | None:
     """Return the standard error of a mean over classes of distances.
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
@@ -20,19 +19,19 @@ from bench.catalogue.methods import FLOORS, known_method
 from bench.catalogue.metrics import JUDGE
 from bench.catalogue.suites import TRUTHS
 from bench.checking.claim_findings import VERDICTS, ClaimFinding, Verdict, corrected
-from bench.checking.claim_rules import CHAIR, RECOGNISABLE
-from bench.checking.claims import CHAIRS, CLASSES, LATENT, SPEED, Claim, claims
-from bench.checking.evidence import (
+from bench.checking.claim_rules import (
+    CHAIR,
     DISTANCES,
+    RECOGNISABLE,
     Evidence,
     MissingEvidence,
     QualityEvidence,
     TimingEvidence,
     Training,
 )
+from bench.checking.claims import CHAIRS, CLASSES, LATENT, SPEED, Claim, claims
 from bench.judges.answers import found, why_no_retrieval
 from bench.records.features import Features
-from bench.records.record import GROUND_TRUTH
 from bench.records.run_folder import read_finished
 from bench.tables import markdown
 from bench.tables.grid import BOLD, Cell, Grid, grid
@@ -59,15 +58,12 @@ class Run:
 
 @dataclass(frozen=True)
 class ClaimResult:
-    """The finding of a run about a claim.
-
-    run      its name; empty where no run of the claim's suite was given
-    verdict  after Holm's correction for the claims of its family about the same method and run
-    """
+    """The finding of a run about a claim."""
 
     claim: Claim
-    run: str
+    run: str  # its name; empty where no run of the claim's suite was given
     finding: ClaimFinding
+    # After Holm's correction for the claims of its family about the same method and run.
     verdict: Verdict = "not testable here"
 
 
@@ -262,11 +258,9 @@ def _quality_evidence(
     compared = scored.compared(metrics, chosen)
     if not compared:
         raise BadInput(f"{directory}: no object of this run could be drawn; fix the dataset")
-    features = scored.features.get("fd-views")
     judged = scored.features.get(JUDGE)
     return QualityEvidence(
         {(c.condition, c.class_name): c for c in compared},
-        {} if features is None else spreads(features, scored.sums.objects_of),
         {} if judged is None else retrieval_of_chairs(scored.sums.cells, judged),
         _trainings(known),
         tuple(subjects),
@@ -311,28 +305,6 @@ def retrieval_of_chairs(cells: Iterable[CellKey], judged: Features) -> dict[tupl
         per_object = shares.reindex(sorted(gallery.objects), fill_value=0.0).to_numpy()
         by_cell[cell[0], cell[1]] = per_object
     return by_cell
-
-
-def spreads(features: Features, classes: Iterable[str]) -> dict[str, tuple[float, Any]]:
-    """Return how much true objects of each class differ.
-
-    That is the sum of the variances of their mean features, with the sums [G] without each object.
-    Classes of fewer than 3 objects are left out.
-    """
-    by_class = {}
-    for name in classes:
-        truth = (GROUND_TRUTH, "", name)
-        images = features.images(*truth)
-        values = pd.DataFrame(features.of(*truth, images).astype(np.float64))
-        means = values.groupby([obj for obj, _ in images]).mean().to_numpy()
-        if len(means) >= 3:
-            without = [_variance(np.delete(means, i, axis=0)) for i in range(len(means))]
-            by_class[name] = _variance(means), np.array(without)
-    return by_class
-
-
-def _variance(means: Any) -> float:
-    return float(means.var(axis=0, ddof=1).sum())
 
 
 def _counts(results: Sequence[ClaimResult]) -> Grid:

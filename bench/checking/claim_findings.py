@@ -22,19 +22,14 @@ VERDICTS: tuple[Verdict, ...] = ("supported", "contradicted", "undecided", "not 
 
 
 class Requirement(NamedTuple):
-    """A value that has to be over 0 for a claim to hold.
-
-    estimate  with its 95 % interval over objects; NaN where the objects are too few
-    error     of the estimate; None where the objects are too few
-    objects   their number
-    spread    from the lowest to the highest of several trainings of the network, which differ in
-              their seeds; 0 where that is not known, and where no weights are compared
-    """
+    """A value that has to be over 0 for a claim to hold."""
 
     name: str
-    estimate: Estimate
-    error: StandardError | None
-    objects: int
+    estimate: Estimate  # with its 95 % interval over objects; NaN where the objects are too few
+    error: StandardError | None  # of the estimate; None where the objects are too few
+    objects: int  # their number
+    # From the lowest to the highest of several trainings of the network, which differ in their
+    # seeds; 0 where that is not known, and where no weights are compared.
     spread: float = 0.0
 
     @property
@@ -60,18 +55,12 @@ class Requirement(NamedTuple):
 
 @dataclass(frozen=True)
 class ClaimFinding:
-    """The finding of a run about a claim.
+    """The finding of a run about a claim."""
 
-    subject       the method that the claim is about
-    numbers       of the run, with intervals
-    requirements  of the claim; none where it cannot be tested
-    reason        why it cannot be tested, or a remark that belongs to it; may be empty
-    """
-
-    subject: str
-    numbers: str
-    requirements: tuple[Requirement, ...] = ()
-    reason: str = ""
+    subject: str  # the method that the claim is about
+    numbers: str  # of the run, with intervals
+    requirements: tuple[Requirement, ...] = ()  # of the claim; none where it cannot be tested
+    reason: str = ""  # why it cannot be tested, or a remark that belongs to it
 
     @property
     def verdict(self) -> Verdict:

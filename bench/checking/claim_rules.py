@@ -3,37 +3,32 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Literal
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 import pandas as pd
 
-from bench.analysis.comparison import Estimate, Quality, class_mean_difference
+from bench.analysis.comparison import Comparison, Estimate, Quality, class_mean_difference
 from bench.analysis.digits import decimals
 from bench.analysis.intervals import (
     StandardError,
     interval_of_means,
     jackknife_error,
     mean_error,
-    sum_error,
 )
 from bench.analysis.paper import AVERAGE, NETWORK, SURFACE
 from bench.catalogue.lookup import family_of
 from bench.catalogue.methods import FLOORS
 from bench.catalogue.metrics import higher_is_better, is_mean
 from bench.checking.claim_findings import ClaimFinding, Requirement
-from bench.checking.evidence import (
-    DISTANCES,
-    FULL,
-    MissingEvidence,
-    QualityEvidence,
-    TimingEvidence,
-)
 from data_prep.arrays import Floats
 
 Ahead = Literal["surface", "network", "equal", "undecided"]
 CHAIR = "chair"
+FULL = "2048"
+DISTANCES = ("fid", "fd-views")  # the first that a run has; the second stands in for the first
 EQUAL = 0.01  # largest difference of two scores that two decimals print alike
 SHARE = 0.1  # of reconstruction's loss: the paper's network loses 0.01 SSIM where SR loses 0.40
 CONFIDENCE = "class-confidence"
@@ -42,18 +37,128 @@ RECOGNISABLE = ("ssim", "lpips")  # metrics by which an image has to beat the re
 PAPER_WIDTH = 1.0  # of the networks, in widths of the paper's
 
 
-# --- chairs, condition by condition ---------------------------------------------------------------
+# --- evidence -------------------------------------------------------------------------------------
 
 
-def ordering(run: QualityEvidence, metric: str, condition: str, ahead: Ahead) -> list[ClaimFinding]:
-    """Test which of SR and the network is ahead on chairs, or neither by more than `EQUAL`."""
+class MissingEvidence(Exception):
+    """A run of the right suite that lacks a value which the claim needs."""
+
+
+class Training(NamedTuple):
+    """The facts about a network's weights that claims depend on."""
+
+    width: float  # in widths of the paper's network
+    degraded: bool  # whether the training showed clouds with fewer points and noise
+
+
+@dataclass(frozen=True, eq=False)
+class QualityEvidence:
+    """A run with scored images.
+
+    comparisons  by condition and class
+    retrieval    by method and condition, the share of each chair's images that is found, [G]
+    trainings    of the networks with known weights
+    subjects     methods in place of the variants of pc2pix
+    seeds        by method, metric and condition, the spread between trainings on chairs
+    """
+
+    comparisons: Mapping[tuple[str, str], Comparison]
+    retrieval: Mapping[tuple[str, str], Floats] = field(default_factory=dict)
+    trainings: Mapping[str, Training] = field(default_factory=dict)
+    subjects: tuple[str, ...] = ()
+    seeds: Mapping[tuple[str, str, str], float] = field(default_factory=dict)
+
+    @property
+    def networks(self) -> list[str]:
+        """Return the methods that claims are about: `subjects`, or the variants of pc2pix."""
+        methods = next(iter(self.comparisons.values())).images
+        networks = [
+            method
+            for method in methods
+            if (method in self.subjects if self.subjects else family_of(method) == NETWORK)
+        ]
+        if not networks:
+            raise MissingEvidence(f"the run has no {' or '.join(self.subjects or (NETWORK,))}")
+        return networks
+
+    def quality(self, metric: str, method: str, condition: str, class_name: str) -> Quality:
+        """Return a metric of a method in one cell. Raises MissingEvidence without a value."""
+        cell = self.comparisons.get((condition, class_name))
+        if cell is None:
+            raise MissingEvidence(f"the run has no {class_name} at {condition}")
+        of_metric = cell.qualities.get(metric, {})
+        if method not in of_metric:
+            raise MissingEvidence(f"the run has no {metric} of {method}")
+        return of_metric[method]
+
+    @property
+    def distance(self) -> str:
+        """Return the Fréchet distance that the run has."""
+        measured = next(iter(self.comparisons.values())).qualities
+        return next((metric for metric in DISTANCES if metric in measured), DISTANCES[0])
+
+    def classes(self) -> list[str]:
+        """Return the classes that have full clouds."""
+        return [name for condition, name in self.comparisons if condition == FULL]
+
+
+@dataclass(frozen=True, eq=False)
+class TimingEvidence:
+    """A run of the suite `speed`."""
+
+    samples: pd.DataFrame  # as in `tables/speed_samples.csv`
+    machine: str = "an unknown machine"  # its processor
+    trainings: Mapping[str, Training] = field(default_factory=dict)  # of known weights
+
+
+# A run of `latent` is given by the means of both its tables.
+Evidence: TypeAlias = QualityEvidence | TimingEvidence | pd.DataFrame
+
+
+# --- images ---------------------------------------------------------------------------------------
+
+
+def ordering(
+    run: QualityEvidence,
+    ahead: Ahead,
+    metric: str = DISTANCES[0],
+    condition: str = FULL,
+    class_name: str = CHAIR,
+    subject: str | None = None,
+    *,
+    other: str = SURFACE,
+    most: int | None = None,
+) -> list[ClaimFinding]:
+    """Test which of SR and the network is ahead in a class, or neither by more than `EQUAL`.
+
+    class_name      or AVERAGE, the mean over classes
+    subject, other  in place of the networks of the run, of which `most` are tested, and of SR
+    """
     metric = _measured(run, metric)
-    findings = []
-    for network in run.networks:
-        a, b = (run.quality(metric, m, condition, CHAIR) for m in (network, SURFACE))
-        lead = _lead_on_chairs(run, metric, condition, network, SURFACE)
-        numbers = _compared(metric, a.estimate.value, "SR", b.estimate.value, "ahead", lead)
-        findings.append(_ordered(network, numbers, lead, ahead, _stand_in(metric)))
+    names = run.classes() if class_name == AVERAGE else [class_name]
+    digits, findings = decimals(metric), []
+    for method in [subject] if subject else run.networks[:most]:
+        lead = _lead(run, metric, method, other, condition, names)
+        match ahead:
+            case "network":
+                required = (lead,)
+            case "surface":
+                required = (lead.shifted(0.0, -1),)
+            case "equal":  # two one-sided tests
+                required = lead.shifted(EQUAL, 1), lead.shifted(EQUAL, -1)
+            case "undecided":  # an effect that is not significant is never shown to be so
+                required = (lead.shifted(0.0, -1 if lead.estimate.value > 0 else 1),)
+        value, other_value = (
+            np.mean([run.quality(metric, m, condition, name).estimate.value for name in names])
+            for m in (method, other)
+        )
+        numbers = (
+            f"{metric} {value:.{digits}f}, {'SR' if other == SURFACE else other} "
+            f"{other_value:.{digits}f}; ahead by {_text(metric, lead.estimate)}"
+        )
+        if lead.spread:
+            numbers += f"; trainings differ by {lead.spread:.{digits}f}"
+        findings.append(ClaimFinding(method, numbers, required, _stand_in(metric)))
     return findings
 
 
@@ -92,7 +197,7 @@ def steady(run: QualityEvidence, metric: str, conditions: Sequence[str]) -> list
 def _shows_something(run: QualityEvidence, method: str, condition: str) -> list[Requirement]:
     """Require better images than each reference method's, and a recognition beyond chance."""
     required = [
-        _lead_on_chairs(run, metric, condition, method, floor)._replace(
+        _lead(run, metric, method, floor, condition)._replace(
             name=f"{metric} over {floor} at {condition}"
         )
         for metric in RECOGNISABLE
@@ -119,92 +224,12 @@ def above_blank(run: QualityEvidence) -> list[ClaimFinding]:
     findings = []
     for network in run.networks:
         leads = [
-            _lead_on_chairs(run, metric, FULL, network, "blank")._replace(name=metric)
+            _lead(run, metric, network, "blank", FULL)._replace(name=metric)
             for metric in ("ssim", run.distance)
         ]
         numbers = "; ".join(f"{r.name}: ahead by {_text(r.name, r.estimate)}" for r in leads)
         findings.append(ClaimFinding(network, numbers, tuple(leads)))
     return findings
-
-
-# --- classes --------------------------------------------------------------------------------------
-
-
-def class_ordering(
-    run: QualityEvidence, class_name: str, ahead: Ahead, metric: str | None = None
-) -> list[ClaimFinding]:
-    """Test which of SR and the network is ahead in one class, or on average.
-
-    Without a metric the run's Fréchet distance decides.
-    """
-    metric = metric or run.distance
-    names = run.classes() if class_name == AVERAGE else [class_name]
-    network = run.networks[0]
-    of_network, of_surface = (
-        [run.quality(metric, method, FULL, name) for name in names] for method in (network, SURFACE)
-    )
-    lead = _lead(of_network, of_surface)
-    numbers = _compared(
-        metric, _mean_value(of_network), "SR", _mean_value(of_surface), "ahead", lead
-    )
-    return [_ordered(network, numbers, lead, ahead, _stand_in(metric))]
-
-
-def unrecognisable(run: QualityEvidence) -> list[ClaimFinding]:
-    """Test that the classifier recognises SR's images less surely than true ones."""
-    true, drawn = (
-        [run.quality(CONFIDENCE, method, FULL, name) for name in run.classes()]
-        for method in ("true-mesh", SURFACE)
-    )
-    lost = _lead(true, drawn)
-    numbers = (
-        f"{CONFIDENCE} {_mean_value(drawn):.3f}, true images {_mean_value(true):.3f}; "
-        f"loses {_text(CONFIDENCE, lost.estimate)}"
-    )
-    return [ClaimFinding(SURFACE, numbers, (lost,))]
-
-
-def gains_from_others(run: QualityEvidence, alone: str, together: str) -> list[ClaimFinding]:
-    """Test that the network of all classes is nearer to true chairs than that of chairs alone."""
-    metric = run.distance
-    a, b = (run.quality(metric, m, FULL, CHAIR) for m in (alone, together))
-    gain = _lead([b], [a])
-    numbers = _compared(metric, b.estimate.value, "alone", a.estimate.value, "better", gain)
-    return [ClaimFinding(together, numbers, (gain,), _stand_in(metric))]
-
-
-def good_where_thin(run: QualityEvidence, thin: Sequence[str]) -> list[ClaimFinding]:
-    """Test that SR's distance is smaller in these classes than in the mean of the others."""
-    metric, names = run.distance, run.classes()
-    if missing := [name for name in thin if name not in names]:
-        raise MissingEvidence(f"the run has no {', '.join(missing)}")
-    groups = [[n for n in names if (n in thin) == inside] for inside in (True, False)]
-    if not groups[1]:
-        raise MissingEvidence("the run has no other class")
-    near, far = ([run.quality(metric, SURFACE, FULL, n) for n in group] for group in groups)
-    values = _mean_value(near), _mean_value(far)
-    leave_one_out = [[quality.per_object for quality in group] for group in (near, far)]
-    gap = _distance_between("", values[1] - values[0], *leave_one_out)
-    numbers = _compared(metric, values[0], "others", values[1], "nearer", gap)
-    return [ClaimFinding(SURFACE, numbers, (gap,), _stand_in(metric))]
-
-
-def varies_more(run: QualityEvidence, more: str, less: str) -> list[ClaimFinding]:
-    """Test that true objects of one class differ more than those of another.
-
-    The variances are in the units of the features.
-    """
-    if missing := [name for name in (more, less) if name not in run.spreads]:
-        raise MissingEvidence(f"the run has no features of {', '.join(missing)}")
-    (a, without_a), (b, without_b) = run.spreads[more], run.spreads[less]
-    gap = _distance_between("", a - b, [without_a], [without_b])
-    by_spread = sorted(run.spreads, key=lambda name: -run.spreads[name][0])
-    numbers = (
-        f"variance between objects {a:.2f}, {less} {b:.2f}; more by "
-        f"{_text('fd-views', gap.estimate)}; "
-        f"{more} is number {by_spread.index(more) + 1} of {len(by_spread)}"
-    )
-    return [ClaimFinding("true images", numbers, (gap,))]
 
 
 # --- speed ----------------------------------------------------------------------------------------
@@ -262,37 +287,31 @@ def mean_above(
     means: pd.DataFrame, metric: str, what: str, than: str | None = None
 ) -> list[ClaimFinding]:
     """Test that a mean of the suite `latent` is above another one, or above 0."""
-    rows = means[(means["metric"] == metric) & (means["kind"] == "all")]
+    of_metric = means[(means["metric"] == metric) & (means["kind"] == "all")]
+    wanted = [what] if than is None else [what, than]
     findings = []
-    for method in dict.fromkeys(rows["method"]):
-        at = rows[rows["method"] == method].set_index("what")
-        if missing := [w for w in (what, than) if w is not None and w not in at.index]:
+    for method, rows in of_metric.groupby("method", sort=False):
+        at: dict[str, Any] = {str(row.what): row for row in rows.itertuples()}
+        if missing := [name for name in wanted if name not in at]:
             raise MissingEvidence(f"the run has no {metric} of {', '.join(missing)}")
-        mean = _estimate(at, what)
-        numbers, bar = f"{metric} of {what} {_figures(mean)}", Estimate(0.0, 0.0, 0.0)
-        if than is not None:
-            bar = _estimate(at, than)
-            numbers = f"{numbers}, of {than} {_figures(bar)}"
+        known = [Estimate(at[w].value, at[w].ci_low, at[w].ci_high) for w in wanted]
+        texts = (
+            f"of {name} {e.value:.3g} [{e.low:.3g}, {e.high:.3g}]"
+            for name, e in zip(wanted, known, strict=True)
+        )
         # The two are not independent: paths and sums are the same. Paired, the interval of their
         # difference would be shorter.
-        gap = _independent(mean, bar, int(at.loc[what, "n_ok"]))
-        findings.append(ClaimFinding(str(method), numbers, (gap,)))
+        a, b = (*known, Estimate(0.0, 0.0, 0.0))[:2]
+        gap = a.value - b.value
+        below = math.hypot(a.value - a.low, b.high - b.value)
+        above = math.hypot(a.high - a.value, b.value - b.low)
+        reach = below if gap > 0 else above
+        # Half of an interval is 1.96 standard errors.
+        error = StandardError(reach / 1.96, math.inf) if math.isfinite(reach) else None
+        estimate = Estimate(gap, gap - below, gap + above)
+        required = Requirement("", estimate, error, at[what].n_ok)
+        findings.append(ClaimFinding(str(method), f"{metric} {', '.join(texts)}", (required,)))
     return findings
-
-
-def _estimate(rows: pd.DataFrame, what: str) -> Estimate:
-    return Estimate(*(float(rows.loc[what, c]) for c in ("value", "ci_low", "ci_high")))  # type: ignore[arg-type]
-
-
-def _independent(a: Estimate, b: Estimate, objects: int) -> Requirement:
-    """Require that a - b of independent estimates is over 0."""
-    gap = a.value - b.value
-    below = math.hypot(a.value - a.low, b.high - b.value)
-    above = math.hypot(a.high - a.value, b.value - b.low)
-    reach = below if gap > 0 else above
-    # Half of an interval is 1.96 standard errors.
-    error = StandardError(reach / 1.96, math.inf) if math.isfinite(reach) else None
-    return Requirement("", Estimate(gap, gap - below, gap + above), error, objects)
 
 
 # --- in common ------------------------------------------------------------------------------------
@@ -305,43 +324,40 @@ def weighted_sum(name: str, terms: Sequence[tuple[float, Quality]]) -> Requireme
     """
     value = float(sum(weight * quality.estimate.value for weight, quality in terms))
     per_object = np.sum([weight * quality.per_object for weight, quality in terms], axis=0)
-    if not is_mean(terms[0][1].metric):
-        return _distance_between(name, value, [per_object])
-    required = _mean_over_objects(name, per_object)
-    return required._replace(estimate=required.estimate._replace(value=value))
+    if is_mean(terms[0][1].metric):
+        required = _mean_over_objects(name, per_object)
+        return required._replace(estimate=required.estimate._replace(value=value))
+    error = jackknife_error([per_object])
+    reach = error.reach if error else math.nan
+    estimate = Estimate(value, value - reach, value + reach)
+    return Requirement(name, estimate, error, len(per_object))
 
 
-def _lead(a: Sequence[Quality], b: Sequence[Quality]) -> Requirement:
-    """Require that `a` is better than `b`, class by class, in the mean over classes."""
-    objects = sum(len(quality.per_object) for quality in a)
-    return Requirement("", *class_mean_difference(a, b), objects)
-
-
-def _lead_on_chairs(
-    run: QualityEvidence, metric: str, condition: str, network: str, other: str
+def _lead(
+    run: QualityEvidence,
+    metric: str,
+    method: str,
+    other: str,
+    condition: str,
+    classes: Sequence[str] = (CHAIR,),
 ) -> Requirement:
-    """Require that a network is better than another method by more than its trainings differ."""
-    a, b = (run.quality(metric, method, condition, CHAIR) for method in (network, other))
-    spread = run.seeds.get((network, metric, condition), 0.0)
-    return _lead([a], [b])._replace(spread=spread)
+    """Require that a method is better than another, in the mean over classes.
+
+    On chairs, by more than trainings of it differ.
+    """
+    ours, others = (
+        [run.quality(metric, m, condition, name) for name in classes] for m in (method, other)
+    )
+    objects = sum(len(quality.per_object) for quality in ours)
+    key = method, metric, condition
+    spread = run.seeds.get(key, 0.0) if [*classes] == [CHAIR] else 0.0
+    return Requirement("", *class_mean_difference(ours, others), objects, spread)
 
 
 def _mean_over_objects(name: str, per_object: Floats) -> Requirement:
     """Require that the mean over objects is over 0."""
     estimate = Estimate(float(per_object.mean()), *interval_of_means([per_object]))
     return Requirement(name, estimate, mean_error([per_object]), len(per_object))
-
-
-def _distance_between(name: str, value: float, *leave_one_out: Sequence[Floats]) -> Requirement:
-    """Require that a difference of two means over classes, or one such mean, is over 0.
-
-    `leave_one_out` has, of each of the independent means, the values [g] without each object of
-    each class.
-    """
-    count = sum(len(values) for group in leave_one_out for values in group)
-    error = sum_error([jackknife_error(group) for group in leave_one_out])
-    reach = error.reach if error else math.nan
-    return Requirement(name, Estimate(value, value - reach, value + reach), error, count)
 
 
 def _loss(
@@ -353,26 +369,6 @@ def _loss(
     return [(sign, full), (-sign, less)]
 
 
-def _ordered(
-    subject: str, numbers: str, lead: Requirement, ahead: Ahead, remark: str
-) -> ClaimFinding:
-    """Return the finding on who is ahead, given the network's lead."""
-    match ahead:
-        case "network":
-            required = (lead,)
-        case "surface":
-            required = (lead.shifted(0.0, -1),)
-        case "equal":  # two one-sided tests
-            required = lead.shifted(EQUAL, 1), lead.shifted(EQUAL, -1)
-        case "undecided":  # an effect that is not significant is never shown to be so
-            required = (lead.shifted(0.0, -1 if lead.estimate.value > 0 else 1),)
-    return ClaimFinding(subject, numbers, required, remark)
-
-
-def _mean_value(qualities: Sequence[Quality]) -> float:
-    return float(np.mean([quality.estimate.value for quality in qualities]))
-
-
 def _measured(run: QualityEvidence, metric: str) -> str:
     return run.distance if metric in DISTANCES else metric
 
@@ -381,20 +377,7 @@ def _stand_in(metric: str) -> str:
     return f"{metric} stands in for {DISTANCES[0]}" if metric == DISTANCES[1] else ""
 
 
-def _compared(
-    metric: str, value: float, other: str, other_value: float, how: str, lead: Requirement
-) -> str:
-    digits = decimals(metric)
-    values = f"{metric} {value:.{digits}f}, {other} {other_value:.{digits}f}"
-    trainings = f"; trainings differ by {lead.spread:.{digits}f}" if lead.spread else ""
-    return f"{values}; {how} by {_text(metric, lead.estimate)}{trainings}"
-
-
 def _text(metric: str, estimate: Estimate) -> str:
     digits = decimals(metric)
     value, low, high = (f"{number:+.{digits}f}" for number in estimate)
     return f"{value} [{low}, {high}]"
-
-
-def _figures(estimate: Estimate) -> str:
-    return f"{estimate.value:.3g} [{estimate.low:.3g}, {estimate.high:.3g}]"

@@ -17,11 +17,18 @@ from bench.analysis.intervals import (
 )
 from bench.checking import claim_rules as rules
 from bench.checking.claim_findings import ClaimFinding, Requirement, corrected, holm
-from bench.checking.claim_rules import weighted_sum
-from bench.checking.evidence import MissingEvidence, QualityEvidence, TimingEvidence, Training
+from bench.checking.claim_rules import (
+    MissingEvidence,
+    QualityEvidence,
+    TimingEvidence,
+    Training,
+    weighted_sum,
+)
+from bench.checking.claims import claims
 
 pytestmark = pytest.mark.usefixtures("few_objects")
 
+CLAIMS = {claim.id: claim for claim in claims()}
 OBJECTS = ("a", "b", "c", "d")
 JITTER = np.array([0.0, 0.01, -0.01, 0.02])
 
@@ -103,7 +110,7 @@ def test_distances_are_combined_by_the_jackknife():
     ],
 )
 def test_orderings(sr, network, ahead, verdict):
-    (finding,) = rules.ordering(scored(ssim(sr, network)), "ssim", "2048", ahead)
+    (finding,) = rules.ordering(scored(ssim(sr, network)), ahead, "ssim")
     assert (finding.subject, finding.verdict, finding.objects) == ("pc2pix", verdict, 4)
 
 
@@ -122,14 +129,14 @@ def test_what_is_smaller_than_the_spread_between_trainings_is_a_tie():
         run = scored(ssim(0.5, network))
         for spread, verdict in ((0.05, decided), (0.15, "undecided")):
             seeds = {("pc2pix", "ssim", "2048"): spread}
-            (finding,) = rules.ordering(replace(run, seeds=seeds), "ssim", "2048", ahead)
+            (finding,) = rules.ordering(replace(run, seeds=seeds), ahead, "ssim")
             assert finding.verdict == verdict
             assert finding.numbers.endswith(f"; trainings differ by {spread:.3f}")
             tied = "smaller than the spread between trainings"
             assert finding.why == (tied if verdict == "undecided" else "")
     # another network's, metric's or condition's is no matter
     seeds = {("pc2pix@acgan", "ssim", "2048"): 9.0, ("pc2pix", "ssim", "512"): 9.0}
-    (finding,) = rules.ordering(replace(run, seeds=seeds), "ssim", "2048", "network")
+    (finding,) = rules.ordering(replace(run, seeds=seeds), "network", "ssim")
     assert finding.verdict == "contradicted"
     assert "trainings" not in finding.numbers
 
@@ -177,12 +184,12 @@ def test_verdicts_are_corrected_for_their_number():
 
 def test_smaller_distances_are_ahead_and_the_stand_in_is_named():
     distances = {"surface-apss": 20.0, "pc2pix": 5.0}
-    (finding,) = rules.ordering(scored(comparison(fd_views=distances)), "fid", "2048", "network")
+    (finding,) = rules.ordering(scored(comparison(fd_views=distances)), "network")
     assert finding.verdict == "supported"
     assert finding.numbers.startswith("fd-views 5.0, SR 20.0; ahead by +15.0 [")
     assert finding.reason == "fd-views stands in for fid"
     run = scored(comparison(fd_views=distances, fid={"surface-apss": 5.0, "pc2pix": 20.0}))
-    (finding,) = rules.ordering(run, "fid", "2048", "network")
+    (finding,) = rules.ordering(run, "network")
     assert finding.verdict == "contradicted"
 
 
@@ -190,27 +197,26 @@ def test_every_network_is_judged():
     run = scored(
         comparison(ssim={"surface-apss": 0.6, "pc2pix": 0.7, "pc2pix@acgan": 0.5, "splat": 0.9})
     )
-    findings = rules.ordering(run, "ssim", "2048", "network")
+    findings = rules.ordering(run, "network", "ssim")
     assert [f.subject for f in findings] == ["pc2pix", "pc2pix@acgan"]
     assert verdicts(findings) == ["supported", "contradicted"]
-    (findings,) = rules.ordering(replace(run, subjects=("splat",)), "ssim", "2048", "network")
+    (findings,) = rules.ordering(replace(run, subjects=("splat",)), "network", "ssim")
     assert (findings.subject, findings.verdict) == ("splat", "supported")
 
 
 @pytest.mark.parametrize(
     ("rule", "arguments", "message"),
     [
-        (rules.ordering, ("ssim", "512", "network"), "no chair at 512"),
-        (rules.ordering, ("contrast", "2048", "network"), "no contrast of pc2pix"),
-        (rules.class_ordering, ("car", "network"), "no car at 2048"),
-        (rules.varies_more, ("lamp", "car"), "no features of lamp, car"),
+        (rules.ordering, ("network", "ssim", "512"), "no chair at 512"),
+        (rules.ordering, ("network", "contrast"), "no contrast of pc2pix"),
+        (rules.ordering, ("network", "ssim", "2048", "car"), "no car at 2048"),
     ],
 )
 def test_what_a_run_lacks(rule, arguments, message):
     with pytest.raises(MissingEvidence, match=message):
         rule(scored(ssim(0.5, 0.6)), *arguments)
     with pytest.raises(MissingEvidence, match="the run has no pc2pix"):
-        rules.ordering(scored(comparison(ssim={"splat": 0.5})), "ssim", "2048", "network")
+        rules.ordering(scored(comparison(ssim={"splat": 0.5})), "network", "ssim")
 
 
 FLOORS = {"constant": 0.2, "blank": 0.2}
@@ -300,13 +306,13 @@ def test_above_blank():
 @pytest.mark.parametrize(
     ("class_name", "ahead", "metric", "verdict"),
     [
-        ("car", "network", None, "supported"),
-        ("car", "surface", None, "contradicted"),
-        ("car", "undecided", None, "contradicted"),
-        ("rifle", "surface", None, "undecided"),
-        ("rifle", "undecided", None, "undecided"),
+        ("car", "network", "fid", "supported"),
+        ("car", "surface", "fid", "contradicted"),
+        ("car", "undecided", "fid", "contradicted"),
+        ("rifle", "surface", "fid", "undecided"),
+        ("rifle", "undecided", "fid", "undecided"),
         ("average", "network", "class-confidence", "supported"),
-        ("average", "network", None, "undecided"),  # by the rifles
+        ("average", "network", "fid", "undecided"),  # by the rifles
     ],
 )
 def test_classes(class_name, ahead, metric, verdict):
@@ -322,15 +328,15 @@ def test_classes(class_name, ahead, metric, verdict):
             for name, value in of_networks.items()
         )
     )
-    (finding,) = rules.class_ordering(run, class_name, ahead, metric)
+    (finding,) = rules.ordering(run, ahead, metric, class_name=class_name, most=1)
     assert (finding.subject, finding.verdict) == ("pc2pix@all", verdict)
     if class_name == "car":
         assert finding.numbers == "fd-views 5.0, SR 20.0; ahead by +15.0 [+15.0, +15.0]"
-    if metric is None and class_name == "average":
+    if metric == "fid" and class_name == "average":
         assert finding.numbers.startswith("fd-views 13.0, SR 20.0; ahead by +7.0 [")
         assert finding.objects == 8
     with pytest.raises(MissingEvidence, match="no lamp at 2048"):
-        rules.class_ordering(run, "lamp", "surface")
+        rules.ordering(run, "surface", class_name="lamp")
 
 
 def test_no_interval_is_no_verdict():
@@ -338,71 +344,35 @@ def test_no_interval_is_no_verdict():
     sr = Quality("fd-views", Estimate(20.0, 0, 0), np.array([20.0]))
     run = scored(comparison(class_name="car", fd_views={"surface-apss": sr, "pc2pix@all": alone}))
     for ahead in ("network", "undecided"):
-        (finding,) = rules.class_ordering(run, "car", ahead)
+        (finding,) = rules.ordering(run, ahead, class_name="car")
         assert finding.verdict == "not testable here"
         assert finding.why.startswith("too few objects for an interval")
 
 
-def test_unrecognisable():
+def test_other_methods_than_the_network_and_surface_reconstruction():
     values = {"true-mesh": 0.9, "surface-apss": quality("class-confidence", 0.3, -JITTER)}
     run = scored(
         comparison(class_name="car", class_confidence=values),
         comparison(class_name="lamp", class_confidence=values),
         comparison("512", "lamp", class_confidence=values | {"surface-apss": 0.0}),
     )
-    (finding,) = rules.unrecognisable(run)
+    (finding,) = CLAIMS["often-not-recognizable"].rule(run)
     assert (finding.subject, finding.verdict) == ("surface-apss", "supported")
     lost = 0.6 + 2 * JITTER
     low, high = interval_of_means([lost, lost])
     assert finding.numbers == (
-        "class-confidence 0.295, true images 0.905; "
-        f"loses +{lost.mean():.3f} [+{low:.3f}, +{high:.3f}]"
+        "class-confidence 0.295, true-mesh 0.905; "
+        f"ahead by -{lost.mean():.3f} [-{high:.3f}, -{low:.3f}]"
     )
 
 
 def test_gains_from_others():
     for together, verdict in ((28.8, "supported"), (34.0, "contradicted")):
         values = {"pc2pix": 31.5, "pc2pix@all": together}
-        (finding,) = rules.gains_from_others(scored(comparison(fid=values)), "pc2pix", "pc2pix@all")
+        rule = CLAIMS["chairs-gain-from-other-classes"].rule
+        (finding,) = rule(scored(comparison(fid=values)))
         assert (finding.subject, finding.verdict) == ("pc2pix@all", verdict)
-    assert finding.numbers.startswith("fid 34.0, alone 31.5; better by -2.5 [")
-
-
-def test_good_where_thin():
-    leave_one_out = np.array([9.0, 11.0, 10.0, 10.0])
-    values = {"lamp": 10.0, "rifle": 12.0, "car": 30.0, "sofa": 40.0}
-    distances = {k: Quality("fid", Estimate(v, 0, 0), leave_one_out) for k, v in values.items()}
-    run = scored(*(comparison(class_name=k, fid={"surface-apss": v}) for k, v in distances.items()))
-    (finding,) = rules.good_where_thin(run, ("lamp", "rifle"))
-    # each class: 3/4 (1 + 1) = 1.5; the mean of two 3/4; a difference of two such 1.5
-    # by Student's t of 4 x 3 = 12 degrees of freedom, for four equal variances of 3 each
-    reach = t.ppf(0.975, 12) * math.sqrt(1.5)
-    assert finding.verdict == "supported"
-    assert finding.numbers == (
-        f"fid 11.0, others 35.0; nearer by +24.0 [+{24 - reach:.1f}, +{24 + reach:.1f}]"
-    )
-    assert verdicts(rules.good_where_thin(run, ("car", "sofa"))) == ["contradicted"]
-    with pytest.raises(MissingEvidence, match="no airplane"):
-        rules.good_where_thin(run, ("airplane",))
-    with pytest.raises(MissingEvidence, match="no other class"):
-        rules.good_where_thin(run, tuple(values))
-
-
-def test_varies_more():
-    spreads = {
-        "lamp": (9.0, np.array([8.0, 10.0, 9.0])),  # 2/3 (1 + 1) = 4/3
-        "car": (2.0, np.array([2.0, 2.0])),
-        "sofa": (20.0, np.array([20.0, 20.0])),
-    }
-    run = scored(ssim(0.5, 0.5), spreads=spreads)
-    (finding,) = rules.varies_more(run, "lamp", "car")
-    assert finding.verdict == "supported"
-    reach = t.ppf(0.975, 2) * math.sqrt(4 / 3)
-    assert finding.numbers == (
-        f"variance between objects 9.00, car 2.00; more by +7.0 [+{7 - reach:.1f}, "
-        f"+{7 + reach:.1f}]; lamp is number 2 of 3"
-    )
-    assert verdicts(rules.varies_more(run, "car", "lamp")) == ["contradicted"]
+    assert finding.numbers.startswith("fid 34.0, pc2pix 31.5; ahead by -2.5 [")
 
 
 def sample(method, cloud, stage, views, wall_s, number=1, threads=1, condition="2048"):

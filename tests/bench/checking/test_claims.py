@@ -5,7 +5,6 @@ import re
 import shutil
 from dataclasses import replace
 
-import numpy as np
 import pandas as pd
 import pytest
 
@@ -18,17 +17,15 @@ from bench.checking.checklist import (
     check_claims,
     judge,
     read_run,
-    spreads,
     to_markdown,
 )
 from bench.checking.claim_findings import ClaimFinding, Requirement
-from bench.checking.claims import claims
-from bench.checking.evidence import QualityEvidence
-from bench.records.record import GROUND_TRUTH
+from bench.checking.claim_rules import QualityEvidence
+from bench.checking.claims import RULES, claims
 from bench.tables.published import published
 from data_prep.failures import BadInput
 
-from ..builders import FeaturesAtHand, make_manifest, write_manifest, write_run
+from ..builders import make_manifest, write_manifest, write_run
 
 pytestmark = pytest.mark.usefixtures("few_objects")
 
@@ -39,6 +36,7 @@ FOUND = ClaimFinding("pc2pix", "ssim 0.7", (SURE,))
 
 def test_the_table_of_claims():
     assert len({claim.id for claim in CLAIMS}) == len(CLAIMS) == 64
+    assert {claim.id for claim in CLAIMS} >= {*RULES}
     suites = {suite.id for suite in SUITES} | {LATENT.id, SPEED.id}
     for claim in CLAIMS:
         assert re.fullmatch(r"[a-z0-9-]+", claim.id)
@@ -138,23 +136,6 @@ def test_speed_and_latent_runs(tmp_path):
     write_manifest(tmp_path / "speed", make_manifest(suite="stability"))
     with pytest.raises(BadInput, match="no claim of the paper is about stability"):
         read_run(tmp_path / "speed")
-
-
-def test_spreads():
-    """Two views each: the means are (0, 0), (2, 0), (4, 3); variances 4 and 3."""
-    index = pd.DataFrame(
-        [(GROUND_TRUTH, "", "lamp", obj, view) for obj in "abc" for view in (0, 1)],
-        columns=["method", "condition", "class", "object", "view"],
-    )
-    means = np.repeat([[0.0, 0.0], [2.0, 0.0], [4.0, 3.0]], 2, axis=0)
-    views = np.tile([[1.0, -5.0], [-1.0, 5.0]], (3, 1))
-    by_class = spreads(FeaturesAtHand(index, (means + views).astype(np.float32)), ["lamp"])
-    value, leave_one_out = by_class["lamp"]
-    assert value == pytest.approx(4 + 3, abs=1e-12)
-    # of (2, 0) and (4, 3): 2 + 4.5; (0, 0) and (4, 3): 8 + 4.5; (0, 0) and (2, 0): 2
-    assert leave_one_out == pytest.approx([6.5, 12.5, 2.0], abs=1e-12)
-    two = index[index["object"] != "c"]
-    assert spreads(FeaturesAtHand(two, means[:4].astype(np.float32)), ["lamp"]) == {}
 
 
 def test_the_checklist_in_markdown():
