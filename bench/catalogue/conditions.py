@@ -9,10 +9,7 @@ is the id. Workers find it by that id, as they find methods: nothing of the pack
 
 from __future__ import annotations
 
-import pickle
-import random
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
@@ -25,7 +22,6 @@ from data_prep.clouds.conditions import (
     GaussianNoise,
     Missing,
     Outliers,
-    Perturbation,
     Stride,
     Unchanged,
     UnevenDensity,
@@ -84,23 +80,20 @@ def applied(condition: Condition, cloud: PointCloud, rng: np.random.Generator) -
     """Return a cloud perturbed by a condition of another package, and checked.
 
     Raises an exception for a result that is no cloud, that has no point, too many or one that is
-    not finite, and for a condition that changes its input or draws global random numbers.
+    not finite, and for a condition that changes its input.
     """
     import numpy as np
 
     from data_prep.scene import PointCloud
 
     before = cloud.points.copy()
-    with _global_numbers_watched():
-        result = condition.perturbation.apply(cloud, rng)
+    result = condition.perturbation.apply(cloud, rng)
     if not isinstance(result, PointCloud):
         raise UnusableCloud(f"gives a {type(result).__name__}, expected a PointCloud")
     points = result.points  # PointCloud itself refuses other shapes, but a subclass may not
-    if not isinstance(points, np.ndarray) or points.dtype != np.float32:
-        kind = getattr(points, "dtype", type(points).__name__)
-        raise UnusableCloud(f"gives points of type {kind}, expected float32")
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise UnusableCloud(f"gives points of shape {list(points.shape)}, expected [N, 3]")
+    shape, kind = np.shape(points), getattr(points, "dtype", type(points).__name__)
+    if not isinstance(points, np.ndarray) or kind != np.float32 or shape[1:] != (3,):
+        raise UnusableCloud(f"gives points of type {kind} {list(shape)}, expected float32 [N, 3]")
     if not 1 <= len(points) <= MOST_POINTS:
         raise UnusableCloud(f"gives {len(points):,} points, expected 1 to {MOST_POINTS:,}")
     if count := int((~np.isfinite(points)).any(axis=1).sum()):
@@ -108,22 +101,6 @@ def applied(condition: Condition, cloud: PointCloud, rng: np.random.Generator) -
     if not np.array_equal(before, cloud.points, equal_nan=True):
         raise UnusableCloud("changes the cloud that it is given; work on a copy")
     return result
-
-
-@contextmanager
-def _global_numbers_watched() -> Iterator[None]:
-    """Raise UnusableCloud where the block draws from, or seeds, a global generator."""
-    before = _global_states()
-    yield
-    if before != _global_states():
-        raise UnusableCloud("uses global random numbers; take all randomness from `rng`")
-
-
-def _global_states() -> bytes:
-    """Return the states of the global generators of Python and NumPy."""
-    import numpy as np
-
-    return pickle.dumps((random.getstate(), np.random.get_state()))  # noqa: NPY002
 
 
 @cache
@@ -210,39 +187,35 @@ class ConditionName(NamedTuple):
 
 def condition_name(condition_id: str) -> ConditionName:
     """Return the names of a condition; of one that is not known its id."""
-    known = (c.perturbation for c in CONDITIONS if c.id == condition_id)
-    return ConditionName(*_names(next(known, None), condition_id))
+    from data_prep.scene import CLOUD_SIZE  # `bench list` needs no NumPy
+
+    match next((c.perturbation for c in CONDITIONS if c.id == condition_id), None):
+        case Unchanged():
+            return ConditionName("points", f"{CLOUD_SIZE:,}", f"{CLOUD_SIZE:,} points")
+        case Stride(step):
+            count = f"{-(-CLOUD_SIZE // step):,}"
+            return ConditionName("points", count, f"{count} of {CLOUD_SIZE:,} points")
+        case GaussianNoise(sigma):
+            return ConditionName("noise", _percent(sigma), f"noise {_percent(sigma)} of the radius")
+        case Outliers(share):
+            return ConditionName("outliers", _percent(share), f"{_percent(share)} outliers")
+        case Missing(share):
+            words = f"{_percent(share)} missing on one side"
+            return ConditionName("missing", _percent(share), words)
+        case UnevenDensity(ratio):
+            words = f"{CLOUD_SIZE // 2:,} points, {ratio:g} times as dense at one end"
+            return ConditionName("density", f"{ratio:g} : 1", words)
+        case _:
+            return ConditionName("", condition_id, condition_id)
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:g} %"
 
 
 def condition_words(condition_id: str) -> str:
     """Return a condition in words that need nothing beside them; the id of an unknown one."""
     return condition_name(condition_id).words
-
-
-def _names(change: Perturbation | None, condition_id: str) -> tuple[str, str, str]:
-    from data_prep.scene import CLOUD_SIZE  # `bench list` needs no NumPy
-
-    match change:
-        case Unchanged():
-            return "points", f"{CLOUD_SIZE:,}", f"{CLOUD_SIZE:,} points"
-        case Stride(step):
-            count = -(-CLOUD_SIZE // step)
-            return "points", f"{count:,}", f"{count:,} of {CLOUD_SIZE:,} points"
-        case GaussianNoise(sigma):
-            return "noise", _percent(sigma), f"noise {_percent(sigma)} of the radius"
-        case Outliers(share):
-            return "outliers", _percent(share), f"{_percent(share)} outliers"
-        case Missing(share):
-            return "missing", _percent(share), f"{_percent(share)} missing on one side"
-        case UnevenDensity(ratio):
-            words = f"{CLOUD_SIZE // 2:,} points, {ratio:g} times as dense at one end"
-            return "density", f"{ratio:g} : 1", words
-        case _:
-            return "", condition_id, condition_id
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:g} %"
 
 
 def places(conditions: Sequence[str]) -> list[float]:

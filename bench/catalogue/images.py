@@ -2,7 +2,6 @@
 
     method.toml                          what the author states (`Claims`)
     CONDITION/CLASS/OBJECT/VIEW.png      an image: 00.png, 01.png, ... are the views of `views.csv`
-    CONDITION/CLASS/OBJECT.npz           or all of an object: `images`, uint8 [V, 128, 128, 3]
 
 Files come from strangers: their headers are checked before a run starts, and links may not lead out
 of the folder. Nothing that the author states can be checked here but its form, so tables call the
@@ -38,21 +37,15 @@ from data_prep.files.safe_read import (
 )
 from data_prep.plugins import is_id
 from data_prep.rendering.images import to_float
-from data_prep.rendering.opaque_images import (
-    check_image_array,
-    check_opaque_png,
-    read_image_array,
-    read_opaque_png,
-)
+from data_prep.rendering.opaque_images import check_opaque_png, read_opaque_png
 from data_prep.scene import CloudOrigin, Images, PointCloud, UInt8Images, View
 
 CLAIMS = "method.toml"
 ENTERED = "entered"  # in manifests: facts by method, and under TREE the folder of the images
 TREE = "tree"
-MOST_BYTES = 64 * 2**10  # of a file
+MOST_BYTES = 64 * 2**10  # of a file of facts
 MOST_S = 1e6  # of a claimed time: twelve days
 MOST_NAMED = 3  # in a line about images that are not used
-_ARRAY, _IMAGE = ".npz", ".png"
 _CHECKSUM = re.compile("[0-9a-f]{64}")
 
 
@@ -60,25 +53,16 @@ _CHECKSUM = re.compile("[0-9a-f]{64}")
 class Claims:
     """The facts about a method that was run elsewhere, as its author states them.
 
-    Attributes
-    ----------
-    name : str
-        Id of the method in tables, kebab-case.
-    source : str
-        One line about what it does and where it comes from.
-    trained_on : str
-        The objects that a network has seen; "nothing" for a method that learns nothing.
-    hardware : str
-        The machine of the times.
-    prepare_s, draw_s : float
-        Seconds for a cloud, and for one view of it.
-    licence : str
-        Licence of the images.
-    export : str
-        Checksum of the export whose clouds it drew (`data_prep.datasets.exported.checksum_of`).
-    version : str
-        Version or commit of the method; "" for none. Another version is another method
-        on a leaderboard of runs.
+    name               id of the method in tables, kebab-case
+    source             one line about what it does and where it comes from
+    trained_on         the objects that a network has seen; "nothing" where it learns nothing
+    hardware           the machine of the times
+    prepare_s, draw_s  seconds for a cloud, and for one view of it
+    licence            of the images
+    export             checksum of the export whose clouds it drew
+                       (`data_prep.datasets.exported.checksum_of`)
+    version            version or commit of the method; "" for none. Another version is another
+                       method on a leaderboard of runs
     """
 
     name: str
@@ -109,13 +93,12 @@ def read_claims(tree: Path, taken: Collection[str]) -> Claims:
     path = tree / CLAIMS
     if not tree.is_dir():
         raise BadInput(f"{tree}: no such folder; give a tree of images with its {CLAIMS}")
+    text = read_text(path, MOST_BYTES)
     try:
-        stated = tomllib.loads(read_text(path, MOST_BYTES))
+        stated = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # ValueError: of a number of 5,000 digits
-        if isinstance(error, BadInput):
-            raise
         raise BadInput(f"{path}: not TOML ({reason_of(error)}); correct it") from error
-    claims = check_claims(stated, str(path))
+    claims = _checked_claims(stated, str(path))
     if claims.name in taken:
         raise BadInput(
             f"{path}: name {shown(claims.name)} is an id of this installation; give another name"
@@ -123,8 +106,7 @@ def read_claims(tree: Path, taken: Collection[str]) -> Claims:
     return claims
 
 
-def check_claims(stated: Mapping[str, Any], where: str) -> Claims:
-    """Return the facts of a mapping, whose place messages call `where`. Raises BadInput."""
+def _checked_claims(stated: Mapping[str, Any], where: str) -> Claims:
     known = {field.name: field for field in fields(Claims)}
     if others := [key for key in stated if key not in known]:
         raise BadInput(f"{where}: unknown key {shown(others[0])}; the keys are {', '.join(known)}")
@@ -178,7 +160,7 @@ def entered_claims(manifest: Mapping[str, Any], method_id: str) -> Claims | None
     """
     stated = _entry(manifest, method_id)
     try:
-        return check_claims({k: v for k, v in stated.items() if k != TREE}, ENTERED)
+        return _checked_claims({k: v for k, v in stated.items() if k != TREE}, ENTERED)
     except BadInput:
         return None
 
@@ -197,14 +179,7 @@ def _entry(manifest: Mapping[str, Any], method_id: str) -> Mapping[str, Any]:
 
 @dataclass(frozen=True)
 class ImageTree:
-    """A folder of images of the clouds of an export, and what its author states.
-
-    Attributes
-    ----------
-    root : Path
-        The folder, absolute.
-    claims : Claims
-    """
+    """A folder of images of the clouds of an export, `root` (absolute), and its author's claims."""
 
     root: Path
     claims: Claims
@@ -214,31 +189,36 @@ class ImageTree:
         """Return the text by which a command finds the method."""
         return f"{IMAGES}{self.root}"
 
-    def read(self, origin: CloudOrigin, views: Sequence[View]) -> UInt8Images:
-        """Return the images of a cloud from these of its views, [V, 128, 128, 3].
+    def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> CloudOrigin:
+        """Return the place of a cloud in its run. Raises StageFailure for another cloud."""
+        del rng
+        if cloud.origin is None:
+            raise StageFailure("images", "the cloud is not one of a run on an export")
+        return cloud.origin
+
+    def draw(
+        self, state: CloudOrigin, views: Sequence[View], rng: np.random.Generator | None = None
+    ) -> Images:
+        """Return the images from these views, which are among those of the cloud.
 
         Raises StageFailure for the first that is missing, and BadInput for a file that cannot be
         used.
         """
-        base = _base(origin.condition, origin.class_name, origin.object_id)
-        number = {view: i for i, view in enumerate(origin.views)}
-        numbers = [number[view] for view in views]
-        if (array := self._inside(f"{base}{_ARRAY}")) is not None:
-            return read_image_array(array, len(origin.views))[numbers]
-        images = []
-        for name in (_image(base, i) for i in numbers):
+        del rng
+        base = _base(state.condition, state.class_name, state.object_id)
+        number = {view: i for i, view in enumerate(state.views)}
+        images: list[UInt8Images] = []
+        for name in (_image(base, number[view]) for view in views):
             path = self._inside(name)
             if path is None:
                 raise StageFailure("images", f"no image at {name}")
             images.append(read_opaque_png(path))
-        return np.stack(images)
+        return to_float(np.stack(images))
 
     def checksum(self, condition: str, obj: ExportedObject, count: int) -> str:
         """Return a checksum of the first `count` images of a cloud; missing ones count as such."""
-        base = _base(condition, obj.class_name, obj.object_id)
-        names = [f"{base}{_ARRAY}", *_images(base, count)]
-        paths = ((name, self._inside(name)) for name in names)
-        sums = [(name, file_sha256(path)) for name, path in paths if path is not None]
+        paths = self._images(condition, obj, count)
+        sums = [(name, file_sha256(path)) for name, path in paths.items()]
         return sha256(repr(sums).encode()).hexdigest()
 
     def check(
@@ -251,24 +231,10 @@ class ImageTree:
     ) -> None:
         """Check that a run can use the tree; of images, the headers.
 
-        Parameters
-        ----------
-        dataset : str
-            The dataset of the run.
-        export : str or None
-            Checksum of the export that it is; None for another dataset.
-        objects : iterable of ExportedObject
-        conditions : sequence of str
-        views : int
-            Images of each object.
-
-        Raises
-        ------
-        BadInput
-            For a dataset that is no export, or another than that of the images; for a tree without
-            an image for the run; for a link that leads out of the tree; and for a file of an image
-            that is no opaque image of the benchmark's size. Missing images are no error: they
-            become failures.
+        `export` is the checksum of the export that the dataset is, or None. Raises BadInput for a
+        dataset that is no export, or another than that of the images; for a tree without an image
+        for the run; for a link that leads out of the tree; and for a file of an image that is no
+        opaque image of the benchmark's size. Missing images are no error: they become failures.
         """
         if export is None:
             raise BadInput(
@@ -284,7 +250,9 @@ class ImageTree:
         count = 0
         for obj in objects:
             for condition in conditions:
-                count += self._check_object(condition, obj, views)
+                for path in self._images(condition, obj, views).values():
+                    check_opaque_png(path)
+                    count += 1
         if not count:
             raise BadInput(
                 f"{self.root}: no image for this run: nothing at CONDITION/CLASS/OBJECT/VIEW.png "
@@ -314,28 +282,18 @@ class ImageTree:
         self, condition: Path, at: str, wanted: Collection[str], leading: Collection[str]
     ) -> Iterator[str]:
         """Yield the folders and arrays below `at` of a condition that are not of these objects."""
-        for path in (*folders_in(condition / at), *files_in(condition / at, (_ARRAY,))):
+        for path in (*folders_in(condition / at), *files_in(condition / at, (".npz",))):
             name = str(PurePosixPath(at) / path.name)
-            if name in leading and path.suffix != _ARRAY:
+            if name in leading and path.suffix != ".npz":
                 yield from self._others(condition, name, wanted, leading)
-            elif name.removesuffix(_ARRAY) not in wanted:
+            elif name not in wanted:
                 yield f"{condition.name}/{name}"
 
-    def _check_object(self, condition: str, obj: ExportedObject, views: int) -> int:
-        """Check the files of a cloud, and return how many of its images are there."""
+    def _images(self, condition: str, obj: ExportedObject, count: int) -> dict[str, Path]:
+        """Return those of the first `count` images of a cloud that are there, by their names."""
         base = _base(condition, obj.class_name, obj.object_id)
-        array = self._inside(f"{base}{_ARRAY}")
-        paths = [path for name in _images(base, views) if (path := self._inside(name))]
-        if array is None:
-            for path in paths:
-                check_opaque_png(path)
-            return len(paths)
-        if paths:
-            raise BadInput(
-                f"{array}: {paths[0]} is there, too, and an object has one or the other; remove one"
-            )
-        check_image_array(array, len(obj.exported_views))
-        return views
+        paths = {name: self._inside(name) for name in (_image(base, i) for i in range(count))}
+        return {name: path for name, path in paths.items() if path is not None}
 
     def _inside(self, name: str) -> Path | None:
         """Return the path of a file of the tree; None where there is none.
@@ -361,46 +319,22 @@ def _base(condition: str, class_name: str, object_id: str) -> str:
 
 
 def _image(base: str, view: int) -> str:
-    return f"{base}/{view:02d}{_IMAGE}"
-
-
-def _images(base: str, count: int) -> list[str]:
-    return [_image(base, view) for view in range(count)]
-
-
-@dataclass(frozen=True)
-class ImageTreeRenderer:
-    """A renderer that reads its images."""
-
-    tree: ImageTree
-
-    def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> CloudOrigin:
-        """Return the place of a cloud in its run. Raises StageFailure for another cloud."""
-        del rng
-        if cloud.origin is None:
-            raise StageFailure("images", "the cloud is not one of a run on an export")
-        return cloud.origin
-
-    def draw(
-        self, state: CloudOrigin, views: Sequence[View], rng: np.random.Generator | None = None
-    ) -> Images:
-        """Return the images from these views, which are among those of the cloud."""
-        del rng
-        return to_float(self.tree.read(state, views))
+    return f"{base}/{view:02d}.png"
 
 
 def entered_method(folder: Path, taken: Collection[str]) -> Method:
     """Return the method whose images are in a folder; `taken` are ids that it must not have.
 
-    Raises BadInput as `read_claims`.
+    Raises BadInput as `read_claims`. The images are in the keys of jobs, the identity is the
+    version that the author states.
     """
     root = folder.absolute()
-    tree = ImageTree(root, read_claims(root, taken))
-    claims = tree.claims
+    claims = read_claims(root, taken)
+    tree = ImageTree(root, claims)
     return Method(
         claims.name,
         load=partial(_load, tree),
-        identity=partial(_identity, claims),
+        identity=partial(str, f"{claims.version or 'no version'}, entered by images"),
         version=1,
         source=claims.about,
         trained_on=claims.trained_on,
@@ -408,11 +342,6 @@ def entered_method(folder: Path, taken: Collection[str]) -> Method:
     )
 
 
-def _load(tree: ImageTree, device: str) -> ImageTreeRenderer:
+def _load(tree: ImageTree, device: str) -> ImageTree:
     del device
-    return ImageTreeRenderer(tree)
-
-
-def _identity(claims: Claims) -> str:
-    """Return the version that the author states; the images are in the keys of jobs."""
-    return f"{claims.version or 'no version'}, entered by images"
+    return tree

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+import random
 from collections.abc import Mapping
 from functools import partial
 from typing import Any
@@ -58,10 +60,19 @@ def _cloud(index: int = 0) -> PointCloud:
 
 def _perturbed(name: str, cloud: PointCloud, seed: str = "condition") -> PointCloud:
     """Return a cloud as a run perturbs it, with the same random numbers each time."""
+    before = _global_states()
     try:
-        return applied(_condition(name), cloud, generator("contract", seed))
+        result = applied(_condition(name), cloud, generator("contract", seed))
     except UnusableCloud as error:
         raise ContractViolation(str(error)) from error
+    if before != _global_states():
+        raise ContractViolation("uses global random numbers; take all randomness from `rng`")
+    return result
+
+
+def _global_states() -> bytes:
+    """Return the states of the global generators of Python and NumPy."""
+    return pickle.dumps((random.getstate(), np.random.get_state()))  # noqa: NPY002
 
 
 def check_identity(name: str) -> Passed:

@@ -1,10 +1,9 @@
-"""Images of methods from untrusted files: PNG without transparency, and arrays in NPZ."""
+"""Images of methods from untrusted files: PNG without transparency."""
 
 from __future__ import annotations
 
 import io
 import struct
-import zipfile
 import zlib
 
 import numpy as np
@@ -13,9 +12,7 @@ from PIL import Image
 
 from data_prep.failures import BadInput
 from data_prep.rendering.opaque_images import (
-    check_image_array,
     check_opaque_png,
-    read_image_array,
     read_opaque_png,
 )
 
@@ -33,16 +30,6 @@ def header_alone(width: int, height: int, bits: int, kind: int) -> bytes:
     body = b"IHDR" + struct.pack(">IIBBBBB", width, height, bits, kind, 0, 0, 0)
     chunk = struct.pack(">I", 13) + body + struct.pack(">I", zlib.crc32(body))
     return b"\x89PNG\r\n\x1a\n" + chunk
-
-
-def npz_of(method=zipfile.ZIP_DEFLATED, **arrays) -> bytes:
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", method) as archive:
-        for name, array in arrays.items():
-            stream = io.BytesIO()
-            np.save(stream, array, allow_pickle=True)
-            archive.writestr(f"{name}.npy", stream.getvalue())
-    return buffer.getvalue()
 
 
 def problem(function, path, *arguments) -> str:
@@ -95,61 +82,3 @@ def test_damaged_and_transparent_images_are_refused_when_they_are_read(tmp_path)
     assert problem(read_opaque_png, path).startswith("has a transparent colour; ")
     path.write_bytes(whole + bytes(4 * 2**20))
     assert problem(check_opaque_png, path).endswith("give a smaller file")
-
-
-@pytest.mark.parametrize("method", [zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED])
-def test_an_array_is_read_as_it_is(tmp_path, method):
-    path = tmp_path / "a.npz"
-    path.write_bytes(npz_of(method, images=PIXELS))
-    check_image_array(path, 2)
-    np.testing.assert_array_equal(read_image_array(path, 2), PIXELS)
-    np.savez_compressed(path, images=PIXELS)
-    np.testing.assert_array_equal(read_image_array(path, 2), PIXELS)
-
-
-@pytest.mark.parametrize(
-    ("data", "expected"),
-    [
-        (b"", "not a readable NPZ ("),
-        (npz_of(pictures=PIXELS), "1 arrays, expected one with the name 'images'; write it with"),
-        (npz_of(images=PIXELS, more=PIXELS[:1, :1]), "2 arrays, expected one with the name"),
-        (npz_of(images=np.array([{}], object)), "images are object [1], expected uint8 [2, 128,"),
-        (npz_of(images=PIXELS[:1]), "images are uint8 [1, 128, 128, 3], expected uint8 [2, 128,"),
-        (npz_of(images=PIXELS[..., 0]), "images are uint8 [2, 128, 128], expected uint8 [2, 128,"),
-        (npz_of(images=PIXELS.view(np.int8)), "images are int8 [2, 128, 128, 3], expected uint8"),
-        (
-            npz_of(images=np.asfortranarray(PIXELS)),
-            "images are uint8 [2, 128, 128, 3], Fortran order, expected uint8 [2, 128, 128, 3] in",
-        ),
-        (
-            npz_of(images=np.zeros((200, 128, 128, 3), np.uint8)),  # 10 kB of zeros
-            f"images.npy unpacks to {128 + 200 * 128 * 128 * 3} bytes, and 2 images have 98304;",
-        ),
-        (npz_of(zipfile.ZIP_LZMA, images=PIXELS // 9), "packed by the method 14 of ZIP; write it"),
-    ],
-    ids=["empty", "name", "two", "pickle", "few", "flat", "int8", "fortran", "bomb", "lzma"],
-)
-def test_an_array_of_another_kind_is_refused_before_it_is_unpacked(tmp_path, data, expected):
-    path = tmp_path / "a.npz"
-    path.write_bytes(data)
-    assert problem(check_image_array, path, 2).startswith(expected)
-    assert problem(read_image_array, path, 2).startswith(expected)
-
-
-def test_an_array_that_lies_about_its_size_is_not_unpacked_further(tmp_path):
-    """The list of the archive claims few bytes for an array of many."""
-    path = tmp_path / "a.npz"
-    many = npz_of(images=np.zeros((200, 128, 128, 3), np.uint8))
-    size = struct.pack("<I", 128 + 200 * 128 * 128 * 3)
-    assert many.count(size) == 2  # before the array, and in the list
-    path.write_bytes(many.replace(size, struct.pack("<I", 128 + 98304)))
-    assert problem(read_image_array, path, 2).startswith("images are uint8 [200, 128, 128, 3],")
-
-
-def test_a_damaged_array_is_refused_when_it_is_read(tmp_path):
-    path = tmp_path / "a.npz"
-    whole = bytearray(npz_of(zipfile.ZIP_STORED, images=PIXELS))
-    whole[5000] ^= 1
-    path.write_bytes(whole)
-    check_image_array(path, 2)
-    assert problem(read_image_array, path, 2).startswith("not a readable NPZ (Bad CRC-32")
