@@ -36,9 +36,6 @@ from bench.running.plan import ObjectJobs, Plan, plan
 from bench.running.protocol import (
     Protocol,
     extractors_of,
-    method_identity,
-    name_of,
-    stored_protocol,
 )
 from data_prep.arrays import Floats
 from data_prep.failures import BadInput
@@ -72,7 +69,7 @@ def check_again(
 
     The true images of their objects are computed, too. A line on stderr names libraries, methods
     and metrics that are others than in the run. `probe` is as for
-    `bench.running.protocol.protocol_of`; `start` gives an executor for a number of jobs (default:
+    `Protocol.from_options`; `start` gives an executor for a number of jobs (default:
     worker processes as of a run).
 
     Raises BadInput for a share that is not over 0 and at most 1, for a folder without a finished
@@ -122,9 +119,8 @@ def _protocol_again(directory: Path, manifest: Mapping[str, Any]) -> Protocol:
             "command"
         )
     names = manifest["objects"]
-    pairs = [(name.partition("/")[0], name.partition("/")[2]) for name in names]
-    protocol = stored_protocol(manifest, pairs, manifest["methods"], manifest["conditions"])
-    if lacking := sorted({*names} - {name_of(obj) for obj in protocol.objects}):
+    protocol = Protocol.from_manifest(manifest)
+    if lacking := sorted({*names} - {*protocol.names}):
         raise BadInput(
             f"{directory}: {lacking[0]} is not in {protocol.dataset} any more ({len(lacking)} of "
             f"{len(names)} objects are not); bring the dataset back as it was"
@@ -141,8 +137,7 @@ def _protocol_again(directory: Path, manifest: Mapping[str, Any]) -> Protocol:
 
 def _name_changes(manifest: Mapping[str, Any], protocol: Protocol) -> bool:
     """Name what is another than in the run, and return whether the environment is the same."""
-    identities = {m: method_identity(v, protocol.device) for m, v in protocol.methods.items()}
-    for name, here in {**identities, **protocol.feature_identity}.items():
+    for name, here in {**protocol.identities, **protocol.feature_identity}.items():
         if here != {**manifest["identities"], **manifest["feature_identity"]}.get(name):
             log(f"{name}: of another version or with other weights than in the run")
     of_run = environment_of(manifest)

@@ -26,11 +26,11 @@ class LiveTable:
         suite = stored_suite(manifest)
         if self._sums is None:
             means = [metric for metric in suite.headline if is_mean(metric)]
-            names = manifest["methods"], manifest["conditions"], snapshot.planned
+            names = manifest["methods"], manifest["conditions"], snapshot.plan.names
             self._sums = ObjectSums(*names, means)
-        missing = [name for name in snapshot.plan.names if name not in self._added]
-        for obj in snapshot.plan.select(missing):
-            self._sums.add_object(snapshot.read_records(obj))
+        missing = [name for name in manifest["objects"] if name not in self._added]
+        for name in missing:
+            self._sums.add_object(snapshot.read_records(name))
         self._added.update(missing)
         skipped = self._sums.unmeasured(manifest.get("skipped_metrics", {}))
         with threadpool_limits(1):

@@ -20,7 +20,7 @@ from bench.commands.score import score_run_of
 from bench.commands.terminal import Terminal, shown
 from bench.records.artifacts import JobName
 from bench.records.run_folder import read_finished, read_manifest
-from bench.records.stored_artifacts import Artifact
+from bench.records.stored_artifacts import Artifact, StoredArtifacts
 from bench.report.build import REPORT, write_report
 from bench.report.classes import write_class_figures
 from bench.report.families import write_beyond_figures
@@ -29,7 +29,7 @@ from bench.report.pareto import write_frontier
 from bench.report.robustness import write_figures
 from bench.running.merge import Merged, merge
 from bench.running.options import Options, device_of
-from bench.running.run import RunResult, WrittenRun, run, timed
+from bench.running.run import RunResult, run, timed
 from bench.tables.build import Outputs, paper_values, write_outputs
 from bench.tables.markdown import visible
 from bench.tables.table import TABLES, Table
@@ -61,21 +61,24 @@ def merge_shards(directories: Sequence[Path], out: Path) -> Merged[Outputs]:
     return merged
 
 
-def publish(measured: WrittenRun, further: Sequence[ImageMetric | SetMetric] = ()) -> Outputs:
+def publish(
+    directory: Path, seconds: dict[str, float], further: Sequence[ImageMetric | SetMetric] = ()
+) -> Outputs:
     """Write the tables and figures of a run whose records and features are written.
 
-    `further` are metrics that are taken of its images now, each with a table of its own.
+    The time of each stage is added to `seconds`. `further` are metrics that are taken of its images
+    now, each with a table of its own.
     """
-    with timed("tables", measured.seconds):
-        outputs = write_outputs(scored_run(measured.directory, read_manifest(measured.directory)))
+    with timed("tables", seconds):
+        outputs = write_outputs(scored_run(directory, read_manifest(directory)))
     if further:
-        with timed("further metrics", measured.seconds):
+        with timed("further metrics", seconds):
             tables = score_run_of(outputs.run, further)
         again = {table.name for table in tables}  # scored before, and now once more
         before = (table for table in outputs.tables if table.name not in again)
         outputs = replace(outputs, tables=(*before, *tables))
-    with timed("figures", measured.seconds):
-        _write_figures(measured.directory, outputs.run.suite, outputs, measured.artifacts)
+    with timed("figures", seconds):
+        _write_figures(directory, outputs.run.suite, outputs, StoredArtifacts(directory))
     return outputs
 
 

@@ -5,26 +5,21 @@ from __future__ import annotations
 import sys
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import replace
 from importlib import import_module
 from typing import Annotated, Any
 
 import typer
 
 from bench.catalogue.chosen import MeasuredMethod, measured_methods
-from bench.catalogue.loaders import GPU
 from bench.catalogue.lookup import find
 from bench.catalogue.method import allow_modules
-from bench.catalogue.metrics import FID, find_extractor, metrics_device
 from bench.catalogue.plugins import find_metric
-from bench.catalogue.suites import ALL_SUITES, TRUTHS, Suite, with_truth
+from bench.catalogue.suites import ALL_SUITES, TRUTHS, Suite
 from bench.commands.config import ConfigOption, refuse_other_objects
 from bench.commands.options import RUN_OPTIONS, FormatOption, options_from_dataclass
 from bench.commands.publish import Outputs, in_format, print_outputs, run_suite
-from bench.metrics.inception_weights import DOWNLOAD, WEIGHTS_SHA256
 from bench.report.build import REPORT
 from bench.running.options import Options
-from bench.running.protocol import Protocol, method_identity, protocol_of
 from bench.running.run import RunResult, RunStatus, run_status
 from bench.tables.markdown import visible
 from data_prep.failures import BadInput
@@ -40,53 +35,27 @@ def describe_run(options: Options) -> str:
         raise BadInput(f"--dry-run: the suite {suite.id} takes minutes and has no plan; run it")
     for metric in options.metrics or ():
         find_metric(metric)  # refuses unknown ones
-    protocol, skipped = _protocol(suite, options)
-    status = run_status(options, protocol)
+    status = run_status(options)
+    protocol = status.plan.protocol
     methods = {}
-    for name, method in status.protocol.methods.items():
-        version, libraries, _ = method_identity(method, protocol.device)
+    for name, (version, libraries, _) in protocol.identities.items():
         methods[name] = f"version {version}" + (f", {libraries}" if libraries else "")
-    files = {name: method.weights_file for name, method in status.protocol.methods.items()}
+    files = {name: method.weights_file for name, method in protocol.methods.items()}
     weights = {method: str(file()) for method, file in files.items() if file}
     return "\n".join(
         [
             *(f"{name:<13}{visible(text)}" for name, text in _settings(status, options)),
             *_section("methods", methods),
-            *_section("weights", weights | dict(status.protocol.features)),
-            *_section("skipped", skipped),
+            *_section("weights", weights | dict(protocol.features)),
+            *_section("skipped", protocol.skipped),
             "",
             *_expected(status, measured_methods()),
         ]
     )
 
 
-def _protocol(suite: Suite, options: Options) -> tuple[Protocol, dict[str, str]]:
-    """Return a run's protocol and skipped metrics without a download of weights.
-
-    Weights that the run would download count as present.
-    """
-    if options.inception_weights != DOWNLOAD:
-        return protocol_of(suite, options)
-    if FID not in with_truth(suite, options.truth).extractors:
-        return protocol_of(suite, options)  # refuses the option
-    protocol, skipped = protocol_of(suite, replace(options, inception_weights=None))
-    if FID not in skipped:
-        return protocol, skipped
-    features = dict(protocol.features) | {FID: "to be downloaded first"}
-    on_gpu = f" {GPU}" * (metrics_device(protocol.device) == GPU)
-    identity = f"{find_extractor(FID).version} {WEIGHTS_SHA256}{on_gpu}"
-    protocol = replace(
-        protocol,
-        features=tuple(
-            (name, features[name]) for name in protocol.suite.extractors if name in features
-        ),
-        feature_identity={**protocol.feature_identity, FID: identity},
-    )
-    return protocol, {name: why for name, why in skipped.items() if name != FID}
-
-
 def _settings(status: RunStatus, options: Options) -> list[tuple[str, str]]:
-    protocol = status.protocol
+    protocol = status.plan.protocol
     suite, classes = protocol.suite, Counter(obj.class_name for obj in protocol.objects)
     features = dict(protocol.features)
     set_metrics = [metric for metric in suite.set_metrics if metric in features]
@@ -121,7 +90,7 @@ def _settings(status: RunStatus, options: Options) -> list[tuple[str, str]]:
 
 def _expected(status: RunStatus, costs: Mapping[str, MeasuredMethod]) -> list[str]:
     """Return the jobs that are left, and the time and disk space that they take."""
-    lines = [f"jobs: {status.jobs:,} to do, {status.plan.job_count - status.jobs:,} done"]
+    lines = [f"jobs: {status.jobs:,} to do, {status.done:,} done"]
     if not status.jobs:
         return lines
     seconds = status.seconds(costs)

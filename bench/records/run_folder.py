@@ -91,10 +91,13 @@ def _not_writable(directory: Path, error: OSError) -> CannotWrite:
     return CannotWrite(f"{directory}: cannot be written ({error.strerror}); give --out")
 
 
-def check_directory(directory: Path, manifest: Mapping[str, Any]) -> None:
-    """Raise BadInput where a run described by `manifest` must not be written into `directory`."""
+def check_directory(directory: Path, manifest: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the manifest of the run in a folder; an empty one where there is none.
+
+    Raises BadInput where a run described by `manifest` must not be written there.
+    """
     if not _holds_run(directory):
-        return
+        return {}
     stored = read_manifest(directory)
     for name in (*FIXED, SHARD, TRUTH):
         default = COLOURED if name == TRUTH else None
@@ -104,6 +107,7 @@ def check_directory(directory: Path, manifest: Mapping[str, Any]) -> None:
                 f"{directory}: holds a run of {name} {present!r}, not {wanted!r}; "
                 "give another --out, or --fresh to start over"
             )
+    return stored
 
 
 def _holds_run(directory: Path) -> bool:

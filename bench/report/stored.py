@@ -16,7 +16,7 @@ from bench.records.artifacts import JobName
 from bench.records.job import Job
 from bench.records.stored_artifacts import Artifact, StoredArtifacts
 from bench.running.plan import plan
-from bench.running.protocol import stored_protocol
+from bench.running.protocol import Protocol
 from bench.running.work import cloud_under
 from data_prep.failures import BadInput, StageFailure
 
@@ -71,7 +71,8 @@ def open_sources(directory: Path, manifest: Mapping[str, Any], shown: Sequence[J
 def _cloud_jobs(manifest: Mapping[str, Any], shown: Sequence[JobName]) -> dict[JobName, Job]:
     """Return a job for the cloud of each object and condition. Raises BadInput without dataset."""
     conditions = dict.fromkeys(name.condition for name in shown if name.condition)
-    protocol = stored_protocol(manifest, (name.object for name in shown), (FLOOR,), conditions)
+    objects = ("/".join(name.object) for name in shown)
+    protocol = Protocol.from_manifest(manifest, (FLOOR,), conditions, objects)
     return {job.name._replace(method=""): job for job in plan(protocol).method_jobs}
 
 

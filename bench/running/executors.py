@@ -14,7 +14,6 @@ from bench.catalogue.suites import Limits
 from bench.records.job import Job, Result, failed
 from bench.records.store import Store
 from bench.running.isolation import (
-    QUEUED,
     TASKS_PER_WORKER,
     Executor,
     TaskPool,
@@ -169,41 +168,20 @@ def _with_reference(read: Callable[[str], bytes], job: Job | None) -> Job | None
     return replace(job, reference=read(job.reference_key))
 
 
-@dataclass(frozen=True)
-class ExecutorFactory:
-    """The executors of a run: worker processes of this machine, or a cluster.
-
-    Attributes
-    ----------
-    start : callable
-        Returns an executor for a number of jobs.
-    workers : int
-        Processes at work at once.
-    cluster : dict or None
-        What the manifest says about the cluster; None for this machine.
-    """
-
-    start: Callable[[int], Executor[Job, Result]]
-    workers: int
-    cluster: dict[str, Any] | None
-
-    @property
-    def capacity(self) -> int:
-        """Return how many jobs keep the workers busy when the run starts."""
-        return QUEUED * max(1, self.workers)
-
-
 @contextmanager
-def executor_factory(options: Options, protocol: Protocol) -> Iterator[ExecutorFactory]:
-    """Yield the executors that the options ask for, connected to the cluster within the block.
+def executors_for(
+    protocol: Protocol, options: Options
+) -> Iterator[tuple[Callable[[int], Executor[Job, Result]], int, dict[str, Any] | None]]:
+    """Yield what gives an executor for a number of jobs, its workers, and the manifest's cluster.
 
-    Raises BadInput for options that have no meaning, and as `bench.running.ray.connected`.
+    The executors are worker processes of this machine, without a cluster, or those of a Ray
+    cluster, which is connected within the block. Raises BadInput for options that have no meaning,
+    and as `bench.running.ray.connected`.
     """
     suite = protocol.suite
     workers = workers_of(suite, options)
     if options.ray is None:
-        start = partial(JobPool, workers=workers, limits=suite.limits)
-        yield ExecutorFactory(start, workers, None)
+        yield partial(JobPool, workers=workers, limits=suite.limits), workers, None
         return
     if suite.timed:
         raise BadInput(
@@ -216,7 +194,7 @@ def executor_factory(options: Options, protocol: Protocol) -> Iterator[ExecutorF
         )
     if options.workers is not None and options.ray != LOCAL:
         raise BadInput("--workers: has no meaning with --ray, whose nodes bring theirs; leave it")
-    from bench.running.ray import RayPool, connected  # which does its jobs by a `JobPool`
+    from bench.running.ray import RayPool, connected  # whose nodes have a `JobPool` each
 
     with connected(options.ray, workers) as cluster:
-        yield ExecutorFactory(lambda _: RayPool(cluster, protocol), cluster.cpus, asdict(cluster))
+        yield lambda _: RayPool(cluster, protocol), cluster.cpus, asdict(cluster)

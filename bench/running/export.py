@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -23,7 +23,7 @@ from bench.records.run_folder import COLOURED
 from bench.running.isolation import WorkerFailure, run_tasks
 from bench.running.options import Options, workers_of
 from bench.running.plan import ObjectJobs, plan
-from bench.running.protocol import Protocol, protocol_of
+from bench.running.protocol import Protocol
 from bench.running.work import cloud_under
 from data_prep.clouds.conditions import CONDITIONS
 from data_prep.datasets.exported import (
@@ -71,7 +71,7 @@ def export(options: Options, out: Path) -> int:
     """Write the inputs of a run into a new folder, whole or not at all; return how many objects.
 
     The conditions are those of the options (default: of the suite; ("all",): all of ours), and
-    the unperturbed cloud in any case. Raises BadInput for an existing folder, as `protocol_of` and
+    the unperturbed cloud in any case. Raises BadInput for an existing folder, as `Protocol` and
     `plan` do, and for an object that cannot be drawn; CannotWrite where the disk refuses.
     """
     if out.exists():
@@ -80,8 +80,8 @@ def export(options: Options, out: Path) -> int:
     named = options.conditions or suite.conditions
     every = tuple(condition.id for condition in CONDITIONS)
     conditions = tuple(dict.fromkeys((UNPERTURBED, *(every if named == (ALL,) else named))))
-    asked = replace(options, methods=(FLOOR,), conditions=conditions)
-    protocol, _ = protocol_of(suite, asked)
+    asked = replace(options, methods=(FLOOR,), conditions=conditions, fresh=True)  # no folder
+    protocol = Protocol.from_options(asked)
     objects = plan(protocol)
     try:
         with whole_folder(out) as new:
@@ -91,7 +91,7 @@ def export(options: Options, out: Path) -> int:
     return len(objects)
 
 
-def _fill(folder: Path, protocol: Protocol, objects: Sequence[ObjectJobs], workers: int) -> None:
+def _fill(folder: Path, protocol: Protocol, objects: Iterable[ObjectJobs], workers: int) -> None:
     tasks = [
         (folder, f"{obj.truth.object.class_name}/{i:05d}", obj) for i, obj in enumerate(objects)
     ]

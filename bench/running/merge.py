@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import chain
@@ -27,7 +27,7 @@ from bench.records.run_folder import (
 from bench.records.store import JobRow, Store
 from bench.running.options import Element, Shard, read_shard
 from bench.running.protocol import WHOLE
-from bench.running.run import Outputs, WrittenRun, open_run, write_parquet
+from bench.running.run import Outputs, Publish, open_run, write_parquet
 from data_prep.failures import BadInput
 from data_prep.progress import progress
 
@@ -59,9 +59,7 @@ class Merged(Generic[Outputs]):
     copied: int
 
 
-def merge(
-    directories: Sequence[Path], out: Path, publish: Callable[[WrittenRun], Outputs]
-) -> Merged[Outputs]:
+def merge(directories: Sequence[Path], out: Path, publish: Publish[Outputs]) -> Merged[Outputs]:
     """Put the shards of a run together in `out`; `publish` is as in `bench.running.run.run`.
 
     Raises BadInput, which names the directory, where one is no finished shard, is missing, given
@@ -73,8 +71,8 @@ def merge(
     with open_run(out, manifest) as store:
         jobs = _collect(parts, manifest["objects"], store)
         seconds: dict[str, float] = {}
-        written = write_parquet(manifest, out, store, manifest["feature_identity"], seconds)
-        outputs = publish(written)
+        write_parquet(out, store, manifest["feature_identity"], seconds)
+        outputs = publish(out, seconds)
         stages = manifest["stage_seconds"]
         stages |= {name: round(stages.get(name, 0) + timing, 1) for name, timing in seconds.items()}
     return Merged(out, outputs, jobs, store.appended)

@@ -114,8 +114,11 @@ def refuse(suite: str, options: Iterable[tuple[str, object, str]]) -> None:
             raise BadInput(f"--{option}: has no meaning for the suite {suite}, {why}; leave it")
 
 
-def refuse_counts(options: Options) -> None:
-    """Raise BadInput for fewer than one object or view, and for more than a run can hold."""
+def refuse_values(options: Options) -> None:
+    """Raise BadInput for fewer than one object or view, or more than a run can hold.
+
+    Also for `--device cuda` where this machine, which is to draw, has no GPU.
+    """
     for name, value, most, remedy in (
         ("limit", options.limit, MOST_OBJECTS, ", or leave it for all objects of a folder"),
         ("views", options.views, MOST_VIEWS, ""),
@@ -124,10 +127,6 @@ def refuse_counts(options: Options) -> None:
             raise BadInput(f"--{name} {value}: must be at least 1")
         if value is not None and value > most:
             raise BadInput(f"--{name} {value}: too many; give at most {most}{remedy}")
-
-
-def refuse_absent_gpu(options: Options) -> None:
-    """Raise BadInput for `--device cuda` where this machine, which is to draw, has no GPU."""
     if options.device == GPU and options.ray in (None, LOCAL):  # other nodes have GPUs of theirs
         chosen_device(options.device)
 

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any, overload
+from itertools import product, starmap
+from typing import Any
 
 from bench.catalogue.conditions import find_condition
 from bench.catalogue.methods import Method
 from bench.records.job import Job
 from bench.records.record import GROUND_TRUTH, SCHEMA_VERSION
-from bench.running.protocol import Protocol, method_identity, name_of
-from data_prep.clouds.conditions import Condition, Perturbation, Unchanged
+from bench.running.protocol import Protocol, name_of
+from data_prep.clouds.conditions import Condition, Unchanged
 from data_prep.datasets.exported import UNPERTURBED, ExportedObject
 from data_prep.datasets.grey import GreyObject
 from data_prep.datasets.objects import MeshObject, SceneObject
@@ -56,45 +56,43 @@ class ObjectJobs:
 
 
 @dataclass(frozen=True)
-class Plan(Sequence[ObjectJobs]):
+class Plan:
     """All jobs of a run, object by object in the order of its files.
 
     The jobs of an object are made when they are asked for, and nothing of them is kept: a run may
     have millions. A mesh is read for them, since its checksum is part of their keys.
+
+    Attributes
+    ----------
+    protocol : Protocol
+    objects : mapping
+        The objects as they are drawn, by class and name as in the manifest.
+    conditions : tuple of Condition
     """
 
     protocol: Protocol
-    scene_objects: tuple[SceneObject, ...]
-    methods: tuple[tuple[Method, list[Any]], ...]
+    objects: Mapping[str, SceneObject]
     conditions: tuple[Condition, ...]
 
     def __len__(self) -> int:
-        return len(self.scene_objects)
+        return len(self.objects)
 
-    @overload
-    def __getitem__(self, index: int) -> ObjectJobs: ...
-    @overload
-    def __getitem__(self, index: slice) -> Plan: ...
-    def __getitem__(self, index: int | slice) -> ObjectJobs | Plan:
-        if isinstance(index, slice):
-            return replace(self, scene_objects=self.scene_objects[index])
-        return self._jobs_of(self.scene_objects[index])
+    def __iter__(self) -> Iterator[ObjectJobs]:
+        return map(self.jobs_of, self.objects)
+
+    def __getitem__(self, place: int) -> ObjectJobs:
+        return self.jobs_of(self.names[place])
 
     @property
     def names(self) -> list[str]:
         """Return class and name of each object, as in the manifest."""
-        return [name_of(obj) for obj in self.scene_objects]
+        return list(self.objects)
 
     @property
     def jobs_per_object(self) -> int:
         """Return how many jobs each object has: one is done for all conditions of some methods."""
-        seen = sum(len(self.conditions) if m.sees_cloud else 1 for m, _ in self.methods)
-        return 1 + seen
-
-    @property
-    def job_count(self) -> int:
-        """Return how many jobs all objects have."""
-        return len(self) * self.jobs_per_object
+        methods = self.protocol.methods.values()
+        return 1 + sum(len(self.conditions) if method.sees_cloud else 1 for method in methods)
 
     @property
     def method_jobs(self) -> Iterator[Job]:
@@ -106,78 +104,45 @@ class Plan(Sequence[ObjectJobs]):
         """Yield each job once, object by object."""
         return (job for obj in self for job in obj.jobs)
 
-    def in_order(self, names: Iterable[str]) -> Plan:
-        """Return the objects with these names, in their order."""
-        chosen = tuple(self.scene_objects[self._places[name]] for name in names)
-        return replace(self, scene_objects=chosen)
-
-    def select(self, names: Iterable[str]) -> Plan:
-        """Return the part of the objects with these names, in the order of the plan."""
-        places = sorted(self._places[name] for name in names if name in self._places)
-        return replace(self, scene_objects=tuple(self.scene_objects[i] for i in places))
-
-    @cached_property
-    def _places(self) -> dict[str, int]:
-        return {name: place for place, name in enumerate(self.names)}
-
-    @cached_property
-    def _cells(self) -> list[tuple[Method, Condition, Perturbation, str, str]]:
-        """Return method, condition and change of each job, and both ends of its identity.
-
-        They are the same for all objects, and are encoded once: a run has a million jobs.
-        """
-        cells = []
-        for condition in self.conditions:
-            for method, version in self.methods:
-                cloud, change, named = condition.id, condition.perturbation, condition.key
-                if not method.sees_cloud:  # nothing that its key does not name may decide
-                    cloud, change, named = UNPERTURBED, Unchanged(), repr(Unchanged())
-                start = _encoded(self.protocol.suite.id, method.id, cloud)
-                end = _encoded(version, named, SCORES_VERSION)
-                cells.append((method, condition, change, start, end))
-        return cells
-
-    def _jobs_of(self, obj: SceneObject) -> ObjectJobs:
-        protocol, suite = self.protocol, self.protocol.suite.id
+    def jobs_of(self, name: str) -> ObjectJobs:
+        """Return the jobs of an object."""
+        protocol, suite, obj = self.protocol, self.protocol.suite.id, self.objects[name]
         views = views_of(obj, protocol.views, protocol.seed)
-        identity = _encoded(_object_identity(protocol, obj, views))
-
-        def job(
-            key: str,
-            method: str,
-            condition: str,
-            change: Perturbation,
-            truth: str | None,
-            address: str = "",
-        ) -> Job:
-            return Job(
-                key=key,
-                suite=suite,
-                method=method,
-                address=address,
-                condition=condition,
-                perturbation=change,
-                object=obj,
-                views=views,
-                seed=protocol.seed,
-                device=protocol.device,
-                features=protocol.features,
-                reference_key=truth,
-            )
-
-        truth = _digest(_encoded(suite, GROUND_TRUTH, ""), identity)
-        method_jobs = tuple(
-            job(
-                _digest(start, identity, end, *_stored_images(method, cell, obj, len(views))),
-                method.id,
-                cell.id,
-                change,
-                truth,
-                method.address,
-            )
-            for method, cell, change, start, end in self._cells
+        identity = _object_identity(protocol, obj, views)
+        truth = Job(
+            key=digest([suite, GROUND_TRUTH, "", identity]),
+            suite=suite,
+            method=GROUND_TRUTH,
+            condition="",
+            perturbation=Unchanged(),
+            object=obj,
+            views=views,
+            seed=protocol.seed,
+            device=protocol.device,
+            features=protocol.features,
+            reference_key=None,
         )
-        return ObjectJobs(job(truth, GROUND_TRUTH, "", Unchanged(), None), method_jobs)
+
+        def job(condition: Condition, method: Method) -> Job:
+            cloud, change, named = condition.id, condition.perturbation, condition.key
+            if not method.sees_cloud:  # nothing that its key does not name may decide
+                cloud, change, named = UNPERTURBED, Unchanged(), repr(Unchanged())
+            version = protocol.identities[method.id]
+            images = _stored_images(method, condition, obj, len(views))
+            return replace(
+                truth,
+                key=digest(
+                    [suite, method.id, cloud, identity, version, named, SCORES_VERSION, *images]
+                ),
+                method=method.id,
+                address=method.address,
+                condition=condition.id,
+                perturbation=change,
+                reference_key=truth.key,
+            )
+
+        cells = product(self.conditions, protocol.methods.values())
+        return ObjectJobs(truth, tuple(starmap(job, cells)))
 
 
 def views_of(obj: SceneObject, count: int, seed: int) -> tuple[View, ...]:
@@ -202,11 +167,12 @@ def plan(protocol: Protocol) -> Plan:
             method.images.check(
                 protocol.dataset, protocol.export, exported, protocol.conditions, protocol.views
             )
+    protocol.identities  # noqa: B018 -- refuses unusable weights before anything is drawn
+    drawn = _in_grey(protocol) if protocol.suite.truth == "grey" else protocol.objects
     return Plan(
         protocol,
-        tuple(_in_grey(protocol)) if protocol.suite.truth == "grey" else protocol.objects,
-        tuple((m, method_identity(m, protocol.device)) for m in protocol.methods.values()),
-        tuple(find_condition(condition_id) for condition_id in protocol.conditions),
+        dict(zip(protocol.names, drawn, strict=True)),
+        tuple(map(find_condition, protocol.conditions)),
     )
 
 
@@ -254,25 +220,15 @@ def _object_identity(protocol: Protocol, obj: SceneObject, views: Sequence[View]
     ]
 
 
-def _stored_images(method: Method, condition: Condition, obj: SceneObject, views: int) -> list[str]:
+def _stored_images(method: Method, condition: Condition, obj: SceneObject, views: int) -> list[Any]:
     """Return the rest of the identity of a job: the images and times of a method that has some."""
     if method.images is None or not isinstance(obj, ExportedObject):
         return []
     claims = method.images.claims
-    images = method.images.checksum(condition.id, obj, views)
-    return [_encoded(images, claims.prepare_s, claims.draw_s)]
+    checksum = method.images.checksum(condition.id, obj, views)
+    return [checksum, claims.prepare_s, claims.draw_s]
 
 
 def digest(identity: Sequence[Any]) -> str:
     """Return a key that names everything in `identity`."""
-    return _digest(_encoded(*identity))
-
-
-def _encoded(*values: object) -> str:
-    """Return values as elements of a list in JSON."""
-    return json.dumps(values)[1:-1]
-
-
-def _digest(*parts: str) -> str:
-    """Return the key of a list in JSON, from parts of its elements."""
-    return hashlib.sha256(f"[{', '.join(parts)}]".encode()).hexdigest()
+    return hashlib.sha256(json.dumps(identity).encode()).hexdigest()

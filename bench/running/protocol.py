@@ -1,18 +1,35 @@
-"""The protocol of a run: what is measured, from options or a manifest, and as a manifest."""
+"""The protocol of a run: what is measured, from options or a manifest, and as a manifest.
+
+A folder only grows: a run measures what is asked for and, by name, what the tables there have. Its
+manifest and tables stay those of the run before until the wider run has all their objects; so a
+run that is stopped, or killed, leaves them as they were.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 from bench.catalogue.conditions import condition_ids, find_condition
 from bench.catalogue.images import address_of, manifest_entry
 from bench.catalogue.loaders import GPU
-from bench.catalogue.methods import FLOOR, RECOMMENDED, Method, find_run_method, objectives
+from bench.catalogue.lookup import find
+from bench.catalogue.method import is_module_name
+from bench.catalogue.methods import (
+    FLOOR,
+    RECOMMENDED,
+    Method,
+    find_method,
+    find_run_method,
+    objectives,
+)
 from bench.catalogue.metrics import FID, WeightsUnavailable, find_extractor, metrics_device
 from bench.catalogue.plugins import plugin_problem
 from bench.catalogue.suites import (
+    SUITES,
     TRUTHS,
     Suite,
     left_out_in_grey,
@@ -20,17 +37,19 @@ from bench.catalogue.suites import (
     truth_entry,
     with_truth,
 )
+from bench.metrics.inception_weights import DOWNLOAD, WEIGHTS_SHA256
 from bench.records.record import SCHEMA_VERSION
-from bench.records.run_folder import CONDITION_IDENTITIES
+from bench.records.run_folder import CONDITION_IDENTITIES, check_directory, read_store
 from bench.records.run_folder import PROTOCOL as PROTOCOL_ENTRY
+from bench.records.store import STORE
 from bench.running.environment import environment, machine_info
 from bench.running.options import (
+    REPEATED,
     Options,
     Shard,
     device_of,
     read_shard,
-    refuse_absent_gpu,
-    refuse_counts,
+    refuse_values,
     seed_of,
 )
 from data_prep.datasets.objects import SceneObject
@@ -41,6 +60,8 @@ from data_prep.files.checksums import file_sha256
 from data_prep.progress import log
 
 WHOLE: str | None = None  # in the manifest of a run that is no shard
+APART = "give --out for a run of its own, or --fresh to start over"
+NOT_LOADED = "of a module that this command does not name"  # source of such a method
 
 
 @dataclass(frozen=True)
@@ -50,6 +71,7 @@ class Protocol:
     Attributes
     ----------
     suite : Suite
+        With the truth of the run.
     dataset : str
     methods : mapping
         The methods by id, in the order of the tables.
@@ -67,10 +89,20 @@ class Protocol:
         The version and checksum behind each of the `features`, and the device but for the CPU.
     environment : mapping
         What images depend on beside our own code: GL driver and library versions.
+    skipped : mapping
+        The reasons why metrics cannot be taken, by metric.
+    asked : mapping
+        The options that were given, as `bench run --config` reads them.
     shard : Shard or None
         The part of a run that this is; None for a whole run.
     export : str or None
         Checksum of the export that the dataset is; None for another dataset.
+    before : mapping
+        Manifest that the folder had when this was decided; empty where it had none.
+    shown : frozenset of str
+        Class and name of the objects that the tables in the folder have, and are to keep.
+    planned : int or None
+        Objects that the run is to have at last, where they are not all of these.
     """
 
     suite: Suite
@@ -84,8 +116,192 @@ class Protocol:
     features: tuple[tuple[str, str], ...]
     feature_identity: Mapping[str, str]
     environment: Mapping[str, str]
+    skipped: Mapping[str, str] = field(default_factory=dict)
+    asked: Mapping[str, Any] = field(default_factory=dict, compare=False)
     shard: Shard | None = None
     export: str | None = None
+    before: Mapping[str, Any] = field(default_factory=dict)
+    shown: frozenset[str] = frozenset()
+    planned: int | None = None
+
+    @cached_property
+    def identities(self) -> dict[str, list[Any]]:
+        """The identities of the methods by id; BadInput is raised for unusable weights."""
+        return {id_: method_identity(m, self.device) for id_, m in self.methods.items()}
+
+    @property
+    def names(self) -> list[str]:
+        """Return class and name of each object, as manifests have them."""
+        return list(map(name_of, self.objects))
+
+    @classmethod
+    def from_options(
+        cls,
+        options: Options,
+        probe: Callable[[], Mapping[str, str]] | None = None,
+        fetches: bool = True,
+    ) -> Protocol:
+        """Return the protocol of a run: what the options ask for, and what its folder has.
+
+        Lines on stderr name what is left out, and what the folder has beside. Nothing is written.
+        `probe` finds out the environment (default: `bench.running.environment.environment`).
+        Without `fetches`, weights that the run would download count as present. Raises BadInput for
+        options that cannot be met, for a folder with something else or with a run of which a part
+        is not known here, and MissingDependency where nothing can be drawn.
+        """
+        suite = _suite_of(options)
+        methods = find_methods(with_floor(options.methods or suite.methods))
+        conditions = tuple(dict.fromkeys(options.conditions or suite.conditions))
+        for condition in conditions:
+            find_condition(condition)
+        _log_all(plugin_problem("method", name) for name in methods)  # ours is run
+        _log_all(plugin_problem("condition", name) for name in conditions)
+        refuse_values(options)
+        dataset = open_dataset(options.dataset)
+        objects = objects_of(suite, dataset, options)
+        _log_all(m.images.unused(objects, conditions) for m in methods.values() if m.images)
+        _log_all(_lacking(suite, dataset))
+        device = device_of(options)
+        features, identity, skipped = extractors_of(
+            suite.extractors, options.inception_weights, device, fetches
+        )
+        asked = cls(
+            suite=suite,
+            dataset=dataset.id,
+            methods=methods,
+            conditions=conditions,
+            objects=objects,
+            views=options.views or suite.views,
+            seed=seed_of(dataset, options),
+            device=device,
+            features=features,
+            feature_identity=identity,
+            environment=(probe or environment)(),
+            skipped=skipped,
+            asked=options.request,
+            shard=options.shard,
+            export=dataset.checksum,
+        )
+        if options.fresh:
+            return asked
+        return _with_folder(asked, options.directory, options.same_objects)
+
+    @classmethod
+    def from_manifest(
+        cls,
+        manifest: Mapping[str, Any],
+        methods: Iterable[str] | None = None,
+        conditions: Iterable[str] | None = None,
+        objects: Iterable[str] | None = None,
+    ) -> Protocol:
+        """Return the protocol of a stored run or of a part of it, to plan its jobs again.
+
+        Clouds, views and random numbers of these jobs are those of the run. Their keys are not, for
+        the protocol has neither features nor environment. `objects` are classes and names; those
+        that the dataset no longer has are left out. Raises BadInput where the suite, the dataset, a
+        class or a method is not known here.
+        """
+        names = manifest["methods"] if methods is None else methods
+        suite, dataset = stored_suite(manifest), open_dataset(manifest["dataset"])
+        wanted = {*(manifest["objects"] if objects is None else objects)}
+        return cls(
+            suite=suite,
+            dataset=dataset.id,
+            methods=find_methods(address_of(manifest, name) for name in names),
+            conditions=tuple(manifest["conditions"] if conditions is None else conditions),
+            objects=_find_objects(suite, dataset, wanted, objects_to_search(manifest)),
+            views=manifest["views"],
+            seed=manifest["seed"],
+            device=manifest["device"],
+            features=(),
+            feature_identity={},
+            environment={},
+            export=dataset.checksum,
+        )
+
+    def to_manifest(self, workers: int, cluster: Mapping[str, Any] | None = None) -> dict[str, Any]:
+        """Return the manifest that the run has when all its objects are complete."""
+        trees = {
+            id_: (m.images.root, m.images.claims) for id_, m in self.methods.items() if m.images
+        }
+        others = {
+            name: find_condition(name).key for name in self.conditions if name in condition_ids()
+        }
+        return manifest_of(
+            self,
+            self.suite.id,
+            self.views,
+            self.environment,
+            **self.fixed,
+            methods=list(self.methods),
+            identities=self.identities,
+            objectives=objectives(self.methods.values()),
+            **manifest_entry(trees),
+            conditions=list(self.conditions),
+            **({CONDITION_IDENTITIES: others} if others else {}),
+            objects=self.names,
+            skipped_metrics=dict(self.skipped),
+            feature_identity=dict(self.feature_identity),
+            workers=workers,
+            cluster=cluster,
+            planned=self.planned or len(self.objects),  # "objects" will be those that are complete
+        )
+
+    @property
+    def fixed(self) -> dict[str, Any]:
+        """Return the entries of the manifest that all runs of one folder share."""
+        return {
+            "suite": self.suite.id,
+            "dataset": self.dataset,
+            "views": self.views,
+            "seed": self.seed,
+            "device": self.device,
+            "shard": str(self.shard) if self.shard else WHOLE,
+            **truth_entry(self.suite),
+        }
+
+    @property
+    def request(self) -> dict[str, Any]:
+        """Return the options that repeat the run, with everything stated that was left to defaults.
+
+        The limit of a shard is that of the whole run, which its own objects do not tell.
+        """
+        classes = [obj.class_name for obj in self.objects]
+        stated = {
+            **self.asked,
+            "methods": [method.address for method in self.methods.values()],
+            "conditions": list(self.conditions),
+            "views": self.views,
+            "seed": self.seed,
+        }
+        if not self.shard:
+            stated["limit"] = max(map(classes.count, {*classes}))
+        if self.planned:
+            stated |= {k: v for k, v in self.before["request"].items() if k == "limit"}
+        return {name: stated[name] for name in REPEATED if name in stated}
+
+
+def manifest_of(
+    asked: Protocol | Options,
+    suite: str,
+    views: int,
+    environment: Mapping[str, str],
+    /,
+    **entries: object,
+) -> dict[str, Any]:
+    """Return the manifest of a run of any suite; `entries` are those of this kind of suite."""
+    return {
+        "schema_version": SCHEMA_VERSION,
+        PROTOCOL_ENTRY: PROTOCOL_VERSION,
+        "request": asked.request,
+        "suite": suite,
+        "dataset": asked.dataset,
+        "views": views,
+        "seed": asked.seed or 0,
+        "device": asked.device,
+        **entries,
+        "environment": dict(environment),
+    } | machine_info()
 
 
 def name_of(obj: SceneObject) -> str:
@@ -124,105 +340,88 @@ def method_identity(method: Method, device: str) -> list[Any]:
     return [method.version, method.identity(), device]
 
 
-def protocol_of(
-    suite: Suite, options: Options, probe: Callable[[], Mapping[str, str]] | None = None
-) -> tuple[Protocol, dict[str, str]]:
-    """Return the protocol of a run, and the metrics that cannot be taken, with the reasons.
-
-    The suite of the protocol has the truth of the options. A line on stderr names methods of the
-    suite that are left out for it, and those that join. `probe` finds out the environment (default:
-    `bench.running.environment.environment`). Raises BadInput for options that cannot be met, and
-    MissingDependency where nothing can be drawn.
-    """
-    in_colours, suite = suite, with_truth(suite, options.truth)
+def _suite_of(options: Options) -> Suite:
+    """Return the suite of a run with its truth, and name on stderr what is left out for it."""
+    if options.budget is not None and options.shard is not None:
+        raise BadInput(
+            f"--budget: has no meaning with --shard {options.shard}, whose objects are fixed; "
+            "leave one of the two"
+        )
+    in_colours = find(options.suite, SUITES, "suite")
+    suite = with_truth(in_colours, options.truth)
     if options.inception_weights and FID not in suite.extractors:
         raise BadInput(
             f"--inception-weights: {suite.id} takes no fid against {TRUTHS[suite.truth]}; leave it"
         )
+    by_reason: dict[str, list[str]] = {}
     if suite is not in_colours and not options.methods:
-        _name_left_out(in_colours)
-    methods = find_methods(with_floor(options.methods or suite.methods))
-    for method_id in methods:
-        if problem := plugin_problem("method", method_id):  # ours is run
-            log(problem)
-    conditions = tuple(dict.fromkeys(options.conditions or suite.conditions))
-    for condition in conditions:
-        find_condition(condition)
-        if problem := plugin_problem("condition", condition):  # ours is run
-            log(problem)
-    refuse_counts(options)
-    refuse_absent_gpu(options)
-    dataset = open_dataset(options.dataset)
+        for method_id, reason in left_out_in_grey(in_colours).items():
+            by_reason.setdefault(reason, []).append(method_id)
+    if by_reason:
+        names = "; ".join(f"{', '.join(ids)} ({reason})" for reason, ids in by_reason.items())
+        others = f"them, or for networks in grey like {RECOMMENDED}"
+        if in_colours.grey_methods:
+            names, others = f"{names}, and adds {', '.join(in_colours.grey_methods)}", "others"
+        log(f"--truth grey leaves out {names}: give --methods for {others}")
+    return suite
+
+
+def _log_all(lines: Iterable[str | None]) -> None:
+    for line in filter(None, lines):
+        log(line)
+
+
+def _lacking(suite: Suite, dataset: Dataset) -> Iterable[str]:
+    """Yield what a dataset does not give, though the suite or its folder has it."""
     if dataset.left_out:
-        log(f"{dataset.id}: left out, no objects of it: {dataset.left_out}")
-    seed = seed_of(dataset, options)
-    objects = objects_of(suite, dataset, options)
-    for method in methods.values():
-        if method.images and (line := method.images.unused(objects, conditions)):
-            log(line)
+        yield f"{dataset.id}: left out, no objects of it: {dataset.left_out}"
     lacking = [name for name in suite.classes if name not in (dataset.classes or suite.classes)]
     if lacking and len(suite.classes) > 1:
-        log(f"{dataset.id}: no {', '.join(lacking)}; left out")
-    device = device_of(options)
-    features, identity, skipped = extractors_of(suite.extractors, options.inception_weights, device)
-    protocol = Protocol(
-        suite=suite,
-        dataset=dataset.id,
-        methods=methods,
-        conditions=conditions,
-        objects=objects,
-        shard=options.shard,
-        views=options.views or suite.views,
-        seed=seed,
-        device=device,
-        features=features,
-        feature_identity=identity,
-        environment=(probe or environment)(),
-        export=dataset.checksum,
-    )
-    return protocol, skipped
+        yield f"{dataset.id}: no {', '.join(lacking)}; left out"
 
 
 def extractors_of(
-    metrics: Iterable[str], inception_weights: str | None, device: str
+    metrics: Iterable[str], inception_weights: str | None, device: str, fetches: bool = True
 ) -> tuple[tuple[tuple[str, str], ...], dict[str, str], dict[str, str]]:
     """Return features and identities as a protocol has them, and the reasons of those without."""
     on_gpu = f" {GPU}" * (metrics_device(device) == GPU)
     features: list[tuple[str, str]] = []
     identity: dict[str, str] = {}
     skipped: dict[str, str] = {}
+    is_later = inception_weights == DOWNLOAD and not fetches
     for metric in metrics:
+        extractor = find_extractor(metric)
         try:
-            extractor = find_extractor(metric)
-            weights = extractor.weights(inception_weights)
+            weights = extractor.weights(None if is_later else inception_weights)
+            path, checksum = str(weights), file_sha256(weights)
         except WeightsUnavailable as error:
-            skipped[metric] = f"skipped: {error}"
-            continue
-        features.append((metric, str(weights)))
-        identity[metric] = f"{extractor.version} {file_sha256(weights)}{on_gpu}"
+            if metric != FID or not is_later:
+                skipped[metric] = f"skipped: {error}"
+                continue
+            path, checksum = "to be downloaded first", WEIGHTS_SHA256
+        features.append((metric, path))
+        identity[metric] = f"{extractor.version} {checksum}{on_gpu}"
     return tuple(features), identity, skipped
-
-
-def _name_left_out(suite: Suite) -> None:
-    by_reason: dict[str, list[str]] = {}
-    for method_id, reason in left_out_in_grey(suite).items():
-        by_reason.setdefault(reason, []).append(method_id)
-    if by_reason:
-        names = "; ".join(f"{', '.join(ids)} ({reason})" for reason, ids in by_reason.items())
-        others = f"them, or for networks in grey like {RECOMMENDED}"
-        if suite.grey_methods:
-            names, others = f"{names}, and adds {', '.join(suite.grey_methods)}", "others"
-        log(f"--truth grey leaves out {names}: give --methods for {others}")
 
 
 def objects_of(suite: Suite, dataset: Dataset, options: Options) -> tuple[SceneObject, ...]:
     """Return the objects of a run or of a shard, class by class.
 
-    Raises BadInput for a class that the dataset does not have, and for a shard without objects.
+    Raises BadInput for a class that the dataset does not have, where the suite compares classes and
+    the dataset does not tell them apart, and for a shard without objects.
     """
+    classes = suite.classes
+    if len(classes) > 1:
+        if not dataset.classes:
+            raise BadInput(
+                f"{dataset.id}: {suite.id} compares classes, and this dataset has none; give a "
+                "folder whose sub-folders are classes"
+            )
+        # The dataset refuses the first one, with what it has.
+        classes = tuple(name for name in classes if name in dataset.classes) or classes[:1]
     objects = tuple(
         obj
-        for class_name in _classes(suite, dataset)
+        for class_name in classes
         for obj in dataset.objects(class_name, options.limit, suite.endless_limit)
     )
     if options.shard is None:
@@ -234,69 +433,6 @@ def objects_of(suite: Suite, dataset: Dataset, options: Options) -> tuple[SceneO
     return selected
 
 
-def _classes(suite: Suite, dataset: Dataset) -> tuple[str, ...]:
-    """Return the suite's classes that the dataset has.
-
-    Raises BadInput where the suite compares classes and the dataset does not tell them apart.
-    """
-    if len(suite.classes) == 1:
-        return suite.classes
-    if not dataset.classes:
-        raise BadInput(
-            f"{dataset.id}: {suite.id} compares classes, and this dataset has none; give a folder "
-            "whose sub-folders are classes"
-        )
-    shared = tuple(name for name in suite.classes if name in dataset.classes)
-    return shared or suite.classes[:1]  # which the dataset refuses, with what it has
-
-
-def stored_protocol(
-    manifest: Mapping[str, Any],
-    objects: Iterable[tuple[str, str]],
-    methods: Iterable[str],
-    conditions: Iterable[str],
-) -> Protocol:
-    """Return the protocol of a part of a stored run, to plan its jobs again.
-
-    Clouds, views and random numbers of these jobs are those of the run. Their keys are not, for the
-    protocol has neither features nor environment.
-
-    Parameters
-    ----------
-    manifest : mapping
-        Manifest of the run.
-    objects : iterable of (str, str)
-        Class and name of each object; objects that the dataset no longer has are left out.
-    methods, conditions : iterable of str
-
-    Raises
-    ------
-    BadInput
-        Where the suite, the dataset, a class or a method is not known here.
-    """
-    dataset, count = open_dataset(manifest["dataset"]), objects_to_search(manifest)
-    wanted = dict.fromkeys(objects)
-    return Protocol(
-        suite=stored_suite(manifest),
-        dataset=dataset.id,
-        methods=find_methods(address_of(manifest, method) for method in methods),
-        conditions=tuple(conditions),
-        objects=tuple(
-            obj
-            for class_name in dict.fromkeys(class_name for class_name, _ in wanted)
-            for obj in dataset.objects(class_name, None, count)
-            if (obj.class_name, obj.object_id) in wanted
-        ),
-        views=manifest["views"],
-        seed=manifest["seed"],
-        device=manifest["device"],
-        features=(),
-        feature_identity={},
-        environment={},
-        export=dataset.checksum,
-    )
-
-
 def objects_to_search(manifest: Mapping[str, Any]) -> int:
     """Return how many objects of a class include all objects of the run with this manifest."""
     name = manifest.get("shard")
@@ -305,63 +441,138 @@ def objects_to_search(manifest: Mapping[str, Any]) -> int:
     return count * (read_shard(name).count if name else 1)
 
 
-def describe(
-    protocol: Protocol, workers: int, skipped_metrics: Mapping[str, str]
-) -> dict[str, Any]:
-    """Return the manifest of a run of a suite of jobs."""
-    return manifest_of(
-        protocol,
-        protocol.suite.id,
-        protocol.views,
-        protocol.environment,
-        shard=str(protocol.shard) if protocol.shard else WHOLE,
-        methods=list(protocol.methods),
-        identities={
-            id_: method_identity(m, protocol.device) for id_, m in protocol.methods.items()
-        },
-        objectives=objectives(protocol.methods.values()),
-        **manifest_entry(
-            {
-                id_: (m.images.root, m.images.claims)
-                for id_, m in protocol.methods.items()
-                if m.images
-            }
-        ),
-        **truth_entry(protocol.suite),
-        conditions=list(protocol.conditions),
-        **_condition_identities(protocol),
-        objects=[name_of(obj) for obj in protocol.objects],
-        skipped_metrics=dict(skipped_metrics),
-        feature_identity=dict(protocol.feature_identity),
-        workers=workers,
+def _find_objects(
+    suite: Suite, dataset: Dataset, names: Collection[str], count: int
+) -> tuple[SceneObject, ...]:
+    """Return the objects with these names, as the dataset orders them, of the first of a class."""
+    classes = {name.partition("/")[0] for name in names}
+    return tuple(
+        obj
+        for class_name in suite.classes
+        if not dataset.classes or class_name in classes
+        for obj in dataset.objects(class_name, None, count)
+        if name_of(obj) in names
     )
 
 
-def _condition_identities(protocol: Protocol) -> dict[str, dict[str, str]]:
-    """Return the entry for what clouds of other packages' conditions depend on; none without."""
-    others = [name for name in protocol.conditions if name in condition_ids()]
-    keys = {name: find_condition(name).key for name in others}
-    return {CONDITION_IDENTITIES: keys} if keys else {}
+def _with_folder(asked: Protocol, directory: Path, same_objects: bool) -> Protocol:
+    """Return a protocol with the methods, conditions and objects of the tables in a folder.
+
+    With `same_objects` the objects are those alone. Raises BadInput as `from_options`.
+    """
+    before = check_directory(directory, asked.fixed)
+    with read_store(directory) as store:
+        if not before.get("finished") and next(store.listed(), None) is None:
+            return replace(asked, before=before)  # it was stopped before it had tables
+        is_emptied = store.is_empty
+    suite, shown = asked.suite, frozenset(before["objects"])
+    methods = {**asked.methods, **methods_there(directory, asked.device, before, asked.methods)}
+    wanted = shown if same_objects else shown.union(asked.names)
+    wide = replace(
+        asked,
+        methods={
+            name: methods[name]
+            for name in joined(tuple(asked.methods), before["methods"], suite.methods)
+        },
+        conditions=joined(asked.conditions, before["conditions"], suite.conditions),
+        objects=_objects_there(asked, directory, before, wanted),
+        before=before,
+        shown=shown,
+        planned=before.get("planned") if same_objects else None,
+    )
+    if not same_objects:  # else to keep them is what was asked for
+        kinds = ("methods", "conditions", "objects")
+        tell_kept(directory, {k: len(getattr(wide, k)) - len(getattr(asked, k)) for k in kinds})
+    was = {**before.get("environment", {}), **before.get("feature_identity", {})}
+    now = {**asked.environment, **asked.feature_identity}
+    if changed := [name for name in {**was, **now} if was.get(name) != now.get(name)]:
+        log(f"{directory}: was made with another {', '.join(changed)}; all its jobs are done again")
+    if is_emptied:
+        log(f"{directory}: {STORE} has none of its finished jobs any more; all are done again")
+    return wide
 
 
-def manifest_of(
-    request: Protocol | Options,
-    suite: str,
-    views: int,
-    environment: Mapping[str, str],
-    **entries: object,
-) -> dict[str, Any]:
-    """Return the manifest of a run of any suite; `entries` are those of this kind of suite."""
-    repeated = {"request": request.request} if isinstance(request, Options) else {}
-    return {
-        "schema_version": SCHEMA_VERSION,
-        PROTOCOL_ENTRY: PROTOCOL_VERSION,
-        **repeated,
-        "suite": suite,
-        "dataset": request.dataset,
-        "views": views,
-        "seed": request.seed or 0,
-        "device": request.device,
-        **entries,
-        "environment": dict(environment),
-    } | machine_info()
+def _objects_there(
+    asked: Protocol, directory: Path, before: Mapping[str, Any], wanted: Collection[str]
+) -> tuple[SceneObject, ...]:
+    """Return the wanted objects, as the dataset orders them. Raises BadInput where one is gone."""
+    if {*asked.names} == wanted:
+        return asked.objects
+    if asked.shard is not None:
+        raise BadInput(
+            f"{directory}: shard {asked.shard} there has other objects; give its --limit again, "
+            f"{APART}"
+        )
+    count = max(objects_to_search(before), len(asked.objects))
+    objects = _find_objects(asked.suite, open_dataset(asked.dataset), wanted, count)
+    if lost := sorted({*wanted} - {*map(name_of, objects)}):
+        raise BadInput(
+            f"{directory}: the run there has {lost[0]} ({len(lost)} in all), which {asked.dataset} "
+            f"no longer has; bring it back, {APART}"
+        )
+    return objects
+
+
+def joined(asked: Sequence[str], kept: Sequence[str], listed: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of both, in the order of the one that has all names.
+
+    Where neither has all, the names that are `listed` come first, as they are listed there.
+    """
+    if {*kept} <= {*asked}:
+        return tuple(asked)
+    every = dict.fromkeys((*kept, *asked))
+    if {*asked} <= {*kept}:
+        return tuple(every)
+    return (*(name for name in listed if name in every), *(n for n in every if n not in listed))
+
+
+def tell_kept(directory: Path, more: Mapping[str, int]) -> None:
+    """Say on stderr how many methods, conditions and objects a folder has beyond the request."""
+    if lines := [counted(n, kind) for kind, n in more.items() if n]:
+        log(f"{directory}: keeps {', '.join(lines)} of the run there; {APART}")
+
+
+def counted(count: int, kind: str) -> str:
+    """Return a number with its noun, as in "1 more method"."""
+    return f"{count} more {kind if count > 1 else kind.removesuffix('s')}"
+
+
+def methods_there(
+    directory: Path, device: str, before: Mapping[str, Any], asked: Collection[str]
+) -> dict[str, Method]:
+    """Return the methods of the run in a folder beside those that are asked for, by id.
+
+    A method MODULE:NAME is known by its identity alone, where the manifest has `identities`: its
+    finished jobs stay, and nothing is executed because a manifest names it. Raises BadInput for a
+    method that cannot be used here, and for an unknown condition.
+    """
+    methods: dict[str, Method] = {}
+    try:
+        for name in sorted({*before["methods"]} - {*asked}):
+            identity = before.get("identities", {}).get(name)
+            if identity is not None and is_module_name(name):
+                methods[name] = _unloaded(name, identity)
+                continue
+            methods[name] = find_run_method(address_of(before, name))
+            method_identity(methods[name], device)
+        for condition in before.get("conditions", ()):
+            find_condition(condition)
+    except BadInput as error:
+        # The list of all known names would hide the remedy.
+        reason = str(error).partition(": ")[0] if str(error).startswith("unknown") else str(error)
+        raise BadInput(
+            f"{directory}: its run cannot be kept here: {reason}; install what is missing, {APART}"
+        ) from error
+    return methods
+
+
+def _unloaded(method_id: str, identity: Sequence[Any]) -> Method:
+    """Return a method of a module that is not loaded; it can draw nothing."""
+    version, text, _ = identity
+    return Method(
+        method_id,
+        load=lambda device: find_method(method_id).load(device),  # which refuses it
+        identity=lambda: str(text),
+        version=int(version),
+        source=NOT_LOADED,
+    )

@@ -10,7 +10,7 @@ import math
 import re
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 
@@ -133,6 +133,33 @@ class Budget:
         return self.seconds is None or self.clock() - self._begun + seconds <= self.seconds
 
 
+def settled(obj: ObjectJobs, store: Store) -> dict[str, Result]:
+    """Return the results of an object's jobs that need not be done any more, by key.
+
+    Where its ground truth has failed, that is all of them; those that are new still have records.
+    """
+    results = store.find([job.key for job in obj.jobs])
+    truth = results.get(obj.truth.key)
+    if truth is not None and not truth.has_images:
+        return {job.key: results.get(job.key) or failed(job, truth.reason) for job in obj.jobs}
+    return results
+
+
+@dataclass
+class _UnderWay:
+    """An object whose jobs are being done, and those that have not ended, by key."""
+
+    jobs: ObjectJobs
+    open: dict[str, Job]
+    has_truth: bool
+    truth_sent: bool = False
+
+    @property
+    def share(self) -> float:
+        """Return the part of the jobs that is open."""
+        return len(self.open) / len(self.jobs.jobs)
+
+
 class Schedule:
     """The jobs of a run in the order of their start, and how far the run has come.
 
@@ -141,10 +168,9 @@ class Schedule:
 
     Attributes
     ----------
-    complete : list of str
-        Names of the objects whose jobs have all ended.
-    scored : int
-        Complete objects that have a ground truth.
+    plan : Plan
+    complete : dict
+        The objects whose jobs have all ended, by name: whether they have a ground truth.
     total, left : int
         Jobs of the run, and jobs to be done, if there were no budget.
     failures : int
@@ -158,40 +184,41 @@ class Schedule:
     """
 
     def __init__(
-        self,
-        planned: Plan,
-        store: Store,
-        budget: Budget,
-        ahead: int = 1,
+        self, planned: Plan, store: Store, budget: Budget, order: Sequence[str], ahead: int = 1
     ) -> None:
-        """Note what the store has of the plan, whose objects are in the order of their start.
+        """Note what the store has of the plan.
 
-        `ahead` is how many objects have their ground truths drawn before their jobs are due: those
-        that idle workers could begin.
+        `order` has the names of its objects in the order of their start, `ahead` is how many
+        objects have their ground truths drawn before their jobs are due: those that idle workers
+        could begin.
         """
-        self._ahead = ahead
-        self._plan, self._store, self._budget = planned, store, budget
+        self.plan, self._store, self._budget = planned, store, budget
+        self._order, self._ahead = order, ahead
         self._under_way: dict[str, _UnderWay] = {}
-        self._object_of: dict[str, str] = {}  # by the keys of the open jobs
-        self.complete: list[str] = []
-        self._complete: set[str] = set()
-        self.scored = self.failures = 0
+        self._object_of: dict[str, _UnderWay] = {}  # by the keys of the open jobs
+        self.complete: dict[str, bool] = {}
+        self.failures = 0
         self.undrawn = ""
         self.working: set[str] = set()
         self.timing = NOTHING
-        self.total = self.left = planned.job_count
-        if not store.is_empty:
-            for obj in self._plan:
-                self._recall(obj)
+        self.total = self.left = len(planned) * planned.jobs_per_object
+        for obj in () if store.is_empty else map(planned.jobs_of, order):
+            results = settled(obj, store)
+            self._note(obj, results)
+            if len(results) == len(obj.jobs):
+                self.complete[obj.name] = results[obj.truth.key].has_images
+
+    @property
+    def scored(self) -> int:
+        """Return how many complete objects have a ground truth."""
+        return sum(self.complete.values())
 
     def jobs(self) -> Iterator[Job | None]:
         """Yield the jobs to be done; None where the next job waits for a ground truth.
 
         They end where the budget does not allow another object. The first object is always begun.
         """
-        rest = (
-            self._plan[i] for i, name in enumerate(self._plan.names) if name not in self._complete
-        )
+        rest = (self.plan.jobs_of(name) for name in self._order if name not in self.complete)
         coming = deque(islice(rest, 1))
         begun: list[str] = []
         while coming:
@@ -204,16 +231,15 @@ class Schedule:
             begun.append(obj.name)
             coming.extend(islice(rest, self._ahead - len(coming)))
             # Ground truths are drawn ahead: nothing waits for one but at the start.
-            state = self._begin(obj)
-            for some in (state, *map(self._begin, coming)):
-                if not some.truth_sent and some.truth_key in some.open:
-                    some.truth_sent = True
-                    yield some.open[some.truth_key]
-            while state.truth_key in state.open:
+            states = [self._begin(some) for some in (obj, *coming)]
+            for state in states:
+                if not state.truth_sent and state.jobs.truth.key in state.open:
+                    state.truth_sent = True
+                    yield state.jobs.truth
+            is_open = states[0].open
+            while obj.truth.key in is_open:
                 yield None
-            for job in obj.jobs:
-                if job.key in state.open:
-                    yield job
+            yield from [job for job in obj.jobs if job.key in is_open]
 
     def left_s(self) -> float | None:
         """Return the seconds until what is under way is to be stopped; None without a budget."""
@@ -222,90 +248,43 @@ class Schedule:
     def take(self, result: Result) -> bool:
         """Note the result of a job, and return whether its object is complete by it."""
         self.timing += result.timing
-        state = self._under_way[self._object_of.pop(result.key)]
-        self._note(state.open.pop(result.key), result)
-        if result.key == state.truth_key and not result.has_images:
-            self._fail(state.open.values(), result.reason)
-            for key in state.open:
-                del self._object_of[key]
-            state.open.clear()
-        state.has_truth |= result.key == state.truth_key and result.has_images
-        complete = not state.open
-        if complete:
-            del self._under_way[state.name]
-            self._complete_object(state.name, state.has_truth)
-        self._budget.note(complete)
-        return complete
-
-    def _recall(self, obj: ObjectJobs) -> None:
-        """Note the results of an object from earlier starts."""
-        done = self._store.find([job.key for job in obj.jobs])
-        for job in obj.jobs:
-            if job.key in done:
-                self._note(job, done[job.key])
-        truth = done.get(obj.truth.key)
-        if truth is not None and not truth.has_images:
-            self._fail((job for job in obj.jobs if job.key not in done), truth.reason)
-        elif len(done) < len(obj.jobs):
-            return
-        self._complete_object(obj.name, truth is not None and truth.has_images)
+        state = self._object_of.pop(result.key)
+        obj, ended = state.jobs, {result.key: result}
+        if result.key == obj.truth.key:
+            state.has_truth = result.has_images
+            if not result.has_images:
+                ended |= {k: failed(job, result.reason) for k, job in state.open.items()} | ended
+        self._note(obj, ended)
+        for key in ended:
+            del state.open[key]
+            self._object_of.pop(key, None)
+        if not state.open:
+            del self._under_way[obj.name]
+            self.complete[obj.name] = state.has_truth
+        self._budget.note(not state.open)
+        return not state.open
 
     def _begin(self, obj: ObjectJobs) -> _UnderWay:
         if obj.name not in self._under_way:
             done = self._store.find([job.key for job in obj.jobs])
             jobs = {job.key: job for job in obj.jobs if job.key not in done}
-            has_truth = obj.truth.key in done  # a failed one would have completed the object
-            state = _UnderWay(obj.name, obj.truth.key, jobs, len(obj.jobs), has_truth)
+            # A ground truth that has failed would have completed the object.
+            state = _UnderWay(obj, jobs, obj.truth.key in done)
             self._under_way[obj.name] = state
-            self._object_of |= dict.fromkeys(jobs, obj.name)
+            self._object_of |= dict.fromkeys(jobs, state)
         return self._under_way[obj.name]
 
-    def _note(self, job: Job, result: Result) -> None:
-        self.left -= 1
-        if result.has_images:
-            self.working.add(job.method)
-            return
-        self.failures += 1
-        if job.method == GROUND_TRUTH:
-            self.undrawn = self.undrawn or result.reason
-
-    def _fail(self, jobs: Iterable[Job], reason: str) -> None:
-        """Store that jobs have failed for want of a ground truth."""
-        for job in jobs:
-            result = failed(job, reason)
-            self._store.append(result)
-            self._note(job, result)
-
-    def _complete_object(self, name: str, scored: bool) -> None:
-        self.complete.append(name)
-        self._complete.add(name)
-        self.scored += scored
-
-
-@dataclass
-class _UnderWay:
-    """An object whose jobs are being done.
-
-    Attributes
-    ----------
-    open : dict
-        The jobs that have not ended, by key.
-    total : int
-        Number of its jobs.
-    has_truth : bool
-        Whether its ground truth is drawn.
-    truth_sent : bool
-        Whether the job of its ground truth has been handed out.
-    """
-
-    name: str
-    truth_key: str
-    open: dict[str, Job]
-    total: int
-    has_truth: bool
-    truth_sent: bool = False
-
-    @property
-    def share(self) -> float:
-        """Return the part of the jobs that is open."""
-        return len(self.open) / self.total
+    def _note(self, obj: ObjectJobs, results: Mapping[str, Result]) -> None:
+        """Count results, and store those of jobs that have failed for want of a ground truth."""
+        for job in obj.jobs:
+            if (result := results.get(job.key)) is None:
+                continue
+            self.left -= 1
+            if result.has_images:
+                self.working.add(job.method)
+                continue
+            self.failures += 1
+            if job.method == GROUND_TRUTH:
+                self.undrawn = self.undrawn or result.reason
+            if result.records:
+                self._store.append(result)

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 from bench.catalogue.methods import find_method, objectives
 from bench.catalogue.suites import Procedure
+from bench.records.run_folder import MANIFEST, read_manifest
 from bench.records.store import Store
 from bench.report.figure import FIGURES, save
-from bench.running.extension import with_methods_there
-from bench.running.options import Options, refuse, refuse_absent_gpu, refuse_counts
-from bench.running.protocol import manifest_of
+from bench.running.options import Options, refuse, refuse_values
+from bench.running.protocol import joined, manifest_of, methods_there, tell_kept
 from bench.running.run import open_run
 from bench.tables.table import Table, write_tables
 
@@ -105,9 +105,16 @@ def methods_of(
         **meaningless,
     }
     refuse(suite.id, [(name, given[name], why) for name, why in meaningless.items()])
-    refuse_counts(options)
-    refuse_absent_gpu(options)
+    refuse_values(options)
     methods = tuple(dict.fromkeys(options.methods or suite.methods))
     for method in methods:
         find_method(method)
-    return with_methods_there(options, suite.id, methods, suite.methods)
+    directory = options.directory
+    if options.fresh or not (directory / MANIFEST).is_file():
+        return methods
+    before = read_manifest(directory)
+    if before["suite"] != suite.id:  # which is refused before anything is written
+        return methods
+    beside = methods_there(directory, options.device, before, methods)
+    tell_kept(directory, {"methods": len(beside)})
+    return joined(methods, before["methods"], suite.methods)

@@ -51,7 +51,7 @@ from bench.records.run_folder import open_folder, read_manifest, read_store
 from bench.records.store import STORE, Store
 from bench.running.environment import environment
 from bench.running.options import Options
-from bench.running.run import WrittenRun, run
+from bench.running.run import run
 from bench.running.work import run_job
 from bench.tables.build import Outputs, write_outputs
 from data_prep.failures import BadInput
@@ -179,9 +179,9 @@ def failing(writes: Writes) -> Iterator[None]:
         yield
 
 
-def publish(measured: WrittenRun) -> Outputs:
+def publish(directory: Path, seconds: dict[str, float]) -> Outputs:
     """Write the tables."""
-    return write_outputs(scored_run(measured.directory, read_manifest(measured.directory)))
+    return write_outputs(scored_run(directory, read_manifest(directory)))
 
 
 def run_once(out: Path, writes: Writes, done: Any) -> None:

@@ -17,7 +17,7 @@ from bench.records.job import Result
 from bench.records.run_folder import open_folder, read_manifest
 from bench.running.isolation import library_threads
 from bench.running.plan import plan
-from bench.running.protocol import stored_protocol
+from bench.running.protocol import Protocol
 from bench.running.work import run_job
 
 from ..builders import damage_images, read_all, refusal, write_all
@@ -201,8 +201,7 @@ def test_other_weights_are_named(copied, again, capsys):
 def test_every_job_is_as_probable(finished):
     """3 of 9 jobs in 900 draws: each 300 times, with a standard deviation of 14.1."""
     manifest = read_manifest(finished[0])
-    objects = [tuple(name.split("/")) for name in manifest["objects"]]
-    planned = plan(stored_protocol(manifest, objects, ["splat", "blank"], manifest["conditions"]))
+    planned = plan(Protocol.from_manifest(manifest, ["splat", "blank"]))
     assert planned.jobs_per_object == 4
     drawn = Counter(
         job.key for seed in range(900) for _, jobs in draw_jobs(planned, 0.3, seed) for job in jobs

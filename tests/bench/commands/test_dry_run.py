@@ -11,15 +11,13 @@ from harness_objects import Tetrahedron
 
 from bench.catalogue import chosen
 from bench.catalogue.chosen import MeasuredMethod
-from bench.catalogue.lookup import find
-from bench.catalogue.suites import SUITES
 from bench.records.job import failed
 from bench.records.record import GROUND_TRUTH
 from bench.records.run_folder import open_folder, read_store, write_manifest
 from bench.records.store import STORE
 from bench.running.options import Options
 from bench.running.plan import plan
-from bench.running.protocol import describe, protocol_of
+from bench.running.protocol import Protocol
 from bench.running.run import RunStatus, run_status
 
 from ..builders import SUITE, make_protocol
@@ -114,14 +112,12 @@ def test_dry_run_refuses_a_folder_of_another_run(copied, command, arguments):
 
 
 def test_jobs_of_an_object_that_cannot_be_drawn_are_done(tmp_path, no_machine):
-    suite = find(SUITE, SUITES, "suite")
     options = Options(SUITE, methods=("blank",), conditions=("2048",), limit=3, out=tmp_path)
-    protocol, _ = protocol_of(suite, options)
+    protocol = Protocol.from_options(options)
     with open_folder(tmp_path) as store:
         store.append(failed(plan(protocol)[1].truth, "input: no such shape"))
-    write_manifest(tmp_path, describe(protocol, 1, {}))
-    left = run_status(options, protocol).left
-    assert left == {GROUND_TRUTH: 2, "blank": 2}
+    write_manifest(tmp_path, protocol.to_manifest(1))
+    assert run_status(options).left == {GROUND_TRUTH: 2, "blank": 2}
 
 
 def make_status(tmp_path, left, workers=2, stored_b=0) -> RunStatus:
@@ -131,7 +127,7 @@ def make_status(tmp_path, left, workers=2, stored_b=0) -> RunStatus:
         objects=tuple(Tetrahedron(str(number)) for number in range(8)),
         views=20,
     )
-    return RunStatus(protocol, tmp_path, plan(protocol), left, workers, stored_b)
+    return RunStatus(tmp_path, plan(protocol), left, workers, stored_b)
 
 
 def test_time_and_disk_of_the_jobs_left(tmp_path):

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import pytest
-from harness_objects import Tetrahedron
 
 from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
 from bench.commands.live import LiveTable
-from bench.running.plan import ObjectJobs
 
-from ..builders import make_record, make_truth
+from ..builders import make_record
 
 SUITE = find("chair-robustness", SUITES, "suite")
 SCORES = {"splat-net": 0.9, "alpha-wrap": 0.5, "blank": 0.2}
@@ -20,26 +18,22 @@ ORDER = [f"chair/o{i:02d}" for i in range(40)]
 class Part:
     """A part of a run (`bench.running.run.PartialRun`) whose lpips was not measured."""
 
-    planned = ORDER
+    names = ORDER
 
     def __init__(self, directory, objects):
         self.directory, self.plan = directory, self
-        self.names = list(objects)
         self.manifest = {
             "suite": SUITE.id,
             "methods": list(SCORES),
             "conditions": ["2048"],
-            "objects": self.names,
+            "objects": list(objects),
             "planned": len(ORDER),
             "protocol": 2,
             "skipped_metrics": {"fd-alexnet": "skipped: no weights"},
         }
 
-    def select(self, names):
-        return [ObjectJobs(make_truth(Tetrahedron(name.partition("/")[2])), ()) for name in names]
-
-    def read_records(self, obj):
-        name = obj.name.partition("/")[2]
+    def read_records(self, name):
+        name = name.partition("/")[2]
         return [
             make_record(method, obj=name, ssim_object=score, lpips=None)
             for method, score in SCORES.items()

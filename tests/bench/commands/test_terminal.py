@@ -26,7 +26,7 @@ def table(objects):
 
 
 def snapshot(objects):
-    return lambda: PartialRun(Path("run"), {"objects": ["a"] * objects}, [], list, [])
+    return lambda: PartialRun(Path("run"), {"objects": ["a"] * objects}, [], list)
 
 
 def test_elsewhere_one_line_names_the_file(clock, capsys):

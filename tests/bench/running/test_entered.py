@@ -19,13 +19,12 @@ import pytest
 from PIL import Image
 
 from baselines.splat import Splat
-from bench.catalogue.suites import SUITES
 from bench.commands.config import read_config
 from bench.records.record import GROUND_TRUTH
 from bench.running.export import export
 from bench.running.options import Options
 from bench.running.plan import ObjectJobs, plan
-from bench.running.protocol import protocol_of
+from bench.running.protocol import Protocol
 from bench.running.work import run_job
 from data_prep.datasets.exported import checksum_of
 from data_prep.files.clouds import load_points
@@ -83,7 +82,7 @@ def tree(exported, tmp_path) -> Path:
 
 def jobs_of(exported: Path, *methods: str, conditions=("2048", "512")) -> list[ObjectJobs]:
     options = Options("chair-robustness", f"exported:{exported}", methods, conditions, views=2)
-    return [*plan(protocol_of(SUITES[0], options)[0])]
+    return [*plan(Protocol.from_options(options))]
 
 
 def keys_of(exported: Path, tree: Path) -> dict[str, str]:
@@ -146,7 +145,7 @@ def test_only_such_a_method_gets_to_know_which_cloud_it_is(no_machine, exported)
 
 def problem(*methods: str, dataset: str) -> str:
     options = Options("chair-robustness", dataset, methods, ("512",), limit=1, views=2)
-    return refusal(lambda: plan(protocol_of(SUITES[0], options)[0]))
+    return refusal(lambda: plan(Protocol.from_options(options)))
 
 
 def test_a_run_that_cannot_use_a_tree_is_refused(no_machine, exported, tree, tmp_path):

@@ -17,7 +17,7 @@ from bench.commands.publish import run_suite
 from bench.running.export import export
 from bench.running.options import Options
 from bench.running.plan import plan
-from bench.running.protocol import protocol_of
+from bench.running.protocol import Protocol
 from bench.running.work import cloud_under, rng_of
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from data_prep.datasets.registry import open_dataset
@@ -49,7 +49,7 @@ def jobs(no_machine):
 
     def of(dataset):
         options = Options("chair-robustness", dataset, ("blank",), ("2048", "512"), 2, views=3)
-        return plan(protocol_of(SUITES[0], options)[0])
+        return plan(Protocol.from_options(options))
 
     return of
 
@@ -91,7 +91,7 @@ def test_the_seed_is_that_of_the_export(no_machine, tmp_path, command):
     def jobs(dataset, seed=None):
         cells = {"methods": ("splat",), "conditions": ("2048", "512", "noise-0.05")}
         options = Options("chair-robustness", dataset, **cells, limit=1, views=2, seed=seed)
-        protocol, _ = protocol_of(SUITES[0], options)
+        protocol = Protocol.from_options(options)
         return protocol, [*plan(protocol).method_jobs]
 
     (source, ours), (protocol, theirs) = jobs("procedural", 5), jobs(f"exported:{tree}")
@@ -125,7 +125,7 @@ def test_a_grey_suite_reads_its_own_export(no_machine, tmp_path, exported):
 
     def jobs(dataset):
         options = Options(suite.id, dataset, ("splat",), ("2048", "512"), 1, views=2, truth="grey")
-        return plan(protocol_of(suite, options)[0])[0]
+        return plan(Protocol.from_options(options))[0]
 
     ours, theirs = jobs("procedural"), jobs(f"exported:{tree}")
     images = [obj.truth.object.truth(obj.truth.views) for obj in (ours, theirs)]

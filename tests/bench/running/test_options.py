@@ -4,13 +4,13 @@ import pytest
 import torch
 
 from bench.catalogue.metrics import metrics_device
-from bench.running.options import Options, device_of, refuse_absent_gpu
+from bench.running.options import Options, device_of, refuse_values
 from data_prep.failures import BadInput
 
 
 def refuses(**options) -> bool:
     try:
-        refuse_absent_gpu(Options("chair-robustness", **options))
+        refuse_values(Options("chair-robustness", **options))
     except BadInput:
         return True
     return False

@@ -16,12 +16,11 @@ from bench.catalogue.conditions import (
     load_condition,
 )
 from bench.catalogue.plugins import plugin_problems
-from bench.catalogue.suites import SUITES
 from bench.records.run_folder import CONDITION_IDENTITIES, read_manifest
 from bench.running.export import export
 from bench.running.options import Options
 from bench.running.plan import plan
-from bench.running.protocol import describe, protocol_of
+from bench.running.protocol import Protocol
 from bench.running.work import cloud_of, run_job
 from data_prep.clouds.conditions import CONDITIONS, Condition
 from data_prep.failures import BadInput, MissingDependency
@@ -151,8 +150,8 @@ def test_the_manifest_has_the_keys_of_conditions_of_packages_alone(package, no_m
         (("2048", "good"), {"good": find_condition("good").key}),
         (("2048",), None),
     ):
-        protocol, _ = protocol_of(SUITES[0], replace(options, conditions=conditions))
-        assert describe(protocol, 1, {}).get(CONDITION_IDENTITIES) == entry
+        protocol = Protocol.from_options(replace(options, conditions=conditions))
+        assert protocol.to_manifest(1).get(CONDITION_IDENTITIES) == entry
 
 
 def test_an_export_has_it_and_names_one_that_breaks(package, no_machine, tmp_path):

@@ -18,7 +18,7 @@ from bench.records.artifacts import unpack_images
 from bench.records.record import GROUND_TRUTH, SCHEMA_VERSION
 from bench.running.options import Options
 from bench.running.plan import SCORES_VERSION, plan
-from bench.running.protocol import find_methods, method_identity, protocol_of, with_floor
+from bench.running.protocol import Protocol, find_methods, method_identity, with_floor
 from bench.running.work import cloud_of, run_job
 from data_prep.clouds.conditions import CONDITIONS, GaussianNoise
 from data_prep.datasets.registry import PROCEDURAL_VERSION, PaperObject, ProceduralObject
@@ -230,9 +230,11 @@ def test_a_suite_in_grey_needs_meshes(tmp_path):
         plan(make_protocol(suite=chosen, objects=(obj,)))
 
 
-def test_the_option_leaves_out_methods_that_make_up_colours_unless_they_are_asked_for(capfd):
-    options = Options("chair-robustness", limit=1, truth="grey")
-    protocol, _ = protocol_of(SUITES[0], options, dict)
+def test_the_option_leaves_out_methods_that_make_up_colours_unless_they_are_asked_for(
+    tmp_path, capfd
+):
+    options = Options("chair-robustness", limit=1, truth="grey", out=tmp_path / "a")
+    protocol = Protocol.from_options(options, dict)
     assert {find_method(m).color for m in protocol.methods if m != "constant"} == {"none", "true"}
     assert {"occupancy-net", "splat-net@grey", "fused-net@grey"} <= protocol.methods.keys()
     assert capfd.readouterr().err == (
@@ -241,11 +243,11 @@ def test_the_option_leaves_out_methods_that_make_up_colours_unless_they_are_aske
         "splat-net@grey, fused-net@grey: give --methods for others\n"
     )
     asked = replace(options, methods=("splat-net@chair", "true-mesh@grey"))
-    protocol, _ = protocol_of(SUITES[0], asked, dict)
+    protocol = Protocol.from_options(asked, dict)
     assert tuple(protocol.methods) == ("splat-net@chair", "true-mesh@grey", "blank")
     assert capfd.readouterr().err == ""
     classes = find("thirteen-classes", SUITES, "suite")
-    protocol_of(classes, Options(classes.id, limit=1, truth="grey"), dict)
+    Protocol.from_options(Options(classes.id, limit=1, truth="grey", out=tmp_path / "b"), dict)
     assert capfd.readouterr().err.endswith(
         ": give --methods for them, or for networks in grey like fused-net@grey\n"
     )
@@ -255,8 +257,10 @@ def test_the_device_is_in_the_key_of_every_job():
     """Also of a ground truth, which no method draws but the extractors see."""
     planned = {}
     for device in ("cpu", "cuda"):  # on nodes of a cluster: this machine may have no GPU
-        options = Options("chair-robustness", limit=1, device=device, ray="10.0.0.1:6379")
-        protocol, _ = protocol_of(SUITES[0], options, dict)
+        options = Options(
+            "chair-robustness", limit=1, device=device, ray="10.0.0.1:6379", fresh=True
+        )
+        protocol = Protocol.from_options(options, dict)
         marked = {identity.endswith(" cuda") for identity in protocol.feature_identity.values()}
         assert marked == {device == "cuda"}
         planned[device] = {job.key for job in plan(protocol).jobs}

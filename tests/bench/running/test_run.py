@@ -21,6 +21,7 @@ import pytest
 from PIL import Image
 
 import bench.catalogue.suites
+import bench.running.protocol
 import bench.running.run
 from bench.analysis.scored import read_scored
 from bench.catalogue.suites import SUITES
@@ -31,7 +32,7 @@ from bench.records.run_folder import read_manifest, read_store
 from bench.records.store import STORE
 from bench.records.stored_artifacts import read_jobs
 from bench.running.options import Options, Shard
-from bench.running.protocol import protocol_of
+from bench.running.protocol import Protocol
 from bench.running.run import run, run_status
 from bench.running.schedule import Budget
 from bench.tables.build import tables
@@ -237,7 +238,7 @@ def test_killed_three_times(finished, arguments, tmp_path):
 def no_networks(monkeypatch):
     """Without set metrics, workers need no torch and start in a second."""
     suites = [replace(SUITES[0], set_metrics=(), control_metrics=())]
-    monkeypatch.setattr(bench.running.run, "SUITES", suites)
+    monkeypatch.setattr(bench.running.protocol, "SUITES", suites)
     monkeypatch.setattr(bench.catalogue.suites, "SUITES", suites)
 
 
@@ -394,15 +395,11 @@ class Counting(Terminal):
 
 def counted_run(options):
     """Run, and assert that dry run, progress and summary count the same jobs."""
-    protocol, _ = protocol_of(bench.running.run.SUITES[0], options)
-    status = run_status(options, protocol)
-    to_do = sum(status.left.values())
+    status = run_status(options)
+    to_do = status.jobs
     counts = {"total": 0, "ended": 0}
     done = run(options, publish, **watched(Counting, counts))
-    assert (done.done, done.reused) == (
-        to_do,
-        status.plan.job_count - to_do,
-    )
+    assert (done.done, done.reused) == (to_do, status.done)
     assert (counts["total"], counts["ended"]) == (to_do, to_do)
     assert counts.get("failed", done.failed) == done.failed
     return done
@@ -466,12 +463,12 @@ def test_a_machine_without_opengl(tmp_path):
 
     options = Options("chair-robustness", methods=("blank",), out=tmp_path / "run")
     with pytest.raises(BadInput, match="no OpenGL context: install libegl1"):
-        protocol_of(SUITES[0], options, environment)
+        Protocol.from_options(options, environment)
     assert not (tmp_path / "run").exists()
 
 
 def test_defaults_are_those_of_the_suite():
-    protocol, skipped = protocol_of(SUITES[0], Options("chair-robustness"), dict)
+    protocol = Protocol.from_options(Options("chair-robustness", fresh=True), dict)
     assert tuple(protocol.methods) == (
         *("surface-apss", "alpha-wrap", "denoised-wrap", "pc2pix", "pc2pix@acgan"),
         *("splat-net", "splat-net@chair", "fused-net"),
@@ -480,7 +477,7 @@ def test_defaults_are_those_of_the_suite():
     assert protocol.conditions == ("2048", "1024", "512", "noise-0.05", "noise-0.10")
     assert (protocol.views, protocol.seed, len(protocol.objects)) == (20, 0, 24)
     assert "fd-views" in dict(protocol.features)
-    assert set(skipped) <= {"fid", "judge"}
+    assert set(protocol.skipped) <= {"fid", "judge"}
 
 
 def test_default_folder(tmp_path, monkeypatch):

@@ -66,7 +66,7 @@ def test_going_on_with_it_does_no_job(stored, monkeypatch):
     )
     before = stored_keys(stored)
     assert len(before) == 2 * (1 + 4 * 4 + 2)  # true-mesh and blank see no cloud
-    result = run(options, publish=lambda written: None, **watched())
+    result = run(options, publish=lambda directory, seconds: None, **watched())
     assert (result.done, result.reused) == (0, len(before))
     assert stored_keys(stored) == before
 

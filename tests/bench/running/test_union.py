@@ -2,27 +2,21 @@
 
 from __future__ import annotations
 
-import sqlite3
 import sys
-from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from bench.catalogue.method import ALLOWED, allow_modules, module_method, source_sha256
-from bench.catalogue.suites import SUITES
 from bench.commands.add import options_of
 from bench.commands.publish import merge_shards, publish, run_suite
 from bench.commands.terminal import Terminal
 from bench.records.parquet import read_records
-from bench.records.run_folder import read_manifest, read_store, write_manifest
-from bench.records.store import STORE
-from bench.running.executors import executor_factory
-from bench.running.extension import is_complete, join, joined
+from bench.records.run_folder import read_manifest, write_manifest
+from bench.running.executors import executors_for
 from bench.running.options import Options, Shard
-from bench.running.plan import plan
-from bench.running.protocol import protocol_of
+from bench.running.protocol import Protocol, joined
 from bench.running.run import open_run, run
 from bench.suites.procedure import methods_of
 from bench.suites.stability.run import STABILITY
@@ -42,14 +36,9 @@ def outputs(directory: Path) -> list[dict[str, bytes]]:
 
 
 def asked(out: Path, **changes):
-    """What a command of no machine asks for, and the same joined with what its folder has."""
+    """The protocol of a command of no machine, with what its folder has."""
     options = Options("chair-robustness", out=out, **{"limit": 1, "views": 2} | changes)
-    protocol, _ = protocol_of(SUITES[0], options)
-    return protocol, *join(options, protocol)
-
-
-def names(protocol):
-    return [f"{obj.class_name}/{obj.object_id}" for obj in protocol.objects]
+    return Protocol.from_options(options)
 
 
 def test_asking_for_less_computes_nothing_and_removes_nothing(
@@ -140,19 +129,18 @@ def test_objects_are_joined_in_the_order_of_the_dataset(tmp_path, no_machine):
     """Of a run that was stopped the complete objects need not be the first ones."""
     some = ["chair/test-0000", "chair/test-0003"]
     write_manifest(tmp_path, make_manifest(device="auto", objects=some, planned=5))
-    _, wide, kept = asked(tmp_path, methods=("splat",), limit=2)
-    assert names(wide) == ["chair/test-0000", "chair/test-0001", "chair/test-0003"]
-    assert kept.objects == {*some}
+    wide = asked(tmp_path, methods=("splat",), limit=2)
+    assert wide.names == ["chair/test-0000", "chair/test-0001", "chair/test-0003"]
+    assert wide.shown == {*some}
     assert tuple(wide.methods) == ("splat", "true-mesh", "blank")
     assert wide.conditions == ("2048", "1024", "512", "noise-0.05", "noise-0.10")
 
 
-def test_of_a_run_that_was_killed_before_an_object_was_complete_nothing_is_kept(
-    tmp_path, no_machine
-):
+def test_of_a_run_that_was_killed_before_it_had_tables_nothing_is_kept(tmp_path, no_machine):
     write_manifest(tmp_path, make_manifest(device="auto", finished=None))
-    protocol, wide, kept = asked(tmp_path, methods=("splat",))
-    assert (wide, kept) == (protocol, None)
+    protocol = asked(tmp_path, methods=("splat",))
+    assert (tuple(protocol.methods), len(protocol.objects)) == (("splat", "blank"), 1)
+    assert protocol.shown == frozenset()
 
 
 def test_a_run_that_was_killed_while_its_tables_were_made_is_kept(
@@ -160,15 +148,15 @@ def test_a_run_that_was_killed_while_its_tables_were_made_is_kept(
 ):
     write_manifest(copied, read_manifest(copied) | {"finished": None})
     options = finished_options(tiny_weights, copied, methods=("splat",), limit=1)
-    wide, kept = join(options, protocol_of(SUITES[0], options)[0])
-    assert kept.objects == {f"chair/test-000{i}" for i in range(3)}
+    wide = Protocol.from_options(options)
+    assert wide.shown == {f"chair/test-000{i}" for i in range(3)}
     assert (len(wide.methods), len(wide.objects)) == (4, 3)
 
 
 def test_fresh_keeps_nothing(tmp_path, no_machine):
     write_manifest(tmp_path, make_manifest(device="auto"))
-    protocol, wide, kept = asked(tmp_path, methods=("splat",), fresh=True)
-    assert (wide, kept) == (protocol, None)
+    protocol = asked(tmp_path, methods=("splat",), fresh=True)
+    assert (tuple(protocol.methods), protocol.shown) == (("splat", "blank"), frozenset())
 
 
 def test_a_shard_of_other_objects_is_refused(tmp_path, no_machine):
@@ -176,8 +164,8 @@ def test_a_shard_of_other_objects_is_refused(tmp_path, no_machine):
     write_manifest(tmp_path, here)
     with pytest.raises(BadInput, match=r"shard 1/2 there has other objects; give its --limit"):
         asked(tmp_path, limit=2, shard=Shard(1, 2))
-    _, wide, _ = asked(tmp_path, limit=5, shard=Shard(1, 2))
-    assert names(wide) == [f"chair/test-000{i}" for i in (0, 2, 4)]
+    wide = asked(tmp_path, limit=5, shard=Shard(1, 2))
+    assert wide.names == [f"chair/test-000{i}" for i in (0, 2, 4)]
 
 
 def test_suites_of_their_own_keep_their_methods(tmp_path, capsys):
@@ -234,7 +222,7 @@ def test_a_suite_with_a_procedure_of_its_own_does_not_narrow_a_run(tmp_path):
 
 def measure(options):
     """Carry out a run without its tables, figures and report, which take most of the time."""
-    return run(options, lambda written: written, **watched())
+    return run(options, lambda directory, seconds: directory, **watched())
 
 
 GREY = """import numpy as np
@@ -327,18 +315,9 @@ def test_a_method_is_added_on_the_objects_that_a_stopped_run_has(copied, same_ma
 
 
 def test_methods_of_modules_do_not_go_to_other_nodes(no_machine):
-    protocol = replace(asked(Path("new"))[0], methods={"mine:METHOD": None})
+    protocol = replace(asked(Path("new")), methods={"mine:METHOD": None})
     with (
         pytest.raises(BadInput, match="--ray: mine:METHOD is of a module of this machine; install"),
-        executor_factory(Options("chair-robustness", ray="local"), protocol),
+        executors_for(protocol, Options("chair-robustness", ray="local")),
     ):
         pytest.fail("a cluster was asked")
-
-
-def test_an_object_is_complete_when_all_its_jobs_are_finished(copied, same_machine, tiny_weights):
-    protocol, _ = protocol_of(SUITES[0], finished_options(tiny_weights, copied))
-    first, second, _ = plan(protocol)
-    with closing(sqlite3.connect(copied / STORE)) as database, database:
-        database.execute("DELETE FROM jobs WHERE key = ?", [first.jobs[-1].key])
-    with read_store(copied) as store:
-        assert (is_complete(first, store), is_complete(second, store)) == (False, True)
