@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
@@ -20,15 +20,22 @@ def log(line: str) -> None:
 
 
 @contextmanager
-def progress(title: str, total: int, *, quiet: bool = False) -> Iterator[Callable[[int], None]]:
+def progress(
+    title: str,
+    total: int,
+    *,
+    quiet: bool = False,
+    above: Callable[[], Sequence[str]] | None = None,
+) -> Iterator[Callable[[int], None]]:
     """Yield a function to be called after each piece with the number of failed pieces so far.
 
-    `quiet` shows nothing: only one of several processes that work together reports.
+    `quiet` shows nothing: only one of several processes that work together reports. `above` returns
+    lines that stand above a bar in a terminal; both are gone at the end.
     """
     if quiet:
         yield lambda failed: None
     elif is_live():
-        with bars() as shown:
+        with _bars(above) as shown:
             task = shown.add_task(title, total=total, failed=0)
             yield lambda failed: shown.update(task, advance=1, failed=failed)
     else:
@@ -45,9 +52,9 @@ def is_live() -> bool:
     return console.is_terminal and not console.is_dumb_terminal
 
 
-def bars() -> Progress:
+def _bars(above: Callable[[], Sequence[str]] | None) -> Progress:
     """Return bars on stderr with a column for the field `failed` of a task."""
-    from rich.console import Console
+    from rich.console import Console, RenderableType
     from rich.progress import (
         BarColumn,
         MofNCompleteColumn,
@@ -56,8 +63,15 @@ def bars() -> Progress:
         TimeElapsedColumn,
         TimeRemainingColumn,
     )
+    from rich.text import Text
 
-    return Progress(
+    class Bars(Progress):
+        def get_renderables(self) -> Iterator[RenderableType]:
+            if above is not None and (lines := above()):
+                yield Text("\n".join(lines) + "\n", no_wrap=True)
+            yield from super().get_renderables()
+
+    return Bars(
         TextColumn("{task.description}"),
         BarColumn(),
         MofNCompleteColumn(),
@@ -66,6 +80,7 @@ def bars() -> Progress:
         TextColumn("left"),
         TimeRemainingColumn(),
         console=Console(stderr=True),
+        transient=above is not None,
     )
 
 

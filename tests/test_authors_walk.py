@@ -70,7 +70,7 @@ def test_the_walk_of_the_page_ends_with_a_verdict(tmp_path, monkeypatch):
     assert any(line.startswith("my_method:METHOD  ") for line in lines)  # its values
     titles = [line for line in lines if " against " in line and "scored" not in line]
     assert titles[1:] == [
-        f"my-method against {baseline}, 2 chairs, paired by chair"
+        f"my-method against {baseline} on 2 objects (chair), paired"
         for baseline in ("splat-net", "best-reconstruction")
     ]
     assert "the best there by ssim-object and lpips: splat-net" in lines

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from bench.analysis.comparison import (
@@ -41,20 +42,22 @@ from data_prep.failures import BadInput
 
 SAME_TRUTH = 0.005  # of that ssim: graphics drivers differ by less, objects by more
 NAMED = 3  # objects in a message
+MEASURED = ("images_of_a", "images_of_b")  # the methods whose images they are
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Differences:
     """The differences of two sides in all cells.
 
     a, b     names of the two sides: methods of one run, or folders of two
+    cells    a row for each cell: the columns of `differences.csv`, and `MEASURED`
     remarks  what was left out, a sentence each
     truth    the truth that both sides are scored against, in words
     """
 
     a: str
     b: str
-    cells: tuple[PairedDifference, ...]
+    cells: pd.DataFrame
     remarks: tuple[str, ...]
     truth: str
 
@@ -121,7 +124,7 @@ def _two_methods(
         remarks.append(f"`{name}` is {', '.join(parts)}.")
     truth = TRUTHS[run.suite.truth]
     cells = sorted((*classes, *together), key=lambda cell: chosen.index(cell.pair.metric))
-    return Differences(a, b, tuple(cells), tuple(remarks), truth)
+    return Differences(a, b, _frame(cells), tuple(remarks), truth)
 
 
 def runs(
@@ -170,8 +173,28 @@ def runs(
         for cell in in_a
         for name in names
     ]
-    cells, truth = tuple(paired_differences(pairs)), TRUTHS[a.suite.truth]
+    cells, truth = _frame(paired_differences(pairs)), TRUTHS[a.suite.truth]
     return Differences(str(first), str(second), cells, tuple(remarks), truth)
+
+
+def _frame(cells: Sequence[PairedDifference]) -> pd.DataFrame:
+    rows = [
+        {
+            **{"metric": cell.pair.metric, "condition": cell.pair.condition},
+            **{"class": cell.pair.class_name, "run_a": cell.pair.a.run},
+            **{"method_a": cell.pair.a.method, "run_b": cell.pair.b.run},
+            **{"method_b": cell.pair.b.method, "value_a": cell.pair.quality_a.estimate.value},
+            **{"value_b": cell.pair.quality_b.estimate.value},
+            **dict(zip(("difference", "ci_low", "ci_high"), cell.difference, strict=True)),
+            **{"level": cell.level, "p": cell.p, "p_corrected": cell.p_corrected},
+            **{"cells": cell.cells, "ahead": cell.ahead, "objects": cell.pair.objects},
+            "objects_needed": None,
+            **dict(zip(MEASURED, cell.pair.methods, strict=True)),
+        }
+        for cell in cells
+    ]
+    needed = pd.Series([cell.objects_needed for cell in cells], dtype=object)
+    return pd.DataFrame(rows).assign(objects_needed=needed)
 
 
 def _of_fewer_objects(

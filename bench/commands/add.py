@@ -112,8 +112,8 @@ def _pass_test(name: str) -> None:
 def verdict_lines(directory: Path, methods: Sequence[str]) -> Iterator[str]:
     """Yield the lines of each method against the best of a run, paired object by object."""
     from bench.analysis.run_pairs import against_best
-    from bench.tables.verdict import comparison_lines
-    from bench.tables.wrap import terminal_width
+    from bench.tables.differences import comparison_lines
+    from bench.tables.terminal import terminal_width
 
     for method in methods:
         name = stated_id(method)
@@ -124,7 +124,7 @@ def verdict_lines(directory: Path, methods: Sequence[str]) -> Iterator[str]:
             if metrics:
                 yield f"the best there by {' and '.join(metrics)}: {visible(differences.a)}"
             named = replace(differences, b=name)
-            yield from comparison_lines(named, terminal_width(80), hint="")
+            yield from comparison_lines(named, terminal_width(), hint="")
             command = f"bench compare {directory} --methods {differences.a},{method} --format md"
             yield f"intervals: {command}"
     yield ""

@@ -61,10 +61,9 @@ def compare(
     from bench.analysis.run_pairs import methods_of_run, runs
     from bench.commands.publish import in_format
     from bench.report.differences import write_differences
-    from bench.tables.differences import differences_table
+    from bench.tables.differences import comparison_lines, differences_table
     from bench.tables.table import table_files
-    from bench.tables.verdict import comparison_lines
-    from bench.tables.wrap import terminal_width
+    from bench.tables.terminal import terminal_width
 
     if len(directories) > 2:
         raise BadInput(f"{len(directories)} folders: two runs are compared; give one or two")
@@ -73,7 +72,7 @@ def compare(
     else:
         first, second = directories
         differences = runs(first, second, names(methods), names(metric))
-    if not differences.cells:
+    if differences.cells.empty:
         raise BadInput(
             f"{' '.join(map(str, directories))}: no object has true images and scores on both "
             "sides, so nothing is compared; 'bench report DIR' shows what failed"
@@ -88,12 +87,12 @@ def compare(
     table = differences_table(differences)
     for name, text in table_files([table]).items():
         write_whole(folder / name, text.encode())
-    write_differences(folder / "differences", differences.cells, differences.a, differences.b)
+    write_differences(folder / "differences", differences)
     print(f"written to {folder}", file=sys.stderr)  # first: the verdict is the last line
     if format_ is None:
         format_ = ComparisonFormat.text if sys.stdout.isatty() else ComparisonFormat.md
     if format_ is ComparisonFormat.text:
-        print("\n".join(comparison_lines(differences, terminal_width(80))))
+        print("\n".join(comparison_lines(differences, terminal_width())))
     elif format_ is ComparisonFormat.md:
         print(table.to_markdown())
     else:

@@ -6,8 +6,7 @@ It answers at once: no package that is slow to import is loaded, nor a plug-in.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -22,20 +21,16 @@ from bench.catalogue.conditions import condition_ids
 from bench.catalogue.lookup import unknown
 from bench.catalogue.method import IMAGES, Method
 from bench.catalogue.methods import COST_VARIANTS, METHODS, PARAMETERS, RECOMMENDED, plugin_ids
-from bench.catalogue.metrics import (
-    CONTROL_METRICS,
-    FURTHER_METRICS,
-    IMAGE_METRICS,
-    KERNEL_METRICS,
-    METRICS,
-    RECOGNITION_METRICS,
-    SET_METRICS,
-)
+from bench.catalogue.metrics import METRICS
 from bench.catalogue.plugins import metric_ids, plugin_problem
 from bench.catalogue.suites import ALL_SUITES, ROBUSTNESS
-from bench.tables.wrap import line_width, wrapped
+from bench.tables.terminal import ANY_WIDTH, laid_out, line_width, table
 from data_prep.clouds.conditions import CONDITIONS
 from data_prep.plugins import DATASETS, entry_point_names
+
+if TYPE_CHECKING:
+    from rich.padding import Padding
+    from rich.table import Table
 
 KINDS = {  # of methods, with the heads of their sections
     "network": "networks",
@@ -43,9 +38,13 @@ KINDS = {  # of methods, with the heads of their sections
     "splat": "projections",
     "reference": "reference methods",
 }
-NAME, FACT = 25, 10  # columns of a name, of a fact about it
+METRIC_KINDS = {  # by the heads of their sections
+    "of an image": ("image",),
+    "of an image, on request": ("further",),
+    "of a set of images": ("set", "kernel"),
+    "of a judge": ("recognition", "control"),
+}
 NARROWEST_TEXT = 36  # columns: beside its name a text of fewer is hard to read
-BELOW = " " * 4
 OWN_DATASETS = (
     ("procedural", "parametric shapes, without a download (the default); test split"),
     ("procedural:validation", "parametric shapes, the split for making choices"),
@@ -59,6 +58,8 @@ OWN_DATASETS = (
     ("exported:PATH", "a folder of 'bench data export': clouds, views and true images"),
     ("paper:PATH", "clouds, 20 images of each and their cameras, as the paper's code has them"),
 )
+Entry = tuple[str, ...]  # a name, facts, a text
+Section = tuple[Sequence[str], Sequence[Entry], Sequence[str]]  # heads, entries, notes
 SECTIONS = ("suites", "methods", "variants", "conditions", "metrics", "datasets")
 
 
@@ -73,22 +74,37 @@ def list_all(
     """List suites, methods and their variants, conditions, metrics and datasets."""
     if section is not None and section not in SECTIONS:
         raise unknown(section, SECTIONS, "section", see="bench list --help")
-    width = line_width()
     for title in SECTIONS if section is None else (section,):
-        print(f"{title}:")
-        for line in section_lines(title, width):
-            print(line)
+        print("\n".join((f"{title}:", *section_lines(title, line_width()))))
 
 
-def section_lines(title: str, width: int = 0) -> Iterator[str]:
-    """Yield the lines of a section, wrapped to `width` columns; 0: a line for each entry."""
+def section_lines(title: str, width: int = ANY_WIDTH) -> list[str]:
+    """Return the lines of a section, of at most `width` columns."""
     if title == "methods":
-        yield from _methods(width, measured_methods())
+        heads, entries, notes = _methods(measured_methods())
     elif title == "metrics":
-        yield from _metrics(width)
+        heads, entries, notes = _metrics()
     else:
-        for name, about in _plain_entries(title):
-            yield from _lines(_Entry(name, about), width)
+        plain = [(f"  {name}", about) for name, about in _plain_entries(title)]
+        heads, entries, notes = ("", ""), plain, ()
+    return laid_out((*_blocks(heads, entries, width), *notes), width)
+
+
+def _blocks(
+    heads: Sequence[str], entries: Sequence[Sequence[str]], width: int
+) -> Iterator[Table | Padding | str]:
+    """Yield a table of entries, or below each name its facts and text where these have no room."""
+    *fixed, _ = zip(heads, *entries, strict=True)
+    if width >= sum(max(map(len, column)) + 2 for column in fixed) + NARROWEST_TEXT:
+        yield table(heads, entries, left=len(heads))
+        return
+    from rich.padding import Padding
+
+    for name, *facts, about in entries:
+        told = [f"{head} {fact}" for head, fact in zip(heads[1:], facts, strict=False) if fact]
+        yield name
+        if about:
+            yield Padding("; ".join((*told, about)), (0, 0, 0, 4))
 
 
 def _plain_entries(title: str) -> list[tuple[str, str]]:
@@ -106,40 +122,33 @@ def _plain_entries(title: str) -> list[tuple[str, str]]:
     return [*OWN_DATASETS, *others]
 
 
-def _methods(width: int, costs: Mapping[str, MeasuredMethod]) -> Iterator[str]:
-    """Yield the methods by kind, with what they were trained on, their colours and their cost."""
+def _methods(costs: Mapping[str, MeasuredMethod]) -> Section:
+    """Return the methods by kind, with what they were trained on, their colours and their cost."""
     conditions, methods = [c.id for c in CONDITIONS], [m.id for m in METHODS]
     chosen = sorted({*CHOSEN[BEST_RECONSTRUCTION].by_condition(conditions, methods).values()})
-    heads = ("trained on", "colour", *["one view"] * bool(costs))
-    yield from _heads(heads, width)
+    starred = (RECOMMENDED, *chosen)
+    entries = []
     for kind, head in KINDS.items():
-        yield from wrapped(head, width, " ", " ")
-        for method in (method for method in METHODS if method.kind == kind):
-            facts = [method.trained_on or "unknown", method.color or "unknown"]
-            facts += [_cost(method, costs)] * bool(costs)
-            star = method.id == RECOMMENDED or method.id in chosen
-            entry = _Entry(method.id, method.source, tuple(zip(heads, facts, strict=True)), star)
-            yield from _lines(entry, width)
-    if others := plugin_ids():
-        yield from wrapped("of other packages", width, " ", " ")
-        for id_ in others:
-            yield from _lines(_Entry(id_, _of_package("method", id_)), width)
-    yield from wrapped(
+        entries.append((f" {head}", "", "", "", ""))
+        entries += [
+            (
+                _starred(method.id, starred),
+                *(method.trained_on or "unknown", method.color or "unknown"),
+                *(_cost(method, costs), method.source),
+            )
+            for method in METHODS
+            if method.kind == kind
+        ]
+    entries += _of_packages("method", plugin_ids(), 3)
+    notes = (
         f"* recommended: {RECOMMENDED} for objects of any kind; '{BEST_RECONSTRUCTION}' is one of "
         f"{', '.join(chosen)}, by condition",
-        width,
-    )
-    yield from wrapped(
         f"{IMAGES}TREE: a method that was run elsewhere, by its images of an export "
         "(docs/entering.md)",
-        width,
+        "one view: of a new cloud of 2048 points, by results/costs.csv; ~: as another of its "
+        "family, of the same size",
     )
-    if costs:
-        yield from wrapped(
-            "one view: of a new cloud of 2048 points, by results/costs.csv; ~: as "
-            "another of its family, of the same size",
-            width,
-        )
+    return ("", "trained on", "colour", "one view", ""), entries, notes
 
 
 def _cost(method: Method, costs: Mapping[str, MeasuredMethod]) -> str:
@@ -151,60 +160,33 @@ def _cost(method: Method, costs: Mapping[str, MeasuredMethod]) -> str:
     return "~" * (method.id not in costs) + f"{number} ms"
 
 
-def _metrics(width: int) -> Iterator[str]:
-    """Yield the metrics by what they are taken of, and which way is better."""
-    sections = {
-        "of an image": IMAGE_METRICS,
-        "of an image, on request: 'bench run --metrics' and 'bench score'": FURTHER_METRICS,
-        "of a set of images": SET_METRICS + KERNEL_METRICS,
-        "of a judge": RECOGNITION_METRICS + CONTROL_METRICS,
-    }
-    yield from _heads(("better",), width)
-    for head, metrics in sections.items():
-        yield from wrapped(head, width, " ", " ")
-        for metric in (METRICS[name] for name in metrics):
-            better = ("better", "higher" if metric.higher else "lower")
-            star = metric.id in ROBUSTNESS.headline
-            yield from _lines(_Entry(metric.id, metric.about, (better,), star), width)
-    if others := metric_ids():
-        yield from wrapped("of other packages", width, " ", " ")
-        for id_ in others:
-            yield from _lines(_Entry(id_, _of_package("metric", id_, "; see 'bench score'")), width)
-    yield from wrapped("* of the headline table, 'bench compare' and 'bench recommend'", width)
+def _metrics() -> Section:
+    """Return the metrics by what they are taken of, and which way is better."""
+    entries = []
+    for head, kinds in METRIC_KINDS.items():
+        entries.append((f" {head}", "", ""))
+        entries += [
+            (_starred(m.id, ROBUSTNESS.headline), "higher" if m.higher else "lower", m.about)
+            for m in METRICS.values()
+            if m.kind in kinds
+        ]
+    entries += _of_packages("metric", metric_ids(), 1, "; see 'bench score'")
+    notes = (
+        "on request: by 'bench run --metrics' and 'bench score'",
+        "* of the headline table, 'bench compare' and 'bench recommend'",
+    )
+    return ("", "better", ""), entries, notes
 
 
-@dataclass(frozen=True)
-class _Entry:
-    """A name with a text about it, facts with their heads, and whether it has a star."""
-
-    name: str
-    about: str
-    facts: tuple[tuple[str, str], ...] = ()
-    star: bool = False
+def _starred(name: str, starred: Sequence[str]) -> str:
+    return f"{'*' if name in starred else ' '} {name}"
 
 
-def _lines(entry: _Entry, width: int) -> list[str]:
-    """Return an entry on one line, its text below where it has no room beside, or all stacked."""
-    start = f"{'*' if entry.star else ' '} {entry.name:<{NAME}} "
-    columns = start + "".join(f"{text:<{FACT}}  " for _, text in entry.facts)
-    if not width:
-        return [columns + entry.about]
-    if width >= len(columns) + NARROWEST_TEXT:
-        return wrapped(entry.about, width, columns, " " * len(columns))
-    if width >= len(columns) and entry.facts:
-        return [columns.rstrip(), *wrapped(entry.about, width, BELOW, BELOW)]
-    facts = "; ".join(f"{head} {text}" for head, text in entry.facts)
-    return [
-        *wrapped(entry.name, width, start[:2], BELOW),
-        *wrapped(facts, width, BELOW, BELOW),
-        *wrapped(entry.about, width, BELOW, BELOW),
-    ]
-
-
-def _heads(heads: Sequence[str], width: int) -> list[str]:
-    """Return the line of heads above the facts of entries; none where these are stacked."""
-    line = " " * (NAME + 3) + "".join(f"{head:<{FACT}}  " for head in heads)
-    return [line.rstrip()] if not width or width >= len(line) else []
+def _of_packages(kind: str, ids: Sequence[str], facts: int, use: str = "") -> list[Entry]:
+    """Return the entries of installed packages, which tell no facts, below a head."""
+    nothing = [""] * facts
+    head = [(" of other packages", *nothing, "")] * bool(ids)
+    return head + [(f"  {id_}", *nothing, _of_package(kind, id_, use)) for id_ in ids]
 
 
 def _of_package(kind: str, id_: str, use: str = "") -> str:

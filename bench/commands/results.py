@@ -32,7 +32,7 @@ from bench.commands.options import FormatOption, RunDirectory, names, path_argum
 from bench.tables.build import how_timed
 from bench.tables.grid import FEWER, MOVED, measured
 from bench.tables.markdown import visible
-from bench.tables.wrap import line_width, wrapped
+from bench.tables.terminal import laid_out, line_width
 from data_prep.failures import BadInput, CannotWrite
 
 MOST_SEED = 2**32
@@ -224,9 +224,7 @@ def recommend(
     given = [best_methods(comparison, request, metrics, verdicts) for comparison in compared]
     lines = advice_lines(given, request, manifest["views"], in_full=condition is not None)
     head = f"{how_timed(manifest)} Scores are against {TRUTHS[run.suite.truth]}."
-    for line in (head, *lines):
-        indent = "  " * line.startswith("  ")
-        print("\n".join(wrapped(line.strip(), line_width(), indent, indent + "  ")))
+    print("\n".join(laid_out((head, *lines), line_width())))
     if not all(recommendation.meets(request) for recommendation in given):
         raise typer.Exit(1)
 

@@ -1,21 +1,28 @@
-"""The table of `bench compare`: two runs, or two methods of one run, paired object by object."""
+"""What `bench compare` shows: the differences of two sides in a table, and in words."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
+
+import pandas as pd
 
 from bench.analysis.comparison import ALL
 from bench.analysis.digits import decimals, is_coarse
 from bench.analysis.intervals import FEWEST
-from bench.analysis.paired import KEPT, PairedDifference
-from bench.analysis.run_pairs import Differences
+from bench.analysis.paired import KEPT
+from bench.analysis.run_pairs import MEASURED, Differences
+from bench.catalogue.conditions import condition_name
 from bench.catalogue.metrics import higher_is_better
 from bench.tables import markdown
 from bench.tables.grid import (
     BOLD,
+    FEWER,
+    MOVED,
     NOTHING,
     Annotation,
     Block,
@@ -24,9 +31,14 @@ from bench.tables.grid import (
     number,
     ordered,
     pivot,
+    records,
     shown,
 )
-from bench.tables.table import Table, columns
+from bench.tables.markdown import visible
+from bench.tables.table import Table
+from bench.tables.terminal import in_parts, laid_out
+
+Row = Mapping[str, Any]  # of `Differences.cells`
 
 _MARKS = {
     "a": BOLD,
@@ -34,74 +46,61 @@ _MARKS = {
     "tie": Annotation("tie", "{value}{interval} ="),
 }
 _TOO_FEW = Annotation("too few objects", "{value}{interval} ?")
+# The cell of the second side, by who is ahead.
+_WORDS = {"b": "better", "a": "worse", "tie": "not decided", "unknown": "undecided"}
+HINT = "Intervals: --format md"  # an option of `bench compare`
 
 
-def differences_table(differences: Differences) -> Table[PairedDifference]:
+def differences_table(differences: Differences) -> Table[Any]:
     """Return a row for each cell; people see a grid for each metric and class."""
-    csv = (
-        *columns(("metric", "pair.metric"), ("condition", "pair.condition")),
-        *columns(("class", "pair.class_name"), ("run_a", "pair.a.run")),
-        *columns(("method_a", "pair.a.method"), ("run_b", "pair.b.run")),
-        *columns(("method_b", "pair.b.method"), ("value_a", "pair.quality_a.estimate.value")),
-        *columns(("value_b", "pair.quality_b.estimate.value")),
-        *columns(("difference", "difference.value"), ("ci_low", "difference.low")),
-        *columns(("ci_high", "difference.high"), "level", "p", "p_corrected", "cells"),
-        *columns("ahead", ("objects", "pair.objects"), "objects_needed"),
-    )
     title = f"{differences.b} against {differences.a}, scored against {differences.truth}"
     layout = partial(_layout, differences.remarks)
-    return Table.of_rows("differences", title, csv, differences.cells, layout)
+    return Table("differences", title, differences.cells, layout, hidden=MEASURED)
 
 
-def _layout(remarks: Sequence[str], rows: Sequence[PairedDifference]) -> Iterator[Block]:
-    yield _legend(rows)
+def _layout(remarks: Sequence[str], cells: pd.DataFrame) -> Iterator[Block]:
+    yield _legend(cells)
     yield from remarks
-    if any(row.pair.objects < FEWEST for row in rows):
+    if (cells["objects"] < FEWEST).any():
         yield f"Fewer than {FEWEST} objects have no interval, and show no difference."
-    for metric, class_name in ordered((r.pair.metric, r.pair.class_name) for r in rows):
-        of_grid = [r for r in rows if (r.pair.metric, r.pair.class_name) == (metric, class_name)]
-        better = "higher" if higher_is_better(metric) else "lower"
+    for (metric, class_name), of_grid in cells.groupby(["metric", "class"], sort=False):
+        better = "higher" if higher_is_better(str(metric)) else "lower"
         yield f"## {markdown.cell(f'{metric}, {class_name}')} ({better} is better)"
         yield pivot(
-            of_grid,
-            "pair.b.method",
-            "pair.condition",
-            difference_cell,
+            *(of_grid, "method_b", "condition", difference_cell),
             corner="method",
             line_name=_methods,
         )
 
 
-def _legend(rows: Sequence[PairedDifference]) -> str:
+def _legend(cells: pd.DataFrame) -> str:
     """Return the meaning of the marks that the cells can have."""
     legend = (
         "Each cell: value of a, value of b, and b - a with its interval, paired object by object, "
         "failed images scored as blank ones."
     )
-    if any(row.cells for row in rows):
+    if cells["cells"].any():
         legend += (
-            f" {intervals_in_words(rows)} **Bold**: the two differ, the interval leaves out 0. "
+            f" {_levels(cells)} **Bold**: the two differ, the interval leaves out 0. "
             "`=`: no difference is shown, it holds 0."
         )
-    if needed := [row.objects_needed for row in rows if row.objects_needed]:
-        legend += f" `?`: {too_few(max(needed))}."
-    return legend
+    needed = cells["objects_needed"].dropna()
+    return legend + (f" `?`: {too_few(needed.max())}." if len(needed) else "")
 
 
-def intervals_in_words(rows: Sequence[PairedDifference]) -> str:
-    """Return a sentence on the intervals that decide; empty where no cell has one."""
-    several = len({row.pair.class_name for row in rows}) > 1
-    levels: dict[tuple[int, float], bool] = {}
-    for row in rows:
-        if row.cells:
-            levels[row.cells, row.level] = row.pair.class_name == ALL
+def _levels(cells: pd.DataFrame) -> str:
+    """Return a sentence on the intervals that decide."""
+    several = cells["class"].nunique() > 1
     parts = [
         f"{100 * level:.4g} %"
-        + (f", which is 95 % for all {cells} cells together" if cells > 1 else "")
+        + (f", which is 95 % for all {count} cells together" if count > 1 else "")
         + (" of all objects" if pooled else " of the classes") * several
-        for (cells, level), pooled in levels.items()
+        for count, level, pooled in ordered(
+            (row["cells"], row["level"], row["class"] == ALL)
+            for row in records(cells[cells["cells"] > 0])
+        )
     ]
-    return f"Intervals are of {'; and of '.join(parts)}." if parts else ""
+    return f"Intervals are of {'; and of '.join(parts)}."
 
 
 def too_few(objects_needed: int) -> str:
@@ -109,22 +108,103 @@ def too_few(objects_needed: int) -> str:
     return f"too few objects to decide: at least {objects_needed}"
 
 
-def _methods(row: PairedDifference) -> str:
-    a, b = row.pair.a.method, row.pair.b.method
+def _methods(row: Row) -> str:
+    a, b = row["method_a"], row["method_b"]
     return b if a == b else f"{b} against {a}"
 
 
-def difference_cell(row: PairedDifference) -> Cell:
+def difference_cell(row: Row) -> Cell:
     """Return both values and their difference with its interval; a dash where it has none."""
-    if not math.isfinite(row.difference.value):
+    if not math.isfinite(row["difference"]):
         return NOTHING
-    metric, methods = row.pair.metric, row.pair.methods
+    metric, methods = row["metric"], _measured(row)
     digits = decimals(metric, *methods)
-    of_a, of_b = row.pair.quality_a.estimate, row.pair.quality_b.estimate
-    values = f"{shown(of_a.value, digits)} to {shown(of_b.value, digits)}: "
-    special = _TOO_FEW if row.objects_needed else _MARKS.get(row.ahead)
-    decisive = min(map(abs, row.difference[1:]))
-    while row.ahead in ("a", "b") and digits < KEPT and not round(decisive, digits):
+    values = f"{shown(row['value_a'], digits)} to {shown(row['value_b'], digits)}: "
+    special = _TOO_FEW if row["objects_needed"] else _MARKS.get(row["ahead"])
+    low, high = row["ci_low"], row["ci_high"]
+    while (
+        row["ahead"] in ("a", "b") and digits < KEPT and not round(min(abs(low), abs(high)), digits)
+    ):
         digits += 1  # an interval that leaves out 0 does not print it
-    cell = number(row.difference, f"{{:+.{digits}f}}".format, special=special)
+    cell = number((row["difference"], low, high), f"{{:+.{digits}f}}".format, special=special)
     return marked(replace(cell, text=values + cell.text), is_coarse(metric, *methods))
+
+
+def _measured(row: Row) -> list[str]:
+    """Return the methods whose images they are."""
+    return [row[name] for name in MEASURED]
+
+
+def comparison_lines(differences: Differences, width: int, hint: str = HINT) -> list[str]:
+    """Return who is ahead in each cell as lines of at most `width` columns, the verdict last.
+
+    Conditions stand side by side, in several parts where they have no room. The verdict ends with
+    the `hint`.
+    """
+    cells = differences.cells
+    a, b = visible(differences.a), visible(differences.b)
+    by_class = cells.groupby("class", sort=False)["objects"].max()
+    count = int(by_class.get(ALL, by_class.sum()))
+    objects = f"{count} object{'s' * (count != 1)}"
+    several = len(by_class) > 1
+    where = "" if several else f" ({visible(by_class.index[0])})"
+    blocks: list[Any] = [
+        f"{b} against {a} on {objects}{where}, paired",
+        f"scored against {differences.truth}",
+    ]
+    conditions = cells["condition"].unique().tolist()
+    of_runs = bool((cells["method_a"] == cells["method_b"]).any())
+    for (method, class_name), of_block in cells.groupby(["method_b", "class"], sort=False):
+        heads = [visible(", ".join([str(method)] * of_runs + [str(class_name)] * several))]
+        heads += [condition_name(condition).brief for condition in conditions]
+        blocks += ["", *in_parts(heads, list(_verdicts(of_block, conditions)), width)]
+    if differences.remarks:
+        blocks += ["", *(visible(remark.replace("`", "")) for remark in differences.remarks)]
+    return laid_out([*blocks, "", _verdict(cells, b, objects, hint)], width)
+
+
+def _verdicts(cells: pd.DataFrame, conditions: Sequence[str]) -> Iterator[list[str]]:
+    """Yield two lines for each metric: who is ahead at each condition, and by how much."""
+    for metric, of_metric in cells.groupby("metric", sort=False):
+        at = {row["condition"]: row for row in records(of_metric)}
+        known = [at.get(name, {"difference": math.nan}) for name in conditions]
+        finite = [math.isfinite(row["difference"]) for row in known]
+        pairs = list(zip(known, finite, strict=True))
+        yield [str(metric), *(_WORDS[row["ahead"]] if ok else "-" for row, ok in pairs)]
+        yield ["  difference", *(_difference(row) if ok else "-" for row, ok in pairs)]
+
+
+def _difference(row: Row) -> str:
+    metric, methods = row["metric"], _measured(row)
+    text = f"{row['difference']:+.{decimals(metric, *methods)}f}"
+    return MOVED * is_coarse(metric, *methods) + re.sub(r"^([+-])0\.", r"\1.", text)
+
+
+def _verdict(cells: pd.DataFrame, name: str, objects: str, hint: str) -> str:
+    """Return how often the second side, `name`, is ahead: of all objects, and of the classes."""
+    valued = cells[cells["difference"].notna()]
+    needed = valued["objects_needed"].dropna()
+    if len(needed) == len(valued):
+        nothing = f"{objects} decide{'s' * objects.startswith('1 ')} nothing here"
+        if valued.empty:
+            return f"{nothing}: no cell has a value on both sides."
+        return f"{nothing}: at least {needed.max()} are needed."
+    whole = valued["class"] == ALL
+    sentences = [_count(valued[whole], name, " of all objects")] if whole.any() else []
+    sentences.append(_count(valued[~whole], name, " of the classes" * bool(sentences)))
+    if len(needed):
+        sentences.append(f"Too few objects in {len(needed)}: at least {needed.max()} are needed.")
+    if any(is_coarse(row["metric"], *_measured(row)) for row in records(valued)):
+        sentences.append(f"{FEWER}.")
+    return " ".join(filter(None, (*sentences, hint)))
+
+
+def _count(cells: pd.DataFrame, name: str, where: str) -> str:
+    counts = cells["ahead"].replace("unknown", "tie").value_counts()
+    words = {"b": "ahead in", "a": "behind in", "tie": "not decided in"}
+    told = ", ".join(f"{said} {counts[who]}" for who, said in words.items() if who in counts)
+    of_cells = f"{len(cells)} cell{'s' * (len(cells) != 1)}{where}"
+    corrected = f"(p < .05, corrected for {cells['cells'].max()})"
+    if [*counts.index] == ["tie"]:
+        return f"No difference is shown in {of_cells} {corrected}."
+    return f"{name} is {told} of {of_cells} {corrected}."

@@ -183,6 +183,7 @@ class Grid:
     """Cells in lines and columns.
 
     corner    what the names of the lines are
+    metric    whose values these are; empty for other grids
     caption   in the report; a grid without one is not shown there
     remark    what one has to know to read it
     notes     what is missing, and why
@@ -195,6 +196,7 @@ class Grid:
     corner: str
     columns: tuple[ColumnHeader, ...]
     lines: tuple[TableRow, ...]
+    metric: str = ""
     caption: str = ""
     remark: str = ""
     notes: tuple[str, ...] = ()

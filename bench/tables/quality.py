@@ -260,6 +260,7 @@ def _grid(rows: Sequence[QualityRow], by_class: bool, how: str = "") -> Grid:
         corner=corner,
         outcomes=_outcomes,
         about=(lambda rows: "") if by_class else _about,
+        metric=metric + how,
         caption=f"{metric}{how}, {where} ({'higher' if higher else 'lower'} is better)",
         notes=tuple(skipped or _gaps(rows, across)),
         void=bool(skipped),

@@ -194,7 +194,8 @@ def test_help_names_the_metrics_that_are_compared(command, two_runs):
 
 def test_formats_that_are_asked_for(command, two_runs):
     asked = ("compare", two_runs[0], "--methods", "blank,splat", "--format")
-    assert command(*asked, "text")[1].startswith("splat against blank, 3 chairs, paired by chair\n")
+    text = command(*asked, "text")[1]
+    assert text.startswith("splat against blank on 3 objects (chair), paired\n")
     _, out, _ = command(*asked, "csv")
     folder = two_runs[0] / "comparisons" / "blank-splat"
     assert out == (folder / "differences.csv").read_text()
@@ -208,8 +209,8 @@ def test_a_terminal_is_answered_in_text(two_runs, columns):
     printed = on_terminal(columns, "compare", two_runs[0], "--methods", "blank,splat")
     assert max(map(len, printed)) <= columns
     words = " ".join(" ".join(printed).split())
-    assert words.startswith("splat against blank, 3 chairs, paired by chair ")
-    assert words.endswith(" 3 chairs decide nothing here: at least 8 are needed.")
+    assert words.startswith("splat against blank on 3 objects (chair), paired ")
+    assert words.endswith(" 3 objects decide nothing here: at least 8 are needed.")
 
 
 @pytest.mark.parametrize(

@@ -4,34 +4,31 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from report_parser import parse
 
-from bench.analysis.comparison import Estimate, Quality
+from bench.analysis.comparison import Estimate
 from bench.analysis.frontier import FrontierPoint
-from bench.analysis.paired import ComparedPair, PairedDifference, Side
-from bench.analysis.run_pairs import Differences
 from bench.analysis.scored import read_scored
 from bench.analysis.scores import QualityRow
-from bench.catalogue.suites import TRUTHS, TableSpec
+from bench.catalogue.suites import TableSpec
 from bench.report.build import read_page
 from bench.report.headline import compact_table
 from bench.report.page import TableGroup, html
 from bench.tables.build import make_outputs
-from bench.tables.differences import difference_cell
+from bench.tables.differences import comparison_lines, difference_cell
 from bench.tables.frontier import frontier_table
 from bench.tables.grid import BEST, FEWER, Grid
-from bench.tables.plain import STAR, plain
 from bench.tables.quality import (
     all_methods,
     best_printed,
     is_worse,
     quality_table,
 )
-from bench.tables.verdict import comparison_lines
+from bench.tables.terminal import STAR, grid_lines
 
 from ..builders import write_run
+from ..differences import make_difference, make_differences
 
 NAN = float("nan")
 SPEC = TableSpec("images", "t", "T")
@@ -94,14 +91,14 @@ def test_the_best_are_compared_in_the_digits_that_both_have():
 
 
 def test_a_terminal_says_what_the_mark_means():
-    lines = plain([grid_of(ROWS)], 140, 40)
+    lines = grid_lines([grid_of(ROWS)], 140, 40)
     assert lines[2:5] == [
-        "surface-apss      ≈0.78*  [.75, .80]",
-        "splat             0.777*[.751, .802]",
-        "pc2pix            0.600 [.751, .802]",
+        "surface-apss    *≈0.78 [.75, .80]",
+        "splat         *0.777 [.751, .802]",
+        "pc2pix         0.600 [.751, .802]",
     ]
     assert lines[-1] == f"{STAR}; [95 % interval over objects]; {FEWER}"
-    assert not any("≈" in line for line in plain([grid_of(ROWS[1:])], 140, 40))
+    assert not any("≈" in line for line in grid_lines([grid_of(ROWS[1:])], 140, 40))
 
 
 def test_the_page_has_mark_meaning_and_a_number_to_sort_by(tmp_path):
@@ -152,15 +149,13 @@ def test_the_papers_layout_has_them_too():
 )
 def test_a_difference_is_of_the_digits_of_both_values(method, text, printed):
     """The row of a chosen method has the digits of the method that it is."""
-    sides = [
-        Quality("ssim", Estimate(value, value - 0.025, value + 0.025), np.zeros(24), name)
-        for name, value in ((method, 0.7764), ("pc2pix", 0.8123))
-    ]
-    names = (Side("run", name) for name in ("best-reconstruction", "pc2pix"))
-    pair = ComparedPair("2048", "chair", *names, *sides, objects=24)
-    made = PairedDifference(pair, Estimate(0.0359, 0.02, 0.0512), 0.001, 1)
+    made = make_difference(
+        *("ssim", "2048", 0.0359),
+        **{"value_a": 0.7764, "value_b": 0.8123, "ci_low": 0.02, "ci_high": 0.0512},
+        **{"method_a": "best-reconstruction", "images_of_a": method},
+    )
     assert difference_cell(made).text == text
-    lines = comparison_lines(Differences("a", "b", (made,), (), TRUTHS["coloured"]), 80)
+    lines = comparison_lines(make_differences([made]), 80)
     assert any(line.split() == ["difference", printed] for line in lines)
     assert (f"{FEWER}." in " ".join(lines)) == ("≈" in text)
 
