@@ -7,10 +7,11 @@ from collections.abc import Iterable
 import pandas as pd
 
 from bench.analysis.scored import ScoredRun
-from bench.catalogue.metrics import column, declare_metric
-from bench.catalogue.plugins import is_further, is_further_set
+from bench.catalogue.metrics import FURTHER_METRICS, column, declare_metric
+from bench.catalogue.plugins import metric_ids
 from bench.records.image_scores import ScoredMetric, read_scores, scored_ids
 from data_prep.failures import BadInput
+from data_prep.plugins import EXTRACTORS, entry_point_names
 
 
 def with_further(run: ScoredRun, wanted: Iterable[str]) -> ScoredRun:
@@ -21,10 +22,11 @@ def with_further(run: ScoredRun, wanted: Iterable[str]) -> ScoredRun:
     naming the command, and for a distance of sets, which has no value for an image.
     """
     for metric_id in wanted:
-        known = metric_id in run.sums.metrics or metric_id in run.features
-        if known or not (is_further(metric_id) or metric_id in scored_ids(run.directory)):
+        if metric_id in run.sums.metrics or metric_id in run.features:
             continue
-        if is_further_set(metric_id):
+        if metric_id not in (*FURTHER_METRICS, *metric_ids(), *scored_ids(run.directory)):
+            continue
+        if metric_id in entry_point_names(EXTRACTORS):
             raise BadInput(
                 f"{metric_id}: is a distance of sets of images; it stands in the table of "
                 f"'bench score {run.directory} --metrics {metric_id}' alone"

@@ -41,34 +41,27 @@ _LEARNED_3D = ("occupancy-net",)
 class ChosenRow:
     """A row that is, at each condition, the best method of a group.
 
-    Attributes
-    ----------
-    id : str
-        Its name in tables and comparisons.
-    ranking : mapping of str to tuple of str
-        The methods of the group by condition, the best first.
-    fewest : int
-        Methods of the group that a run must have for the row to be a choice.
+    id       its name in tables and comparisons
+    ranking  the methods of the group by condition, the best first
+    fewest   methods of the group that a run must have for the row to be a choice
     """
 
     id: str
     ranking: Mapping[str, tuple[str, ...]]
     fewest: int
 
-    def method(self, condition: str, methods: Iterable[str]) -> str | None:
-        """Return the best of the methods at a condition.
+    def by_condition(self, conditions: Iterable[str], methods: Iterable[str]) -> dict[str, str]:
+        """Return the best of the methods at each condition that has one.
 
-        Return None with fewer than `fewest` of the group, and for a condition without a ranking.
+        None has with fewer than `fewest` of the group, nor where there is no ranking.
         """
         available = set(methods)
-        ranked = [method for method in self.ranking.get(condition, ()) if method in available]
-        return ranked[0] if len(ranked) >= self.fewest else None
-
-    def by_condition(self, conditions: Iterable[str], methods: Iterable[str]) -> dict[str, str]:
-        """Return the best of the methods at each condition that has one."""
-        available = set(methods)
-        best = {condition: self.method(condition, available) for condition in conditions}
-        return {condition: method for condition, method in best.items() if method}
+        best: dict[str, str] = {}
+        for condition in conditions:
+            ranked = [m for m in self.ranking.get(condition, ()) if m in available]
+            if len(ranked) >= self.fewest:
+                best[condition] = ranked[0]
+        return best
 
 
 def _rankings() -> dict[str, tuple[str, ...]]:

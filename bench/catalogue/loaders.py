@@ -19,21 +19,12 @@ if TYPE_CHECKING:
 
 GPU = "cuda"
 BUNDLED = "chair"
-# By name and checksum of a file in colours, the checksum of the file that earlier versions had for
-# its grey part: the same tensors, so that what was drawn with them is still what is drawn.
+# By the first digits of the checksum of a file in colours, the checksum of the file that earlier
+# versions had for its grey part: the same tensors, so that what was drawn with them is kept.
 GREY_FILES = {
-    (
-        "all-grey",
-        "6331efaaab8aadc111f7607c5a19b5396e0dfeb114491bc5ea09a236538a6a12",
-    ): "0445cfb77209b1c073dd734f0fe6b3307884d28faf3f498a5d50375f5c589416",
-    (
-        "all-tiny-grey",
-        "43900479f408df098f21ac91efb43c9d3689b04c0a24176db579ae83f8462e5f",
-    ): "d81ce265948ae583db8aec0a6d9d075a6602b1bcde7ab1db21b5685c17b6010c",
-    (
-        "all-grey",
-        "e5be7a567f234de205fa6ac03598604c5f51b0fb19e1cf56082234adba13bb33",
-    ): "bb4d03c1b3594fee5d69278ea889ffa4bc84b923a1a3cfbe0906c02088cc6b0a",
+    "6331efaaab8a": "0445cfb77209b1c073dd734f0fe6b3307884d28faf3f498a5d50375f5c589416",
+    "43900479f408": "d81ce265948ae583db8aec0a6d9d075a6602b1bcde7ab1db21b5685c17b6010c",
+    "e5be7a567f23": "bb4d03c1b3594fee5d69278ea889ffa4bc84b923a1a3cfbe0906c02088cc6b0a",
 }
 TO_PAPER_WIDTH = 4  # the bundled networks have a quarter of it
 
@@ -42,22 +33,18 @@ TO_PAPER_WIDTH = 4  # the bundled networks have a quarter of it
 class NetworkPackage:
     """A package of this project that has a network with files of weights.
 
-    Attributes
-    ----------
-    package : str
-        Name of the package; it has `load`, and a module `weights`.
-    libraries : tuple of str
-        Libraries that its images depend on.
-    version : int
-        Raised by hand when a change alters its images.
-    command : str
-        The command that trains it.
+    package    its name; it has `load`, and a module `weights`
+    libraries  that its images depend on
+    version    raised by hand when a change alters its images
+    command    trains it
+    beside     the package whose meshes its network sees, with the weights of all classes
     """
 
     package: str
     libraries: tuple[str, ...]
     version: int
     command: str
+    beside: NetworkPackage | None = None
 
     def load(self, weights: str, device: str) -> Renderer:
         """Return the renderer with a bundled name or file of weights."""
@@ -73,7 +60,8 @@ class NetworkPackage:
         from learning.weights import file_sha256
 
         sha256 = file_sha256(self.file(weights))
-        return self._identity(GREY_FILES.get((weights, sha256), sha256))
+        kept = GREY_FILES.get(sha256[:12], sha256) if weights.endswith("-grey") else sha256
+        return self._identity(kept)
 
     def file_identity(self, path: str) -> str:
         """Return the same for a file of weights. Raises BadInput for a file that is none."""
@@ -81,7 +69,11 @@ class NetworkPackage:
         return self._identity(self._weights().load_weights(path).sha256)
 
     def _identity(self, sha256: str) -> str:
-        return f"{versions(*self.libraries)}, weights {sha256}"
+        text = f"{versions(*self.libraries)}, weights {sha256}"
+        if (other := self.beside) is not None:
+            name = other.package.rpartition(".")[2].replace("_", "-")
+            text += f"; {name} {other.version}: {other.identity('all')}"
+        return text
 
     def _weights(self) -> Any:
         return importlib.import_module(f"{self.package}.weights")
@@ -97,23 +89,13 @@ OCCUPANCY_NET = NetworkPackage(
 )
 
 
-@dataclass(frozen=True)
-class FusedNetPackage(NetworkPackage):
-    """The package of fused-net, which depends on the methods whose meshes it sees.
-
-    A change of the meshes of denoised-wrap raises its version, too.
-    """
-
-    def _identity(self, sha256: str) -> str:
-        occupancy = OCCUPANCY_NET.identity("all")
-        return f"{super()._identity(sha256)}; occupancy-net {OCCUPANCY_NET.version}: {occupancy}"
-
-
-FUSED_NET = FusedNetPackage(
+# A change of the meshes of denoised-wrap, which it sees too, raises its version.
+FUSED_NET = NetworkPackage(
     "baselines.fused_net",
     ("embreex", "pymeshlab", "scikit-image", "scipy", "torch"),
     1,
     "bench train fused-net",
+    beside=OCCUPANCY_NET,
 )
 
 

@@ -115,10 +115,9 @@ def is_module_name(name: str) -> bool:
 
 def allow_modules(names: Iterable[str]) -> None:
     """Let this process and its workers load the names of the form MODULE:NAME among `names`."""
-    if not (modules := [name for name in names if is_module_name(name)]):
-        return
-    os.environ[ALLOWED] = ",".join(dict.fromkeys([*_allowed(), *modules]))
-    search_folder()
+    if modules := [name for name in names if is_module_name(name)]:
+        os.environ[ALLOWED] = ",".join(dict.fromkeys([*_allowed(), *modules]))
+        search_folder()
 
 
 def search_folder() -> None:
@@ -234,30 +233,26 @@ def source_files(module: str) -> list[Path]:
     top = module.partition(".")[0]
     spec = find_spec(top)
     assert spec is not None, "the module was loaded"
-    locations = [*spec.submodule_search_locations] if spec.submodule_search_locations else []
-    if not locations and not (spec.origin and Path(spec.origin).is_file()):
+    queue = [Path(place) for place in spec.submodule_search_locations or [str(spec.origin)]]
+    if not queue[0].exists():
         raise BadInput(f"{module}: has no source, by which a run knows its images; wrap it")
-    queue = [Path(place) for place in locations] or [Path(str(spec.origin))]
-    folder, seen, files = Path.cwd(), {top}, set[Path]()
+    folder, seen, files = Path.cwd(), {top, *PROJECT}, set[Path]()
     is_here = queue[0].resolve().parent == folder.resolve()
     while queue:
         place = queue.pop()
         of_place = sorted(place.rglob("*.py")) if place.is_dir() else [place]
         files.update(of_place)
-        names = {name for file in of_place if is_here for name in _imported(file)}
-        for name in names - seen - PROJECT:
-            beside = (folder / name, folder / f"{name}.py")
-            queue += (path for path in beside if path.exists())
+        names = {name for file in of_place if is_here for name in _imported(file)} - seen
+        beside = (path for name in names for path in (folder / name, folder / f"{name}.py"))
+        queue += (path for path in beside if path.exists())
         seen |= names
     return sorted(files)
 
 
 def _imported(file: Path) -> Iterator[str]:
     """Yield the first part of the name of each module that a file of Python imports."""
-    if file.suffix != ".py":
-        return
     with suppress(SyntaxError, ValueError):  # it fails when it is imported, if it ever is
-        for node in ast.walk(ast.parse(file.read_bytes())):
+        for node in ast.walk(ast.parse(file.read_bytes() if file.suffix == ".py" else b"")):
             if isinstance(node, ast.Import):
                 yield from (alias.name.partition(".")[0] for alias in node.names)
             elif isinstance(node, ast.ImportFrom) and node.module and not node.level:

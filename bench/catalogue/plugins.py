@@ -117,16 +117,6 @@ def _lacking(metric_id: str) -> str:
     return ""
 
 
-def is_further(metric_id: str) -> bool:
-    """Return whether a metric is one that `bench score` takes: on request, or of a package."""
-    return metric_id in (*FURTHER_METRICS, *metric_ids())
-
-
-def is_further_set(metric_id: str) -> bool:
-    """Return whether it is of an installed package, by distances of sets of images."""
-    return metric_id in entry_point_names(plugins.EXTRACTORS)
-
-
 def _further(metric_id: str, device: str) -> ImageMetric:
     def score(truth: NDArray[np.uint8], drawn: NDArray[np.uint8]) -> NDArray[np.float64]:
         from bench.metrics.image_scores import further_score  # `bench list` needs none of them

@@ -41,18 +41,16 @@ def directory(choice, tmp_path):
 
 def test_the_choice_is_among_two_or_more(choice):
     row = CHOSEN[BEST_RECONSTRUCTION]
-    assert row.method("2048", METHODS) == "denoised-wrap"
-    assert row.method("512", METHODS) == "surface-apss"
-    assert row.method("512", ["blank", "surface-apss"]) is None
-    assert row.method("unheard-of", METHODS) is None
+    assert row.by_condition(["2048"], METHODS) == {"2048": "denoised-wrap"}
+    assert row.by_condition(["512"], ["blank", "surface-apss"]) == {}
     assert row.by_condition(["512", "unheard-of"], METHODS) == {"512": "surface-apss"}
     assert role(BEST_RECONSTRUCTION) == role(BEST_LEARNED_3D) == "chosen"
 
 
 def test_one_network_that_learned_in_3d_is_enough():
     row = CHOSEN[BEST_LEARNED_3D]
-    assert row.method("512", ["occupancy-net", "blank"]) == "occupancy-net"
-    assert row.method("512", METHODS) is None
+    assert row.by_condition(["512"], ["occupancy-net", "blank"]) == {"512": "occupancy-net"}
+    assert row.by_condition(["512"], METHODS) == {}
 
 
 def test_every_ranking_is_of_what_there_is():
