@@ -20,9 +20,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from bench.analysis.frame import Run, read_run
 from bench.analysis.paper import AVERAGE
 from bench.analysis.run_pairs import methods_of_run
-from bench.analysis.scored import ScoredRun, read_scored
 from bench.catalogue.chosen import BEST_RECONSTRUCTION, COSTS
 from bench.catalogue.methods import find_method, role
 from bench.tables.build import tables
@@ -108,7 +108,7 @@ def differences_of(name: str) -> str:
     return f"{name}-differences.csv"
 
 
-def values(run: ScoredRun, metrics: Iterable[str]) -> str:
+def values(run: Run, metrics: Iterable[str]) -> str:
     """Return the tables of quality of a run as one CSV file, of the given metrics or of all."""
     rows = [row for table in tables(run) for row in _rows(table.to_csv())]
     wanted = set(metrics)
@@ -177,7 +177,7 @@ def measure(name: str, out: Path, meshes: Path | None, more: Iterable[str] = ())
     if name == "costs":
         write_whole(COSTS, costs(out).encode())
         return
-    texts = {f"{name}.csv": values(read_scored(out), measurement.metrics)}
+    texts = {f"{name}.csv": values(read_run(out), measurement.metrics)}
     if measurement.compared:
         texts[differences_of(name)] = differences(out, measurement.compared)
     for table, file in measurement.copied:

@@ -9,12 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from bench.analysis.digits import prints_better
-from bench.analysis.distances import FeatureDistances
 from bench.analysis.intervals import (
     NONE,
     SIGNIFICANCE,
@@ -26,7 +25,7 @@ from bench.analysis.intervals import (
     mean_interval,
     median_interval,
 )
-from bench.analysis.object_sums import ObjectSums
+from bench.catalogue.images import ENTERED
 from bench.catalogue.methods import FLOOR, role
 from bench.catalogue.metrics import (
     higher_is_better,
@@ -35,6 +34,10 @@ from bench.catalogue.metrics import (
 )
 from bench.records.record import TIMES
 from data_prep.arrays import Floats
+
+if TYPE_CHECKING:
+    from bench.analysis.distances import FeatureDistances
+    from bench.analysis.frame import Run
 
 NAN = float("nan")
 ALL = "all"  # classes
@@ -112,31 +115,28 @@ class Comparison:
 
 
 def compare(
-    sums: ObjectSums,
-    features: Mapping[str, FeatureDistances],
+    run: Run,
     metrics: Sequence[str],
     methods: Container[str] | None = None,
-    claimed: Iterable[str] = (),
     among: Mapping[tuple[str, str], Container[str]] | None = None,
 ) -> list[Comparison]:
     """Return a comparison for each condition and class, in the order of the cells.
 
     Objects without true images are left out, and so is a class that has no others.
 
-    metrics  metrics of images that the sums have, and set metrics that features exist for
+    metrics  metrics of images that the jobs have, and set metrics that features exist for
     methods  methods that are compared, by default all; `blank` is needed, but may be left out
-    claimed  methods whose times their authors state
     among    objects that take part, by condition and class; by default all
     """
     by_cell: dict[tuple[str, str], list[str]] = {}
-    for method, *cell in sums.cells:
+    for method, *cell in run.cells:
         by_cell.setdefault((cell[0], cell[1]), []).append(method)
     comparisons = []
     for cell, every in by_cell.items():
         if FLOOR not in every:
             continue
-        drawn, _ = sums.numbers((FLOOR, *cell))
-        every_object = sums.objects(cell[1])
+        drawn, _ = run.numbers((FLOOR, *cell))
+        every_object = run.objects((FLOOR, *cell))
         known = drawn > 0
         if among is not None:
             known &= np.array([name in among.get(cell, ()) for name in every_object], bool)
@@ -145,18 +145,18 @@ def compare(
             continue
         names = [method for method in every if methods is None or method in methods]
         prepare_s, draw_s = (
-            {m: sums.per_object((m, *cell), name)[known] for m in names} for name in TIMES
+            {m: run.per_object((m, *cell), name)[known] for m in names} for name in TIMES
         )
         qualities = {
             metric: {
-                m: _mean_quality(metric, sums.per_object((m, *cell), metric, True)[known], m)
+                m: _mean_quality(metric, run.per_object((m, *cell), metric, True)[known], m)
                 for m in names
             }
             if is_mean(metric)
-            else _set_qualities(metric, cell, names, features[metric], objects)
+            else _set_qualities(metric, cell, names, run.features[metric], objects)
             for metric in metrics
         }
-        images = {m: sums.images((m, *cell)) for m in names}
+        images = {m: run.images((m, *cell)) for m in names}
         comparisons.append(
             Comparison(
                 *cell,
@@ -165,7 +165,7 @@ def compare(
                 draw_s,
                 images,
                 qualities,
-                claimed=frozenset(claimed) & {*names},
+                claimed=frozenset(run.manifest.get(ENTERED, ())) & {*names},
             )
         )
     return comparisons

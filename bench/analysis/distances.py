@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis.cells import CellKey
 from bench.analysis.intervals import debiased, distance_interval, jackknife_interval
 from bench.catalogue.methods import FLOOR, known_method
 from bench.catalogue.metrics import KERNEL_METRICS
@@ -26,6 +25,7 @@ from bench.records.features import Features, ImageKey
 from bench.records.record import GROUND_TRUTH
 from data_prep.arrays import Floats
 
+CellKey = tuple[str, str, str]  # method, condition, class
 ROWS = 4096  # features of many objects that are in memory at a time
 
 

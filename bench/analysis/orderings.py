@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 from bench.analysis.comparison import NAN, Comparison, Estimate, class_mean_difference
+from bench.analysis.frame import Run
 from bench.analysis.intervals import SIGNIFICANCE
 from bench.analysis.paired import verdicts_of
 from bench.analysis.paper import AVERAGE, SURFACE, Published, network_of, paper_difference
-from bench.analysis.scored import ScoredRun
 from bench.catalogue.metrics import is_mean
 
 Verdict = Literal["reproduced", "opposite", "undecided", "no value"]
@@ -54,24 +54,24 @@ class Ordering:
         return "undecided"
 
 
-def orderings(run: ScoredRun, published: Published) -> list[Ordering]:
+def orderings(run: Run, published: Published) -> list[Ordering]:
     """Return the orderings by all metrics of Table 5 that both sides have; none without a side.
 
     Kernel distances are left out: they say what the Fréchet distance on the same features says.
     """
-    methods = list(dict.fromkeys(method for method, _, _ in run.sums.cells))
+    methods = list(dict.fromkeys(method for method, _, _ in run.cells))
     network = network_of(methods)
     if network is None or SURFACE not in methods:
         return []
     wanted = run.suite.class_metrics
     metrics = [metric for metric in wanted if metric in run.features]
-    metrics += [m for m in wanted if is_mean(m) and m in run.sums.metrics]
+    metrics += [m for m in wanted if is_mean(m) and run.has(m)]
     both = (SURFACE, network)
     verdicts = verdicts_of(run, metrics, both)
     by_condition: dict[str, list[Comparison]] = {}
     for comparison in run.compared(metrics, both):
         by_condition.setdefault(comparison.condition, []).append(comparison)
-    counts = run.sums.objects_of
+    counts = run.objects_of
 
     def of_class(metric: str, c: Comparison) -> Ordering:
         surface, ours = (c.qualities[metric][method].estimate.value for method in both)

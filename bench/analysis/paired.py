@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from bench.analysis.comparison import Comparison, Estimate, Quality, change, paired
+from bench.analysis.frame import Run
 from bench.analysis.intervals import FEWEST, SIGNIFICANCE
-from bench.analysis.scored import ScoredRun
 from bench.catalogue.metrics import higher_is_better, is_mean
 
 Ahead = Literal["a", "b", "tie", "unknown"]
@@ -160,7 +160,7 @@ class Verdicts:
 
 
 def verdicts_of(
-    run: ScoredRun, metrics: Sequence[str] = (), methods: Iterable[str] | None = None
+    run: Run, metrics: Sequence[str] = (), methods: Iterable[str] | None = None
 ) -> Verdicts:
     """Return the verdicts of a run class by class, also by the metrics of a table."""
     further = run.compared(metrics, methods) if metrics else ()

@@ -19,8 +19,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from safetensors import safe_open
 
-from bench.analysis.cells import CellKey
-from bench.analysis.distances import ROWS, FeatureDistances
+from bench.analysis.distances import ROWS, CellKey, FeatureDistances
 from bench.catalogue.metrics import RECOGNITION_METRICS, column
 from bench.judges.answers import VIEW_COLUMNS, Gallery, gallery
 from bench.records.features import Features
@@ -84,9 +83,9 @@ def confidences(
     (metric,) = RECOGNITION_METRICS
     for cell in cells:
         images = features.images(*cell)
-        for start in range(0, len(images), ROWS):
-            part = images[start : start + ROWS]
-            frame = pd.DataFrame(part, columns=["object", "view"])
+        parts = (images[start : start + ROWS] for start in range(0, len(images), ROWS))
+        values = [head.confidence(features.of(*cell, part), cell[2]) for part in parts]
+        if images:
+            frame = pd.DataFrame(images, columns=["object", "view"])
             frame = frame.assign(method=cell[0], condition=cell[1], **{"class": cell[2]})
-            values = head.confidence(features.of(*cell, part), cell[2])
-            yield frame.assign(**{column(metric): values})
+            yield frame.assign(**{column(metric): np.concatenate(values)})

@@ -20,7 +20,7 @@ from bench.analysis.comparison import (
     candidates,
     pooled,
 )
-from bench.analysis.further_metrics import with_further
+from bench.analysis.frame import Run, read_run
 from bench.analysis.intervals import NONE
 from bench.analysis.paired import (
     PairedDifference,
@@ -29,7 +29,6 @@ from bench.analysis.paired import (
     paired_differences,
     two_methods,
 )
-from bench.analysis.scored import ScoredRun, read_scored
 from bench.catalogue.chosen import BEST_RECONSTRUCTION, CHOSEN
 from bench.catalogue.lookup import instead_of
 from bench.catalogue.methods import FLOOR
@@ -73,7 +72,7 @@ def methods_of_run(
     Raises BadInput where there are not two methods, for methods and metrics that the run does not
     have, and for a run without scores.
     """
-    run = with_further(read_scored(directory, older=True), metrics or ())
+    run = read_run(directory, older=True).with_further(metrics or ())
     if len(set(methods)) != 2:
         raise BadInput("one run is compared by two methods; give --methods a,b or a second folder")
     return _two_methods(run, methods, metrics)
@@ -88,7 +87,7 @@ def against_best(
     the best by; none for `best-reconstruction`, which comes last. Where nothing competes, `blank`
     is the best there. Raises BadInput for a run without scores.
     """
-    run = read_scored(directory)
+    run = read_run(directory)
     rivals = candidates(m for m in run.manifest["methods"] if m not in added) or [FLOOR]
     metrics = _metrics([run], None, [])
     cells = run.compared(metrics, rivals)
@@ -105,9 +104,7 @@ def against_best(
     return [(by, _two_methods(run, (best, method), None)) for best, by in best_by.items()]
 
 
-def _two_methods(
-    run: ScoredRun, methods: Sequence[str], metrics: Sequence[str] | None
-) -> Differences:
+def _two_methods(run: Run, methods: Sequence[str], metrics: Sequence[str] | None) -> Differences:
     chosen_rows = _chosen_rows(run)
     available = [*run.manifest["methods"], *chosen_rows]
     _refuse_unknown("--methods", methods, available)
@@ -136,7 +133,7 @@ def runs(
     the runs did not see the same objects from the same views, naming what differs; where they have
     no method or condition in common; and as `methods_of_run`.
     """
-    a, b = (with_further(read_scored(d, older=True), metrics or ()) for d in (first, second))
+    a, b = (read_run(d, older=True).with_further(metrics or ()) for d in (first, second))
     _refuse_two_protocols(a, b)
     if a.suite.truth != b.suite.truth:
         raise BadInput(
@@ -216,7 +213,7 @@ def _of_fewer_objects(
 
 
 def _compare(
-    run: ScoredRun,
+    run: Run,
     methods: Sequence[str],
     metrics: Sequence[str],
     among: Mapping[tuple[str, str], AbstractSet[str]] | None = None,
@@ -240,16 +237,14 @@ def _compare(
     ]
 
 
-def _chosen_rows(run: ScoredRun) -> dict[str, dict[str, str]]:
+def _chosen_rows(run: Run) -> dict[str, dict[str, str]]:
     """Return the methods of the chosen rows by condition; only rows that each condition has."""
     conditions, methods = run.manifest["conditions"], run.manifest["methods"]
     rows = {name: row.by_condition(conditions, methods) for name, row in CHOSEN.items()}
     return {name: best for name, best in rows.items() if len(best) == len(conditions)}
 
 
-def _metrics(
-    scored: Sequence[ScoredRun], wanted: Sequence[str] | None, remarks: list[str]
-) -> list[str]:
+def _metrics(scored: Sequence[Run], wanted: Sequence[str] | None, remarks: list[str]) -> list[str]:
     """Return the metrics wanted, all of which the runs have to have.
 
     By default the metrics of the headline table.
@@ -278,9 +273,7 @@ def _common(name: str, a: Sequence[str], b: Sequence[str], remarks: list[str]) -
     return common
 
 
-def _leave_out_changed(
-    a: ScoredRun, b: ScoredRun, conditions: list[str], remarks: list[str]
-) -> None:
+def _leave_out_changed(a: Run, b: Run, conditions: list[str], remarks: list[str]) -> None:
     """Take out the conditions of packages that give other clouds in the two runs, with a remark."""
     in_a, in_b = (run.manifest.get(CONDITION_IDENTITIES, {}) for run in (a, b))
     changed = [name for name in conditions if in_a.get(name) != in_b.get(name)]
@@ -304,14 +297,14 @@ def _refuse_unknown(option: str, wanted: Sequence[str], known: Sequence[str]) ->
             )
 
 
-def _refuse_two_protocols(*scored: ScoredRun) -> None:
+def _refuse_two_protocols(*scored: Run) -> None:
     """Raise BadInput for runs of two versions of the protocol, naming one that is not ours."""
     if len({run.manifest[PROTOCOL] for run in scored}) > 1:
         for run in scored:
             refuse_other_version(run.directory, run.manifest[PROTOCOL])
 
 
-def _of_older_protocol(run: ScoredRun) -> list[str]:
+def _of_older_protocol(run: Run) -> list[str]:
     """Return the remark on a comparison within an older version of the protocol."""
     # The records of one version compare with each other whatever the code measures now.
     version = run.manifest[PROTOCOL]
@@ -328,7 +321,7 @@ class _SeenView(NamedTuple):
     blank_ssim: float
 
 
-def _refuse_other_objects(a: ScoredRun, b: ScoredRun) -> None:
+def _refuse_other_objects(a: Run, b: Run) -> None:
     """Raise BadInput where two runs did not see the same objects from the same views."""
     in_a, in_b = _seen_views(a), _seen_views(b)
     objects_a, objects_b = ({name for name, _ in views} for views in (in_a, in_b))
@@ -362,7 +355,7 @@ def _refuse_other_objects(a: ScoredRun, b: ScoredRun) -> None:
             )
 
 
-def _seen_views(run: ScoredRun) -> dict[tuple[str, int], _SeenView]:
+def _seen_views(run: Run) -> dict[tuple[str, int], _SeenView]:
     """Return the views of a run by "class/object" and number."""
     columns = ("class", "object", "view", "azimuth_deg", "elevation_deg", "ssim")
     blank = read_records(run.directory, columns, method=FLOOR)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -16,10 +16,10 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from bench.analysis.cells import CellKey, image_keys, read_cell
 from bench.analysis.comparison import NAN, Estimate
 from bench.analysis.digits import decimals
-from bench.analysis.distances import FeatureDistances, SetDistance, set_distance
+from bench.analysis.distances import CellKey, FeatureDistances, SetDistance, set_distance
+from bench.analysis.frame import Run
 from bench.analysis.intervals import (
     clipped,
     interval_of_means,
@@ -27,14 +27,15 @@ from bench.analysis.intervals import (
     mean_interval,
     median_interval,
 )
-from bench.analysis.object_sums import ObjectSums
 from bench.analysis.paper import AVERAGE
 from bench.analysis.recognition import true_gallery
-from bench.analysis.scored import ScoredRun
 from bench.catalogue.chosen import CHOSEN
 from bench.catalogue.methods import FLOOR
 from bench.catalogue.metrics import JUDGE, extractor_of, is_mean, metric_facts, value_range
 from bench.judges import answers as judge
+from bench.records.features import ImageKey
+from bench.records.frames import JOB
+from bench.records.parquet import read_records
 from bench.records.record import GROUND_TRUTH
 from data_prep.arrays import Floats
 
@@ -131,48 +132,33 @@ class CellValue(NamedTuple):
     debiased: float = NAN
 
 
-def image_rows(
-    run: ScoredRun, metrics: Sequence[str], blanks: bool = False
-) -> list[RowWithSamples]:
-    """Return the means over images by metrics of images, for all cells, as `mean_rows`."""
-    return mean_rows(run.suite.id, run.sums, metrics, run.skipped, blanks)
+def image_rows(run: Run, metrics: Sequence[str], blanks: bool = False) -> list[RowWithSamples]:
+    """Return the means over images by metrics of images, for all cells.
 
-
-def mean_rows(
-    suite: str,
-    sums: ObjectSums,
-    metrics: Sequence[str],
-    skipped: Mapping[str, str],
-    blanks: bool = False,
-) -> list[RowWithSamples]:
-    """Return the means over images by metrics of images, for all cells of some sums.
-
-    `skipped` has the reasons for metrics that were not measured. With `blanks` values and intervals
-    are those with a blank image in place of each failed one.
+    With `blanks` values and intervals are those with a blank image in place of each failed one.
     """
     return [
         quality_row(
-            suite,
-            sums,
+            run,
             cell,
             metric,
-            CellValue(note=skipped[metric])
-            if metric in skipped
-            else _mean_of_images(sums, cell, metric, blanks),
+            CellValue(note=run.skipped[metric])
+            if metric in run.skipped
+            else _mean_of_images(run, cell, metric, blanks),
         )
-        for cell in sums.cells
+        for cell in run.cells
         for metric in metrics
     ]
 
 
-def _mean_of_images(sums: ObjectSums, cell: CellKey, metric: str, blanks: bool) -> CellValue:
-    drawn, _ = sums.images(cell)
-    total, count = sums.totals(cell, metric)
-    of_blank, number = sums.totals(cell, metric, blanks=True)
+def _mean_of_images(run: Run, cell: CellKey, metric: str, blanks: bool) -> CellValue:
+    drawn, _ = run.images(cell)
+    total, count = (values.sum().item() for values in run.sums(cell, metric))
+    of_blank, number = (values.sum().item() for values in run.sums(cell, metric, blanks=True))
     missing = drawn - count
     if missing and not metric_facts(metric).undefined:  # an error, and shows as such
         total = of_blank = NAN
-    per_object = sums.per_object(cell, metric, blanks)
+    per_object = run.per_object(cell, metric, blanks)
     per_object = per_object[~np.isnan(per_object)]
     as_blank = _ratio(total + of_blank, count + number)
     value = as_blank if blanks else _ratio(total, count)
@@ -184,7 +170,7 @@ def _mean_of_images(sums: ObjectSums, cell: CellKey, metric: str, blanks: bool) 
     )
 
 
-def set_rows(run: ScoredRun, metric: str) -> list[RowWithSamples]:
+def set_rows(run: Run, metric: str) -> list[RowWithSamples]:
     """Return the distances to the true images of the same views by a set metric, for all cells."""
     extractor = extractor_of(metric)
     features, reason = run.features.get(extractor), run.skipped.get(extractor, "")
@@ -192,7 +178,7 @@ def set_rows(run: ScoredRun, metric: str) -> list[RowWithSamples]:
 
 
 def distance_rows(
-    run: ScoredRun,
+    run: Run,
     metric: str,
     distance: SetDistance,
     features: FeatureDistances | None,
@@ -201,13 +187,12 @@ def distance_rows(
     """Return the distances by features, for all cells; `reason` says why there are no features."""
     return [
         quality_row(
-            run.suite.id,
-            run.sums,
+            run,
             cell,
             metric,
             CellValue(note=reason) if features is None else _distance(cell, features, distance),
         )
-        for cell in run.sums.cells
+        for cell in run.cells
     ]
 
 
@@ -231,7 +216,7 @@ def _distance(cell: CellKey, features: FeatureDistances, distance: SetDistance) 
     )
 
 
-def recognition_rows(run: ScoredRun) -> list[QualityRow]:
+def recognition_rows(run: Run) -> list[QualityRow]:
     """Return what the judge recognises in each method's images: the view, and which object it is.
 
     Angles are medians over images of the error in degrees, with intervals by a bootstrap over
@@ -240,16 +225,26 @@ def recognition_rows(run: ScoredRun) -> list[QualityRow]:
     answers, reason = run.features.get(JUDGE), run.skipped.get(JUDGE, "")
     galleries: dict[str, judge.Gallery] = {}
     rows = []
-    for cell in run.sums.cells:
+    for cell in run.cells:
         values = dict.fromkeys(run.suite.control_metrics, CellValue(note=reason))
         if answers is not None:
             if cell[2] not in galleries:
                 galleries = {cell[2]: true_gallery(answers, cell[2])}  # of one class at a time
-            images = read_cell(run.directory, cell)
+            images = _images(run, cell)
             values = {m: _recognised(m, cell, images, answers, galleries[cell[2]]) for m in values}
         for metric, value in values.items():
-            rows.append(quality_row(run.suite.id, run.sums, cell, metric, value).row)
+            rows.append(quality_row(run, cell, metric, value).row)
     return rows
+
+
+def _images(run: Run, cell: CellKey) -> pd.DataFrame:
+    columns = ("object", "view", "azimuth_deg", "elevation_deg", "outcome")
+    return read_records(run.directory, columns, **dict(zip(JOB[:3], cell, strict=True)))
+
+
+def image_keys(records: pd.DataFrame) -> list[ImageKey]:
+    """Return object and view of each record."""
+    return list(zip(records["object"].tolist(), records["view"].tolist(), strict=True))
 
 
 def _recognised(
@@ -301,7 +296,7 @@ def _per_image(
     return judge.found(gallery, answered, images)
 
 
-def class_rows(run: ScoredRun, metrics: Sequence[str]) -> list[QualityRow]:
+def class_rows(run: Run, metrics: Sequence[str]) -> list[QualityRow]:
     """Return metric by metric the rows of each class, and last the means over classes."""
     rows = []
     for metric in metrics:
@@ -366,17 +361,15 @@ def _average(of_cell: Sequence[RowWithSamples], classes: AbstractSet[str]) -> Qu
     )
 
 
-def quality_row(
-    suite: str, sums: ObjectSums, cell: CellKey, metric: str, value: CellValue
-) -> RowWithSamples:
+def quality_row(run: Run, cell: CellKey, metric: str, value: CellValue) -> RowWithSamples:
     """Return the row of a value, with the counts of images and the reasons for failures."""
-    drawn, planned = sums.images(cell)
-    reasons = sums.reasons.get(cell, Counter[str]())
+    drawn, planned = run.images(cell)
+    reasons = run.reasons.get(cell, Counter[str]())
     message = [f"{count} x {reason}" for reason, count in reasons.most_common()]
     if value.undefined:
         message.append(f"{value.undefined} x {NO_VALUE}: {metric_facts(metric).undefined}")
     row = QualityRow(
-        suite,
+        run.suite.id,
         *cell,
         metric,
         *value.estimate,

@@ -10,10 +10,10 @@ from typing import Any
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from bench.analysis.cells import CellKey
+from bench.analysis.distances import CellKey
+from bench.analysis.frame import read_run
 from bench.analysis.paper import NETWORK, SURFACE
 from bench.analysis.recognition import true_gallery
-from bench.analysis.scored import read_scored
 from bench.catalogue.lookup import family_of, unknown
 from bench.catalogue.methods import FLOORS, known_method
 from bench.catalogue.metrics import JUDGE
@@ -48,7 +48,7 @@ SUITES = (CHAIRS, CLASSES, SPEED, LATENT)
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class RunEvidence:
     """A run as evidence, with its suite and its name for people."""
 
     name: str
@@ -78,7 +78,7 @@ def check_claims(directories: Sequence[Path], subjects: Sequence[str] = ()) -> l
         manifests = {directory: read_finished(directory) for directory in directories}
         _refuse_misfits(manifests)
         _refuse_absent(subjects, manifests)
-        runs = [read_run(folder, manifests[folder], subjects) for folder in directories]
+        runs = [read_evidence(folder, manifests[folder], subjects) for folder in directories]
         results = judge(claims(), runs)
     if not any(result.finding.requirements for result in results):
         reasons = dict.fromkeys(result.finding.reason for result in results if result.run)
@@ -121,7 +121,7 @@ def _refuse_misfits(manifests: Mapping[Path, Mapping[str, Any]]) -> None:
                 )
 
 
-def judge(table: Sequence[Claim], runs: Sequence[Run]) -> list[ClaimResult]:
+def judge(table: Sequence[Claim], runs: Sequence[RunEvidence]) -> list[ClaimResult]:
     """Return the results of every claim and run of its suite, with corrected verdicts.
 
     A claim without such a run has one result, which names the remedy.
@@ -211,9 +211,9 @@ def write_checklist(results: Sequence[ClaimResult], directory: Path) -> Path:
     return path
 
 
-def read_run(
+def read_evidence(
     directory: Path, manifest: Mapping[str, Any] | None = None, subjects: Sequence[str] = ()
-) -> Run:
+) -> RunEvidence:
     """Return a finished run as evidence.
 
     Raises BadInput for a run that is not finished, is damaged, or is of another suite.
@@ -228,20 +228,20 @@ def read_run(
     if suite == SPEED:
         samples = _read_table(directory, "speed_samples")
         machine = str(manifest.get("machine", {}).get("cpu") or "an unknown machine")
-        return Run(
+        return RunEvidence(
             name, suite, TimingEvidence(samples, machine, _trainings(samples["method"].unique()))
         )
     if suite == LATENT:
         names = ("latent_interpolation", "latent_arithmetic")
         means = [_read_table(directory, table) for table in names]
-        return Run(name, suite, pd.concat(means, ignore_index=True))
-    return Run(name, suite, _quality_evidence(directory, manifest, subjects))
+        return RunEvidence(name, suite, pd.concat(means, ignore_index=True))
+    return RunEvidence(name, suite, _quality_evidence(directory, manifest, subjects))
 
 
 def _quality_evidence(
     directory: Path, manifest: dict[str, Any], subjects: Sequence[str]
 ) -> QualityEvidence:
-    scored = read_scored(directory)
+    scored = read_run(directory)
     if scored.suite.truth != "coloured":
         raise BadInput(
             f"{directory}: is scored against {TRUTHS[scored.suite.truth]}, and the paper's claims "
@@ -251,7 +251,7 @@ def _quality_evidence(
     metrics = [
         metric
         for metric in dict.fromkeys(wanted)
-        if metric in scored.features or metric in scored.sums.metrics
+        if metric in scored.features or scored.has(metric)
     ]
     known = [m for m in manifest["methods"] if family_of(m) == NETWORK or m in subjects]
     chosen = [SURFACE, "true-mesh", *FLOORS, *known]
@@ -261,7 +261,7 @@ def _quality_evidence(
     judged = scored.features.get(JUDGE)
     return QualityEvidence(
         {(c.condition, c.class_name): c for c in compared},
-        {} if judged is None else retrieval_of_chairs(scored.sums.cells, judged),
+        {} if judged is None else retrieval_of_chairs(scored.cells, judged),
         _trainings(known),
         tuple(subjects),
         seed_spreads(),

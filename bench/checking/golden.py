@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from bench.analysis.frame import Run, read_run
 from bench.analysis.paper import PAPER_METHODS, PAPER_NETWORK
-from bench.analysis.scored import ScoredRun, read_scored
 from bench.analysis.scores import QualityRow
 from bench.catalogue.methods import role
 from bench.catalogue.suites import STABILITY
@@ -95,7 +95,7 @@ def check(directory: Path) -> CheckResult:
 
 
 def _check_values(directory: Path, manifest: dict[str, Any]) -> CheckResult:
-    run = read_scored(directory)
+    run = read_run(directory)
     own_tables = tables(run)
     sweep = (class_orderings(run), condition_sweep(run))
     written: list[Table[Any]] = [*own_tables, *filter(None, sweep)]
@@ -165,7 +165,7 @@ def bless(directory: Path) -> list[Path]:
     Raises BadInput where this is not the whole default run, or its images are gone.
     """
     manifest = read_finished(directory)
-    run = read_scored(directory)
+    run = read_run(directory)
     _refuse_other_protocol(run)
     protocol = _protocol(manifest)
     lines = golden_lines((row for table in tables(run) for row in table.rows), protocol)
@@ -199,7 +199,7 @@ def golden_lines(rows: Iterable[QualityRow], protocol: dict[str, Any]) -> list[d
     return lines
 
 
-def _refuse_other_protocol(run: ScoredRun) -> None:
+def _refuse_other_protocol(run: Run) -> None:
     """Raise BadInput for a run that is not the whole default run of its suite."""
     suite, manifest = run.suite, run.manifest
     default = Options(suite.id)

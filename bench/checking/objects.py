@@ -27,7 +27,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.analysis.scored import ScoredRun, in_order
+from bench.analysis.frame import Run, in_order
 from bench.catalogue.methods import known_method
 from bench.checking.thumbnails import NO_IMAGE, read_png, thumbnail, to_png
 from bench.checking.tolerances import object_tolerance
@@ -64,7 +64,7 @@ def environment_of(manifest: Mapping[str, Any]) -> dict[str, str]:
     }
 
 
-def object_values(run: ScoredRun) -> pd.DataFrame:
+def object_values(run: Run) -> pd.DataFrame:
     """Return each object's mean of each image metric over the views that have a value.
 
     The index is method, condition, class and object, in the order of the run; the columns are the
@@ -72,10 +72,10 @@ def object_values(run: ScoredRun) -> pd.DataFrame:
     """
     metrics = [*run.suite.image_metrics, *run.suite.detail_metrics]
     frames = []
-    for cell in run.sums.cells:
-        _, planned = run.sums.numbers(cell)
-        values = {metric: run.sums.per_object(cell, metric) for metric in metrics}
-        keys = dict(zip(KEY, (*cell, run.sums.objects(cell[2])), strict=True))
+    for cell in run.cells:
+        _, planned = run.numbers(cell)
+        values = {metric: run.per_object(cell, metric) for metric in metrics}
+        keys = dict(zip(KEY, (*cell, run.objects(cell)), strict=True))
         frames.append(pd.DataFrame(keys | values)[planned > 0])
     return in_order(pd.concat(frames), run.manifest, KEY).set_index(KEY)
 
@@ -187,7 +187,7 @@ def golden_thumbnails(name: str) -> UInt8Images:
     return read_png(png)
 
 
-def write_objects(run: ScoredRun, protocol: Mapping[str, Any]) -> list[Path]:
+def write_objects(run: Run, protocol: Mapping[str, Any]) -> list[Path]:
     """Make the values and images of a run the golden ones of its suite, and return the files.
 
     Raises BadInput where its images are gone.
@@ -263,7 +263,7 @@ class ObjectComparison:
     moved: tuple[GoldenDeviation, ...]
 
 
-def compare_objects(run: ScoredRun, golden: GoldenObjects) -> ObjectComparison:
+def compare_objects(run: Run, golden: GoldenObjects) -> ObjectComparison:
     """Compare the values of a run, or of a part of one, with the golden ones.
 
     In the same environment a value may differ by the digits that are not written; elsewhere by

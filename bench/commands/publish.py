@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from bench.analysis.scored import scored_run
+from bench.analysis.frame import read_run
 from bench.catalogue.metrics import metrics_device
 from bench.catalogue.plugins import ImageMetric, SetMetric, find_metric
 from bench.catalogue.suites import Suite
@@ -70,7 +70,7 @@ def publish(
     now, each with a table of its own.
     """
     with timed("tables", seconds):
-        outputs = write_outputs(scored_run(directory, read_manifest(directory)))
+        outputs = write_outputs(read_run(directory, read_manifest(directory)))
     if further:
         with timed("further metrics", seconds):
             tables = score_run_of(outputs.run, further)

@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 
 from bench.analysis.comparison import Estimate, milliseconds
-from bench.analysis.further_metrics import with_further
+from bench.analysis.frame import Run, read_run
 from bench.analysis.paired import verdicts_of
 from bench.analysis.recommend import (
     ALTERNATIVES,
@@ -25,7 +25,6 @@ from bench.analysis.recommend import (
     make_request,
 )
 from bench.analysis.recommend import recommend as best_methods
-from bench.analysis.scored import ScoredRun, read_scored
 from bench.catalogue.metrics import declared_metric
 from bench.catalogue.suites import TRUTHS
 from bench.commands.options import FormatOption, RunDirectory, names, path_argument, path_option
@@ -62,7 +61,7 @@ def table(directory: RunDirectory, format_: FormatOption = None) -> None:
     from bench.commands.publish import print_outputs
     from bench.tables.build import write_outputs
 
-    print_outputs(write_outputs(read_scored(directory)), format_)
+    print_outputs(write_outputs(read_run(directory)), format_)
 
 
 def report(
@@ -87,7 +86,7 @@ def report(
     if len(directories) > 1:
         print(write_index(directories, out))
     else:
-        print(write_report(make_outputs(read_scored(directories[0])), out))
+        print(write_report(make_outputs(read_run(directories[0])), out))
 
 
 def check(
@@ -214,7 +213,7 @@ def recommend(
     ] = None,
 ) -> None:
     """Recommend a method for a budget, or for a quality. Exit 1 if no method meets it."""
-    run = with_further(read_scored(directory), names(metric) or ())
+    run = read_run(directory).with_further(names(metric) or ())
     manifest = run.manifest
     request = make_request(manifest["views"] if views is None else views, budget_ms, min_ssim)
     metrics = _judging_metrics(run, names(metric))
@@ -229,7 +228,7 @@ def recommend(
         raise typer.Exit(1)
 
 
-def _judging_metrics(run: ScoredRun, wanted: Sequence[str] | None) -> list[str]:
+def _judging_metrics(run: Run, wanted: Sequence[str] | None) -> list[str]:
     """Return the wanted metrics, else those of the headline that the run has.
 
     Raises BadInput for a metric that is none of images, or that the run does not have.

@@ -16,11 +16,16 @@ import numpy as np
 import pandas as pd
 import typer
 
-from bench.analysis.cells import image_keys
 from bench.analysis.digits import decimals
 from bench.analysis.distances import FRECHET, KERNEL, FeatureDistances
-from bench.analysis.scored import ScoredRun, read_scored
-from bench.analysis.scores import QualityRow, RowWithSamples, distance_rows, image_rows
+from bench.analysis.frame import Run, read_run
+from bench.analysis.scores import (
+    QualityRow,
+    RowWithSamples,
+    distance_rows,
+    image_keys,
+    image_rows,
+)
 from bench.catalogue.loaders import chosen_device
 from bench.catalogue.metrics import (
     FURTHER_METRICS,
@@ -54,12 +59,10 @@ def score(directory: Path, metrics: Sequence[ImageMetric | SetMetric]) -> list[T
     Raises BadInput for a folder without a finished run, missing images, and where a metric fails or
     gives no scores.
     """
-    return score_run_of(read_scored(directory), metrics)
+    return score_run_of(read_run(directory), metrics)
 
 
-def score_run_of(
-    run: ScoredRun, metrics: Sequence[ImageMetric | SetMetric]
-) -> list[Table[QualityRow]]:
+def score_run_of(run: Run, metrics: Sequence[ImageMetric | SetMetric]) -> list[Table[QualityRow]]:
     """Return `score` of a run whose records are written, and write its tables."""
     for metric in metrics:
         if column(metric.id) in COLUMNS:
@@ -79,7 +82,7 @@ def score_run_of(
     return tables
 
 
-def _image_rows(run: ScoredRun, sources: Sources, metric: ImageMetric) -> list[RowWithSamples]:
+def _image_rows(run: Run, sources: Sources, metric: ImageMetric) -> list[RowWithSamples]:
     """Return the means over images, and keep the scores beside the records of the run.
 
     Skipped where something optional is not installed.
@@ -96,11 +99,10 @@ def _image_rows(run: ScoredRun, sources: Sources, metric: ImageMetric) -> list[R
     declare_metric(metric.id, better, digits)
     kept = ScoredMetric(metric.id, metric.version, metric.about, better, digits)
     write_scores(run.directory, kept, records, values)
-    run.sums.add_metric(metric.id, [records])
-    return image_rows(replace(run, skipped={}), [metric.id])
+    return image_rows(replace(run.with_metric(metric.id, records), skipped={}), [metric.id])
 
 
-def _set_rows(run: ScoredRun, sources: Sources, metric: SetMetric) -> list[RowWithSamples]:
+def _set_rows(run: Run, sources: Sources, metric: SetMetric) -> list[RowWithSamples]:
     """Return the rows of Fréchet and kernel distances; skipped where something is not installed."""
     kinds = {metric.id: FRECHET, f"{metric.id}-kernel": KERNEL}
     features = FeatureDistances(KeptFeatures(run.read_images(IMAGES), sources, metric))
@@ -241,7 +243,7 @@ def score_run(
             f"no installed package adds a metric; give --metrics {','.join(FURTHER_METRICS)}, "
             "or see docs/extending.md"
         )
-    run = read_scored(directory)
+    run = read_run(directory)
     for line in run.not_measured:
         if line.partition(":")[0] in map(extractor_of, chosen):
             raise BadInput(f"{directory}: {line}; start the run again so, which takes it")

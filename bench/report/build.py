@@ -14,8 +14,8 @@ import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from bench.analysis.comparison import ALL, pooled
+from bench.analysis.frame import in_order
 from bench.analysis.paired import verdicts_of
-from bench.analysis.scored import in_order
 from bench.analysis.scores import QualityRow
 from bench.catalogue.conditions import condition_words, known_condition
 from bench.catalogue.images import entered_claims

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from bench.analysis.scored import ScoredRun, read_scored
+from bench.analysis.frame import Run, read_run
 from bench.catalogue.conditions import condition_words
 from bench.catalogue.suites import TRUTHS
 from bench.records.parquet import RECORDS
@@ -65,7 +65,7 @@ def write_index(directories: Sequence[Path], out: Path | None = None) -> Path:
     Raises
     ------
     BadInput
-        As `read_scored`; where a folder is given twice or holds a copy of another run; where the
+        As `read_run`; where a folder is given twice or holds a copy of another run; where the
         folders are not beside each other and `out` is missing; where `out` is a page; and where a
         page of another origin is in its place.
     CannotWrite
@@ -76,7 +76,7 @@ def write_index(directories: Sequence[Path], out: Path | None = None) -> Path:
     for i, folder in enumerate(folders):
         if folder in folders[:i]:
             raise BadInput(f"{directories[i]}: given twice; give each folder once")
-    runs = [read_scored(directory) for directory in directories]
+    runs = [read_run(directory) for directory in directories]
     _refuse_copies(runs)
     with progress("reports", len(runs)) as advance:
         for run in runs:
@@ -115,7 +115,7 @@ def _place(folders: Sequence[Path], out: Path | None) -> Path:
     return page
 
 
-def _refuse_copies(runs: Sequence[ScoredRun]) -> None:
+def _refuse_copies(runs: Sequence[Run]) -> None:
     """Raise BadInput where two folders have the same records, times included, of one request."""
     first: dict[tuple[Any, ...], Path] = {}
     for run in runs:
@@ -152,7 +152,7 @@ def run_groups(runs: Sequence[NamedRun]) -> tuple[RunGroup, ...]:
 
 def _card(named: NamedRun) -> RunCard:
     run, manifest = named.run, named.run.manifest
-    counts = map(run.sums.images, run.sums.cells)
+    counts = map(run.images, run.cells)
     drawn, planned = map(sum, zip(*counts, strict=True))
     classes = {str(name).partition("/")[0] for name in manifest["objects"]}
     of_what = f"{len(classes)} classes" if len(classes) > 1 else f"class {min(classes)}"

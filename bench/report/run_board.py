@@ -11,9 +11,9 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from bench.analysis.comparison import Comparison, milliseconds, pooled
+from bench.analysis.frame import Run
 from bench.analysis.leaderboard import over_conditions
 from bench.analysis.ranks import Ranking, ranking
-from bench.analysis.scored import ScoredRun
 from bench.catalogue.conditions import condition_words
 from bench.catalogue.methods import RECOMMENDED, role
 from bench.catalogue.metrics import is_mean
@@ -45,7 +45,7 @@ class NamedRun:
     """A run, its name among others, and the address of its report."""
 
     name: str
-    run: ScoredRun
+    run: Run
     report: str
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -11,12 +11,11 @@ from threadpoolctl import threadpool_limits
 
 from bench.analysis.comparison import NAN
 from bench.analysis.condition_sweep import ConditionCurve, condition_curves, paired_comparisons
+from bench.analysis.frame import Run
 from bench.analysis.frontier import FrontierPoint, SubsampledFrontier, places, thinned
-from bench.analysis.object_sums import ObjectSums
 from bench.analysis.orderings import Ordering, orderings
 from bench.analysis.paired import verdicts_of
 from bench.analysis.paper import Published
-from bench.analysis.scored import ScoredRun
 from bench.analysis.scores import QualityRow
 from bench.catalogue.images import ENTERED
 from bench.catalogue.suites import Suite, TableKind, TableSpec
@@ -37,9 +36,7 @@ from data_prep.files.atomic_write import write_whole
 
 R = TypeVar("R")
 COST = "cost.md"
-QUALITY_TABLES: Mapping[
-    TableKind, Callable[[ScoredRun, TableSpec, Published], Table[QualityRow]]
-] = {
+QUALITY_TABLES: Mapping[TableKind, Callable[[Run, TableSpec, Published], Table[QualityRow]]] = {
     "images": image_table,
     "sets": set_table,
     "classes": class_table,
@@ -48,7 +45,7 @@ QUALITY_TABLES: Mapping[
 }
 
 
-def tables(run: ScoredRun) -> list[Table[QualityRow]]:
+def tables(run: Run) -> list[Table[QualityRow]]:
     """Return the tables of quality that the suite of a run declares."""
     paper = paper_values(run.suite)
     with threadpool_limits(1):  # the same last digits on any number of cores
@@ -64,11 +61,11 @@ def paper_values(suite: Suite) -> Published:
     return published(suite.id) if suite.truth == "coloured" else {}
 
 
-def _of_run(run: ScoredRun, table: Table[R]) -> Table[R]:
+def _of_run(run: Run, table: Table[R]) -> Table[R]:
     return of_protocol(table, run.suite, run.manifest[PROTOCOL])
 
 
-def class_orderings(run: ScoredRun) -> Table[Ordering] | None:
+def class_orderings(run: Run) -> Table[Ordering] | None:
     """Return the paper's orderings of Table 5 on a run; None without both sides."""
     if (spec := run.suite.table("orderings")) is None:
         return None
@@ -77,14 +74,14 @@ def class_orderings(run: ScoredRun) -> Table[Ordering] | None:
     return _of_run(run, orderings_table(spec, run.suite.id, rows)) if rows else None
 
 
-def curves(run: ScoredRun) -> tuple[ConditionCurve, ...]:
+def curves(run: Run) -> tuple[ConditionCurve, ...]:
     """Return the methods of a run along its families of conditions; none for other suites."""
     metrics = run.measured(run.suite.condition_sweep)
     with threadpool_limits(1):
         return condition_curves(run.compared(metrics), metrics) if metrics else ()
 
 
-def condition_sweep(run: ScoredRun) -> Table[ConditionStep] | None:
+def condition_sweep(run: Run) -> Table[ConditionStep] | None:
     """Return who is ahead of whom along the families; None without two such methods."""
     spec, metrics = run.suite.table("condition sweep"), run.measured(run.suite.condition_sweep)
     if spec is None or not metrics:
@@ -95,7 +92,7 @@ def condition_sweep(run: ScoredRun) -> Table[ConditionStep] | None:
 
 
 def frontier_tables(
-    run: ScoredRun,
+    run: Run,
 ) -> tuple[Table[FrontierPoint], Table[SubsampledFrontier]] | None:
     """Return quality against cost, and against the number of points; None for other suites.
 
@@ -117,7 +114,7 @@ def frontier_tables(
 class Outputs:
     """The tables of a run, by the functions of the same names."""
 
-    run: ScoredRun
+    run: Run
     headline: Table[QualityRow]
     tables: tuple[Table[QualityRow], ...]
     cost: str
@@ -133,13 +130,13 @@ class Outputs:
         return [table for table in optional if table is not None]
 
 
-def make_outputs(run: ScoredRun) -> Outputs:
+def make_outputs(run: Run) -> Outputs:
     """Return all tables of a run."""
     return Outputs(
         run,
         headline=headline(run),
         tables=(*tables(run), *further_tables(run)),
-        cost=cost_table(run.sums, how_timed(run.manifest), run.manifest.get(ENTERED, ())),
+        cost=cost_table(run),
         frontier_tables=frontier_tables(run),
         orderings=class_orderings(run),
         curves=curves(run),
@@ -147,7 +144,7 @@ def make_outputs(run: ScoredRun) -> Outputs:
     )
 
 
-def write_outputs(run: ScoredRun) -> Outputs:
+def write_outputs(run: Run) -> Outputs:
     """Make the tables of a run and write its folder of tables anew."""
     outputs = make_outputs(run)
     written = [outputs.headline, *outputs.tables, *outputs.further]
@@ -173,22 +170,21 @@ def how_timed(manifest: Mapping[str, Any]) -> str:
     )
 
 
-def cost_table(sums: ObjectSums, remark: str, claimed: Collection[str] = ()) -> str:
+def cost_table(run: Run) -> str:
     """Return the median costs in milliseconds, per cloud and per view, as Markdown.
 
-    It is not one of the tables: times differ from run to run. `remark` says how they were taken,
-    `claimed` are the methods whose authors state them.
+    It is not one of the tables: times differ from run to run.
     """
-    cells = sums.cells
+    cells, claimed = run.cells, run.manifest.get(ENTERED, ())
     conditions = list(dict.fromkeys(condition for _, condition, _ in cells))
     lines = []
     for method in dict.fromkeys(method for method, _, _ in cells):
         line, of_author = [method], method in claimed
         for at in conditions:
             classes = [cell for cell in cells if cell[:2] == (method, at)]
-            drawn = any(sums.images(cell)[0] for cell in classes)
+            drawn = any(run.images(cell)[0] for cell in classes)
             prepare_s, draw_s = (
-                np.nanmedian(np.concatenate([sums.per_object(cell, name) for cell in classes]))
+                np.nanmedian(np.concatenate([run.per_object(cell, name) for cell in classes]))
                 if drawn
                 else NAN
                 for name in TIMES
@@ -197,4 +193,4 @@ def cost_table(sums: ObjectSums, remark: str, claimed: Collection[str] = ()) -> 
             line.append(times if drawn else "-")
         lines.append(line)
     title = "# Cost: median milliseconds to prepare a cloud + to draw a view (one thread)"
-    return markdown.document([title, remark, grid(["method", *conditions], lines)])
+    return markdown.document([title, how_timed(run.manifest), grid(["method", *conditions], lines)])

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 
+from bench.analysis.frame import Run
 from bench.analysis.paper import SURFACE, Published, network_of
-from bench.analysis.scored import ScoredRun
 from bench.analysis.scores import QualityRow, class_rows
 from bench.catalogue.suites import TableSpec
 from bench.tables import markdown
@@ -23,7 +23,7 @@ FEW = 10  # objects of a class below which its distances are warned of
 IN_A_ROW = 7  # classes side by side, as the paper has them
 
 
-def class_table(run: ScoredRun, spec: TableSpec, published: Published) -> Table[QualityRow]:
+def class_table(run: Run, spec: TableSpec, published: Published) -> Table[QualityRow]:
     """Return Table 5: values by class, and their means over classes."""
     rows = annotated(class_rows(run, run.suite.class_metrics), run.manifest, published)
     shown = with_chosen_rows(rows)
@@ -46,9 +46,9 @@ def table_of_classes(spec: TableSpec, rows: Iterable[QualityRow], remark: str) -
     return Table.of_rows(spec.name, spec.title, columns_of(QualityRow), tuple(rows), layout, remark)
 
 
-def remark(run: ScoredRun) -> str:
+def remark(run: Run) -> str:
     """Return the number of objects of each class, and which classes have few or none."""
-    counts = run.sums.objects_of
+    counts = run.objects_of
     message = (
         "`fid`, `kid`, `fd-views` and `kd-views` are distances (lower is better), the others "
         "similarities (higher is better). The average is over classes, each counting alike."

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from bench.analysis.further_metrics import with_scores
-from bench.analysis.scored import ScoredRun
+from bench.analysis.frame import Run
 from bench.analysis.scores import QualityRow, image_rows
 from bench.catalogue.suites import TableSpec
 from bench.records.image_scores import read_scores, scored_ids
@@ -16,7 +15,7 @@ from data_prep.progress import log
 
 
 def metric_table(
-    run: ScoredRun,
+    run: Run,
     metric_id: str,
     version: int,
     about: str,
@@ -30,7 +29,7 @@ def metric_table(
     return of_truth(quality_table(spec, rows), run.suite)
 
 
-def further_tables(run: ScoredRun) -> list[Table[QualityRow]]:
+def further_tables(run: Run) -> list[Table[QualityRow]]:
     """Return the tables of all image metrics that a run was scored by.
 
     Scores of records that have changed since are left out, and a line on stderr names them.
@@ -42,7 +41,7 @@ def further_tables(run: ScoredRun) -> list[Table[QualityRow]]:
         except BadInput as error:
             log(str(error))
             continue
-        rows = (sample.row for sample in image_rows(with_scores(run, metric, images), [metric_id]))
+        rows = (sample.row for sample in image_rows(run.with_scores(metric, images), [metric_id]))
         about = metric.version, metric.about, metric.higher_is_better
         tables.append(metric_table(run, metric_id, *about, rows))
     return tables

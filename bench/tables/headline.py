@@ -6,24 +6,21 @@ Failed images are scored as blank ones, so that all methods have values of the s
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any
 
 from threadpoolctl import threadpool_limits
 
 from bench.analysis.comparison import NAN
+from bench.analysis.frame import Run
 from bench.analysis.paper import AVERAGE
-from bench.analysis.scored import ScoredRun
 from bench.analysis.scores import (
     QualityRow,
-    RowWithSamples,
     image_rows,
     set_rows,
     with_averages,
 )
 from bench.catalogue.metrics import is_mean
-from bench.catalogue.suites import Suite
 from bench.records.run_folder import PROTOCOL
 from bench.tables.grid import Block
 from bench.tables.quality import all_methods, annotated, with_chosen_rows
@@ -37,27 +34,23 @@ _LEGEND = (
 FEWEST_SHOWN = 12  # objects: intervals of fewer are so wide and so uncertain that they mislead here
 
 
-def headline(run: ScoredRun) -> Table[QualityRow]:
-    """Return the headline metrics of the suite over the objects that are complete."""
-    metrics = run.suite.headline
-    with threadpool_limits(1):
-        rows = image_rows(run, [metric for metric in metrics if is_mean(metric)], True)
-        for metric in metrics:
-            rows += [] if is_mean(metric) else set_rows(run, metric)
-        return headline_of(run.suite, run.manifest, rows)
+def headline(run: Run, metrics: Sequence[str] | None = None) -> Table[QualityRow]:
+    """Return the headline metrics of the suite over the objects that are complete.
 
-
-def headline_of(
-    suite: Suite, manifest: Mapping[str, Any], rows: Sequence[RowWithSamples]
-) -> Table[QualityRow]:
-    """Return the headline table of the rows of all cells.
-
-    People see intervals from FEWEST_SHOWN objects on; its CSV has them before.
+    `metrics` are those that the run has while it goes on, by default all. People see intervals from
+    FEWEST_SHOWN objects on; its CSV has them before.
     """
+    suite, manifest = run.suite, run.manifest
+    wanted = suite.headline if metrics is None else metrics
+    with threadpool_limits(1):
+        rows = image_rows(run, [metric for metric in wanted if is_mean(metric)], True)
+        for metric in wanted:
+            rows += [] if is_mean(metric) else set_rows(run, metric)
     chosen = [row for row, _ in rows]
     if suite.table("classes"):
         of_metrics = ([r for r in rows if r.row.metric == metric] for metric in suite.headline)
-        averages = (row for of_metric in of_metrics for row in with_averages(of_metric))
+        with threadpool_limits(1):
+            averages = [row for of_metric in of_metrics for row in with_averages(of_metric)]
         chosen = [row for row in averages if row.class_name == AVERAGE]
     objects = len(manifest["objects"])
     planned = manifest.get("planned", objects)

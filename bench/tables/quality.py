@@ -14,8 +14,8 @@ from typing import Any
 
 from bench.analysis.comparison import NAN
 from bench.analysis.digits import prints_better
+from bench.analysis.frame import Run
 from bench.analysis.paper import PAPER_METHODS, Published, published_value
-from bench.analysis.scored import ScoredRun
 from bench.analysis.scores import QualityRow, image_rows, recognition_rows, set_rows
 from bench.catalogue.chosen import CHOSEN
 from bench.catalogue.methods import role, training_objects
@@ -48,25 +48,25 @@ _DEBIASED = (
 )
 
 
-def image_table(run: ScoredRun, spec: TableSpec, published: Published) -> Table[QualityRow]:
+def image_table(run: Run, spec: TableSpec, published: Published) -> Table[QualityRow]:
     """Return the means over images of the suite's image metrics."""
     rows = [sampled.row for sampled in image_rows(run, run.suite.image_metrics)]
     return quality_table(spec, annotated(rows, run.manifest, published))
 
 
-def detail_table(run: ScoredRun, spec: TableSpec, published: Published) -> Table[QualityRow]:
+def detail_table(run: Run, spec: TableSpec, published: Published) -> Table[QualityRow]:
     """Return the means over images of the suite's detail metrics, which the paper does not have."""
     rows = [sampled.row for sampled in image_rows(run, run.suite.detail_metrics)]
     return quality_table(spec, annotated(rows, run.manifest, {}), DETAIL_REMARK)
 
 
-def set_table(run: ScoredRun, spec: TableSpec, published: Published) -> Table[QualityRow]:
+def set_table(run: Run, spec: TableSpec, published: Published) -> Table[QualityRow]:
     """Return the distances of methods' images to the true ones by the suite's set metrics."""
     rows = [sampled.row for metric in run.suite.set_metrics for sampled in set_rows(run, metric)]
     return quality_table(spec, annotated(rows, run.manifest, published))
 
 
-def recognition_table(run: ScoredRun, spec: TableSpec, published: Published) -> Table[QualityRow]:
+def recognition_table(run: Run, spec: TableSpec, published: Published) -> Table[QualityRow]:
     """Return what the judge recognises in methods' images: the view, and which object it is."""
     remark = (
         "A judge tells view and shape from the image alone; `true-mesh` shows how far the judge "
@@ -76,7 +76,7 @@ def recognition_table(run: ScoredRun, spec: TableSpec, published: Published) -> 
         sizes = ", ".join(
             f"{len({obj for obj, _ in answers.images(GROUND_TRUTH, '', name)})} of class "
             f"{markdown.cell(name)}"
-            for name in run.sums.objects_of
+            for name in run.objects_of
         )
         remark += f" Retrieval is among all objects of the run ({sizes}): by chance 1 in as many."
     return quality_table(spec, annotated(recognition_rows(run), run.manifest, {}), remark)

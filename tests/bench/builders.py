@@ -18,9 +18,8 @@ import pyarrow.parquet as pq
 import pytest
 from harness_objects import Tetrahedron
 
+from bench.analysis.frame import Run, full_frame, read_run
 from bench.analysis.intervals import distance_interval
-from bench.analysis.object_sums import ObjectSums
-from bench.analysis.scored import ScoredRun, scored_run
 from bench.catalogue.methods import FLOORS
 from bench.catalogue.metrics import IMAGE_METRICS, column
 from bench.catalogue.suites import SUITES, Suite
@@ -34,6 +33,7 @@ from bench.metrics.frechet import (
 )
 from bench.metrics.kernel_distance import KernelSet, kernel_distances
 from bench.records.artifacts import JobName, pack
+from bench.records.frames import sum_views
 from bench.records.job import Job, Result
 from bench.records.parquet import read_records, write_features, write_records
 from bench.records.record import GROUND_TRUTH, SCHEMA_VERSION, TYPES, Record
@@ -171,23 +171,13 @@ def names_of(records: pd.DataFrame) -> dict[str, list[str]]:
     return names | {"objects": (records["class"] + "/" + records["object"]).unique().tolist()}
 
 
-def sums_of(records: pd.DataFrame, manifest=None) -> ObjectSums:
-    """The sums of records in one piece."""
-    names = names_of(records) | (manifest or {})
-    metrics = [metric for metric in IMAGE_METRICS if column(metric) in records]
-    sums = ObjectSums(names["methods"], names["conditions"], names["objects"], metrics)
-    sums.add(records)
-    sums.add_blanks(records)
-    return sums
-
-
 def scored_records(
-    records: pd.DataFrame, suite: Suite, features=None, skipped=None, **manifest
-) -> ScoredRun:
+    records: pd.DataFrame, suite: Suite = SUITES[0], features=None, skipped=None, **manifest
+) -> Run:
     """Return a scored run of these records, with distances by extractor, without a folder."""
     manifest = names_of(records) | manifest
-    sums = sums_of(records, manifest)
-    return ScoredRun(Path("run"), suite, manifest, sums, features or {}, skipped or {})
+    jobs = full_frame(sum_views(records), manifest)
+    return Run(Path("run"), suite, manifest, jobs, features or {}, skipped or {})
 
 
 def feature_index(methods, objects_of_class) -> pd.DataFrame:
@@ -369,7 +359,7 @@ def write_run(directory: Path, **changes) -> Path:
             store.append(result)
         store.list_jobs((job.key, job.name) for job in jobs)
         write_features(directory, store, EXTRACTORS)
-    write_outputs(scored_run(directory, manifest))
+    write_outputs(read_run(directory, manifest))
     return directory
 
 

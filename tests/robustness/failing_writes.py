@@ -41,7 +41,7 @@ import pyarrow.parquet as pq
 import bench.running.executors
 import bench.running.protocol
 import bench.running.run
-from bench.analysis.scored import scored_run
+from bench.analysis.frame import read_run
 from bench.catalogue.suites import Limits
 from bench.commands.live import LiveTable
 from bench.commands.terminal import Terminal
@@ -181,7 +181,7 @@ def failing(writes: Writes) -> Iterator[None]:
 
 def publish(directory: Path, seconds: dict[str, float]) -> Outputs:
     """Write the tables."""
-    return write_outputs(scored_run(directory, read_manifest(directory)))
+    return write_outputs(read_run(directory, read_manifest(directory)))
 
 
 def run_once(out: Path, writes: Writes, done: Any) -> None:

@@ -8,7 +8,7 @@ import pytest
 from bench.analysis.comparison import compare
 from bench.analysis.leaderboard import OVERALL, mean_places, over_conditions
 
-from ..builders import sums_of
+from ..builders import scored_records
 
 
 def test_places_are_averaged_over_columns_and_equal_ones_shared():
@@ -41,7 +41,7 @@ def records(scores) -> pd.DataFrame:
     """Records of two views; `scores` by method, condition and object."""
     rows = [
         {"method": m, "condition": c, "class": "chair", "object": o, "view": v, "outcome": "ok",
-         "prepare_s": t, "draw_s": t, "lpips": value}
+         "reason": "", "notes": "", "prepare_s": t, "draw_s": t, "lpips": value}
         for (m, c, t), by_object in scores.items()
         for o, value in by_object.items()
         for v in (0, 1)
@@ -58,7 +58,7 @@ def test_the_mean_over_conditions_is_of_objects_that_all_have():
             ("m", "512", 0.02): {"a": 0.3, "b": 0.6},
         }
     )
-    overall = over_conditions(compare(sums_of(frame), {}, ["lpips"]))
+    overall = over_conditions(compare(scored_records(frame), ["lpips"]))
     assert overall.condition == OVERALL
     assert overall.objects == ("a", "b")
     quality = overall.qualities["lpips"]["m"]

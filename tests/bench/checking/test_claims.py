@@ -13,10 +13,10 @@ from bench.analysis.intervals import StandardError
 from bench.catalogue.suites import LATENT, SPEED, SUITES
 from bench.checking.checklist import (
     ClaimResult,
-    Run,
+    RunEvidence,
     check_claims,
     judge,
-    read_run,
+    read_evidence,
     to_markdown,
 )
 from bench.checking.claim_findings import ClaimFinding, Requirement
@@ -84,7 +84,7 @@ def test_claims_without_a_run_or_of_one_that_lacks_something(tmp_path):
     assert reasons["table-5-car"] == "give a run of thirteen-classes"
     assert reasons["nine-times-faster"] == "give a run of speed"
     assert reasons["better-than-points2pix"].startswith("our points2pix has other inputs")
-    run = read_run(write_run(tmp_path / "run"))
+    run = read_evidence(write_run(tmp_path / "run"))
     results = [entry for entry in judge(CLAIMS, [run]) if entry.run]
     assert len(results) == sum(claim.suite == "chair-robustness" for claim in CLAIMS)
     assert {entry.run for entry in results} == {"chair-robustness on procedural"}
@@ -102,7 +102,7 @@ def test_claims_of_a_run(tmp_path):
         objects=[f"chair/{name}" for name in "abcdef"],
     )
     findings = {
-        entry.claim.id: entry.finding for entry in judge(CLAIMS, [read_run(run)]) if entry.run
+        entry.claim.id: entry.finding for entry in judge(CLAIMS, [read_evidence(run)]) if entry.run
     }
     rows = pd.read_csv(run / "tables" / "table3_ssim.csv").query("metric == 'ssim'")
     values = rows.set_index(["method", "condition"])["value"]
@@ -127,15 +127,15 @@ def test_speed_and_latent_runs(tmp_path):
     for name in ("interpolation", "arithmetic"):
         text = f"what,metric,kind,method,value,ci_low,ci_high\n{name},m,all,pc2pix,1,1,1\n"
         (tmp_path / f"latent/tables/latent_{name}.csv").write_text(text)
-    speed, latent = (read_run(tmp_path / name) for name in ("speed", "latent"))
+    speed, latent = (read_evidence(tmp_path / name) for name in ("speed", "latent"))
     assert speed.evidence.samples["condition"].tolist() == ["2048"]
     assert latent.evidence["what"].tolist() == ["interpolation", "arithmetic"]
     (tmp_path / "speed/tables/speed_samples.csv").unlink()
     with pytest.raises(BadInput, match=r"speed_samples.csv: cannot be read"):
-        read_run(tmp_path / "speed")
+        read_evidence(tmp_path / "speed")
     write_manifest(tmp_path / "speed", make_manifest(suite="stability"))
     with pytest.raises(BadInput, match="no claim of the paper is about stability"):
-        read_run(tmp_path / "speed")
+        read_evidence(tmp_path / "speed")
 
 
 def test_the_checklist_in_markdown():
@@ -173,7 +173,7 @@ def test_floors_are_not_robust(tmp_path):
     names = ["surface-apss", "blank", "constant"]
     run = write_run(tmp_path / "run", methods=names, objects=[f"chair/{i}" for i in "abcdefgh"],
                     conditions=["2048", "1024", "512", "noise-0.05", "noise-0.10"])  # fmt: skip
-    results = judge(CLAIMS, [read_run(run, subjects=("blank", "constant"))])
+    results = judge(CLAIMS, [read_evidence(run, subjects=("blank", "constant"))])
     robust = {"operates-on-fewer-points", "robust-to-noise", "structure-is-kept", "fid-is-kept"}
     chosen = [entry for entry in results if entry.claim.id in robust]
     assert {entry.finding.subject for entry in chosen} == {"blank", "constant"}
@@ -227,7 +227,7 @@ def test_findings_are_those_of_the_rule():
 
     claim = replace(CLAIMS[0], rule=rule)
     evidence = QualityEvidence({})
-    runs = [Run("one", claim.suite, evidence), Run("two", "speed", pd.DataFrame())]
+    runs = [RunEvidence("one", claim.suite, evidence), RunEvidence("two", "speed", pd.DataFrame())]
     results = judge([claim], runs)
     assert [(entry.run, entry.finding.subject) for entry in results] == [
         ("one", "pc2pix"),

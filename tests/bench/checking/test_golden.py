@@ -1,12 +1,13 @@
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import replace
 
 import pandas as pd
 import pytest
 
-from bench.analysis.scored import read_scored
+from bench.analysis.frame import read_run
 from bench.catalogue.chosen import BEST_RECONSTRUCTION
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import FLOORS
@@ -17,7 +18,7 @@ from bench.records.run_folder import read_manifest, write_manifest
 from bench.tables.build import tables, write_outputs
 from bench.tables.published import golden, golden_name, published
 
-from ..builders import SUITE, overwrite, write_run
+from ..builders import SCORES, SUITE, overwrite, write_run
 from .conftest import be_default
 
 HEADLINE = ("ssim-object", "lpips")
@@ -68,7 +69,7 @@ def test_a_run_of_which_nothing_is_golden_does_not_pass(run, refused, tmp_path):
 def test_regressions_of_the_headline_come_first(run, command):
     for score in ("ssim", "lpips"):
         alter_records(run, score, lambda values: values + 0.25)
-    write_outputs(read_scored(run))
+    write_outputs(read_run(run))
     status, out, _ = command("check", run)
     assert status == 1
     named = [line.split()[1] for line in out.splitlines() if line.startswith("REGRESSION ")]
@@ -106,7 +107,7 @@ def has_the_tolerances_of_its_rules(frame):
 
 
 def test_a_cell_of_two_tables_is_blessed_once_and_with_room_below_zero(run):
-    rows = tables(read_scored(run))[0].rows
+    rows = tables(read_run(run))[0].rows
     below = replace(rows[0], metric="kd-views", value=-2.0)
     other = replace(rows[0], method=BEST_RECONSTRUCTION)  # the value of another method
     lines = golden_lines(2 * (*rows, below, other), {"seed": 0})
@@ -218,7 +219,7 @@ def test_a_value_beyond_its_tolerance_is_a_regression(run, results, command, met
     ("harm", "metrics"),
     [
         ({"structure": float("nan")}, ["structure"]),
-        ({"outcome": "failed"}, (*SSIM, *DETAIL, *CONTROL)),
+        (dict.fromkeys(SCORES, math.nan) | {"outcome": "failed"}, (*SSIM, *DETAIL, *CONTROL)),
         (None, (*SSIM, *DISTANCES, KERNEL, *DETAIL, *CONTROL)),  # no such records
     ],
 )
@@ -229,7 +230,7 @@ def test_a_value_that_is_gone_is_a_regression(run, harm, metrics):
     if harm:
         frame.loc[of_cell, [*harm]] = [*harm.values()]
     overwrite(path, frame if harm else frame[~of_cell])
-    write_outputs(read_scored(run))
+    write_outputs(read_run(run))
     lines = check(run).regressions
     assert all(", golden " in line for line in lines)
     by_object = [line.split(" of ")[0] for line in lines if "objects moved" in line]
@@ -298,7 +299,7 @@ def test_another_truth_has_golden_values_of_its_own(tmp_path, run, results, comm
         True,
     )
     alter_records(grey, "ssim", lambda values: values + 0.25)
-    write_outputs(read_scored(grey))
+    write_outputs(read_run(grey))
     status, out, _ = command("check", grey)
     assert (status, "2 regressions" in out, "REGRESSION ssim of splat at 512" in out) == (
         1,
@@ -345,7 +346,7 @@ def test_without_golden_values_by_object_the_run_has_to_be_whole(tmp_path, run, 
 
 def test_bless_says_where_and_replaces_what_was_golden(run, results, command):
     alter_records(run, "ssim", lambda values: values + 0.25)
-    write_outputs(read_scored(run))
+    write_outputs(read_run(run))
     mean, by_object = check(run).regressions
     assert "+-" in mean
     assert "3 of 3 objects moved" in by_object
@@ -380,7 +381,7 @@ def test_fid_is_never_golden(tmp_path, results):
     (directory / "features" / "fid.parquet").write_bytes(
         (directory / "features" / "fd-views.parquet").read_bytes()
     )
-    write_outputs(read_scored(directory))
+    write_outputs(read_run(directory))
     bless(directory)
     assert "fid" not in set(golden(SUITE)["metric"])
     assert check(directory).regressions == ()
@@ -411,7 +412,7 @@ def test_remarks_say_which_approach_is_ahead(tmp_path, results, command, monkeyp
     for condition in ("2048", "512"):
         alter_records(directory, "ssim", lambda values: 0.8, "surface-apss", condition)
         alter_records(directory, "ssim", lambda values: 0.3, "pc2pix", condition)
-    write_outputs(read_scored(directory))
+    write_outputs(read_run(directory))
     bless(directory)
     status, out, _ = command("check", directory)
     assert status == 0  # the paper is no criterion

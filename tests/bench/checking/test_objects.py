@@ -15,7 +15,7 @@ import pytest
 from PIL import Image
 
 import bench.tables.published
-from bench.analysis.scored import read_scored
+from bench.analysis.frame import read_run
 from bench.catalogue.metrics import IMAGE_METRICS, column
 from bench.catalogue.suites import SUITES, with_truth
 from bench.checking.golden import bless, check
@@ -86,7 +86,7 @@ def alter(run, by, score="ssim", method="splat", condition="512"):
     chosen = (frame["method"] == method) & (frame["condition"] == condition)
     frame.loc[chosen, score] += frame.loc[chosen, "object"].map(by).fillna(0.0)
     overwrite(path, frame)
-    write_outputs(read_scored(run))
+    write_outputs(read_run(run))
 
 
 def set_manifest(run, **changes):
@@ -246,14 +246,14 @@ def test_no_value_is_golden_too(run, golden_results):
     frame = pd.read_parquet(path)
     frame.loc[frame["method"] == "blank", "thin_precision"] = np.nan
     overwrite(path, frame)
-    write_outputs(read_scored(run))
+    write_outputs(read_run(run))
     bless(run)
     assert lines_of(SUITE)["thin-precision"].isna().sum() == 7
     assert check(run).regressions == ()
     drawn = (frame["method"] == "blank") & (frame["object"] == "c") & (frame["view"] == 1)
     frame.loc[drawn & (frame["condition"] == "512"), "thin_precision"] = 0.25
     overwrite(path, frame)
-    write_outputs(read_scored(run))
+    write_outputs(read_run(run))
     (line,) = check(run).regressions
     assert line == (
         "thin-precision of blank at 512: 1 of 7 objects moved by more than 0.000001: "

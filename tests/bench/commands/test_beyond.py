@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 
 import bench.checking.golden
-from bench.analysis.scored import read_scored
+from bench.analysis.frame import read_run
 from bench.catalogue.suites import SUITES
 from bench.commands.publish import run_suite
 from bench.records.run_folder import read_manifest
@@ -54,14 +54,14 @@ def test_runs_without_two_methods_families_or_features_have_less(tmp_path):
     methods = ["splat", "blank"]
     few = write_run(tmp_path / "a", suite=SUITE.id, methods=methods, conditions=CONDITIONS)
     (few / "features" / "fd-views.parquet").unlink()
-    made = write_outputs(read_scored(few))
+    made = write_outputs(read_run(few))
     assert made.condition_sweep is None
     assert not (few / "tables" / "crossings.csv").exists()
     assert {c.metric for c in made.curves} == {"ssim", "lpips", "silhouette-iou"}
     assert len(made.curves) == 3 * 2 * 3
 
     no_family = write_run(tmp_path / "b", suite=SUITE.id, conditions=["2048", "density-3"])
-    outputs = make_outputs(read_scored(no_family))
+    outputs = make_outputs(read_run(no_family))
     assert (outputs.curves, outputs.condition_sweep) == ((), None)
     page = read_page(outputs)
     assert page.curves_title == "Robustness"

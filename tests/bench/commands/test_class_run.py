@@ -10,10 +10,10 @@ import pytest
 import torch
 import trimesh
 
-import bench.analysis.scored
+import bench.analysis.frame
 import bench.catalogue.metrics
 import bench.running.run
-from bench.analysis.scored import read_scored
+from bench.analysis.frame import read_run
 from bench.commands.publish import run_suite
 from bench.judges.views import Labels, ViewsNetwork, to_file
 from bench.records.run_folder import read_manifest
@@ -72,7 +72,7 @@ def measured(folder, classifier, tiny_weights, tmp_path_factory):
     directory = tmp_path_factory.mktemp("classes") / "run"
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(directory.parent))  # no weights for fid
-        for module in (bench.catalogue.metrics, bench.analysis.scored):
+        for module in (bench.catalogue.metrics, bench.analysis.frame):
             patch.setattr(module, "VIEWS_WEIGHTS", classifier[0])
         methods = ("surface-apss", f"pc2pix@{tiny_weights}", "true-mesh", "blank")
         dataset = f"folder:{folder}"
@@ -102,9 +102,9 @@ def test_the_classes_that_the_folder_has_their_values_and_the_files(measured):
 def test_other_weights_are_not_asked(measured, monkeypatch, classifier, tmp_path):
     other = tmp_path / "other.safetensors"
     other.write_bytes(to_file(ViewsNetwork(classifier[1].labels)))
-    monkeypatch.setattr(bench.analysis.scored, "VIEWS_WEIGHTS", other)
-    scored = read_scored(measured.directory)
-    assert "class-confidence" not in scored.sums.metrics
+    monkeypatch.setattr(bench.analysis.frame, "VIEWS_WEIGHTS", other)
+    scored = read_run(measured.directory)
+    assert not scored.has("class-confidence")
     assert scored.skipped["class-confidence"] == (
         "skipped: the features are not of the bundled weights of fd-views; start the run again"
     )

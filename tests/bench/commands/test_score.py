@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import json
 import sys
-from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from bench.analysis.scored import read_scored
+from bench.analysis.frame import read_run
 from bench.analysis.scores import image_rows
 from bench.catalogue.plugins import ImageMetric, SetMetric
 from bench.commands.config import read_config
@@ -31,7 +30,7 @@ from bench.tables.build import make_outputs
 from bench.tables.further_metrics import further_tables
 from data_prep.failures import BadInput
 
-from ..builders import damage_images, overwrite, sums_of
+from ..builders import damage_images, overwrite, scored_records
 
 TWO = np.zeros((2, 128, 128, 3), np.uint8)
 
@@ -94,7 +93,7 @@ def test_every_image_counts_where_it_belongs(copied):
 
 
 def test_scores_stand_with_their_own_views(finished):
-    run = read_scored(finished[0])
+    run = read_run(finished[0])
     sources = open_sources(finished[0], run.manifest, ())
     light = made(lambda truth, drawn: drawn.mean(axis=(1, 2, 3)), "light")
     values = scored(run.read_images(), sources, light)
@@ -106,21 +105,20 @@ def test_scores_stand_with_their_own_views(finished):
 
 
 def test_failed_images_are_scored_as_blank_ones(finished):
-    """Every second image of true-mesh fails: it scores 0 where blank scores 1."""
-    run = read_scored(finished[0])
+    """One of three objects of true-mesh fails: it scores 0 where blank scores 1."""
+    run = read_run(finished[0])
     records = run.read_images()
-    failed = (records["method"] == "true-mesh") & (records["view"] == 1)
+    failed = (records["method"] == "true-mesh") & (records["object"] == records["object"].min())
     outcomes = records["outcome"].mask(failed, "failed")
     broken = records.assign(outcome=outcomes, reason=failed.map({True: "x: y", False: ""}))
     blank = made(lambda truth, drawn: (drawn == 255).all(axis=(1, 2, 3)) * 1.0, "is-blank")
     values = scored(broken, open_sources(finished[0], run.manifest, ()), blank)
     assert values["is_blank"].notna().all()
     assert len(values) == len(records) - failed.sum()
-    sums = sums_of(broken, run.manifest)
-    sums.add_metric("is-blank", [values])
-    rows = image_rows(replace(run, sums=sums), ["is-blank"])
+    failing = scored_records(broken, run.suite)
+    rows = image_rows(failing.with_metric("is-blank", values), ["is-blank"])
     (row,) = (r.row for r in rows if (r.row.method, r.row.condition) == ("true-mesh", "2048"))
-    assert (row.value, row.failures_as_blank, row.n_ok, row.n) == (0, 0.5, 3, 6)
+    assert (row.value, row.failures_as_blank, row.n_ok, row.n) == (0, 2 / 6, 4, 6)
 
 
 def test_a_taken_name_and_images_that_are_gone_are_refused(copied):
@@ -193,9 +191,9 @@ def test_distances_of_an_extractor_are_those_of_its_features(copied):
 
     (table,) = score(copied, [of_set(features)])
     value = {(row.metric, row.method, row.condition): row.value for row in table.rows}
-    run = read_scored(copied)
+    run = read_run(copied)
     sources = open_sources(copied, run.manifest, ())
-    objects = sorted(run.sums.objects("chair"))
+    objects = sorted(run.objects(run.cells[0]))
     drawn, true = (
         np.concatenate(
             [features(sources.images(JobName(method, condition, "chair", obj))) for obj in objects]
@@ -236,7 +234,7 @@ def test_scores_are_kept_for_comparisons_recommendations_and_the_report(copied, 
     assert best == 100
     digits = digits_of(read_scores(copied, "dark-percent")[1]["value"].to_numpy())
     assert f"tiny.safetensors, dark-percent {best:.{digits}f}," in " ".join(out.split())
-    again = make_outputs(read_scored(copied))  # of the report
+    again = make_outputs(read_run(copied))  # of the report
     assert [t.to_csv() for t in again.tables if t.name == table.name] == [table.to_csv()]
     status, _, _ = command("report", copied)
     assert status == 0
@@ -267,7 +265,7 @@ def test_scores_of_records_that_have_changed_are_refused(copied, capsys):
     with pytest.raises(BadInput, match="was scored by dark-percent before it was changed; run 'b"):
         read_scores(copied, "dark-percent")
     capsys.readouterr()
-    assert further_tables(read_scored(copied)) == []
+    assert further_tables(read_run(copied)) == []
     assert "was scored by dark-percent before it was changed" in capsys.readouterr().err
     (copied / "scores" / "dark-percent.parquet").write_bytes(b"PAR1")
     with pytest.raises(BadInput, match=r"dark-percent.parquet: cannot be read; run 'bench score "):

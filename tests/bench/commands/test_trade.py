@@ -8,7 +8,7 @@ from dataclasses import replace
 import pandas as pd
 import pytest
 
-from bench.analysis.scored import read_scored
+from bench.analysis.frame import read_run
 from bench.catalogue.methods import find_method, find_setting
 from bench.catalogue.suites import SUITES
 from bench.commands.publish import run_suite
@@ -71,7 +71,7 @@ def written(tmp_path_factory):
 def test_metrics_without_features_have_no_places(tmp_path):
     directory = write_run(tmp_path, suite=SUITE.id)
     (directory / "features" / "fd-views.parquet").unlink()
-    frontier_tables = write_outputs(read_scored(directory)).frontier_tables
+    frontier_tables = write_outputs(read_run(directory)).frontier_tables
     assert frontier_tables is not None
     metrics = dict.fromkeys(place.metric for place in frontier_tables[0].rows)
     assert list(metrics) == ["ssim-object", "lpips", "ssim", "structure", "silhouette-iou"]
@@ -83,7 +83,7 @@ def test_runs_without_scores(tmp_path, suite):
     manifest = directory / "manifest.json"
     manifest.write_text(manifest.read_text().replace("chair-robustness", suite))
     with pytest.raises(BadInput, match=f"a run of {suite} writes its tables itself"):
-        read_scored(directory).compared(["ssim"])
+        read_run(directory).compared(["ssim"])
 
 
 def test_surely_is_said_of_the_method_that_is(tmp_path, command):

@@ -13,7 +13,7 @@ from axe_playwright_python.base import AXE_SCRIPT
 from builders import make_failed, read_all, write_all, write_run
 from playwright.sync_api import sync_playwright
 
-from bench.analysis.scored import read_scored
+from bench.analysis.frame import read_run
 from bench.report.build import write_report
 from bench.report.index import write_index
 from bench.tables.build import make_outputs
@@ -45,7 +45,7 @@ def report(finished, tmp_path_factory):
         for record in read_all(directory)
     ]
     write_all(directory, records)
-    return write_report(make_outputs(read_scored(directory)))
+    return write_report(make_outputs(read_run(directory)))
 
 
 @pytest.fixture(scope="module")

@@ -18,7 +18,7 @@ from builders import damage_images, make_failed, make_manifest, read_all, write_
 from PIL import Image
 from report_parser import parse
 
-from bench.analysis.scored import read_scored
+from bench.analysis.frame import read_run
 from bench.catalogue.metrics import CONTROL_METRICS, higher_is_better
 from bench.commands.run import print_ending
 from bench.records.artifacts import pack
@@ -38,7 +38,7 @@ BIDI = "name\u202ereversed"
 
 def report_of(directory):
     """The text of its report."""
-    return write_report(make_outputs(read_scored(directory))).read_text(encoding="utf-8")
+    return write_report(make_outputs(read_run(directory))).read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +67,7 @@ def of_random_values(tmp_path_factory):
     write_all(directory, records)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("bench.analysis.intervals.FEWEST", 2)  # of four objects
-        return make_outputs(read_scored(directory))
+        return make_outputs(read_run(directory))
 
 
 @pytest.fixture(scope="module")
@@ -250,7 +250,7 @@ def test_names_and_reasons_are_only_shown(tmp_path):
 def test_a_method_whose_images_all_failed_is_not_left_out_of_a_plot_in_silence(tmp_path):
     remark = "Where a method has no point, all its images failed."
     run = write_run(tmp_path, objects=["chair/a"], methods=["splat", "blank"])
-    assert remark not in read_page(make_outputs(read_scored(run))).curves_remark
+    assert remark not in read_page(make_outputs(read_run(run))).curves_remark
     write_all(
         run,
         [
@@ -260,13 +260,13 @@ def test_a_method_whose_images_all_failed_is_not_left_out_of_a_plot_in_silence(t
             for r in read_all(run)
         ],
     )
-    assert remark in read_page(make_outputs(read_scored(run))).curves_remark
+    assert remark in read_page(make_outputs(read_run(run))).curves_remark
 
 
 def test_the_same_run_gives_the_same_bytes(finished, tmp_path):
-    first = write_report(make_outputs(read_scored(finished[0])), tmp_path / "a.html").read_bytes()
+    first = write_report(make_outputs(read_run(finished[0])), tmp_path / "a.html").read_bytes()
     elsewhere = shutil.copytree(finished[0], tmp_path / "elsewhere")
-    assert write_report(make_outputs(read_scored(elsewhere))).read_bytes() == first
+    assert write_report(make_outputs(read_run(elsewhere))).read_bytes() == first
     assert (elsewhere / "report.html").is_file()
 
 
@@ -370,7 +370,7 @@ def test_runs_that_write_their_own_tables_are_refused_by_name(tmp_path):
     for suite in ("latent", "stability", "speed"):
         write_manifest(tmp_path, make_manifest(suite=suite))
         with pytest.raises(BadInput, match=f"a run of {suite} writes its tables itself"):
-            read_scored(tmp_path)
+            read_run(tmp_path)
 
 
 def test_a_place_that_cannot_be_written_is_reported(of_random_values, tmp_path):

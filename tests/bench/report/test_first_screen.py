@@ -9,7 +9,7 @@ from builders import make_failed, read_all, write_all, write_run
 from report_parser import parse
 
 from bench.analysis.comparison import NAN
-from bench.analysis.scored import read_scored
+from bench.analysis.frame import read_run
 from bench.analysis.scores import QualityRow
 from bench.report.build import read_page
 from bench.report.headline import compact_table
@@ -76,7 +76,7 @@ def test_without_a_value_there_is_no_headline():
 
 
 def page_of(directory):
-    page = read_page(make_outputs(read_scored(directory)))
+    page = read_page(make_outputs(read_run(directory)))
     return page, parse(html(page))
 
 

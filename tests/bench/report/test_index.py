@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from builders import make_failed, read_all, write_all, write_run
 
-from bench.analysis.scored import read_scored
+from bench.analysis.frame import read_run
 from bench.report.board import row_kinds
 from bench.report.index import index_html, run_groups
 from bench.report.run_board import NamedRun, method_names
@@ -33,7 +33,7 @@ def write_scores(directory: Path, scores: dict[str, float], **changes) -> Path:
 
 
 def named(*runs: Path) -> list[NamedRun]:
-    return [NamedRun(run.name, read_scored(run), f"{run.name}/report.html") for run in runs]
+    return [NamedRun(run.name, read_run(run), f"{run.name}/report.html") for run in runs]
 
 
 def places(board) -> dict[str, int | None]:

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.analysis.scored import read_scored
+from bench.analysis.frame import read_run
 from bench.commands.publish import merge_shards, run_suite
 from bench.records.job import Result
 from bench.records.run_folder import (
@@ -71,7 +71,7 @@ def test_a_shard_has_its_objects_and_tables_of_them(made):
     assert first == ["chair/test-0000", "chair/test-0002"]
     assert second == ["chair/test-0001"]
     assert set(pd.read_parquet(made[1] / "records.parquet")["object"]) == {"test-0001"}
-    assert all(row.n == 4 for row in tables(read_scored(made[0]))[0].rows)
+    assert all(row.n == 4 for row in tables(read_run(made[0]))[0].rows)
     assert (made[1] / "report.html").is_file()
     assert read_manifest(made[0])["shard"] == "1/2"
 

@@ -23,7 +23,7 @@ from PIL import Image
 import bench.catalogue.suites
 import bench.running.protocol
 import bench.running.run
-from bench.analysis.scored import read_scored
+from bench.analysis.frame import read_run
 from bench.catalogue.suites import SUITES
 from bench.commands.publish import publish, run_suite
 from bench.commands.terminal import Terminal
@@ -97,7 +97,7 @@ def test_records_of_a_run(finished, tiny_weights):
 
 @pytest.mark.usefixtures("few_objects")
 def test_ceiling_and_floor(finished):
-    images, sets, detail, _ = tables(read_scored(finished[0]))
+    images, sets, detail, _ = tables(read_run(finished[0]))
     rows = {(r.method, r.condition, r.metric): r for r in (*images.rows, *sets.rows, *detail.rows)}
     value = {cell: row.value for cell, row in rows.items()}
     parts_of_ssim = ("ssim", "luminance", "contrast", "structure")
@@ -291,7 +291,7 @@ def test_some_objects_now_and_the_others_later(
         "ssim-object and lpips: 2 of 3 objects; against the true mesh in its colours; "
         f"protocol {PROTOCOL_VERSION}\n"
     )
-    assert {row.n for table in tables(read_scored(directory)) for row in table.rows} == {4}
+    assert {row.n for table in tables(read_run(directory)) for row in table.rows} == {4}
 
     last = run_suite(options)
     assert (last.objects, last.planned, last.reused) == (3, 3, 15)
@@ -427,7 +427,7 @@ def test_bad_meshes_among_good_ones(same_machine, no_networks, tmp_path, capsys)
     good = frame[frame["object"].isin(["good.obj", "tall.obj"])]
     assert set(good["outcome"]) == {"ok"}
     assert set(good["class"]) == {"meshes"}
-    row = tables(read_scored(out))[0].rows[0]
+    row = tables(read_run(out))[0].rows[0]
     assert (row.method, row.value, row.n_ok, row.n) == ("true-mesh", 1.0, 4, 10)
     assert f"2 x input: {folder / 'text.ply'}: not a readable mesh" in row.note
     with read_store(out) as store:  # without a ground truth nothing is tried

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.analysis.scored import read_scored
+from bench.analysis.frame import read_run
 from bench.records.run_folder import read_manifest
 from bench.records.store import STORE
 from bench.running.options import Options
@@ -87,7 +87,7 @@ def rows(text):
 
 
 def test_its_tables_are_made_again_to_the_last_digit(stored):
-    outputs = make_outputs(read_scored(stored))
+    outputs = make_outputs(read_run(stored))
     files = table_files([*outputs.tables, *outputs.further])
     for path in sorted((stored / TABLES).iterdir()):
         before, after = rows(path.read_text(encoding="utf-8")), rows(files[path.name])

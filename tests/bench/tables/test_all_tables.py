@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.analysis.scored import read_scored
+from bench.analysis.frame import read_run
 from bench.records.parquet import write_features
 from bench.records.run_folder import open_folder, write_manifest
 from bench.suites.latent.codes import PATH_METRICS, PATHS
@@ -148,7 +148,7 @@ def tiny_run(directory, run_id, seed=0):
 @pytest.mark.usefixtures("few_objects")
 @pytest.mark.parametrize("run_id", RUNS)
 def test_tables_of_suites(tmp_path, run_id):
-    outputs = make_outputs(read_scored(tiny_run(tmp_path / "run", run_id)))
+    outputs = make_outputs(read_run(tiny_run(tmp_path / "run", run_id)))
     kept(f"{run_id}.txt", as_text(table_files([*outputs.tables, *outputs.further])))
 
 

@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import pytest
 
+from bench.analysis.frame import read_run
 from bench.analysis.run_pairs import against_best, methods_of_run
-from bench.analysis.scored import read_scored
 from bench.catalogue.chosen import BEST_LEARNED_3D, BEST_RECONSTRUCTION, CHOSEN
 from bench.catalogue.methods import METHODS as CATALOGUE
 from bench.catalogue.methods import role
@@ -73,7 +73,7 @@ def test_all_that_learn_nothing_are_ranked():
 
 
 def test_the_row_has_the_values_of_the_chosen_method(directory):
-    run = read_scored(directory)
+    run = read_run(directory)
     for table in (*tables(run), headline(run)):
         rows = {(row.method, row.condition, row.metric): row for row in table.rows}
         metrics = {metric for _, _, metric in rows}
@@ -120,7 +120,7 @@ def test_it_is_compared_by_its_name(directory):
 
 def test_without_two_reconstructions_there_is_none(choice, tmp_path):
     directory = write_run(tmp_path / "run", methods=["surface-apss", "splat", "blank"])
-    rows = [row for table in tables(read_scored(directory)) for row in table.rows]
+    rows = [row for table in tables(read_run(directory)) for row in table.rows]
     assert all(row.method != BEST_RECONSTRUCTION for row in rows)
     message = "best-reconstruction: cannot be compared here; there are surface-apss"
     with pytest.raises(BadInput, match=message):

@@ -87,7 +87,8 @@ def table(of=None, skipped=SKIPPED, features=None):
     features = features or FeaturesAtHand(*random_features())
     distances = FeatureDistances(features)
     run = scored_records(to_frame(of or records()), SUITE, {"fd-views": distances}, skipped)
-    run.sums.add_metric("class-confidence", confidences(run.sums.cells, distances, HEAD))
+    images = pd.concat(confidences(run.cells, distances, HEAD))
+    run = run.with_metric("class-confidence", images)
     return class_table(run, SPEC, PUBLISHED)
 
 
@@ -131,7 +132,7 @@ def test_confidence_is_that_of_each_records_own_image():
     """Softmax of the first two features, 1 / (1 + exp(other - own)), in whatever order they are."""
     index, values = random_features()
     features = FeaturesAtHand(index, values)
-    cells = scored_records(to_frame(records()), SUITE).sums.cells
+    cells = scored_records(to_frame(records()), SUITE).cells
     found = pd.concat(confidences(cells, FeatureDistances(features), HEAD))
     assert len(found) == len(records())
     for _, record in found.iterrows():

@@ -8,8 +8,8 @@ import pytest
 from report_parser import parse
 
 from bench.analysis.comparison import Estimate
+from bench.analysis.frame import read_run
 from bench.analysis.frontier import FrontierPoint
-from bench.analysis.scored import read_scored
 from bench.analysis.scores import QualityRow
 from bench.catalogue.suites import TableSpec
 from bench.report.build import read_page
@@ -104,7 +104,7 @@ def test_a_terminal_says_what_the_mark_means():
 def test_the_page_has_mark_meaning_and_a_number_to_sort_by(tmp_path):
     run = write_run(tmp_path / "run", methods=["splat", "blank"])
     group = TableGroup("t", "", (grid_of(ROWS),))
-    page = read_page(make_outputs(read_scored(run)))
+    page = read_page(make_outputs(read_run(run)))
     page = replace(page, tables=(group,), headline=compact_table(ROWS))
     document = parse(html(page))
     headline, table = document.all("table", class_="numbers compact"), document.all("table")

@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from bench.analysis.frame import read_run
 from bench.analysis.intervals import mean_interval
-from bench.analysis.scored import read_scored
 from bench.commands.terminal import shown
 from bench.tables.build import write_outputs
 from bench.tables.headline import headline
@@ -25,7 +25,7 @@ def test_intervals_are_shown_from_12_objects_on(tmp_path, monkeypatch, count, in
     directory = write_run(
         tmp_path / "run", objects=objects, methods=["splat", "blank"], conditions=["2048"]
     )
-    table = headline(read_scored(directory))
+    table = headline(read_run(directory))
     assert all(low < high for low, high in ((row.ci_low, row.ci_high) for row in table.rows))
     text = "\n".join(shown(table))
     assert "±" not in text
@@ -48,7 +48,7 @@ def test_failed_images_count_as_blank_ones_and_are_named_once(tmp_path):
     for column, value in failed.items():
         records.loc[splat & lost, column] = value
     overwrite(directory / "records.parquet", records)
-    table = headline(read_scored(directory))
+    table = headline(read_run(directory))
     rows = [r for r in table.rows if (r.method, r.metric) == ("splat", "ssim-object")]
     scores = np.array([0.4, *[0.8] * 7])
     for row in rows:
@@ -62,11 +62,11 @@ def test_failed_images_count_as_blank_ones_and_are_named_once(tmp_path):
 
 def test_the_folder_of_tables_is_written_anew(tmp_path, capsys):
     directory = write_run(tmp_path / "run", methods=["splat", "blank"])
-    write_outputs(read_scored(directory))
+    write_outputs(read_run(directory))
     kept = {path.name for path in (directory / "tables").iterdir()}
     for name in ("metric_flip.csv", "metric_flip.md", "frontier.csv"):
         (directory / "tables" / name).write_text("of other records")
     (directory / "tables" / "mine.txt").write_text("of the user")
-    write_outputs(read_scored(directory))
+    write_outputs(read_run(directory))
     assert {path.name for path in (directory / "tables").iterdir()} == kept | {"mine.txt"}
     assert "as no table of the run as it is now: frontier, metric_flip" in capsys.readouterr().err

@@ -11,8 +11,8 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from bench.analysis.distances import FeatureDistances
+from bench.analysis.frame import read_run
 from bench.analysis.intervals import clipped, mean_interval, median_interval
-from bench.analysis.scored import read_scored
 from bench.catalogue.metrics import JUDGE
 from bench.catalogue.suites import SUITES, TableSpec
 from bench.metrics import frechet_distance
@@ -56,13 +56,13 @@ def cell(table, **chosen):
     return row
 
 
-# splat: a 0.2 0.4, b 0.6 0.8, c failed; d is there for one view of two.
+# splat: a 0.2 0.4, b 0.6 0.8, c and d failed.
 WORKED = [
     *(make_record(obj=o, view=v, ssim=s) for o, v, s in [
-        ("a", 0, 0.2), ("a", 1, 0.4), ("b", 0, 0.6), ("b", 1, 0.8), ("d", 0, 0.1),
+        ("a", 0, 0.2), ("a", 1, 0.4), ("b", 0, 0.6), ("b", 1, 0.8),
     ]),
     *(make_failed(obj="c", view=v, reason="apss: no faces") for v in (0, 1)),
-    make_failed(obj="d", view=1, reason="timeout: 120 s"),
+    *(make_failed(obj="d", view=v, reason="timeout: 120 s") for v in (0, 1)),
     # what a blank image would have scored
     *(make_record("blank", obj=o, view=v, ssim=s) for o, v, s in [
         ("a", 0, 0.05), ("a", 1, 0.05), ("b", 0, 0.05), ("b", 1, 0.05),
@@ -71,7 +71,6 @@ WORKED = [
     # and what must not be mistaken for it
     make_record("blank", "512", obj="c", view=0, ssim=0.99),
     make_record("blank", obj="c", view=0, ssim=0.99, class_name="sofa"),
-    make_failed("blank", "512", obj="c", view=1),
 ]  # fmt: skip
 
 
@@ -86,14 +85,14 @@ def test_a_table_worked_by_hand():
     published = {(*cell, "splat"): value for cell, value in values}
     table = worked_table(published=published)
     row = cell(table, method="splat", condition="2048", metric="ssim")
-    assert row.value == pytest.approx((0.2 + 0.4 + 0.6 + 0.8 + 0.1) / 5, abs=EXACT)
-    # per object: 0.3, 0.7 and 0.1
-    interval = clipped(mean_interval(np.array([0.3, 0.7, 0.1])), (-1.0, 1.0))
+    assert row.value == pytest.approx((0.2 + 0.4 + 0.6 + 0.8) / 4, abs=EXACT)
+    # per object: 0.3 and 0.7
+    interval = clipped(mean_interval(np.array([0.3, 0.7])), (-1.0, 1.0))
     assert interval[1] == 1.0  # no SSIM is above, though Student's interval reaches there
     assert (row.ci_low, row.ci_high) == pytest.approx(interval, abs=EXACT)
-    assert (row.n_ok, row.n) == (5, 8)
-    assert row.failures_as_blank == pytest.approx((2.1 + 0.01 + 0.02 + 0.03) / 8, abs=EXACT)
-    assert row.note == "2 x apss: no faces; 1 x timeout: 120 s"
+    assert (row.n_ok, row.n) == (4, 8)
+    assert row.failures_as_blank == pytest.approx((2.0 + 0.01 + 0.02 + 0.05 + 0.03) / 8, abs=EXACT)
+    assert row.note == "2 x apss: no faces; 2 x timeout: 120 s"
     assert (row.suite, row.class_name, row.paper) == ("chair-robustness", "chair", 0.7)
 
 
@@ -106,19 +105,12 @@ def test_a_cell_without_any_image():
     assert row.note == "4 x timeout: 3 s"
 
 
-@pytest.mark.parametrize(
-    ("missing", "floor"),
-    [
-        (make_failed(obj="b", reason="input: no faces"), make_failed("blank", obj="b")),
-        # what was skipped is missing, but has not failed
-        (make_failed(obj="b", outcome="skipped"), make_record("blank", obj="b", ssim=0.1)),
-    ],
-)
-def test_missing_images_without_a_blank_one(missing, floor):
-    records = [make_record(obj="a"), missing, make_record("blank", obj="a", ssim=0.1), floor]
+def test_missing_images_without_a_blank_one():
+    missing = make_failed(obj="b", reason="input: no faces"), make_failed("blank", obj="b")
+    records = [make_record(obj="a"), make_record("blank", obj="a", ssim=0.1), *missing]
     row = cell(worked_table(records), method="splat", metric="ssim")
     assert (row.value, row.failures_as_blank, row.n_ok, row.n) == (0.5, 0.5, 1, 2)
-    assert row.note == ("1 x input: no faces" if missing.outcome == "failed" else "")
+    assert row.note == "1 x input: no faces"
 
 
 THIN = [  # of b's images one has no thin part, and c has none at all
@@ -126,10 +118,9 @@ THIN = [  # of b's images one has no thin part, and c has none at all
       for m, o, v, recall, precision in [
         ("splat", "a", 0, 0.2, None), ("splat", "a", 1, 0.4, 0.5), ("splat", "b", 0, 0.9, 0.7),
         ("splat", "b", 1, None, None), ("splat", "c", 0, None, None),
-        ("blank", "c", 1, None, None), ("blank", "d", 0, 0.0, None),
+        ("blank", "d", 0, 0.0, None), ("blank", "e", 0, None, None),
     ]),
-    make_failed(obj="c", view=1, reason="crash"),
-    make_failed(obj="d", view=0, reason="crash"),
+    *(make_failed(obj=o, view=0, reason="crash") for o in "de"),
 ]  # fmt: skip
 
 
@@ -286,7 +277,7 @@ def distances(without=()):
     return set_table(scored_records(to_frame(records), SUITE, taken, skipped), SPEC, {})
 
 
-@pytest.mark.parametrize("without", [(), (("b", 0), ("b", 1), ("d", 1))])
+@pytest.mark.parametrize("without", [(), (("b", 0), ("b", 1), ("d", 0), ("d", 1))])
 def test_missing_images_are_left_out_of_both_sets_or_blank(without):
     row = cell(distances(without), method="splat", metric="fd-views")
     kept = [i for i, image in enumerate(IMAGES) if image not in without]
@@ -361,16 +352,16 @@ def test_tables_are_reproduced_to_the_byte(tmp_path):
     before = {path.name: path.read_bytes() for path in (run / "tables").iterdir()}
     assert set(before) == {f"{name}.{kind}" for name in names for kind in ("csv", "md")}
     shutil.rmtree(run / "tables")
-    write_outputs(read_scored(run))
+    write_outputs(read_run(run))
     assert {path.name: path.read_bytes() for path in (run / "tables").iterdir()} == before
     (run / "features" / "fd-views.parquet").unlink()
-    row = cell(tables(read_scored(run))[1], method="splat", condition="512", metric="fd-views")
+    row = cell(tables(read_run(run))[1], method="splat", condition="512", metric="fd-views")
     assert row.note == "skipped: no features in this run"
 
 
 def test_tables_are_made_with_one_thread(tmp_path):
     """The features are read while tables are made, by as many threads as these have."""
-    run = read_scored(write_run(tmp_path))
+    run = read_run(write_run(tmp_path))
     threads = []
 
     class Watched(FeatureDistances):
@@ -387,7 +378,7 @@ def test_tables_are_made_with_one_thread(tmp_path):
 def test_a_run_of_an_unknown_suite(tmp_path):
     write_manifest(tmp_path, make_manifest(suite="chairs"))
     with pytest.raises(BadInput, match="unknown suite 'chairs': did you mean 'chair-robustness'"):
-        read_scored(tmp_path)
+        read_run(tmp_path)
 
 
 def test_tables_say_what_weights_were_trained_with():
@@ -406,7 +397,7 @@ def test_without_the_package_lpips_and_its_distances_are_skipped(tmp_path):
     directory = write_run(tmp_path / "run", skipped_metrics={"fid": SKIPPED_FID, "fd-alexnet": why})
     write_all(directory, [replace(record, lpips=None) for record in read_all(directory)])
     (directory / "features" / "fd-alexnet.parquet").unlink()
-    run = read_scored(directory)
+    run = read_run(directory)
     rows = [row for table in tables(run) for row in table.rows]
     skipped = [row for row in rows if row.metric in ("lpips", "fd-alexnet", "kd-alexnet")]
     assert len(skipped) == 3 * 3 * 2

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 import pytest
 
 import bench.suites.speed.run
-from bench.analysis.scored import read_scored
+from bench.analysis.frame import read_run
 from bench.catalogue.suites import Limits
 from bench.records.run_folder import read_manifest
 from bench.running.isolation import WORKER_ENVIRONMENT, run_tasks, thread_counts
@@ -106,7 +106,7 @@ def test_a_run_leaves_times_tables_and_a_figure(tmp_path):
     assert float(rows["blank", "1", "picture-of-1-speedup"]["value"]) > 1
     assert len(read(out / "tables" / "amortised.csv")) == 4 * len(SMALL.amortised)
     with pytest.raises(BadInput, match="writes its tables itself"):
-        tables(read_scored(out))
+        tables(read_run(out))
 
 
 def test_times_taken_while_something_else_ran_are_counted(tmp_path):

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.analysis.scored import read_scored
+from bench.analysis.frame import read_run
 from bench.checking.golden import check
 from bench.records.run_folder import read_manifest
 from bench.running.options import Options
@@ -64,7 +64,7 @@ def test_a_run_leaves_tables_and_figures_and_goes_on(finished, tmp_path):
     (regression,) = check(out).regressions
     assert regression.startswith("blank, plain: images, 0.0 % not white; stated was: ")
     with pytest.raises(BadInput, match="writes its tables itself"):
-        tables(read_scored(out))
+        tables(read_run(out))
 
 
 def test_a_matrix_survives_its_file(tmp_path):

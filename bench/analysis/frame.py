@@ -1,0 +1,379 @@
+"""A run as everything that is made of it reads it: a frame with one row a job, and features.
+
+A job is one method on one cloud: it has all its images, or none. So the sums of the scores of its
+images are all that means over objects need, and a failed job takes those of the blank image of the
+same condition and object. Memory grows with objects times cells, not with images.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Container, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from bench.analysis.comparison import Comparison, compare
+from bench.analysis.distances import CellKey, FeatureDistances
+from bench.analysis.recognition import confidences, read_class_head
+from bench.catalogue.methods import FLOOR
+from bench.catalogue.metrics import (
+    FURTHER_METRICS,
+    IMAGE_METRICS,
+    METRICS,
+    RECOGNITION_METRICS,
+    column,
+    declare_metric,
+    declared_metric,
+    find_extractor,
+    is_mean,
+)
+from bench.catalogue.plugins import metric_ids
+from bench.catalogue.suites import PROCEDURES, Suite, stored_suite
+from bench.judges import VIEWS_WEIGHTS
+from bench.records.frames import JOB, read_job_sums
+from bench.records.image_scores import ScoredMetric, read_scores, scored_ids
+from bench.records.parquet import read_features, read_records
+from bench.records.record import COLUMNS
+from bench.records.run_folder import read_finished
+from data_prep.arrays import Floats
+from data_prep.clouds.far_points import FAR_OFF
+from data_prep.datasets.dataset import listed
+from data_prep.failures import BadInput
+from data_prep.files.checksums import file_sha256
+from data_prep.plugins import EXTRACTORS, entry_point_names
+
+VIEWS = "fd-views"
+
+
+def job_sums(images: pd.DataFrame, name: str) -> pd.DataFrame:
+    """Return the sums of a column of images, NAME_sum, and the numbers, NAME_count, a row a job.
+
+    NaN is no value. They are added in the order of the images, as in `sum_views`.
+    """
+    values = images[name].to_numpy(np.float64)
+    jobs = images.assign(job=images.groupby(JOB, sort=False, observed=True).ngroup())
+    known, names = ~np.isnan(values), jobs.drop_duplicates("job")[JOB]
+    at, size = jobs["job"].to_numpy()[known], len(names)
+    return names.assign(
+        **{f"{name}_sum": np.bincount(at, values[known], size)},
+        **{f"{name}_count": np.bincount(at, minlength=size)},
+    )
+
+
+def planned_jobs(
+    methods: Sequence[str], conditions: Sequence[str], objects: Iterable[str]
+) -> pd.DataFrame:
+    """Return a row for each method, condition and object ("class/name"), the latter sorted."""
+    pairs = sorted((name.partition("/")[0], name.partition("/")[2]) for name in objects)
+    return (
+        pd.DataFrame({"method": list(methods)})
+        .merge(pd.DataFrame({"condition": list(conditions)}), how="cross")
+        .merge(pd.DataFrame(pairs, columns=["class", "object"]), how="cross")
+    )
+
+
+def full_frame(jobs: pd.DataFrame, manifest: Mapping[str, Any]) -> pd.DataFrame:
+    """Return the jobs with a row for each that the manifest has, with 0 images where it is absent.
+
+    Raises BadInput for a job that the manifest does not have.
+    """
+    every = planned_jobs(manifest["methods"], manifest["conditions"], manifest["objects"])
+    full = every.merge(jobs, how="left", on=JOB)
+    if int(full["planned"].notna().sum()) != len(jobs):
+        unknown = jobs.merge(every, how="left", on=JOB, indicator="side")
+        name = " ".join(unknown.loc[unknown["side"] != "both", JOB].iloc[0])
+        raise BadInput(
+            f"records of {name}, which the manifest does not have; start the run again with its "
+            "command"
+        )
+    return _filled(full)
+
+
+def _filled(jobs: pd.DataFrame) -> pd.DataFrame:
+    """Return the frame with "", 0 and whole numbers where it has no value."""
+    texts = {name: jobs[name].fillna("") for name in ("reason", "notes")}
+    numbers = {
+        name: jobs[name].fillna(0).astype(np.float64 if name.endswith("_sum") else np.int64)
+        for name in map(str, jobs)
+        if name.endswith(("_sum", "_count")) or name in ("planned", "drawn")
+    }
+    return jobs.assign(**texts, **numbers)
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A run whose images were scored: its jobs, its features, and what it compared.
+
+    jobs      one row a job as `bench.records.frames.sum_views`, by method and condition as in the
+              manifest and by class and object; a job that was not run has 0 planned images
+    features  by extractor
+    skipped   reasons of the extractors without features, and of the metrics without values
+    """
+
+    directory: Path
+    suite: Suite
+    manifest: dict[str, Any]
+    jobs: pd.DataFrame
+    features: dict[str, FeatureDistances] = field(default_factory=dict)
+    skipped: dict[str, str] = field(default_factory=dict)
+    _compared: dict[tuple[tuple[str, ...], frozenset[str]], list[Comparison]] = field(
+        default_factory=dict, repr=False, init=False
+    )
+
+    @cached_property
+    def _rows(self) -> dict[CellKey, slice]:
+        """The rows of the jobs of each cell, which follow each other."""
+        cells: Any = self.jobs.groupby(JOB[:3], sort=False).indices
+        return {cell: slice(rows[0], rows[-1] + 1) for cell, rows in cells.items()}
+
+    @cached_property
+    def cells(self) -> list[CellKey]:
+        """The cells that have been run, by condition, method and class."""
+        conditions, methods, classes = (
+            self.jobs[name].unique().tolist() for name in ("condition", "method", "class")
+        )
+        every = ((m, c, k) for c in conditions for m in methods for k in classes)
+        return [cell for cell in every if self.images(cell)[1]]
+
+    @cached_property
+    def reasons(self) -> dict[CellKey, Counter[str]]:
+        """The numbers of failed images by cell and reason."""
+        reasons: dict[CellKey, Counter[str]] = {}
+        failed = self.jobs[self.jobs["drawn"] < self.jobs["planned"]]
+        cells = zip(*(failed[name] for name in JOB[:3]), strict=True)
+        missing = failed["planned"] - failed["drawn"]
+        for cell, reason, count in zip(cells, failed["reason"], missing, strict=True):
+            reasons.setdefault(cell, Counter())[reason] += count
+        return reasons
+
+    def has(self, metric: str) -> bool:
+        """Return whether the jobs have sums of a metric of images."""
+        return f"{column(metric)}_sum" in self.jobs
+
+    @cached_property
+    def objects_of(self) -> dict[str, int]:
+        """The number of objects that have been run by class, without classes of none."""
+        run = self.jobs.loc[self.jobs["planned"] > 0, ["class", "object"]].drop_duplicates()
+        return {str(name): int(count) for name, count in run.groupby("class").size().items()}
+
+    def objects(self, cell: CellKey) -> NDArray[Any]:
+        """Return the names of the objects of a cell's class, sorted, [G]."""
+        return self._column(cell, "object")
+
+    def numbers(self, cell: CellKey) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return how many images of each object of a cell exist, and how many should, [G]."""
+        return self._column(cell, "drawn"), self._column(cell, "planned")
+
+    def images(self, cell: CellKey) -> tuple[int, int]:
+        """Return how many images of a cell exist, and how many should."""
+        drawn, planned = self.numbers(cell)
+        return int(drawn.sum()), int(planned.sum())
+
+    def sums(
+        self, cell: CellKey, metric: str, blanks: bool = False
+    ) -> tuple[Floats, NDArray[np.int64]]:
+        """Return the sums of the scores of each object of a cell, and their numbers, [G] each.
+
+        With `blanks` they are those of the blank images in place of failed ones alone. Times are
+        metrics of this, by their columns.
+        """
+        drawn, planned = self.numbers(cell)
+        if blanks:
+            cell = (FLOOR, *cell[1:])
+        if cell not in self._rows:
+            return np.zeros(len(drawn)), np.zeros(len(drawn), np.int64)
+        sums, counts = (self._column(cell, f"{column(metric)}_{name}") for name in ("sum", "count"))
+        return (sums * (drawn < planned), counts * (drawn < planned)) if blanks else (sums, counts)
+
+    def per_object(self, cell: CellKey, metric: str, blanks: bool = False) -> Floats:
+        """Return the mean score of each object of a cell, [G]; NaN where no image has one.
+
+        With `blanks` a failed image has the score of the blank one.
+        """
+        sums, counts = self.sums(cell, metric)
+        if blanks:
+            of_blank, number = self.sums(cell, metric, blanks=True)
+            sums, counts = sums + of_blank, counts + number
+        return np.divide(sums, counts, out=np.full(len(sums), np.nan), where=counts > 0)
+
+    def _column(self, cell: CellKey, name: str) -> NDArray[Any]:
+        return self.jobs[name].to_numpy()[self._rows[cell]]
+
+    @property
+    def not_measured(self) -> list[str]:
+        """Return a line for each metric that a run has no values of for want of its weights."""
+        reasons: Mapping[str, str] = self.manifest.get("skipped_metrics", {})
+        return [
+            f"{metric}: not measured, {reason.removeprefix('skipped: ').removeprefix('weights; ')}"
+            for metric, reason in reasons.items()
+        ]
+
+    @property
+    def far_off(self) -> list[str]:
+        """Return a line on the objects whose scale is set by what is far from the rest of them."""
+        far = self.jobs[self.jobs["notes"].str.contains(FAR_OFF, regex=False)]
+        names = sorted((far["class"] + "/" + far["object"]).unique())
+        if not names:
+            return []
+        return [f"{len(names)} objects are small in their images, {FAR_OFF}: {listed(names)}"]
+
+    @property
+    def headline(self) -> list[str]:
+        """Return the metrics of images of the headline that the run has: those that judge."""
+        return self.measured([metric for metric in self.suite.headline if is_mean(metric)])
+
+    def measured(self, metrics: Sequence[str]) -> list[str]:
+        """Return the metrics of images and of sets among these that the run has."""
+        available = {*self.features} | ({*IMAGE_METRICS} - self.skipped.keys())
+        # Those that were kept beside the records are declared.
+        return [m for m in metrics if m in available or (declared_metric(m) and self.has(m))]
+
+    def compared(
+        self,
+        metrics: Sequence[str],
+        methods: Iterable[str] | None = None,
+        among: Mapping[tuple[str, str], Container[str]] | None = None,
+    ) -> list[Comparison]:
+        """Return methods on the same objects by these metrics, by default all; computed once.
+
+        `among` has the objects that take part, by condition and class; by default all.
+        """
+        key = tuple(metrics), frozenset(self.manifest["methods"] if methods is None else methods)
+        if among is not None:
+            return compare(self, metrics, key[1], among)
+        if key not in self._compared:
+            self._compared[key] = compare(self, metrics, key[1])
+        return self._compared[key]
+
+    def read_images(self, columns: Sequence[str] = COLUMNS, **only: str) -> pd.DataFrame:
+        """Return the records of single images, methods and conditions in the manifest's order.
+
+        `only` is as in `bench.records.parquet.read_records`. Memory grows with the images.
+        """
+        records = read_records(self.directory, columns, **only)
+        return in_order(records, self.manifest, ("condition", "method"))
+
+    def with_metric(self, metric: str, images: pd.DataFrame) -> Run:
+        """Return the run with the sums of a further metric of images that exist, a column of it."""
+        jobs = self.jobs.merge(job_sums(images, column(metric)), how="left", on=JOB)
+        return replace(self, jobs=_filled(jobs))
+
+    def with_scores(self, metric: ScoredMetric, images: pd.DataFrame) -> Run:
+        """Return the run with a metric that `bench score` has kept, a `value` for each image."""
+        declare_metric(metric.id, metric.higher_is_better, metric.decimals)
+        if self.has(metric.id):
+            return self
+        return self.with_metric(metric.id, images.rename(columns={"value": column(metric.id)}))
+
+    def with_further(self, wanted: Iterable[str]) -> Run:
+        """Return the run with each wanted metric that `bench score` has kept of it.
+
+        Metrics that are neither on request nor of an installed package, nor scored, are left to the
+        caller, who knows what the run has. Raises BadInput for a metric that the run was not scored
+        by, naming the command, and for a distance of sets, which has no value for an image.
+        """
+        run = self
+        for metric_id in wanted:
+            if run.has(metric_id) or metric_id in run.features:
+                continue
+            if metric_id not in (*FURTHER_METRICS, *metric_ids(), *scored_ids(run.directory)):
+                continue
+            if metric_id in entry_point_names(EXTRACTORS):
+                raise BadInput(
+                    f"{metric_id}: is a distance of sets of images; it stands in the table of "
+                    f"'bench score {run.directory} --metrics {metric_id}' alone"
+                )
+            run = run.with_scores(*read_scores(run.directory, metric_id))
+        return run
+
+
+def read_run(directory: Path, manifest: dict[str, Any] | None = None, older: bool = False) -> Run:
+    """Return a finished run whose images were scored, or one with this manifest.
+
+    Of the latter records and features are written. The records are read part by part. Raises
+    BadInput for anything else, where they cannot be read, for a manifest that does not describe
+    them, and for a suite that makes its tables itself. A run of an `older` version of the protocol
+    is allowed where that is true.
+    """
+    if manifest is None:
+        manifest = read_finished(directory, older)
+        if manifest.get("objects") == []:
+            raise BadInput(f"{directory}: a run without objects; start it again with its command")
+    if manifest.get("suite") in [suite.id for suite in PROCEDURES]:
+        raise BadInput(
+            f"{directory}: a run of {manifest['suite']} writes its tables itself; they are in "
+            f"{directory / 'tables'}"
+        )
+    try:
+        suite = stored_suite(manifest)
+    except BadInput as error:
+        raise BadInput(f"{directory}: {error}") from error
+    stored = {metric: read_features(directory, metric) for metric in suite.extractors}
+    jobs = full_frame(read_job_sums(directory), manifest)
+    features = {m: FeatureDistances(values) for m, values in stored.items() if values is not None}
+    skipped: dict[str, str] = dict(manifest.get("skipped_metrics", {}))
+    for metric in suite.extractors:
+        if metric not in features:
+            skipped.setdefault(metric, "skipped: no features in this run")
+    run = Run(directory, suite, manifest, jobs, features, skipped | unmeasured(jobs, skipped))
+    for metric in {*suite.class_metrics} & {*RECOGNITION_METRICS}:
+        if reason := _why_unrecognised(run):
+            run.skipped[metric] = f"skipped: {reason}"
+        else:
+            answers = confidences(run.cells, run.features[VIEWS], read_class_head(VIEWS_WEIGHTS))
+            run = run.with_metric(metric, pd.concat(answers))
+    return run
+
+
+def unmeasured(jobs: pd.DataFrame, reasons: Mapping[str, str]) -> dict[str, str]:
+    """Return why metrics by a network have no value at all, where images exist.
+
+    `reasons` are those of extractors that a run does not have.
+    """
+    if not jobs["drawn"].any():
+        return {}
+    return {
+        metric: reasons.get(extractor, f"skipped: {extractor} is not measured")
+        for metric in IMAGE_METRICS
+        if (extractor := METRICS[metric].extractor)
+        and f"{column(metric)}_sum" in jobs
+        and not jobs[f"{column(metric)}_count"].any()
+    }
+
+
+def _why_unrecognised(run: Run) -> str:
+    """Return why the bundled classifier cannot judge the features of a run; empty if it can."""
+    if VIEWS not in run.features:
+        return f"no features of {VIEWS} in this run"
+    bundled = f"{find_extractor(VIEWS).version} {file_sha256(VIEWS_WEIGHTS)}"
+    identity = run.manifest.get("feature_identity", {}).get(VIEWS, "")
+    if identity.removesuffix(" cuda") != bundled:  # the same weights, on a GPU
+        return f"the features are not of the bundled weights of {VIEWS}; start the run again"
+    known = read_class_head(VIEWS_WEIGHTS).classes
+    unknown = [name for name in run.objects_of if name not in known]
+    if unknown:
+        return f"the classifier of {VIEWS} does not know {', '.join(unknown)}"
+    return ""
+
+
+def in_order(records: pd.DataFrame, manifest: Mapping[str, Any], by: Sequence[str]) -> pd.DataFrame:
+    """Return the records sorted by some columns, methods and conditions as in the manifest.
+
+    The sort is stable.
+    """
+    ranks = {
+        column: {name: i for i, name in enumerate(manifest[plural])}
+        for column, plural in (("method", "methods"), ("condition", "conditions"))
+    }
+    return records.sort_values(
+        list(by),
+        key=lambda values: values.map(ranks[str(values.name)]) if values.name in ranks else values,
+        kind="stable",
+        ignore_index=True,
+    )
