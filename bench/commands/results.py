@@ -51,7 +51,7 @@ def merge(
     print_outputs(merged.outputs, format_)
     print(
         f"{merged.jobs} jobs of {len(directories)} shards, {merged.copied} copied now\n"
-        f"results in {merged.directory}",
+        f"results in {out}",
         file=sys.stderr,
     )
 

@@ -38,11 +38,16 @@ PACKAGES = (
     "pandas",
     "pyarrow",
 )
+TIMEOUT_S = 120
 VECTOR = ("sse4", "avx", "fma", "amx", "asimd", "sve")  # begin the names of such instructions
 
 
 def machine_info() -> dict[str, Any]:
     """Return the entries of a manifest on command, time, versions and machine."""
+    cpu = _first_processor()
+    flags = (cpu.get("flags") or cpu.get("Features") or "").split()
+    vector = " ".join(name for name in flags if name.startswith(VECTOR))
+    memory_b = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     return {
         "command": sys.argv,
         "started": now(),
@@ -50,15 +55,26 @@ def machine_info() -> dict[str, Any]:
         "versions": versions(),
         "machine": {
             "platform": platform.platform(),
-            "cpu": _cpu(),
-            "instructions": _instructions(),
+            "cpu": cpu.get("model name") or platform.processor(),
+            # By these libraries choose their code, and round differently; a name like "AMD EPYC"
+            # stands for many processors.
+            "instructions": f"family {cpu.get('cpu family', '')}, "
+            f"model {cpu.get('model', '')}: {vector}",
             "cores": cores(),
-            "memory_gib": round(
-                os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30, 1
-            ),
+            "memory_gib": round(memory_b / 2**30, 1),
         },
         "git": _git(),
     }
+
+
+def _first_processor() -> dict[str, str]:
+    """Return the entries of Linux on the first processor; none where it has none."""
+    try:
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
+    except OSError:
+        return {}
+    fields = (line.partition(":") for line in reversed(text.splitlines()))
+    return {key.strip(): value.strip() for key, _, value in fields}
 
 
 def cores() -> int:
@@ -82,60 +98,23 @@ def versions() -> dict[str, str]:
     return installed
 
 
-def _cpu() -> str:
-    return _processor_entry("model name") or platform.processor()
-
-
-def _instructions() -> str:
-    """Return family, model and vector instructions, by which libraries choose their code.
-
-    They then round differently; a name like "AMD EPYC" stands for many processors.
-    """
-    vector = [
-        name
-        for name in (_processor_entry("flags") or _processor_entry("Features")).split()
-        if name.startswith(VECTOR)
-    ]
-    family, model = _processor_entry("cpu family"), _processor_entry("model")
-    return f"family {family}, model {model}: {' '.join(vector)}"
-
-
-def _processor_entry(name: str) -> str:
-    """Return an entry of Linux on the first processor; empty where it has none."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return ""
-    fields = (line.partition(":") for line in lines)
-    return next((value.strip() for key, _, value in fields if key.strip() == name), "")
-
-
 def _git() -> dict[str, Any]:
     """Return commit and cleanliness of the checkout; empty for installed packages.
 
     These may lie in a checkout of something else.
     """
+
+    def ask(*command: str) -> str:
+        line = ["git", "-C", str(ROOT), *command]
+        done = subprocess.run(line, capture_output=True, text=True, check=True, timeout=10)
+        return done.stdout.strip()
+
     try:
-        root, commit, status = (
-            subprocess.run(
-                ["git", "-C", str(ROOT), *command],
-                capture_output=True,
-                text=True,
-                check=True,
-                timeout=10,
-            ).stdout.strip()
-            for command in (
-                ["rev-parse", "--show-toplevel"],
-                ["rev-parse", "HEAD"],
-                ["status", "--porcelain"],
-            )
-        )
+        if Path(ask("rev-parse", "--show-toplevel")) != ROOT:
+            return {}
+        return {"commit": ask("rev-parse", "HEAD"), "clean": not ask("status", "--porcelain")}
     except (OSError, subprocess.SubprocessError):
         return {}
-    return {"commit": commit, "clean": not status} if Path(root) == ROOT else {}
-
-
-TIMEOUT_S = 120
 
 
 def environment(

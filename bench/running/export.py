@@ -193,32 +193,14 @@ def metadata(
     }
     if protocol.dataset.startswith("procedural"):
         described["license"] = "https://spdx.org/licenses/MIT.html"
-    return described | {
-        "distribution": [_list_file(name, checksum) for name, checksum in lists.items()],
-        "recordSet": [_records(name) for name in lists],
-    }
 
+    def list_file(name: str) -> dict[str, Any]:
+        file = {"@type": "cr:FileObject", "@id": name, "name": name, "description": _ABOUT[name]}
+        return file | {"contentUrl": name, "encodingFormat": "text/csv", "sha256": lists[name]}
 
-def _list_file(name: str, checksum: str) -> dict[str, Any]:
-    return {
-        "@type": "cr:FileObject",
-        "@id": name,
-        "name": name,
-        "description": _ABOUT[name],
-        "contentUrl": name,
-        "encodingFormat": "text/csv",
-        "sha256": checksum,
-    }
-
-
-def _records(name: str) -> dict[str, Any]:
-    title = name.removesuffix(".csv")
-    return {
-        "@type": "cr:RecordSet",
-        "@id": title,
-        "name": title,
-        "description": _ABOUT[name],
-        "field": [
+    def records(name: str) -> dict[str, Any]:
+        title = name.removesuffix(".csv")
+        fields = [
             {
                 "@type": "cr:Field",
                 "@id": f"{title}/{column}",
@@ -227,5 +209,9 @@ def _records(name: str) -> dict[str, Any]:
                 "source": {"fileObject": {"@id": name}, "extract": {"column": column}},
             }
             for column in COLUMNS[name]
-        ],
-    }
+        ]
+        named = {"@id": title, "name": title, "description": _ABOUT[name]}
+        return {"@type": "cr:RecordSet", **named, "field": fields}
+
+    files = {"distribution": [*map(list_file, lists)], "recordSet": [*map(records, lists)]}
+    return described | files

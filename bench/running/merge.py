@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import chain
@@ -37,23 +37,14 @@ ALIKE = (
     *("methods", "identities", "conditions", "skipped_metrics", "feature_identity", "environment"),
     *(CONDITION_IDENTITIES, "versions"),
 )
+Part = tuple[Path, Mapping[str, Any]]  # the folder of a shard, and its manifest
 EACH = ("shard", "started", "finished", "machine", "git")  # entries kept for each shard
 
 
 @dataclass(frozen=True)
-class FinishedShard:
-    """A finished shard."""
-
-    directory: Path
-    shard: Shard
-    manifest: Mapping[str, Any]
-
-
-@dataclass(frozen=True)
 class Merged(Generic[Outputs]):
-    """A complete run: its folder, its outputs, and how many jobs it has and were copied."""
+    """The outputs of a complete run, and how many jobs it has and were copied."""
 
-    directory: Path
     outputs: Outputs
     jobs: int
     copied: int
@@ -66,62 +57,67 @@ def merge(directories: Sequence[Path], out: Path, publish: Publish[Outputs]) -> 
     twice or of another run, or where images of it are missing or altered; and where `out` holds
     another run, or one with more methods, conditions or objects. The shards stay as they are.
     """
-    parts = _in_order([_read_part(directory) for directory in directories])
-    manifest = _describe(parts)
+    parts = _in_order([(directory, _read_part(directory)) for directory in directories])
+    manifest = _describe([manifest for _, manifest in parts])
     with open_run(out, manifest) as store:
         jobs = _collect(parts, manifest["objects"], store)
         seconds: dict[str, float] = {}
         write_parquet(out, store, manifest["feature_identity"], seconds)
         outputs = publish(out, seconds)
-        stages = manifest["stage_seconds"]
-        stages |= {name: round(stages.get(name, 0) + timing, 1) for name, timing in seconds.items()}
-    return Merged(out, outputs, jobs, store.appended)
+        manifest["stage_seconds"] = _added([manifest["stage_seconds"], seconds])
+    return Merged(outputs, jobs, store.appended)
 
 
-def _read_part(directory: Path) -> FinishedShard:
+def _read_part(directory: Path) -> dict[str, Any]:
     manifest = read_finished(directory)
-    name = manifest.get("shard", WHOLE)
-    if name is WHOLE:
+    if manifest.get("shard", WHOLE) is WHOLE:
         raise BadInput(f"{directory}: is a whole run, no shard; give what '--shard k/N' has made")
-    complete, planned = len(manifest["objects"]), manifest.get("planned")
-    if planned is not None and complete < planned:
+    complete = len(manifest["objects"])
+    if complete < (planned := manifest.get("planned", 0)):
         raise BadInput(
             f"{directory}: {complete} of its {planned} objects are complete; run the shard again "
             "with its command, which goes on with the others"
         )
-    return FinishedShard(directory, read_shard(name), manifest)
+    return manifest
 
 
-def _in_order(parts: Sequence[FinishedShard]) -> list[FinishedShard]:
+def _in_order(parts: Sequence[Part]) -> list[Part]:
     """Return shards 1 to N. Raises BadInput where they are not the shards of one run, each once."""
-    first = parts[0]
-    for part in parts[1:]:
+    first, manifest = parts[0]
+    count = read_shard(manifest["shard"]).count
+    by_number: dict[int, Part] = {}
+    for directory, other in parts:
         for name in ALIKE:
             default = COLOURED if name == TRUTH else None
-            value, other = (p.manifest.get(name, default) for p in (part, first))
-            if value != other:
+            if differing := _differing(*(m.get(name, default) for m in (other, manifest))):
                 raise BadInput(
-                    f"{part.directory}: not of one run with {first.directory}: its {name} is "
-                    f"{_differing(value, other)}; make both with the same command, packages and "
-                    "drivers"
+                    f"{directory}: not of one run with {first}: its {name} is {differing}; make "
+                    "both with the same command, packages and drivers"
                 )
-        if part.shard.count != first.shard.count:
+        shard = read_shard(other["shard"])
+        if shard.count != count:
             raise BadInput(
-                f"{part.directory}: is shard {part.shard}, {first.directory} {first.shard}; give "
-                "the shards of one run"
+                f"{directory}: is shard {shard}, {first} {manifest['shard']}; give the shards of "
+                "one run"
             )
-    by_number: dict[int, FinishedShard] = {}
-    for part in parts:
-        if (other := by_number.setdefault(part.shard.number, part)) is not part:
-            raise BadInput(
-                f"shard {part.shard}: is there twice, in {other.directory} and {part.directory}; "
-                "leave one out"
-            )
-    count = first.shard.count
+        if shard.number in by_number:
+            both = f"{by_number[shard.number][0]} and {directory}"
+            raise BadInput(f"shard {shard}: is there twice, in {both}; leave one out")
+        by_number[shard.number] = directory, other
     if missing := [f"{k}/{count}" for k in range(1, count + 1) if k not in by_number]:
         named = ", ".join(missing)
         raise BadInput(f"missing: shard {named}; make it with --shard, and give it too")
-    return [by_number[k] for k in range(1, count + 1)]
+    return [by_number[k] for k in sorted(by_number)]
+
+
+def _differing(value: object, other: object) -> str:
+    """Return two values of a manifest as text, of mappings what differs; "" for equal ones."""
+    if value == other:
+        return ""
+    if isinstance(value, Mapping) and isinstance(other, Mapping):
+        keys = sorted(k for k in value.keys() | other.keys() if value.get(k) != other.get(k))
+        value, other = {k: value.get(k) for k in keys}, {k: other.get(k) for k in keys}
+    return f"{value!r}, there {other!r}"
 
 
 def interleave(shards: Sequence[Sequence[Element]]) -> list[Element]:
@@ -138,54 +134,49 @@ def interleave(shards: Sequence[Sequence[Element]]) -> list[Element]:
     return [by_position[position] for position in range(total)]
 
 
-def _differing(value: object, other: object) -> str:
-    """Return two values of a manifest as text; of mappings only the entries that differ."""
-    if isinstance(value, Mapping) and isinstance(other, Mapping):
-        keys = sorted(k for k in value.keys() | other.keys() if value.get(k) != other.get(k))
-        value, other = {k: value.get(k) for k in keys}, {k: other.get(k) for k in keys}
-    return f"{value!r}, there {other!r}"
+def _added(times: Iterable[Mapping[str, float]]) -> dict[str, float]:
+    """Return the sum of seconds by stage, to tenths."""
+    total: dict[str, float] = {}
+    for stage, seconds in chain.from_iterable(map(dict.items, map(dict, times))):
+        total[stage] = round(total.get(stage, 0.0) + seconds, 1)
+    return total
 
 
-def _describe(parts: Sequence[FinishedShard]) -> dict[str, Any]:
+def _describe(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Return the manifest of the whole run. Raises BadInput for missing and repeated objects."""
-    shards = [list(part.manifest["objects"]) for part in parts]
     try:
-        objects = interleave(shards)
+        objects = interleave([list(part["objects"]) for part in parts])
     except ValueError as error:
-        counts = ", ".join(f"{p.shard} has {len(o)}" for p, o in zip(parts, shards, strict=True))
+        counts = ", ".join(f"{part['shard']} has {len(part['objects'])}" for part in parts)
         raise BadInput(
             f"objects: {counts}; were they made with one --limit, and of one dataset?"
         ) from error
     if doubled := [name for name, times in Counter(objects).items() if times > 1]:
         raise BadInput(f"{doubled[0]}: is in several shards; were they made of one dataset?")
-    first = parts[0].manifest
-    processors = dict.fromkeys(str(p.manifest.get("machine", {}).get("cpu")) for p in parts)
-    seconds: dict[str, float] = {}
-    for part in parts:
-        for stage, timing in part.manifest.get("stage_seconds", {}).items():
-            seconds[stage] = round(seconds.get(stage, 0.0) + timing, 1)
+    first = parts[0]
+    processors = dict.fromkeys(str(part.get("machine", {}).get("cpu")) for part in parts)
     kept = {name: value for name, value in first.items() if name not in ("worker_shares", "git")}
     return kept | {
         "objects": objects,
         "planned": len(objects),
         "shard": WHOLE,
-        "merged": [{name: part.manifest.get(name) for name in EACH} for part in parts],
+        "merged": [{name: part.get(name) for name in EACH} for part in parts],
         "machine": first.get("machine", {}) | {"cpu": "; ".join(processors)},
-        "workers": max(int(p.manifest.get("workers", 1)) for p in parts),
-        "stage_seconds": seconds,
+        "workers": max(int(part.get("workers", 1)) for part in parts),
+        "stage_seconds": _added(part.get("stage_seconds", {}) for part in parts),
         "command": sys.argv,
         "finished": None,
     }
 
 
-def _collect(parts: Sequence[FinishedShard], objects: Sequence[str], store: Store) -> int:
+def _collect(parts: Iterable[Part], objects: Sequence[str], store: Store) -> int:
     """Bring all jobs into the store, list them object by object, and count them."""
     count = 0
     with ExitStack() as opened:
         sources: dict[str, Store] = {}
-        for part in parts:
-            source = opened.enter_context(read_store(part.directory))
-            sources |= dict.fromkeys(part.manifest["objects"], source)
+        for directory, part in parts:
+            source = opened.enter_context(read_store(directory))
+            sources |= dict.fromkeys(part["objects"], source)
 
         def jobs_of(name: str) -> list[JobRow]:
             return sources[name].listed_of(*name.split("/", 1))
@@ -193,8 +184,7 @@ def _collect(parts: Sequence[FinishedShard], objects: Sequence[str], store: Stor
         with progress("merging, objects", len(objects)) as advance:
             for name in objects:
                 keys = {job.key for job in jobs_of(name)}
-                lacking = keys - store.copy(keys, sources[name])
-                if lacking or not keys:
+                if not keys or keys - store.copy(keys, sources[name]):
                     raise BadInput(
                         f"{sources[name].path}: has not all jobs of {name} any more; run the shard "
                         "again"

@@ -13,7 +13,6 @@ import logging
 import os
 import socket
 import time
-from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import chdir, contextmanager, suppress
 from dataclasses import dataclass, replace
@@ -29,7 +28,7 @@ from bench.running.environment import CODE, code_sha256, environment, versions
 from bench.running.executors import JobPool
 from bench.running.isolation import QUEUED
 from bench.running.options import LOCAL
-from bench.running.protocol import Protocol, method_identity
+from bench.running.protocol import Protocol, method_identity, name_of
 from data_prep.datasets.objects import SceneObject
 from data_prep.failures import BadInput, MissingDependency
 from data_prep.files.checksums import file_sha256
@@ -37,11 +36,11 @@ from data_prep.files.checksums import file_sha256
 PATIENCE_S = 10.0
 COUNTED_EVERY_S = 5.0  # the CPUs of a cluster
 NODES_PER_JOB = 5  # lost nodes; then it is the job that takes them down
-REFERENCES_KEPT = 64  # true images in the object store; jobs of one object follow each other
+KEPT = 64  # true images in the object store, and fingerprints: jobs of one object follow each other
 STORE_BYTES = 256 * 2**20  # of the object store of a cluster of our own
 # Of a GPU, for each job that uses it. On an H200, jobs of 20 images with the networks of metrics
-# give 1,900 images a second with one process, 3,260 with two, 4,350 with four, 4,620 with eight and
-# 4,680 with sixteen, and each process takes 0.85 GiB of the GPU's memory.
+# give 1,900 images a second with one process, 4,350 with four and 4,680 with sixteen, and each
+# process takes 0.85 GiB of the GPU's memory.
 GPU_SHARE = 0.25
 INSTALL = "Ray is not installed; pip install 'pc2pix-bench[ray]'"
 
@@ -70,9 +69,11 @@ def connected(address: str, workers: int) -> Iterator[Cluster]:
         import ray
     except ImportError as error:
         raise MissingDependency(INSTALL) from error
-    _check_reachable(address)
     local = {"num_cpus": workers, "object_store_memory": STORE_BYTES, "include_dashboard": False}
+    host, _, port = address.removeprefix("ray://").rpartition(":")
     try:
+        if host and port.isdecimal():  # where nobody listens, Ray would ask for minutes
+            socket.create_connection((host, int(port)), PATIENCE_S).close()
         with chdir("/"):  # workers would import from the current folder: a `random.py`, say
             ray.init(
                 address=address,
@@ -80,9 +81,12 @@ def connected(address: str, workers: int) -> Iterator[Cluster]:
                 log_to_driver=False,
                 **(local if address == LOCAL else {}),
             )
-    except (ConnectionError, RuntimeError, ValueError, OSError) as error:
+    except (ConnectionError, RuntimeError, ValueError, OSError, OverflowError) as error:
         message = (str(error).strip().splitlines() or [type(error).__name__])[0]
-        raise _no_cluster(address, message) from error
+        raise BadInput(
+            f"--ray {address}: no cluster answers ({message}); start one with 'ray start --head', "
+            f"or give --ray {LOCAL}"
+        ) from error
     try:
         resources = ray.cluster_resources()
         cpus, gpus = (int(resources.get(kind, 0)) for kind in ("CPU", "GPU"))
@@ -90,25 +94,6 @@ def connected(address: str, workers: int) -> Iterator[Cluster]:
         yield Cluster(address, cpus, gpus, nodes, ray.__version__)
     finally:
         ray.shutdown()
-
-
-def _check_reachable(address: str) -> None:
-    """Raise BadInput where nobody listens at "host:port"."""
-    # Ray would ask for minutes.
-    host, _, port = address.removeprefix("ray://").rpartition(":")
-    if not (host and port.isdecimal()):
-        return
-    try:
-        socket.create_connection((host, int(port)), PATIENCE_S).close()
-    except (OSError, OverflowError) as error:
-        raise _no_cluster(address, str(error)) from error
-
-
-def _no_cluster(address: str, message: str) -> BadInput:
-    return BadInput(
-        f"--ray {address}: no cluster answers ({message}); start one with 'ray start --head', or "
-        f"give --ray {LOCAL}"
-    )
 
 
 class RayPool:
@@ -136,10 +121,10 @@ class RayPool:
         self._networks = frozenset(networks if has_gpu else ())
         self._cpus, self._counted = cluster.cpus, float("-inf")
         self._message = api.put((requirements(protocol), protocol.suite.limits))
-        remote = api.remote(num_cpus=1, max_retries=NODES_PER_JOB, max_calls=0)  # 0: no end
-        self._do = remote(do_on_node)
+        # Without `max_calls` a process keeps what it has loaded.
+        self._do = api.remote(num_cpus=1, max_retries=NODES_PER_JOB, max_calls=0)(do_on_node)
+        self._put = lru_cache(KEPT)(api.put)
         self._sent: dict[Any, Job] = {}
-        self._references: OrderedDict[str, Any] = OrderedDict()
 
     @property
     def capacity(self) -> int:
@@ -155,8 +140,8 @@ class RayPool:
         task = self._do.options(num_gpus=GPU_SHARE if on_gpu else 0).remote(
             self._message,
             replace(job, reference=None),
-            fingerprint_of(job.object),
-            self._reference(job),
+            _fingerprint(job.object),
+            None if job.reference is None else self._put(job.reference),
         )
         self._sent[task] = job
 
@@ -174,19 +159,9 @@ class RayPool:
         for task in self._sent:
             self._ray.cancel(task, force=True)
         self._sent.clear()
-        self._references.clear()
-
-    def _reference(self, job: Job) -> Any:
-        if job.reference_key is None:
-            return None
-        if job.reference_key not in self._references:
-            self._references[job.reference_key] = self._ray.put(job.reference)
-            while len(self._references) > REFERENCES_KEPT:
-                self._references.popitem(last=False)
-        return self._references[job.reference_key]
+        self._put.cache_clear()
 
     def _result(self, task: Any) -> Result:
-        """Return the result of a task that has ended."""
         job, errors = self._sent.pop(task), self._ray.exceptions
         try:
             return self._ray.get(task)
@@ -208,29 +183,69 @@ class NodeRequirements:
 
     Attributes
     ----------
-    environment : mapping
-        The answer of `bench.running.environment.environment`.
-    versions : mapping
-        Versions of packages.
-    code : mapping
-        Checksums of this project's packages.
-    identities : mapping
-        Identities of the methods by their addresses, see `bench.running.protocol.method_identity`.
-    weights : mapping
-        Checksums of the files that extractors load.
+    values : mapping
+        Texts by kind and name: versions, checksums and identities.
     device : str
         Where networks run.
     folder : str
         The start of relative paths, where there is such a folder.
     """
 
-    environment: Mapping[str, str]
-    versions: Mapping[str, str]
-    code: Mapping[str, str]
-    identities: Mapping[str, str]
-    weights: Mapping[str, str]
+    values: Mapping[str, Mapping[str, str]]
     device: str
     folder: str
+
+
+def requirements(protocol: Protocol) -> NodeRequirements:
+    """Return the properties of this machine, which all nodes have to share."""
+    addresses = [method.address for method in protocol.methods.values()]
+    files = [path for _, path in protocol.features]
+    values = _properties(protocol.environment, addresses, files, protocol.device)
+    return NodeRequirements(values, protocol.device, str(Path.cwd()))
+
+
+def mismatch(
+    required: NodeRequirements, probe: Callable[[], Mapping[str, str]] = environment
+) -> str:
+    """Return how this machine fails the requirements, with the remedy; empty where it does not.
+
+    `probe` finds out the environment.
+    """
+    wanted = required.values
+    try:
+        here = _properties(probe(), wanted["methods"], wanted["weights"], required.device)
+    except MissingDependency as error:
+        return str(error)
+    for kind, values in wanted.items():
+        if differing := [name for name in values if here[kind].get(name) != values[name]]:
+            message = ", ".join(f"{n} is {here[kind].get(n)}, not {values[n]}" for n in differing)
+            return f"not set up as the machine of the run, {kind}: {message}; make it the same"
+    return ""
+
+
+def _properties(
+    machine: Mapping[str, str], addresses: Iterable[str], files: Iterable[str], device: str
+) -> dict[str, Mapping[str, str]]:
+    def identity(address: str) -> str:
+        return json.dumps(method_identity(find_run_method(address), device))
+
+    return {
+        "environment": machine,
+        "versions": versions(),
+        "code": {package: code_sha256([package])[:16] for package in CODE},
+        "methods": {address: _or_refusal(identity, address) for address in addresses},
+        "weights": {
+            path: _or_refusal(lambda name: file_sha256(Path(name)), path) for path in files
+        },
+    }
+
+
+def _or_refusal(function: Callable[[str], str], name: str) -> str:
+    """Return what a function says about a name, or why it cannot: weights that are not here."""
+    try:
+        return function(name)
+    except (BadInput, OSError) as error:
+        return str(error).removeprefix(f"{name}: ")
 
 
 class Node:
@@ -238,14 +253,14 @@ class Node:
 
     def __init__(
         self,
-        requirements: NodeRequirements,
+        required: NodeRequirements,
         limits: Limits,
         probe: Callable[[], Mapping[str, str]] = environment,
     ) -> None:
         with suppress(OSError):  # missing: a path that needs it will say so
-            os.chdir(requirements.folder)
+            os.chdir(required.folder)
         # Images of another driver or version of a file would go into the same tables unseen.
-        self._mismatch = mismatch(requirements, probe)
+        self._mismatch = mismatch(required, probe)
         self._pool = JobPool(1, 1, limits)
 
     def run_job(self, job: Job, fingerprint: str) -> Result:
@@ -255,9 +270,15 @@ class Node:
         does not meet the requirements, or whose copy of the object differs, is `unusable` and says
         why.
         """
-        if mismatch := self._mismatch or _other_object(job.object, fingerprint):
-            mismatch = f"node {socket.gethostname()}: {mismatch}"
-            return replace(failed(job, mismatch), unusable=mismatch)
+        problem = self._mismatch
+        if not problem and (present := _fingerprint(job.object)) != fingerprint:
+            problem = (
+                f"{name_of(job.object)} is not what it is in the run ({present[:40]}, not "
+                f"{fingerprint[:40]}); put the same dataset into the same folder on all nodes"
+            )
+        if problem:
+            problem = f"node {socket.gethostname()}: {problem}"
+            return replace(failed(job, problem), unusable=problem)
         self._pool.submit(job)
         while not (results := [*self._pool.wait_any()]):
             pass  # a job may take several steps
@@ -281,82 +302,6 @@ def do_on_node(
     return _node.run_job(replace(job, reference=reference), fingerprint)
 
 
-def requirements(protocol: Protocol) -> NodeRequirements:
-    """Return the properties of this machine, which all nodes have to share."""
-    return NodeRequirements(
-        environment=protocol.environment,
-        versions=versions(),
-        code=_code(),
-        identities=_identities(
-            (method.address for method in protocol.methods.values()), protocol.device
-        ),
-        weights={path: _sum(path) for _, path in protocol.features},
-        device=protocol.device,
-        folder=str(Path.cwd()),
-    )
-
-
-def mismatch(
-    requirements: NodeRequirements, probe: Callable[[], Mapping[str, str]] = environment
-) -> str:
-    """Return how this machine fails the requirements, with the remedy; empty where it does not.
-
-    `probe` finds out the environment.
-    """
-    try:
-        here = probe()
-    except MissingDependency as error:
-        return str(error)
-    for kind, present, wanted in (
-        ("environment", here, requirements.environment),
-        ("versions", versions(), requirements.versions),
-        ("code", _code(), requirements.code),
-        (
-            "methods",
-            _identities(requirements.identities, requirements.device),
-            requirements.identities,
-        ),
-        ("weights", {path: _sum(path) for path in requirements.weights}, requirements.weights),
-    ):
-        if differing := [name for name in wanted if present.get(name) != wanted[name]]:
-            message = ", ".join(f"{n} is {present.get(n)}, not {wanted[n]}" for n in differing)
-            return f"not set up as the machine of the run, {kind}: {message}; make it the same"
-    return ""
-
-
-def _other_object(obj: SceneObject, fingerprint: str) -> str:
-    present = fingerprint_of(obj)
-    if present == fingerprint:
-        return ""
-    return (
-        f"{obj.class_name}/{obj.object_id} is not what it is in the run ({present[:40]}, not "
-        f"{fingerprint[:40]}); put the same dataset into the same folder on all nodes"
-    )
-
-
-@lru_cache(maxsize=64)
-def fingerprint_of(obj: SceneObject) -> str:
-    """Return the fingerprint of an object, read once for its jobs, which follow each other."""
+@lru_cache(KEPT)
+def _fingerprint(obj: SceneObject) -> str:
     return obj.fingerprint()
-
-
-def _code() -> dict[str, str]:
-    """Return a checksum for each package of this project."""
-    return {package: code_sha256([package])[:16] for package in CODE}
-
-
-def _identities(addresses: Iterable[str], device: str) -> dict[str, str]:
-    identities = {}
-    for address in addresses:
-        try:
-            identities[address] = json.dumps(method_identity(find_run_method(address), device))
-        except BadInput as error:  # its weights are not here
-            identities[address] = str(error)
-    return identities
-
-
-def _sum(path: str) -> str:
-    try:
-        return file_sha256(Path(path))
-    except (BadInput, OSError) as error:
-        return str(error).removeprefix(f"{path}: ")

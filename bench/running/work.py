@@ -30,7 +30,7 @@ from bench.catalogue.metrics import (
 from bench.metrics.image_scores import scores
 from bench.records.artifacts import pack, unpack_images
 from bench.records.job import NOTHING, Job, JobTiming, Result, Stopwatch, failed, records_of
-from bench.records.record import CLAIMED, GROUND_TRUTH, Record
+from bench.records.record import CLAIMED, GROUND_TRUTH
 from data_prep.clouds.conditions import Unchanged
 from data_prep.clouds.far_points import note_on_scale
 from data_prep.datasets.exported import UNPERTURBED, ExportedObject
@@ -64,7 +64,11 @@ def draw_job(job: Job) -> RenderedViews | Result:
     """Draw the images of a job; the result of one that fails."""
     watch = Stopwatch()
     try:
-        drawn = _draw_ground_truth(job, watch) if job.method == GROUND_TRUTH else _draw(job, watch)
+        if job.method != GROUND_TRUTH:
+            drawn = _draw(job, watch)
+        else:
+            with watch.on("rendering"):
+                drawn = RenderedViews(job.object.truth(job.views))
     except BaseException as error:  # a method may call exit(), or raise KeyboardInterrupt
         drawn = _failed(job, error)
     return replace(drawn, timing=watch.timing())
@@ -111,30 +115,16 @@ def _failed(job: Job, error: BaseException) -> Result:
 
 def reason_of(error: BaseException) -> str:
     """Return an exception as the reason in a record, as in "ball-pivoting: no faces"."""
+    name = type(error).__name__
     try:
-        return _reason_of(error)
+        text = str(error)
+        if isinstance(error, BadInput | StageFailure):
+            return f"input: {text}" if isinstance(error, BadInput) else text
+        line = (text.splitlines() or ["no message"])[0]
+        # A MemoryError is refused at once: nothing was used up yet.
+        return f"memory: {line}" if isinstance(error, MemoryError) else f"{name}: {line}"
     except BaseException:  # its text is made by code of others, too
-        return f"{type(error).__name__}: its message cannot be shown"
-
-
-def _reason_of(error: BaseException) -> str:
-    if isinstance(error, BadInput):
-        return f"input: {error}"
-    if isinstance(error, StageFailure):
-        return str(error)
-    if isinstance(error, MemoryError):  # refused at once: nothing was used up yet
-        return f"memory: {_first_line(error)}"
-    return f"{type(error).__name__}: {_first_line(error)}"
-
-
-def _draw_ground_truth(job: Job, watch: Stopwatch) -> RenderedViews:
-    with watch.on("rendering"):
-        return RenderedViews(job.object.truth(job.views))
-
-
-def _first_line(error: BaseException) -> str:
-    lines = str(error).splitlines()
-    return lines[0] if lines else "no message"
+        return f"{name}: its message cannot be shown"
 
 
 def _draw(job: Job, watch: Stopwatch) -> RenderedViews | Result:
@@ -167,20 +157,28 @@ def _draw(job: Job, watch: Stopwatch) -> RenderedViews | Result:
 
 def _scored(job: Job, drawn: RenderedViews, watch: Stopwatch) -> Result:
     truth = None if job.reference is None else unpack_images(job.reference)
+    scored: dict[str, NDArray[np.float64]] = {}
+    arrays: dict[str, NDArray[Any]] = {"images": drawn.images}
+    with watch.on("metrics"):
+        if truth is not None:
+            scored = scores(truth, drawn.images) | _learned(job, truth, drawn.images)
+        for extractor, weights in job.features:
+            network = _extractor(extractor, weights, metrics_device(job.device))
+            arrays[extractor] = network(drawn.images)
     records = records_of(
         job, "ok", notes=drawn.notes, prepare_s=drawn.prepare_s, draw_s=drawn.draw_s
     )
-    if truth is not None:
-        with watch.on("metrics"):
-            scored = scores(truth, drawn.images) | _learned(job, truth, drawn.images)
-        records = [
-            replace(
-                record,
-                **{n: float(v[i]) if np.isfinite(v[i]) else None for n, v in scored.items()},
-            )
-            for i, record in enumerate(records)
-        ]
-    return _with_artifact(job, records, drawn.images, watch)
+    defined = (
+        {name: float(v[i]) for name, v in scored.items() if np.isfinite(v[i])}
+        for i in range(len(records))
+    )
+    artifact = pack(arrays)
+    return Result(
+        job.key,
+        tuple(map(lambda record, values: replace(record, **values), records, defined)),
+        sha256(artifact).hexdigest(),
+        artifact=artifact,
+    )
 
 
 def _learned(job: Job, truth: UInt8Images, images: UInt8Images) -> dict[str, NDArray[np.float64]]:
@@ -239,17 +237,15 @@ def seen_by(method: Method, cloud: PointCloud) -> PointCloud:
 
 def _refuse_blank(images: UInt8Images, truth: UInt8Images | None, points: int) -> None:
     """Raise StageFailure where an image is of one colour throughout, unless the true one is."""
+
+    def is_flat(images: UInt8Images) -> NDArray[np.bool_]:
+        return (images == images[:, :1, :1]).all(axis=(1, 2, 3))
+
     # A renderer that has lost its context draws such images, or one that looks the wrong way.
-    flat = _is_flat(images)
-    if truth is not None:
-        flat &= ~_is_flat(truth)
+    flat = is_flat(images) if truth is None else is_flat(images) & ~is_flat(truth)
     if flat.any():
         few = f"; {points} points are too few" if points < 32 else ""
         raise StageFailure("draw", f"{int(flat.sum())} of {len(flat)} images are blank{few}")
-
-
-def _is_flat(images: UInt8Images) -> NDArray[np.bool_]:
-    return (images == images[:, :1, :1]).all(axis=(1, 2, 3))
 
 
 def cloud_of(job: Job) -> PointCloud:
@@ -297,19 +293,6 @@ def checked_images(images: NDArray[np.float32], count: int) -> UInt8Images:
     if bad:
         raise StageFailure("draw", f"{bad} pixel values are not finite")
     return to_uint8(images)
-
-
-def _with_artifact(
-    job: Job, records: Sequence[Record], images: UInt8Images, watch: Stopwatch
-) -> Result:
-    arrays: dict[str, NDArray[Any]] = {"images": images}
-    with watch.on("metrics"):
-        for extractor, weights in job.features:
-            device = metrics_device(job.device)
-            arrays[extractor] = _extractor(extractor, weights, device)(images)
-    artifact = pack(arrays)
-    checksum = sha256(artifact).hexdigest()
-    return Result(job.key, tuple(records), checksum, artifact=artifact)
 
 
 @functools.cache

@@ -37,6 +37,10 @@ def mismatch_of(requirements):
     return mismatch(requirements, lambda: MACHINE)
 
 
+def changed(asked, **values):
+    return replace(asked, values={**asked.values, **values})
+
+
 @pytest.fixture
 def asked(tmp_path):
     weights = tmp_path / "views.safetensors"
@@ -69,17 +73,17 @@ def test_a_machine_meets_its_own_requirements_which_are_plain_values(asked):
         ({"versions": {"torch": "0.1"}}, r"versions: torch is 2\..*, not 0\.1; make it"),
         ({"versions": {"unheard-of": "1"}}, "versions: unheard-of is None, not 1"),
         ({"code": {"bench": "abc"}}, r"code: bench is [0-9a-f]{16}, not abc"),
-        ({"identities": {"splat-net@chair": "x"}}, "methods: splat-net@chair is .*, not x"),
-        ({"identities": {"pc2pix@/none.safetensors": "x"}}, "methods: .*none.safetensors: no"),
+        ({"methods": {"splat-net@chair": "x"}}, "methods: splat-net@chair is .*, not x"),
+        ({"methods": {"pc2pix@/none.safetensors": "x"}}, "methods: .*none.safetensors: no"),
         ({"weights": {"/none": "x"}}, "weights: /none is no such file"),
     ],
 )
 def test_what_differs_is_named(asked, change, message):
-    assert re.search(message, mismatch_of(replace(asked, **change)))
+    assert re.search(message, mismatch_of(changed(asked, **change)))
 
 
 def test_weights_that_were_exchanged_and_a_machine_without_opengl(asked):
-    (path,) = asked.weights
+    (path,) = asked.values["weights"]
     Path(path).write_bytes(b"other")
     assert "weights: " in mismatch_of(asked)
 
@@ -125,7 +129,7 @@ def test_another_dataset_on_a_node_ends_the_run(asked, tmp_path):
 
 def test_a_node_that_does_not_match_does_nothing(asked, tmp_path):
     job = make_truth()
-    with node(replace(asked, versions={"torch": "0.1"})) as made:
+    with node(changed(asked, versions={"torch": "0.1"})) as made:
         result = made.run_job(job, job.object.fingerprint())
     assert result.unusable.startswith("node ")
     assert "torch is" in result.unusable
