@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -313,52 +312,44 @@ def _of_older_protocol(run: Run) -> list[str]:
     return [f"All is of protocol {version}; this version has protocol {PROTOCOL_VERSION}."]
 
 
-class _SeenView(NamedTuple):
-    """The direction of a true image, and the ssim of a blank image with it."""
-
-    azimuth_deg: float
-    elevation_deg: float
-    blank_ssim: float
-
-
-def _refuse_other_objects(a: Run, b: Run) -> None:
+def _refuse_other_objects(*runs: Run) -> None:
     """Raise BadInput where two runs did not see the same objects from the same views."""
-    in_a, in_b = _seen_views(a), _seen_views(b)
-    objects_a, objects_b = ({name for name, _ in views} for views in (in_a, in_b))
-    for alone, folder in (
-        (sorted(objects_a - objects_b), a.directory),
-        (sorted(objects_b - objects_a), b.directory),
-    ):
-        if alone:
+    seen = [_true_views(run) for run in runs]
+    names = [{*views["name"]} for views in seen]
+    for run, here, others in zip(runs, names, reversed(names), strict=True):
+        if alone := sorted(here - others):
             more = f" and {len(alone) - NAMED} more" if len(alone) > NAMED else ""
             raise BadInput(
-                f"different objects: only {folder} has {', '.join(alone[:NAMED])}{more}; run both "
-                "alike"
+                f"different objects: only {run.directory} has {', '.join(alone[:NAMED])}{more}; "
+                "run both alike"
             )
-    if in_a.keys() != in_b.keys():
-        of_each = f"{len(in_a) // len(objects_a)} and {len(in_b) // len(objects_b)}"
+    both = seen[0].merge(seen[1], on=["name", "view"], suffixes=("_a", "_b"))
+    if any(len(views) != len(both) for views in seen):
+        of_each = " and ".join(f"{len(views) // len(names[0])}" for views in seen)
         raise BadInput(f"different views: {of_each} of an object; give both the same --views")
-    for (name, view), of_a in in_a.items():
-        of_b = in_b[name, view]
-        if of_a[:2] != of_b[:2]:
-            raise BadInput(
-                f"different views: view {view} of {name} is at azimuth/elevation "
-                f"{of_a.azimuth_deg:.2f}/{of_a.elevation_deg:.2f} and "
-                f"{of_b.azimuth_deg:.2f}/{of_b.elevation_deg:.2f} degrees; give both the same "
-                "--seed"
-            )
-        if abs(of_a.blank_ssim - of_b.blank_ssim) > SAME_TRUTH:  # not for NaN: a blank that failed
-            raise BadInput(
-                f"different true images: {name} is not the same object in both runs (a blank image "
-                f"has ssim {of_a.blank_ssim:.3f} and {of_b.blank_ssim:.3f}); give both the same "
-                "--dataset"
-            )
+    turned = (both["azimuth_deg_a"] != both["azimuth_deg_b"]) | (
+        both["elevation_deg_a"] != both["elevation_deg_b"]
+    )
+    for view in both[turned].itertuples():
+        raise BadInput(
+            f"different views: view {view.view} of {view.name} is at azimuth/elevation "
+            f"{view.azimuth_deg_a:.2f}/{view.elevation_deg_a:.2f} and "
+            f"{view.azimuth_deg_b:.2f}/{view.elevation_deg_b:.2f} degrees; give both the same "
+            "--seed"
+        )
+    # Not for NaN: a blank image that failed.
+    for view in both[(both["ssim_a"] - both["ssim_b"]).abs() > SAME_TRUTH].itertuples():
+        raise BadInput(
+            f"different true images: {view.name} is not the same object in both runs (a blank "
+            f"image has ssim {view.ssim_a:.3f} and {view.ssim_b:.3f}); give both the same --dataset"
+        )
 
 
-def _seen_views(run: Run) -> dict[tuple[str, int], _SeenView]:
-    """Return the views of a run by "class/object" and number."""
+def _true_views(run: Run) -> pd.DataFrame:
+    """Return the directions of the true images, and the ssim of a blank image with each."""
     columns = ("class", "object", "view", "azimuth_deg", "elevation_deg", "ssim")
     blank = read_records(run.directory, columns, method=FLOOR)
-    names = blank["class"] + "/" + blank["object"]
-    views = map(_SeenView, blank["azimuth_deg"], blank["elevation_deg"], blank["ssim"])
-    return dict(zip(zip(names, blank["view"], strict=True), views, strict=True))
+    blank["name"] = blank["class"] + "/" + blank["object"]
+    # They are the same at every condition.
+    views = blank.drop(columns=["class", "object"])
+    return views.drop_duplicates(["name", "view"], keep="last")
