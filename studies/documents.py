@@ -7,20 +7,20 @@ A place in a page is marked by two comments, and what stands between them is wri
     <!-- numbers: chairs-100.csv rows=method:pc2pix,splat columns=condition:2048,512 metric=ssim -->
     <!-- end -->
 
-A file is what `bench table DIR --format csv` prints, or one of the files of a run or comparison; of
-several, joined by commas, the lines stand together. `rows` and `columns` name a field and its
-values in their order, or several fields, `metric:ssim,lpips*condition:2048,512`, and then all their
-combinations; further `field=value` choose among the lines; `intervals=no` leaves intervals out, and
-`show=paper` shows another field as it is. Values have the digits of the tables of runs
-(`bench.analysis.digits`); one with fewer than its metric has is marked. Conditions stand in words,
-"512 of 2,048 points". A difference is called better, worse or not decided, after Holm's correction;
-a method on the frontier and one worse than a white image are called so.
+The file is what `bench table DIR --format csv` prints, or one of the files of a run. `rows` and
+`columns` name a field and its values in their order, or several fields,
+`metric:ssim,lpips*condition:2048,512`, and then all their combinations; further `field=value`
+choose among the lines; `intervals=no` leaves intervals out, and `show=paper` shows another field as
+it is. Values have the digits of the tables of runs (`bench.analysis.digits`); one with fewer than
+its metric has is marked. Conditions stand in words, "512 of 2,048 points". A method on the frontier
+and one worse than a white image are called so.
 
-`marks=a-pc2pix.csv,a-splat-net@chair.csv` puts these three words beside values: what the
-comparison of a row's method in those files says at the same metric, condition and class. A method
-without a comparison has no word. `marks=FILE;class:all` looks under another class.
+`marks=a-pc2pix.csv,a-splat-net@chair.csv` puts "better", "worse" or "not decided" beside values:
+what the comparison of a row's method in those files says, after Holm's correction, at the same
+metric, condition and class. A method without a comparison has no word. `marks=FILE;class:all` looks
+under another class.
 
-Columns with sources of their own are named one by one, in place of files and `columns`:
+Columns with sources of their own are named one by one, in place of a file and `columns`:
 
     <!-- numbers: rows=method:pc2pix,best-reconstruction
     column=real_objects;real.csv;metric:lpips;condition:2048
@@ -42,11 +42,11 @@ import csv
 import re
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import partial
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import product
 from pathlib import Path
+from types import MappingProxyType
+from typing import NamedTuple
 
 from bench.analysis.comparison import milliseconds
 from bench.analysis.digits import decimals, is_coarse
@@ -80,7 +80,6 @@ PLACE = re.compile(
     re.escape(BEGIN) + r"(?P<asked>[^>]*?)-->\n(?P<table>.*?)" + re.escape(END), re.S
 )
 
-Axis = Sequence[tuple[str, Sequence[str]]]
 Line = Mapping[str, str]
 
 
@@ -88,88 +87,65 @@ class Unfilled(ValueError):
     """The error for a marked place that cannot be filled; it names page and line."""
 
 
-@dataclass(frozen=True)
-class DocumentColumn:
-    """A column of a table, with its sources.
-
-    files    names of CSV files, or CATALOGUE alone
-    wanted   the fields and values that choose among their lines
-    shown    the field that cells show, as it is; empty: the value or the difference
-    renamed  by value of a row, the value that is looked up in its place
-    gaps     whether a row may have no line
-    marks    names of CSV files of comparisons, whose verdicts stand beside the values
-    marked   the fields and values that choose among their lines in place of those of the values
-    """
+class DocumentColumn(NamedTuple):
+    """A column of a table, with its source."""
 
     head: str
-    files: Sequence[str]
-    wanted: Mapping[str, str]
-    shown: str = ""
-    renamed: Mapping[str, str] = field(default_factory=dict)
-    gaps: bool = False
-    marks: Sequence[str] = ()
-    marked: Mapping[str, str] = field(default_factory=dict)
+    file: str  # a CSV file, or CATALOGUE
+    wanted: Mapping[str, str]  # fields and values that choose among its lines
+    shown: str = ""  # the field that cells show, as it is; empty: the value
+    renamed: Mapping[str, str] = MappingProxyType({})  # by value of a row, what is looked up for it
+    gaps: bool = False  # whether a row may have no line
+    marks: str = ""  # CSV files of comparisons, whose verdicts stand beside the values
+    marked: Mapping[str, str] = MappingProxyType({})  # in place of `wanted` for these lines
 
 
-@dataclass(frozen=True)
-class TableRequest:
-    """The request of a mark in a page.
-
-    corner  the head of the first column
-    rows    a field and its values; of several fields all combinations
-    """
-
-    corner: str
-    rows: Axis
-    columns: Sequence[DocumentColumn]
-    intervals: bool
-
-
-def parsed(asked: str) -> TableRequest:
-    """Return the request of a mark.
+def _table(asked: str, numbers: Path) -> str:
+    """Return the table of a mark.
 
     Raises ValueError or KeyError for a mark without a file, rows or columns.
     """
     words = asked.split()
-    files = [] if "=" in words[0] else words.pop(0).split(",")
+    file = "" if "=" in words[0] else words.pop(0)
     options = [word.split("=", 1) for word in words]
-    single = [text.split(";") for name, text in options if name == "column"]
     chosen = {name: text for name, text in options if name != "column"}
     intervals, shown = chosen.pop("intervals", "yes") == "yes", chosen.pop("show", "")
     marks, *pairs = chosen.pop("marks", "").split(";")
     marked = dict(pair.split(":", 1) for pair in pairs)
-    rows = _axis(chosen.pop("rows"))
-    if single:
-        values = {value for _, of_field in rows for value in of_field}
-        columns = [_single_column(head, parts, values) for head, *parts in single]
-    else:
-        columns = [
-            DocumentColumn(
-                ", ".join(_in_words(column)),
-                files,
-                {**chosen, **column},
-                shown,
-                marks=[name for name in marks.split(",") if name],
-                marked=marked,
-            )
-            for column in _combinations(_axis(chosen.pop("columns")))
-        ]
-    return TableRequest(
-        chosen.get("metric", rows[0][0].removesuffix("_b")), rows, columns, intervals
-    )
+    rows = _combinations(chosen.pop("rows"))
+    columns = [_single_column(text.split(";"), rows) for name, text in options if name == "column"]
+    columns = columns or [
+        DocumentColumn(
+            ", ".join(_in_words(column)),
+            file,
+            chosen | column,
+            shown,
+            marks=marks,
+            marked=marked,
+        )
+        for column in _combinations(chosen.pop("columns"))
+    ]
+    cells = [_cells(column, rows, intervals, numbers) for column in columns]
+    fields = [*rows[0]]
+    head = [chosen.get("metric", fields[0]), *[""] * (len(fields) - 1), *(c.head for c in columns)]
+    body = [[*_in_words(row), *of_row] for row, *of_row in zip(rows, *cells, strict=True)]
+    return markdown(head, body, len(fields))
 
 
-def _single_column(head: str, parts: Sequence[str], row_values: set[str]) -> DocumentColumn:
-    pairs = [part.split(":", 1) for part in parts if ":" in part]
-    wanted = {name: value for name, value in pairs if name not in row_values}
-    return DocumentColumn(
-        head.replace("_", " "),
-        [part for part in parts if ":" not in part],
-        wanted,
-        shown=wanted.pop("show", ""),
-        renamed={name: value for name, value in pairs if name in row_values},
-        gaps=True,
-    )
+def _single_column(parts: Sequence[str], rows: Sequence[Line]) -> DocumentColumn:
+    head, file, *rest = parts
+    pairs = dict(part.split(":", 1) for part in rest)
+    shown, values = pairs.pop("show", ""), {value for row in rows for value in row.values()}
+    renamed = {name: pairs.pop(name) for name in [*pairs] if name in values}
+    return DocumentColumn(head.replace("_", " "), file, pairs, shown, renamed, gaps=True)
+
+
+def _combinations(axis: str) -> list[dict[str, str]]:
+    """Return the combinations of "field:value,value*field:value,value"."""
+    fields = [part.split(":", 1) for part in axis.split("*")]
+    names = [name for name, _ in fields]
+    every = product(*(values.split(",") for _, values in fields))
+    return [dict(zip(names, values, strict=True)) for values in every]
 
 
 def _in_words(values: Mapping[str, str]) -> list[str]:
@@ -187,11 +163,6 @@ def _condition_in_words(condition: str) -> str:
     return shorter.get(name.kind, name.words).replace(" %", "\N{NO-BREAK SPACE}%")
 
 
-def _axis(text: str) -> Axis:
-    fields = [part.split(":", 1) for part in text.split("*")]
-    return [(name, values.split(",")) for name, values in fields]
-
-
 def filled(text: str, page: str, numbers: Path = NUMBERS) -> str:
     """Return the text of a page with the table of every marked place written anew.
 
@@ -202,7 +173,7 @@ def filled(text: str, page: str, numbers: Path = NUMBERS) -> str:
 
     def table(mark: re.Match[str]) -> str:
         try:
-            written = _table(parsed(mark["asked"]), numbers)
+            written = _table(mark["asked"], numbers)
         except (ValueError, KeyError, OSError) as reason:
             raise Unfilled(f"{page}:{_line(text, mark.start())}: {reason}") from reason
         # The meaning stands once in a page, on the line of the end: pages are short.
@@ -222,35 +193,30 @@ def _line(text: str, place: int) -> int:
     return text.count("\n", 0, place) + 1
 
 
-def _table(request: TableRequest, numbers: Path) -> str:
-    rows = _combinations(request.rows)
-    show = partial(_cell, intervals=request.intervals)
-    cells = [_cells(column, rows, show, numbers) for column in request.columns]
-    left = len(request.rows)
-    head = [request.corner, *[""] * (left - 1), *(column.head for column in request.columns)]
-    body = [[*_in_words(row), *of_row] for row, *of_row in zip(rows, *cells, strict=True)]
-    return markdown(head, body, left)
-
-
 def _cells(
-    column: DocumentColumn,
-    rows: Sequence[Mapping[str, str]],
-    show: Callable[[Line, str], str],
-    numbers: Path,
+    column: DocumentColumn, rows: Sequence[Line], intervals: bool, numbers: Path
 ) -> list[str]:
     renamed = [
         {name: column.renamed.get(value, value) for name, value in row.items()} for row in rows
     ]
-    if column.files == [CATALOGUE]:
+    if column.file == CATALOGUE:
         return [find_method(row["method"]).trained_on or GAP for row in renamed]
-    lines = read_lines(column.files, column.wanted, numbers)
+    lines = read_lines([column.file], column.wanted, numbers)
     if column.gaps and not lines:
         raise ValueError(f"no line for the column '{column.head}'")
-    verdicts = read_lines(column.marks, column.marked, numbers)
-    return [
-        f"{_mark(verdicts, row, column)} {_only_cell(lines, row, column, show)}".strip()
-        for row in renamed
-    ]
+    verdicts = read_lines(filter(None, column.marks.split(",")), column.marked, numbers)
+    cells = []
+    for row in renamed:
+        matching = [line for line in lines if _has(line, row)]
+        if not matching and column.gaps:
+            cells.append(GAP)
+            continue
+        texts = {_cell(line, column.shown, intervals) for line in matching}
+        if len(texts) != 1:  # lines of several tables of a run may repeat one
+            asked = ", ".join(f"{name} {value}" for name, value in {**row, **column.wanted}.items())
+            raise ValueError(f"{len(matching)} lines with {asked}; there has to be one")
+        cells.append(f"{_mark(verdicts, row, column)} {texts.pop()}".strip())
+    return cells
 
 
 def read_lines(
@@ -281,31 +247,6 @@ def _mark(verdicts: Sequence[Line], row: Line, column: DocumentColumn) -> str:
     return "".join(words)
 
 
-def _combinations(axis: Axis) -> list[dict[str, str]]:
-    names = [field for field, _ in axis]
-    return [
-        dict(zip(names, values_of_fields, strict=True))
-        for values_of_fields in product(*(values for _, values in axis))
-    ]
-
-
-def _only_cell(
-    lines: Sequence[Line],
-    row: Mapping[str, str],
-    column: DocumentColumn,
-    show: Callable[[Line, str], str],
-) -> str:
-    """Return the cell of a row; lines of several files may repeat it."""
-    matching = [line for line in lines if _has(line, row)]
-    cells = {show(line, column.shown) for line in matching}
-    if column.gaps and not cells:
-        return GAP
-    if len(cells) != 1:
-        asked = ", ".join(f"{name} {value}" for name, value in {**row, **column.wanted}.items())
-        raise ValueError(f"{len(matching)} lines with {asked}; there has to be one")
-    return cells.pop()
-
-
 def _has(line: Line, wanted: Mapping[str, str]) -> bool:
     return all(line[name] == value for name, value in wanted.items())
 
@@ -315,34 +256,27 @@ def _cell(line: Line, shown: str, intervals: bool) -> str:
         return milliseconds(float(line[shown]))
     if shown:
         return re.sub(r"(\.\d*?)0+$", r"\1", line[shown]).removesuffix(".") or "-"
-    differs = "difference" in line
-    metric, methods = line["metric"], methods_of(line)
-    digits = decimals(metric, *methods)
-    value = line["difference" if differs else "value"]
-    if not value:
+    metric, method = line["metric"], measured_method(line)
+    if not line["value"]:
         return "-"
-    text = MOVED * is_coarse(metric, *methods) + _short(value, digits, sign=differs)
-    if differs:
-        text = f"{VERDICTS[line['ahead']]} {text}"
+    digits = decimals(metric, method)
+    text = MOVED * is_coarse(metric, method) + _short(line["value"], digits)
     text = f"{FRONTIER.get(line.get('verdict') or '', '')} {text}".strip()
     if intervals and line["ci_low"]:
-        low, high = (_short(line[end], digits, sign=differs) for end in ("ci_low", "ci_high"))
+        low, high = (_short(line[end], digits) for end in ("ci_low", "ci_high"))
         text += f" [{low}, {high}]"
     return text
 
 
-def methods_of(line: Line) -> list[str]:
-    """Return the methods of a value or a difference; of a chosen row the method that it is."""
-    if "difference" in line:
-        return [line.get("method_a", ""), line.get("method_b", "")]
+def measured_method(line: Line) -> str:
+    """Return the method of a value; of a chosen row the method that it is."""
     method = line.get("method", "")
-    return [line["note"].partition("; ")[0] if method in CHOSEN else method]
+    return line["note"].partition("; ")[0] if method in CHOSEN else method
 
 
-def _short(number: str, digits: int, sign: bool) -> str:
+def _short(number: str, digits: int) -> str:
     """Return a number, rounded, without the 0 before the point of fractions."""
-    text = f"{float(number):{'+' if sign else ''}.{digits}f}"
-    return re.sub(r"^([+-]?)0\.", r"\1.", text).replace("-", "−")
+    return re.sub(r"^(-?)0\.", r"\1.", f"{float(number):.{digits}f}").replace("-", "−")
 
 
 def main() -> None:

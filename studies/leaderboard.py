@@ -35,7 +35,7 @@ from bench.report.board import (
     value_cell,
 )
 from bench.report.page import bundled, rendered
-from studies.documents import NUMBERS, VERDICTS, Line, methods_of
+from studies.documents import NUMBERS, VERDICTS, Line, measured_method
 from studies.measurements import differences_of
 
 FULL = "2048"
@@ -137,7 +137,7 @@ def _group(numbers: Path, group: ResultGroup) -> BoardGroup:
             texts = [line["failures_as_blank"] or line["value"] for line in of_cell]
             if not method.endswith(".safetensors") and texts and all(texts):
                 value = float(np.mean([float(text) for text in texts]))
-                (measured,) = methods_of(of_cell[0])
+                measured = measured_method(of_cell[0])
                 cells[method] = value_cell(
                     value, metric, measured, beneath=verdicts.get(method, "")
                 )

@@ -17,8 +17,10 @@ import io
 import subprocess
 import sys
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
+
+import pandas as pd
 
 from bench.analysis.frame import Run, read_run
 from bench.analysis.paper import AVERAGE
@@ -42,26 +44,13 @@ OPPONENTS = "surface-apss,alpha-wrap,denoised-wrap,occupancy-net"
 GREY = "splat-net@grey,fused-net@grey"
 
 
-@dataclass(frozen=True)
-class QuotedRun:
-    """A run and its part in the documentation.
+class QuotedRun(NamedTuple):
+    """A run and its part in the documentation."""
 
-    Attributes
-    ----------
-    options : str
-        The options of `bench run`, with PATH for the folder of real meshes.
-    compared : tuple of str
-        Methods that are compared with the best reconstruction.
-    metrics : tuple of str
-        The metrics of the table of values; empty for all of the run.
-    copied : tuple of (str, str)
-        Further tables of the run, each with the name of its file.
-    """
-
-    options: str
-    compared: tuple[str, ...] = ()
-    metrics: tuple[str, ...] = ()
-    copied: tuple[tuple[str, str], ...] = ()
+    options: str  # of `bench run`, with PATH for the folder of real meshes
+    compared: tuple[str, ...] = ()  # methods that are compared with the best reconstruction
+    metrics: tuple[str, ...] = ()  # of the table of values; empty for all of the run
+    copied: tuple[tuple[str, str], ...] = ()  # further tables, each with the name of its file
 
 
 MEASUREMENTS: Mapping[str, QuotedRun] = {
@@ -126,29 +115,18 @@ def differences(directory: Path, methods: Iterable[str]) -> str:
 
 def costs(directory: Path) -> str:
     """Return the table of costs: times of a run of the suite `speed`, and published scores."""
-    rows = _rows((directory / TABLES / "speed.csv").read_text(encoding="utf-8"))
-    ms = {
-        (row["method"], row["metric"]): float(row["value"])
-        for row in rows
-        if (row["condition"], row["threads"]) == (FULL, "1") and row["value"]
-    }
-    scores = _rows((NUMBERS / "real-meshes-grey.csv").read_text(encoding="utf-8"))
-    of_metric = {
-        (row["method"], row["metric"]): float(row["value"])
-        for row in scores
-        if (row["condition"], row["class"]) == (FULL, AVERAGE)
-    }
+    speed = pd.read_csv(directory / TABLES / "speed.csv", dtype={"condition": str})
+    speed = speed[(speed["condition"] == FULL) & (speed["threads"] == 1)].dropna(subset="value")
+    ms = speed.pivot(index="method", columns="metric", values="value").sort_values(ONE_VIEW)
+    rows = pd.read_csv(NUMBERS / "real-meshes-grey.csv", dtype={"condition": str})
+    rows = rows[(rows["condition"] == FULL) & (rows["class"] == AVERAGE)]
+    values = rows.pivot(index="method", columns="metric", values="value")
+    scores = (values["ssim"] + 1 - values["lpips"]) / 2
     lines = []
-    for method in sorted({method for method, _ in ms}, key=lambda m: ms[m, ONE_VIEW]):
-        score = ""
-        if (
-            find_method(method).color == "none"
-            and not role(method)
-            and (method, "ssim") in of_metric
-        ):
-            score = f"{(of_metric[method, 'ssim'] + 1 - of_metric[method, 'lpips']) / 2:.4f}"
-        times = (f"{ms[method, metric]:.6g}" for metric in (ONE_VIEW, FURTHER_VIEW))
-        lines.append([method, *times, score])
+    for method, times in zip(ms.index, ms[[ONE_VIEW, FURTHER_VIEW]].to_numpy(), strict=True):
+        scored = method in scores and find_method(method).color == "none" and not role(method)
+        score = f"{scores[method]:.4f}" if scored else ""
+        lines.append([method, *(f"{time:.6g}" for time in times), score])
     return csv_text(["method", "one_view_ms", "further_view_ms", "score"], lines)
 
 

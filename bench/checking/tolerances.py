@@ -41,7 +41,7 @@ drivers and processors. How they were measured, at 128 px:
   0.00016, 0.00014 and 0.00028 (`splat`, `constant`). For APSS, one point in fifty moved by one
   rounding error on 12 chairs moved it per chair by 1.5 times as much as ssim on clean clouds and
   0.24 times on noisy ones. With the larger, 3 standard errors over 24 chairs are 0.0143.
-* The thirteen classes by `studies.object_noise` (8 objects x 10 views of each; golden cells have
+* The thirteen classes by `studies.noise_floor` (8 objects x 10 views of each; golden cells have
   30): the turn moved cells of `splat`, `blank` and both networks by at most 0.0004 (ssim and its
   components), 0.0006 (silhouette-iou) and 2 % (fd-views), half of it to be expected of 30 objects:
   the tolerances of chairs hold. Rounding moved an object by a standard deviation of 0.0059 (ssim)
@@ -71,7 +71,7 @@ drivers and processors. How they were measured, at 128 px:
 Values of single objects repeat to the last digit in the environment that they were made in; what
 is left is the rounding of the file. Elsewhere they move farther than the mean of 24:
 
-* The turn by 0.1 degree, by `studies.object_noise` on 24 chairs x 20 views at 2048 and noise-0.10
+* The turn by 0.1 degree, by `studies.noise_floor` on 24 chairs x 20 views at 2048 and noise-0.10
   (both networks, `splat-net@chair`, `splat`, `constant`, `blank`): the largest move of a chair was
   0.00071 (ssim), 0.000076 (luminance), 0.00033 (contrast), 0.00061 (structure), 0.059 dB (psnr),
   0.0017 (ssim-object), 0.0015 (silhouette-iou), 0.30 (thin-recall), 0.12 (thin-precision) and

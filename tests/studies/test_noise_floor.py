@@ -1,22 +1,26 @@
 from __future__ import annotations
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from bench.catalogue.metrics import IMAGE_METRICS
+from bench.checking.tolerances import tolerance
 from bench.metrics.image_scores import scores
 from data_prep.rendering.opengl import render
 from data_prep.scene import PointCloud
-from studies.cells import make_chairs
-from studies.images import turned
-from studies.object_noise import (
+from studies.images import METRICS, make_scene, turned
+from studies.noise_floor import (
+    CEILING,
+    DRIVERS,
+    HEADINGS,
     ONE_IN,
     ROUNDING,
     TURN,
-    ObjectImages,
     means,
     moves_of_chairs,
     nudged,
+    to_markdown,
 )
 
 
@@ -37,7 +41,7 @@ def test_means_are_over_the_views_that_have_a_value() -> None:
     drawn = np.stack([white(2), white(2)])
     truth = drawn.copy()
     truth[0, 0, 40:42, 20:100] = 0  # a thin bar, in one view only
-    actual = means(ObjectImages(truth, drawn))
+    actual = means((truth, drawn))
     assert actual["thin-recall"].tolist() == [0.0, pytest.approx(np.nan, nan_ok=True)]
     assert actual["ssim"][0] == pytest.approx(scores(truth[0], drawn[0])["ssim"].mean(), abs=1e-12)
     assert actual["ssim"][1] == 1.0
@@ -45,18 +49,28 @@ def test_means_are_over_the_views_that_have_a_value() -> None:
 
 @pytest.mark.opengl
 def test_moves_of_white_images_are_those_of_the_truth() -> None:
-    scene = make_chairs(2, 2, 0, "2048")
+    scene = make_scene("chair", 2, 2, 0)
     result = moves_of_chairs(scene, "2048", {TURN: ("blank",), ROUNDING: ("constant",)})
-    assert set(result) == {
-        (change, method, metric)
-        for change, method in ((TURN, "blank"), (ROUNDING, "constant"))
-        for metric in IMAGE_METRICS
-    }
-    for chair, (mesh, views) in enumerate(zip(scene.meshes, scene.views, strict=True)):
+    assert [*result["method"]] == ["blank"] * 2 + ["constant"] * 2
+    assert {*IMAGE_METRICS} < {*result.columns}
+    turns = result[result["change"] == TURN]["ssim"]
+    for by, mesh, views in zip(turns, scene.meshes, scene.views, strict=True):
         before, after = (
             scores(render(mesh, seen), white(2))["ssim"].mean() for seen in (views, turned(views))
         )
-        by = result[TURN, "blank", "ssim"][chair]
         assert by == pytest.approx(after - before, abs=1e-12)
         assert by != 0
-    assert (result[ROUNDING, "constant", "ssim"] == 0).all()  # it sees no cloud
+    assert (result[result["change"] == ROUNDING]["ssim"] == 0).all()  # it sees no cloud
+
+
+def test_the_page_sets_the_largest_move_beside_what_is_allowed() -> None:
+    """What one driver draws both sides of is left out."""
+    cells = pd.DataFrame(0.5, ["splat", CEILING], [*METRICS])
+    moves = {source: pd.DataFrame(0.001, cells.index, cells.columns) for source in HEADINGS}
+    moves[DRIVERS[1]].loc["splat", "ssim"] = 0.002
+    text = to_markdown(cells, moves, objects=2, views=3, seeds=4, condition="512")
+    assert "--chairs 2 --views 3 --seeds 4 --condition 512\n" in text
+    allowed = tolerance("splat", "ssim").absolute
+    numbers = f"0.001 | 0.002 | 0.001 | {allowed:.2g} | {0.002 / allowed:.2f}"
+    assert f"| splat | ssim | 0.5 | {numbers} |" in text.splitlines()
+    assert f"| {CEILING} | ssim |" not in text
