@@ -24,7 +24,7 @@ from bench.checking.objects import environment_of
 from bench.checking.tolerances import OBJECT_RENDERING, object_tolerance
 from bench.metrics.inception_weights import DOWNLOAD
 from bench.records.artifacts import IMAGES, unpack
-from bench.records.job import Job, Result, failed
+from bench.records.job import Job, failed
 from bench.records.parquet import RECORDS, read_records
 from bench.records.record import GROUND_TRUTH, Record
 from bench.records.run_folder import read_finished
@@ -63,7 +63,7 @@ def check_again(
     share: float,
     seed: int,
     probe: Callable[[], Mapping[str, str]] = environment,
-    start: Callable[[int], Executor[Job, Result]] | None = None,
+    start: Callable[[int], Executor] | None = None,
 ) -> AgainResult:
     """Compute a share of the jobs of a finished run again, drawn by a seed, and compare results.
 
@@ -168,7 +168,7 @@ def draw_jobs(planned: Plan, share: float, seed: int) -> list[tuple[ObjectJobs, 
 def _compute(
     chosen: Sequence[tuple[ObjectJobs, list[Job]]],
     store: Store,
-    start: Callable[[int], Executor[Job, Result]],
+    start: Callable[[int], Executor],
 ) -> None:
     """Compute the chosen jobs into an open store, the ground truths of their objects first."""
     truths = run_jobs([obj.truth for obj, _ in chosen], store, "true images", start)

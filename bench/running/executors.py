@@ -60,19 +60,10 @@ class JobPool:
     """
 
     def __init__(
-        self,
-        count: int,
-        workers: int,
-        limits: Limits,
-        tasks_per_worker: int = TASKS_PER_WORKER,
+        self, count: int, workers: int, limits: Limits, tasks_per_worker: int = TASKS_PER_WORKER
     ) -> None:
-        self._pool: TaskPool[_Step, Result | RenderedViews] = TaskPool(
-            _Step.do,
-            min(workers, count),
-            limits,
-            tasks_per_worker=tasks_per_worker,
-            company=attrgetter("company"),
-        )
+        more = {"tasks_per_worker": tasks_per_worker, "company": attrgetter("company")}
+        self._pool: TaskPool[_Step, Any] = TaskPool(_Step.do, min(workers, count), limits, **more)
         self.capacity = self._pool.capacity
         self._late: set[str] = set()
 
@@ -86,24 +77,16 @@ class JobPool:
         Yield nothing, either, where a job goes on by another step.
         """
         for step, result in self._pool.wait_any(timeout_s):
-            if further := self._further_step(step, result):
-                self._pool.submit(further)
-            elif not isinstance(result, RenderedViews):
-                if isinstance(result, WorkerFailure):
-                    result = failed(step.job, result.reason, result.taken_s)
+            is_late = isinstance(result, WorkerFailure) and result.kind == "timeout"
+            if isinstance(result, RenderedViews):
+                self._pool.submit(_Step(of_images_only(step.job), "", result))
+            elif is_late and step.job.key not in self._late:
+                self._late.add(step.job.key)  # the machine may have been busy
+                self._pool.submit(step)
+            elif isinstance(result, WorkerFailure):
+                yield failed(step.job, result.reason, result.taken_s)
+            else:
                 yield result
-
-    def _further_step(
-        self, step: _Step, result: Result | RenderedViews | WorkerFailure
-    ) -> _Step | None:
-        if isinstance(result, RenderedViews):
-            return _Step(of_images_only(step.job), "", result)
-        if isinstance(result, WorkerFailure) and result.kind == "timeout":
-            if step.job.key in self._late:
-                return None
-            self._late.add(step.job.key)  # the machine may have been busy
-            return step
-        return None
 
     def close(self) -> None:
         """Stop all workers at once."""
@@ -114,7 +97,7 @@ def run_jobs(
     jobs: Sequence[Job],
     store: Store,
     title: str,
-    start: Callable[[int], Executor[Job, Result]],
+    start: Callable[[int], Executor],
 ) -> dict[str, Result]:
     """Do the jobs that the store does not have yet, and return the results of all, by key.
 
@@ -144,7 +127,7 @@ def results(
     jobs: Iterable[Job | None],
     count: int,
     store: Store,
-    start: Callable[[int], Executor[Job, Result]],
+    start: Callable[[int], Executor],
     left_s: Callable[[], float | None] = lambda: None,
 ) -> Generator[Result, None, None]:
     """Do jobs, at most `count`, and yield each result, without contents, when the store has it.
@@ -152,7 +135,15 @@ def results(
     `jobs` and `left_s` are as in `submit_all`, `start` as in `run_jobs`. Raises MissingDependency
     where going on makes no sense, and BadInput where a ground truth has changed since it was drawn.
     """
-    ready = map(partial(_with_reference, lru_cache(REFERENCES_KEPT)(store.artifact)), jobs)
+    read = lru_cache(REFERENCES_KEPT)(store.artifact)
+
+    def with_reference(job: Job | None) -> Job | None:
+        """Return a job with the true images that it is scored against."""
+        if job is None or job.reference_key is None:
+            return job
+        return replace(job, reference=read(job.reference_key))
+
+    ready = map(with_reference, jobs)
     with closing(start(count)) as executor, closing(submit_all(ready, executor, left_s)) as stream:
         for result in stream:
             if result.unusable:
@@ -161,17 +152,10 @@ def results(
             yield result.without_contents()
 
 
-def _with_reference(read: Callable[[str], bytes], job: Job | None) -> Job | None:
-    """Return a job with the true images that it is scored against."""
-    if job is None or job.reference_key is None:
-        return job
-    return replace(job, reference=read(job.reference_key))
-
-
 @contextmanager
 def executors_for(
     protocol: Protocol, options: Options
-) -> Iterator[tuple[Callable[[int], Executor[Job, Result]], int, dict[str, Any] | None]]:
+) -> Iterator[tuple[Callable[[int], Executor], int, dict[str, Any] | None]]:
     """Yield what gives an executor for a number of jobs, its workers, and the manifest's cluster.
 
     The executors are worker processes of this machine, without a cluster, or those of a Ray

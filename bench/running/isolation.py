@@ -49,58 +49,7 @@ def library_threads(count: int) -> Iterator[None]:
 
 
 Task = TypeVar("Task")
-TaskIn = TypeVar("TaskIn", contravariant=True)
-Done = TypeVar("Done")
-DoneOut = TypeVar("DoneOut", covariant=True)
-
-
-class Executor(Protocol[TaskIn, DoneOut]):
-    """A pool that does tasks, several at a time."""
-
-    @property
-    def capacity(self) -> int:
-        """Return how many tasks may be under way: just enough to keep all workers busy."""
-        ...
-
-    def submit(self, task: TaskIn, /) -> None:
-        """Start a task."""
-        ...
-
-    def wait_any(self, timeout_s: float | None, /) -> Iterator[DoneOut]:
-        """Wait until tasks have ended, and yield their results; perhaps none, after `timeout_s`."""
-        ...
-
-    def close(self) -> None:
-        """Stop all tasks at once, and let go of all workers."""
-        ...
-
-
-def submit_all(
-    tasks: Iterable[Task | None],
-    executor: Executor[Task, Done],
-    left_s: Callable[[], float | None] = lambda: None,
-) -> Generator[Done, None, None]:
-    """Do tasks as the executor has capacity, and yield each result as it comes.
-
-    A None in `tasks` means: wait until one running task has finished. When `left_s` gives zero or
-    less, tasks that are under way are left to the executor's end.
-    """
-    queue, under_way = iter(tasks), 0
-    while (seconds := left_s()) is None or seconds > 0:
-        for task in islice(queue, max(0, executor.capacity - under_way)):
-            if task is None:
-                break
-            executor.submit(task)
-            under_way += 1
-        if not under_way:
-            return
-        for done in executor.wait_any(seconds):
-            under_way -= 1
-            yield done
-
-
 Result = TypeVar("Result")
-
 TASKS_PER_WORKER = 500  # then a fresh process, which ends every leak
 QUEUED = 2  # tasks for each worker, the one that it does and the next: there may be 10^5 in all
 START_S = 120.0  # for a worker to get ready, on a machine that swaps, too
@@ -128,6 +77,51 @@ WORKER_ENVIRONMENT = thread_counts(1) | {
 }
 
 
+class Executor(Protocol):
+    """A pool that does tasks, several at a time."""
+
+    @property
+    def capacity(self) -> int:
+        """Return how many tasks may be under way: just enough to keep all workers busy."""
+        ...
+
+    def submit(self, task: Any, /) -> None:
+        """Start a task."""
+        ...
+
+    def wait_any(self, timeout_s: float | None, /) -> Iterator[Any]:
+        """Wait until tasks have ended, and yield their results; perhaps none, after `timeout_s`."""
+        ...
+
+    def close(self) -> None:
+        """Stop all tasks at once, and let go of all workers."""
+        ...
+
+
+def submit_all(
+    tasks: Iterable[Task | None],
+    executor: Executor,
+    left_s: Callable[[], float | None] = lambda: None,
+) -> Generator[Any, None, None]:
+    """Do tasks as the executor has capacity, and yield each result as it comes.
+
+    A None in `tasks` means: wait until one running task has finished. When `left_s` gives zero or
+    less, tasks that are under way are left to the executor's end.
+    """
+    queue, under_way = iter(tasks), 0
+    while (seconds := left_s()) is None or seconds > 0:
+        for task in islice(queue, max(0, executor.capacity - under_way)):
+            if task is None:
+                break
+            executor.submit(task)
+            under_way += 1
+        if not under_way:
+            return
+        for done in executor.wait_any(seconds):
+            under_way -= 1
+            yield done
+
+
 @dataclass(frozen=True)
 class WorkerFailure:
     """A task whose worker had to be killed, or died, after so many seconds; None if unknown."""
@@ -144,28 +138,12 @@ class WorkerFailure:
 
 @dataclass
 class _Worker(Generic[Task]):
-    """A worker of a pool.
-
-    Attributes
-    ----------
-    company : str
-        What its tasks have in common.
-    deadline : float
-        When to stop it, by the clock of its pool: for its start, then for each task.
-    ready : bool
-        Whether it has started.
-    under_way : tuple
-        The task that it does, or will get when it is ready; empty where it is idle.
-    begun : int
-        How many tasks it was given.
-    """
-
     process: WorkerProcess
-    company: str
-    deadline: float
+    company: str  # what its tasks have in common
+    deadline: float  # when to stop it, by the clock of its pool: for its start, then for each task
     ready: bool = False
-    under_way: tuple[Task, ...] = ()
-    begun: int = 0
+    under_way: tuple[Task, ...] = ()  # the task that it does, or will get when it is ready
+    begun: int = 0  # tasks that it was given
 
 
 class TaskPool(Generic[Task, Result]):
@@ -199,13 +177,9 @@ class TaskPool(Generic[Task, Result]):
         self._breaks = 0
         self._around = ExitStack()
         self._around.enter_context(_environment({SAFE_PATH: "1", **environment}))
-        self._over_limit = self._around.enter_context(
-            watched_memory(self._process_ids, limits.memory_gib)
-        )
+        keepers = lambda: [worker.process.pid for worker in self._workers]  # noqa: E731
+        self._over_limit = self._around.enter_context(watched_memory(keepers, limits.memory_gib))
         atexit.register(self.close)  # else multiprocessing waits for the workers for ever
-
-    def _process_ids(self) -> list[int]:
-        return [worker.process.pid for worker in self._workers]
 
     def submit(self, task: Task) -> None:
         """Start a task; at most `capacity` may be under way."""
@@ -386,13 +360,11 @@ def run_tasks(
 
 @contextmanager
 def _environment(changes: Mapping[str, str]) -> Iterator[None]:
-    before = {name: os.environ.get(name) for name in changes}
+    before = {name: os.environ[name] for name in changes if name in os.environ}
     os.environ.update(changes)
     try:
         yield
     finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
+        for name in changes:
+            os.environ.pop(name, None)
+        os.environ.update(before)

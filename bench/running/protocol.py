@@ -66,60 +66,28 @@ NOT_LOADED = "of a module that this command does not name"  # source of such a m
 
 @dataclass(frozen=True)
 class Protocol:
-    """The measurements of a run. Equal protocols give equal tables on one machine.
+    """The measurements of a run. Equal protocols give equal tables on one machine."""
 
-    Attributes
-    ----------
-    suite : Suite
-        With the truth of the run.
-    dataset : str
-    methods : mapping
-        The methods by id, in the order of the tables.
-    conditions : tuple of str
-    objects : tuple of SceneObject
-        The objects of the run; where there is a `shard`, those of the shard.
-    views : int
-        Images of each object.
-    seed : int
-    device : str
-        Where networks run: "cpu", "cuda", or "auto" where `device_of` leaves it.
-    features : tuple of (str, str)
-        Id and weights file of each extractor whose set metrics can be taken.
-    feature_identity : mapping
-        The version and checksum behind each of the `features`, and the device but for the CPU.
-    environment : mapping
-        What images depend on beside our own code: GL driver and library versions.
-    skipped : mapping
-        The reasons why metrics cannot be taken, by metric.
-    asked : mapping
-        The options that were given, as `bench run --config` reads them.
-    shard : Shard or None
-        The part of a run that this is; None for a whole run.
-    export : str or None
-        Checksum of the export that the dataset is; None for another dataset.
-    before : mapping
-        Manifest that the folder had when this was decided; empty where it had none.
-    shown : frozenset of str
-        Class and name of the objects that the tables in the folder have, and are to keep.
-    planned : int or None
-        Objects that the run is to have at last, where they are not all of these.
-    """
-
-    suite: Suite
+    suite: Suite  # with the truth of the run
     dataset: str
-    methods: Mapping[str, Method]
+    methods: Mapping[str, Method]  # by id, in the order of the tables
     conditions: tuple[str, ...]
-    objects: tuple[SceneObject, ...]
-    views: int
+    objects: tuple[SceneObject, ...]  # where there is a shard, those of the shard
+    views: int  # images of each object
     seed: int
-    device: str
+    device: str  # where networks run: "cpu", "cuda", or "auto" where `device_of` leaves it
+    # Id and weights file of each extractor whose set metrics can be taken, and by id the version
+    # and checksum behind it, and the device but for the CPU.
     features: tuple[tuple[str, str], ...]
     feature_identity: Mapping[str, str]
-    environment: Mapping[str, str]
-    skipped: Mapping[str, str] = field(default_factory=dict)
+    environment: Mapping[str, str]  # what images depend on beside our code: driver and libraries
+    skipped: Mapping[str, str] = field(default_factory=dict)  # metrics, and why they are not taken
+    # The options that were given, as `bench run --config` reads them.
     asked: Mapping[str, Any] = field(default_factory=dict, compare=False)
     shard: Shard | None = None
-    export: str | None = None
+    export: str | None = None  # checksum of the export that the dataset is
+    # The manifest that the folder had when this was decided, the objects that its tables have and
+    # are to keep, and how many objects the run is to have at last, where these are not all.
     before: Mapping[str, Any] = field(default_factory=dict)
     shown: frozenset[str] = frozenset()
     planned: int | None = None
@@ -158,9 +126,13 @@ class Protocol:
         _log_all(plugin_problem("condition", name) for name in conditions)
         refuse_values(options)
         dataset = open_dataset(options.dataset)
+        if dataset.left_out:
+            log(f"{dataset.id}: left out, no objects of it: {dataset.left_out}")
         objects = objects_of(suite, dataset, options)
         _log_all(m.images.unused(objects, conditions) for m in methods.values() if m.images)
-        _log_all(_lacking(suite, dataset))
+        lacking = [name for name in suite.classes if name not in (dataset.classes or suite.classes)]
+        if lacking and len(suite.classes) > 1:
+            log(f"{dataset.id}: no {', '.join(lacking)}; left out")
         device = device_of(options)
         features, identity, skipped = extractors_of(
             suite.extractors, options.inception_weights, device, fetches
@@ -369,15 +341,6 @@ def _suite_of(options: Options) -> Suite:
 def _log_all(lines: Iterable[str | None]) -> None:
     for line in filter(None, lines):
         log(line)
-
-
-def _lacking(suite: Suite, dataset: Dataset) -> Iterable[str]:
-    """Yield what a dataset does not give, though the suite or its folder has it."""
-    if dataset.left_out:
-        yield f"{dataset.id}: left out, no objects of it: {dataset.left_out}"
-    lacking = [name for name in suite.classes if name not in (dataset.classes or suite.classes)]
-    if lacking and len(suite.classes) > 1:
-        yield f"{dataset.id}: no {', '.join(lacking)}; left out"
 
 
 def extractors_of(

@@ -62,9 +62,8 @@ class RunningTime:
 
     def __call__(self) -> float:
         """Return the seconds that this process could run since the clock was made."""
-        now = time.monotonic()
-        self._seconds += min(now - self._last, LONGEST_TICK_S)
-        self._last = now
+        before, self._last = self._last, time.monotonic()
+        self._seconds += min(self._last - before, LONGEST_TICK_S)
         return self._seconds
 
 
@@ -83,6 +82,8 @@ class WorkerProcess:
         self.connection, of_worker = spawn.Pipe()
         self._keeper = spawn.Process(target=_keep, args=(of_worker, memory_gib))
         self._keeper.start()
+        self.pid: int = self._keeper.pid or 0  # of the keeper
+        self.sentinel = self._keeper.sentinel  # is ready when the keeper has ended
         of_worker.close()
         self.send(work)  # not as an argument: the keeper need not load its module
 
@@ -103,17 +104,6 @@ class WorkerProcess:
         """Return whether a worker that has ended got all of what it was sent last."""
         self._sender.join(PATIENCE_S)
         return self._sent.is_set()
-
-    @property
-    def pid(self) -> int:
-        """Return the process id of the keeper."""
-        assert self._keeper.pid is not None
-        return self._keeper.pid
-
-    @property
-    def sentinel(self) -> int:
-        """Return a handle that is ready when the keeper has ended, for `connection.wait`."""
-        return self._keeper.sentinel
 
     @property
     def has_ended(self) -> bool:
@@ -211,26 +201,22 @@ def _answer(work: Callable[[Any], Any], task: object) -> tuple[bool, Any]:
 
 
 def _bind(memory_gib: float) -> None:
-    """Tie this process to its keeper (Linux), and have the kernel bound its memory.
+    """Tie this process to its keeper, and have the kernel bound its memory.
 
     Allocations beyond the limit and RESERVED_GIB are refused: a MemoryError in Python.
     """
     os.dup2(2, 1)  # stdout is for the results of a command: what a method prints goes to stderr
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if sys.platform != "linux":
-        return
     _control(PR_SET_PDEATHSIG, signal.SIGKILL)
     _control(PR_SET_CHILD_SUBREAPER, 1)
     _, most = resource.getrlimit(resource.RLIMIT_DATA)
     wanted = int((memory_gib + RESERVED_GIB) * 2**30)
-    if most != resource.RLIM_INFINITY:
-        wanted = min(wanted, most)
-    resource.setrlimit(resource.RLIMIT_DATA, (wanted, most))
+    least = wanted if most == resource.RLIM_INFINITY else min(wanted, most)
+    resource.setrlimit(resource.RLIMIT_DATA, (least, most))
 
 
 def _control(option: int, value: int) -> None:
-    if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(option, value)
+    ctypes.CDLL(None).prctl(option, value)
 
 
 def end_children() -> None:
@@ -251,20 +237,10 @@ def end_children() -> None:
 def watched_memory(keepers: Callable[[], Iterable[int]], limit_gib: float) -> Iterator[set[int]]:
     """Kill workers that outgrow the limit, with all their processes, as long as the block lasts.
 
-    RLIMIT_DATA alone (`_bind`) is not enough: a library whose allocation fails does anything from
-    raising an exception to giving a wrong result.
-
-    Parameters
-    ----------
-    keepers : callable
-        Returns the process ids of the workers' keepers, children of this process.
-    limit_gib : float
-        Resident memory of one worker and its processes together.
-
-    Yields
-    ------
-    set of int
-        The process ids of the keepers whose workers were killed.
+    `keepers` returns the process ids of the workers' keepers, children of this process; those whose
+    workers were killed are yielded as a set. The limit is the resident memory of one worker and its
+    processes together. RLIMIT_DATA alone (`_bind`) is not enough: a library whose allocation fails
+    does anything from raising an exception to giving a wrong result.
     """
     import psutil
 
@@ -308,19 +284,18 @@ def _families(keepers: Iterable[int]) -> dict[int, list[psutil.Process]]:
 
 def _exceeds(family: list[psutil.Process], limit: float) -> bool:
     """Return whether processes together hold more bytes of memory than the limit."""
-    resident = _sum(family, lambda process: process.memory_info().rss)
+    import psutil
+
+    def total(size: Callable[[psutil.Process], int]) -> int:
+        held = 0
+        for process in family:
+            with suppress(psutil.Error):  # gone meanwhile
+                held += size(process)
+        return held
+
+    resident = total(lambda process: process.memory_info().rss)
     if resident <= limit or len(family) == 1:
         return resident > limit
     # The sum counts pages that forked processes share once for each; to count them once (PSS) the
     # kernel walks all page tables, too slow for every look.
-    return _sum(family, lambda process: process.memory_full_info().pss) > limit
-
-
-def _sum(family: list[psutil.Process], size: Callable[[psutil.Process], int]) -> int:
-    import psutil
-
-    total = 0
-    for process in family:
-        with suppress(psutil.Error):  # gone meanwhile
-            total += size(process)
-    return total
+    return total(lambda process: process.memory_full_info().pss) > limit

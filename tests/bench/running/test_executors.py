@@ -134,11 +134,18 @@ def test_closing_early_stops_all_workers(jobs_for, tmp_path):
     files = [tmp_path / "pid1", tmp_path / "pid2"]
     hanging = [Hanging(file.name, pid_file=file) for file in files]
     jobs = jobs_for(Refusing("0"), *hanging, Tetrahedron("3"))
-    with closing(run_jobs(jobs, 2, AMPLE)) as stream:
-        assert reasons([next(stream)]) == {"0": {"input: no such shape; draw one"}}
-        # A worker that is ready late gets its job when the next result is asked for.
-        wait_until(lambda: any(file.is_file() and file.read_text() for file in files))
-        pids = [int(text) for file in files if file.is_file() and (text := file.read_text())]
+    ended = []
+
+    def both_are_busy():
+        ended.extend(pool.wait_any(0.1))  # a worker that gets ready is given its job
+        return all(file.is_file() and file.read_text() for file in files)
+
+    with closing(JobPool(len(jobs), 2, AMPLE)) as pool:
+        for job in jobs:
+            pool.submit(job)
+        wait_until(both_are_busy)
+        assert reasons(ended) == {"0": {"input: no such shape; draw one"}}
+        pids = [int(file.read_text()) for file in files]
         assert all(map(is_alive, pids))
         start = time.monotonic()
     assert time.monotonic() - start < AMPLE.time_s / 2  # nobody waited for the time limit
