@@ -21,10 +21,8 @@ from bench.analysis.comparison import milliseconds
 from bench.analysis.paper import AVERAGE
 from bench.catalogue.chosen import BEST_RECONSTRUCTION, MEASURED_ON, cost_of, measured_methods
 from bench.catalogue.conditions import condition_words
-from bench.catalogue.methods import RECOMMENDED
 from bench.report.board import (
     HEADLINE,
-    Board,
     BoardCell,
     BoardColumn,
     BoardGroup,
@@ -39,7 +37,6 @@ from studies.documents import NUMBERS, VERDICTS, Line, measured_method
 from studies.measurements import differences_of
 
 FULL = "2048"
-NAMED = {RECOMMENDED, "splat-net@grey"}  # by the front page: never hidden as variants
 MARK = "<!-- leaderboard -->"
 
 
@@ -74,7 +71,7 @@ GROUPS = (
 )
 
 
-def board(numbers: Path = NUMBERS, groups: Sequence[ResultGroup] = GROUPS) -> Board:
+def board(numbers: Path = NUMBERS, groups: Sequence[ResultGroup] = GROUPS) -> dict[str, Any]:
     """Return the leaderboard of the results in a folder.
 
     Methods are sorted by the mean of their places in the columns that they have values in; weights
@@ -110,13 +107,12 @@ def board(numbers: Path = NUMBERS, groups: Sequence[ResultGroup] = GROUPS) -> Bo
                 "trained on",
                 "objects that a network was shown",
                 {method: trained_on(method) for method in methods},
-                "text",
+                numeric=False,
             ),
         ),
         {method: method for method in methods},
         competing,
-        named=NAMED,
-        notes=(
+        (
             f"Better, worse, not decided: against {BEST_RECONSTRUCTION}, object by object, p below "
             ".05 after Holm's correction. A failed image is scored as a blank one. "
             " Results has commands, dates and intervals.",
@@ -171,8 +167,7 @@ def fragment() -> str:
     return rendered(
         "board-fragment.html.jinja",
         board=board(),
-        board_style=bundled("board.css") + _STYLE,
-        script=bundled("board.js"),
+        style=bundled("tables.css") + _STYLE,
     )
 
 

@@ -22,10 +22,9 @@ import numpy as np
 
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import RECOMMENDED
-from bench.metrics.silhouette import object_boxes
 from bench.metrics.thin_parts import evaluated
-from bench.report.figure import image_grid, save
-from bench.report.image_sheets import THIN_OF, THIN_TINT
+from bench.report.figure import save
+from bench.report.sheets import THIN_OF, image_sheet, thin_cut
 from bench.running.work import load_renderer
 from data_prep.clouds.conditions import CONDITIONS
 from data_prep.datasets.grey import GreyObject
@@ -39,16 +38,13 @@ from studies.images import draw_all
 
 CONDITION_TITLES = {"2048": "2,048 points", "noise-0.10": "noise 10 %"}
 VIEW = View(azimuth_deg=30, elevation_deg=20)
-MARGIN_PX = 3
 
-# By sheet, the methods, the size in inches and the pixels an inch.
 METHODS = {
     "answer": ("denoised-wrap", "pc2pix", RECOMMENDED),
     "real-objects": ("denoised-wrap", "occupancy-net", "splat-net@grey", "fused-net@grey"),
     "thin-parts": ("denoised-wrap", "pc2pix", "splat-net@chair"),
 }
-SIZES_IN = {"answer": (8.3, 2.3), "real-objects": (8.3, 9.2), "thin-parts": (8.0, 2.7)}
-DPI = {"answer": 200, "real-objects": 160, "thin-parts": 200}
+DPI = 220
 ROWS, THIN_ROWS = 10, 2
 
 
@@ -72,14 +68,8 @@ def row(shape: SceneObject, renderers: Sequence[Renderer]) -> Iterator[UInt8Imag
 def thin_row(shape: SceneObject, renderers: Sequence[Renderer]) -> Iterator[UInt8Images]:
     """Yield the true image, its thin parts and what methods draw, cut out around the object."""
     (truth,) = shape.truth([VIEW])
-    top, bottom, left, right = object_boxes(truth[None])[0].tolist()
-    cut = (
-        slice(max(top - MARGIN_PX, 0), bottom + MARGIN_PX),
-        slice(max(left - MARGIN_PX, 0), right + MARGIN_PX),
-    )
-    yield truth[cut]
-    tint = np.array(THIN_TINT, np.uint8)
-    yield np.where(evaluated(truth[None])[0][..., None], tint, truth)[cut]
+    cut, tinted = thin_cut(truth, evaluated(truth[None])[0])
+    yield from (truth[cut], tinted[cut])
     for cloud in clouds(shape, "thin parts"):
         for renderer in renderers:
             yield draw_all(renderer, [cloud], [[VIEW]])[0, 0][cut]
@@ -121,7 +111,7 @@ def main() -> None:
             titles += [f"cloud,\n{title}", *(name.replace("-", "-\n") for name in METHODS[sheet])]
     rows = [(label, draw(shape, renderers)) for label, shape in objects(sheet, options.meshes)]
     out = options.out or Path("docs") / f"{sheet}.png"
-    save(image_grid(titles, rows, SIZES_IN[sheet], "antialiased"), out, dpi=DPI[sheet])
+    save(image_sheet(titles, rows, interpolation="antialiased"), out, dpi=DPI)
 
 
 if __name__ == "__main__":

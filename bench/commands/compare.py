@@ -60,7 +60,7 @@ def compare(
     """Compare two runs, or two methods of one, object by object: who is ahead, and is it shown."""
     from bench.analysis.run_pairs import methods_of_run, runs
     from bench.commands.publish import in_format
-    from bench.report.differences import write_differences
+    from bench.report.run_figures import write_differences
     from bench.tables.differences import comparison_lines, differences_table
     from bench.tables.table import table_files
     from bench.tables.terminal import terminal_width

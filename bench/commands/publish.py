@@ -22,11 +22,13 @@ from bench.records.artifacts import JobName
 from bench.records.run_folder import read_finished, read_manifest
 from bench.records.stored_artifacts import Artifact, StoredArtifacts
 from bench.report.build import REPORT, write_report
-from bench.report.classes import write_class_figures
-from bench.report.families import write_beyond_figures
 from bench.report.figure import FIGURES
-from bench.report.pareto import write_frontier
-from bench.report.robustness import write_figures
+from bench.report.run_figures import (
+    write_beyond_figures,
+    write_class_figures,
+    write_figures,
+    write_frontier,
+)
 from bench.running.merge import Merged, merge
 from bench.running.options import Options, device_of
 from bench.running.run import RunResult, run, timed

@@ -6,7 +6,6 @@ import json
 import re
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from bench.analysis.comparison import ALL, pooled
 from bench.analysis.frame import in_order
+from bench.analysis.frontier import FrontierPoint, places
 from bench.analysis.paired import verdicts_of
 from bench.analysis.scores import QualityRow
 from bench.catalogue.conditions import condition_words, known_condition
@@ -31,30 +31,25 @@ from bench.records.artifacts import JobName
 from bench.records.record import TIMES
 from bench.records.store import STORE
 from bench.records.stored_artifacts import read_jobs
-from bench.report.families import family_curves
 from bench.report.headline import compact_table
 from bench.report.images import cases, extremes, grids, shown_objects
-from bench.report.legend import legend
-from bench.report.page import (
-    Choice,
-    Failure,
-    FailureGroup,
-    Page,
-    Plot,
-    PlotGroup,
-    Statement,
-    TableGroup,
-    html,
+from bench.report.inline import inline
+from bench.report.page import rendered
+from bench.report.plots import SweepPanel
+from bench.report.run_figures import (
+    cost_figures,
+    described,
+    family_figure,
+    family_panels,
+    quality_figure,
+    quality_frame,
+    quality_panels,
 )
-from bench.report.pareto import cost_plots
-from bench.report.robustness import curve_panels, curves
 from bench.report.stored import Sources, open_sources
-from bench.report.styles import MethodStyle, method_styles
-from bench.report.summary import in_short, objects_in_words
+from bench.report.styles import method_styles
+from bench.report.summary import Statement, in_short, objects_in_words
 from bench.tables.build import Outputs, how_timed
 from bench.tables.frontier import cost_grid
-from bench.tables.grid import Tags
-from bench.tables.markdown import visible
 from bench.tables.table import Table
 from data_prep.clouds.conditions import CONDITIONS
 from data_prep.failures import BadInput, CannotWrite
@@ -63,7 +58,7 @@ from data_prep.files.atomic_write import write_whole
 REPORT = "report.html"
 MOST_LISTED = 200  # failures listed for one reason
 _MARKUP = re.compile(r"`|\*\*|\\(.)")  # what remarks have, and escapes
-OPEN_PLOTS = 4  # of a group: two by two, or two wide ones
+NARROW_IN = 4.6  # width of the plot beside the answer
 
 
 def write_report(
@@ -76,7 +71,7 @@ def write_report(
     CannotWrite where `out` cannot be written, with the `remedy`.
     """
     path = out or made.run.directory / REPORT
-    text = html(read_page(made))
+    text = rendered("report.html.jinja", **read_page(made))
     try:
         write_whole(path, text.encode())
     except OSError as error:
@@ -84,8 +79,8 @@ def write_report(
     return path
 
 
-def read_page(made: Outputs) -> Page:
-    """Return the content of the report of a finished run. Raises BadInput as `write_report`."""
+def read_page(made: Outputs) -> dict[str, Any]:
+    """Return what the template of a report shows. Raises BadInput as `write_report`."""
     run, manifest, suite = made.run, made.run.manifest, made.run.suite
     views = int(manifest["views"])
     headline = run.headline
@@ -94,86 +89,85 @@ def read_page(made: Outputs) -> Page:
     records = in_order(run.read_images((*columns, column(headline[0]))), manifest, by)
     chosen = extremes(records, headline[0])
     sources = open_sources(run.directory, manifest, _shown(records, chosen))
-    styles = method_styles(manifest["methods"])
     of_cost = run.measured(suite.frontier or suite.headline)
-    panels = curve_panels(made.tables)
-    first = [panel for panel in panels if panel.metric in headline]
     with threadpool_limits(1):
         compared = run.compared(headline)
         answer = in_short(pooled(compared) or compared, headline, views)
         comparisons, verdicts = run.compared(of_cost), verdicts_of(run, of_cost)
-        costs = cost_plots(comparisons, of_cost, views, styles, verdicts)
+        points = [p for c in comparisons for p in places(c, of_cost, views, verdicts)]
         costed = cost_grid(comparisons, of_cost[0], views, verdicts)
-    left_out = _left_out(manifest["methods"])
+    tables = [*filter(None, [made.condition_sweep]), *made.tables]
+    glossary = _glossary(manifest, suite, made.tables)
+    return {
+        "title": manifest["suite"],
+        "about": suite.about,
+        "head": _head(manifest, records, suite.truth),
+        "quality": headline[0],
+        "jobs": _jobs(run.directory, records),
+        "facts": _facts(manifest),
+        "outcomes": [(str(o), int(n)) for o, n in records["outcome"].value_counts().items()],
+        "shares": dict(manifest.get("worker_shares", {})),
+        "answer": [*answer, *(Statement("Not measured", (((), t),)) for t in run.not_measured)],
+        "headline": compact_table(quality_frame(made.headline.rows)),
+        **_plots(made, points),
+        "tables": [
+            *((t.title, _plain(t.remark), t.grids(), t is made.condition_sweep) for t in tables),
+            *((t.title, _plain(t.remark), t.grids(), True) for t in filter(None, [made.orderings])),
+        ],
+        "cost_table": costed,
+        "cost_remark": how_timed(manifest),
+        "grids": grids(records, sources, headline[0]),
+        "cases": cases(chosen, sources, headline[0]),
+        "unseen": _unseen(sources),
+        "failures": failure_groups(records),
+        "failed_images": int((records["outcome"] != "ok").sum()),
+        "skipped": dict(manifest.get("skipped_metrics", {})),
+        "command": _command(manifest),
+        "manifest": json.dumps(manifest, indent=2, ensure_ascii=False).split("\n"),
+        "meanings": glossary,
+        "glossary": {
+            term: (f"{title.lower()}-{number}", meaning)
+            for title, entries in glossary
+            for number, (term, meaning) in enumerate(entries)
+        },
+    }
+
+
+def _plots(made: Outputs, points: Sequence[FrontierPoint]) -> dict[str, Any]:
+    """Return the plots of a page, as (title, SVG): of the headline, of the rest, of the cost."""
+    manifest, headline = made.run.manifest, made.run.headline
+    styles = method_styles(manifest["methods"])
+    shown = quality_panels(made.tables)
+    first = [panel for (metric, _), panel in shown.items() if metric in headline]
+    others = [panel for (metric, _), panel in shown.items() if metric not in headline]
+    title = "Class by class" if not all(p.joined for p in shown.values()) else "Robustness"
+    remark = _OF_TABLES
     if made.curves:
-        drawn, title = family_curves(made.curves, styles), "Beyond training"
-        remark = f"{_OF_OBJECTS} {_BANDS} {left_out}"
-    else:
-        others = [panel for panel in panels if panel not in first]
-        drawn = curves(others, styles)
-        title = "Class by class" if records["class"].nunique() > 1 else "Robustness"
-        remark = f"{_OF_TABLES} {left_out}"
+        title, remark, others = "Beyond training", _OF_OBJECTS, family_panels(made.curves)
+    draw = family_figure if made.curves else quality_figure
     rows = [row for table in made.tables for row in table.rows]
     all_failed = _ALL_FAILED if any(row.failed and not row.n_ok for row in rows) else ""
-    ends = (manifest["conditions"][0], manifest["conditions"][-1])
-    return Page(
-        title=manifest["suite"],
-        about=suite.about,
-        head=_head(manifest, records, suite.truth),
-        quality=headline[0],
-        jobs=_jobs(run.directory, records),
-        facts=_facts(manifest),
-        outcomes=tuple((str(o), int(n)) for o, n in records["outcome"].value_counts().items()),
-        shares=tuple(dict(manifest.get("worker_shares", {})).items()),
-        choices=_choices(records, bool(manifest.get("skipped_metrics"))),
-        answer=(*answer, *(Statement("Not measured", (((), line),)) for line in run.not_measured)),
-        headline=compact_table(made.headline.rows),
-        first=_group("first", curves(first, styles, "first"), styles, len(first)),
-        curves=_group("curve", drawn, styles),
-        curves_title=title,
-        curves_remark=" ".join(filter(None, [remark.strip(), all_failed])),
-        tables=(
-            *(
-                [replace(table_group(made.condition_sweep), unfolded=True)]
-                if made.condition_sweep
-                else ()
-            ),
-            *map(table_group, made.tables),
-            *([table_group(made.orderings, folded=False)] if made.orderings else ()),
-        ),
-        # The first condition and the last are the most different ones.
-        costs=_group(
-            "cost", sorted(costs, key=lambda plot: plot.tags.condition not in ends), styles
-        ),
-        cost_table=costed,
-        cost_remark=how_timed(manifest),
-        grids=grids(records, sources, headline[0]),
-        cases=cases(chosen, sources, headline[0]),
-        unseen=_unseen(sources),
-        failures=failure_groups(records),
-        failed_images=int((records["outcome"] != "ok").sum()),
-        skipped=tuple(dict(manifest.get("skipped_metrics", {})).items()),
-        command=_command(manifest),
-        manifest=tuple(json.dumps(manifest, indent=2, ensure_ascii=False).split("\n")),
-        meanings=_meanings(manifest, suite, made.tables),
-    )
+    ceilings = [method for method in manifest["methods"] if role(method) == "ceiling"]
+    left_out = f"{_LEFT_OUT} {', '.join(ceilings)}." if ceilings else ""
+    narrow = {"columns": 1, "width_in": NARROW_IN, "panel_in": 2.0}
+    plots = {"first": [], "curves": [], "costs": []}
+    if first:
+        figure = quality_figure(first, styles, **narrow)
+        plots["first"].append(("", inline(figure, "first", _in_words(first))))
+    if others:
+        plots["curves"].append(("", inline(draw(others, styles), "curves", _in_words(others))))
+    for number, (metric, (figure, words)) in enumerate(cost_figures(points, styles).items()):
+        plots["costs"].append((metric, inline(figure, f"cost-{number}", words)))
+    remarks = [remark, left_out, all_failed]
+    return {**plots, "curves_title": title, "curves_remark": " ".join(filter(None, remarks))}
 
 
-def _group(
-    name: str,
-    plots: Sequence[Plot],
-    styles: Mapping[str, MethodStyle],
-    unfolded: int | None = None,
-) -> PlotGroup:
-    """Return plots with a legend of all methods that have a line or a point.
+def _in_words(shown: Sequence[SweepPanel]) -> str:
+    return " ".join(f"{panel.title or panel.y_label}. {described(panel)}" for panel in shown)
 
-    unfolded  number of plots that are not folded; None for as many as fill two lines
-    """
-    if unfolded is None:
-        unfolded = OPEN_PLOTS // (2 if any(plot.wide for plot in plots) else 1)
-    drawn = [method for method in styles if plots and role(method) != "ceiling"]
-    drawn = [m for m in drawn if any(f'data-method="{visible(m)}"' in p.svg.inside for p in plots)]
-    return PlotGroup(legend(drawn, styles, f"legend-{name}"), tuple(plots), unfolded)
+
+def _plain(remark: str) -> str:
+    return _MARKUP.sub(r"\1", remark)
 
 
 def _shown(records: pd.DataFrame, chosen: pd.DataFrame) -> list[JobName]:
@@ -189,7 +183,7 @@ def _shown(records: pd.DataFrame, chosen: pd.DataFrame) -> list[JobName]:
     return [name for name in (*of_grids, *of_cases) if name.condition in safe]
 
 
-def _head(manifest: Mapping[str, Any], records: pd.DataFrame, truth: Truth) -> tuple[str, ...]:
+def _head(manifest: Mapping[str, Any], records: pd.DataFrame, truth: Truth) -> list[str]:
     """Return in a few words what was run, against which truth, and how long it took."""
     count = len(records[["class", "object"]].drop_duplicates())
     classes = list(dict.fromkeys(map(str, records["class"])))
@@ -206,7 +200,7 @@ def _head(manifest: Mapping[str, Any], records: pd.DataFrame, truth: Truth) -> t
         workers = manifest.get("workers")
         on = f" on {workers} core{'s' * (workers > 1)}" if workers else ""
         head.append(_duration(sum(seconds.values())) + on)
-    return tuple(head)
+    return head
 
 
 def _jobs(directory: Path, records: pd.DataFrame) -> tuple[int, int]:
@@ -219,7 +213,7 @@ def _jobs(directory: Path, records: pd.DataFrame) -> tuple[int, int]:
     return len(set(keys.values())), len({keys.get(name, name) for name in names})
 
 
-def _facts(manifest: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
+def _facts(manifest: Mapping[str, Any]) -> list[tuple[str, str]]:
     machine = manifest.get("machine", {})
     facts = [
         ("dataset", str(manifest["dataset"])),
@@ -230,7 +224,7 @@ def _facts(manifest: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
     version = manifest.get("versions", {}).get("pc2pix-bench")
     if version:
         facts.append(("pc2pix-bench", str(version)))
-    return tuple(facts)
+    return facts
 
 
 def _duration(seconds: float) -> str:
@@ -238,44 +232,26 @@ def _duration(seconds: float) -> str:
     return f"{seconds:.0f} s" if minutes < 2 else f"{minutes:.0f} min"
 
 
-def _choices(records: pd.DataFrame, skipped: bool) -> tuple[Choice, ...]:
-    """Return the filters with at least two choices."""
-    outcomes = list(dict.fromkeys(map(str, records["outcome"]))) + ["skipped"] * skipped
-    offered = (
-        Choice("method", "Method", tuple(dict.fromkeys(map(str, records["method"])))),
-        Choice("condition", "Condition", tuple(dict.fromkeys(map(str, records["condition"])))),
-        Choice("class", "Class", tuple(sorted(set(map(str, records["class"]))))),
-        Choice("outcome", "Outcome", tuple(dict.fromkeys(outcomes))),
-    )
-    return tuple(choice for choice in offered if len(choice.options) > 1)
-
-
 _OF_TABLES = (
-    "Each point is a value of the tables, with its 95 % interval over objects. No line joins "
-    "different kinds of changes."
+    "Up is better. Each point is a value of the tables, with its 95 % interval over objects. No "
+    "line joins different kinds of changes."
 )
 _ALL_FAILED = "Where a method has no point, all its images failed."
 _OF_OBJECTS = (
-    "Each point is a mean over objects, failed images scored as blank ones, with its 95 % interval."
+    "Up is better. Each point is a mean over objects, failed images scored as blank ones, with its "
+    "95 % interval. A band is what a network was shown in training."
 )
-_BANDS = "A band is what a network was shown in training."
+_LEFT_OUT = "Left out, because drawn from the mesh behind the cloud:"
 
 
-def _left_out(methods: list[str]) -> str:
-    ceilings = [method for method in methods if role(method) == "ceiling"]
-    if not ceilings:
-        return ""
-    return f"Left out, because drawn from the mesh behind the cloud: {', '.join(ceilings)}."
-
-
-def _unseen(sources: Sources) -> tuple[str, ...]:
+def _unseen(sources: Sources) -> list[str]:
     description = [sources.unseen] if sources.unseen else []
     if not sources.artifacts:
         description.append(
             f"The images of this run are no longer there (its {STORE} is empty or gone); "
             "its command makes them again."
         )
-    return tuple(description)
+    return description
 
 
 def _command(manifest: Mapping[str, Any]) -> str:
@@ -284,9 +260,10 @@ def _command(manifest: Mapping[str, Any]) -> str:
     return shlex.join(["bench", *arguments]) if arguments else f"bench run {manifest['suite']}"
 
 
-def _meanings(
+def _glossary(
     manifest: Mapping[str, Any], suite: Suite, tables: Sequence[Table[QualityRow]]
-) -> tuple[tuple[str, tuple[tuple[str, str], ...]], ...]:
+) -> list[tuple[str, list[tuple[str, str]]]]:
+    """Return the meanings of metrics, methods and conditions."""
     metrics = {
         m.id: "Fréchet distance, lower is better: " * (m.kind == "set") + m.about
         for m in METRICS.values()
@@ -305,11 +282,11 @@ def _meanings(
         *suite.control_metrics,
         *further,
     )
-    return (
-        ("Metrics", tuple((m, (metrics | further)[m]) for m in dict.fromkeys(measured))),
-        ("Methods", tuple((m, _source(m, manifest)) for m in manifest["methods"])),
-        ("Conditions", tuple((c, _origin(c)) for c in manifest["conditions"])),
-    )
+    return [
+        ("Metrics", [(m, (metrics | further)[m]) for m in dict.fromkeys(measured)]),
+        ("Methods", [(m, _source(m, manifest)) for m in manifest["methods"]]),
+        ("Conditions", [(c, _origin(c)) for c in manifest["conditions"]]),
+    ]
 
 
 def _origin(condition_id: str) -> str:
@@ -329,39 +306,21 @@ def _source(method: str, manifest: Mapping[str, Any]) -> str:
     return f"{known.source}; trained on {known.trained_on or 'unknown objects'}"
 
 
-def table_group(table: Table[Any], folded: bool = True) -> TableGroup:
-    """Return the grids of a table; `folded` folds all but the first that has values."""
-    grids = table.grids()
-    first = next((i for i, grid in enumerate(grids) if grid.valued), 0)
-    return TableGroup(
-        table.title,
-        _MARKUP.sub(r"\1", table.remark),
-        tuple(replace(g, unfolded=not folded or i == first) for i, g in enumerate(grids)),
-    )
+def failure_groups(records: pd.DataFrame) -> list[dict[str, Any]]:
+    """Return the images that are not there, by reason, the most frequent first.
 
-
-def failure_groups(records: pd.DataFrame) -> tuple[FailureGroup, ...]:
-    """Images that are not there, by reason, the most frequent first.
-
-    Each listed is one method on one cloud, with the views that it lacks.
+    Each listed is (one method on one cloud, the views that it lacks); `more` are not listed.
     """
     failed = records[records["outcome"] != "ok"]
     groups = []
-    for (outcome, reason), of_reason in failed.groupby(["outcome", "reason"], sort=True):  # type: ignore[misc]
+    for reason, of_reason in failed.groupby("reason", sort=True):
         items = of_reason.groupby(["method", "condition", "class", "object"], sort=False)
-        listed = [
-            Failure(
-                f"{method}/{condition}/{class_name}/{obj}",
-                _views(group["view"].tolist()),
-                Tags(str(method), str(condition), str(class_name), (str(outcome),)),
-            )
-            for (method, condition, class_name, obj), group in items  # type: ignore[misc]
-        ]
+        listed = [("/".join(map(str, name)), _views(g["view"].tolist())) for name, g in items]  # type: ignore[arg-type]
         count = f"{len(of_reason)} images of {len(listed)} clouds"
-        kept = tuple(listed[:MOST_LISTED])
-        group = FailureGroup(str(reason), count, kept, len(listed) - len(kept))
-        groups.append((-len(of_reason), group))
-    return tuple(group for _, group in sorted(groups, key=lambda pair: pair[0]))
+        more = max(len(listed) - MOST_LISTED, 0)
+        group = {"reason": reason, "count": count, "failures": listed[:MOST_LISTED], "more": more}
+        groups.append((len(of_reason), group))
+    return [group for _, group in sorted(groups, key=lambda pair: -pair[0])]
 
 
 def _views(views: Sequence[int]) -> str:

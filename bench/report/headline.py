@@ -3,93 +3,82 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from typing import Any
 
-from bench.analysis.digits import is_coarse
-from bench.analysis.scores import QualityRow
+import numpy as np
+import pandas as pd
+
+from bench.analysis.digits import decimals, is_coarse, prints_better
 from bench.catalogue.conditions import condition_name, condition_words
 from bench.catalogue.methods import FLOOR, role
 from bench.catalogue.metrics import higher_is_better
-from bench.report.page import CompactCell, CompactColumn, CompactTable
-from bench.tables.grid import MOVED, Tags, ordered, shown
-from bench.tables.quality import best_printed, is_worse
+from bench.report.plots import points_of
+from bench.tables.grid import MOVED, ordered, shown
 
 
-def compact_table(rows: Sequence[QualityRow]) -> CompactTable | None:
+def compact_table(rows: pd.DataFrame) -> dict[str, Any] | None:
     """Return the values of the headline, with a column for each metric and condition.
 
     The best of the first metric stand first, the reference methods last. The best of a column is
-    marked, and what is worse than a white image. None without a value.
+    marked, and what is worse than a white image. `rows` are those of `quality_frame`; None without
+    a value.
     """
-    rows = [row for row in rows if not row.skipped]
-    if not any(math.isfinite(row.value) for row in rows):
+    rows = rows[~rows["skipped"].astype(bool)]
+    if not np.isfinite(rows["value"].astype(float)).any():
         return None
-    metrics = ordered(row.metric for row in rows)
-    columns = ordered((row.metric, row.condition) for row in rows)
+    metrics = ordered(rows["metric"])
+    columns = ordered(zip(rows["metric"], rows["condition"], strict=True))
     columns.sort(key=lambda column: metrics.index(column[0]))
-    at = {(row.method, row.metric, row.condition): row for row in rows}
-    best: set[tuple[str, str, str]] = set()
-    blank: dict[tuple[str, str], QualityRow] = {}
-    for metric, condition in columns:
-        of_column = [row for row in rows if (row.metric, row.condition) == (metric, condition)]
-        best |= {(method, metric, condition) for _, _, method in best_printed(of_column)}
-        if floor := [row for row in of_column if row.method == FLOOR]:
-            blank[metric, condition] = floor[0]
+    cells = {(r.method, r.metric, r.condition): r for r in points_of(rows)}
 
-    def cell(method: str, column: tuple[str, str]) -> CompactCell:
-        row = at.get((method, *column))
-        if row is None or not math.isfinite(row.value):
-            return CompactCell("–", None, row.note if row else "not measured")
-        digits, coarse = row.decimals, is_coarse(row.metric, row.measured_method)
-        texts = [f"{method}, {row.metric}, {condition_words(row.condition)}"]
-        if math.isfinite(row.ci_low):
-            ends = shown(row.ci_low, digits), shown(row.ci_high, digits)
-            texts.append("95 % interval {} to {}".format(*ends))
-        if row.failed:
-            texts.append(f"{row.n_ok} of {row.n} images, the others scored as blank ones")
-        return CompactCell(
-            MOVED * coarse + shown(row.value, digits) + "*" * row.failed,
-            row.value,
-            "; ".join(texts),
-            best=(method, *column) in best,
-            below=column in blank and is_worse(row, blank[column]),
-        )
+    def mean_first(method: str) -> tuple[bool, float]:
+        of_first = [cells.get((method, metrics[0], c)) for _, c in columns]
+        values = [round(r.value, decimals(r.metric, r.measured)) for r in of_first if r is not None]
+        values = [value for value in values if math.isfinite(value)]
+        mean = float(np.mean(values)) if values else math.nan
+        worse = math.inf if not values else -mean if higher_is_better(metrics[0]) else mean
+        return role(method) in ("ceiling", "floor"), worse
 
-    def place(method: str) -> tuple[bool, float]:
-        of_first = [_signed(r) for r in rows if (r.method, r.metric) == (method, metrics[0])]
-        values = [value for value in of_first if math.isfinite(value)]
-        mean = sum(values) / len(values) if values else -math.inf
-        return role(method) in ("ceiling", "floor"), -mean
-
-    def tags(method: str) -> Tags:
-        of_method = [row for row in rows if row.method == method]
-        outcomes = {
-            "failed": any(row.failed for row in of_method),
-            "ok": any(row.n_ok > 0 for row in of_method),
-        }
-        return Tags(method=method, outcomes=tuple(o for o, occurs in outcomes.items() if occurs))
-
-    methods = sorted(ordered(row.method for row in rows), key=place)
+    methods = sorted(ordered(rows["method"]), key=mean_first)
     names = [condition_name(condition) for _, condition in columns]
-    return CompactTable(
-        tuple(
-            CompactColumn(
-                *(metric, name.kind * (name.kind != "points"), name.short, name.words),
-                higher_is_better(metric),
-                Tags(condition=condition),
-            )
-            for (metric, condition), name in zip(columns, names, strict=True)
-        ),
-        tuple(
-            (method, role(method), tags(method), tuple(cell(method, c) for c in columns))
-            for method in methods
-        ),
-        failed=any(row.failed for row in rows),
-        coarse=any(is_coarse(row.metric, row.measured_method) for row in rows),
-    )
+    over_conditions = f", mean over {len(columns) // len(metrics)} conditions"
+    return {
+        "caption": f"Best first by {metrics[0]}{over_conditions * (len(columns) > len(metrics))}",
+        "metrics": [
+            (metric, higher_is_better(metric), sum(m == metric for m, _ in columns))
+            for metric in metrics
+        ],
+        "columns": [
+            (metric, higher_is_better(metric), name.kind * (name.kind != "points"), name)
+            for (metric, _), name in zip(columns, names, strict=True)
+        ],
+        "lines": [(m, role(m), [_cell(cells, m, *column) for column in columns]) for m in methods],
+        "failed": bool(rows["failed"].any()),
+        "coarse": any(is_coarse(r.metric, r.measured) for r in points_of(rows)),
+    }
 
 
-def _signed(row: QualityRow) -> float:
-    """Return the value in the digits that it is printed with, signed so that more is better."""
-    value = round(row.value, row.decimals)
-    return value if higher_is_better(row.metric) else -value
+def _cell(cells: dict[Any, Any], method: str, metric: str, condition: str) -> dict[str, Any]:
+    row = cells.get((method, metric, condition))
+    if row is None or not math.isfinite(row.value):
+        about = row.note if row else "not measured"
+        return {"text": "–", "value": None, "about": about, "best": False, "below": False}
+    digits, mark = decimals(metric, row.measured), MOVED * is_coarse(metric, row.measured)
+    about = [f"{method}, {metric}, {condition_words(condition)}"]
+    if math.isfinite(row.low):
+        about.append(f"95 % interval {shown(row.low, digits)} to {shown(row.high, digits)}")
+    if row.failed:
+        about.append(f"{row.n_ok} of {row.n} images, the others scored as blank ones")
+
+    def beaten_by(other: Any) -> bool:
+        return prints_better(metric, other.value, row.value, row.measured, other.measured)
+
+    others = [r for key, r in cells.items() if key[1:] == (metric, condition)]
+    rivals = [r for r in others if math.isfinite(r.value) and not role(r.method)]
+    return {
+        "text": f"{mark}{shown(row.value, digits)}{'*' * row.failed}",
+        "value": row.value,
+        "about": "; ".join(about),
+        "best": row in rivals and len(rivals) > 1 and not any(map(beaten_by, rivals)),
+        "below": any(beaten_by(r) for r in others if r.method == FLOOR),
+    }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,10 +16,9 @@ from bench.analysis.digits import decimals
 from bench.catalogue.metrics import column, higher_is_better
 from bench.records.artifacts import JobName
 from bench.records.record import GROUND_TRUTH
-from bench.report.page import Case, CaseGroup, Grid, GridCell, PageImage
 from bench.report.stored import Sources
 from bench.report.styles import rivals
-from bench.tables.grid import Tags, shown
+from bench.tables.grid import shown
 from data_prep.rendering.dots import draw_dots
 from data_prep.scene import View
 
@@ -69,8 +68,11 @@ def extremes(records: pd.DataFrame, metric: str) -> pd.DataFrame:
     return together.iloc[together["method"].map(places).argsort(kind="stable")]
 
 
-def grids(records: pd.DataFrame, sources: Sources, metric: str) -> tuple[Grid, ...]:
-    """Return the first view of the first objects, each image with its value by a metric."""
+def grids(records: pd.DataFrame, sources: Sources, metric: str) -> list[dict[str, Any]]:
+    """Return the first view of the first objects, each image with its value by a metric.
+
+    An image is (data URI or "", what it shows); a cell has what stands beneath it, too.
+    """
     methods = rivals(dict.fromkeys(records["method"]))
     conditions = list(dict.fromkeys(map(str, records["condition"])))
     first = records[records["view"] == 0]
@@ -80,94 +82,78 @@ def grids(records: pd.DataFrame, sources: Sources, metric: str) -> tuple[Grid, .
         by_cell = {(row["method"], row["condition"]): row for row in _rows(of_object)}
         if not by_cell:
             continue
-        view = _view(next(iter(by_cell.values())))
+        view, name = _view(next(iter(by_cell.values()))), f"{class_name} {obj}"
         rows = []
         for condition in conditions:
             item = JobName(GROUND_TRUTH, condition, class_name, obj)
-            where = f"{condition}, {class_name} {obj}"
             cells = [
-                GridCell(_cloud(sources, item, view, f"the cloud at {where}")),
-                GridCell(_drawn(sources, item.truth, 0, f"the truth, {class_name} {obj}")),
+                (_cloud(sources, item, view, f"the cloud at {condition}, {name}"), ""),
+                (_drawn(sources, item.truth, 0, f"the truth, {name}"), ""),
             ]
-            cells += [
-                _grid_cell(
-                    sources, item._replace(method=method), by_cell.get((method, condition)), metric
-                )
-                for method in methods
-            ]
-            outcomes = {row["outcome"] for (_, c), row in by_cell.items() if c == condition}
-            tags = Tags(condition=condition, outcomes=tuple(sorted(outcomes)))
-            rows.append((condition, tags, tuple(cells)))
-        heads = ((CLOUD, Tags()), ("truth", Tags()), *((m, Tags(method=m)) for m in methods))
-        grid = Grid(
-            f"{class_name} {obj}",
-            f"View 0: azimuth {view.azimuth_deg:.0f}°, elevation {view.elevation_deg:.0f}°",
-            "condition",
-            heads,
-            tuple(rows),
-            Tags(class_name=class_name),
+            for method in methods:
+                record = by_cell.get((method, condition))
+                cells.append(_grid_cell(sources, item._replace(method=method), record, metric))
+            rows.append(cells)
+        down, across = conditions, [CLOUD, "truth", *methods]
+        turned = len(methods) > MOST_ACROSS
+        if turned:
+            down, across, rows = across, down, list(zip(*rows, strict=True))
+        at = f"View 0: azimuth {view.azimuth_deg:.0f}°, elevation {view.elevation_deg:.0f}°"
+        sheets.append(
+            {
+                "title": name,
+                "description": at,
+                "corner": "method" if turned else "condition",
+                "columns": across,
+                "rows": list(zip(down, rows, strict=True)),
+            }
         )
-        sheets.append(grid if len(methods) <= MOST_ACROSS else _turned(grid))
-    return tuple(sheets)
-
-
-def _turned(grid: Grid) -> Grid:
-    """Return a grid with methods below each other; outcomes stay with the conditions."""
-    columns = tuple((name, tags) for name, tags, _ in grid.rows)
-    across = list(zip(*(cells for _, _, cells in grid.rows), strict=True))
-    rows = tuple((*head, cells) for head, cells in zip(grid.columns, across, strict=True))
-    return Grid(grid.title, grid.description, "method", columns, rows, grid.tags)
+    return sheets
 
 
 def _grid_cell(
     sources: Sources, item: JobName, record: Mapping[str, Any] | None, metric: str
-) -> GridCell:
+) -> tuple[tuple[str, str], str]:
     what = f"{item.method} at {item.condition}, {item.class_name} {item.object_id}"
     if record is None:
-        return GridCell(PageImage("", f"{what}: not measured"), "not measured")
+        return ("", f"{what}: not measured"), "not measured"
     if record["outcome"] != "ok":
         description = f"{record['outcome']}: {record['reason']}"
-        return GridCell(PageImage("", f"{what}: {description}"), description, counted=True)
+        return ("", f"{what}: {description}"), description
     score = _score(record, metric)
-    return GridCell(
-        _drawn(sources, item, 0, f"{what}: {metric} {score}"),
-        score,
-        counted=True,
-    )
+    return _drawn(sources, item, 0, f"{what}: {metric} {score}"), score
 
 
 def _score(record: Mapping[str, Any], metric: str) -> str:
     return shown(record[column(metric)], decimals(metric))
 
 
-def cases(chosen: pd.DataFrame, sources: Sources, metric: str) -> tuple[CaseGroup, ...]:
+def cases(chosen: pd.DataFrame, sources: Sources, metric: str) -> list[dict[str, Any]]:
     """Return the records that `extremes` has chosen, each with its cloud and its true image."""
     several = chosen["class"].nunique() > 1
     groups = []
     for method, of_method in chosen.groupby("method", sort=False):
-        keys = ["condition", "class"] if several and _tells_classes(of_method) else ["condition"]
-        rows = []
-        for names, of_row in of_method.groupby(keys, sort=False):
-            parts = list(map(str, names if isinstance(names, tuple) else (names,)))
-            tags = Tags(str(method), parts[0], parts[1] if len(parts) > 1 else "")
-            of_cell = tuple(_case(record, sources, metric) for record in _rows(of_row))
-            rows.append((", ".join(parts), tags, of_cell))
+        counts = of_method.groupby(["condition", "kind"])["class"].nunique()
+        by_class = several and bool((counts > 1).any())
+        keys = ["condition", "class"] if by_class else ["condition"]
         ends = sorted(
             of_method[column(metric)].agg(["min", "max"]), reverse=not higher_is_better(metric)
         )
         worst, best = (shown(end, decimals(metric)) for end in ends)
-        summary = f"{metric} {worst} at worst, {best} at best"
-        groups.append(CaseGroup(str(method), summary, tuple(rows)))
-    return tuple(groups)
+        groups.append(
+            {
+                "method": method,
+                "summary": f"{metric} {worst} at worst, {best} at best",
+                "rows": [
+                    (", ".join(map(str, names)), [_case(r, sources, metric) for r in _rows(row)])
+                    for names, row in of_method.groupby(keys, sort=False)
+                ],
+            }
+        )
+    return groups
 
 
-def _tells_classes(of_method: pd.DataFrame) -> bool:
-    """Return whether cases were chosen class by class."""
-    counts = of_method.groupby(["condition", "kind"])["class"].nunique()
-    return bool((counts > 1).any())
-
-
-def _case(record: Mapping[str, Any], sources: Sources, metric: str) -> Case:
+def _case(record: Mapping[str, Any], sources: Sources, metric: str) -> dict[str, Any]:
     class_name, obj, view = record["class"], record["object"], record["view"]
     item = JobName(record["method"], record["condition"], class_name, obj)
     name = f"{class_name} {obj}, view {view}"
@@ -186,13 +172,11 @@ def _case(record: Mapping[str, Any], sources: Sources, metric: str) -> Case:
         ("truth", _drawn(sources, item.truth, view, f"the truth of {name}")),
         ("drawn", _drawn(sources, item, view, f"{name} as {item.method} draws it")),
     )
-    tags = Tags(item.method, item.condition, class_name, (record["outcome"],))
-    return Case(
-        record["kind"], f"{metric} {_score(record, metric)}", name, tuple(facts), images, tags
-    )
+    score = f"{metric} {_score(record, metric)}"
+    return {"kind": record["kind"], "score": score, "name": name, "facts": facts, "images": images}
 
 
-def _rows(records: pd.DataFrame) -> list[dict[str, Any]]:
+def _rows(records: pd.DataFrame) -> Sequence[dict[str, Any]]:
     rows: list[Any] = records.to_dict("records")
     return rows
 
@@ -201,18 +185,18 @@ def _view(record: Mapping[str, Any]) -> View:
     return View(record["azimuth_deg"], record["elevation_deg"])
 
 
-def _drawn(sources: Sources, item: JobName, view: int, description: str) -> PageImage:
+def _drawn(sources: Sources, item: JobName, view: int, description: str) -> tuple[str, str]:
     images = sources.images(item)
     if images is None or view >= len(images):
-        return PageImage("", f"{description}; the image is no longer there")
-    return PageImage(data_uri(images[view]), description)
+        return "", f"{description}; the image is no longer there"
+    return data_uri(images[view]), description
 
 
-def _cloud(sources: Sources, item: JobName, view: View, description: str) -> PageImage:
+def _cloud(sources: Sources, item: JobName, view: View, description: str) -> tuple[str, str]:
     points = sources.points(item)
     if points is None:
-        return PageImage("", f"{description}; it cannot be made again")
-    return PageImage(data_uri(draw_dots(points, [view])[0]), description)
+        return "", f"{description}; it cannot be made again"
+    return data_uri(draw_dots(points, [view])[0]), description
 
 
 def data_uri(image: NDArray[np.uint8]) -> str:

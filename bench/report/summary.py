@@ -1,4 +1,4 @@
-"""The answer of a run in a few lines: who is ahead, what is not decided, below blank, cheapest.
+"""The answer of a run in a few lines: pc2pix against reconstruction, who is ahead, what it costs.
 
 Who is ahead of whom is what `bench compare` says of the two (`bench.analysis.paired.Verdicts`).
 Reference methods, settings of a parameter and methods measured for their cost alone do not take
@@ -7,89 +7,83 @@ part.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from bench.analysis.comparison import (
     ALL,
     Comparison,
     best_first,
     candidates,
+    is_better,
     milliseconds,
     worse_than_blank,
 )
 from bench.analysis.frontier import places
 from bench.analysis.intervals import FEWEST
 from bench.analysis.paired import Verdicts
+from bench.analysis.paper import network_of
+from bench.catalogue.chosen import BEST_RECONSTRUCTION, CHOSEN
 from bench.catalogue.conditions import listed
 from bench.catalogue.lookup import family_of
 from bench.catalogue.methods import COST_VARIANTS, FLOOR, find_setting
-from bench.report.page import Statement
 
 NAMED = 3  # methods named beside each other
 ALIKE = 1.1  # costs that differ by a smaller factor are given as one
+# What the network is, by who is ahead and, where there are too few objects, by the means.
+SHOWN = {"b": "ahead of {}", "a": "behind {}", "tie": "not shown to differ from {}"}
+BY_MEAN = ("behind {} by its mean alone", "ahead of {} by its mean alone")
+
+
+class Statement(NamedTuple):
+    """A line of the answer; `entries` are (methods, text that follows their names)."""
+
+    term: str
+    entries: tuple[tuple[tuple[str, ...], str], ...]
 
 
 @dataclass(frozen=True)
 class _Cell:
-    """A metric at a condition.
-
-    methods  those that compete and drew an image, the best first
-    """
+    """A metric at a condition, with the methods that compete and drew an image, the best first."""
 
     comparison: Comparison
     metric: str
     methods: tuple[str, ...]
     verdicts: Verdicts
 
-    @property
-    def at(self) -> tuple[str, str]:
-        """Return metric and condition."""
-        return self.metric, self.comparison.condition
+    def ahead(self, a: str, b: str) -> str:
+        at = self.metric, self.comparison.condition, self.comparison.class_name
+        return self.verdicts.difference(a, b, *at).ahead
 
     @property
     def leader(self) -> str:
-        """Return the method with the best mean."""
         return self.methods[0]
 
     @property
     def decides(self) -> bool:
         """Return whether there are enough objects to show a difference."""
-        at = self.metric, self.comparison.condition, self.comparison.class_name
-        cells = [self.verdicts.difference(self.leader, m, *at) for m in self.methods[1:]]
-        return not cells or any(cell.ahead != "unknown" for cell in cells)
-
-    def shows(self, better: str, worse: str) -> bool:
-        """Return whether a method is shown to be better than another."""
-        return self.verdicts.shows(better, worse, self.metric, self.comparison)
+        ahead = [self.ahead(self.leader, method) for method in self.methods[1:]]
+        return not ahead or any(who != "unknown" for who in ahead)
 
     @property
-    def undecided(self) -> list[str]:
+    def undecided(self) -> tuple[str, ...]:
         """Return the methods that are not shown to be behind the leader, the best first."""
-        return [m for m in self.methods[1:] if not self.shows(self.leader, m)]
+        return tuple(m for m in self.methods[1:] if self.ahead(m, self.leader) != "b")
 
     @property
-    def rivals(self) -> list[str]:
+    def rivals(self) -> tuple[str, ...]:
         """Return the undecided methods of other families."""
-        return [m for m in self.undecided if family_of(m) != family_of(self.leader)]
-
-    @property
-    def below_blank(self) -> list[str]:
-        """Return the methods that a white image is better than."""
-        below = worse_than_blank(self.comparison.qualities[self.metric])
-        return [method for method in self.methods if method in below]
+        return tuple(m for m in self.undecided if family_of(m) != family_of(self.leader))
 
     def cheapest(self, views: int) -> str:
         """Return the cheapest method of the frontier that no other is shown to be better than."""
-        frontier = {
-            point.method
-            for point in places(self.comparison, (self.metric,), views, self.verdicts)
-            if point.verdict == "frontier"
-        }
+        points = places(self.comparison, (self.metric,), views, self.verdicts)
+        frontier = {point.method for point in points if point.verdict == "frontier"}
         unbeaten = [
             m
             for m in self.methods
-            if m in frontier and not any(self.shows(o, m) for o in self.methods)
+            if m in frontier and not any(self.ahead(m, o) == "b" for o in self.methods if o != m)
         ]
         cost = {m: self.comparison.cost_ms(m, views).value for m in unbeaten}
         return min(cost, key=cost.__getitem__, default="")
@@ -112,7 +106,7 @@ def in_short(
     Returns
     -------
     tuple of Statement
-        A line for each question that the run answers.
+        A line for each question that the run answers, the paper's first.
     """
     verdicts = Verdicts(compared)
     compared = [_competing(comparison) for comparison in compared]
@@ -126,10 +120,12 @@ def in_short(
         none = "no image of a method that competes was scored, nothing can be said"
         return (Statement("No answer", (((), none),)),)
     every = list(dict.fromkeys(comparison.condition for comparison in compared))
-    lines = [*_leads(cells, every)]
-    below = [(cell.at, (method,)) for cell in cells for method in cell.below_blank]
-    lines.append(_merged(_statement("Below a white image", below, every)))
-    lines.append(_cheapest(cells, views, every))
+    lines = (
+        _question(cells, every),
+        *_leads(cells, every),
+        _below_blank(cells, every),
+        _cheapest(cells, views, every),
+    )
     return tuple(line for line in lines if line.entries)
 
 
@@ -154,29 +150,50 @@ def _ranked(comparison: Comparison, metric: str) -> tuple[str, ...]:
     return tuple(best_first(drew))
 
 
+def _question(cells: Sequence[_Cell], every: Sequence[str]) -> Statement:
+    """Return the paper's question: its network against the best reconstruction of the run."""
+    best = CHOSEN[BEST_RECONSTRUCTION]
+    by_words: dict[str, list[_Cell]] = {}
+    network = ""
+    for cell in cells:
+        methods = [method for method in cell.comparison.images if method in cell.methods]
+        network = network_of(methods) or network
+        surface = next((m for m in methods if m.startswith("surface-")), None)
+        condition = cell.comparison.condition
+        rival = best.by_condition([condition], methods).get(condition, surface)
+        if network in methods and rival:
+            qualities = cell.comparison.qualities[cell.metric]
+            by_mean = BY_MEAN[is_better(qualities[network], qualities[rival])]
+            words = SHOWN.get(cell.ahead(rival, network), by_mean)
+            by_words.setdefault(words.format(rival), []).append(cell)
+    entries = [
+        ((network,), f"{words} at {text}")
+        for words, of_words in by_words.items()
+        for _, text in _statement("", lambda cell: (network,), of_words, every).entries
+    ]
+    return Statement("pc2pix against reconstruction", tuple(entries))
+
+
 def _leads(cells: Sequence[_Cell], every: Sequence[str]) -> Iterable[Statement]:
     """Yield who is ahead, shown or not decided, or why there is nothing to decide."""
     if all(len(cell.methods) == 1 for cell in cells):
         yield Statement("One method", (((cells[0].leader,), "has nothing to be compared with"),))
-        return
-    if not any(cell.decides for cell in cells):
+    elif not any(cell.decides for cell in cells):
         first = cells[0].comparison
         objects = objects_in_words(len(first.objects), first.class_name)
         decide = f"{objects} here: at least {FEWEST} are needed"
         yield Statement("Not decided", (((), f"nothing can be shown with {decide}"),))
-        by_mean = [(cell.at, (cell.leader,)) for cell in cells]
-        yield _statement("Best by its mean alone", by_mean, every)
-        return
-    shown = [(cell.at, (cell.leader,)) for cell in cells if not cell.rivals]
-    yield _statement("Ahead of all other families", shown, every)
-    open_cells = [(cell.at, (cell.leader, *cell.rivals)) for cell in cells if cell.rivals]
-    yield _statement("Not decided from second place", open_cells, every)
-    variants = [
-        (cell.at, (cell.leader, *cell.undecided))
-        for cell in cells
-        if cell.undecided and not cell.rivals
-    ]
-    yield _statement("Not decided between variants", variants, every)
+        yield _statement("Best by its mean alone", lambda cell: (cell.leader,), cells, every)
+    else:
+        terms: dict[str, Callable[[_Cell], tuple[str, ...]]] = {
+            "Ahead of all other families": lambda c: () if c.rivals else (c.leader,),
+            "Not decided from second place": lambda c: c.rivals and (c.leader, *c.rivals),
+            "Not decided between variants": lambda c: (
+                () if c.rivals or not c.undecided else (c.leader, *c.undecided)
+            ),
+        }
+        for term, methods_of in terms.items():
+            yield _statement(term, methods_of, cells, every)
 
 
 def objects_in_words(count: int, class_name: str) -> str:
@@ -187,42 +204,49 @@ def objects_in_words(count: int, class_name: str) -> str:
     return f"{count} {class_name}{many * (count != 1)}"
 
 
-def _cheapest(cells: Sequence[_Cell], views: int, every: Sequence[str]) -> Statement:
-    deciding = [cell for cell in cells if cell.decides]
-    chosen = [(cell, method) for cell in deciding if (method := cell.cheapest(views))]
-    statement = _statement(
-        "Cheapest that nothing beats", [(cell.at, (method,)) for cell, method in chosen], every
-    )
-    entries = []
-    for methods, where in statement.entries:
-        costs = [
-            cell.comparison.cost_ms(method, views).value
-            for cell, method in chosen
-            if (method,) == methods
+def _below_blank(cells: Sequence[_Cell], every: Sequence[str]) -> Statement:
+    """Return the methods that a white image is better than; those with the same places together."""
+    methods: dict[str, tuple[str, ...]] = {}
+    for method in dict.fromkeys(m for cell in cells for m in cell.methods):
+        below = [
+            cell
+            for cell in cells
+            if method in cell.methods
+            and method in worse_than_blank(cell.comparison.qualities[cell.metric])
         ]
+        for _, text in _statement("", lambda cell: ("",), below, every).entries:
+            methods[text] = (*methods.get(text, ()), method)
+    entries = tuple((of_text, text) for text, of_text in methods.items())
+    return Statement("Below a white image", entries)
+
+
+def _cheapest(cells: Sequence[_Cell], views: int, every: Sequence[str]) -> Statement:
+    chosen = [(c, method) for c in cells if c.decides and (method := c.cheapest(views))]
+    entries = []
+    for method in dict.fromkeys(method for _, method in chosen):
+        of_method = [cell for cell, cheapest in chosen if cheapest == method]
+        costs = [cell.comparison.cost_ms(method, views).value for cell in of_method]
         low, high = min(costs), max(costs)
         text = milliseconds(low if high < ALIKE * low else high)
         text = text if high < ALIKE * low else f"{milliseconds(low)} to {text}"
         drawn = f"its {views} views" if views > 1 else "one view"
-        entries.append((methods, f"{text} ms for a cloud with {drawn}; {where}"))
-    return replace(statement, entries=tuple(entries))
-
-
-def _merged(statement: Statement) -> Statement:
-    """Return a line in which methods with the same places share them."""
-    methods: dict[str, tuple[str, ...]] = {}
-    for names, text in statement.entries:
-        methods[text] = (*methods.get(text, ()), *names)
-    return replace(statement, entries=tuple((names, text) for text, names in methods.items()))
+        ((_, where),) = _statement("", lambda cell: ("",), of_method, every).entries
+        entries.append(((method,), f"{text} ms for a cloud with {drawn}; {where}"))
+    return Statement("Cheapest that nothing beats", tuple(entries))
 
 
 def _statement(
-    term: str, cells: Iterable[tuple[tuple[str, str], tuple[str, ...]]], every: Sequence[str]
+    term: str,
+    methods_of: Callable[[_Cell], tuple[str, ...]],
+    cells: Iterable[_Cell],
+    every: Sequence[str],
 ) -> Statement:
-    """Return a line of the places (metric, condition) of each group of methods."""
+    """Return a line of the places (conditions and metrics) of each group of methods."""
     where: dict[tuple[str, ...], dict[str, list[str]]] = {}
-    for (metric, condition), methods in cells:
-        where.setdefault(methods, {}).setdefault(metric, []).append(condition)
+    for cell in cells:
+        if methods := methods_of(cell):
+            at = where.setdefault(methods, {}).setdefault(cell.metric, [])
+            at.append(cell.comparison.condition)
     entries = []
     for methods, by_metric in where.items():
         by_place: dict[str, list[str]] = {}

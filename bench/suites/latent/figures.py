@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from baselines.splat import Splat
-from bench.report.figure import WIDTH_IN, image_grid
+from bench.report.sheets import image_sheet
 from data_prep.rendering.images import to_uint8
 from data_prep.scene import PointCloud, Points, View
 
@@ -43,8 +43,7 @@ def strips_figure(strips: Sequence[Strip], view: View) -> Figure:
             true = [none if tile.truth is None else tile.truth for tile in tiles]
             rows.append((f"{label}\ntrue", true))
     titles = [tile.title for tile in strips[0][1]]
-    cell_in = (WIDTH_IN - 0.4) / len(titles)
-    return image_grid(titles, rows, (WIDTH_IN, (cell_in + 0.05) * len(rows) + 0.4))
+    return image_sheet(titles, rows)
 
 
 def draw_cloud(cloud: Points, view: View) -> NDArray[np.uint8]:

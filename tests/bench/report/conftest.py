@@ -2,9 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-import bench.report.classes
-import bench.report.image_sheets
-import bench.report.robustness
+import bench.report.run_figures
+import bench.report.sheets
 from bench.records.run_folder import open_folder
 from bench.records.stored_artifacts import Artifact
 from bench.report.figure import save
@@ -15,13 +14,13 @@ from ..builders import make_result
 @pytest.fixture
 def drawn(monkeypatch, tmp_path):
     """Writes figures of jobs, of which no artifact needs to be there yet; gives those figures."""
-    figures = []
+    figures = {}
 
     def keep(figure, path, **options):
-        figures.append(figure)
+        figures[path.name] = figure
         save(figure, path, **options)
 
-    for module in (bench.report.classes, bench.report.image_sheets, bench.report.robustness):
+    for module in (bench.report.run_figures, bench.report.sheets):
         monkeypatch.setattr(module, "save", keep)
 
     def draw(write, *arguments, jobs):
@@ -30,6 +29,7 @@ def drawn(monkeypatch, tmp_path):
             for seed, job in enumerate(jobs):
                 if job.key not in stored:
                     store.append(make_result(job, (), seed))
+        figures.clear()
         write(tmp_path, *arguments, {job.name: Artifact(tmp_path, job.key) for job in jobs})
         return figures
 

@@ -123,7 +123,6 @@ def test_every_value_of_the_tables_is_in_the_page(of_random_values, document):
         better = "(higher is better)" if higher_is_better(row.metric) else "(lower is better)"
         columns, lines = shown[f"{row.metric}, chair {better}"]
         cell = lines[row.method][columns.index(row.condition)]
-        assert cell.attributes["data-condition"] == row.condition
         expected = {"value": ["skipped"], "beside": [], "gap": []}
         if math.isfinite(row.value):
             assert cell.attributes["data-value"] == f"{row.value:.6f}"
@@ -162,13 +161,12 @@ def test_costs_are_the_records_times(of_random_values, document):
 
 
 def test_head_counts_images(document):
-    description = [one.text for one in document.one("p", class_="outcomes").all("span")]
-    assert description == ["58 images ok", "6 images failed", "fid skipped"]
     line = document.one("p", class_="line").text
     assert line == "4 chairs × 2 views · 4 methods · true mesh in its colours"
     facts = document.one("dl", class_="facts")
     by_term = {d.one("dt").text: d.one("dd").text for d in facts.all("div")}
     assert by_term["finished"] == "2026-01-01 00:00:00 UTC"
+    assert by_term["images"] == "58 ok, 6 failed"
     command = "bench run --suite chair-robustness --out 'my run'"
     assert document.one("pre", class_="command").text == command
 
@@ -184,10 +182,6 @@ def test_failures_are_listed_with_their_reasons(document):
         ("timeout: 3 s", "4 images of 2 clouds", of_b),  # the most frequent first
         ("ball-pivoting: no faces", "2 images of 1 clouds", [f"{apss}/c views 0 to 1"]),
     ]
-    line = next(
-        tr for tr in document.all("tr") if tr.attributes.get("data-method") == "surface-apss"
-    )
-    assert line.attributes["data-outcome"] == "failed ok"
 
 
 def test_the_page_of_the_command_loads_nothing(finished, tmp_path, command):
@@ -250,7 +244,7 @@ def test_names_and_reasons_are_only_shown(tmp_path):
 def test_a_method_whose_images_all_failed_is_not_left_out_of_a_plot_in_silence(tmp_path):
     remark = "Where a method has no point, all its images failed."
     run = write_run(tmp_path, objects=["chair/a"], methods=["splat", "blank"])
-    assert remark not in read_page(make_outputs(read_run(run))).curves_remark
+    assert remark not in read_page(make_outputs(read_run(run)))["curves_remark"]
     write_all(
         run,
         [
@@ -260,7 +254,7 @@ def test_a_method_whose_images_all_failed_is_not_left_out_of_a_plot_in_silence(t
             for r in read_all(run)
         ],
     )
-    assert remark in read_page(make_outputs(read_run(run))).curves_remark
+    assert remark in read_page(make_outputs(read_run(run)))["curves_remark"]
 
 
 def test_the_same_run_gives_the_same_bytes(finished, tmp_path):

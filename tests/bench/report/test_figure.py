@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.report.figure import drawing, image_grid, panels, save
+from bench.report.figure import drawing, panels, save
+from bench.report.sheets import image_sheet
 
 
 def a_figure():
@@ -30,6 +31,6 @@ def test_names_are_drawn_as_they_stand(tmp_path):
     save(a_figure(), tmp_path / "a.svg")
     assert ">a $x$ &amp; &lt;b&gt;<" in (tmp_path / "a.svg").read_text()
     image = np.zeros((4, 4, 3), np.uint8)
-    grid = image_grid(["title"], [("\u6905\u5b50\n\u202ename", [image])], (2, 1))
+    grid = image_sheet(["title"], [("\u6905\u5b50\n\u202ename", [image])])
     save(grid, tmp_path / "b.png")
     assert grid.axes[0].get_ylabel() == "\u6905\u5b50\n\\u202ename"

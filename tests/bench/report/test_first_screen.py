@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import pytest
@@ -13,7 +14,8 @@ from bench.analysis.frame import read_run
 from bench.analysis.scores import QualityRow
 from bench.report.build import read_page
 from bench.report.headline import compact_table
-from bench.report.page import html
+from bench.report.page import rendered
+from bench.report.run_figures import quality_frame
 from bench.tables.build import make_outputs
 
 
@@ -32,61 +34,65 @@ VALUES = {
 }  # fmt: skip
 
 
+def table_of(*rows):
+    return compact_table(quality_frame(rows))
+
+
 def test_the_best_stand_first_and_reference_methods_last():
     conditions = ("2048", "noise-0.10")
-    made = compact_table([row(*at, c, v) for c in conditions for at, v in VALUES.items()])
+    made = table_of(*(row(*at, c, v) for c in conditions for at, v in VALUES.items()))
     assert made is not None
-    assert made.groups == (("ssim-object", True, 2), ("lpips", False, 2))
-    assert [(column.kind, column.short) for column in made.columns] == [
+    assert made["caption"] == "Best first by ssim-object, mean over 2 conditions"
+    assert made["metrics"] == [("ssim-object", True, 2), ("lpips", False, 2)]
+    assert [(kind, name.short) for _, _, kind, name in made["columns"]] == [
         *(("", "2,048"), ("noise", "10 %"), ("", "2,048"), ("noise", "10 %")),
     ]
-    assert [method for method, *_ in made.lines] == ["pc2pix", "splat", "true-mesh", "blank"]
-    assert [role for _, role, *_ in made.lines] == ["", "", "ceiling", "floor"]
-    cells = {method: cells for method, _, _, cells in made.lines}
-    assert [cell.text for cell in cells["pc2pix"]] == ["0.600", "0.600", "0.200", "0.200"]
-    assert {m: [cell.best for cell in of_line] for m, of_line in cells.items()} == {
+    roles = {"pc2pix": "", "splat": "", "true-mesh": "ceiling", "blank": "floor"}
+    assert [(method, role) for method, role, _ in made["lines"]] == [*roles.items()]
+    cells = {method: cells for method, _, cells in made["lines"]}
+    assert [cell["text"] for cell in cells["pc2pix"]] == ["0.600", "0.600", "0.200", "0.200"]
+    assert {m: [cell["best"] for cell in of_line] for m, of_line in cells.items()} == {
         m: [m == "pc2pix"] * 4 for m in cells
     }
-    assert {m: [cell.below for cell in of_line] for m, of_line in cells.items()} == {
+    assert {m: [cell["below"] for cell in of_line] for m, of_line in cells.items()} == {
         m: [m == "splat"] * 2 + [False] * 2 for m in cells
     }
 
 
 def test_a_failed_image_and_a_missing_value_are_named():
-    rows = [
+    made = table_of(
         row("splat", "lpips", "2048", 0.5, n_ok=1, failures_as_blank=0.55, note="3 x crash"),
         row("pc2pix", "lpips", "2048", NAN, n_ok=0, note="4 x crash"),
         row("blank", "lpips", "512", 0.6),
-    ]
-    made = compact_table(rows)
+    )
     assert made is not None
-    cells = {method: cells for method, _, _, cells in made.lines}
-    assert cells["splat"][0].text == "0.500*"
-    assert cells["splat"][0].about == (
+    cells = {method: cells for method, _, cells in made["lines"]}
+    assert cells["splat"][0]["text"] == "0.500*"
+    assert cells["splat"][0]["about"] == (
         "splat, lpips, 2,048 points; 1 of 4 images, the others scored as blank ones"
     )
-    assert (cells["pc2pix"][0].text, cells["pc2pix"][0].about) == ("–", "4 x crash")
-    assert (cells["splat"][1].text, cells["splat"][1].about) == ("–", "not measured")
-    assert made.failed
+    assert [cells["pc2pix"][0][name] for name in ("text", "about")] == ["–", "4 x crash"]
+    assert [cells["splat"][1][name] for name in ("text", "about")] == ["–", "not measured"]
+    assert made["failed"]
 
 
 def test_without_a_value_there_is_no_headline():
-    assert compact_table([]) is None
-    assert compact_table([row("splat", "lpips", "2048", NAN, note="skipped: weights")]) is None
+    assert table_of() is None
+    assert table_of(row("splat", "lpips", "2048", NAN, note="skipped: weights")) is None
 
 
 def page_of(directory):
     page = read_page(make_outputs(read_run(directory)))
-    return page, parse(html(page))
+    return page, parse(rendered("report.html.jinja", **page))
 
 
 def test_a_run_whose_images_all_failed_says_so(tmp_path):
     run = write_run(tmp_path / "run", methods=["splat", "pc2pix", "blank"])
     write_all(run, [make_failed(r.method, r.condition, r.object, r.view) for r in read_all(run)])
     page, document = page_of(run)
-    assert page.answer[0].term == "No answer"
-    assert page.headline is None
-    assert page.first.plots == page.costs.plots == ()
+    assert page["answer"][0].term == "No answer"
+    assert page["headline"] is None
+    assert page["first"] == page["costs"] == []
     jobs = document.one("p", class_="jobs is-missing").text
     assert jobs.endswith(" failed")
     assert not jobs.endswith(" 0 failed")
@@ -100,8 +106,8 @@ def test_methods_that_failed_everywhere_are_left_out_of_the_answer(tmp_path):
     ]
     write_all(run, failed)
     page, document = page_of(run)
-    assert page.answer[0].term == "One method"
-    assert page.answer[0].entries[0][0] == ("splat",)
+    assert page["answer"][0].term == "One method"
+    assert page["answer"][0].entries[0][0] == ("splat",)
     assert "pc2pix" in document.one("table", class_="numbers compact").text
 
 
@@ -115,17 +121,18 @@ def test_methods_that_failed_everywhere_are_left_out_of_the_answer(tmp_path):
 )
 def test_a_run_without_two_methods_compares_nothing(tmp_path, methods, term):
     page, _ = page_of(write_run(tmp_path / "run", methods=methods))
-    assert page.answer[0].term == term
+    assert page["answer"][0].term == term
 
 
 def test_a_run_without_a_headline_metric_is_judged_by_the_other(tmp_path):
     run = write_run(tmp_path / "run", methods=["splat", "pc2pix", "blank"])
     write_all(run, [replace(r, lpips=None) for r in read_all(run)])
     page, document = page_of(run)
-    assert [plot.title for plot in page.first.plots] == ["ssim-object, class chair"]
-    assert page.headline is not None
-    assert {column.metric for column in page.headline.columns} == {"ssim-object"}
-    texts = [text for line in page.answer for _, text in line.entries]
+    titles = re.findall(r">([a-z-]+) \((?:higher|lower) is better\)<", page["first"][0][1])
+    assert titles == ["ssim-object"]
+    assert page["headline"] is not None
+    assert {metric for metric, *_ in page["headline"]["columns"]} == {"ssim-object"}
+    texts = [text for line in page["answer"] for _, text in line.entries]
     assert texts
     assert not any("lpips" in text for text in texts)
     assert document.one("section", id="answer")

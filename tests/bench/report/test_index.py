@@ -12,9 +12,7 @@ import pytest
 from builders import make_failed, read_all, write_all, write_run
 
 from bench.analysis.frame import read_run
-from bench.report.board import row_kinds
-from bench.report.index import index_html, run_groups
-from bench.report.run_board import NamedRun, method_names
+from bench.report.index import NamedRun, index_html, method_names, run_groups, write_index
 
 CHAIRS = [f"chair/{i:02d}" for i in range(12)]
 METHODS = ["splat", "pc2pix", "pc2pix@all", "surface-apss", "true-mesh", "blank"]
@@ -37,14 +35,14 @@ def named(*runs: Path) -> list[NamedRun]:
 
 
 def places(board) -> dict[str, int | None]:
-    return {row.name: row.place for row in board.rows}
+    return {row["name"]: row["place"] for row in board["rows"]}
 
 
 def cells(board, method: str) -> list[str]:
-    (row,) = (row for row in board.rows if row.name == method)
+    (row,) = (row for row in board["rows"] if row["name"] == method)
     return [
         " ".join(filter(None, (cell.text, cell.letters, cell.beneath, cell.caveat)))
-        for cell in row.cells
+        for cell in row["cells"]
     ]
 
 
@@ -57,14 +55,14 @@ def chairs(tmp_path_factory):
 def test_a_board_has_a_group_for_each_run_and_the_mean_of_places(chairs, tmp_path):
     few = write_scores(tmp_path / "few", {"splat": 0.9, "pc2pix": 0.5, "blank": 0.1}, **FEW)
     (group,) = run_groups(named(chairs, few))
-    board = group.board
-    assert group.title == "procedural, against the true mesh in its colours"
-    assert [(g.name, g.about, g.link) for g in board.groups] == [
+    board = group["board"]
+    assert group["title"] == "procedural, against the true mesh in its colours"
+    assert [(g.name, g.about, g.link) for _, g in board["groups"]] == [
         ("chairs", "mean over 2 conditions", "chairs/report.html"),
         ("few", "2,048 points", "few/report.html"),
         ("", "", ""),
     ]
-    names = [column.name for g in board.groups for column in g.columns]
+    names = [column.name for _, g in board["groups"] for column in g.columns]
     assert names == [*("ssim-object", "lpips", "2 views (ms)") * 2, "mean place", "trained on"]
     # Each is the better one in one of the runs; the others have not met them in both.
     assert places(board) == {
@@ -75,13 +73,15 @@ def test_a_board_has_a_group_for_each_run_and_the_mean_of_places(chairs, tmp_pat
     assert cells(board, "pc2pix") == [".900 a", ".100 a", "500", *few_cells, "1.5", "chairs"]
     assert cells(board, "pc2pix@all")[3:7] == ["–"] * 4
     assert cells(board, "true-mesh") == ["1.000", ".000", *["–"] * 6]  # neither letters nor cost
-    assert "few has no letters: too few objects to decide: at least 8." in board.notes
-    assert "No place, as they do not have every value: pc2pix@all, surface-apss." in board.notes
+    assert "few has no letters: too few objects to decide: at least 8." in board["notes"]
+    assert "No place, as they do not have every value: pc2pix@all, surface-apss." in board["notes"]
 
 
 def test_values_say_who_is_not_shown_to_differ_and_what_is_worse_than_blank(chairs):
     (group,) = run_groups(named(chairs))
-    by_method = {row.name: cells(group.board, row.name)[0] for row in group.board.rows}
+    by_method = {
+        row["name"]: cells(group["board"], row["name"])[0] for row in group["board"]["rows"]
+    }
     assert by_method["pc2pix"] == ".900 a"
     assert by_method["pc2pix@all"] == ".800 b"
     assert re.fullmatch(r"(≈\.20?|\.200) d worse than blank", by_method["surface-apss"])
@@ -96,15 +96,18 @@ def test_runs_of_other_data_or_truth_are_never_ranked_together(tmp_path, other):
         tmp_path / "two", {"splat": 0.3, "pc2pix": 0.4, "blank": 0.1}, **FEW, **other
     )
     groups = run_groups(named(one, two))
-    assert [[card.name for card in group.cards] for group in groups] == [["one"], ["two"]]
-    assert [places(group.board) for group in groups] == [
+    assert [[card["name"] for card in group["cards"]] for group in groups] == [["one"], ["two"]]
+    assert [places(group["board"]) for group in groups] == [
         {"splat": 1, "pc2pix": 2, "blank": None},
         {"pc2pix": 1, "splat": 2, "blank": None},
     ]
-    assert [[g.name for g in group.board.groups] for group in groups] == [["one", ""], ["two", ""]]
+    assert [[g.name for _, g in group["board"]["groups"]] for group in groups] == [
+        ["one", ""],
+        ["two", ""],
+    ]
     html = index_html(named(one, two))
     assert html.count('<table class="board">') == 2
-    assert unescape(html).count(f">{groups[1].title}</h2>") == 1
+    assert unescape(html).count(f">{groups[1]['title']}</h2>") == 1
 
 
 def test_failed_images_are_counted_and_scored_as_blank(tmp_path):
@@ -120,8 +123,8 @@ def test_failed_images_are_counted_and_scored_as_blank(tmp_path):
         ],
     )
     (group,) = run_groups(named(run))
-    assert cells(group.board, "splat")[0].endswith(" 2 of 4 failed")
-    assert ("failed", "2 of 12 images") in group.cards[0].facts
+    assert cells(group["board"], "splat")[0].endswith(" 2 of 4 failed")
+    assert ("failed", "2 of 12 images") in group["cards"][0]["facts"]
 
 
 def test_what_a_run_does_not_have_is_named(tmp_path):
@@ -130,21 +133,23 @@ def test_what_a_run_does_not_have_is_named(tmp_path):
     failed = write_run(tmp_path / "failed", **FEW)
     write_all(failed, [make_failed(r.method, r.condition, r.object, r.view) for r in read_all(run)])
     (group,) = run_groups(named(run, failed))
-    assert [card.name for card in group.cards] == ["run", "failed"]
-    notes = " ".join(group.board.notes)
+    assert [card["name"] for card in group["cards"]] == ["run", "failed"]
+    notes = " ".join(group["board"]["notes"])
     assert "run has no lpips: " in notes
     assert "failed has no scored image." in notes
-    assert [g.name for g in group.board.groups] == ["run", ""]
-    assert sorted(filter(None, places(group.board).values())) == [1, 2]  # of the run with values
-    assert run_groups(named(failed))[0].board is None
+    assert [g.name for _, g in group["board"]["groups"]] == ["run", ""]
+    assert sorted(filter(None, places(group["board"]).values())) == [1, 2]  # of the run with values
+    assert run_groups(named(failed))[0]["board"] is None
     assert '<table class="board">' not in index_html(named(failed))
 
 
 def test_one_method_has_no_place(tmp_path):
     run = write_run(tmp_path / "run", **FEW | {"methods": ["splat", "blank"]})
     (group,) = run_groups(named(run))
-    assert places(group.board) == {"splat": None, "blank": None}
-    assert "No places: fewer than two methods have values in every column." in group.board.notes
+    assert places(group["board"]) == {"splat": None, "blank": None}
+    assert (
+        "No places: fewer than two methods have values in every column." in group["board"]["notes"]
+    )
 
 
 def test_other_weights_of_an_id_are_another_method(tmp_path):
@@ -156,7 +161,7 @@ def test_other_weights_of_an_id_are_another_method(tmp_path):
     one = write_run(tmp_path / "one", **FEW, **drawn_with("1" * 64, "1.17.1"))
     two = write_run(tmp_path / "two", **FEW, **drawn_with("2" * 64, "1.18.0"), seed=1)
     (group,) = run_groups(named(one, two))
-    assert [*places(group.board)] == [
+    assert [*places(group["board"])] == [
         *("splat", "pc2pix (weights 1111111)", "pc2pix (weights 2222222)", "blank")
     ]
 
@@ -179,25 +184,9 @@ def test_methods_are_told_apart_by_what_differs():
     assert len(set(long)) == 2  # although they begin alike
 
 
-def test_the_best_of_a_family_stands_for_it_where_its_plain_method_is_missing():
-    ranked = [
-        *("splat-net@tiny", "splat-net@grey", "pc2pix@all", "pc2pix"),
-        *("splat-net@chair", "blank"),
-    ]
-    assert row_kinds(ranked, {name: name for name in ranked}, {"splat-net@grey"}) == {
-        "splat-net@tiny": "",
-        "splat-net@grey": "",
-        "pc2pix@all": "variant",
-        "pc2pix": "",
-        "splat-net@chair": "variant",
-        "blank": "reference",
-    }
-
-
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
     """Two runs with their reports and the index, in the folder that they are in."""
-    from bench.report.index import write_index
 
     root = tmp_path_factory.mktemp("runs")
     runs = [write_run(root / "a & b", **FEW), write_run(root / "ラン #2", **FEW, seed=1)]

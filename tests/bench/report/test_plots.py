@@ -1,7 +1,8 @@
-"""The report's plots: what they show, say and let the page hide."""
+"""Plots: what they show and say, and how the page takes them in."""
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import replace
 from importlib import resources
@@ -13,16 +14,31 @@ import pytest
 from report_parser import parse
 
 from bench.analysis.comparison import NAN, Comparison, Estimate, Quality
+from bench.analysis.condition_sweep import ConditionCurve
+from bench.analysis.frontier import places
 from bench.analysis.paired import Verdicts
 from bench.analysis.scores import QualityRow
+from bench.catalogue.conditions import FAMILIES
 from bench.catalogue.metrics import higher_is_better
 from bench.catalogue.suites import TableSpec
-from bench.report.pareto import cost_plots
-from bench.report.robustness import curve_panels, curves, robustness_figure
+from bench.report.inline import inline
+from bench.report.run_figures import (
+    cost_figures,
+    described,
+    differences_figure,
+    family_figure,
+    family_panels,
+    quality_figure,
+    quality_panels,
+    write_frontier,
+)
 from bench.report.styles import PAPER, method_styles
 from bench.tables.frontier import cost_grid
 from bench.tables.markdown import visible
 from bench.tables.quality import quality_table
+
+from ..differences import make_difference, make_differences
+from ..tables.test_frontier import place
 
 METHODS = ("surface-apss", "splat", "true-mesh", "blank")
 
@@ -32,46 +48,90 @@ def row(method, condition, value, metric="ssim", class_name="chair", low=0.0, hi
     return QualityRow("s", *at, value, low, high, 2, 2, NAN, value, "")
 
 
-def table(*rows):
-    return quality_table(TableSpec("images", "t", "T"), rows)
+def panels_of(*rows):
+    return list(quality_panels([quality_table(TableSpec("images", "t", "T"), rows)]).values())
 
 
-def drawn_svg(plot):
-    return parse(f"<svg>{plot.svg.inside}</svg>")
+def drawn(*rows, styles=METHODS):
+    figure = quality_figure(panels_of(*rows), method_styles(styles))
+    figure.draw_without_rendering()
+    return figure
 
 
-def titles(plot):
-    return [title.text for title in drawn_svg(plot).all("title")]
+def line_of(axis, method):
+    (line, *_) = [line for line in axis.lines if line.get_label() == method]
+    return line
+
+
+def intervals_of(axis, method):
+    """(low, high) of the intervals of a method, which are in its colour."""
+    hue = mpl.colors.to_rgba(line_of(axis, method).get_color())
+    bars = [bars for bars in axis.collections if (bars.get_edgecolor() == hue).all()]
+    segments = [s for b in bars if hasattr(b, "get_segments") for s in b.get_segments()]
+    return [tuple(s[:, 1].tolist()) for s in segments if len(s) == 2]
+
+
+def shaded(axis):
+    """(low, high) of what is worse than a white image."""
+    (band,) = [p for p in axis.patches if p.get_label() == "worse than a white image"]
+    return sorted((band.get_y(), band.get_y() + band.get_height()))
 
 
 def test_curves_show_values_and_intervals():
     values = {
         ("splat", "2048"): (0.8, 0.7, 0.9), ("splat", "512"): (0.5, 0.45, 0.55),
+        ("splat", "noise-0.05"): (0.3, 0.2, 0.4),
         ("surface-apss", "2048"): (0.7, 0.7, 0.7), ("surface-apss", "512"): (0.4, 0.4, 0.4),
         ("true-mesh", "2048"): (1.0, 1.0, 1.0), ("true-mesh", "512"): (1.0, 1.0, 1.0),
         ("blank", "2048"): (0.6, 0.55, 0.65), ("blank", "512"): (0.6, 0.55, 0.65),
     }  # fmt: skip
     rows = [row(*at, v, low=low, high=high) for at, (v, low, high) in values.items()]
-    tables, looked = [table(*rows)], method_styles(METHODS)
-    (plot,) = curves(curve_panels(tables), looked)
-    assert titles(plot) == [
-        "splat, 2048, chair: 0.800 [0.700, 0.900]",
-        "splat, 512, chair: 0.500 [0.450, 0.550]",
-        "surface-apss, 2048, chair: ≈0.70 [0.70, 0.70]",
-        "surface-apss, 512, chair: ≈0.40 [0.40, 0.40]",
+    (axis,) = drawn(*rows).axes
+    assert axis.get_title() == "ssim (higher is better)"
+    # Noise after fewer points lies beyond a gap, which no line crosses.
+    assert line_of(axis, "splat").get_ydata().tolist() == [0.8, 0.5]
+    assert intervals_of(axis, "splat") == [(0.7, 0.9), (0.45, 0.55), (0.2, 0.4)]
+    assert [text.get_text() for text in axis.get_xticklabels()] == ["2,048", "512", "5 %"]
+    assert [t.get_text() for t in axis.get_xticklabels(minor=True)] == ["points", "noise"]
+    (names,) = axis.figure.legends
+    assert [text.get_text() for text in names.get_texts()] == [
+        *("splat", "surface-apss", "blank", "worse than a white image"),
     ]
-    assert "splat: 2048 0.800, 512 0.500." in plot.description
+    assert described(panels_of(*rows)[0]) == (
+        "splat: 2048 0.800, 512 0.500, noise-0.05 0.300. "
+        "surface-apss: 2048 ≈0.70, 512 ≈0.40. blank: 2048 0.600, 512 0.600."
+    )
 
 
 @pytest.mark.parametrize(("metric", "blank"), [("ssim", 0.6), ("lpips", 0.6), ("fd-views", 150.0)])
-def test_what_is_worse_than_a_white_image_is_shaded(metric, blank):
+def test_better_is_up_and_what_is_worse_than_a_white_image_is_shaded(metric, blank):
     rows = [row("splat", "2048", blank / 2, metric), row("blank", "2048", blank, metric)]
-    (axis,) = robustness_figure(curve_panels([table(*rows)]), method_styles(METHODS)).figure.axes
-    (band,) = axis.patches
-    ends = sorted((band.get_y(), band.get_y() + band.get_height()))
-    low, high = axis.get_ylim()
-    expected = (low, blank) if higher_is_better(metric) else (blank, high)
-    assert ends == pytest.approx(expected)
+    (axis,) = drawn(*rows).axes
+    bottom, top = axis.get_ylim()
+    assert (bottom < top) == higher_is_better(metric)
+    assert shaded(axis) == pytest.approx(sorted((bottom, blank)))
+
+
+def test_several_classes_stand_side_by_side_each_above_its_own_white_image():
+    values = (("splat", "a", 0.5), ("splat", "b", 0.6), ("blank", "a", 0.2), ("blank", "b", 0.4))
+    rows = [row(method, "2048", v, class_name=name) for method, name, v in values]
+    (axis,) = drawn(*rows).axes
+    assert axis.get_title() == "ssim (higher is better), 2,048 points"
+    assert [text.get_text() for text in axis.get_xticklabels()] == ["a", "b"]
+    assert line_of(axis, "splat").get_linestyle() == "None"  # classes have no order
+    (level,) = (c for c in axis.collections if c.get_label() == "worse than a white image")
+    tops = {y for _, y in level.get_paths()[0].vertices if y != axis.get_ylim()[0]}
+    assert tops == {0.2, 0.4}
+
+
+def test_a_point_without_failed_images_is_hollow_and_says_of_how_many_it_is():
+    failed = replace(row("splat", "512", 0.5), n_ok=1, n=4, failures_as_blank=0.45)
+    rows = (row("splat", "2048", 0.8), failed, row("blank", "2048", 0.4))
+    (axis,) = drawn(*rows).axes
+    outlines = [line for line in axis.lines if line.get_markerfacecolor() == PAPER]
+    assert [y for line in outlines for y in line.get_ydata()] == [0.5]
+    assert axis.get_xlabel() == "hollow: failed images are left out"
+    assert "splat: 2048 0.800, 512 0.500 (1 of 4 images)." in described(panels_of(*rows)[0])
 
 
 def test_colours_differ_for_the_colour_blind():
@@ -112,66 +172,111 @@ def lab(rgb):
     return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
 
 
-def test_the_page_can_hide_the_parts_of_a_plot():
-    rows = [row(m, c, 0.5) for m in ("splat", "blank") for c in ("2048", "512")]
-    (plot,) = curves(curve_panels([table(*rows)]), method_styles(METHODS))
-    svg = drawn_svg(plot)
-    series = svg.all("g", data_item="series")
-    assert [g.attributes["data-method"] for g in series] == ["splat", "splat", "blank"]
-    points = [g for g in svg.all("g", data_method="splat") if g.all("title")]
-    assert [g.attributes["data-condition"] for g in points] == ["2048", "512"]
-    assert all("data-method" in g.attributes or not g.all("title") for g in svg.all("g"))
-
-
 def test_plots_take_their_colours_from_the_page_and_share_no_id():
-    rows = [row(m, "2048", v, metric) for m, v in (("splat", 0.5), ("blank", 0.4))
-            for metric in ("ssim", "fd-views")]  # fmt: skip
-    first, second = curves(curve_panels([table(*rows)]), method_styles(METHODS))
-    for plot in (first, second):
-        assert "style=" not in plot.svg.inside
-        colours = {
-            element.attributes[name]
-            for element in drawn_svg(plot).all()
-            for name in ("fill", "stroke")
-            if name in element.attributes
-        }
-        assert all(c in ("none", "currentColor") or c.startswith("var(--") for c in colours)
-    ids, others = (
-        {e.attributes["id"] for e in drawn_svg(plot).all() if "id" in e.attributes}
-        for plot in (first, second)
-    )
+    rows = [row(m, "2048", v) for m, v in (("splat", 0.5), ("blank", 0.4))]
+    first, second = (inline(drawn(*rows), name, "words") for name in ("one", "two"))
+    svg = parse(first)
+    assert "style=" not in first
+    colours = {e.attributes[k] for e in svg.all() for k in ("fill", "stroke") if k in e.attributes}
+    assert all(c in ("none", "currentColor") or c.startswith("var(--") for c in colours)
+    ids, others = ({e.attributes["id"] for e in parse(of).all() if "id" in e.attributes}
+                   for of in (first, second))  # fmt: skip
     assert ids
     assert not ids & others
-    referred = set(re.findall(r"#([\w.-]+)", first.svg.inside))
-    assert referred == ids
+    assert set(re.findall(r"#([\w.-]+)", first)) <= ids
+    assert svg.one("desc", id="one-description").text == "words"
 
 
 def test_names_of_methods_and_classes_are_only_text():
     hostile = "<script>alert(1)</script>\"'&{{ 7 }}$x$\u202e\x07"
     rows = [row(m, "2048", 0.5, class_name=k) for m in ("splat", hostile) for k in ("a", hostile)]
-    (plot,) = curves(curve_panels([table(*rows)]), method_styles(["splat", hostile]))
-    assert "<script" not in plot.svg.inside
-    assert not re.search("[\u202e\x07]", plot.svg.inside)
-    shown = [text.text for text in drawn_svg(plot).all("text")]
-    assert visible(hostile) in shown  # of the class
+    text = inline(drawn(*rows, styles=["splat", hostile]), "name", hostile)
+    assert "<script" not in text
+    assert not re.search("[\u202e\x07]", text)
+    assert visible(hostile) in [element.text for element in parse(text).all("text")]  # a class
 
 
-def test_a_point_without_failed_images_is_hollow_and_says_what_it_is_with_them():
-    failed = replace(row("splat", "512", 0.5), n_ok=1, n=4, failures_as_blank=0.45)
-    tables = [table(row("splat", "2048", 0.8), failed, row("blank", "2048", 0.4))]
-    (axis,) = robustness_figure(curve_panels(tables), method_styles(METHODS)).figure.axes
-    faces = {
-        line.get_ydata()[0]: line.get_markerfacecolor()
-        for line in axis.lines
-        if len(line.get_xdata()) == 1 and line.get_marker() not in ("", "None")
+SHOWN = (  # method, cost, value, verdict
+    ("surface-apss@resolution=25", 20, 0.60, "dominated"),
+    ("surface-apss@resolution=50", 100, 0.70, "dominated"),
+    ("surface-apss", 400, 0.80, "frontier"),
+    ("surface-apss@resolution=300", 800, 0.78, "dominated"),
+    ("pc2pix@acgan", 40, 0.75, "frontier"),
+    ("pc2pix", 80, 0.75, "tied"),
+    ("pc2pix@paper", 90, 0.75, "tied"),
+    ("pc2pix@all", 95, 0.75, "tied"),
+    ("splat", 10, 0.50, "frontier"),
+    ("true-mesh", 30, 1.00, "reference"),
+    ("constant", 1, 0.70, "reference"),
+    ("blank", 1, 0.65, "reference"),
+)
+
+
+def placed(metric="ssim", views=20):
+    made = []
+    for method, cost, value, verdict in SHOWN:
+        shown = value if metric == "ssim" else 100 * (1.1 - value)
+        estimates = {
+            "cost_ms": Estimate(cost, 0.9 * cost, 1.1 * cost),
+            "quality": Estimate(shown, 0.95 * shown, 1.05 * shown),
+        }
+        made.append(place(method, metric, verdict, views=views, **estimates))
+    return made
+
+
+def frontier_axis(points):
+    ((figure, _),) = cost_figures(points, method_styles(p.method for p in points)).values()
+    (axis,) = figure.axes
+    return axis
+
+
+def test_a_parameter_is_a_line_and_the_frontier_a_step_to_the_edge():
+    axis = frontier_axis(placed())
+    swept = [[20, 0.6], [100, 0.7], [400, 0.8], [800, 0.78]]
+    assert swept in [line.get_xydata().tolist() for line in axis.lines]
+    steps = line_of(axis, "frontier")
+    right = axis.get_xlim()[1]
+    assert steps.get_xydata().tolist() == [[10, 0.5], [40, 0.75], [400, 0.8], [right, 0.8]]
+    assert steps.get_drawstyle() == "steps-post"
+    for label, value in (("constant", 0.7), ("blank", 0.65)):
+        assert line_of(axis, label).get_ydata() == [value, value]
+    drawn = np.concatenate([np.atleast_1d(line.get_ydata()) for line in axis.lines])
+    assert drawn.max() < 0.9  # the ceiling is not drawn
+
+
+def test_names_stand_beside_points_where_they_cover_nothing_and_all_in_the_legend():
+    axis = frontier_axis(placed())
+    boxes = [text.get_window_extent() for text in axis.texts]
+    assert not any(a.overlaps(b) for a, b in combinations(boxes, 2))
+    assert {"splat", "surface-apss"} <= {text.get_text() for text in axis.texts}
+    (names,) = axis.figure.legends
+    legend = {text.get_text() for text in names.get_texts()}
+    assert {m for m, *_ in SHOWN if "=" not in m and m != "true-mesh"} < legend
+    assert not any("=" in name for name in legend)
+
+
+def test_what_is_below_a_white_image_is_hollow():
+    below = place("splat", verdict="below a white image", quality=Estimate(0.5, 0.4, 0.6))
+    axis = frontier_axis([*placed()[:8], below])
+    outlines = [line.get_ydata() for line in axis.lines if line.get_markerfacecolor() == PAPER]
+    assert [y[0] for y in outlines if len(y) == 1] == [0.5]
+    assert line_of(axis, "frontier").get_xydata()[0].tolist() == [40, 0.75]
+
+
+def test_the_files_of_frontiers(tmp_path):
+    axis = frontier_axis(placed("fd-views"))
+    assert axis.get_yscale() == "log"
+    assert axis.get_ylabel() == "fd-views (lower is better)"
+    failed, none = Estimate(NAN, NAN, NAN), Estimate(0.0, 0.0, 0.0)  # 0 has no place
+    lost = [place(m, "structure", "no value", quality=failed) for m in ("splat", "pc2pix")]
+    lost.append(place("splat", "fd-views", quality=none))
+    write_frontier(tmp_path / "figures", [*placed(), *placed("fd-views"), *lost])
+    heads = {path.name: path.read_bytes()[:4] for path in (tmp_path / "figures").iterdir()}
+    assert heads == {
+        f"{name}.{kind}": head
+        for name in ("frontier", "frontier-fd-views")
+        for kind, head in (("png", b"\x89PNG"), ("svg", b"<?xm"))
     }
-    hue = method_styles(METHODS)["splat"].colour
-    assert faces == {0.8: hue, 0.5: PAPER}
-    assert axis.get_xlabel() == "hollow: failed images are left out"
-    (plot,) = curves(curve_panels(tables), method_styles(METHODS))
-    text = "splat, 512, chair: 0.500 [0.000, 1.000]; 1 of 4 images, 0.450 with blank ones for the "
-    assert text + "others" in titles(plot)
-    assert "splat: 2048 0.800, 512 (1 of 4) 0.500." in plot.description
 
 
 def comparison(costs, values):
@@ -191,18 +296,9 @@ COSTS = {"splat": (0.0, 0.005), "surface-apss": (0.8, 0.1), "true-mesh": (0, 0.0
 QUALITIES = {"splat": 0.6, "surface-apss": 0.8, "true-mesh": 1.0, "blank": 0.5}
 
 
-def test_costs_stand_beside_their_methods():
-    made = [comparison(COSTS, QUALITIES)]
-    (first,) = cost_plots(made, ["ssim"], 2, method_styles(METHODS), Verdicts([], made))
-    svg = drawn_svg(first)
-    series = [g.attributes["data-method"] for g in svg.all("g", class_="series")]
-    assert sorted(series) == ["blank", "splat", "surface-apss"]
-    assert titles(first) == [
-        "splat: 10.0 ms, 0.600, on the frontier",
-        "surface-apss: 1000 ms, ≈0.80, on the frontier",
-        "blank: 0.500, looks at no cloud",
-    ]
-    assert first.title == "ssim: 2,048 points, chair"
+def costs_of(made):
+    points = places(made, ["ssim"], 2, Verdicts([], [made]))
+    return cost_figures(points, method_styles(METHODS))
 
 
 @pytest.mark.parametrize(
@@ -235,8 +331,8 @@ def test_costs_stand_beside_their_methods():
 def test_costs_say_who_is_at_the_frontier_and_of_how_many_images(values, images, said, marked, gap):
     made = comparison(COSTS, values)
     made = replace(made, images=made.images | {"splat": images})
-    (plot,) = cost_plots([made], ["ssim"], 2, method_styles(METHODS), Verdicts([], [made]))
-    assert titles(plot)[0] == said
+    ((_, words),) = costs_of(made).values()
+    assert words.startswith(f"2,048 points: {said}; surface-apss: 1000 ms, ≈0.")
     table = cost_grid([made], "ssim", 2, Verdicts([], [made]))
     assert table is not None
     assert {line.name for line in table.lines if line.cells[0].mark == "frontier"} == marked
@@ -249,7 +345,81 @@ def test_costs_say_who_is_at_the_frontier_and_of_how_many_images(values, images,
 
 
 def test_without_times_there_is_no_cost():
-    nothing = dict.fromkeys(METHODS, (np.nan, np.nan))
-    made = [comparison(nothing, QUALITIES)]
-    assert cost_plots(made, ["ssim"], 2, method_styles(METHODS), Verdicts([], made)) == ()
-    assert cost_grid(made, "ssim", 2, Verdicts([], made)) is None
+    made = comparison(dict.fromkeys(METHODS, (np.nan, np.nan)), QUALITIES)
+    assert costs_of(made) == {}
+    assert cost_grid([made], "ssim", 2, Verdicts([], [made])) is None
+
+
+IN_FAMILIES = ("surface-apss", "splat-net@chair", "pc2pix", "true-mesh", "constant", "blank")
+
+
+def value(method, metric, step):
+    falls = 0.9 - 0.1 * IN_FAMILIES.index(method) - 0.05 * step
+    return falls if metric == "ssim" else 100 * (1 - falls)
+
+
+def family_axes(*metrics):
+    curves = []
+    for family in FAMILIES:
+        for metric in metrics:
+            for method in IN_FAMILIES:
+                values = [value(method, metric, i) for i in range(len(family.steps))]
+                estimates = tuple(Estimate(v, v - 0.02, v + 0.03) for v in values)
+                curves.append(ConditionCurve("chair", family, metric, method, estimates))
+    return family_figure(family_panels(curves), method_styles(IN_FAMILIES)).axes
+
+
+def test_lines_along_families_are_the_values_and_their_intervals():
+    axes = family_axes("ssim", "fd-views")
+    assert [axis.get_title() for axis in axes[:2]] == ["points", "noise"]
+    for metric, of_metric in (("ssim", axes[:5]), ("fd-views", axes[5:])):
+        assert of_metric[0].get_ylabel().startswith(metric)
+        for axis, family in zip(of_metric, FAMILIES, strict=True):
+            at = [math.log2(v) if family.logarithmic else v for v in family.values]
+            for method in ("surface-apss", "splat-net@chair", "pc2pix"):
+                x, y = line_of(axis, method).get_xydata().T
+                assert x.tolist() == at
+                expected = [value(method, metric, i) for i in range(len(at))]
+                assert y.tolist() == pytest.approx(expected)
+            assert not any(line.get_label() == "true-mesh" for line in axis.lines)
+    middle = value("pc2pix", "ssim", 1)
+    assert intervals_of(axes[0], "pc2pix")[1] == pytest.approx((middle - 0.02, middle + 0.03))
+
+
+def test_bands_are_what_networks_were_shown():
+    def bands(axis):
+        by_name = {patch.get_label().split()[0]: patch for patch in axis.patches}
+        shown = [by_name[name] for name in ("splat-net@chair", "pc2pix")]
+        return tuple((patch.get_x(), patch.get_x() + patch.get_width()) for patch in shown)
+
+    points, noise, outliers, *_ = family_axes("ssim")
+    # room of 0.03 of the axis goes to bands that reach its first step, or are one value
+    assert bands(points) == (pytest.approx((9, 11.12)), pytest.approx((8, 11.12)))
+    assert bands(noise) == (pytest.approx((-0.006, 0.12)), pytest.approx((-0.006, 0.1)))
+    assert bands(outliers)[0] == pytest.approx((-0.003, 0.003))
+
+
+def test_steps_without_value_or_interval():
+    nan = float("nan")
+    estimates = (Estimate(0.9, nan, nan), Estimate(nan, nan, nan), *[Estimate(0.5, 0.4, 0.6)] * 3)
+    curve = ConditionCurve("chair", FAMILIES[1], "ssim", "splat", estimates)
+    (axis,) = family_figure(family_panels([curve]), method_styles(["splat"])).axes
+    missing = [False, True, False, False, False]
+    assert np.isnan(line_of(axis, "splat").get_ydata()).tolist() == missing
+    assert intervals_of(axis, "splat") == [(0.4, 0.6)] * 3
+
+
+@pytest.mark.parametrize(("metric", "better"), [("ssim-object", 0.1), ("lpips", -0.1)])
+def test_better_is_to_the_right_on_every_axis(metric, better):
+    rows = [make_difference(metric, "2048", better), make_difference(metric, "512", -better)]
+    figure = differences_figure(make_differences(rows))
+    assert figure is not None
+    (axis,) = figure.axes
+    to_screen = axis.transData.transform
+    assert to_screen((better, 0))[0] > to_screen((0, 0))[0] > to_screen((-better, 0))[0]
+    drawn = [x for line in axis.lines[:-1] for x in line.get_xdata()]
+    assert sorted(drawn) == pytest.approx([-0.1, 0.1])
+
+
+def test_without_a_difference_there_is_no_figure():
+    assert differences_figure(make_differences([make_difference("lpips", "512", NAN)])) is None

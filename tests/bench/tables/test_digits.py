@@ -14,7 +14,8 @@ from bench.analysis.scores import QualityRow
 from bench.catalogue.suites import TableSpec
 from bench.report.build import read_page
 from bench.report.headline import compact_table
-from bench.report.page import TableGroup, html
+from bench.report.page import rendered
+from bench.report.run_figures import quality_frame
 from bench.tables.build import make_outputs
 from bench.tables.differences import comparison_lines, difference_cell
 from bench.tables.frontier import frontier_table
@@ -103,12 +104,12 @@ def test_a_terminal_says_what_the_mark_means():
 
 def test_the_page_has_mark_meaning_and_a_number_to_sort_by(tmp_path):
     run = write_run(tmp_path / "run", methods=["splat", "blank"])
-    group = TableGroup("t", "", (grid_of(ROWS),))
-    page = read_page(make_outputs(read_run(run)))
-    page = replace(page, tables=(group,), headline=compact_table(ROWS))
-    document = parse(html(page))
-    headline, table = document.all("table", class_="numbers compact"), document.all("table")
-    table = next(t for t in table if "data-group" not in t.attributes and t not in headline)
+    shown = {"tables": [("t", "", [grid_of(ROWS)], True)]}
+    shown["headline"] = compact_table(quality_frame(ROWS))
+    page = read_page(make_outputs(read_run(run))) | shown
+    document = parse(rendered("report.html.jinja", **page))
+    headline, table = (document.all("table", class_=f"numbers{k}") for k in (" compact", ""))
+    table = table[0]
     (coarse,) = [cell for cell in table.all("td") if "≈" in cell.text]
     assert coarse.attributes["data-value"] == "0.776400"
     (value,) = coarse.all("span", class_="value")
@@ -116,21 +117,21 @@ def test_the_page_has_mark_meaning_and_a_number_to_sort_by(tmp_path):
     assert [item.text for item in document.all("li") if "≈" in item.text] == [FEWER]
     (in_headline,) = [span for span in headline[0].all("span", class_="value") if "≈" in span.text]
     assert in_headline.text == "≈0.78"
-    key = document.one("p", class_="key").text
+    key = document.all("p", class_="how")[0].text
     assert f"{FEWER}." in key
 
 
 def test_the_headline_marks_the_best_in_the_digits_that_both_have():
-    made = compact_table([*ROWS, row("blank", 0.5)])
-    cells = {method: cells[0] for method, _, _, cells in made.lines}
-    assert {method: cell.best for method, cell in cells.items()} == {
+    made = compact_table(quality_frame([*ROWS, row("blank", 0.5)]))
+    cells = {method: cells[0] for method, _, cells in made["lines"]}
+    assert {method: cell["best"] for method, cell in cells.items()} == {
         "surface-apss": True, "splat": True, "pc2pix": False, "blank": False,
     }  # fmt: skip
-    assert made.coarse
-    assert not compact_table(ROWS[1:]).coarse
+    assert made["coarse"]
+    assert not compact_table(quality_frame(ROWS[1:]))["coarse"]
     # 0.60 against 0.60: so many digits do not show it to be worse than a white image
-    coarse = compact_table([row("surface-apss", 0.5977), row("blank", 0.6)])
-    assert not any(cell.below for _, _, _, cells in coarse.lines for cell in cells)
+    coarse = compact_table(quality_frame([row("surface-apss", 0.5977), row("blank", 0.6)]))
+    assert not any(cell["below"] for _, _, cells in coarse["lines"] for cell in cells)
 
 
 def test_the_papers_layout_has_them_too():

@@ -1,0 +1,395 @@
+"""The figures of a run: the rows of its tables as frames, and the files that are drawn of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from bench.analysis.comparison import milliseconds
+from bench.analysis.condition_sweep import ConditionCurve, place_of
+from bench.analysis.frontier import FrontierPoint
+from bench.analysis.paper import PAPER_METRIC, PAPER_NETWORK, SURFACE, Published, network_of
+from bench.analysis.run_pairs import Differences
+from bench.analysis.scores import QualityRow
+from bench.catalogue.conditions import Family, condition_name, condition_words, places
+from bench.catalogue.methods import COST_VARIANTS, find_setting, role
+from bench.catalogue.metrics import FURTHER_METRICS, IMAGE_METRICS, higher_is_better, is_mean
+from bench.records.artifacts import JobName
+from bench.records.record import GROUND_TRUTH
+from bench.records.stored_artifacts import Artifact
+from bench.report.figure import FIGURES, TEXT, save
+from bench.report.plots import (
+    Styles,
+    SweepPanel,
+    axis_title,
+    dots_figure,
+    frontier_figure,
+    sweep_figure,
+)
+from bench.report.sheets import write_classes, write_images, write_thin_parts
+from bench.report.styles import HUES, SOFT, MethodStyle, method_styles
+from bench.tables.grid import measured, ordered, records, scored_as_blank
+from bench.tables.markdown import visible
+from bench.tables.quality import quality_cell
+from bench.tables.table import Table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+# The headline first; SSIM as the paper has it, which likes a white image, is one among the others.
+METRICS = (
+    *("ssim-object", "lpips", "silhouette-iou", "fd-views"),
+    *("structure", "ssim", "fd-alexnet", "fid"),
+    *FURTHER_METRICS,
+)
+MOST_STEPS = 8  # conditions or classes beside each other in a panel of half the width
+DODGE = 0.44  # of a step, that the methods of one condition take side by side
+PAD = 0.03  # of an axis: the room of a band beyond its first and last step
+OBJECTS_BEYOND = 2
+AHEAD = {  # styles of differences
+    "b": ("better", MethodStyle(HUES[0], "o", "-")),
+    "a": ("worse", MethodStyle(HUES[1], "s", "-")),
+    "tie": ("not decided", MethodStyle(SOFT, "o", "-", "left")),
+    "unknown": ("too few objects", MethodStyle(SOFT, "X", "-")),
+}
+
+
+def quality_frame(rows: Iterable[QualityRow]) -> pd.DataFrame:
+    """Return the rows of a table of quality, with `text`, the value and its interval as printed."""
+    values = [
+        (
+            *(row.method, row.measured_method, row.condition, row.class_name, row.metric),
+            *(row.value, row.ci_low, row.ci_high, row.failures_as_blank, row.n_ok, row.n),
+            *(row.failed, row.skipped, row.note),
+            quality_cell(row).text + f" ({row.n_ok} of {row.n} images)" * row.failed,
+        )
+        for row in rows
+    ]
+    names = ("method", "measured", "condition", "class", "metric", "value", "low", "high")
+    names += ("as_blank", "n_ok", "n", "failed", "skipped", "note", "text")
+    return pd.DataFrame(values, columns=names)
+
+
+def quality_panels(tables: Sequence[Table[QualityRow]]) -> dict[tuple[str, str], SweepPanel]:
+    """Return a panel for each metric with values, and for each class, or condition of several.
+
+    The ceiling, settings of a parameter, and methods measured for their cost alone are left out.
+    """
+    shown = {}
+    undrawn = [method.id for method in COST_VARIANTS]
+    for metric in METRICS:
+        by_table = [[row for row in table.rows if row.metric == metric] for table in tables]
+        rows = quality_frame(max(by_table, key=len, default=[]))
+        rows = rows[np.isfinite(rows["value"].astype(float))]
+        drawn = [
+            role(m) not in ("ceiling", "chosen") and find_setting(m) is None and m not in undrawn
+            for m in rows["method"]
+        ]
+        rows = rows[np.array(drawn, bool)].assign(hollow=rows["failed"])
+        by_class = rows["class"].nunique() > 1
+        for place, of_place in rows.groupby("condition" if by_class else "class", sort=False):
+            shown[metric, str(place)] = quality_panel(metric, of_place, by_class)
+    return shown
+
+
+def quality_panel(metric: str, rows: pd.DataFrame, by_class: bool) -> SweepPanel:
+    """Return the panel of a metric: by condition, or of several classes at one by class."""
+    step = "class" if by_class else "condition"
+    steps = ordered(rows[step])
+    at = dict(zip(steps, map(float, range(len(steps))) if by_class else places(steps), strict=True))
+    names = {name: condition_name(name) for name in steps}
+    kinds: dict[str, list[float]] = {}
+    for name in () if by_class else steps:
+        kinds.setdefault(names[name].kind, []).append(at[name])
+    hollow = bool(rows["hollow"].any())
+    return SweepPanel(
+        rows.assign(
+            x=rows[step].map(at),
+            kind="" if by_class else rows[step].map(lambda name: names[name].kind),
+        ),
+        title=f"{axis_title(metric)}{f', {condition_words(rows.condition.iloc[0])}' * by_class}",
+        x_label="hollow: failed images are left out" * hollow,
+        ticks={x: name if by_class else names[name].short for name, x in at.items()},
+        kinds={sum(of_kind) / len(of_kind): kind for kind, of_kind in kinds.items()},
+        turned=not higher_is_better(metric),
+        joined=not by_class,
+        y_scale="linear" if is_mean(metric) else "distance",
+    )
+
+
+def quality_figure(shown: Sequence[SweepPanel], styles: Styles, **size: Any) -> Figure:
+    """Return the panels of qualities; those with many steps take the whole width."""
+    if any(len(panel.ticks or ()) > MOST_STEPS for panel in shown):
+        size |= {"columns": 1}
+    figure = sweep_figure(shown, styles, dodge=DODGE, **size)
+    for axis, panel in zip(figure.axes, shown, strict=True):
+        axis.set_xlim(-0.5, max(panel.ticks or (0,)) + 0.5)
+        if len(panel.ticks or ()) > MOST_STEPS:
+            axis.tick_params(axis="x", labelrotation=38)
+    return figure
+
+
+def family_panels(curves: Sequence[ConditionCurve]) -> list[SweepPanel]:
+    """Return a panel for each metric and class (down) and family of conditions (across)."""
+    curves = [curve for curve in curves if role(curve.method) != "ceiling"]
+    several = len({curve.class_name for curve in curves}) > 1
+    families = ordered(curve.family for curve in curves)
+    shown = []
+    for row, (class_name, metric) in enumerate(ordered((c.class_name, c.metric) for c in curves)):
+        title = axis_title(metric) + f", {class_name}" * several
+        for family in families:
+            values = _curve_frame(curves, class_name, metric, family)
+            names = [f"{value:g}" for value in family.values]
+            at = [place_of(value, family) for value in family.values]
+            shown.append(
+                SweepPanel(
+                    values,
+                    title=family.axis.partition(":")[0] * (row == 0),
+                    y_label=title.replace(" (", "\n(") * (family is families[0]),
+                    ticks=dict(zip(at, names, strict=True)),
+                    turned=not higher_is_better(metric),
+                    y_scale="linear" if is_mean(metric) else "distance",
+                    trained=_bands(family, at),
+                )
+            )
+    return shown
+
+
+def _curve_frame(
+    curves: Iterable[ConditionCurve], class_name: str, metric: str, family: Family
+) -> pd.DataFrame:
+    at = [place_of(value, family) for value in family.values]
+    points = [
+        (c.method, x, condition, *estimate, measured(estimate, metric, c.method).text)
+        for c in curves
+        if (c.class_name, c.metric, c.family) == (class_name, metric, family)
+        for x, condition, estimate in zip(at, family.conditions, c.estimates, strict=True)
+    ]
+    columns = ["method", "x", "condition", "value", "low", "high", "text"]
+    return pd.DataFrame(points, columns=columns)
+
+
+def _bands(family: Family, at: Sequence[float]) -> list[tuple[str, float, float]]:
+    """Return where each network was trained; a single value, or the first step, has some width."""
+    pad, least, most = PAD * abs(at[-1] - at[0]), min(at), max(at)
+    bands = []
+    for method, *ends in family.trained:
+        low, high = sorted(place_of(end, family) for end in ends)
+        single = low == high
+        low -= pad * (single or low <= least)
+        bands.append((method, low, high + pad * (single or high >= most)))
+    return bands
+
+
+def family_figure(shown: Sequence[SweepPanel], styles: Styles) -> Figure:
+    """Return metrics along families of conditions: worse clouds to the right."""
+    columns = sum(bool(panel.title) for panel in shown)
+    figure = sweep_figure(shown, styles, columns=columns, panel_in=1.9, sharey="row")
+    for axis, panel in zip(figure.axes, shown, strict=True):
+        at = list(panel.ticks or ())
+        pad = 2 * PAD * (at[-1] - at[0])
+        axis.set_xlim(at[0] - pad, at[-1] + pad)  # a falling number of points, too
+        if len(at) > 3:
+            axis.tick_params(axis="x", labelrotation=60)
+    return figure
+
+
+def described(panel: SweepPanel) -> str:
+    """Return the values of a panel in words, for readers who do not see it."""
+    by_method = panel.values.groupby("method", sort=False)
+    texts = {m: ", ".join(p["condition"] + " " + p["text"]) for m, p in by_method}
+    return " ".join(f"{method}: {text}." for method, text in texts.items())
+
+
+def frontier_frame(points: Iterable[FrontierPoint]) -> pd.DataFrame:
+    """Return the points that have a place on axes, which may be logarithmic, and `text` in words.
+
+    The ceiling has none; a floor has no cost and needs none.
+    """
+    several = len({point.class_name for point in points}) > 1
+    drawn = []
+    for p in points:
+        positive = p.metric in IMAGE_METRICS or p.quality.value > 0
+        costs = math.isfinite(p.cost_ms.value) and p.cost_ms.value > 0
+        seen = (costs and role(p.method) != "ceiling") or role(p.method) == "floor"
+        if seen and positive and math.isfinite(p.quality.value):
+            words = condition_words(p.condition) + f", {p.class_name}" * several
+            at = p.metric, words, p.method
+            drawn.append((*at, *p.cost_ms, *p.quality, p.verdict, _text(p)))
+    columns = ["metric", "panel", "method", "cost", "cost_low", "cost_high", "value", "low", "high"]
+    return pd.DataFrame(drawn, columns=[*columns, "verdict", "text"])
+
+
+def _text(place: FrontierPoint) -> str:
+    value = measured(place.quality, place.metric, place.method).text
+    if role(place.method) == "floor":
+        return f"{place.method}: {value}, looks at no cloud"
+    verdicts = {
+        "frontier": ", on the frontier",
+        "below a white image": ", below a white image",
+        "claimed": ", cost as claimed",
+    }
+    verdict = verdicts.get(place.verdict, "")
+    failures = scored_as_blank(place.n_ok, place.n)
+    cost = f"{milliseconds(place.cost_ms.value)} ms"
+    return f"{place.method}: {cost}, {value}{verdict}{f' ({failures})' if failures else ''}"
+
+
+def cost_figures(points: Iterable[FrontierPoint], styles: Styles) -> dict[str, tuple[Figure, str]]:
+    """Return a figure of each metric that a method with a cost has a value of, and it in words."""
+    points = list(points)
+    frame, figures = frontier_frame(points), {}
+    for metric, of_metric in frame.groupby("metric", sort=False):
+        rivals = of_metric[[not role(method) for method in of_metric["method"]]]
+        if not rivals.empty:
+            views = points[0].views
+            x_label = f"ms for a cloud with {views} view{'s' * (views > 1)}"
+            by_panel = rivals.sort_values("cost").groupby("panel", sort=False)["text"]
+            words = [f"{panel}: {'; '.join(texts)}." for panel, texts in by_panel]
+            figures[str(metric)] = frontier_figure(of_metric, styles, x_label), " ".join(words)
+    return figures
+
+
+def write_figures(
+    directory: Path, tables: Sequence[Table[QualityRow]], artifacts: Mapping[JobName, Artifact]
+) -> None:
+    """Write robustness curves (after Tables 3 and 4), image grids and a sheet of thin parts.
+
+    The grids are the paper's Figures 1 and 3. `artifacts` are all of the run, ground truths
+    included. Nothing is written where all methods have failed.
+    """
+    if all(name.method == GROUND_TRUTH for name in artifacts):
+        return
+    folder = directory / FIGURES
+    styles = method_styles(ordered(row.method for table in tables for row in table.rows))
+    if shown := list(quality_panels(tables).values()):
+        _save_both(quality_figure(shown, styles), folder / "robustness")
+    conditions = ordered(name.condition for name in artifacts if name.condition)
+    write_images(folder / "pictures.png", artifacts, conditions)
+    write_thin_parts(folder / "thin-parts.png", artifacts)
+
+
+def write_frontier(folder: Path, points: Sequence[FrontierPoint]) -> None:
+    """Write a figure for each metric, as PNG and SVG.
+
+    The files of the first metric are named `frontier`, others `frontier-METRIC`. A metric without
+    a value of any candidate gets no figure.
+    """
+    styles = method_styles(ordered(point.method for point in points))
+    first = points[0].metric if points else ""
+    for metric, (figure, _) in cost_figures(points, styles).items():
+        _save_both(figure, folder / ("frontier" if metric == first else f"frontier-{metric}"))
+
+
+def write_beyond_figures(
+    directory: Path, curves: Sequence[ConditionCurve], artifacts: Mapping[JobName, Artifact]
+) -> None:
+    """Write `beyond` (PNG and SVG) and `beyond-pictures.png`.
+
+    The latter has the first view of the first objects, whatever they are, at each condition,
+    family after family. `artifacts` are all of the run, ground truths included. Ceiling
+    and floors have no image.
+    """
+    folder = directory / FIGURES
+    styles = method_styles(ordered(curve.method for curve in curves))
+    _save_both(family_figure(family_panels(curves), styles), folder / "beyond")
+    conditions = ordered(c for curve in curves for c in curve.family.conditions)
+    write_images(folder / "beyond-pictures.png", artifacts, conditions, OBJECTS_BEYOND)
+
+
+def write_class_figures(
+    directory: Path,
+    table: Table[QualityRow],
+    headline: Table[QualityRow],
+    published: Published,
+    artifacts: Mapping[JobName, Artifact],
+) -> None:
+    """Write `classes.png` (the paper's Figure 4) and `table5`, SR against pc2pix class by class.
+
+    `artifacts` are all images, ground truths included. Without pc2pix or without SR there is no
+    second figure; where all methods have failed, none.
+    """
+    cells = [name for name in artifacts if name.condition]
+    if not cells:
+        return
+    folder = directory / FIGURES
+    methods = ordered(name.method for name in cells)
+    write_classes(folder / "classes.png", headline.rows, artifacts)
+    network = network_of(methods)
+    if network is not None and SURFACE in methods:
+        dots = _paper_dots(table.rows, network, published)
+        if not dots.empty:
+            figure = dots_figure(dots, method_styles((SURFACE, network)))
+            _save_both(figure, folder / "table5")
+
+
+def _paper_dots(rows: Sequence[QualityRow], network: str, published: Published) -> pd.DataFrame:
+    """Return the distances of SR and the network by class: ours with intervals, and the paper's."""
+    finite = {row.metric for row in rows if math.isfinite(row.value)}
+    metric = next((m for m in (PAPER_METRIC, "fd-views") if m in finite), None)
+    ours = f"here: {metric} (lower is better)"
+    dots = [
+        (ours, row.class_name, row.method, row.value, row.ci_low, row.ci_high)
+        for row in rows
+        if row.metric == metric and row.condition == rows[0].condition
+        if row.method in (SURFACE, network)
+    ]
+    dots += [
+        ("the paper, on ShapeNet: FID", name, method, value, np.nan, np.nan)
+        for name in ordered(name for _, name, *_ in dots)
+        for method, of_paper in ((SURFACE, SURFACE), (network, PAPER_NETWORK))
+        if (value := published.get((name, PAPER_METRIC, "2048", of_paper))) is not None
+    ]
+    columns = ["panel", "row", "method", "value", "low", "high"]
+    return pd.DataFrame(dots, columns=columns).assign(turned=True)
+
+
+def differences_figure(differences: Differences) -> Figure | None:
+    """Return b - a with its interval, better to the right: a panel for each metric.
+
+    A row is a cell: a method, condition and class. Cells without a difference are left out; return
+    None where no cell is left.
+    """
+    cells = differences.cells[differences.cells["difference"].notna()]
+    if cells.empty:
+        return None
+    several = cells["class"].nunique() > 1
+    dots = [
+        {
+            "panel": axis_title(cell["metric"]),
+            "turned": not higher_is_better(cell["metric"]),
+            "row": ", ".join(
+                [
+                    *[cell["method_b"]] * (cell["method_a"] == cell["method_b"]),
+                    condition_name(cell["condition"]).brief,
+                    *[cell["class"]] * several,
+                ]
+            ),
+            "method": AHEAD[cell["ahead"]][0],
+            **{"value": cell["difference"], "low": cell["ci_low"], "high": cell["ci_high"]},
+        }
+        for cell in records(cells)
+    ]
+    figure = dots_figure(pd.DataFrame(dots), dict(AHEAD.values()), zero=True)
+    figure.supxlabel(visible(f"{differences.b} against {differences.a}"), fontsize=TEXT)
+    return figure
+
+
+def write_differences(path: Path, differences: Differences) -> None:
+    """Write the figure as PNG and SVG beside each other; `path` is without suffix.
+
+    Raises OSError. Nothing is written where no cell has a difference.
+    """
+    figure = differences_figure(differences)
+    if figure is not None:
+        _save_both(figure, path)
+
+
+def _save_both(figure: Figure, path: Path) -> None:
+    for kind in ("png", "svg"):
+        save(figure, path.with_name(f"{path.name}.{kind}"))
