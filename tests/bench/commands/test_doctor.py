@@ -128,6 +128,16 @@ BROKEN = Method("broken", lambda device: None, NO_WEIGHTS, version=1, source="")
             1,
             "FAIL method broken: chair.safetensors: missing; reinstall\n",
         ),
+        (
+            {"weights": dict.fromkeys(WEIGHTS, raises(BadInput("alexnet.ckpt: sha256 0")))},
+            1,
+            "FAIL metric fd-alexnet: alexnet.ckpt: sha256 0\n",
+        ),
+        (
+            {"flip": raises(WeightsUnavailable("the package is not installed; run x"))},
+            0,
+            "ok   metric flip: skipped in runs: the package is not installed; run x\n",
+        ),
     ],
 )
 def test_a_machine_that_lacks_something(capsys, broken, status, line):
@@ -142,12 +152,6 @@ def test_set_up_installs_what_the_doctor_looks_for():
         pair.split("=") for pair in script.split('wanted="')[1].split('"')[0].split() if "=" in pair
     )
     assert {debian: library for library, debian in listed.items()} == DEBIAN_PACKAGES
-
-
-def test_weights_of_a_metric_that_are_not_the_published_ones(capsys):
-    message = "alexnet.ckpt: sha256 0, expected 443c5bc3"
-    broken = dict.fromkeys(WEIGHTS, raises(BadInput(message)))
-    assert f"FAIL metric fd-alexnet: {message}\n" in outcome(capsys, weights=broken)[1]
 
 
 def test_what_the_wheel_cannot_require_is_installed_by_pip():
@@ -175,11 +179,3 @@ def test_versions_without_dependencies_are_those_of_the_release():
     files = (*CHECKPOINTS.values(), DISTS, efficientnet.WEIGHTS)
     weights = {f"{file.package}=={file.version}" for file in files}
     assert weights | {f"{flip.PACKAGE}=={flip.VERSION}"} <= set(pinned())
-
-
-def test_an_optional_package_that_is_absent_is_no_failure(capsys):
-    absent = raises(WeightsUnavailable("the package flip-evaluator is not installed; run x"))
-    status, out = outcome(capsys, verbose=True, flip=absent)
-    assert status == 0
-    line = "metric flip: skipped in runs: the package flip-evaluator is not installed; run x"
-    assert f"ok   {line}\n" in out
