@@ -6,6 +6,7 @@ It answers at once: no package that is slow to import is loaded, nor a plug-in.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import groupby
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -32,17 +33,21 @@ if TYPE_CHECKING:
     from rich.padding import Padding
     from rich.table import Table
 
-KINDS = {  # of methods, with the heads of their sections
+METHOD_KINDS = {  # the heads of their sections
     "network": "networks",
     "reconstruction": "reconstructions",
     "splat": "projections",
     "reference": "reference methods",
+    "": "of other packages",
 }
-METRIC_KINDS = {  # by the heads of their sections
-    "of an image": ("image",),
-    "of an image, on request": ("further",),
-    "of a set of images": ("set", "kernel"),
-    "of a judge": ("recognition", "control"),
+METRIC_KINDS = {
+    "image": "of an image",
+    "further": "of an image, on request",
+    "set": "of a set of images",
+    "kernel": "of a set of images",
+    "recognition": "of a judge",
+    "control": "of a judge",
+    "": "of other packages",
 }
 NARROWEST_TEXT = 36  # columns: beside its name a text of fewer is hard to read
 OWN_DATASETS = (
@@ -126,20 +131,11 @@ def _methods(costs: Mapping[str, MeasuredMethod]) -> Section:
     """Return the methods by kind, with what they were trained on, their colours and their cost."""
     conditions, methods = [c.id for c in CONDITIONS], [m.id for m in METHODS]
     chosen = sorted({*CHOSEN[BEST_RECONSTRUCTION].by_condition(conditions, methods).values()})
-    starred = (RECOMMENDED, *chosen)
-    entries = []
-    for kind, head in KINDS.items():
-        entries.append((f" {head}", "", "", "", ""))
-        entries += [
-            (
-                _starred(method.id, starred),
-                *(method.trained_on or "unknown", method.color or "unknown"),
-                *(_cost(method, costs), method.source),
-            )
-            for method in METHODS
-            if method.kind == kind
-        ]
-    entries += _of_packages("method", plugin_ids(), 3)
+    rows = [
+        (m.kind, m.id, m.trained_on or "unknown", m.color or "unknown", _cost(m, costs), m.source)
+        for m in METHODS
+    ]
+    rows += [("", id_, "", "", "", _of_package("method", id_)) for id_ in plugin_ids()]
     notes = (
         f"* recommended: {RECOMMENDED} for objects of any kind; '{BEST_RECONSTRUCTION}' is one of "
         f"{', '.join(chosen)}, by condition",
@@ -148,7 +144,8 @@ def _methods(costs: Mapping[str, MeasuredMethod]) -> Section:
         "one view: of a new cloud of 2048 points, by results/costs.csv; ~: as another of its "
         "family, of the same size",
     )
-    return ("", "trained on", "colour", "one view", ""), entries, notes
+    heads = ("", "trained on", "colour", "one view", "")
+    return heads, _by_kind(rows, METHOD_KINDS, (RECOMMENDED, *chosen)), notes
 
 
 def _cost(method: Method, costs: Mapping[str, MeasuredMethod]) -> str:
@@ -162,31 +159,27 @@ def _cost(method: Method, costs: Mapping[str, MeasuredMethod]) -> str:
 
 def _metrics() -> Section:
     """Return the metrics by what they are taken of, and which way is better."""
-    entries = []
-    for head, kinds in METRIC_KINDS.items():
-        entries.append((f" {head}", "", ""))
-        entries += [
-            (_starred(m.id, ROBUSTNESS.headline), "higher" if m.higher else "lower", m.about)
-            for m in METRICS.values()
-            if m.kind in kinds
-        ]
-    entries += _of_packages("metric", metric_ids(), 1, "; see 'bench score'")
+    rows = [(m.kind, m.id, "higher" if m.higher else "lower", m.about) for m in METRICS.values()]
+    rows += [
+        ("", id_, "", _of_package("metric", id_, "; see 'bench score'")) for id_ in metric_ids()
+    ]
     notes = (
         "on request: by 'bench run --metrics' and 'bench score'",
         "* of the headline table, 'bench compare' and 'bench recommend'",
     )
-    return ("", "better", ""), entries, notes
+    return ("", "better", ""), _by_kind(rows, METRIC_KINDS, ROBUSTNESS.headline), notes
 
 
-def _starred(name: str, starred: Sequence[str]) -> str:
-    return f"{'*' if name in starred else ' '} {name}"
-
-
-def _of_packages(kind: str, ids: Sequence[str], facts: int, use: str = "") -> list[Entry]:
-    """Return the entries of installed packages, which tell no facts, below a head."""
-    nothing = [""] * facts
-    head = [(" of other packages", *nothing, "")] * bool(ids)
-    return head + [(f"  {id_}", *nothing, _of_package(kind, id_, use)) for id_ in ids]
+def _by_kind(
+    rows: Sequence[Entry], heads: Mapping[str, str], starred: Sequence[str]
+) -> list[Entry]:
+    """Return the entries of rows, which have their kind before the name, under its head."""
+    entries: list[Entry] = []
+    for head, members in groupby(rows, key=lambda row: heads[row[0]]):
+        entries.append((f" {head}", *[""] * len(rows[0][2:])))
+        for _, name, *facts in members:
+            entries.append((f"{'*' if name in starred else ' '} {name}", *facts))
+    return entries
 
 
 def _of_package(kind: str, id_: str, use: str = "") -> str:

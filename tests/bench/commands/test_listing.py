@@ -8,14 +8,7 @@ import pytest
 
 from bench.catalogue.chosen import measured_methods
 from bench.catalogue.methods import COST_VARIANTS, METHODS, PARAMETERS
-from bench.catalogue.metrics import (
-    CONTROL_METRICS,
-    FURTHER_METRICS,
-    IMAGE_METRICS,
-    KERNEL_METRICS,
-    RECOGNITION_METRICS,
-    SET_METRICS,
-)
+from bench.catalogue.metrics import METRICS
 from bench.catalogue.suites import LATENT, SPEED, STABILITY, SUITES
 from bench.commands.listing import SECTIONS, section_lines
 from data_prep.clouds.conditions import CONDITIONS
@@ -25,25 +18,13 @@ from ..conftest import on_terminal
 ENTRY = re.compile(r"[* ] (\S+) +(\S.*)")
 BY_SECTION = {
     "suites": [suite.id for suite in (*SUITES, LATENT, STABILITY, SPEED)],
-    "methods": [
-        method.id
-        for kind in ("network", "reconstruction", "splat", "reference")
-        for method in METHODS
-        if method.kind == kind
-    ],
+    "methods": [method.id for method in METHODS],
     "variants": [
         *(f"{parameter.method}@{parameter.name}=" for parameter in PARAMETERS),
         *(method.id for method in COST_VARIANTS),
     ],
     "conditions": [condition.id for condition in CONDITIONS],
-    "metrics": [
-        *IMAGE_METRICS,
-        *FURTHER_METRICS,
-        *SET_METRICS,
-        *KERNEL_METRICS,
-        *RECOGNITION_METRICS,
-        *CONTROL_METRICS,
-    ],
+    "metrics": [*METRICS],
     "datasets": [
         *("procedural", "procedural:validation", "procedural:sealed"),
         *("procedural:novel-families", "procedural:widened"),
