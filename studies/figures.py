@@ -25,7 +25,7 @@ from bench.report.figure import TEXT, save
 from bench.report.plots import axis_title, dots_figure, frontier_figure, points_of
 from bench.report.run_figures import family_figure, family_panels, quality_figure, quality_panel
 from bench.report.styles import method_styles
-from bench.suites.speed.figure import amortised_figure
+from bench.suites.speed.tables import amortised_figure
 from studies.documents import NUMBERS
 
 if TYPE_CHECKING:

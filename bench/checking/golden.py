@@ -32,7 +32,7 @@ from bench.checking.objects import (
 from bench.checking.tolerances import tolerance
 from bench.records.run_folder import COLOURED, TRUTH, read_finished
 from bench.running.options import Options
-from bench.suites.stability.tables import read_outcomes, unexpected
+from bench.suites.stability.outcomes import read_outcomes, unexpected
 from bench.tables.build import class_orderings, condition_sweep, tables
 from bench.tables.published import golden, golden_name, golden_path
 from bench.tables.table import TABLES, Table, table_files

@@ -6,12 +6,15 @@ same bytes on one machine, with any number of threads.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
+import numpy as np
 import pandas as pd
 
+from bench.analysis.intervals import mean_interval
 from bench.catalogue import suites
 from bench.catalogue.suites import Procedure
 from bench.judges import VIEWS_WEIGHTS
@@ -21,6 +24,7 @@ from bench.running.environment import environment
 from bench.running.isolation import library_threads
 from bench.running.options import Options
 from bench.suites.latent.chairs import (
+    ALL,
     ChairPair,
     Triple,
     choose_pairs,
@@ -34,14 +38,17 @@ from bench.suites.latent.codes import (
     PATHS,
     SUM_METRICS,
     SUM_REMARK,
+    LatentNetwork,
     add_up,
+    load_network,
+    strips_figure,
     train_codes,
     walk,
+    weights_of,
 )
-from bench.suites.latent.figures import strips_figure
-from bench.suites.latent.network import LatentNetwork, load_network, weights_of
-from bench.suites.latent.tables import VALUES, latent_table, means
 from bench.suites.procedure import SuiteRun, methods_of, run_suite, suite_manifest
+from bench.tables import markdown
+from bench.tables.grid import Block, Cell, number, ordered, pivot
 from bench.tables.table import Table
 from data_prep.datasets.registry import Split, open_dataset
 from data_prep.failures import BadInput
@@ -134,9 +141,9 @@ def _measure(
     classifier = load_views_network(VIEWS_WEIGHTS)
     rows: dict[str, list[tuple[object, ...]]] = {"interpolation": [], "arithmetic": []}
     figures = {}
-    for number, network in enumerate(networks, 1):
+    for place, network in enumerate(networks, 1):
         # Each method has a figure; the first has no number.
-        suffix = "" if number == 1 else f"-{number}"
+        suffix = "" if place == 1 else f"-{place}"
         train = train_codes(network, suite.neighbours)
         walks = partial(walk, network, classifier, seed=seed, positions=suite.positions)
         sums = partial(add_up, network, train=train, seed=seed)
@@ -165,3 +172,65 @@ def _measure(
         tables.append(latent_table(file, title, remark, about, subjects, of_means))
         tables.append(Table(f"{file}_values", "", frame, digits=".6g"))
     return SuiteRun(tuple(tables), figures)
+
+
+VALUES = ["method", "what", "kind", "item", "metric", "value"]
+GROUP = ["method", "what", "kind", "metric"]
+
+
+def latent_table(
+    name: str,
+    title: str,
+    remark: str,
+    about: Mapping[str, str],
+    subjects: Mapping[str, str],
+    rows: pd.DataFrame,
+) -> Table[Any]:
+    """Return a table of means with the text that readers need.
+
+    about     text on each metric, by its id, in the order of the table
+    subjects  text on each `what`, by its id, in the order of the table
+    rows      of `means`
+    """
+
+    def cell(row: Any) -> Cell:
+        n_ok, n = row["n_ok"], row["n"]
+        if not n_ok:
+            return Cell(f"- 0/{n}")
+        count = f" {n_ok}/{n}" if n_ok < n else ""
+        estimate = row["value"], row["ci_low"], row["ci_high"]
+        return number(estimate, "{:.3g}".format, rest=count)
+
+    def layout(_: pd.DataFrame) -> Iterator[Block]:
+        yield remark
+        yield "\n".join(f"* **{subject}**: {message}" for subject, message in subjects.items())
+        for method in ordered(rows["method"]):
+            for kind, chosen in rows[rows["method"] == method].groupby("kind", sort=False):
+                subject = markdown.cell(method if kind == ALL else f"{method}, {kind} only")
+                yield f"## {subject} (n = {chosen['n'].max()})"
+                shown = {*chosen["what"]}
+                across = [subject for subject in subjects if subject in shown]
+                axes: dict[str, Any] = {"lines": about, "columns": across, "missing": Cell("")}
+                yield pivot(chosen, "metric", "what", cell, **axes)
+        yield "\n".join(f"* {metric}: {message}" for metric, message in about.items())
+
+    return Table(name, title, rows, layout, digits=".6g")
+
+
+def means(suite: str, values: pd.DataFrame) -> pd.DataFrame:
+    """Return means with 95 % intervals over pairs or triples; `n_ok` of `n` have a value.
+
+    A row for each method, subject, kind and metric, in the order of first values; values of several
+    kinds are also averaged over all of them, in the first rows.
+
+    values  method; `what`, the path or the code that is compared with the right answer; `kind`, the
+            change of a triple or ALL; `item`, the pair or triple; metric; value, NaN where it is
+            undefined, as for a path without any move
+    """
+    both = pd.concat([values.assign(kind=ALL), values[values["kind"] != ALL]])
+    rows = []
+    for key, group in both.groupby(GROUP, sort=False)["value"]:
+        finite = group.dropna().to_numpy()
+        mean = float(finite.mean()) if len(finite) else np.nan
+        rows.append((suite, *key, mean, *mean_interval(finite), len(finite), len(group)))
+    return pd.DataFrame(rows, columns=["suite", *GROUP, "value", "ci_low", "ci_high", "n_ok", "n"])

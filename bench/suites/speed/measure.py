@@ -6,30 +6,141 @@ then, after a round that does not count, rounds over all clouds, prepare and dra
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
+from bench.catalogue import suites
 from bench.catalogue.methods import Method, find_method
+from bench.catalogue.suites import Limits, Procedure
 from bench.running.plan import views_of
 from bench.running.work import draw, reason_of
-from bench.suites.speed.samples import CloudFailure, Measurement, Stage, TimingSample
-from bench.suites.speed.suite import SpeedSuite
 from data_prep.clouds.conditions import Perturbation
 from data_prep.datasets.registry import SceneObject
 from data_prep.failures import BadInput, MissingDependency, StageFailure
+from data_prep.files.atomic_write import write_whole
+from data_prep.files.safe_read import MIB, read_file
 from data_prep.randomness import generator
 from data_prep.scene import PointCloud, Renderer, View
 
 Returned = TypeVar("Returned")
+
+
+LIMITS = Limits(time_s=600.0, memory_gib=8.0)
+
+
+@dataclass(frozen=True)
+class SpeedSuite(Procedure):
+    """The cost of images, which `bench.suites.speed.run` measures.
+
+    Each method is timed in a process of its own for each number of threads.
+    """
+
+    # All others are compared with these; the first is the paper's.
+    baselines: tuple[str, ...] = ("surface-apss", "surface-fit")
+    conditions: tuple[str, ...] = ("2048",)
+    class_name: str = "chair"
+    # As many as an interval over objects needs. Reconstruction takes seconds a cloud: three rounds
+    # leave the whole run at some minutes. What takes milliseconds goes on for `seconds`, so that
+    # its median is over more than chance, but not beyond `most_rounds`.
+    clouds: int = 8
+    views: int = 20  # of each cloud, drawn in one call
+    singles: int = 5  # views that are also drawn one by one, in each round
+    # Rounds over all clouds that do not count. One: after it libraries have chosen their algorithms
+    # for both sizes of a call, and memory is mapped; later rounds were no faster.
+    warm_ups: int = 1
+    least_rounds: int = 3  # that count
+    most_rounds: int = 100
+    seconds: float = 3.0  # after which no round begins, once there are `least_rounds`
+    amortised: tuple[int, ...] = (1, 2, 5, 10, 20, 50, 100, 500)  # views of the cost an image
+    quiet_cores: float = 0.25  # more than these busy with something else: a mark beside the times
+    limits: Limits = LIMITS  # of one measurement
+
+
+SPEED = SpeedSuite(**vars(suites.SPEED))
+
+
+FORM = 1  # of the files; part of their keys
+MOST_BYTES = 64 * MIB
+
+Stage = Literal["load", "prepare", "draw"]
+
+
+@dataclass(frozen=True)
+class TimingSample:
+    """A timed call."""
+
+    cloud: str  # its object, "chair/test-0000"; empty for "load", which needs none
+    round: int  # 0 for the first call of its kind in its process, cold; from 1 on warm
+    stage: Stage
+    views: int  # drawn in the call; 0 for other stages
+    wall_s: float  # seconds by the clock
+    core_s: float  # seconds of processor time of the whole process, all threads together
+
+
+@dataclass(frozen=True)
+class CloudFailure:
+    """A cloud that a method failed on, and the reason."""
+
+    cloud: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """A method with a number of threads under a condition, in a process of its own.
+
+    The last three are None where the process died.
+    """
+
+    key: str  # names everything that the times depend on
+    method: str
+    condition: str
+    threads: int
+    views: int  # the larger of the two batches
+    clouds: int  # those in `failures` were not drawn, or not to the end
+    device: str  # "cpu", or the name of the GPU that was used
+    samples: tuple[TimingSample, ...]
+    failures: tuple[CloudFailure, ...]
+    idle_mib: float | None = None  # peak resident memory before the method was loaded
+    peak_mib: float | None = None  # peak resident memory at the end
+    elsewhere_cores: float | None = None  # mean number that other processes kept busy meanwhile
+
+
+def measurement_path(directory: Path, key: str) -> Path:
+    """Return the path of a key's measurement."""
+    return directory / "measurements" / f"{key}.json"
+
+
+def write_measurement(directory: Path, measurement: Measurement) -> None:
+    """Write a measurement to disk; when this returns, a power cut cannot take it back."""
+    text = json.dumps({"form": FORM} | asdict(measurement), ensure_ascii=False)
+    write_whole(measurement_path(directory, measurement.key), text.encode())
+
+
+def read_measurement(directory: Path, key: str) -> Measurement | None:
+    """Return the measurement of a key; None where no usable one exists."""
+    path = measurement_path(directory, key)
+    if not path.is_file():
+        return None
+    try:
+        fields: dict[str, Any] = json.loads(read_file(path, MOST_BYTES))
+        if fields.pop("form") != FORM or fields["key"] != key:
+            return None
+        fields["samples"] = tuple(TimingSample(**sample) for sample in fields["samples"])
+        fields["failures"] = tuple(CloudFailure(**failure) for failure in fields["failures"])
+        return Measurement(**fields)
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return None
 
 
 @dataclass(frozen=True)

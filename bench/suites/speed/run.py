@@ -21,11 +21,24 @@ from bench.running.options import Options, seed_of
 from bench.running.plan import digest
 from bench.running.protocol import method_identity
 from bench.suites.procedure import SuiteRun, methods_of, run_suite, suite_manifest
-from bench.suites.speed.figure import amortised_figure
-from bench.suites.speed.measure import Unit, lost, measure
-from bench.suites.speed.samples import FORM, Measurement, read_measurement, write_measurement
-from bench.suites.speed.suite import SPEED, SpeedSuite
-from bench.suites.speed.tables import amortised_rows, amortised_table, samples_table, speed_table
+from bench.suites.speed.measure import (
+    FORM,
+    SPEED,
+    Measurement,
+    SpeedSuite,
+    Unit,
+    lost,
+    measure,
+    read_measurement,
+    write_measurement,
+)
+from bench.suites.speed.tables import (
+    amortised_figure,
+    amortised_rows,
+    amortised_table,
+    samples_table,
+    speed_table,
+)
 from bench.tables.published import published
 from data_prep.datasets.registry import SceneObject, open_dataset
 from data_prep.progress import log, progress

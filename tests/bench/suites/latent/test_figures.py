@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bench.suites.latent.figures import draw_cloud
+from bench.suites.latent.codes import draw_cloud
 from data_prep.scene import View
 
 FRONT = View(0, 0)

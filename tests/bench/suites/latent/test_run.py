@@ -18,8 +18,16 @@ from bench.judges.views import load_views_network
 from bench.metrics.structural_similarity import ssim
 from bench.running.options import Options
 from bench.suites.latent.chairs import choose_pairs, choose_triples, specified_chairs
-from bench.suites.latent.codes import ANSWER, NOTHING, SUM, TRAIN, add_up, walk
-from bench.suites.latent.network import cloud_of, load_network
+from bench.suites.latent.codes import (
+    ANSWER,
+    NOTHING,
+    SUM,
+    TRAIN,
+    add_up,
+    cloud_of,
+    load_network,
+    walk,
+)
 from bench.suites.latent.run import LATENT, run
 from data_prep.failures import BadInput
 from data_prep.rendering.opengl import render

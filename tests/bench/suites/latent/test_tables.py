@@ -8,7 +8,7 @@ import pytest
 
 from bench.analysis.intervals import mean_interval
 from bench.suites.latent.chairs import ALL
-from bench.suites.latent.tables import VALUES, means
+from bench.suites.latent.run import VALUES, means
 
 pytestmark = pytest.mark.usefixtures("few_objects")
 

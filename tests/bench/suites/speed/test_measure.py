@@ -21,24 +21,22 @@ from bench.running.environment import CODE, ROOT, code_sha256
 from bench.running.plan import plan
 from bench.running.work import cloud_of, rng_of
 from bench.suites.speed.measure import (
+    SPEED,
     Clock,
+    CloudFailure,
     Subject,
+    TimingSample,
     Unit,
     finish_gpu,
     lost,
     measure,
-    subjects_of,
-    take_samples,
-)
-from bench.suites.speed.run import speed_units
-from bench.suites.speed.samples import (
-    CloudFailure,
-    TimingSample,
     measurement_path,
     read_measurement,
+    subjects_of,
+    take_samples,
     write_measurement,
 )
-from bench.suites.speed.suite import SPEED
+from bench.suites.speed.run import speed_units
 from data_prep.clouds.conditions import Stride, Unchanged
 from data_prep.datasets.registry import ProceduralObject
 from data_prep.failures import BadInput, MissingDependency, StageFailure

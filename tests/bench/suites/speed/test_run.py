@@ -15,10 +15,8 @@ from bench.catalogue.suites import Limits
 from bench.records.run_folder import read_manifest
 from bench.running.isolation import WORKER_ENVIRONMENT, run_tasks, thread_counts
 from bench.running.options import Options
-from bench.suites.speed.measure import Unit, lost
+from bench.suites.speed.measure import SPEED, TimingSample, Unit, lost
 from bench.suites.speed.run import measure_alone, run
-from bench.suites.speed.samples import TimingSample
-from bench.suites.speed.suite import SPEED
 from bench.tables.build import tables
 from data_prep.clouds.conditions import Unchanged
 from data_prep.failures import BadInput

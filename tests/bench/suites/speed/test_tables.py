@@ -9,10 +9,15 @@ from dataclasses import replace
 
 import pytest
 
-from bench.suites.speed.samples import CloudFailure, Measurement, TimingSample
-from bench.suites.speed.suite import SPEED
-from bench.suites.speed.summary import costs, summarise
-from bench.suites.speed.tables import amortised_rows, amortised_table, speed_rows, speed_table
+from bench.suites.speed.measure import SPEED, CloudFailure, Measurement, TimingSample
+from bench.suites.speed.tables import (
+    amortised_rows,
+    amortised_table,
+    costs,
+    speed_rows,
+    speed_table,
+    summarise,
+)
 
 MACHINE = {"cpu": "some cpu", "cores": 2}
 SUITE = replace(SPEED, baselines=("slow",), amortised=(1, 4, 8))

@@ -14,9 +14,8 @@ from bench.checking.golden import check
 from bench.records.run_folder import read_manifest
 from bench.running.options import Options
 from bench.suites.stability.cases import CASES
-from bench.suites.stability.figures import ACROSS, MISSING, sheet
-from bench.suites.stability.run import run
-from bench.suites.stability.tables import COLUMNS, matrix, read_outcomes, unexpected
+from bench.suites.stability.outcomes import COLUMNS, matrix, read_outcomes, unexpected
+from bench.suites.stability.run import ACROSS, MISSING, run, sheet
 from bench.tables.build import tables
 from data_prep.failures import BadInput
 
