@@ -16,9 +16,8 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from bench.analysis.comparison import Estimate
-from bench.analysis.condition_sweep import ConditionCurve
-from bench.catalogue.conditions import FAMILIES, condition_words
+from bench.analysis.condition_sweep import condition_curves
+from bench.catalogue.conditions import condition_words
 from bench.catalogue.methods import FLOOR, known_method, role
 from bench.catalogue.metrics import higher_is_better
 from bench.report.figure import TEXT, save
@@ -116,17 +115,8 @@ def draw_frontier(methods: Sequence[str]) -> Figure:
 
 def draw_families(file: str, methods: Sequence[str]) -> Figure:
     """Draw metrics along each family of conditions, worse clouds to the right."""
-    values = {
-        (row.metric, row.method, row.condition): Estimate(row.value, row.low, row.high)
-        for row in points_of(read(file, methods))
-    }
-    curves = [
-        ConditionCurve(
-            *("chair", family, metric, method),
-            tuple(values[metric, method, condition] for condition in family.conditions),
-        )
-        for metric, method, family in product(METRICS, methods, FAMILIES)
-    ]
+    values = pd.concat(read(file, methods, metric=metric) for metric in METRICS)
+    curves = condition_curves(values.rename(columns={"low": "ci_low", "high": "ci_high"}))
     return family_figure(family_panels(curves), method_styles(methods))
 
 

@@ -8,151 +8,139 @@ line on the axis of the family: on the logarithm where the axis is logarithmic.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from itertools import pairwise
 
-from bench.analysis.comparison import NAN, Comparison, Estimate, Quality
-from bench.analysis.paired import Verdicts
-from bench.catalogue.conditions import Family, families_of
+import pandas as pd
+
+from bench.analysis.comparison import NAN, VALUE, Estimate
+from bench.analysis.paired import LEAD, Verdicts
+from bench.catalogue.conditions import FAMILIES, Family, families_of
 from bench.catalogue.lookup import family_of
 
 # Who is set against whom; settings and weights of a method (`pc2pix@FILE`) stand for it too.
 PAIRS = (("splat-net", "surface-apss"), ("pc2pix", "surface-apss"), ("splat-net", "pc2pix"))
+FAMILY = {family.id: family for family in FAMILIES}
 UNDECIDED = "undecided"
 NO_VALUE = "no value"
+CURVES = ["class", "family", "metric", "method", "condition", "at", *VALUE]
+LEADS = [
+    *("class", "family", "metric", "method", "rival", "condition", "at", "unseen_by"),
+    *("value", "rival_value", "lead", "ci_low", "ci_high", "ahead"),
+    *("crossing", "crossing_low", "crossing_high"),
+]
 
 
-@dataclass(frozen=True)
-class ConditionCurve:
-    """The values of one method along a family, in the order of its conditions."""
+def condition_curves(compared: pd.DataFrame) -> pd.DataFrame:
+    """Return every method along every family of the conditions.
 
-    class_name: str
-    family: Family
-    metric: str
-    method: str
-    estimates: tuple[Estimate, ...]
+    Parameters
+    ----------
+    compared : DataFrame
+        As `bench.analysis.comparison.compare` returns it.
 
-
-@dataclass(frozen=True)
-class Crossover:
-    """A place where two curves cross.
-
-    after      number of the step, from 0, after which they cross: before the next one, or at it
-    at         the place on the axis
-    low, high  the places around it as far as the interval of the difference holds 0: an end of the
-               family where it still does there; NaN where a difference has no interval
+    Returns
+    -------
+    DataFrame
+        A row for each class, family, metric, method and condition, in this order, the conditions of
+        a family in that of its axis: `class`, `family` (its id), `metric`, `method`, `condition`,
+        `at` (the condition's value on the axis), `value`, `ci_low` and `ci_high` (the interval over
+        objects; NaN where there is none).
     """
+    parts = [compared.assign(family="", at=NAN)[:0]]
+    for _, of_class in compared.groupby("class", sort=False):
+        order = of_class.drop_duplicates(["metric", "method"])[["metric", "method"]]
+        for family in families_of(of_class["condition"]):
+            steps = pd.DataFrame(family.steps, columns=["at", "condition"]).assign(family=family.id)
+            parts.append(order.merge(steps, how="cross").merge(of_class))
+    return pd.concat(parts, ignore_index=True)[CURVES]
 
-    after: int
-    at: float
-    low: float
-    high: float
 
+def condition_leads(curves: pd.DataFrame, verdicts: Verdicts) -> pd.DataFrame:
+    """Return the pairs of the methods along every family.
 
-@dataclass(frozen=True)
-class PairedComparison:
-    """Two methods along a family by one metric.
+    Parameters
+    ----------
+    curves : DataFrame
+        As `condition_curves` returns them.
+    verdicts : Verdicts
+        Of the same run, by the metrics of the curves.
 
-    values, baseline_values  of both, at each step
-    differences              how much better the method is than its baseline, paired over objects,
-                             with the intervals that decide
+    Returns
+    -------
+    DataFrame
+        A row for each class, family, metric, pair and condition: `class`, `family`, `metric`,
+        `method`, `rival`, `condition`, `at` (text), `unseen_by` (networks that were not shown such
+        clouds in training), `value` and `rival_value`; `lead` (how much better the method is than
+        its rival, paired over objects) with `ci_low` and `ci_high`, the interval that decides;
+        `ahead` (the better method by an interval without 0, or why none is); `crossing` (the place
+        on the axis where the curves cross, at the condition or before the next; NaN where they do
+        not) with `crossing_low` and `crossing_high`, the places around it as far as the interval
+        of the lead holds 0: an end of the family where it still does there, NaN where a lead has no
+        interval.
     """
-
-    class_name: str
-    family: Family
-    metric: str
-    method: str
-    baseline: str
-    values: tuple[float, ...]
-    baseline_values: tuple[float, ...]
-    differences: tuple[Estimate, ...]
-
-    @property
-    def sides(self) -> tuple[Family, str, str]:
-        """Return family, method and baseline."""
-        return self.family, self.method, self.baseline
-
-    @property
-    def ahead(self) -> tuple[str, ...]:
-        """Return the better method at each step, by an interval without 0, or why none is."""
-        return tuple(_ahead(value, self.method, self.baseline) for value in self.differences)
-
-    @property
-    def crossovers(self) -> tuple[Crossover, ...]:
-        """Return the crossovers within the family; a curve that only touches 0 has none there."""
-        places = [place_of(value, self.family) for value in self.family.values]
-        differences, lows, highs = zip(*self.differences, strict=True)
-        # 0 leaves the interval where one of its ends passes through 0.
-        left = [at for _, at in (*sign_changes(places, lows), *sign_changes(places, highs))]
-        sure = all(map(math.isfinite, (*lows, *highs)))
-        crossovers = []
-        for after, at in sign_changes(places, differences):
-            low = max(p for p in (*left, min(places)) if p <= at) if sure else NAN
-            high = min(p for p in (*left, max(places)) if p >= at) if sure else NAN
-            crossovers.append(Crossover(after, *(_value(p, self.family) for p in (at, low, high))))
-        return tuple(crossovers)
+    parts = []
+    for cell, steps in curves.groupby(CURVES[:3], sort=False):
+        class_name, name, metric = map(str, cell)
+        values = {method: rows["value"].tolist() for method, rows in steps.groupby("method")}
+        conditions = steps["condition"].unique()
+        family = FAMILY[name]
+        places = {condition: at for at, condition in family.steps}
+        for method, rival in pairs_among(steps["method"].unique()):
+            cells = (
+                verdicts.difference(rival, method, metric, condition, class_name)
+                for condition in conditions
+            )
+            leads = [Estimate(*(cell[end] for end in LEAD)) for cell in cells]
+            at = [places[condition] for condition in conditions]
+            parts.append(
+                pd.DataFrame(leads, columns=["lead", "ci_low", "ci_high"]).assign(
+                    **{"class": class_name},
+                    family=name,
+                    metric=metric,
+                    method=method,
+                    rival=rival,
+                    condition=conditions,
+                    at=[f"{value:g}" for value in at],
+                    unseen_by=[" ".join(family.unseen_by(value)) for value in at],
+                    value=values[method],
+                    rival_value=values[rival],
+                    ahead=[who_is_ahead(lead, method, rival) for lead in leads],
+                    **crossings(family, at, leads),
+                )
+            )
+    return pd.concat(parts)[LEADS] if parts else pd.DataFrame(columns=LEADS)
 
 
-def condition_curves(
-    comparisons: Sequence[Comparison], metrics: Sequence[str]
-) -> tuple[ConditionCurve, ...]:
-    """Return every method along every family of the conditions, by class, family and metric."""
-    return tuple(
-        ConditionCurve(
-            *(class_name, family, metric, method),
-            tuple(step[method].estimate for step in steps),
-        )
-        for class_name, family, metric, steps in _steps(comparisons, metrics)
-        for method in steps[0]
-    )
+def crossings(
+    family: Family, at: Sequence[float], leads: Sequence[Estimate]
+) -> dict[str, list[float]]:
+    """Return the columns `crossing`, `crossing_low` and `crossing_high` of leads at these values.
 
-
-def paired_comparisons(
-    comparisons: Sequence[Comparison], metrics: Sequence[str], verdicts: Verdicts
-) -> tuple[PairedComparison, ...]:
-    """Return the pairs of the methods along every family, by class, family, metric and pair."""
-    return tuple(
-        PairedComparison(
-            class_name,
-            family,
-            metric,
-            method,
-            baseline,
-            tuple(step[method].estimate.value for step in steps),
-            tuple(step[baseline].estimate.value for step in steps),
-            tuple(
-                verdicts.difference(baseline, method, metric, condition, class_name).lead
-                for condition in family.conditions
-            ),
-        )
-        for class_name, family, metric, steps in _steps(comparisons, metrics)
-        for method, baseline in pairs_among(list(steps[0]))
-    )
-
-
-def _steps(
-    comparisons: Sequence[Comparison], metrics: Sequence[str]
-) -> Iterator[tuple[str, Family, str, list[Mapping[str, Quality]]]]:
-    """Yield class, family and metric, with the qualities by method at each of its conditions."""
-    by_class: dict[str, dict[str, Comparison]] = {}
-    for comparison in comparisons:
-        by_class.setdefault(comparison.class_name, {})[comparison.condition] = comparison
-    for class_name, by_condition in by_class.items():
-        for family in families_of(by_condition):
-            for metric in metrics:
-                steps = [by_condition[c].qualities[metric] for c in family.conditions]
-                yield class_name, family, metric, steps
+    A curve that only touches 0 has no crossing there.
+    """
+    places = [place_of(value, family) for value in at]
+    values, lows, highs = zip(*leads, strict=True)
+    # 0 leaves the interval where one of its ends passes through 0.
+    left = [place for _, place in (*sign_changes(places, lows), *sign_changes(places, highs))]
+    sure = all(map(math.isfinite, (*lows, *highs)))
+    columns = {name: [NAN] * len(at) for name in LEADS[-3:]}
+    for step, place in sign_changes(places, values):
+        low = max(p for p in (*left, min(places)) if p <= place) if sure else NAN
+        high = min(p for p in (*left, max(places)) if p >= place) if sure else NAN
+        for column, p in zip(columns.values(), (place, low, high), strict=True):
+            column[step] = 2.0**p if family.logarithmic else p
+    return columns
 
 
 def pairs_among(methods: Sequence[str]) -> list[tuple[str, str]]:
     """Return the pairs of PAIRS that these methods make up."""
     return [
-        (method, baseline)
+        (method, rival)
         for first, second in PAIRS
         for method in methods
-        for baseline in methods
-        if (family_of(method), family_of(baseline)) == (first, second)
+        for rival in methods
+        if (family_of(method), family_of(rival)) == (first, second)
     ]
 
 
@@ -171,16 +159,13 @@ def sign_changes(places: Sequence[float], values: Sequence[float]) -> list[tuple
     return changes
 
 
-def _ahead(difference: Estimate, method: str, baseline: str) -> str:
-    if not math.isfinite(difference.value):
+def who_is_ahead(lead: Estimate, method: str, rival: str) -> str:
+    """Return the better one of two methods by an interval without 0, or why none is."""
+    if not math.isfinite(lead.value):
         return NO_VALUE
-    return method if difference.low > 0 else baseline if difference.high < 0 else UNDECIDED
+    return method if lead.low > 0 else rival if lead.high < 0 else UNDECIDED
 
 
 def place_of(value: float, family: Family) -> float:
     """Return the place of a value on an axis whose equal steps are equally far apart."""
     return math.log2(value) if family.logarithmic else value
-
-
-def _value(place: float, family: Family) -> float:
-    return 2.0**place if family.logarithmic else place

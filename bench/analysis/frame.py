@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.analysis.comparison import Comparison, compare
+from bench.analysis.comparison import compare
 from bench.analysis.distances import CellKey, FeatureDistances
 from bench.analysis.recognition import confidences, read_class_head
 from bench.catalogue.methods import FLOOR
@@ -122,7 +122,7 @@ class Run:
     jobs: pd.DataFrame
     features: dict[str, FeatureDistances] = field(default_factory=dict)
     skipped: dict[str, str] = field(default_factory=dict)
-    _compared: dict[tuple[tuple[str, ...], frozenset[str]], list[Comparison]] = field(
+    _compared: dict[tuple[tuple[str, ...], frozenset[str]], pd.DataFrame] = field(
         default_factory=dict, repr=False, init=False
     )
 
@@ -239,7 +239,7 @@ class Run:
         metrics: Sequence[str],
         methods: Iterable[str] | None = None,
         among: Mapping[tuple[str, str], Container[str]] | None = None,
-    ) -> list[Comparison]:
+    ) -> pd.DataFrame:
         """Return methods on the same objects by these metrics, by default all; computed once.
 
         `among` has the objects that take part, by condition and class; by default all.

@@ -8,181 +8,118 @@ pairing it with the cheaper ones, object by object (`bench.analysis.paired.Verdi
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Container, Sequence
 
 import numpy as np
+import pandas as pd
 
 from bench.analysis.comparison import (
-    Comparison,
-    Estimate,
-    Quality,
+    CLOUD,
+    COST,
+    VALUE,
+    Row,
     best_first,
-    better_by,
     candidates,
     is_better,
+    with_costs,
     worse_than_blank,
 )
-from bench.analysis.paired import Verdicts
+from bench.analysis.condition_sweep import FAMILY
+from bench.analysis.paired import Verdicts, better_by
 from bench.catalogue.methods import FLOOR
-from data_prep.clouds.conditions import CONDITIONS, Stride, Unchanged
 from data_prep.scene import CLOUD_SIZE
 
-Verdict = Literal[
-    "frontier", "tied", "dominated", "below a white image", "reference", "claimed", "no value"
+LOST = ["lost", "lost_ci_low", "lost_ci_high"]
+FRONTIER = [
+    *("condition", "class", "views", "metric", "method", *COST, *VALUE),
+    *("n_ok", "n", "verdict", "rival"),
 ]
+WHOLE = ["class", "metric", "method"]
+POINTS = [*WHOLE, "condition", "points", "views", *COST, *VALUE, *LOST]
 
 
-@dataclass(frozen=True)
-class FrontierPoint:
-    """One method by one metric, for clouds with so many views.
+def places(compared: pd.DataFrame, views: int, verdicts: Verdicts) -> pd.DataFrame:
+    """Return the places of all methods of a comparison, for clouds with so many views.
 
-    cost_ms  milliseconds for a cloud with its views
-    n_ok, n  images that exist, images that should
-    verdict  frontier   no other candidate is at least as good for at most this cost
-             dominated  one that costs no more is shown to be better
-             tied       one that costs no more is at least as good, but not shown to be better
-             below a white image  it is worse than `blank`, which costs nothing
-             reference  no candidate: it sees the mesh, or no cloud
-             claimed    no candidate: its author states the cost, on another machine
-             no value   it failed on all objects
-    baseline  the method that costs no more and decides the verdict: for a dominated method the best
-             that shows it, for a tied one the best, below a white image `blank`; else empty
+    Returns
+    -------
+    DataFrame
+        A row for each of the comparison: `condition`, `class`, `views`,
+        `metric`, `method`; `cost_ms` (milliseconds for a cloud with its views) with `cost_ci_low`
+        and `cost_ci_high`; `value` with `ci_low` and `ci_high`; `n_ok` and `n` (images that exist,
+        and that should); `rival` (the method that costs no more and decides the verdict: for a
+        dominated method the best that shows it, for a tied one the best, below a white image
+        `blank`; else empty) and `verdict`:
+
+        * "frontier": no other candidate is at least as good for at most this cost
+        * "dominated": one that costs no more is shown to be better
+        * "tied": one that costs no more is at least as good, but not shown to be better
+        * "below a white image": it is worse than `blank`, which costs nothing
+        * "reference": no candidate: it sees the mesh, or no cloud
+        * "claimed": no candidate: its author states the cost, on another machine
+        * "no value": it failed on all objects
     """
-
-    condition: str
-    class_name: str
-    views: int
-    metric: str
-    method: str
-    cost_ms: Estimate
-    quality: Estimate
-    n_ok: int
-    n: int
-    verdict: Verdict
-    baseline: str
-
-
-def places(
-    comparison: Comparison, metrics: Sequence[str], views: int, verdicts: Verdicts
-) -> list[FrontierPoint]:
-    """Return the places of all methods by these metrics, in their order and the comparison's."""
-    costs = {method: comparison.cost_ms(method, views) for method in comparison.images}
-    could = [method for method in candidates(costs) if method not in comparison.claimed]
-    points = []
-    for metric in metrics:
-        qualities = comparison.qualities[metric]
-        for method, quality in qualities.items():
-            if method in comparison.claimed:
-                verdict, baseline = "claimed", ""
-            elif method not in could:
-                verdict, baseline = "reference", ""
-            else:
-                rivals = {m: qualities[m] for m in could}
-                verdict, baseline = _verdict(comparison, metric, method, rivals, costs, verdicts)
-            points.append(
-                FrontierPoint(
-                    comparison.condition,
-                    comparison.class_name,
-                    views,
-                    metric,
-                    method,
-                    costs[method],
-                    quality.estimate,
-                    *comparison.images[method],
-                    verdict,
-                    baseline,
-                )
-            )
-    return points
+    rows = with_costs(compared, views)
+    for _, cell in rows.groupby(["condition", "class", "metric"], sort=False):
+        below = worse_than_blank(cell)
+        could = cell[cell["method"].isin(candidates(cell["method"])) & ~cell["claimed"]]
+        rivals = best_first(could).to_dict("records")
+        for at, row in zip(cell.index, cell.to_dict("records"), strict=True):
+            verdict, rival = "claimed" if row["claimed"] else "reference", ""
+            if at in could.index:
+                verdict, rival = _verdict(row, rivals, below, verdicts)
+            rows.loc[at, ["verdict", "rival"]] = verdict, rival
+    return rows.reindex(columns=FRONTIER)
 
 
 def _verdict(
-    comparison: Comparison,
-    metric: str,
-    method: str,
-    rivals: Mapping[str, Quality],
-    costs: Mapping[str, Estimate],
-    verdicts: Verdicts,
-) -> tuple[Verdict, str]:
-    quality, cost = rivals[method], costs[method].value
-    if not np.isfinite((cost, quality.estimate.value)).all():
+    row: Row, rivals: Sequence[Row], below: Container[str], verdicts: Verdicts
+) -> tuple[str, str]:
+    if not np.isfinite((row["cost_ms"], row["value"])).all():
         return "no value", ""
-    if method in worse_than_blank(comparison.qualities[metric]):
+    if row["method"] in below:
         return "below a white image", FLOOR
-    baselines = [
+    cost = row["cost_ms"]
+    better = [
         other
-        for other in best_first(rivals)
-        if other != method and costs[other].value <= cost and not is_better(quality, rivals[other])
+        for other in rivals
+        if other["method"] != row["method"]
+        and other["cost_ms"] <= cost
+        and not is_better(row, other)
     ]
-    if not any(costs[m].value < cost or is_better(rivals[m], quality) for m in baselines):
+    if not any(other["cost_ms"] < cost or is_better(other, row) for other in better):
         return "frontier", ""
-    shown_by = (m for m in baselines if verdicts.shows(m, method, metric, comparison))
-    worse = next(shown_by, None)
-    return ("tied", baselines[0]) if worse is None else ("dominated", worse)
+    for other in better:
+        if verdicts.shows(other["method"], row["method"], row):
+            return "dominated", other["method"]
+    return "tied", better[0]["method"]
 
 
-@dataclass(frozen=True)
-class SubsampledFrontier:
-    """A method on clouds of fewer points.
-
-    points   number in each cloud
-    lost     quality that the full cloud has more, paired; over 0 where points help
-    claimed  whether the cost is as its author states it
-    """
-
-    class_name: str
-    metric: str
-    method: str
-    condition: str
-    points: int
-    cost_ms: Estimate
-    quality: Estimate
-    lost: Estimate
-    claimed: bool = False
-
-
-def thinned(
-    comparisons: Sequence[Comparison], metrics: Sequence[str], views: int
-) -> list[SubsampledFrontier]:
+def thinned(compared: pd.DataFrame, views: int) -> pd.DataFrame:
     """Return the candidates at the conditions that only take points away, beside the full cloud.
 
     The number of points is a parameter of every method. None for a class without the full cloud.
+
+    Returns
+    -------
+    DataFrame
+        A row for each condition, class, method and metric: `class`, `metric`, `method`,
+        `condition`, `points` (in each cloud), `views`; cost and value as in `places`; `lost`
+        (quality that the full cloud has more, paired; over 0 where points help) with `lost_ci_low`
+        and `lost_ci_high`; `claimed` (whether the cost is as its author states it).
     """
-    counted = [(c, points) for c in comparisons if (points := point_count(c.condition))]
-    full = {c.class_name: c for c, points in counted if points == CLOUD_SIZE}
-    frontiers = []
-    for c, points in counted:
-        whole = full.get(c.class_name)
-        if whole is None or whole.objects != c.objects:
-            continue
-        for method in candidates(c.images):
-            cost_ms = c.cost_ms(method, views)
-            for metric in metrics:
-                quality = c.qualities[metric][method]
-                of_whole = whole.qualities[metric][method]
-                lost = better_by(of_whole, quality)
-                frontiers.append(
-                    SubsampledFrontier(
-                        c.class_name,
-                        metric,
-                        method,
-                        c.condition,
-                        points,
-                        cost_ms,
-                        quality.estimate,
-                        lost,
-                        method in c.claimed,
-                    )
-                )
-    return frontiers
-
-
-def point_count(condition_id: str) -> int | None:
-    """Return the points of a cloud where a condition takes each n-th; None for other conditions."""
-    for condition in CONDITIONS:
-        if condition.id == condition_id and isinstance(condition.perturbation, Unchanged | Stride):
-            step = getattr(condition.perturbation, "step", 1)
-            return -(-CLOUD_SIZE // step)
-    return None
+    steps = pd.DataFrame(FAMILY["points"].steps, columns=["points", "condition"])
+    could = compared[compared["method"].isin(candidates(compared["method"]))]
+    fewer = with_costs(could, views).merge(steps, on="condition")
+    full = fewer.loc[fewer["points"] == CLOUD_SIZE, [*WHOLE, "value", "samples", "objects"]]
+    both = fewer.merge(full, on=WHOLE, suffixes=("", "_full"))
+    both = both[both["objects"] == both["objects_full"]]
+    lost = [
+        better_by(
+            [row | {name: row[f"{name}_full"] for name in ("value", "samples")}], [row]
+        ).estimate()
+        for row in both.to_dict("records")
+    ]
+    both[LOST] = np.array(lost).reshape(-1, 3)
+    order = both.groupby(CLOUD, sort=False).ngroup().sort_values(kind="stable").index
+    return both.loc[order, [*POINTS, "claimed"]]

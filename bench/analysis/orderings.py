@@ -10,10 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from bench.analysis.comparison import NAN, Comparison, Estimate, class_mean_difference
+from bench.analysis.comparison import NAN, Estimate, Row
 from bench.analysis.frame import Run
 from bench.analysis.intervals import SIGNIFICANCE
-from bench.analysis.paired import verdicts_of
+from bench.analysis.paired import CELL, LEAD, better_by, verdicts_of
 from bench.analysis.paper import AVERAGE, SURFACE, Published, network_of, paper_difference
 from bench.catalogue.metrics import is_mean
 
@@ -68,51 +68,47 @@ def orderings(run: Run, published: Published) -> list[Ordering]:
     metrics += [m for m in wanted if is_mean(m) and run.has(m)]
     both = (SURFACE, network)
     verdicts = verdicts_of(run, metrics, both)
-    by_condition: dict[str, list[Comparison]] = {}
-    for comparison in run.compared(metrics, both):
-        by_condition.setdefault(comparison.condition, []).append(comparison)
-    counts = run.objects_of
+    compared = run.compared(metrics, both)
+    counts, conditions = run.objects_of, compared["condition"].nunique()
 
-    def of_class(metric: str, c: Comparison) -> Ordering:
-        surface, ours = (c.qualities[metric][method].estimate.value for method in both)
-        cell = metric, c.condition, c.class_name
+    def of_class(surface: Row, ours: Row) -> Ordering:
+        cell = (ours[name] for name in CELL)
+        lead = verdicts.difference(SURFACE, network, *cell)
         return Ordering(
-            c.condition,
-            c.class_name,
-            metric,
-            surface,
-            ours,
-            verdicts.difference(SURFACE, network, *cell).lead,
-            paper_difference(published, c.class_name),
-            counts[c.class_name],
+            ours["condition"],
+            ours["class"],
+            ours["metric"],
+            surface["value"],
+            ours["value"],
+            Estimate(*(lead[end] for end in LEAD)),
+            paper_difference(published, ours["class"]),
+            counts[ours["class"]],
             network,
         )
 
     rows = []
-    for condition, classes in by_condition.items():
-        for metric in metrics:
-            of_classes = [of_class(metric, c) for c in classes]
-            # Of the classes in which both have a value.
-            known = [row for row in of_classes if math.isfinite(row.difference.value)]
-            names = {row.class_name for row in known}
-            at = [c.qualities[metric] for c in classes if c.class_name in names]
-            sides = ([by_method[method] for by_method in at] for method in (network, SURFACE))
-            cells = len(by_condition) * (len(run.headline) if metric in run.headline else 1)
-            lead = Estimate(NAN, NAN, NAN)
-            if known:
-                lead, _ = class_mean_difference(*sides, alpha=SIGNIFICANCE / cells)
-            average = Ordering(
-                condition,
-                AVERAGE,
-                metric,
-                _mean([row.surface for row in known]),
-                _mean([row.network for row in known]),
-                lead,
-                paper_difference(published, AVERAGE),
-                sum(counts.values()),
-                network,
-            )
-            rows += [*of_classes, average]
+    for (condition, metric), cells in compared.groupby(["condition", "metric"], sort=False):
+        surface, ours = (cells[cells["method"] == method].to_dict("records") for method in both)
+        of_classes = list(map(of_class, surface, ours))
+        # Of the classes in which both have a value.
+        known = [i for i, row in enumerate(of_classes) if math.isfinite(row.difference.value)]
+        family = conditions * (len(run.headline) if metric in run.headline else 1)
+        lead = Estimate(NAN, NAN, NAN)
+        if known:
+            both_known = better_by([ours[i] for i in known], [surface[i] for i in known])
+            lead = both_known.estimate(SIGNIFICANCE / family)
+        average = Ordering(
+            str(condition),
+            AVERAGE,
+            str(metric),
+            _mean([of_classes[i].surface for i in known]),
+            _mean([of_classes[i].network for i in known]),
+            lead,
+            paper_difference(published, AVERAGE),
+            sum(counts.values()),
+            network,
+        )
+        rows += [*of_classes, average]
     return rows
 
 

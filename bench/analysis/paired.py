@@ -12,117 +12,163 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
-from bench.analysis.comparison import Comparison, Estimate, Quality, change, paired
-from bench.analysis.frame import Run
-from bench.analysis.intervals import FEWEST, SIGNIFICANCE
-from bench.catalogue.metrics import higher_is_better, is_mean
+import numpy as np
+import pandas as pd
+
+from bench.analysis.comparison import NAN, VALUE, Estimate, Row
+from bench.analysis.intervals import (
+    FEWEST,
+    NONE,
+    SIGNIFICANCE,
+    StandardError,
+    clipped,
+    jackknife_error,
+    mean_error,
+)
+from bench.catalogue.metrics import higher_is_better, is_mean, value_range
+
+if TYPE_CHECKING:
+    from bench.analysis.frame import Run
 
 Ahead = Literal["a", "b", "tie", "unknown"]
 KEPT = 5  # decimals of an interval that count: sums in another order differ by 1e-6
+CELL = ["metric", "condition", "class"]
+SIDE = ["run", "method", "images_of", "value"]
+LEAD = ["lead", "lead_low", "lead_high"]
+DIFFERENCES = [
+    *(*CELL, "run_a", "method_a", "run_b", "method_b", "value_a", "value_b"),
+    *("difference", "ci_low", "ci_high", "level", "p", "p_corrected", "cells", "ahead"),
+    *("objects", "objects_needed", "images_of_a", "images_of_b"),
+]
 
 
-@dataclass(frozen=True)
-class Side:
-    """One side of a comparison: a method of a run."""
+class QualityChange(NamedTuple):
+    """A difference of two qualities, its standard error, and the least and largest it can be.
 
-    run: str
-    method: str
-
-
-@dataclass(frozen=True)
-class ComparedPair:
-    """The qualities of the two sides of a cell by one metric, on the same objects.
-
-    objects  number of objects that have a value on both sides
+    error  None where there are too few objects
     """
 
-    condition: str
-    class_name: str
-    a: Side
-    b: Side
-    quality_a: Quality
-    quality_b: Quality
-    objects: int
+    value: float
+    error: StandardError | None
+    possible: tuple[float, float]
+
+    def estimate(self, alpha: float = SIGNIFICANCE) -> Estimate:
+        """Return the difference with the interval that misses the true one in `alpha`."""
+        interval = self.error.interval(self.value, alpha) if self.error else NONE
+        return Estimate(self.value, *clipped(interval, self.possible))
 
     @property
-    def metric(self) -> str:
-        """Return the metric of both qualities."""
-        return self.quality_a.metric
-
-    @property
-    def methods(self) -> tuple[str, str]:
-        """Return the methods whose images they are, in place of the names of chosen rows."""
-        return self.quality_a.method, self.quality_b.method
+    def p(self) -> float:
+        """Return the two-sided p value of no difference; NaN without an error."""
+        return self.error.p_value(self.value) if self.error else NAN
 
 
-@dataclass(frozen=True)
-class PairedDifference:
-    """The difference in a cell.
+def change(a: Sequence[Row], b: Sequence[Row]) -> QualityChange:
+    """Return a - b in the mean over classes, by pairing the two object by object.
 
-    difference  b - a, with the interval that decides; NaN where there are too few objects
-    p           of no difference, two-sided; NaN where there are too few objects
-    cells       the number of cells that p is corrected for: those of the sentence that have one
+    Both have a row of a comparison of each class by one metric, in the same order. A class in which
+    no object has a value on both sides does not count.
     """
-
-    pair: ComparedPair
-    difference: Estimate
-    p: float
-    cells: int
-
-    @property
-    def p_corrected(self) -> float:
-        """Return the p value corrected for the number of cells."""
-        return min(1.0, self.p * self.cells) if math.isfinite(self.p) else self.p
-
-    @property
-    def level(self) -> float:
-        """Return the level of the interval: all those of the sentence hold together in 95 %."""
-        return 1 - SIGNIFICANCE / max(self.cells, 1)
-
-    @property
-    def lead(self) -> Estimate:
-        """Return how much better b is than a, with its interval."""
-        if higher_is_better(self.pair.metric):
-            return self.difference
-        value, low, high = self.difference
-        return Estimate(0.0 - value, 0.0 - high, 0.0 - low)  # 0 has no sign
-
-    @property
-    def ahead(self) -> Ahead:
-        """Return who is better, by an interval without 0; unknown where it has none."""
-        if not math.isfinite(self.difference.low):
-            return "unknown"
-        low, high = (round(end, KEPT) for end in self.lead[1:])
-        return "b" if low > 0 else "a" if high < 0 else "tie"
-
-    @property
-    def objects_needed(self) -> int | None:
-        """Return how many objects an interval takes where these are too few; else None."""
-        few = self.ahead == "unknown" and math.isfinite(self.difference.value)
-        return FEWEST if few else None
+    metric = a[0]["metric"]
+    least, largest = value_range(metric)
+    possible = (least - largest, largest - least)
+    paired = [x["samples"] - y["samples"] for x, y in zip(a, b, strict=True)]
+    if is_mean(metric):
+        samples = [known for gain in paired if len(known := gain[~np.isnan(gain)])]
+        value = float(np.mean([values.mean() for values in samples])) if samples else NAN
+        return QualityChange(value, mean_error(samples), possible)
+    value = float(np.mean([x["value"] - y["value"] for x, y in zip(a, b, strict=True)]))
+    return QualityChange(value, jackknife_error(paired), possible)
 
 
-def compared_pair(
-    metric: str, in_a: Comparison, in_b: Comparison, a: Side, b: Side
-) -> ComparedPair:
-    """Return the qualities of two sides on the same objects."""
-    quality_a, quality_b = in_a.qualities[metric][a.method], in_b.qualities[metric][b.method]
-    objects = len(paired(quality_b, quality_a)) if is_mean(metric) else len(in_a.objects)
-    return ComparedPair(in_a.condition, in_a.class_name, a, b, quality_a, quality_b, objects)
+def better_by(a: Sequence[Row], b: Sequence[Row]) -> QualityChange:
+    """Return by how much `a` is better than `b`, as `change`: above 0 where a is better."""
+    return change(a, b) if higher_is_better(a[0]["metric"]) else change(b, a)
 
 
-def paired_differences(pairs: Sequence[ComparedPair]) -> list[PairedDifference]:
-    """Return the difference of each pair, in their order, corrected for all of them together."""
-    changes = [change([pair.quality_b], [pair.quality_a]) for pair in pairs]
-    tested = sum(of_pair.error is not None for of_pair in changes)
-    differences = []
-    for pair, of_pair in zip(pairs, changes, strict=True):
-        decisive = of_pair.estimate(SIGNIFICANCE / max(tested, 1))
-        differences.append(PairedDifference(pair, decisive, of_pair.p, tested))
-    return differences
+def paired_differences(pairs: Sequence[tuple[Row, Row]]) -> pd.DataFrame:
+    """Return the difference of each pair, in their order, corrected for all of them together.
+
+    Parameters
+    ----------
+    pairs : sequence
+        Rows (a, b) of a comparison, or of two of which each has a `run`, on the same objects.
+
+    Returns
+    -------
+    DataFrame
+        A row for each pair:
+
+        * `metric`, `condition` and `class`; of both sides, `_a` and `_b`, the `run`, the `method`,
+          the method whose `images_of` they are, and the `value`
+        * `difference`: b - a, with `ci_low` and `ci_high`, the interval that decides, of `level`;
+          NaN where there are too few objects
+        * `p`: of no difference, two-sided; NaN where there are too few objects; `p_corrected`: the
+          same for `cells`, the number of pairs that have one
+        * `ahead`: "a" or "b", the better one by an interval without 0, "tie", or "unknown" where it
+          has none
+        * `objects`: number of those that have a value on both sides; `objects_needed`: how many
+          an interval takes where these are too few, else None
+    """
+    rows = _differences(pairs)
+    needed = pd.Series([row["objects_needed"] for row in rows], dtype=object)
+    return pd.DataFrame(rows, columns=DIFFERENCES).assign(objects_needed=needed)
+
+
+def _differences(pairs: Sequence[tuple[Row, Row]]) -> list[Row]:
+    changes = [change([b], [a]) for a, b in pairs]
+    cells = sum(of_pair.error is not None for of_pair in changes)
+    alpha = SIGNIFICANCE / max(cells, 1)
+    rows = []
+    for sides, of_pair in zip(pairs, changes, strict=True):
+        a, b = sides
+        difference = of_pair.estimate(alpha)
+        lead: tuple[float, float, float] = difference
+        if not higher_is_better(a["metric"]):  # 0 has no sign
+            lead = (0.0 - difference.value, 0.0 - difference.high, 0.0 - difference.low)
+        ahead = _ahead(*lead)
+        objects = len(a["objects"])
+        if is_mean(a["metric"]):
+            objects = int((~np.isnan(b["samples"] - a["samples"])).sum())
+        few = ahead == "unknown" and math.isfinite(difference.value)
+        values = (*difference, *lead, 1 - alpha, of_pair.p, min(of_pair.p * cells, 1.0))
+        row = {name: a[name] for name in CELL}
+        row |= {
+            f"{n}_{s}": side.get(n, "") for n in SIDE for s, side in zip("ab", sides, strict=True)
+        }
+        row |= zip(
+            ("difference", *VALUE[1:], *LEAD, "level", "p", "p_corrected"), values, strict=True
+        )
+        row |= {"cells": cells, "ahead": ahead, "objects": objects}
+        rows.append(row | {"objects_needed": FEWEST if few else None})
+    return rows
+
+
+def _ahead(value: float, low: float, high: float) -> Ahead:
+    if not math.isfinite(low):
+        return "unknown"
+    return "b" if round(low, KEPT) > 0 else "a" if round(high, KEPT) < 0 else "tie"
+
+
+def by_method(compared: pd.DataFrame) -> dict[str, dict[tuple[str, ...], Row]]:
+    """Return the rows of a comparison by method and cell."""
+    rows: dict[str, dict[tuple[str, ...], Row]] = {}
+    for row in compared.to_dict("records"):
+        rows.setdefault(row["method"], {})[tuple(row[name] for name in CELL)] = row
+    return rows
+
+
+def two_methods(compared: pd.DataFrame, metrics: Sequence[str], a: str, b: str) -> pd.DataFrame:
+    """Return the differences of two methods by some metrics, which are corrected together.
+
+    Rows are by metric, in the order of these. Cells that one of them does not have are left out.
+    """
+    rows = by_method(compared)
+    of_a, of_b = rows.get(a, {}), rows.get(b, {})
+    cells = [cell for metric in metrics for cell in of_a if cell[0] == metric and cell in of_b]
+    return paired_differences([(of_a[cell], of_b[cell]) for cell in cells])
 
 
 class Verdicts:
@@ -132,54 +178,36 @@ class Verdicts:
     by one other metric alone, and is corrected for these cells.
     """
 
-    def __init__(self, headline: Sequence[Comparison], further: Sequence[Comparison] = ()) -> None:
+    def __init__(self, headline: pd.DataFrame, further: pd.DataFrame | None = None) -> None:
         """Take the comparisons by the metrics of the headline, and by those of a table."""
-        self._headline, self._further = headline, further
-        self._known: dict[tuple[str, ...], dict[tuple[str, ...], PairedDifference]] = {}
+        self._together = set(headline["metric"])
+        self._headline = by_method(headline)
+        self._further = self._headline if further is None else by_method(further)
+        self._known: dict[tuple[str, ...], dict[tuple[str, ...], Row]] = {}
 
-    def difference(
-        self, a: str, b: str, metric: str, condition: str, class_name: str
-    ) -> PairedDifference:
-        """Return the difference of two methods in a cell."""
-        together = bool(self._headline) and metric in self._headline[0].qualities
+    def difference(self, a: str, b: str, metric: str, condition: str, class_name: str) -> Row:
+        """Return the difference of two methods in a cell, as a row of `paired_differences`.
+
+        It also has `lead` with `lead_low` and `lead_high`: how much better b is than a.
+        """
+        together = metric in self._together
         family = (a, b, "" if together else metric)
         if family not in self._known:
-            of_family = self._headline if together else self._further
-            metrics = list(self._headline[0].qualities) if together else [metric]
-            cells = two_methods(of_family, metrics, Side("", a), Side("", b))
-            self._known[family] = {
-                (cell.pair.metric, cell.pair.condition, cell.pair.class_name): cell
-                for cell in cells
-            }
+            of_a, of_b = ((self._headline if together else self._further)[m] for m in (a, b))
+            cells = [c for c in of_a if c in of_b and (together or c[0] == metric)]
+            rows = _differences([(of_a[cell], of_b[cell]) for cell in cells])
+            self._known[family] = dict(zip(cells, rows, strict=True))
         return self._known[family][metric, condition, class_name]
 
-    def shows(self, better: str, worse: str, metric: str, at: Comparison) -> bool:
-        """Return whether a method is shown to be better than another in a comparison."""
-        cell = self.difference(worse, better, metric, at.condition, at.class_name)
-        return cell.ahead == "b"
+    def shows(self, better: str, worse: str, at: Row) -> bool:
+        """Return whether a method is shown to be better than another in the cell of a row."""
+        metric, condition, class_name = (at[name] for name in CELL)
+        return self.difference(worse, better, metric, condition, class_name)["ahead"] == "b"
 
 
 def verdicts_of(
     run: Run, metrics: Sequence[str] = (), methods: Iterable[str] | None = None
 ) -> Verdicts:
     """Return the verdicts of a run class by class, also by the metrics of a table."""
-    further = run.compared(metrics, methods) if metrics else ()
+    further = run.compared(metrics, methods) if metrics else None
     return Verdicts(run.compared(run.headline, methods), further)
-
-
-def two_methods(
-    compared: Sequence[Comparison], metrics: Sequence[str], a: Side, b: Side
-) -> list[PairedDifference]:
-    """Return the differences of two methods by some metrics, which are corrected together.
-
-    Cells that one of them does not have are left out.
-    """
-    both = {a.method, b.method}
-    return paired_differences(
-        [
-            compared_pair(metric, c, c, a, b)
-            for metric in metrics
-            for c in compared
-            if both <= c.qualities.get(metric, {}).keys()
-        ]
-    )

@@ -4,30 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from collections.abc import Set as AbstractSet
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from bench.analysis.comparison import (
-    Comparison,
-    Estimate,
-    Quality,
-    best_first,
-    candidates,
-    pooled,
-)
+from bench.analysis.comparison import best_first, candidates, known_objects, pooled
 from bench.analysis.frame import Run, read_run
-from bench.analysis.intervals import NONE
-from bench.analysis.paired import (
-    PairedDifference,
-    Side,
-    compared_pair,
-    paired_differences,
-    two_methods,
-)
+from bench.analysis.paired import by_method, paired_differences, two_methods
 from bench.catalogue.chosen import BEST_RECONSTRUCTION, CHOSEN
 from bench.catalogue.lookup import instead_of
 from bench.catalogue.methods import FLOOR
@@ -48,7 +33,7 @@ class Differences:
     """The differences of two sides in all cells.
 
     a, b     names of the two sides: methods of one run, or folders of two
-    cells    a row for each cell: the columns of `differences.csv`, and `MEASURED`
+    cells    as `bench.analysis.paired.paired_differences` returns them
     remarks  what was left out, a sentence each
     truth    the truth that both sides are scored against, in words
     """
@@ -89,14 +74,12 @@ def against_best(
     run = read_run(directory)
     rivals = candidates(m for m in run.manifest["methods"] if m not in added) or [FLOOR]
     metrics = _metrics([run], None, [])
-    cells = run.compared(metrics, rivals)
+    by = ["metric", "method", "images_of"]
+    values = run.compared(metrics, rivals).groupby(by, sort=False)["value"]
+    means = values.agg(lambda of_cells: of_cells.mean(skipna=False)).reset_index()
     best_by: dict[str, tuple[str, ...]] = {}
     for metric in metrics:
-        means = {}
-        for m in rivals:
-            values = np.array([c.qualities[metric][m].estimate.value for c in cells])
-            means[m] = Quality(metric, Estimate(float(values.mean()), *NONE), values, m)
-        best = next(iter(best_first(means)), rivals[0])
+        best = next(iter(best_first(means[means["metric"] == metric])["method"]), rivals[0])
         best_by[best] = (*best_by.get(best, ()), metric)
     if BEST_RECONSTRUCTION in _chosen_rows(run):
         best_by[BEST_RECONSTRUCTION] = ()
@@ -112,15 +95,17 @@ def _two_methods(run: Run, methods: Sequence[str], metrics: Sequence[str] | None
     a, b = methods
     folder = str(run.directory)
     compared = _compare(run, methods, chosen)
-    sides = Side(folder, a), Side(folder, b)
-    classes = two_methods(compared, chosen, *sides)
-    together = two_methods(pooled(compared), chosen, *sides)
+    together = pooled(compared)
+    parts = [compared] if together.empty else [compared, together]
+    cells = pd.concat([two_methods(part.assign(run=folder), chosen, a, b) for part in parts])
     for name in chosen_rows.keys() & set(methods):
         parts = (f"`{method}` at {condition}" for condition, method in chosen_rows[name].items())
         remarks.append(f"`{name}` is {', '.join(parts)}.")
     truth = TRUTHS[run.suite.truth]
-    cells = sorted((*classes, *together), key=lambda cell: chosen.index(cell.pair.metric))
-    return Differences(a, b, _frame(cells), tuple(remarks), truth)
+    cells = cells.sort_values(
+        "metric", key=lambda names: names.map(chosen.index), kind="stable", ignore_index=True
+    )
+    return Differences(a, b, cells, tuple(remarks), truth)
 
 
 def runs(
@@ -150,58 +135,37 @@ def runs(
     _leave_out_changed(a, b, common["conditions"], remarks)
     names = methods or common["methods"]
     chosen = _metrics([a, b], metrics, remarks)
-    alone = [{(c.condition, c.class_name): c for c in _compare(run, names, ())} for run in (a, b)]
+    alone = [known_objects(run) for run in (a, b)]
     shared = {
-        cell: set(of_a.objects) & set(alone[1][cell].objects)
+        cell: of_a & alone[1][cell]
         for cell, of_a in alone[0].items()
         if cell in alone[1] and cell[0] in common["conditions"]
     }
     remarks += _of_fewer_objects(shared, *alone)
     in_a, in_b = (
-        {(c.condition, c.class_name): c for c in _compare(run, names, chosen, shared)}
-        for run in (a, b)
+        by_method(_compare(run, names, chosen, shared).assign(run=str(directory)))
+        for run, directory in ((a, first), (b, second))
     )
     pairs = [
-        compared_pair(
-            metric, in_a[cell], in_b[cell], Side(str(first), name), Side(str(second), name)
-        )
+        (in_a[name][cell], in_b[name][cell])
         for metric in chosen
-        for cell in in_a
+        for at in shared
         for name in names
+        if (cell := (metric, *at)) in in_a.get(name, {}) and cell in in_b.get(name, {})
     ]
-    cells, truth = _frame(paired_differences(pairs)), TRUTHS[a.suite.truth]
+    cells, truth = paired_differences(pairs), TRUTHS[a.suite.truth]
     return Differences(str(first), str(second), cells, tuple(remarks), truth)
-
-
-def _frame(cells: Sequence[PairedDifference]) -> pd.DataFrame:
-    rows = [
-        {
-            **{"metric": cell.pair.metric, "condition": cell.pair.condition},
-            **{"class": cell.pair.class_name, "run_a": cell.pair.a.run},
-            **{"method_a": cell.pair.a.method, "run_b": cell.pair.b.run},
-            **{"method_b": cell.pair.b.method, "value_a": cell.pair.quality_a.estimate.value},
-            **{"value_b": cell.pair.quality_b.estimate.value},
-            **dict(zip(("difference", "ci_low", "ci_high"), cell.difference, strict=True)),
-            **{"level": cell.level, "p": cell.p, "p_corrected": cell.p_corrected},
-            **{"cells": cell.cells, "ahead": cell.ahead, "objects": cell.pair.objects},
-            "objects_needed": None,
-            **dict(zip(MEASURED, cell.pair.methods, strict=True)),
-        }
-        for cell in cells
-    ]
-    needed = pd.Series([cell.objects_needed for cell in cells], dtype=object)
-    return pd.DataFrame(rows).assign(objects_needed=needed)
 
 
 def _of_fewer_objects(
     shared: Mapping[tuple[str, str], AbstractSet[str]],
-    *alone: Mapping[tuple[str, str], Comparison],
+    *alone: Mapping[tuple[str, str], AbstractSet[str]],
 ) -> list[str]:
     """Return a remark on the objects whose true images failed in one of two runs."""
     missing: dict[str, set[str]] = {}
     for cell, both in shared.items():
         for of_run in alone:
-            missing.setdefault(cell[1], set()).update({*of_run[cell].objects} - both)
+            missing.setdefault(cell[1], set()).update(of_run[cell] - both)
     return [
         f"{len(names)} of class {name} left out, as their true images failed in one of the runs: "
         f"{', '.join(sorted(names)[:NAMED])}{' and others' * (len(names) > NAMED)}; "
@@ -216,24 +180,16 @@ def _compare(
     methods: Sequence[str],
     metrics: Sequence[str],
     among: Mapping[tuple[str, str], AbstractSet[str]] | None = None,
-) -> list[Comparison]:
+) -> pd.DataFrame:
     rows = {name: best for name, best in _chosen_rows(run).items() if name in methods}
     chosen = {method for best in rows.values() for method in best.values()}
     with threadpool_limits(1):  # the same digits on any number of cores
         compared = run.compared(metrics, {*methods, *chosen}, among)
-    return [
-        replace(
-            comparison,
-            qualities={
-                metric: {
-                    **by_method,
-                    **{name: by_method[best[comparison.condition]] for name, best in rows.items()},
-                }
-                for metric, by_method in comparison.qualities.items()
-            },
-        )
-        for comparison in compared
-    ]
+    best_rows = (
+        compared[compared["method"] == compared["condition"].map(best)].assign(method=name)
+        for name, best in rows.items()
+    )
+    return pd.concat([compared, *best_rows])
 
 
 def _chosen_rows(run: Run) -> dict[str, dict[str, str]]:

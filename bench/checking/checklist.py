@@ -256,11 +256,11 @@ def _quality_evidence(
     known = [m for m in manifest["methods"] if family_of(m) == NETWORK or m in subjects]
     chosen = [SURFACE, "true-mesh", *FLOORS, *known]
     compared = scored.compared(metrics, chosen)
-    if not compared:
+    if compared.empty:
         raise BadInput(f"{directory}: no object of this run could be drawn; fix the dataset")
     judged = scored.features.get(JUDGE)
     return QualityEvidence(
-        {(c.condition, c.class_name): c for c in compared},
+        compared,
         {} if judged is None else retrieval_of_chairs(scored.cells, judged),
         _trainings(known),
         tuple(subjects),

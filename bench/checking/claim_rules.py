@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 import pandas as pd
 
-from bench.analysis.comparison import Comparison, Estimate, Quality, class_mean_difference
+from bench.analysis.comparison import Estimate, Row
 from bench.analysis.digits import decimals
 from bench.analysis.intervals import (
     StandardError,
@@ -18,6 +19,7 @@ from bench.analysis.intervals import (
     jackknife_error,
     mean_error,
 )
+from bench.analysis.paired import better_by, by_method
 from bench.analysis.paper import AVERAGE, NETWORK, SURFACE
 from bench.catalogue.lookup import family_of
 from bench.catalogue.methods import FLOORS
@@ -55,14 +57,14 @@ class Training(NamedTuple):
 class QualityEvidence:
     """A run with scored images.
 
-    comparisons  by condition and class
-    retrieval    by method and condition, the share of each chair's images that is found, [G]
-    trainings    of the networks with known weights
-    subjects     methods in place of the variants of pc2pix
-    seeds        by method, metric and condition, the spread between trainings on chairs
+    compared   as `bench.analysis.comparison.compare` returns it
+    retrieval  by method and condition, the share of each chair's images that is found, [G]
+    trainings  of the networks with known weights
+    subjects   methods in place of the variants of pc2pix
+    seeds      by method, metric and condition, the spread between trainings on chairs
     """
 
-    comparisons: Mapping[tuple[str, str], Comparison]
+    compared: pd.DataFrame
     retrieval: Mapping[tuple[str, str], Floats] = field(default_factory=dict)
     trainings: Mapping[str, Training] = field(default_factory=dict)
     subjects: tuple[str, ...] = ()
@@ -71,7 +73,7 @@ class QualityEvidence:
     @property
     def networks(self) -> list[str]:
         """Return the methods that claims are about: `subjects`, or the variants of pc2pix."""
-        methods = next(iter(self.comparisons.values())).images
+        methods = self.compared["method"].unique()
         networks = [
             method
             for method in methods
@@ -81,25 +83,28 @@ class QualityEvidence:
             raise MissingEvidence(f"the run has no {' or '.join(self.subjects or (NETWORK,))}")
         return networks
 
-    def quality(self, metric: str, method: str, condition: str, class_name: str) -> Quality:
+    @cached_property
+    def _rows(self) -> dict[str, dict[tuple[str, ...], Row]]:
+        return by_method(self.compared)
+
+    def quality(self, metric: str, method: str, condition: str, class_name: str) -> Row:
         """Return a metric of a method in one cell. Raises MissingEvidence without a value."""
-        cell = self.comparisons.get((condition, class_name))
-        if cell is None:
-            raise MissingEvidence(f"the run has no {class_name} at {condition}")
-        of_metric = cell.qualities.get(metric, {})
-        if method not in of_metric:
-            raise MissingEvidence(f"the run has no {metric} of {method}")
-        return of_metric[method]
+        row = self._rows.get(method, {}).get((metric, condition, class_name))
+        if row is None:
+            known = class_name in self.classes(condition)
+            lacks = f"{metric} of {method}" if known else f"{class_name} at {condition}"
+            raise MissingEvidence(f"the run has no {lacks}")
+        return row
 
     @property
     def distance(self) -> str:
         """Return the Fréchet distance that the run has."""
-        measured = next(iter(self.comparisons.values())).qualities
+        measured = set(self.compared["metric"])
         return next((metric for metric in DISTANCES if metric in measured), DISTANCES[0])
 
-    def classes(self) -> list[str]:
-        """Return the classes that have full clouds."""
-        return [name for condition, name in self.comparisons if condition == FULL]
+    def classes(self, condition: str = FULL) -> list[str]:
+        """Return the classes at a condition."""
+        return self.compared.loc[self.compared["condition"] == condition, "class"].unique().tolist()
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +154,7 @@ def ordering(
             case "undecided":  # an effect that is not significant is never shown to be so
                 required = (lead.shifted(0.0, -1 if lead.estimate.value > 0 else 1),)
         value, other_value = (
-            np.mean([run.quality(metric, m, condition, name).estimate.value for name in names])
+            np.mean([run.quality(metric, m, condition, name)["value"] for name in names])
             for m in (method, other)
         )
         numbers = (
@@ -317,14 +322,14 @@ def mean_above(
 # --- in common ------------------------------------------------------------------------------------
 
 
-def weighted_sum(name: str, terms: Sequence[tuple[float, Quality]]) -> Requirement:
+def weighted_sum(name: str, terms: Sequence[tuple[float, Row]]) -> Requirement:
     """Require that a weighted sum of one metric over methods and conditions is over 0.
 
     The terms are paired object by object.
     """
-    value = float(sum(weight * quality.estimate.value for weight, quality in terms))
-    per_object = np.sum([weight * quality.per_object for weight, quality in terms], axis=0)
-    if is_mean(terms[0][1].metric):
+    value = float(sum(weight * quality["value"] for weight, quality in terms))
+    per_object = np.sum([weight * quality["samples"] for weight, quality in terms], axis=0)
+    if is_mean(terms[0][1]["metric"]):
         required = _mean_over_objects(name, per_object)
         return required._replace(estimate=required.estimate._replace(value=value))
     error = jackknife_error([per_object])
@@ -348,10 +353,11 @@ def _lead(
     ours, others = (
         [run.quality(metric, m, condition, name) for name in classes] for m in (method, other)
     )
-    objects = sum(len(quality.per_object) for quality in ours)
+    objects = sum(len(quality["samples"]) for quality in ours)
     key = method, metric, condition
     spread = run.seeds.get(key, 0.0) if [*classes] == [CHAIR] else 0.0
-    return Requirement("", *class_mean_difference(ours, others), objects, spread)
+    lead = better_by(ours, others)
+    return Requirement("", lead.estimate(), lead.error, objects, spread)
 
 
 def _mean_over_objects(name: str, per_object: Floats) -> Requirement:
@@ -362,7 +368,7 @@ def _mean_over_objects(name: str, per_object: Floats) -> Requirement:
 
 def _loss(
     run: QualityEvidence, metric: str, method: str, condition: str
-) -> list[tuple[float, Quality]]:
+) -> list[tuple[float, Row]]:
     """Return the terms of how much worse a method is at a condition than with the full cloud."""
     sign = 1.0 if higher_is_better(metric) else -1.0
     full, less = (run.quality(metric, method, c, CHAIR) for c in (FULL, condition))

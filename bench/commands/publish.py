@@ -138,8 +138,8 @@ def _write_figures(
         write_class_figures(directory, by_class, outputs.headline, paper_values(suite), artifacts)
     elif suite.figures == "frontier" and outputs.frontier_tables is not None:
         frontier, _ = outputs.frontier_tables
-        write_frontier(directory / FIGURES, frontier.rows)
-    elif suite.figures == "condition sweep" and outputs.curves:
+        write_frontier(directory / FIGURES, frontier.frame)
+    elif suite.figures == "condition sweep" and not outputs.curves.empty:
         write_beyond_figures(directory, outputs.curves, artifacts)
     else:  # also for a part of a run that has no family of conditions
         write_figures(directory, outputs.tables, artifacts)

@@ -2,36 +2,36 @@
 
 from __future__ import annotations
 
-import math
 import secrets
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
+import pandas as pd
 import typer
 
-from bench.analysis.comparison import Estimate, milliseconds
+from bench.analysis.comparison import milliseconds
 from bench.analysis.frame import Run, read_run
 from bench.analysis.paired import verdicts_of
 from bench.analysis.recommend import (
     ALTERNATIVES,
+    BEST,
+    NEXT,
+    NO_BEST,
     SSIM,
-    Advice,
-    MethodOption,
-    Recommendation,
     Requirements,
     at_condition,
-    make_request,
 )
 from bench.analysis.recommend import recommend as best_methods
 from bench.catalogue.metrics import declared_metric
 from bench.catalogue.suites import TRUTHS
 from bench.commands.options import FormatOption, RunDirectory, names, path_argument, path_option
 from bench.tables.build import how_timed
-from bench.tables.grid import FEWER, MOVED, measured
+from bench.tables.grid import FEWER, MOVED, Cell, measured, number, records
 from bench.tables.markdown import visible
 from bench.tables.terminal import laid_out, line_width
+from bench.tables.terminal import table as terminal_table
 from data_prep.failures import BadInput, CannotWrite
 
 MOST_SEED = 2**32
@@ -215,16 +215,22 @@ def recommend(
     """Recommend a method for a budget, or for a quality. Exit 1 if no method meets it."""
     run = read_run(directory).with_further(names(metric) or ())
     manifest = run.manifest
-    request = make_request(manifest["views"] if views is None else views, budget_ms, min_ssim)
+    request = Requirements(manifest["views"] if views is None else views, budget_ms, min_ssim)
     metrics = _judging_metrics(run, names(metric))
     measured = [*metrics, SSIM] if min_ssim is not None and SSIM not in metrics else metrics
     compared = at_condition(run.compared(measured), condition)
-    verdicts = verdicts_of(run, measured)
-    given = [best_methods(comparison, request, metrics, verdicts) for comparison in compared]
-    lines = advice_lines(given, request, manifest["views"], in_full=condition is not None)
-    head = f"{how_timed(manifest)} Scores are against {TRUTHS[run.suite.truth]}."
-    print("\n".join(laid_out((head, *lines), line_width())))
-    if not all(recommendation.meets(request) for recommendation in given):
+    choices, met = best_methods(compared, request, metrics, verdicts_of(run, measured))
+    in_full = condition is not None
+    asked = {BEST: in_full or budget_ms is not None, NEXT: in_full, NO_BEST: budget_ms is not None}
+    choices = choices[[asked.get(choice, True) for choice in choices["choice"]]]
+    lines = [f"{how_timed(manifest)} Scores are against {TRUTHS[run.suite.truth]}."]
+    if request.views != manifest["views"]:
+        lines.append(
+            f"Costs of {request.views} view{'s' * (request.views > 1)} are reckoned from the share "
+            "of one; drawn in a call of their own they may differ."
+        )
+    print("\n".join(laid_out([*lines, "", *_choices(choices, compared, request)], line_width())))
+    if not met:
         raise typer.Exit(1)
 
 
@@ -242,147 +248,55 @@ def _judging_metrics(run: Run, wanted: Sequence[str] | None) -> list[str]:
     return list(wanted or run.headline or [SSIM])
 
 
-def advice_lines(
-    given: Sequence[Recommendation], request: Requirements, views_drawn: int, in_full: bool
-) -> list[str]:
-    """Return the lines for the budget and the minimum quality of each recommendation.
-
-    `views_drawn` were drawn in a call when the costs were measured; `in_full` adds the alternatives
-    and the regret.
-    """
-    lines = []
-    if request.views != views_drawn:
-        lines.append(
-            f"Costs of {request.views} view{'s' * (request.views > 1)} are reckoned from the share "
-            "of one; drawn in a call of their own they may differ."
+def _choices(choices: pd.DataFrame, compared: pd.DataFrame, request: Requirements) -> list[Any]:
+    """Return the choices as a table, and what its marks mean."""
+    where = ["condition", *["class"] * (choices["class"].nunique() > 1)]
+    metrics = compared["metric"].unique()
+    heads = [*where, "choice", "method", *metrics, "ms a cloud", "ms an image", "remarks"]
+    values = {
+        (row["condition"], row["class"], row["method"], row["metric"]): _text(
+            measured((row["value"], row["ci_low"], row["ci_high"]), row["metric"], row["method"])
         )
-    several = len({recommendation.by_metric[0].class_name for recommendation in given}) > 1
-    for recommendation in given:
-        advice = recommendation.by_metric[0]
-        name = advice.condition + f", {advice.class_name}" * several
-        lines += [f"{visible(name)}: {line}" for line in _in_short(recommendation, request)]
-        if in_full:
-            lines += [f"  {line}" for line in _alternatives(recommendation, request)]
-    return [*lines, *([f"{FEWER}."] if any(MOVED in line for line in lines) else [])]
-
-
-def _in_short(recommendation: Recommendation, request: Requirements) -> list[str]:
+        for row in records(compared)
+    }
     lines = []
-    if request.budget_ms is not None:
-        advices = recommendation.by_metric
-        agreed = len({advice.best and advice.best.method for advice in advices}) == 1
-        groups = [advices] if agreed else [(advice,) for advice in advices]
-        lines += [
-            _within_budget(group, request, request.budget_ms, "" if agreed else _by(group[0]))
-            for group in groups
+    for row in records(choices):
+        cloud = (row["condition"], row["class"], row["method"])
+        cost = row["cost_ms"], row["cost_ci_low"], row["cost_ci_high"]
+        line = [
+            *(row[name] for name in where),
+            f"{row['choice']} by {row['metric']}",
+            row["method"],
+            *(values.get((*cloud, metric), "-") for metric in metrics),
+            _text(number(cost, milliseconds)),
+            milliseconds(row["cost_ms"] / request.views),
+            "; ".join(_remarks(row, request)),
         ]
-    if recommendation.by_ssim is not None and request.min_ssim is not None:
-        lines.append(_good_enough(recommendation.by_ssim, request, request.min_ssim))
-    return lines
+        lines.append(list(map(visible, line)))
+    moved = any(MOVED in text for line in lines for text in line)
+    return [terminal_table(heads, lines, left=len(heads)), *[f"{FEWER}."] * moved]
 
 
-def _by(advice: Advice) -> str:
-    return f" by {advice.metric}"
+def _remarks(row: Mapping[str, Any], request: Requirements) -> Iterator[str]:
+    """Yield what one has to know beside the numbers of a choice."""
+    if row["choice"] == NEXT:
+        lead = row["lead"], row["lead_low"], row["lead_high"]
+        yield f"behind by {_text(measured(lead, row['metric'], row['method']))}"
+    for words, methods in (
+        ("not shown to be ahead of", "undecided"),
+        ("no choice, worse than a white image:", "below"),
+    ):
+        if isinstance(row[methods], list) and row[methods]:
+            more = f" and {len(row[methods]) - ALTERNATIVES} more"
+            named = ", ".join(row[methods][:ALTERNATIVES])
+            yield f"{words} {named}{more * (len(row[methods]) > ALTERNATIVES)}"
+    if row["n_ok"] < row["n"]:
+        yield f"{row['n'] - row['n_ok']:.0f} of {row['n']:.0f} images failed"
+    if request.budget_ms is not None and row["cost_ms"] > request.budget_ms:
+        yield "over the budget"
+    elif request.budget_ms is not None and row["cost_ci_high"] > request.budget_ms:
+        yield "the interval of its cost reaches beyond the budget"
 
 
-def _alternatives(recommendation: Recommendation, request: Requirements) -> list[str]:
-    lines = []
-    if (by_ssim := recommendation.by_ssim) is not None:
-        significant = (
-            _text([(by_ssim, by_ssim.significant)], request) if by_ssim.significant else "none"
-        )
-        lines.append(f"surely that good, by the lower end of the interval: {significant}")
-    for advice in recommendation.by_metric:
-        by = _by(advice) * (len(recommendation.by_metric) > 1)
-        if advice.below_blank:
-            methods = ", ".join(map(visible, advice.below_blank))
-            lines.append(f"below a white image{by}, no choice: {methods}")
-        if advice.best is None:
-            continue
-        if request.budget_ms is None:
-            lines.append(f"best at any cost{by}: {_text([(advice, advice.best)], request)}")
-        for choice in advice.next:
-            gap = _estimated(choice.gap, advice.metric, choice.method)
-            lines.append(f"next{by}: {_text([(advice, choice)], request)}; behind by {gap}")
-        regret, blind = (
-            _estimated(value, advice.metric) for value in (advice.regret, advice.regret_blind)
-        )
-        lines.append(
-            f"regret: {regret} {advice.metric} against the best of {advice.affordable} such "
-            f"methods for each of {advice.objects} objects; {blind} where the method is chosen by "
-            "the other objects"
-        )
-    return lines
-
-
-def _within_budget(
-    advices: Sequence[Advice], request: Requirements, budget_ms: float, by: str
-) -> str:
-    """Return the line for the budget, for metrics that choose the same method."""
-    budget, first = f"{milliseconds(budget_ms)} ms", advices[0]
-    if first.best is None:
-        nearest = ""
-        if first.cheapest:
-            nearest = f"; the cheapest: {_text([(first, first.cheapest)], request)}"
-        worse = " is better than a white image" if first.below_blank else ""
-        return f"no method within {budget}{worse}{by}{nearest}"
-    chosen = [(advice, advice.best) for advice in advices if advice.best]
-    message = f"best within {budget}{by}: {_text(chosen, request)}"
-    for advice in advices:
-        if rivals := advice.undecided:
-            more = f" and {len(rivals) - ALTERNATIVES} more" * (len(rivals) > ALTERNATIVES)
-            by = _by(advice) * (len(advices) > 1)
-            named = ", ".join(map(visible, rivals[:ALTERNATIVES]))
-            message += f"; not shown to be ahead of {named}{more}{by}"
-    if first.best.cost_ms.high > budget_ms:
-        message += "; the interval of its cost reaches beyond the budget"
-    return message
-
-
-def _good_enough(advice: Advice, request: Requirements, min_ssim: float) -> str:
-    least = f"ssim of at least {min_ssim:g}"
-    if advice.by_mean is None:
-        nearest = (
-            f"; the nearest: {_text([(advice, advice.best_of_all)], request)}"
-            if advice.best_of_all
-            else ""
-        )
-        return f"no method with an {least}{nearest}"
-    sure = advice.significant is not None and advice.significant.method == advice.by_mean.method
-    message = (
-        f"cheapest with an {least}, {'surely' if sure else 'on average'}: "
-        f"{_text([(advice, advice.by_mean)], request)}"
-    )
-    if request.budget_ms is not None and advice.by_mean.cost_ms.value > request.budget_ms:
-        message += "; over the budget"
-    return message
-
-
-def _text(chosen: Sequence[tuple[Advice, MethodOption]], request: Requirements) -> str:
-    """Return a method with its quality by each metric, and its cost for the cloud and an image.
-
-    A choice by SSIM is shown by the metrics that judge, too, and by these first.
-    """
-    choice = chosen[0][1]
-    metrics = [advice.metric for advice, _ in chosen]
-    shown = choice.qualities if metrics == [SSIM] else metrics
-    qualities = ", ".join(
-        f"{name} {_estimated(choice.qualities[name], name, choice.method)}" for name in shown
-    )
-    cost = f"{milliseconds(choice.cost_ms.value)} ms{_interval(choice.cost_ms, milliseconds)}"
-    failed = f", {choice.n - choice.n_ok} of {choice.n} images failed" * (choice.n_ok < choice.n)
-    image = milliseconds(choice.cost_ms.value / request.views)
-    return f"{visible(choice.method)}, {qualities}, {cost} a cloud, {image} ms an image{failed}"
-
-
-def _interval(estimate: Estimate, shown: Callable[[float], str]) -> str:
-    if not math.isfinite(estimate.low):
-        return ""
-    return f" [{shown(estimate.low)}, {shown(estimate.high)}]"
-
-
-def _estimated(estimate: Estimate, metric: str, *methods: str) -> str:
-    cell = measured(estimate, metric, *methods)
-    if cell.value is None:
-        return "unknown"
+def _text(cell: Cell) -> str:
     return cell.text + (" [{}, {}]".format(*cell.interval) if cell.interval else "")

@@ -10,7 +10,7 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from bench.analysis.digits import decimals, is_coarse, prints_better
-from bench.analysis.leaderboard import mean_places
+from bench.analysis.ranks import mean_places
 from bench.catalogue.methods import (
     FLOOR,
     RECOMMENDED,

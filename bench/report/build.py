@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from bench.analysis.comparison import ALL, pooled
 from bench.analysis.frame import in_order
-from bench.analysis.frontier import FrontierPoint, places
+from bench.analysis.frontier import places
 from bench.analysis.paired import verdicts_of
 from bench.analysis.scores import QualityRow
 from bench.catalogue.conditions import condition_words, known_condition
@@ -92,10 +92,11 @@ def read_page(made: Outputs) -> dict[str, Any]:
     of_cost = run.measured(suite.frontier or suite.headline)
     with threadpool_limits(1):
         compared = run.compared(headline)
-        answer = in_short(pooled(compared) or compared, headline, views)
-        comparisons, verdicts = run.compared(of_cost), verdicts_of(run, of_cost)
-        points = [p for c in comparisons for p in places(c, of_cost, views, verdicts)]
-        costed = cost_grid(comparisons, of_cost[0], views, verdicts)
+        together = pooled(compared)  # of several classes
+        answer = in_short(compared if together.empty else together, headline, views)
+        by_cost, verdicts = run.compared(of_cost), verdicts_of(run, of_cost)
+        points = places(by_cost, views, verdicts)
+        costed = cost_grid(by_cost, of_cost[0], views, verdicts)
     tables = [*filter(None, [made.condition_sweep]), *made.tables]
     glossary = _glossary(manifest, suite, made.tables)
     return {
@@ -133,7 +134,7 @@ def read_page(made: Outputs) -> dict[str, Any]:
     }
 
 
-def _plots(made: Outputs, points: Sequence[FrontierPoint]) -> dict[str, Any]:
+def _plots(made: Outputs, points: pd.DataFrame) -> dict[str, Any]:
     """Return the plots of a page, as (title, SVG): of the headline, of the rest, of the cost."""
     manifest, headline = made.run.manifest, made.run.headline
     styles = method_styles(manifest["methods"])
@@ -142,9 +143,9 @@ def _plots(made: Outputs, points: Sequence[FrontierPoint]) -> dict[str, Any]:
     others = [panel for (metric, _), panel in shown.items() if metric not in headline]
     title = "Class by class" if not all(p.joined for p in shown.values()) else "Robustness"
     remark = _OF_TABLES
-    if made.curves:
+    if not made.curves.empty:
         title, remark, others = "Beyond training", _OF_OBJECTS, family_panels(made.curves)
-    draw = family_figure if made.curves else quality_figure
+    draw = quality_figure if made.curves.empty else family_figure
     rows = [row for table in made.tables for row in table.rows]
     all_failed = _ALL_FAILED if any(row.failed and not row.n_ok for row in rows) else ""
     ceilings = [method for method in manifest["methods"] if role(method) == "ceiling"]

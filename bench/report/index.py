@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import quote
 
+import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from bench.analysis.comparison import Comparison, milliseconds, pooled
+from bench.analysis.comparison import milliseconds, over_conditions, pooled, with_costs
 from bench.analysis.frame import Run, read_run
-from bench.analysis.leaderboard import over_conditions
-from bench.analysis.ranks import Ranking, ranking
+from bench.analysis.ranks import ranking
 from bench.catalogue.conditions import condition_words
 from bench.catalogue.methods import role
 from bench.catalogue.metrics import is_mean
@@ -41,11 +41,13 @@ from bench.report.build import REPORT, write_report
 from bench.report.page import rendered
 from bench.tables.build import make_outputs
 from bench.tables.differences import too_few
+from bench.tables.grid import records
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.files.atomic_write import write_whole
 from data_prep.files.checksums import file_sha256
 from data_prep.progress import progress
 
+Rankings = Mapping[str, tuple[pd.DataFrame, int | None]]  # by metric
 INDEX = "index.html"
 WRITTEN_BY = "pc2pix-bench, index of runs"  # in the head of a page that may be replaced
 HEAD_BYTES = 2_000
@@ -202,12 +204,14 @@ def run_board(runs: Sequence[NamedRun]) -> dict[str, Any] | None:
         metrics = [metric for metric in metrics if is_mean(metric)]
         with threadpool_limits(1):
             by_class = run.run.compared(metrics)
-            compared = pooled(by_class) or by_class  # of several classes all objects together
-            if not compared or not metrics:
+            together = pooled(by_class)  # of several classes all objects
+            compared = by_class if together.empty else together
+            if compared.empty:
                 notes.append(f"{run.name} has no scored image.")
                 continue
             overall = over_conditions(compared)
-            rankings = [ranking(overall, metric) for metric in metrics]
+            by_metric = overall.groupby("metric", sort=False)
+            rankings = {str(metric): ranking(rows) for metric, rows in by_metric}
         groups.append(_of_run(run, names, overall, rankings))
         notes += _missing(run, rankings)
         for method, name in names.items():
@@ -236,30 +240,25 @@ def run_board(runs: Sequence[NamedRun]) -> dict[str, Any] | None:
 def _of_run(
     run: NamedRun,
     names: Mapping[str, str],
-    overall: Comparison,
-    rankings: Sequence[Ranking],
+    overall: pd.DataFrame,
+    rankings: Rankings,
 ) -> BoardGroup:
     """Return the columns of a run: its metrics, and the cost of a cloud on its machine."""
     columns = []
-    for of_metric in rankings:
+    for metric, (ranked, _) in rankings.items():
         cells = {}
-        for rank in of_metric.ranks:
-            n_ok, n = overall.images[rank.method]
+        for row in records(ranked):
+            method, n_ok, n = row["method"], row["n_ok"], row["n"]
             failed = f"{n - n_ok} of {n} failed" if n_ok < n else ""
-            cells[names[rank.method]] = value_cell(
-                rank.estimate.value,
-                of_metric.metric,
-                rank.method,
-                letters=rank.letters,
-                caveat=failed,
-            )
-        columns.append(metric_column(of_metric.metric, cells))
+            about = {"letters": row["letters"], "caveat": failed}
+            cells[names[method]] = value_cell(row["value"], metric, method, **about)
+        columns.append(metric_column(metric, cells))
     costs, views = {}, int(run.run.manifest["views"])
-    for method in overall.images:
-        cost = overall.cost_ms(method, views).value
-        if math.isfinite(cost) and not role(method):
-            claimed = "claimed" if method in overall.claimed else ""
-            costs[names[method]] = BoardCell(milliseconds(cost), cost, beneath=claimed)
+    for row in records(with_costs(overall.drop_duplicates("method"), views)):
+        cost = row["cost_ms"]
+        if math.isfinite(cost) and not role(row["method"]):
+            claimed = "claimed" if row["claimed"] else ""
+            costs[names[row["method"]]] = BoardCell(milliseconds(cost), cost, beneath=claimed)
     machine = run.run.manifest.get("machine", {}).get("cpu", "an unknown processor")
     drawn = f"{views} view{'s' * (views > 1)}"
     about = f"a cloud of the first condition with its {drawn}, one thread of {machine}"
@@ -269,13 +268,12 @@ def _of_run(
     return BoardGroup(tuple(columns), run.name, ", ".join(shown), words, run.report)
 
 
-def _missing(run: NamedRun, rankings: Sequence[Ranking]) -> list[str]:
+def _missing(run: NamedRun, rankings: Rankings) -> list[str]:
     """Return why letters and metrics of the headline are missing in a run."""
-    needed = [of_metric.objects_needed for of_metric in rankings if of_metric.objects_needed]
+    needed = [objects for _, objects in rankings.values() if objects]
     notes = [f"{run.name} has no letters: {too_few(max(needed))}."] if needed else []
-    measured = [of_metric.metric for of_metric in rankings]
     for metric in HEADLINE:
-        if metric not in measured:
+        if metric not in rankings:
             reason = run.run.skipped.get(metric, "not measured")
             notes.append(f"{run.name} has no {metric}: {reason.removeprefix('skipped: ')}.")
     return notes

@@ -276,7 +276,7 @@ def frontier_figure(
     ----------
     points : frame
         A method in a panel a row: metric, panel (its title), method, cost, cost_low, cost_high,
-        value, low, high, verdict (as of `bench.analysis.frontier.FrontierPoint`). A floor has no
+        value, low, high, verdict (as of `bench.analysis.frontier.places`). A floor has no
         cost and is a line. The panels of a metric have the same axes.
     styles : mapping
         Of every method.

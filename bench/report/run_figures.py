@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from bench.analysis.comparison import milliseconds
-from bench.analysis.condition_sweep import ConditionCurve, place_of
-from bench.analysis.frontier import FrontierPoint
+from bench.analysis.comparison import COST, VALUE, milliseconds
+from bench.analysis.condition_sweep import FAMILY, place_of
 from bench.analysis.paper import PAPER_METRIC, PAPER_NETWORK, SURFACE, Published, network_of
 from bench.analysis.run_pairs import Differences
 from bench.analysis.scores import QualityRow
@@ -134,44 +133,42 @@ def quality_figure(shown: Sequence[SweepPanel], styles: Styles, **size: Any) -> 
     return figure
 
 
-def family_panels(curves: Sequence[ConditionCurve]) -> list[SweepPanel]:
-    """Return a panel for each metric and class (down) and family of conditions (across)."""
-    curves = [curve for curve in curves if role(curve.method) != "ceiling"]
-    several = len({curve.class_name for curve in curves}) > 1
-    families = ordered(curve.family for curve in curves)
+def family_panels(curves: pd.DataFrame) -> list[SweepPanel]:
+    """Return a panel for each metric and class (down) and family of conditions (across).
+
+    `curves` are as `bench.analysis.condition_sweep.condition_curves` returns them.
+    """
+    curves = curves[[role(method) != "ceiling" for method in curves["method"]]]
+    several, names = curves["class"].nunique() > 1, ordered(curves["family"])
     shown = []
-    for row, (class_name, metric) in enumerate(ordered((c.class_name, c.metric) for c in curves)):
-        title = axis_title(metric) + f", {class_name}" * several
-        for family in families:
-            values = _curve_frame(curves, class_name, metric, family)
-            names = [f"{value:g}" for value in family.values]
-            at = [place_of(value, family) for value in family.values]
+    by_row = curves.groupby(["class", "metric"], sort=False)
+    for row, ((class_name, metric), of_row) in enumerate(by_row):
+        title = axis_title(str(metric)) + f", {class_name}" * several
+        for name in names:
+            family = FAMILY[name]
+            values = curves.loc[curves["family"] == name, "at"].unique()
+            at = [place_of(value, family) for value in values]
             shown.append(
                 SweepPanel(
-                    values,
+                    _curve_frame(of_row[of_row["family"] == name], family),
                     title=family.axis.partition(":")[0] * (row == 0),
-                    y_label=title.replace(" (", "\n(") * (family is families[0]),
-                    ticks=dict(zip(at, names, strict=True)),
-                    turned=not higher_is_better(metric),
-                    y_scale="linear" if is_mean(metric) else "distance",
+                    y_label=title.replace(" (", "\n(") * (name == names[0]),
+                    ticks={x: f"{value:g}" for x, value in zip(at, values, strict=True)},
+                    turned=not higher_is_better(str(metric)),
+                    y_scale="linear" if is_mean(str(metric)) else "distance",
                     trained=_bands(family, at),
                 )
             )
     return shown
 
 
-def _curve_frame(
-    curves: Iterable[ConditionCurve], class_name: str, metric: str, family: Family
-) -> pd.DataFrame:
-    at = [place_of(value, family) for value in family.values]
-    points = [
-        (c.method, x, condition, *estimate, measured(estimate, metric, c.method).text)
-        for c in curves
-        if (c.class_name, c.metric, c.family) == (class_name, metric, family)
-        for x, condition, estimate in zip(at, family.conditions, c.estimates, strict=True)
+def _curve_frame(rows: pd.DataFrame, family: Family) -> pd.DataFrame:
+    texts = [
+        measured(tuple(row[name] for name in VALUE), row["metric"], row["method"]).text
+        for row in records(rows)
     ]
-    columns = ["method", "x", "condition", "value", "low", "high", "text"]
-    return pd.DataFrame(points, columns=columns)
+    x = [place_of(value, family) for value in rows["at"]]
+    return rows.rename(columns={"ci_low": "low", "ci_high": "high"}).assign(x=x, text=texts)
 
 
 def _bands(family: Family, at: Sequence[float]) -> list[tuple[str, float, float]]:
@@ -206,48 +203,50 @@ def described(panel: SweepPanel) -> str:
     return " ".join(f"{method}: {text}." for method, text in texts.items())
 
 
-def frontier_frame(points: Iterable[FrontierPoint]) -> pd.DataFrame:
+def frontier_frame(points: pd.DataFrame) -> pd.DataFrame:
     """Return the points that have a place on axes, which may be logarithmic, and `text` in words.
 
-    The ceiling has none; a floor has no cost and needs none.
+    The points are as `bench.analysis.frontier.places` returns them. The ceiling has no place; a
+    floor has no cost and needs none.
     """
-    several = len({point.class_name for point in points}) > 1
+    several = points["class"].nunique() > 1
     drawn = []
-    for p in points:
-        positive = p.metric in IMAGE_METRICS or p.quality.value > 0
-        costs = math.isfinite(p.cost_ms.value) and p.cost_ms.value > 0
-        seen = (costs and role(p.method) != "ceiling") or role(p.method) == "floor"
-        if seen and positive and math.isfinite(p.quality.value):
-            words = condition_words(p.condition) + f", {p.class_name}" * several
-            at = p.metric, words, p.method
-            drawn.append((*at, *p.cost_ms, *p.quality, p.verdict, _text(p)))
-    columns = ["metric", "panel", "method", "cost", "cost_low", "cost_high", "value", "low", "high"]
-    return pd.DataFrame(drawn, columns=[*columns, "verdict", "text"])
+    for p in records(points):
+        positive = p["metric"] in IMAGE_METRICS or p["value"] > 0
+        costs = math.isfinite(p["cost_ms"]) and p["cost_ms"] > 0
+        seen = (costs and role(p["method"]) != "ceiling") or role(p["method"]) == "floor"
+        if seen and positive and math.isfinite(p["value"]):
+            words = condition_words(p["condition"]) + f", {p['class']}" * several
+            drawn.append(p | {"panel": words, "text": _text(p)})
+    names = dict(
+        zip((*COST, *VALUE[1:]), ("cost", "cost_low", "cost_high", "low", "high"), strict=True)
+    )
+    return pd.DataFrame(drawn, columns=[*points, "panel", "text"]).rename(columns=names)
 
 
-def _text(place: FrontierPoint) -> str:
-    value = measured(place.quality, place.metric, place.method).text
-    if role(place.method) == "floor":
-        return f"{place.method}: {value}, looks at no cloud"
+def _text(place: Mapping[str, Any]) -> str:
+    method = place["method"]
+    value = measured(tuple(place[name] for name in VALUE), place["metric"], method).text
+    if role(method) == "floor":
+        return f"{method}: {value}, looks at no cloud"
     verdicts = {
         "frontier": ", on the frontier",
         "below a white image": ", below a white image",
         "claimed": ", cost as claimed",
     }
-    verdict = verdicts.get(place.verdict, "")
-    failures = scored_as_blank(place.n_ok, place.n)
-    cost = f"{milliseconds(place.cost_ms.value)} ms"
-    return f"{place.method}: {cost}, {value}{verdict}{f' ({failures})' if failures else ''}"
+    verdict = verdicts.get(place["verdict"], "")
+    failures = scored_as_blank(place["n_ok"], place["n"])
+    cost = f"{milliseconds(place['cost_ms'])} ms"
+    return f"{method}: {cost}, {value}{verdict}{f' ({failures})' if failures else ''}"
 
 
-def cost_figures(points: Iterable[FrontierPoint], styles: Styles) -> dict[str, tuple[Figure, str]]:
+def cost_figures(points: pd.DataFrame, styles: Styles) -> dict[str, tuple[Figure, str]]:
     """Return a figure of each metric that a method with a cost has a value of, and it in words."""
-    points = list(points)
-    frame, figures = frontier_frame(points), {}
-    for metric, of_metric in frame.groupby("metric", sort=False):
+    figures = {}
+    for metric, of_metric in frontier_frame(points).groupby("metric", sort=False):
         rivals = of_metric[[not role(method) for method in of_metric["method"]]]
         if not rivals.empty:
-            views = points[0].views
+            views = int(rivals["views"].iloc[0])
             x_label = f"ms for a cloud with {views} view{'s' * (views > 1)}"
             by_panel = rivals.sort_values("cost").groupby("panel", sort=False)["text"]
             words = [f"{panel}: {'; '.join(texts)}." for panel, texts in by_panel]
@@ -274,20 +273,20 @@ def write_figures(
     write_thin_parts(folder / "thin-parts.png", artifacts)
 
 
-def write_frontier(folder: Path, points: Sequence[FrontierPoint]) -> None:
+def write_frontier(folder: Path, points: pd.DataFrame) -> None:
     """Write a figure for each metric, as PNG and SVG.
 
     The files of the first metric are named `frontier`, others `frontier-METRIC`. A metric without
     a value of any candidate gets no figure.
     """
-    styles = method_styles(ordered(point.method for point in points))
-    first = points[0].metric if points else ""
+    styles = method_styles(ordered(points["method"]))
+    first = next(iter(points["metric"]), "")
     for metric, (figure, _) in cost_figures(points, styles).items():
         _save_both(figure, folder / ("frontier" if metric == first else f"frontier-{metric}"))
 
 
 def write_beyond_figures(
-    directory: Path, curves: Sequence[ConditionCurve], artifacts: Mapping[JobName, Artifact]
+    directory: Path, curves: pd.DataFrame, artifacts: Mapping[JobName, Artifact]
 ) -> None:
     """Write `beyond` (PNG and SVG) and `beyond-pictures.png`.
 
@@ -296,9 +295,9 @@ def write_beyond_figures(
     and floors have no image.
     """
     folder = directory / FIGURES
-    styles = method_styles(ordered(curve.method for curve in curves))
+    styles = method_styles(ordered(curves["method"]))
     _save_both(family_figure(family_panels(curves), styles), folder / "beyond")
-    conditions = ordered(c for curve in curves for c in curve.family.conditions)
+    conditions = ordered(curves["condition"])
     write_images(folder / "beyond-pictures.png", artifacts, conditions, OBJECTS_BEYOND)
 
 

@@ -7,13 +7,16 @@ part.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
 from typing import NamedTuple
+
+import pandas as pd
 
 from bench.analysis.comparison import (
     ALL,
-    Comparison,
+    Row,
     best_first,
     candidates,
     is_better,
@@ -28,6 +31,7 @@ from bench.catalogue.chosen import BEST_RECONSTRUCTION, CHOSEN
 from bench.catalogue.conditions import listed
 from bench.catalogue.lookup import family_of
 from bench.catalogue.methods import COST_VARIANTS, FLOOR, find_setting
+from bench.tables.grid import ordered
 
 NAMED = 3  # methods named beside each other
 ALIKE = 1.1  # costs that differ by a smaller factor are given as one
@@ -47,14 +51,15 @@ class Statement(NamedTuple):
 class _Cell:
     """A metric at a condition, with the methods that compete and drew an image, the best first."""
 
-    comparison: Comparison
+    rows: Mapping[str, Row]  # of the comparison, by method; of blank, too
     metric: str
+    condition: str
     methods: tuple[str, ...]
     verdicts: Verdicts
 
     def ahead(self, a: str, b: str) -> str:
-        at = self.metric, self.comparison.condition, self.comparison.class_name
-        return self.verdicts.difference(a, b, *at).ahead
+        at = self.metric, self.condition, self.rows[a]["class"]
+        return self.verdicts.difference(a, b, *at)["ahead"]
 
     @property
     def leader(self) -> str:
@@ -76,28 +81,28 @@ class _Cell:
         """Return the undecided methods of other families."""
         return tuple(m for m in self.undecided if family_of(m) != family_of(self.leader))
 
-    def cheapest(self, views: int) -> str:
-        """Return the cheapest method of the frontier that no other is shown to be better than."""
-        points = places(self.comparison, (self.metric,), views, self.verdicts)
-        frontier = {point.method for point in points if point.verdict == "frontier"}
+    def cheapest(self, views: int) -> tuple[str, float] | None:
+        """Return the cheapest method of the frontier that no other is shown to be better than.
+
+        With its cost, milliseconds; None where there is none.
+        """
+        points = places(pd.DataFrame(self.rows.values()), views, self.verdicts)
+        frontier = points[points["verdict"] == "frontier"].set_index("method")["cost_ms"]
         unbeaten = [
             m
             for m in self.methods
             if m in frontier and not any(self.ahead(m, o) == "b" for o in self.methods if o != m)
         ]
-        cost = {m: self.comparison.cost_ms(m, views).value for m in unbeaten}
-        return min(cost, key=cost.__getitem__, default="")
+        return min(((m, frontier[m]) for m in unbeaten), key=lambda costed: costed[1], default=None)
 
 
-def in_short(
-    compared: Sequence[Comparison], metrics: Sequence[str], views: int
-) -> tuple[Statement, ...]:
+def in_short(compared: pd.DataFrame, metrics: Sequence[str], views: int) -> tuple[Statement, ...]:
     """Return the answer of a run, line by line.
 
     Parameters
     ----------
-    compared : sequence of Comparison
-        A comparison of each condition; of several classes all objects together.
+    compared : DataFrame
+        A comparison of one class; of several classes all objects together.
     metrics : sequence of str
         Metrics of images that the comparisons have, the most important first.
     views : int
@@ -108,18 +113,22 @@ def in_short(
     tuple of Statement
         A line for each question that the run answers, the paper's first.
     """
-    verdicts = Verdicts(compared)
-    compared = [_competing(comparison) for comparison in compared]
-    cells = [
-        _Cell(comparison, metric, methods, verdicts)
-        for metric in metrics
-        for comparison in compared
-        if (methods := _ranked(comparison, metric))
+    verdicts, every = Verdicts(compared), ordered(compared["condition"])
+    of_cost = [method.id for method in COST_VARIANTS]
+    chosen = [
+        m for m in candidates(compared["method"]) if find_setting(m) is None and m not in of_cost
     ]
+    competing = compared[compared["method"].isin([*chosen, FLOOR])]
+    cells = []
+    for metric, condition in product(metrics, every):
+        at = (competing["metric"] == metric) & (competing["condition"] == condition)
+        drew = competing[at & (competing["n_ok"] > 0) & (competing["method"] != FLOOR)]
+        rows = {row["method"]: row for row in competing[at].to_dict("records")}
+        if methods := tuple(best_first(drew)["method"]):
+            cells.append(_Cell(rows, metric, condition, methods, verdicts))
     if not cells:
         none = "no image of a method that competes was scored, nothing can be said"
         return (Statement("No answer", (((), none),)),)
-    every = list(dict.fromkeys(comparison.condition for comparison in compared))
     lines = (
         _question(cells, every),
         *_leads(cells, every),
@@ -129,41 +138,18 @@ def in_short(
     return tuple(line for line in lines if line.entries)
 
 
-def _competing(comparison: Comparison) -> Comparison:
-    """Return a comparison of the methods that one would choose from, and of blank."""
-    of_cost = {method.id for method in COST_VARIANTS}
-    chosen = [
-        m for m in candidates(comparison.images) if find_setting(m) is None and m not in of_cost
-    ]
-    images = {m: n for m, n in comparison.images.items() if m in (*chosen, FLOOR)}
-    qualities = {
-        metric: {m: quality for m, quality in by_method.items() if m in images}
-        for metric, by_method in comparison.qualities.items()
-    }
-    return replace(comparison, images=images, qualities=qualities)
-
-
-def _ranked(comparison: Comparison, metric: str) -> tuple[str, ...]:
-    """Return the methods that compete and drew an image, the best first."""
-    by_method = comparison.qualities[metric]
-    drew = {m: by_method[m] for m, (n_ok, _) in comparison.images.items() if n_ok and m != FLOOR}
-    return tuple(best_first(drew))
-
-
 def _question(cells: Sequence[_Cell], every: Sequence[str]) -> Statement:
     """Return the paper's question: its network against the best reconstruction of the run."""
     best = CHOSEN[BEST_RECONSTRUCTION]
     by_words: dict[str, list[_Cell]] = {}
     network = ""
     for cell in cells:
-        methods = [method for method in cell.comparison.images if method in cell.methods]
+        methods = [method for method in cell.rows if method in cell.methods]
         network = network_of(methods) or network
         surface = next((m for m in methods if m.startswith("surface-")), None)
-        condition = cell.comparison.condition
-        rival = best.by_condition([condition], methods).get(condition, surface)
+        rival = best.by_condition([cell.condition], methods).get(cell.condition, surface)
         if network in methods and rival:
-            qualities = cell.comparison.qualities[cell.metric]
-            by_mean = BY_MEAN[is_better(qualities[network], qualities[rival])]
+            by_mean = BY_MEAN[is_better(cell.rows[network], cell.rows[rival])]
             words = SHOWN.get(cell.ahead(rival, network), by_mean)
             by_words.setdefault(words.format(rival), []).append(cell)
     entries = [
@@ -179,8 +165,8 @@ def _leads(cells: Sequence[_Cell], every: Sequence[str]) -> Iterable[Statement]:
     if all(len(cell.methods) == 1 for cell in cells):
         yield Statement("One method", (((cells[0].leader,), "has nothing to be compared with"),))
     elif not any(cell.decides for cell in cells):
-        first = cells[0].comparison
-        objects = objects_in_words(len(first.objects), first.class_name)
+        first = cells[0].rows[cells[0].leader]
+        objects = objects_in_words(len(first["objects"]), first["class"])
         decide = f"{objects} here: at least {FEWEST} are needed"
         yield Statement("Not decided", (((), f"nothing can be shown with {decide}"),))
         yield _statement("Best by its mean alone", lambda cell: (cell.leader,), cells, every)
@@ -212,7 +198,7 @@ def _below_blank(cells: Sequence[_Cell], every: Sequence[str]) -> Statement:
             cell
             for cell in cells
             if method in cell.methods
-            and method in worse_than_blank(cell.comparison.qualities[cell.metric])
+            and method in worse_than_blank(pd.DataFrame(cell.rows.values()))
         ]
         for _, text in _statement("", lambda cell: ("",), below, every).entries:
             methods[text] = (*methods.get(text, ()), method)
@@ -221,11 +207,11 @@ def _below_blank(cells: Sequence[_Cell], every: Sequence[str]) -> Statement:
 
 
 def _cheapest(cells: Sequence[_Cell], views: int, every: Sequence[str]) -> Statement:
-    chosen = [(c, method) for c in cells if c.decides and (method := c.cheapest(views))]
+    chosen = [(c, *costed) for c in cells if c.decides and (costed := c.cheapest(views))]
     entries = []
-    for method in dict.fromkeys(method for _, method in chosen):
-        of_method = [cell for cell, cheapest in chosen if cheapest == method]
-        costs = [cell.comparison.cost_ms(method, views).value for cell in of_method]
+    for method in ordered(method for _, method, _ in chosen):
+        of_method = [cell for cell, cheapest, _ in chosen if cheapest == method]
+        costs = [cost for _, cheapest, cost in chosen if cheapest == method]
         low, high = min(costs), max(costs)
         text = milliseconds(low if high < ALIKE * low else high)
         text = text if high < ALIKE * low else f"{milliseconds(low)} to {text}"
@@ -246,7 +232,7 @@ def _statement(
     for cell in cells:
         if methods := methods_of(cell):
             at = where.setdefault(methods, {}).setdefault(cell.metric, [])
-            at.append(cell.comparison.condition)
+            at.append(cell.condition)
     entries = []
     for methods, by_metric in where.items():
         by_place: dict[str, list[str]] = {}

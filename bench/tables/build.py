@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
+import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from bench.analysis.comparison import NAN
-from bench.analysis.condition_sweep import ConditionCurve, condition_curves, paired_comparisons
+from bench.analysis.condition_sweep import condition_curves, condition_leads
 from bench.analysis.frame import Run
-from bench.analysis.frontier import FrontierPoint, SubsampledFrontier, places, thinned
+from bench.analysis.frontier import places, thinned
 from bench.analysis.orderings import Ordering, orderings
 from bench.analysis.paired import verdicts_of
 from bench.analysis.paper import Published
@@ -23,7 +24,7 @@ from bench.records.record import TIMES
 from bench.records.run_folder import PROTOCOL
 from bench.tables import markdown
 from bench.tables.classes import class_table
-from bench.tables.condition_sweep import ConditionStep, condition_sweep_table
+from bench.tables.condition_sweep import condition_sweep_table
 from bench.tables.frontier import frontier_table, points_table
 from bench.tables.further_metrics import further_tables
 from bench.tables.grid import grid
@@ -74,26 +75,26 @@ def class_orderings(run: Run) -> Table[Ordering] | None:
     return _of_run(run, orderings_table(spec, run.suite.id, rows)) if rows else None
 
 
-def curves(run: Run) -> tuple[ConditionCurve, ...]:
-    """Return the methods of a run along its families of conditions; none for other suites."""
-    metrics = run.measured(run.suite.condition_sweep)
+def curves(run: Run) -> pd.DataFrame:
+    """Return the methods of a run along its families of conditions, as `condition_curves` does.
+
+    Without rows for other suites.
+    """
     with threadpool_limits(1):
-        return condition_curves(run.compared(metrics), metrics) if metrics else ()
+        return condition_curves(run.compared(run.measured(run.suite.condition_sweep)))
 
 
-def condition_sweep(run: Run) -> Table[ConditionStep] | None:
+def condition_sweep(run: Run) -> Table[Any] | None:
     """Return who is ahead of whom along the families; None without two such methods."""
     spec, metrics = run.suite.table("condition sweep"), run.measured(run.suite.condition_sweep)
     if spec is None or not metrics:
         return None
     with threadpool_limits(1):
-        pairs = paired_comparisons(run.compared(metrics), metrics, verdicts_of(run, metrics))
-    return _of_run(run, condition_sweep_table(spec, run.suite.id, pairs)) if pairs else None
+        leads = condition_leads(curves(run), verdicts_of(run, metrics))
+    return None if leads.empty else _of_run(run, condition_sweep_table(spec, run.suite.id, leads))
 
 
-def frontier_tables(
-    run: Run,
-) -> tuple[Table[FrontierPoint], Table[SubsampledFrontier]] | None:
+def frontier_tables(run: Run) -> tuple[Table[Any], Table[Any]] | None:
     """Return quality against cost, and against the number of points; None for other suites.
 
     They are not among `tables`: times differ from run to run, so nothing is compared with them.
@@ -103,11 +104,11 @@ def frontier_tables(
         return None
     metrics, views = run.measured(run.suite.frontier), int(run.manifest["views"])
     with threadpool_limits(1):
-        compared, verdicts = run.compared(metrics), verdicts_of(run, metrics)
-        placed = [p for c in compared for p in places(c, metrics, views, verdicts)]
-        fewer = thinned(compared, metrics, views)
+        compared = run.compared(metrics)
+        placed = places(compared, views, verdicts_of(run, metrics))
+        fewer = thinned(compared, views)
     by_cost = frontier_table(frontier, placed, how_timed(run.manifest))
-    return _of_run(run, by_cost), _of_run(run, points_table(points, fewer, views))
+    return _of_run(run, by_cost), _of_run(run, points_table(points, fewer))
 
 
 @dataclass(frozen=True)
@@ -118,10 +119,10 @@ class Outputs:
     headline: Table[QualityRow]
     tables: tuple[Table[QualityRow], ...]
     cost: str
-    frontier_tables: tuple[Table[FrontierPoint], Table[SubsampledFrontier]] | None
+    frontier_tables: tuple[Table[Any], Table[Any]] | None
     orderings: Table[Ordering] | None
-    curves: tuple[ConditionCurve, ...]
-    condition_sweep: Table[ConditionStep] | None
+    curves: pd.DataFrame
+    condition_sweep: Table[Any] | None
 
     @property
     def further(self) -> list[Table[Any]]:

@@ -3,120 +3,50 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
-from bench.analysis.comparison import Estimate
-from bench.analysis.condition_sweep import Crossover, PairedComparison
+import pandas as pd
+
+from bench.analysis.condition_sweep import FAMILY, LEADS
 from bench.catalogue.conditions import Family
 from bench.catalogue.suites import TableSpec
 from bench.tables import markdown
-from bench.tables.grid import (
-    Annotation,
-    Block,
-    Cell,
-    Grid,
-    Tags,
-    measured,
-    ordered,
-    pivot,
-)
-from bench.tables.table import Table, columns, constant
+from bench.tables.grid import Annotation, Block, Cell, Grid, Tags, measured, pivot, records
+from bench.tables.table import Table
 
 AHEAD = Annotation("ahead", "**{value}{interval}**")
 BEHIND = Annotation("behind", "*{value}{interval}*", against=True)
-NOWHERE = Crossover(-1, math.nan, math.nan, math.nan)
+SIDES = ["family", "method", "rival"]
 
 
-@dataclass(frozen=True)
-class ConditionStep:
-    """One step of a paired comparison.
-
-    at         the condition's place on the axis of the family
-    unseen_by  the networks that were not shown such clouds in training
-    crossover  where the curves cross after this step, before the next or at it
-    """
-
-    paired: PairedComparison
-    condition: str
-    at: str
-    unseen_by: str
-    value: float
-    baseline_value: float
-    difference: Estimate
-    ahead: str
-    crossover: Crossover
+def condition_sweep_table(spec: TableSpec, suite: str, leads: pd.DataFrame) -> Table[Any]:
+    """Return the table of the leads of a run, as `condition_leads` returns them."""
+    frame = leads[LEADS].reset_index(drop=True)
+    frame.insert(0, "suite", suite)
+    remark = _LEGEND.format(marks="“ahead”: the first method is, “behind”: the second is,")
+    return Table(spec.name, spec.title, frame, _layout, remark)
 
 
-def condition_sweep_table(
-    spec: TableSpec, suite: str, paired_comparisons: Sequence[PairedComparison]
-) -> Table[ConditionStep]:
-    """Return the table of all paired comparisons of a run."""
-    csv = (
-        constant("suite", suite),
-        *columns(("class", "paired.class_name"), ("family", "paired.family.id")),
-        *columns(*((name, f"paired.{name}") for name in ("metric", "method"))),
-        *columns(("rival", "paired.baseline")),
-        *columns("condition", "at", "unseen_by", "value", ("rival_value", "baseline_value")),
-        *columns(
-            ("lead", "difference.value"),
-            ("ci_low", "difference.low"),
-            ("ci_high", "difference.high"),
-            "ahead",
-        ),
-        *columns(("crossing", "crossover.at")),
-        *columns(("crossing_low", "crossover.low"), ("crossing_high", "crossover.high")),
-    )
-    rows = tuple(step for paired in paired_comparisons for step in _steps(paired))
-    return Table.of_rows(spec.name, spec.title, csv, rows, _layout, _REMARK)
-
-
-def _steps(c: PairedComparison) -> Iterator[ConditionStep]:
-    crossovers = {crossover.after: crossover for crossover in c.crossovers}
-    for i, (at, condition) in enumerate(c.family.steps):
-        yield ConditionStep(
-            paired=c,
-            condition=condition,
-            at=f"{at:g}",
-            unseen_by=" ".join(c.family.unseen_by(at)),
-            value=c.values[i],
-            baseline_value=c.baseline_values[i],
-            difference=c.differences[i],
-            ahead=c.ahead[i],
-            crossover=crossovers.get(i, NOWHERE),
-        )
-
-
-def _layout(rows: Sequence[ConditionStep]) -> Iterator[Block]:
-    """Yield who is ahead at both ends and where that changes; then the difference at each step."""
-    yield _LEGEND
-    classes = ordered(row.paired.class_name for row in rows)
-    for class_name in classes:
-        of_class = [row for row in rows if row.paired.class_name == class_name]
-        where = f", {class_name}" if len(classes) > 1 else ""
+def _layout(leads: pd.DataFrame) -> Iterator[Block]:
+    """Yield who is ahead at both ends and where that changes; then the lead at each step."""
+    yield _LEGEND.format(marks="**Bold**: the first is ahead, *italic*: the second,")
+    several = leads["class"].nunique() > 1
+    for class_name, of_class in leads.groupby("class", sort=False):
+        where = f", {class_name}" if several else ""
         yield f"## {markdown.cell(f'From end to end{where}')}"
-        yield _summary(ordered(row.paired for row in of_class))
-        for family in ordered(row.paired.family for row in of_class):
-            yield f"## {markdown.cell(family.axis + where)}"
-            yield _leads([row for row in of_class if row.paired.family == family])
+        yield _summary(of_class, str(class_name))
+        for name, of_family in of_class.groupby("family", sort=False):
+            yield f"## {markdown.cell(FAMILY[str(name)].axis + where)}"
+            yield _leads(of_family, str(class_name), FAMILY[str(name)])
 
 
 _LEGEND = (
     "How much better the first method is than the second, over 0 if it is, [interval, paired over "
-    "objects], failed images scored as blank ones. **Bold**: the first is ahead, *italic*: the "
-    "second, by an interval without 0; intervals of a metric hold in 95 % for all its cells "
-    "together. Curves cross where the lead passes through 0, on straight lines between what was "
-    "measured (on the logarithm of the number of points and of the ratio of densities); in "
-    "brackets as far as its interval holds 0."
-)
-
-
-_REMARK = (
-    "How much better the first of two methods is than the second: over 0 if it is, with its "
-    "interval, paired over objects; failed images are scored as blank ones. “ahead” and “behind” "
-    "are said where the interval leaves 0 out; intervals of a metric hold in 95 % for all its "
-    "cells together. Curves cross where the lead passes through 0, on straight lines between what "
-    "was measured; in brackets as far as its interval holds 0."
+    "objects], failed images scored as blank ones. {marks} by an interval without 0; intervals of "
+    "a metric hold in 95 % for all its cells together. Curves cross where the lead passes through "
+    "0, on straight lines between what was measured (on the logarithm of the number of points and "
+    "of the ratio of densities); in brackets as far as its interval holds 0."
 )
 
 
@@ -128,39 +58,42 @@ def shown_in_training(family: Family) -> str:
     )
 
 
-def end_to_end_text(paired: PairedComparison) -> str:
+def end_to_end_text(steps: Sequence[Mapping[str, Any]]) -> str:
     """Return who is ahead at the first and at the last step, and where the curves cross."""
-    first, last = paired.ahead[0], paired.ahead[-1]
+    first, last = steps[0]["ahead"], steps[-1]["ahead"]
     ends = first if first == last else f"{first}, then {last}"
-    crossovers = " and ".join(map(crossover_text, paired.crossovers))
-    return f"{ends}; {f'crosses at {crossovers}' if crossovers else 'none within'}"
+    crossings = " and ".join(crossing_text(step) for step in steps if step["crossing"] > -math.inf)
+    return f"{ends}; {f'crosses at {crossings}' if crossings else 'none within'}"
 
 
-def crossover_text(crossover: Crossover) -> str:
-    """Return the place of a crossover with three digits: "0.137 [0.12, 0.15]"."""
-    if not math.isfinite(crossover.low):
-        return _place(crossover.at)
-    return f"{_place(crossover.at)} [{_place(crossover.low)}, {_place(crossover.high)}]"
+def crossing_text(step: Mapping[str, Any]) -> str:
+    """Return the place of a crossing with three digits: "0.137 [0.12, 0.15]"."""
+    at, low, high = (
+        f"{value:.0f}" if value >= 100 else f"{value:.3g}"
+        for value in (step["crossing"], step["crossing_low"], step["crossing_high"])
+    )
+    return f"{at} [{low}, {high}]" if math.isfinite(step["crossing_low"]) else at
 
 
-def _place(value: float) -> str:
-    return f"{value:.0f}" if value >= 100 else f"{value:.3g}"
-
-
-def _summary(paired_comparisons: Sequence[PairedComparison]) -> Grid:
+def _summary(leads: pd.DataFrame, class_name: str) -> Grid:
     """Return the pairs of methods along families down, metrics across."""
-    class_name = paired_comparisons[0].class_name
+    rows = []
+    for (*sides, metric), group in leads.groupby([*SIDES, "metric"], sort=False):
+        steps = records(group)
+        ends = {"from": steps[0]["condition"], "to": steps[-1]["condition"]}
+        text = end_to_end_text(steps)
+        rows.append({"sides": tuple(sides), "metric": metric, "text": text} | ends)
     return pivot(
-        paired_comparisons,
+        pd.DataFrame(rows),
         "sides",
         "metric",
-        lambda row: Cell(end_to_end_text(row)),
-        line_name=lambda row: row.family.id,
+        lambda row: Cell(row["text"]),
+        line_name=lambda row: row["sides"][0],
         before={
-            "from": lambda row: Cell(row.family.conditions[0]),
-            "to": lambda row: Cell(row.family.conditions[-1]),
-            "first": lambda row: Cell(row.method),
-            "second": lambda row: Cell(row.baseline),
+            "from": lambda row: Cell(row["from"]),
+            "to": lambda row: Cell(row["to"]),
+            "first": lambda row: Cell(row["sides"][1]),
+            "second": lambda row: Cell(row["sides"][2]),
         },
         corner="family",
         caption=f"from end to end, {class_name}",
@@ -168,21 +101,17 @@ def _summary(paired_comparisons: Sequence[PairedComparison]) -> Grid:
     )
 
 
-def _leads(rows: Sequence[ConditionStep]) -> Grid:
-    """Return the differences along one family, metrics down and steps across."""
-    class_name, family = rows[0].paired.class_name, rows[0].paired.family
-    at = {row.condition: row.at for row in rows}
+def _leads(leads: pd.DataFrame, class_name: str, family: Family) -> Grid:
+    """Return the leads along one family, metrics down and steps across."""
+    rows = [row | {"pair": (row["metric"], row["method"], row["rival"])} for row in records(leads)]
     return pivot(
-        rows,
-        "paired",
+        pd.DataFrame(rows),
+        "pair",
         "condition",
         _lead,
-        line_name=lambda row: row.paired.metric,
-        column_name=lambda condition: at[condition],
-        before={
-            "first": lambda row: Cell(row.paired.method),
-            "second": lambda row: Cell(row.paired.baseline),
-        },
+        line_name=lambda row: row["metric"],
+        column_name=dict(zip(leads["condition"], leads["at"], strict=True)).__getitem__,
+        before={"first": lambda row: Cell(row["method"]), "second": lambda row: Cell(row["rival"])},
         corner="metric",
         caption=f"lead along {family.axis}, {class_name}",
         remark=f"In training: {shown_in_training(family)}." if family.trained else "",
@@ -190,7 +119,8 @@ def _leads(rows: Sequence[ConditionStep]) -> Grid:
     )
 
 
-def _lead(row: ConditionStep) -> Cell:
-    metric, sides = row.paired.metric, (row.paired.method, row.paired.baseline)
-    marks = dict(zip(sides, (AHEAD, BEHIND), strict=True))
-    return measured(row.difference, metric, *sides, sign="+", special=marks.get(row.ahead))
+def _lead(row: Mapping[str, Any]) -> Cell:
+    sides = row["method"], row["rival"]
+    lead = row["lead"], row["ci_low"], row["ci_high"]
+    special = dict(zip(sides, (AHEAD, BEHIND), strict=True)).get(row["ahead"])
+    return measured(lead, row["metric"], *sides, sign="+", special=special)

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
-from bench.analysis.comparison import Comparison, milliseconds
-from bench.analysis.frontier import FrontierPoint, SubsampledFrontier, places
+from bench.analysis.comparison import CLOUD, COST, VALUE, Estimate, milliseconds
+from bench.analysis.frontier import FRONTIER, LOST, POINTS, places
 from bench.analysis.paired import Verdicts
 from bench.catalogue.methods import role
 from bench.catalogue.suites import TableSpec
+from bench.records.record import TIMES
 from bench.tables import markdown
 from bench.tables.grid import (
     NOTHING,
@@ -25,10 +28,10 @@ from bench.tables.grid import (
     Tags,
     measured,
     number,
-    ordered,
     pivot,
+    records,
 )
-from bench.tables.table import Column, Table, columns, constant
+from bench.tables.table import Table
 
 MARKS = {
     "frontier": Annotation("frontier", "**{value}**{interval}"),
@@ -42,47 +45,29 @@ MARKS = {
 CLAIMED = Annotation("claimed", "{value}{interval} *claimed*")  # of a cost
 
 
-def _interval_columns(name: str, path: str, ends: str) -> tuple[Column, ...]:
-    """Return the columns `name` of a value, and `ends` with `_low` and `_high` of its interval."""
-    return columns(
-        (name, f"{path}.value"), (f"{ends}_low", f"{path}.low"), (f"{ends}_high", f"{path}.high")
-    )
-
-
-def frontier_table(
-    spec: TableSpec, rows: Iterable[FrontierPoint], remark: str
-) -> Table[FrontierPoint]:
-    """Return the places of all methods, at each condition and for each number of views.
+def frontier_table(spec: TableSpec, frame: pd.DataFrame, remark: str) -> Table[Any]:
+    """Return the table of the places of all methods, as `places` returns them.
 
     `remark` is what people have to know to read it.
     """
-    csv = (
-        *columns("condition", ("class", "class_name"), "views", "metric", "method"),
-        *_interval_columns("cost_ms", "cost_ms", "cost_ci"),
-        *_interval_columns("value", "quality", "ci"),
-        *columns("n_ok", "n", "verdict", ("rival", "baseline")),
-    )
-    layout = partial(_frontier, remark)
-    return Table.of_rows(spec.name, spec.title, csv, tuple(rows), layout)
+    return Table(spec.name, spec.title, frame[FRONTIER], partial(_frontier, remark))
 
 
-def _frontier(remark: str, rows: Sequence[FrontierPoint]) -> Iterator[Block]:
+def _frontier(remark: str, frame: pd.DataFrame) -> Iterator[Block]:
     """Yield a grid for each condition and number of views, methods by rising cost."""
     yield remark
-    yield _LEGEND + _OF_CLAIMED * any(p.verdict == "claimed" for p in rows)
-    for cell in ordered((p.condition, p.class_name, p.views) for p in rows):
-        condition, class_name, views = cell
-        yield f"## {markdown.cell(f'{condition}, {class_name}, {_of_views(views)}')}"
-        of_cell = [p for p in rows if (p.condition, p.class_name, p.views) == cell]
-        costs = {p.method: p.cost_ms for p in of_cell}
+    yield _LEGEND + _OF_CLAIMED * bool((frame["verdict"] == "claimed").any())
+    for (condition, class_name), rows in frame.groupby(["condition", "class"], sort=False):
+        drawn = _of_views(int(rows["views"].iloc[0]))
+        yield f"## {markdown.cell(f'{condition}, {class_name}, {drawn}')}"
         yield pivot(
-            of_cell,
+            rows,
             "method",
             "metric",
-            _quality,
-            lines=sorted(costs, key=lambda m: (not math.isfinite(costs[m].value), costs[m])),
+            lambda row: _value(row, special=MARKS.get(row["verdict"])),
+            lines=rows.sort_values([*COST], kind="stable")["method"].unique(),
             before={"ms": _cost},
-            after={"images": lambda p: Cell(f"{p.n_ok}/{p.n}")},
+            after={"images": lambda row: Cell(f"{row['n_ok']}/{row['n']}")},
             corner="method",
         )
 
@@ -102,44 +87,33 @@ _OF_CLAIMED = (
 )
 
 
-def points_table(
-    spec: TableSpec, rows: Iterable[SubsampledFrontier], views: int
-) -> Table[SubsampledFrontier]:
-    """Return the losses and savings of methods where a cloud with these views has fewer points."""
-    csv = (
-        *columns(("class", "class_name"), "metric", "method", "condition", "points"),
-        constant("views", views),
-        *_interval_columns("cost_ms", "cost_ms", "cost_ci"),
-        *_interval_columns("value", "quality", "ci"),
-        *_interval_columns("lost", "lost", "lost_ci"),
-    )
-    layout = partial(_points, views)
-    return Table.of_rows(spec.name, spec.title, csv, tuple(rows), layout)
+def points_table(spec: TableSpec, frame: pd.DataFrame) -> Table[Any]:
+    """Return the table of what fewer points lose and save, as `thinned` returns it."""
+    frame = frame[[*POINTS, "claimed"]].reset_index(drop=True)
+    return Table(spec.name, spec.title, frame, _points, hidden=("claimed",))
 
 
-def _points(views: int, rows: Sequence[SubsampledFrontier]) -> Iterator[Block]:
+def _points(frame: pd.DataFrame) -> Iterator[Block]:
     """Yield a grid for each metric, methods down and numbers of points across."""
     yield (
-        f"Clouds with {_of_views(views)}: value, loss against the full cloud [95 % "
+        f"Clouds with {_of_views(frame['views'].max())}: value, loss against the full cloud [95 % "
         "interval, paired over objects], milliseconds. A loss under 0 is a gain."
     )
-    for class_name, metric in ordered((row.class_name, row.metric) for row in rows):
-        of_cell = [row for row in rows if (row.class_name, row.metric) == (class_name, metric)]
-        yield f"## {markdown.cell(metric)}, {markdown.cell(class_name)}"
+    for cell, rows in frame.groupby(["class", "metric"], sort=False):
+        class_name, metric = (markdown.cell(str(name)) for name in cell)
+        yield f"## {metric}, {class_name}"
         yield pivot(
-            of_cell,
+            rows,
             "method",
             "points",
             _thinned,
-            columns=sorted({row.points for row in of_cell}, reverse=True),
+            columns=sorted(rows["points"].unique(), reverse=True),
             column_name="{} points".format,
             corner="method",
         )
 
 
-def cost_grid(
-    comparisons: Sequence[Comparison], metric: str, views: int, verdicts: Verdicts
-) -> Grid | None:
+def cost_grid(compared: pd.DataFrame, metric: str, views: int, verdicts: Verdicts) -> Grid | None:
     """Return the milliseconds for a cloud with its views, by method and condition.
 
     Return None without any times.
@@ -147,48 +121,23 @@ def cost_grid(
     With several classes each line is of one class. Beside a cost stands what it is made of; its
     mark says whether the method is on the frontier by `metric`, or worse than a white image.
     """
-    classes = ordered(c.class_name for c in comparisons)
-    conditions = ordered(c.condition for c in comparisons)
-    at = {(c.condition, c.class_name): c for c in comparisons}
-    special = {
-        (c.condition, c.class_name, p.method): MARKS[p.verdict]
-        for c in comparisons
-        for p in places(c, (metric,), views, verdicts)
-        if p.verdict in ("frontier", "below a white image")
-    }
-
-    claimed = any(c.claimed for c in comparisons)
-
-    def cell(condition: str, class_name: str, method: str) -> Cell:
-        comparison = at.get((condition, class_name))
-        if comparison is None or method not in comparison.images:
-            return NOTHING
-        cost, (n_ok, n) = comparison.cost_ms(method, views).value, comparison.images[method]
-        return Cell(
-            milliseconds(cost),
-            cost if math.isfinite(cost) else None,
-            rest=_made_of(comparison, method, views),
-            caveat=f"of {n_ok} of {n} images" if n_ok < n else "",
-            special=CLAIMED
-            if method in comparison.claimed
-            else special.get((condition, class_name, method)),
-        )
-
+    of_metric = compared[compared["metric"] == metric]
+    further = {name: of_metric[name].tolist() for name in (*TIMES, "claimed")}
+    placed = places(of_metric, views, verdicts).assign(**further)
+    rows = {(row["condition"], row["class"], row["method"]): row for row in records(placed)}
+    conditions, classes, methods = (placed[name].unique() for name in CLOUD)
+    lines = []
+    for class_name in classes:
+        for method in methods:
+            cells = (rows.get((condition, class_name, method)) for condition in conditions)
+            about = class_name if len(classes) > 1 else role(method)
+            tags = Tags(method=method, class_name=class_name)
+            lines.append(TableRow(method, tuple(map(_cost_of, cells)), about, tags))
+    claimed = placed["claimed"].any()
     costs = Grid(
         corner="method",
-        columns=tuple(
-            ColumnHeader(condition, Tags(condition=condition)) for condition in conditions
-        ),
-        lines=tuple(
-            TableRow(
-                method,
-                tuple(cell(condition, class_name, method) for condition in conditions),
-                class_name if len(classes) > 1 else role(method),
-                Tags(method=method, class_name=class_name),
-            )
-            for class_name in classes
-            for method in ordered(m for c in comparisons for m in c.images)
-        ),
+        columns=tuple(ColumnHeader(name, Tags(condition=name)) for name in conditions),
+        lines=tuple(lines),
         caption=f"Milliseconds for a cloud with {'its ' if views > 1 else ''}{_of_views(views)}, "
         "median over objects; beneath, what they are made of: prepare the cloud + draw a view",
         notes=(
@@ -201,34 +150,47 @@ def cost_grid(
     return costs if costs.valued else None
 
 
-def _made_of(comparison: Comparison, method: str, views: int) -> str:
+def _cost_of(row: Mapping[str, Any] | None) -> Cell:
+    if row is None:
+        return NOTHING
+    cost, n_ok, n, views = (row[name] for name in ("cost_ms", "n_ok", "n", "views"))
     prepare, draw = (
-        np.nanmedian(1000 * seconds[method]) if np.isfinite(seconds[method]).any() else math.nan
-        for seconds in (comparison.prepare_s, comparison.draw_s)
+        np.nanmedian(1000 * row[name]) if np.isfinite(row[name]).any() else math.nan
+        for name in TIMES
     )
-    if not math.isfinite(prepare):
-        return "no times"
     times = f" × {views}" if views > 1 else ""
-    return f"{milliseconds(float(prepare))} + {milliseconds(float(draw))}{times}"
+    rest = f"{milliseconds(float(prepare))} + {milliseconds(float(draw))}{times}"
+    special = MARKS.get(row["verdict"]) if row["verdict"] not in ("tied", "reference") else None
+    return Cell(
+        milliseconds(cost),
+        cost if math.isfinite(cost) else None,
+        rest=rest if math.isfinite(prepare) else "no times",
+        caveat=f"of {n_ok} of {n} images" if n_ok < n else "",
+        special=CLAIMED if row["claimed"] else special,
+    )
 
 
-def _cost(place: FrontierPoint) -> Cell:
-    special = CLAIMED if place.verdict == "claimed" else None
-    return number(place.cost_ms, milliseconds, special=special)
+def _cost(row: Mapping[str, Any]) -> Cell:
+    special = CLAIMED if row["verdict"] == "claimed" else None
+    return number(_estimate(row, COST), milliseconds, special=special)
 
 
-def _quality(place: FrontierPoint) -> Cell:
-    return measured(place.quality, place.metric, place.method, special=MARKS.get(place.verdict))
+def _value(row: Mapping[str, Any], **beside: Any) -> Cell:
+    return measured(_estimate(row, VALUE), row["metric"], row["method"], **beside)
 
 
-def _thinned(row: SubsampledFrontier) -> Cell:
-    value = measured(row.quality, row.metric, row.method)
-    rest = f", {milliseconds(row.cost_ms.value)} ms{' claimed' * row.claimed}"
-    if not (math.isfinite(row.lost.low) and any(row.lost)):
+def _estimate(row: Mapping[str, Any], names: Sequence[str]) -> Estimate:
+    return Estimate(*(row[name] for name in names))
+
+
+def _thinned(row: Mapping[str, Any]) -> Cell:
+    value, lost = _value(row), _estimate(row, LOST)
+    rest = f", {milliseconds(row['cost_ms'])} ms{' claimed' * row['claimed']}"
+    if not (math.isfinite(lost.low) and any(lost)):
         return Cell(value.text, rest=rest, coarse=value.coarse)
-    lost = measured(row.lost, row.metric, row.method, sign="+")
-    text = f"{value.text}, {lost.text}"
-    return Cell(text, interval=lost.interval, rest=rest, coarse=lost.coarse)
+    loss = measured(lost, row["metric"], row["method"], sign="+")
+    text = f"{value.text}, {loss.text}"
+    return Cell(text, interval=loss.interval, rest=rest, coarse=loss.coarse)
 
 
 def _of_views(views: int) -> str:

@@ -3,15 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pandas as pd
 
-from bench.analysis.comparison import Comparison, Estimate, Quality
-from bench.analysis.intervals import mean_interval
-
-
-def quality(metric, scores):
-    """From the score of each object, with the interval of an image metric."""
-    scores = np.array(scores, float)
-    return Quality(metric, Estimate(float(scores.mean()), *mean_interval(scores)), scores)
+from bench.analysis.comparison import COLUMNS, mean_estimate
+from bench.analysis.condition_sweep import CURVES
 
 
 def comparison(methods, metric="ssim", condition="2048", class_name="chair"):
@@ -19,14 +14,37 @@ def comparison(methods, metric="ssim", condition="2048", class_name="chair"):
 
     Times may be one number, or one for each object. Two images an object are there.
     """
-    count = len(next(iter(methods.values()))[2])
-    nothing = np.zeros(count)
-    return Comparison(
-        condition,
-        class_name,
-        tuple("abcdefgh"[:count]),
-        {name: nothing + np.array(ms) / 1000 for name, (ms, _, _) in methods.items()},
-        {name: nothing + np.array(ms) / 1000 for name, (_, ms, _) in methods.items()},
-        dict.fromkeys(methods, (2 * count, 2 * count)),
-        {metric: {name: quality(metric, scores) for name, (_, _, scores) in methods.items()}},
+    rows = []
+    for method, (prepare_ms, draw_ms, scores) in methods.items():
+        scores = np.array(scores, float)
+        nothing = np.zeros(len(scores))
+        times = (nothing + np.array(ms) / 1000 for ms in (prepare_ms, draw_ms))
+        images = (2 * len(scores),) * 2
+        names = tuple("abcdefghijklmnopqrstuvwx"[: len(scores)])
+        value = (*mean_estimate(metric, scores), scores, names)
+        cell = (condition, class_name, metric, method, method)
+        rows.append((*cell, *value, *times, *images, False))
+    return pd.DataFrame(rows, columns=COLUMNS)
+
+
+def row_of(frame, **where):
+    """Return the row with these values by column, which has to be the only one."""
+    for column, value in where.items():
+        frame = frame[frame[column] == value]
+    (row,) = frame.to_dict("records")
+    return row
+
+
+def curve_of(family, method, values, metric="ssim", reach=(0.02, 0.03)):
+    """Return a method along a family, as `condition_curves` has it.
+
+    Intervals reach so far below and above the values.
+    """
+    low, high = reach
+    return pd.DataFrame(
+        [
+            ("chair", family.id, metric, method, condition, at, v, v - low, v + high)
+            for (at, condition), v in zip(family.steps, values, strict=True)
+        ],
+        columns=CURVES,
     )

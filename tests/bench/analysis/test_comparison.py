@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,15 +10,18 @@ from scipy.stats import t as student
 from bench.analysis.comparison import (
     ALL,
     NAN,
+    OVERALL,
+    VALUE,
     best_first,
-    better_by,
     candidates,
     compare,
-    difference,
+    over_conditions,
     pooled,
+    with_costs,
 )
 from bench.analysis.distances import FeatureDistances
 from bench.analysis.intervals import clipped, mean_interval, median_interval
+from bench.analysis.paired import better_by, change
 from bench.metrics.frechet import frechet_distance
 from bench.records.record import GROUND_TRUTH
 
@@ -32,7 +34,7 @@ from ..builders import (
     scored_records,
     to_frame,
 )
-from .comparisons import comparison, quality
+from .comparisons import comparison, row_of
 
 pytestmark = pytest.mark.usefixtures("few_objects")
 
@@ -62,18 +64,18 @@ def records(failed=(), **times_of_failures):
     return made
 
 
-def only(frame, metrics=("ssim",), features=None):
-    (comparison,) = compare(scored_records(frame, features=features), metrics)
-    return comparison
+def of_splat(frame, views=20):
+    compared = compare(scored_records(frame), ["ssim"])
+    return row_of(with_costs(compared, views), method="splat")
 
 
 # c draws so slowly that it is the most expensive by 20 views
 @pytest.mark.parametrize(("views", "cost_ms"), [(1, (11.0, 32.0, 29.0)), (20, (30.0, 70.0, 200.0))])
 def test_cost_is_the_median_over_clouds(views, cost_ms):
-    cost = only(to_frame(records())).cost_ms("splat", views)
-    assert cost.value == pytest.approx(np.median(cost_ms), rel=1e-12)  # two roundings
+    row = of_splat(to_frame(records()), views)
+    assert row["cost_ms"] == pytest.approx(np.median(cost_ms), rel=1e-12)  # two roundings
     expected = median_interval(np.array(cost_ms), np.arange(3))
-    assert (cost.low, cost.high) == pytest.approx(expected, rel=1e-12)
+    assert (row["cost_ci_low"], row["cost_ci_high"]) == pytest.approx(expected, rel=1e-12)
 
 
 def test_a_cloud_that_failed_costs_the_time_that_it_took():
@@ -84,39 +86,38 @@ def test_a_cloud_that_failed_costs_the_time_that_it_took():
         ("ab", taken, (500.0, 500.0, 200.0)),
         ("c", {}, (30.0, 70.0)),
     ]:
-        comparison = only(to_frame(records(failed, **times)))
-        cost = comparison.cost_ms("splat", 20)
-        assert cost.value == pytest.approx(np.median(cost_ms), rel=1e-12)
-        assert comparison.images["splat"] == (6 - 2 * len(failed), 6)
-    never = only(to_frame(records("abc", **taken)))
-    assert np.isnan(never.cost_ms("splat", 20)).all()
-    assert never.images["splat"] == (0, 6)
+        row = of_splat(to_frame(records(failed, **times)))
+        assert row["cost_ms"] == pytest.approx(np.median(cost_ms), rel=1e-12)
+        assert (row["n_ok"], row["n"]) == (6 - 2 * len(failed), 6)
+    never = of_splat(to_frame(records("abc", **taken)))
+    assert np.isnan([never["cost_ms"], never["cost_ci_low"], never["cost_ci_high"]]).all()
+    assert (never["n_ok"], never["n"]) == (0, 6)
 
 
 def test_scores_are_means_over_objects_with_blanks_for_failures():
-    whole = only(to_frame(records())).qualities["ssim"]["splat"]
-    np.testing.assert_allclose(whole.per_object, [0.6, 0.9, 0.2], atol=1e-15)
-    assert whole.estimate.value == pytest.approx(1.7 / 3, abs=1e-15)
+    whole = of_splat(to_frame(records()))
+    np.testing.assert_allclose(whole["samples"], [0.6, 0.9, 0.2], atol=1e-15)
+    assert whole["value"] == pytest.approx(1.7 / 3, abs=1e-15)
     interval = clipped(mean_interval(np.array([0.6, 0.9, 0.2])), (-1.0, 1.0))
-    np.testing.assert_allclose(whole.estimate[1:], interval)
-    lost = only(to_frame(records(failed="b"))).qualities["ssim"]["splat"]
-    np.testing.assert_allclose(lost.per_object, [0.6, 0.5, 0.2], atol=1e-15)
+    np.testing.assert_allclose((whole["ci_low"], whole["ci_high"]), interval)
+    lost = of_splat(to_frame(records(failed="b")))
+    np.testing.assert_allclose(lost["samples"], [0.6, 0.5, 0.2], atol=1e-15)
 
 
 def test_objects_without_true_images_are_left_out():
     lost = [make_failed(m, obj="d", reason="input: no faces") for m in ("splat", "blank")]
-    comparison = only(to_frame([*records(), *lost]))
-    assert comparison.objects == ("a", "b", "c")
-    assert comparison.images["splat"] == (6, 7)
-    assert compare(scored_records(to_frame(lost)), ["ssim"]) == []
+    row = of_splat(to_frame([*records(), *lost]))
+    assert row["objects"] == ("a", "b", "c")
+    assert (row["n_ok"], row["n"]) == (6, 7)
+    assert compare(scored_records(to_frame(lost)), ["ssim"]).empty
 
 
-def test_a_comparison_for_each_condition_and_class():
+def test_rows_are_by_condition_class_and_method():
     frame = to_frame(records())
     others = frame.assign(condition="512"), frame.assign(**{"class": "car"})
-    made = compare(scored_records(pd.concat([frame, *others])), ["ssim"])
-    found = [(c.condition, c.class_name) for c in made]
-    assert found == [("2048", "car"), ("2048", "chair"), ("512", "chair")]
+    made = compare(scored_records(pd.concat([frame, *others])), ["ssim"], methods=["splat"])
+    cells = made[["condition", "class", "method"]].to_numpy().tolist()
+    assert cells == [[*c, "splat"] for c in (("2048", "car"), ("2048", "chair"), ("512", "chair"))]
 
 
 def test_who_could_be_chosen():
@@ -151,29 +152,30 @@ def distances(without="", objects=OBJECTS):
     ]
     at_hand: Any = features(without)
     measured = {"fd-views": FeatureDistances(at_hand)}
-    return only(to_frame(made), ["fd-views"], measured).qualities["fd-views"]
+    compared = compare(scored_records(to_frame(made), features=measured), ["fd-views"])
+    return {row["method"]: row for row in compared.to_dict("records")}
 
 
 def test_distances_are_those_of_the_tables():
     for method, found in distances().items():
         x, y = FEATURES[method], FEATURES[GROUND_TRUTH]
-        assert found.estimate.value == frechet_distance(x, y)
+        assert found["value"] == frechet_distance(x, y)
         # the same sums in another order, a distance of some 1
         expected = frechet_interval(x, y, SHOWN, SHOWN)
-        np.testing.assert_allclose(found.estimate[1:], expected, atol=1e-12)
+        np.testing.assert_allclose((found["ci_low"], found["ci_high"]), expected, atol=1e-12)
 
 
 def test_the_distance_of_failed_images_is_that_of_blank_ones():
     mixed = np.where((SHOWN == "c")[:, None], FEATURES["blank"], FEATURES["splat"])
-    found = distances(without="c")["splat"].estimate.value
+    found = distances(without="c")["splat"]["value"]
     assert found == frechet_distance(mixed, FEATURES[GROUND_TRUTH])
     none = distances(without=OBJECTS)
-    assert none["splat"].estimate == none["blank"].estimate
+    assert [none["splat"][name] for name in VALUE] == [none["blank"][name] for name in VALUE]
 
 
 def test_a_lead_in_distance_is_the_jackknife_of_the_difference():
     a, b = (distances()[method] for method in ("splat", "poisson"))
-    found = better_by(a, b)
+    found = better_by([a], [b]).estimate()
 
     def difference(rows):
         truth, splat, poisson = (
@@ -185,53 +187,52 @@ def test_a_lead_in_distance_is_the_jackknife_of_the_difference():
     # Efron and Stein 1981, as the standard deviation of the pseudo-values
     pseudo = 5 * difference(SHOWN != "") - 4 * without
     reach = student.ppf(0.975, 4) * pseudo.std(ddof=1) / np.sqrt(5)
-    assert found.value == pytest.approx(b.estimate.value - a.estimate.value, abs=1e-12)
+    assert found.value == pytest.approx(b["value"] - a["value"], abs=1e-12)
     ends = (found.value - reach, found.value + reach)
     assert (found.low, found.high) == pytest.approx(ends, abs=1e-9)
-    assert better_by(b, a).value == -found.value
+    assert better_by([b], [a]).value == -found.value
 
 
 def test_a_single_object_gives_a_distance_without_an_interval():
     made = distances(objects="a")["splat"]
-    assert np.isfinite(made.estimate.value)
-    assert np.isnan(made.estimate[1:]).all()
-    assert np.isnan(better_by(made, made)[1:]).all()
+    assert np.isfinite(made["value"])
+    assert np.isnan([made["ci_low"], made["ci_high"]]).all()
+    assert np.isnan(better_by([made], [made]).estimate()[1:]).all()
 
 
-def test_a_lead_is_paired():
-    a, b = quality("ssim", (0.91, 0.31, 0.61)), quality("ssim", (0.9, 0.3, 0.6))
-    found = better_by(a, b)  # 0.01 on each object, though the objects are far apart
-    np.testing.assert_allclose(found, [0.01, 0.01, 0.01], atol=1e-12)
-    np.testing.assert_allclose(better_by(b, a), [-0.01, -0.01, -0.01], atol=1e-12)
+def scores(metric, **of_methods):
+    """Rows of methods with these scores of each object."""
+    return comparison({m.replace("_", "-"): (0, 0, v) for m, v in of_methods.items()}, metric)
 
 
 def test_digits_that_are_not_printed_order_nothing():
     """Rivals are compared with surface-apss in its two decimals of lpips."""
 
-    def values(metric, **scores):
-        made = {m.replace("_", "-"): quality(metric, [v]) for m, v in scores.items()}
-        return {m: replace(q, method=m) for m, q in made.items()}
+    def places(metric, **values):
+        ordered = best_first(scores(metric, **{m: [v] for m, v in values.items()}))
+        return dict(zip(ordered["method"], ordered["before"], strict=True))
 
-    assert best_first(values("ssim", a=0.81449, b=0.8136, c=0.8146)) == {"c": 0, "a": 1, "b": 1}
-    assert best_first(values("fd-views", a=4.62, b=4.58, c=NAN)) == {"a": 0, "b": 0}
-    coarse = values("lpips", splat=0.234, surface_apss=0.231, pc2pix=0.226)
-    assert best_first(coarse) == {"pc2pix": 0, "surface-apss": 0, "splat": 1}
+    assert places("ssim", a=0.81449, b=0.8136, c=0.8146) == {"c": 0, "a": 1, "b": 1}
+    assert places("fd-views", a=4.62, b=4.58, c=NAN) == {"a": 0, "b": 0}
+    coarse = places("lpips", splat=0.234, surface_apss=0.231, pc2pix=0.226)
+    assert coarse == {"pc2pix": 0, "surface-apss": 0, "splat": 1}
 
 
 def test_classes_are_pooled_object_by_object():
     chairs = comparison({"splat": (1.0, 2.0, (0.5, 0.7)), "blank": (0, 0, (0.1, 0.2))})
     sofas = comparison({"splat": (3.0, 4.0, (0.9,)), "blank": (0, 0, (0.6,))}, class_name="sofa")
     noisy = comparison({"splat": (1.0, 2.0, (0.5,)), "blank": (0, 0, (0.1,))}, condition="512")
-    both, alone = pooled([chairs, noisy, sofas])
-    assert (alone.condition, alone.objects) == ("512", ("chair/a",))  # the sofa has no true image
-    assert (both.condition, both.class_name) == ("2048", ALL)
-    assert both.objects == ("chair/a", "chair/b", "sofa/a")
-    splat = both.qualities["ssim"]["splat"]
-    assert splat.per_object.tolist() == [0.5, 0.7, 0.9]
-    interval = clipped(mean_interval(splat.per_object), (-1.0, 1.0))
-    assert splat.estimate == (pytest.approx(0.7), *interval)
-    assert both.cost_ms("splat", 10).value == 21.0  # of 21, 21 and 43
-    assert both.images["splat"] == (6, 6)
+    together = with_costs(pooled(pd.concat([chairs, noisy, sofas])), 10)
+    alone = row_of(together, condition="512", method="splat")
+    assert alone["objects"] == ("chair/a",)  # the sofa has no true image
+    splat = row_of(together, condition="2048", method="splat")
+    assert (splat["class"], splat["objects"]) == (ALL, ("chair/a", "chair/b", "sofa/a"))
+    assert splat["samples"].tolist() == [0.5, 0.7, 0.9]
+    interval = clipped(mean_interval(splat["samples"]), (-1.0, 1.0))
+    assert [splat[name] for name in VALUE] == [pytest.approx(0.7), *interval]
+    assert splat["cost_ms"] == 21.0  # of 21, 21 and 43
+    assert (splat["n_ok"], splat["n"]) == (6, 6)
+    assert pooled(chairs).empty
 
 
 def test_no_distance_of_classes_together():
@@ -240,14 +241,35 @@ def test_no_distance_of_classes_together():
         comparison({"splat": (1, 1, (3.0, 4.0))}, "fd-views", class_name=name)
         for name in ("chair", "sofa")
     )
-    assert pooled([chairs, sofas])[0].qualities == {}
+    assert pooled(pd.concat([chairs, sofas])).empty
+
+
+def test_the_mean_over_conditions_is_of_objects_that_all_have():
+    full = {
+        "m": (10, 10, (0.1, 0.2, 0.3)),
+        "blank": (0, 0, (0.9, 0.9, 0.9)),
+        "once": (0, 0, [1] * 3),
+    }
+    few = {"m": (20, 20, (0.3, 0.6)), "blank": (0, 0, (0.9, 0.9))}
+    both = pd.concat([comparison(full, "lpips"), comparison(few, "lpips", condition="512")])
+    overall = with_costs(over_conditions(both), 1)
+    assert overall["method"].tolist() == ["m", "blank"]  # one has a single condition
+    row = row_of(overall, method="m")
+    assert (row["condition"], row["objects"]) == (OVERALL, ("a", "b"))
+    assert row["samples"] == pytest.approx([0.2, 0.4])
+    assert (row["value"], row["n_ok"], row["n"]) == (pytest.approx(0.3), 10, 10)
+    assert row["cost_ms"] == pytest.approx(20)  # of the first condition
 
 
 def test_no_difference_is_larger_than_the_range_of_its_metric():
     """Seven of eight objects differ by the whole range of an IoU: Student's interval exceeds it."""
     ones, a = np.ones(8), np.array([0.0] * 7 + [0.9])
-    found = difference(quality("silhouette-iou", ones), quality("silhouette-iou", a))
+
+    def difference(metric, factor=1):
+        pair = scores(metric, x=factor * ones, y=factor * a).to_dict("records")
+        return change(pair[:1], pair[1:]).estimate()
+
     assert mean_interval(ones - a)[1] > 1
+    found = difference("silhouette-iou")
     assert found == (pytest.approx(0.8875), mean_interval(ones - a)[0], 1.0)
-    longer = difference(quality("psnr", 30 * ones), quality("psnr", 30 * a))
-    assert longer[1:] == mean_interval(30 * (ones - a))
+    assert difference("psnr", 30)[1:] == mean_interval(30 * (ones - a))

@@ -3,42 +3,32 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.analysis.comparison import Estimate
 from bench.analysis.condition_sweep import (
+    FAMILY,
     NO_VALUE,
     UNDECIDED,
-    PairedComparison,
     condition_curves,
-    paired_comparisons,
+    condition_leads,
+    crossings,
     pairs_among,
     sign_changes,
+    who_is_ahead,
 )
 from bench.analysis.intervals import mean_interval
 from bench.analysis.paired import Verdicts
-from bench.catalogue.conditions import FAMILIES, families_of
 
 from .comparisons import comparison
 
 pytestmark = pytest.mark.usefixtures("few_objects")
 
 NAN = float("nan")
-BY_ID = {family.id: family for family in FAMILIES}
 OFFSETS = np.array([-0.03, 0.0, 0.01, 0.02])  # of four objects, with mean 0
-
-
-def paired(differences, family="noise"):
-    """Leads as values, or as (value, low, high), at the first steps of a family."""
-    message = [Estimate(*v) if isinstance(v, tuple) else Estimate(v, NAN, NAN) for v in differences]
-    conditions = BY_ID[family].conditions[: len(message)]
-    (reduced,) = (f for f in families_of(conditions) if f.id == family)
-    values, others = (0.5,) * len(message), (0.25,) * len(message)
-    return PairedComparison(
-        "chair", reduced, "ssim", "splat-net", "pc2pix", values, others, tuple(message)
-    )
 
 
 def scored(condition, scores, **changes):
@@ -53,14 +43,14 @@ def along(family, curves, spread=0.0, **changes):
     Objects differ from the curve, all methods' alike but for `spread` of the first's.
     """
     first = next(iter(curves))
-    return [
+    return pd.concat(
         scored(
             condition,
             {m: f(x) + OFFSETS * (1 + spread * (m == first)) for m, f in curves.items()},
             **changes,
         )
-        for x, condition in BY_ID[family].steps
-    ]
+        for x, condition in FAMILY[family].steps
+    )
 
 
 @pytest.mark.parametrize(
@@ -106,20 +96,22 @@ def test_straight_curves_cross_where_they_do():
     assert low < 0 < high
     for spread, below, above in ((0.0, 0.0, 0.0), (0.5, low, high)):
         steps = along("noise", curves, spread)
-        (made,) = paired_comparisons(steps, ["ssim"], Verdicts([], steps))
-        assert (made.method, made.baseline, made.family.id) == ("splat-net", "pc2pix", "noise")
-        assert made.values == pytest.approx([0.8, 0.75, 0.7, 0.65, 0.6])
-        assert made.baseline_values == pytest.approx([0.6, 0.625, 0.65, 0.675, 0.7])
-        for of, value in zip(made.differences, [0.2, 0.125, 0.05, -0.025, -0.1], strict=True):
-            assert tuple(of) == pytest.approx((value, value + below, value + above), abs=1e-12)
-        (crossover,) = made.crossovers
-        assert crossover.after == 2
+        made = condition_leads(condition_curves(steps), Verdicts(steps))
+        assert made[["family", "method", "rival"]].drop_duplicates().to_numpy().tolist() == [
+            ["noise", "splat-net", "pc2pix"]
+        ]
+        assert made["at"].tolist() == ["0", "0.05", "0.1", "0.15", "0.2"]
+        assert made["value"].tolist() == pytest.approx([0.8, 0.75, 0.7, 0.65, 0.6])
+        assert made["rival_value"].tolist() == pytest.approx([0.6, 0.625, 0.65, 0.675, 0.7])
+        leads = np.array([0.2, 0.125, 0.05, -0.025, -0.1])
+        expected = np.stack([leads, leads + below, leads + above], axis=1)
+        np.testing.assert_allclose(made[["lead", "ci_low", "ci_high"]], expected, atol=1e-12)
+        crossing = made[["crossing", "crossing_low", "crossing_high"]].to_numpy()
+        assert np.isfinite(crossing).all(axis=1).tolist() == [False, False, True, False, False]
         ends = (0.2 + below) / 1.5, (0.2 + above) / 1.5
-        assert (crossover.at, crossover.low, crossover.high) == pytest.approx(
-            (2 / 15, *ends), abs=1e-9
-        )
+        assert crossing[2].tolist() == pytest.approx((2 / 15, *ends), abs=1e-9)
         if not spread:
-            assert made.ahead == ("splat-net",) * 3 + ("pc2pix",) * 2
+            assert made["ahead"].tolist() == ["splat-net"] * 3 + ["pc2pix"] * 2
 
 
 @pytest.mark.parametrize(
@@ -160,9 +152,12 @@ def test_straight_curves_cross_where_they_do():
     ],
 )
 def test_who_is_ahead_and_where_that_changes(family, differences, ahead, crossovers):
-    made = paired(differences, family)
-    assert made.ahead == ahead
-    found = [(c.after, c.at, c.low, c.high) for c in made.crossovers]
+    """Leads are values, or (value, low, high), at the first steps of a family."""
+    leads = [Estimate(*v) if isinstance(v, tuple) else Estimate(v, NAN, NAN) for v in differences]
+    assert tuple(who_is_ahead(lead, "splat-net", "pc2pix") for lead in leads) == ahead
+    at = FAMILY[family].values[: len(leads)]
+    columns = crossings(FAMILY[family], at, leads)
+    found = [(i, *c) for i, c in enumerate(zip(*columns.values(), strict=True)) if c[0] == c[0]]
     assert len(found) == len(crossovers)
     for one, expected in zip(found, crossovers, strict=True):
         assert one == pytest.approx(expected, rel=1e-12, abs=1e-15, nan_ok=True)
@@ -184,23 +179,23 @@ def test_pairs():
 def test_every_family_that_the_conditions_make_up():
     scores = {"pc2pix": [0.5, 0.6], "surface-apss": [0.4, 0.7], "blank": [0.1, 0.2]}
     worth = {"1024": 0.5, "2048": 0.75, "noise-0.05": 0.25, "density-3": 0.125}
-    compared = [
+    compared = pd.concat(
         scored(condition, scores | {"pc2pix": [value, value]}, class_name=name)
         for name in ("chair", "sofa")
         for condition, value in worth.items()
-    ]
+    )
     families = [
         ("points", ("2048", "1024")),
         ("noise", ("2048", "noise-0.05")),
         ("density", ("1024", "density-3")),
     ]
-    made = paired_comparisons(compared, ["ssim"], Verdicts([], compared))
-    assert [(c.class_name, c.family.id, c.family.conditions) for c in made] == [
-        (name, *family) for name in ("chair", "sofa") for family in families
-    ]
-    every = condition_curves(compared, ["ssim"])
-    assert [c.method for c in every] == ["pc2pix", "surface-apss", "blank"] * 6
-    assert [[e.value for e in c.estimates] for c in every[:9:3]] == [
-        [worth[condition] for condition in conditions] for _, conditions in families
-    ]
-    assert condition_curves([scored("512", scores)], ["ssim"]) == ()
+    steps = [[name, family, c] for name in ("chair", "sofa") for family, of in families for c in of]
+    curves = condition_curves(compared)
+    made = condition_leads(curves, Verdicts(compared))
+    assert made[["class", "family", "condition"]].to_numpy().tolist() == steps
+    ours = curves[curves["method"] == "pc2pix"]
+    assert ours[["class", "family", "condition"]].to_numpy().tolist() == steps
+    assert ours["value"].tolist() == [worth[condition] for _, _, condition in steps]
+    methods = curves["method"].tolist()
+    assert methods[:6] == ["pc2pix", "pc2pix", "surface-apss", "surface-apss", "blank", "blank"]
+    assert condition_curves(scored("512", scores)).empty

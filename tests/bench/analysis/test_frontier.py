@@ -1,16 +1,15 @@
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
+import pandas as pd
 import pytest
 
 from bench.analysis import frontier
-from bench.analysis.frontier import point_count, thinned
+from bench.analysis.frontier import thinned
 from bench.analysis.intervals import mean_interval
 from bench.analysis.paired import Verdicts
 
-from .comparisons import comparison
+from .comparisons import comparison, row_of
 
 pytestmark = pytest.mark.usefixtures("few_objects")
 
@@ -34,17 +33,18 @@ FIELD = {
 }
 
 
-def places(made, metrics, views):
-    return frontier.places(made, metrics, views, Verdicts([], [made]))
+def places(made, views):
+    return frontier.places(made, views, Verdicts(made[:0], made))
 
 
 def verdicts(made):
-    return {place.method: (place.verdict, place.baseline) for place in made}
+    pairs = zip(made["verdict"], made["rival"], strict=True)
+    return dict(zip(made["method"], pairs, strict=True))
 
 
 def test_verdicts_with_twenty_views():
     # ms: splat 21, poisson and bpa 120, fit 320, pc2pix 510, apss 1020
-    made = places(comparison(FIELD), ["ssim"], 20)
+    made = places(comparison(FIELD), 20)
     assert verdicts(made) == {
         "splat": ("frontier", ""),
         "poisson": ("frontier", ""),
@@ -57,18 +57,17 @@ def test_verdicts_with_twenty_views():
         "constant": ("reference", ""),
         "blank": ("reference", ""),
     }
-    costs = {place.method: place.cost_ms.value for place in made}
-    assert costs["pc2pix"] == pytest.approx(10 + 20 * 25, rel=1e-12)
-    assert [place.method for place in made] == list(FIELD)
+    assert row_of(made, method="pc2pix")["cost_ms"] == pytest.approx(10 + 20 * 25, rel=1e-12)
+    assert made["method"].tolist() == list(FIELD)
 
 
 def test_the_frontier_depends_on_the_number_of_views():
     # ms: splat 2, pc2pix 35, poisson 101, ...
-    one = verdicts(places(comparison(FIELD), ["ssim"], 1))
+    one = verdicts(places(comparison(FIELD), 1))
     assert one["poisson"] == ("dominated", "pc2pix")
     assert one["surface-bpa"] == ("dominated", "pc2pix")
     # ms: poisson 1100, apss 2000, pc2pix 25010
-    many = verdicts(places(comparison(FIELD), ["ssim"], 1000))
+    many = verdicts(places(comparison(FIELD), 1000))
     assert many["surface-apss"] == ("frontier", "")
     assert many["pc2pix"] == ("tied", "surface-apss")
 
@@ -97,14 +96,14 @@ def test_the_frontier_depends_on_the_number_of_views():
     ],
 )
 def test_verdicts_of_one_view(metric, methods, expected):
-    found = verdicts(places(comparison(methods, metric), [metric], 1))
+    found = verdicts(places(comparison(methods, metric), 1))
     assert list(found.values()) == expected
 
 
 def test_what_is_worse_than_a_white_image_is_off_the_frontier():
     """By the metric that is judged alone: splat is cheap, but below a white image of ssim .62."""
     field = comparison(FIELD | {"blank": (0, 0, (0.62,) * 4)})
-    found = verdicts(places(field, ["ssim"], 20))
+    found = verdicts(places(field, 20))
     assert found["splat"] == ("below a white image", "blank")
     assert found["alpha-wrap"] == ("no value", "")
     assert found["constant"] == ("reference", "")
@@ -113,30 +112,21 @@ def test_what_is_worse_than_a_white_image_is_off_the_frontier():
         "pc2pix",
     }
     distances = {m: (p, d, tuple(1 - s for s in scores)) for m, (p, d, scores) in FIELD.items()}
-    of_both = replace(field, qualities=field.qualities | comparison(distances, "lpips").qualities)
-    by_metric = {
-        place.metric: place.verdict
-        for place in places(of_both, ["ssim", "lpips"], 20)
-        if place.method == "splat"
-    }
+    made = places(pd.concat([field, comparison(distances, "lpips")], ignore_index=True), 20)
+    by_metric = made[made["method"] == "splat"].set_index("metric")["verdict"].to_dict()
     assert by_metric == {"ssim": "below a white image", "lpips": "frontier"}
 
 
 def test_a_value_that_prints_like_that_of_a_white_image_is_not_below_it():
     field = FIELD | {"blank": (0, 0, (0.6001,) * 4)}  # splat has 0.6
-    assert verdicts(places(comparison(field), ["ssim"], 20))["splat"] == ("frontier", "")
+    assert verdicts(places(comparison(field), 20))["splat"] == ("frontier", "")
 
 
 def test_one_object_shows_nothing_clearly():
     alone = {name: (p, d, scores[:1]) for name, (p, d, scores) in FIELD.items()}
-    found = {verdict for verdict, _ in verdicts(places(comparison(alone), ["ssim"], 20)).values()}
+    found = {verdict for verdict, _ in verdicts(places(comparison(alone), 20)).values()}
     assert "dominated" not in found
     assert "tied" in found
-
-
-def test_point_counts():
-    names = ("2048", "512", "noise-0.05", "odd")
-    assert [point_count(name) for name in names] == [2048, 512, None, None]
 
 
 def test_what_fewer_points_lose_and_save():
@@ -144,27 +134,31 @@ def test_what_fewer_points_lose_and_save():
     fewer = {"splat": (0.5, 0.5, (0.4, 0.3, 0.5, 0.6)), "blank": FIELD["blank"]}
     few = comparison(fewer, condition="512")
     noisy = comparison(FIELD, condition="noise-0.05")
-    whole, less = thinned([few, noisy, full], ["ssim"], 20)[::-1]
-    assert (whole.condition, whole.points, tuple(whole.lost)) == ("2048", 2048, (0, 0, 0))
-    assert (less.method, less.points) == ("splat", 512)
-    assert less.cost_ms.value == pytest.approx(0.5 + 20 * 0.5, rel=1e-12)
-    assert less.lost.value == pytest.approx((0.1 + 0.3 + 0.2 + 0.0) / 4, abs=1e-15)
+    less, whole = thinned(pd.concat([few, noisy, full]), 20).to_dict("records")
+    ends = ("lost", "lost_ci_low", "lost_ci_high")
+    assert (whole["condition"], whole["points"]) == ("2048", 2048)
+    assert [whole[name] for name in ends] == [0, 0, 0]
+    assert (less["method"], less["points"]) == ("splat", 512)
+    assert less["cost_ms"] == pytest.approx(0.5 + 20 * 0.5, rel=1e-12)
+    assert less["lost"] == pytest.approx((0.1 + 0.3 + 0.2 + 0.0) / 4, abs=1e-15)
     expected = mean_interval(np.array(FIELD["splat"][2]) - np.array(fewer["splat"][2]))
-    assert tuple(less.lost[1:]) == expected
+    assert (less["lost_ci_low"], less["lost_ci_high"]) == expected
 
 
 def test_without_the_same_objects_at_full_size_nothing_is_said():
     few = comparison(FIELD, condition="512")
-    assert thinned([few], ["ssim"], 20) == []
-    other = replace(comparison(FIELD), objects=tuple("efgh"))
-    assert [row.points for row in thinned([other, few], ["ssim"], 20)] == [2048] * 7
+    assert thinned(few, 20).empty
+    other = comparison(FIELD)
+    other["objects"] = [tuple("efgh")] * len(other)
+    assert thinned(pd.concat([other, few]), 20)["points"].tolist() == [2048] * 7
 
 
 def test_a_claimed_cost_has_no_part_in_the_frontier():
     """It is neither on it, though it would be the cheapest, nor does it push another off."""
-    field = FIELD | {"entered": (0.1, 0.1, (0.99, 0.99, 0.99, 0.99))}
-    claimed = replace(comparison(field), claimed=frozenset({"entered"}))
-    made = verdicts(places(claimed, ["ssim"], 20))
+    field = comparison(FIELD | {"entered": (0.1, 0.1, (0.99, 0.99, 0.99, 0.99))})
+    claimed = field.assign(claimed=field["method"] == "entered")
+    made = verdicts(places(claimed, 20))
     assert made.pop("entered") == ("claimed", "")
-    assert made == verdicts(places(comparison(FIELD), ["ssim"], 20))
-    assert {row.method for row in thinned([claimed], ["ssim"], 20) if row.claimed} == {"entered"}
+    assert made == verdicts(places(comparison(FIELD), 20))
+    fewer = thinned(claimed, 20)
+    assert fewer.loc[fewer["claimed"], "method"].tolist() == ["entered"]

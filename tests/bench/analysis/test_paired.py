@@ -6,60 +6,55 @@ import csv
 import json
 import math
 import shutil
-from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
 from scipy.stats import t
 
-from bench.analysis.comparison import Estimate, Quality
-from bench.analysis.paired import (
-    ComparedPair,
-    Side,
-    Verdicts,
-    paired_differences,
-    two_methods,
-)
+from bench.analysis.paired import Verdicts, paired_differences, two_methods
 from bench.records.run_folder import read_manifest, write_manifest
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 
 from ..builders import overwrite, write_run
 from ..conftest import on_terminal
-from .comparisons import comparison
-
-A, B = Side("r", "a"), Side("r", "b")
-NONE = Estimate(math.nan, math.nan, math.nan)
+from .comparisons import comparison, row_of
 
 
-def pair(a, b, metric="ssim", values=None):
-    a, b = np.asarray(a, float), np.asarray(b, float)
-    at = values or (a.mean(), b.mean())
-    qualities = (
-        Quality(metric, NONE._replace(value=float(v)), per_object)
-        for v, per_object in zip(at, (a, b), strict=True)
-    )
-    return ComparedPair("2048", "chair", A, B, *qualities, len(a))
+def pair(a, b, metric="ssim", values=None, condition="2048"):
+    """The scores of each object of the two sides, and their values where these are no means."""
+    made = comparison({"a": (0, 0, a), "b": (0, 0, b)}, metric, condition)
+    if values:
+        made["value"] = values
+    return tuple(made.to_dict("records"))
+
+
+def differences(*pairs):
+    return paired_differences(pairs).to_dict("records")
+
+
+def interval_of(cell):
+    return cell["difference"], cell["ci_low"], cell["ci_high"]
 
 
 def test_the_difference_is_b_less_a_and_the_better_side_is_named():
     a = np.linspace(0.5, 0.6, 12)
-    (cell,) = paired_differences([pair(a, a + 0.1)])
-    assert cell.difference == pytest.approx((0.1, 0.1, 0.1))
-    assert (cell.ahead, cell.pair.objects) == ("b", 12)
-    (cell,) = paired_differences([pair(a, a - 0.1)])
-    assert cell.ahead == "a"
+    (cell,) = differences(pair(a, a + 0.1))
+    assert interval_of(cell) == pytest.approx((0.1, 0.1, 0.1))
+    assert (cell["ahead"], cell["objects"]) == ("b", 12)
+    (cell,) = differences(pair(a, a - 0.1))
+    assert cell["ahead"] == "a"
 
 
 def test_distances_are_better_the_smaller_they_are():
     """Jackknife: standard error sqrt((g - 1) / g sum (d - mean)^2) of the jackknife differences."""
     leave_one_out = np.array([1.0, 1.1, 0.9, 1.05, 0.95, 1.02, 0.98, 1.0])
-    (cell,) = paired_differences([pair(leave_one_out, 3 * leave_one_out, "fd-views", (1.0, 3.0))])
+    (cell,) = differences(pair(leave_one_out, 3 * leave_one_out, "fd-views", (1.0, 3.0)))
     error = math.sqrt(7 / 8 * np.sum((2 * leave_one_out - 2) ** 2))
     reach = t.ppf(0.975, 7) * error
-    assert cell.difference == pytest.approx((2.0, 2.0 - reach, 2.0 + reach))
-    assert cell.p == pytest.approx(2 * t.sf(2.0 / error, 7))
-    assert cell.ahead == "a"
+    assert interval_of(cell) == pytest.approx((2.0, 2.0 - reach, 2.0 + reach))
+    assert cell["p"] == pytest.approx(2 * t.sf(2.0 / error, 7))
+    assert cell["ahead"] == "a"
 
 
 @pytest.mark.parametrize("metric", ["ssim", "fd-views"])
@@ -67,26 +62,24 @@ def test_with_its_sides_exchanged_a_difference_has_its_interval_turned(metric):
     """The objects' differences are skewed, so that no interval is its own mirror image."""
     a = np.linspace(0.5, 0.6, 12)
     b = a + 0.02 * np.arange(12) ** 2 / 50
-    (cell,) = paired_differences([pair(a, b, metric, (0.5, 1.5))])
-    (exchanged,) = paired_differences([pair(b, a, metric, (1.5, 0.5))])
-    value, low, high = cell.difference
+    (cell,) = differences(pair(a, b, metric, (0.5, 1.5)))
+    (exchanged,) = differences(pair(b, a, metric, (1.5, 0.5)))
+    value, low, high = interval_of(cell)
     assert low < value < high
-    assert exchanged.difference == pytest.approx((-value, -high, -low), rel=1e-12)
-    assert {cell.ahead, exchanged.ahead} == {"a", "b"}
-    assert exchanged.p == pytest.approx(cell.p, rel=1e-12)
+    assert interval_of(exchanged) == pytest.approx((-value, -high, -low), rel=1e-12)
+    assert {cell["ahead"], exchanged["ahead"]} == {"a", "b"}
+    assert exchanged["p"] == pytest.approx(cell["p"], rel=1e-12)
 
 
 def test_ties_and_what_cannot_be_known():
     a = np.linspace(0.5, 0.7, 8)
     difference = np.array([0.1] * 6 + [-0.1] * 2)
-    some, same, few = paired_differences(
-        [pair(a, a + difference), pair(a, a), pair(a[:7], a[:7] + 0.1)]
-    )
-    assert (some.ahead, some.cells) == ("tie", 2)
-    assert some.p_corrected == 2 * some.p
-    assert (same.ahead, same.p) == ("tie", 1.0)
-    assert (few.ahead, few.objects_needed) == ("unknown", 8)
-    assert math.isnan(few.p_corrected)
+    some, same, few = differences(pair(a, a + difference), pair(a, a), pair(a[:7], a[:7] + 0.1))
+    assert (some["ahead"], some["cells"]) == ("tie", 2)
+    assert some["p_corrected"] == 2 * some["p"]
+    assert (same["ahead"], same["p"], same["objects_needed"]) == ("tie", 1.0, None)
+    assert (few["ahead"], few["objects_needed"]) == ("unknown", 8)
+    assert math.isnan(few["p_corrected"])
 
 
 @pytest.mark.parametrize("cells", [1, 10, 66])
@@ -94,39 +87,40 @@ def test_ties_and_what_cannot_be_known():
 def test_an_interval_never_contradicts_its_verdict(cells, objects):
     """The differences are skewed, of any size, in any number of cells."""
     rng = np.random.default_rng(0)
+    made = {m: pair(np.zeros(objects), np.zeros(objects), m) for m in ("ssim", "lpips")}
     by_verdict = {"a": 0, "b": 0, "tie": 0}
     for _ in range(660 // cells):
         pairs = []
         for _ in range(cells):
             b = rng.beta(2, 6, objects) * rng.choice([0.2, 1.0, 3.0])
-            pairs.append(pair(rng.beta(2, 6, objects), b, rng.choice(["ssim", "lpips"])))
-        for cell in paired_differences(pairs):
-            by_verdict[cell.ahead] += 1
-            outside = cell.difference.low > 0 or cell.difference.high < 0
-            assert (cell.ahead != "tie") == outside == (cell.p_corrected < 0.05)
-            assert cell.level == 1 - 0.05 / cells
+            sides = made[rng.choice(["ssim", "lpips"])]
+            samples = rng.beta(2, 6, objects), b
+            pairs.append([side | {"samples": s} for side, s in zip(sides, samples, strict=True)])
+        for cell in differences(*pairs):
+            by_verdict[cell["ahead"]] += 1
+            outside = cell["ci_low"] > 0 or cell["ci_high"] < 0
+            assert (cell["ahead"] != "tie") == outside == (cell["p_corrected"] < 0.05)
+            assert cell["level"] == 1 - 0.05 / cells
     assert min(by_verdict.values()) > 0
 
 
 def test_what_is_said_of_two_methods_of_a_run_is_corrected_for_its_cells():
     """Ten cells of the headline are a sentence; another metric is one of its own."""
     rng = np.random.default_rng(1)
-    run = [
+    run = pd.concat(
         comparison({"splat": (1, 1, rng.random(8)), "blank": (0, 0, rng.random(8))}, m, c)
         for c in ("2048", "1024", "512", "noise-0.05", "noise-0.10")
         for m in ("lpips", "ssim-object", "psnr")
-    ]
-    both = [
-        replace(a, qualities=a.qualities | b.qualities)
-        for a, b in zip(run[::3], run[1::3], strict=True)
-    ]
-    verdicts = Verdicts(both, run[2::3])
+    )
+    further = run["metric"] == "psnr"
+    verdicts = Verdicts(run[~further], run[further])
     cell = verdicts.difference("blank", "splat", "lpips", "512", "chair")
-    sides = Side("", "blank"), Side("", "splat")
-    asked = two_methods(both, ["ssim-object", "lpips"], *sides)
-    (same,) = [c for c in asked if (c.pair.metric, c.pair.condition) == ("lpips", "512")]
-    assert (cell.cells, cell.difference, cell.p) == (10, same.difference, same.p)
-    assert verdicts.difference("blank", "splat", "psnr", "512", "chair").cells == 5
+    asked = two_methods(run, ["ssim-object", "lpips"], "blank", "splat")
+    assert asked["metric"].tolist() == ["ssim-object"] * 5 + ["lpips"] * 5
+    same = row_of(asked, metric="lpips", condition="512")
+    assert cell["cells"] == 10
+    assert (interval_of(cell), cell["p"]) == (interval_of(same), same["p"])
+    assert verdicts.difference("blank", "splat", "psnr", "512", "chair")["cells"] == 5
 
 
 @pytest.fixture

@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import ttest_rel
 
-from bench.analysis.comparison import Comparison, Estimate, Quality
-from bench.analysis.ranks import letters, ranking
+from bench.analysis.ranks import letters, mean_places, ranking
+
+from .comparisons import comparison
 
 
 def pairs(*names):
@@ -44,16 +45,10 @@ def test_two_share_a_letter_exactly_where_they_do_not_differ(count, data):
         assert not other <= one
 
 
-def comparison(values):
-    """A comparison of methods whose scores [G] are these."""
-    count = len(next(iter(values.values())))
-    qualities = {
-        method: Quality("ssim", Estimate(float(np.mean(v)), 0.0, 1.0), np.array(v, np.float64))
-        for method, v in values.items()
-    }
-    return Comparison(
-        "2048", "chair", tuple(map(str, range(count))), {}, {}, {}, {"ssim": qualities}
-    )
+def ranked(values):
+    """The letters of methods with these scores [G], the best first, and the objects needed."""
+    made, needed = ranking(comparison({m: (0, 0, v) for m, v in values.items()}))
+    return dict(zip(made["method"], made["letters"], strict=True)), needed
 
 
 def test_the_best_comes_first_and_references_have_no_rank():
@@ -64,8 +59,7 @@ def test_the_best_comes_first_and_references_have_no_rank():
         "pc2pix": 0.8 + noise[1],
         "blank": np.full(24, 0.1),
     }
-    found = ranking(comparison(values), "ssim")
-    assert [(rank.method, rank.letters) for rank in found.ranks] == [
+    assert list(ranked(values)[0].items()) == [
         ("pc2pix", "a"),
         ("splat", "b"),
         ("true-mesh", ""),
@@ -75,10 +69,9 @@ def test_the_best_comes_first_and_references_have_no_rank():
 
 def test_equal_methods_share_a_letter_and_few_objects_have_none():
     values = {"splat": np.linspace(0.4, 0.6, 24), "pc2pix": np.linspace(0.6, 0.4, 24)}
-    assert {rank.letters for rank in ranking(comparison(values), "ssim").ranks} == {"a"}
-    few = ranking(comparison({method: of[:4] for method, of in values.items()}), "ssim")
-    assert {rank.letters for rank in few.ranks} == {""}
-    assert few.objects_needed == 8
+    assert ranked(values) == ({"splat": "a", "pc2pix": "a"}, None)
+    few = {method: of[:4] for method, of in values.items()}
+    assert ranked(few) == ({"splat": "", "pc2pix": ""}, 8)
 
 
 def test_of_48_methods_the_pairs_are_resolved_that_paired_t_tests_tell_apart():
@@ -96,13 +89,37 @@ def test_of_48_methods_the_pairs_are_resolved_that_paired_t_tests_tell_apart():
     assert not [p for p in of_t if 0.01 < p < 0.2]
     differ = {pair for pair, p in zip(pairs, of_t, strict=True) if p < 0.05}
     assert len(differ) == 28 * 36  # every pair of two levels
-    given = {rank.method: set(rank.letters) for rank in ranking(comparison(values), "ssim").ranks}
+    given = {method: set(of) for method, of in ranked(values)[0].items()}
     assert {pair for pair in pairs if not given[pair[0]] & given[pair[1]]} == differ
     assert given["m42"] == {"a"}
 
 
 def test_a_method_without_a_value_is_left_out():
     values = {"splat": np.full(24, np.nan), "pc2pix": np.full(24, 0.5)}
-    found = ranking(comparison(values), "ssim")
-    assert [rank.method for rank in found.ranks] == ["pc2pix"]
-    assert found.ranks[0].letters == ""
+    assert ranked(values) == ({"pc2pix": ""}, None)
+
+
+def test_places_are_averaged_over_columns_and_equal_ones_shared():
+    columns = [
+        ("ssim-object", {"a": 0.9, "b": 0.8, "c": 0.8004, "blank": 1.0}),  # c: .800 as printed
+        ("lpips", {"a": 0.3, "b": 0.1, "c": 0.2}),
+    ]
+    assert mean_places(columns, {m: m for m in "abc"}) == pytest.approx(
+        {"a": 2, "b": 1.75, "c": 2.25}
+    )
+
+
+def test_digits_that_are_noise_decide_no_place():
+    """Values .234 and .226 print like the .23 of surface-apss, which has two decimals by lpips."""
+    columns = [("lpips", {"wraps": 0.226, "paper": 0.231, "splats": 0.234})]
+    ids = {"wraps": "splat-net", "paper": "surface-apss", "splats": "splat"}
+    places = mean_places(columns, ids)
+    assert places == {"wraps": 1.5, "paper": 2, "splats": 2.5}
+
+
+def test_a_place_among_fewer_methods_is_stretched_to_all():
+    columns = [("lpips", {"a": 0.1, "b": 0.2, "c": 0.3}), ("lpips", {"a": 0.2, "d": 0.1})]
+    assert mean_places(columns, {m: m for m in "abcd"}) == pytest.approx(
+        {"a": 1 + 3 / 2, "b": 1 + 3 / 2, "c": 4, "d": 1}
+    )
+    assert mean_places([], {"a": "a"}) == {}

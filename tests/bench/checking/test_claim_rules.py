@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from scipy.stats import t
 
-from bench.analysis.comparison import Comparison, Estimate, Quality
+from bench.analysis.comparison import Estimate
 from bench.analysis.intervals import (
     StandardError,
     interval_of_means,
@@ -29,33 +29,30 @@ from bench.checking.claims import claims
 pytestmark = pytest.mark.usefixtures("few_objects")
 
 CLAIMS = {claim.id: claim for claim in claims()}
-OBJECTS = ("a", "b", "c", "d")
 JITTER = np.array([0.0, 0.01, -0.01, 0.02])
 
 
 def quality(metric, value, jitter=JITTER):
-    per_object = value + jitter
-    return Quality(metric, Estimate(float(per_object.mean()), math.nan, math.nan), per_object)
+    samples = value + jitter
+    return {"metric": metric, "value": float(samples.mean()), "samples": samples}
+
+
+def distance(metric, value, *leave_one_out):
+    return {"metric": metric, "value": value, "samples": np.array(leave_one_out)}
 
 
 def comparison(condition="2048", class_name="chair", **metrics):
-    """Return a comparison of these values, by metric and method."""
-    qualities = {}
-    for name, by_method in metrics.items():
-        metric = name.replace("_", "-")
-        qualities[metric] = {
-            method: value if isinstance(value, Quality) else quality(metric, value)
-            for method, value in by_method.items()
-        }
-    methods = list(next(iter(qualities.values())))
-    nothing = dict.fromkeys(methods, np.zeros(4))
-    return Comparison(
-        condition, class_name, OBJECTS, nothing, nothing, dict.fromkeys(methods, (4, 4)), qualities
-    )
+    """Return rows of these values, by metric and method."""
+    return [
+        {"condition": condition, "class": class_name, "method": method}
+        | (value if isinstance(value, dict) else quality(name.replace("_", "-"), value))
+        for name, by_method in metrics.items()
+        for method, value in by_method.items()
+    ]
 
 
 def scored(*comparisons, **more):
-    return QualityEvidence({(c.condition, c.class_name): c for c in comparisons}, **more)
+    return QualityEvidence(pd.DataFrame([row for of in comparisons for row in of]), **more)
 
 
 def ssim(sr, network, condition="2048"):
@@ -79,13 +76,13 @@ def test_means_are_combined_object_by_object():
 
 
 def test_distances_are_combined_by_the_jackknife():
-    a = Quality("fid", Estimate(10.0, 0, 0), np.array([9.0, 10.0, 12.0]))
-    b = Quality("fid", Estimate(4.0, 0, 0), np.array([4.0, 3.0, 5.0]))
+    a = distance("fid", 10.0, 9.0, 10.0, 12.0)
+    b = distance("fid", 4.0, 4.0, 3.0, 5.0)
     estimate = weighted_sum("", [(-1, a), (1, b)]).estimate
     assert estimate.value == -6
     expected = jackknife_interval(-6.0, [np.array([-5.0, -7.0, -7.0])])
     assert estimate[1:] == pytest.approx(expected, abs=1e-12)
-    of_one = Quality("fid", Estimate(10.0, 0, 0), np.array([9.0]))
+    of_one = distance("fid", 10.0, 9.0)
     assert math.isnan(weighted_sum("", [(1, of_one)]).estimate.low)
 
 
@@ -316,7 +313,7 @@ def test_above_blank():
     ],
 )
 def test_classes(class_name, ahead, metric, verdict):
-    open_ = Quality("fd-views", Estimate(21.0, 0, 0), np.array([1.0, 41.0, 1.0, 41.0]))
+    open_ = distance("fd-views", 21.0, 1.0, 41.0, 1.0, 41.0)
     of_networks = {"car": 5.0, "rifle": open_}
     run = scored(
         *(
@@ -340,8 +337,8 @@ def test_classes(class_name, ahead, metric, verdict):
 
 
 def test_no_interval_is_no_verdict():
-    alone = Quality("fd-views", Estimate(5.0, 0, 0), np.array([5.0]))
-    sr = Quality("fd-views", Estimate(20.0, 0, 0), np.array([20.0]))
+    alone = distance("fd-views", 5.0, 5.0)
+    sr = distance("fd-views", 20.0, 20.0)
     run = scored(comparison(class_name="car", fd_views={"surface-apss": sr, "pc2pix@all": alone}))
     for ahead in ("network", "undecided"):
         (finding,) = rules.ordering(run, ahead, class_name="car")

@@ -226,7 +226,7 @@ def test_findings_are_those_of_the_rule():
         return [FOUND, replace(FOUND, subject="pc2pix@acgan")]
 
     claim = replace(CLAIMS[0], rule=rule)
-    evidence = QualityEvidence({})
+    evidence = QualityEvidence(pd.DataFrame())
     runs = [RunEvidence("one", claim.suite, evidence), RunEvidence("two", "speed", pd.DataFrame())]
     results = judge([claim], runs)
     assert [(entry.run, entry.finding.subject) for entry in results] == [

@@ -233,7 +233,7 @@ def test_scores_are_kept_for_comparisons_recommendations_and_the_report(copied, 
     best = max(row.value for row in table.rows if row.method not in ("true-mesh", "blank"))
     assert best == 100
     digits = digits_of(read_scores(copied, "dark-percent")[1]["value"].to_numpy())
-    assert f"tiny.safetensors, dark-percent {best:.{digits}f}," in " ".join(out.split())
+    assert f"tiny.safetensors {best:.{digits}f} " in " ".join(out.split())
     again = make_outputs(read_run(copied))  # of the report
     assert [t.to_csv() for t in again.tables if t.name == table.name] == [table.to_csv()]
     status, _, _ = command("report", copied)

@@ -10,11 +10,11 @@ from itertools import combinations
 
 import matplotlib as mpl
 import numpy as np
+import pandas as pd
 import pytest
 from report_parser import parse
 
-from bench.analysis.comparison import NAN, Comparison, Estimate, Quality
-from bench.analysis.condition_sweep import ConditionCurve
+from bench.analysis.comparison import NAN
 from bench.analysis.frontier import places
 from bench.analysis.paired import Verdicts
 from bench.analysis.scores import QualityRow
@@ -37,6 +37,8 @@ from bench.tables.frontier import cost_grid
 from bench.tables.markdown import visible
 from bench.tables.quality import quality_table
 
+from ..analysis.comparisons import comparison as compared
+from ..analysis.comparisons import curve_of
 from ..differences import make_difference, make_differences
 from ..tables.test_frontier import place
 
@@ -212,20 +214,21 @@ SHOWN = (  # method, cost, value, verdict
 )
 
 
-def placed(metric="ssim", views=20):
+def placed(metric="ssim"):
     made = []
     for method, cost, value, verdict in SHOWN:
         shown = value if metric == "ssim" else 100 * (1.1 - value)
         estimates = {
-            "cost_ms": Estimate(cost, 0.9 * cost, 1.1 * cost),
-            "quality": Estimate(shown, 0.95 * shown, 1.05 * shown),
+            "cost_ms": (cost, 0.9 * cost, 1.1 * cost),
+            "quality": (shown, 0.95 * shown, 1.05 * shown),
         }
-        made.append(place(method, metric, verdict, views=views, **estimates))
+        made.append(place(method, metric, verdict, **estimates))
     return made
 
 
 def frontier_axis(points):
-    ((figure, _),) = cost_figures(points, method_styles(p.method for p in points)).values()
+    points = pd.DataFrame(points)
+    ((figure, _),) = cost_figures(points, method_styles(points["method"])).values()
     (axis,) = figure.axes
     return axis
 
@@ -256,7 +259,7 @@ def test_names_stand_beside_points_where_they_cover_nothing_and_all_in_the_legen
 
 
 def test_what_is_below_a_white_image_is_hollow():
-    below = place("splat", verdict="below a white image", quality=Estimate(0.5, 0.4, 0.6))
+    below = place("splat", verdict="below a white image", quality=(0.5, 0.4, 0.6))
     axis = frontier_axis([*placed()[:8], below])
     outlines = [line.get_ydata() for line in axis.lines if line.get_markerfacecolor() == PAPER]
     assert [y[0] for y in outlines if len(y) == 1] == [0.5]
@@ -267,10 +270,11 @@ def test_the_files_of_frontiers(tmp_path):
     axis = frontier_axis(placed("fd-views"))
     assert axis.get_yscale() == "log"
     assert axis.get_ylabel() == "fd-views (lower is better)"
-    failed, none = Estimate(NAN, NAN, NAN), Estimate(0.0, 0.0, 0.0)  # 0 has no place
+    failed, none = (NAN, NAN, NAN), (0.0, 0.0, 0.0)  # 0 has no place
     lost = [place(m, "structure", "no value", quality=failed) for m in ("splat", "pc2pix")]
     lost.append(place("splat", "fd-views", quality=none))
-    write_frontier(tmp_path / "figures", [*placed(), *placed("fd-views"), *lost])
+    every = pd.DataFrame([*placed(), *placed("fd-views"), *lost])
+    write_frontier(tmp_path / "figures", every)
     heads = {path.name: path.read_bytes()[:4] for path in (tmp_path / "figures").iterdir()}
     assert heads == {
         f"{name}.{kind}": head
@@ -281,15 +285,7 @@ def test_the_files_of_frontiers(tmp_path):
 
 def comparison(costs, values):
     """Three objects that are all alike."""
-    prepare_s, draw_s = ({m: np.full(3, of[i]) for m, of in costs.items()} for i in (0, 1))
-    qualities = {
-        m: Quality("ssim", Estimate(v, v - 0.05, v + 0.05), np.full(3, v))
-        for m, v in values.items()
-    }
-    images = dict.fromkeys(costs, (6, 6))
-    return Comparison(
-        "2048", "chair", ("a", "b", "c"), prepare_s, draw_s, images, {"ssim": qualities}
-    )
+    return compared({m: (*(1000 * s for s in costs[m]), (v,) * 3) for m, v in values.items()})
 
 
 COSTS = {"splat": (0.0, 0.005), "surface-apss": (0.8, 0.1), "true-mesh": (0, 0.01), "blank": (0, 0)}
@@ -297,8 +293,7 @@ QUALITIES = {"splat": 0.6, "surface-apss": 0.8, "true-mesh": 1.0, "blank": 0.5}
 
 
 def costs_of(made):
-    points = places(made, ["ssim"], 2, Verdicts([], [made]))
-    return cost_figures(points, method_styles(METHODS))
+    return cost_figures(places(made, 2, Verdicts(made)), method_styles(METHODS))
 
 
 @pytest.mark.parametrize(
@@ -330,10 +325,10 @@ def costs_of(made):
 )
 def test_costs_say_who_is_at_the_frontier_and_of_how_many_images(values, images, said, marked, gap):
     made = comparison(COSTS, values)
-    made = replace(made, images=made.images | {"splat": images})
+    made.loc[made["method"] == "splat", ["n_ok", "n"]] = images
     ((_, words),) = costs_of(made).values()
     assert words.startswith(f"2,048 points: {said}; surface-apss: 1000 ms, ≈0.")
-    table = cost_grid([made], "ssim", 2, Verdicts([], [made]))
+    table = cost_grid(made, "ssim", 2, Verdicts(made))
     assert table is not None
     assert {line.name for line in table.lines if line.cells[0].mark == "frontier"} == marked
     assert {line.name: line.cells[0].gap for line in table.lines} == {
@@ -347,7 +342,7 @@ def test_costs_say_who_is_at_the_frontier_and_of_how_many_images(values, images,
 def test_without_times_there_is_no_cost():
     made = comparison(dict.fromkeys(METHODS, (np.nan, np.nan)), QUALITIES)
     assert costs_of(made) == {}
-    assert cost_grid([made], "ssim", 2, Verdicts([], [made])) is None
+    assert cost_grid(made, "ssim", 2, Verdicts(made)) is None
 
 
 IN_FAMILIES = ("surface-apss", "splat-net@chair", "pc2pix", "true-mesh", "constant", "blank")
@@ -359,13 +354,14 @@ def value(method, metric, step):
 
 
 def family_axes(*metrics):
-    curves = []
-    for family in FAMILIES:
-        for metric in metrics:
-            for method in IN_FAMILIES:
-                values = [value(method, metric, i) for i in range(len(family.steps))]
-                estimates = tuple(Estimate(v, v - 0.02, v + 0.03) for v in values)
-                curves.append(ConditionCurve("chair", family, metric, method, estimates))
+    curves = pd.concat(
+        curve_of(
+            family, method, [value(method, metric, i) for i in range(len(family.steps))], metric
+        )
+        for family in FAMILIES
+        for metric in metrics
+        for method in IN_FAMILIES
+    )
     return family_figure(family_panels(curves), method_styles(IN_FAMILIES)).axes
 
 
@@ -401,12 +397,12 @@ def test_bands_are_what_networks_were_shown():
 
 def test_steps_without_value_or_interval():
     nan = float("nan")
-    estimates = (Estimate(0.9, nan, nan), Estimate(nan, nan, nan), *[Estimate(0.5, 0.4, 0.6)] * 3)
-    curve = ConditionCurve("chair", FAMILIES[1], "ssim", "splat", estimates)
-    (axis,) = family_figure(family_panels([curve]), method_styles(["splat"])).axes
+    curve = curve_of(FAMILIES[1], "splat", (0.9, nan, 0.5, 0.5, 0.5), reach=(0.125, 0.25))
+    curve.loc[0, ["ci_low", "ci_high"]] = nan
+    (axis,) = family_figure(family_panels(curve), method_styles(["splat"])).axes
     missing = [False, True, False, False, False]
     assert np.isnan(line_of(axis, "splat").get_ydata()).tolist() == missing
-    assert intervals_of(axis, "splat") == [(0.4, 0.6)] * 3
+    assert intervals_of(axis, "splat") == [(0.375, 0.75)] * 3
 
 
 @pytest.mark.parametrize(("metric", "better"), [("ssim-object", 0.1), ("lpips", -0.1)])

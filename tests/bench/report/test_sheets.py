@@ -6,12 +6,11 @@ from dataclasses import replace
 from itertools import product
 
 import numpy as np
+import pandas as pd
 import pytest
 from harness_objects import Tetrahedron
 from PIL import Image
 
-from bench.analysis.comparison import Estimate
-from bench.analysis.condition_sweep import ConditionCurve
 from bench.analysis.paper import AVERAGE
 from bench.analysis.scores import QualityRow
 from bench.catalogue.conditions import FAMILIES
@@ -25,6 +24,7 @@ from bench.tables.classes import table_of_classes
 from bench.tables.published import published
 from bench.tables.quality import quality_table
 
+from ..analysis.comparisons import curve_of
 from ..builders import make_job, make_truth, store_images
 
 NAN = float("nan")
@@ -110,8 +110,7 @@ def test_without_a_rival_there_is_no_grid(drawn, tmp_path, tables, methods, name
 @pytest.mark.parametrize("methods", [("splat", "blank"), ("blank",)])
 def test_the_files_of_families(drawn, tmp_path, methods):
     family = FAMILIES[3]
-    estimates = (Estimate(0.5, 0.4, 0.6),) * len(family.steps)
-    curves = [ConditionCurve("chair", family, "ssim", m, estimates) for m in methods]
+    curves = pd.concat(curve_of(family, m, [0.5] * len(family.steps)) for m in methods)
     jobs = [make_truth(), *(make_job(None, m, c) for m in methods for c in family.conditions[:2])]
     # of floors alone there are no images
     expected = {"beyond.png", "beyond.svg", *["beyond-pictures.png"] * ("splat" in methods)}

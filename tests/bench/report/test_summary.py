@@ -3,35 +3,26 @@
 from __future__ import annotations
 
 import numpy as np
+import pandas as pd
 import pytest
 
-from bench.analysis.comparison import Comparison, Estimate, Quality
-from bench.catalogue.metrics import higher_is_better
 from bench.report.summary import in_short, objects_in_words
+
+from ..analysis.comparisons import comparison as compared_methods
 
 METRICS = ("ssim-object", "lpips")
 
 
-def comparison(values, condition="2048", objects=24, costs=None, failed=(), spread=0.02):
+def comparison(values, condition="2048", objects=24, costs=None, spread=0.02):
     """Objects about the means of `values`, which are by ssim-object; lpips is 1 less them."""
     rng = np.random.default_rng(0)
     spreads = {m: spread * rng.normal(size=objects) for m in values}
-
-    def quality(metric, method):
-        scores = values[method] + spreads[method] - spreads[method].mean()
-        scores = scores if higher_is_better(metric) else 1 - scores
-        mean = float(scores.mean())
-        return Quality(metric, Estimate(mean, mean - 0.01, mean + 0.01), scores)
-
-    seconds = {m: np.full(objects, (costs or {}).get(m, 0.01)) for m in values}
-    return Comparison(
-        condition,
-        "chair",
-        tuple(f"{i:02d}" for i in range(objects)),
-        prepare_s={m: np.zeros(objects) for m in values},
-        draw_s=seconds,
-        images={m: (0 if m in failed else objects, objects) for m in values},
-        qualities={metric: {m: quality(metric, m) for m in values} for metric in METRICS},
+    scores = {m: values[m] + of - of.mean() for m, of in spreads.items()}
+    draw_ms = {m: 1000 * (costs or {}).get(m, 0.01) for m in values}
+    by_metric = {"ssim-object": scores, "lpips": {m: 1 - of for m, of in scores.items()}}
+    return pd.concat(
+        compared_methods({m: (0, draw_ms[m], v) for m, v in of.items()}, metric, condition)
+        for metric, of in by_metric.items()
     )
 
 
@@ -39,7 +30,7 @@ def said(compared, metrics=METRICS, views=2):
     """The lines as {term: [text of an entry]}."""
     return {
         line.term: [f"{', '.join(methods)}: {text}" for methods, text in line.entries]
-        for line in in_short(compared, metrics, views)
+        for line in in_short(pd.concat(compared), metrics, views)
     }
 
 

@@ -1,59 +1,74 @@
 from __future__ import annotations
 
-import csv
-import io
 import math
 
+import pandas as pd
 import pytest
 
-from bench.analysis.condition_sweep import Crossover
+from bench.analysis.comparison import Estimate
+from bench.analysis.condition_sweep import FAMILY, crossings, who_is_ahead
 from bench.catalogue.suites import TableSpec
 from bench.tables.condition_sweep import (
     condition_sweep_table,
-    crossover_text,
+    crossing_text,
     end_to_end_text,
 )
 
-from ..analysis.test_condition_sweep import paired
-
 SPEC = TableSpec("condition sweep", "t", "T")
-# splat-net against pc2pix at 0, 0.05 and 0.10 of noise: ahead, undecided, behind
-LEADS = [(0.1, 0.05, 0.15), (0.025, -0.025, 0.075), (-0.1, -0.15, -0.05)]
-SURE = paired([(0.1, 0.05, 0.15), (0.2, 0.15, 0.25), (0.3, 0.25, 0.35)])
+ENDS = ["lead", "ci_low", "ci_high"]
 
 
-def rows(*paired_comparisons):
-    return list(
-        csv.DictReader(io.StringIO(condition_sweep_table(SPEC, "s", paired_comparisons).to_csv()))
+def steps(leads, name="noise"):
+    """Rows of splat-net against pc2pix, by their leads at the first steps of a family."""
+    family, leads = FAMILY[name], [Estimate(*lead) for lead in leads]
+    at = family.values[: len(leads)]
+    cell = {"class": "chair", "family": name, "metric": "ssim"}
+    sides = {"method": "splat-net", "rival": "pc2pix", "value": 0.5, "rival_value": 0.25}
+    return pd.DataFrame(leads, columns=ENDS).assign(
+        **cell,
+        **sides,
+        condition=family.conditions[: len(at)],
+        at=[f"{value:g}" for value in at],
+        unseen_by=[" ".join(family.unseen_by(value)) for value in at],
+        ahead=[who_is_ahead(lead, "splat-net", "pc2pix") for lead in leads],
+        **crossings(family, at, leads),
     )
 
 
-def test_csv_says_what_nobody_was_shown():
-    one, both = "splat-net@chair", "splat-net@chair pc2pix"
-    for family, unseen_by in (
-        ("noise", ["", "", "", both, both]),
-        ("points", ["", "", "", one, both]),
-    ):
-        assert [row["unseen_by"] for row in rows(paired([0.1] * 5, family))] == unseen_by
+def test_csv_has_a_row_for_each_step():
+    table = condition_sweep_table(SPEC, "s", steps([(0.1, 0.05, 0.15), (-0.1, -0.15, -0.05)]))
+    first, second = table.to_csv().splitlines()[1:]
+    assert first == (
+        "s,chair,noise,ssim,splat-net,pc2pix,2048,0,,0.500000,0.250000,0.100000,0.050000,0.150000,"
+        "splat-net,0.025000,0.012500,0.037500"
+    )
+    assert second.endswith(",-0.100000,-0.150000,-0.050000,pc2pix,,,")
 
 
 def test_from_end_to_end():
-    twice = paired([(0.1, 0.05, 0.15), (-0.1, -0.15, -0.05), (0.1, 0.05, 0.15)])
-    for comparison, message in (
-        (paired(LEADS), "splat-net, then pc2pix; crosses at 0.06 [0.0333, 0.08]"),
-        (SURE, "splat-net; none within"),
-        (twice, "splat-net; crosses at 0.025 [0.0125, 0.0375] and 0.075 [0.0625, 0.0875]"),
+    """At 0, 0.05 and 0.10 of noise."""
+    for leads, message in (
+        (
+            [(0.1, 0.05, 0.15), (0.025, -0.025, 0.075), (-0.1, -0.15, -0.05)],
+            "splat-net, then pc2pix; crosses at 0.06 [0.0333, 0.08]",
+        ),
+        ([(0.1, 0.05, 0.15), (0.2, 0.15, 0.25), (0.3, 0.25, 0.35)], "splat-net; none within"),
+        (
+            [(0.1, 0.05, 0.15), (-0.1, -0.15, -0.05), (0.1, 0.05, 0.15)],
+            "splat-net; crosses at 0.025 [0.0125, 0.0375] and 0.075 [0.0625, 0.0875]",
+        ),
     ):
-        assert end_to_end_text(comparison) == message
+        assert end_to_end_text(steps(leads).to_dict("records")) == message
 
 
 @pytest.mark.parametrize(
-    ("crossover", "message"),
+    ("ends", "message"),
     [
-        (Crossover(0, 1448.155, 1024.0, 2048.0), "1448 [1024, 2048]"),
-        (Crossover(0, 0.13749, 0.1, 0.2), "0.137 [0.1, 0.2]"),
-        (Crossover(0, 0.5, math.nan, math.nan), "0.5"),
+        ((1448.155, 1024.0, 2048.0), "1448 [1024, 2048]"),
+        ((0.13749, 0.1, 0.2), "0.137 [0.1, 0.2]"),
+        ((0.5, math.nan, math.nan), "0.5"),
     ],
 )
-def test_where_it_crosses(crossover, message):
-    assert crossover_text(crossover) == message
+def test_where_it_crosses(ends, message):
+    names = ("crossing", "crossing_low", "crossing_high")
+    assert crossing_text(dict(zip(names, ends, strict=True))) == message

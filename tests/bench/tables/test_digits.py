@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import pandas as pd
 import pytest
 from report_parser import parse
 
-from bench.analysis.comparison import Estimate
 from bench.analysis.frame import read_run
-from bench.analysis.frontier import FrontierPoint
+from bench.analysis.frontier import FRONTIER
 from bench.analysis.scores import QualityRow
 from bench.catalogue.suites import TableSpec
 from bench.report.build import read_page
@@ -162,10 +162,8 @@ def test_a_difference_is_of_the_digits_of_both_values(method, text, printed):
 
 
 def test_the_frontier_has_them_too():
-    cost = Estimate(61.4, 60.0, 62.0)
-    quality = Estimate(0.7764, 0.751, 0.8024)
-    about = {"n_ok": 480, "n": 480, "verdict": "frontier", "baseline": ""}
-    point = FrontierPoint(*("2048", "chair", 20, "ssim", "surface-apss", cost, quality), **about)
-    text = frontier_table(SPEC, (point,), "").to_markdown()
+    cell = ("2048", "chair", 20, "ssim", "surface-apss")
+    row = (*cell, 61.4, 60.0, 62.0, 0.7764, 0.751, 0.8024, 480, 480, "frontier", "")
+    text = frontier_table(SPEC, pd.DataFrame([row], columns=FRONTIER), "").to_markdown()
     assert "| surface-apss | 61.4 [60.0, 62.0] | **≈0.78** [0.75, 0.80] | 480/480 |" in text
     assert FEWER in text
