@@ -224,18 +224,17 @@ def read_evidence(
         raise BadInput(
             f"{directory}: no claim of the paper is about {suite}; give runs of {', '.join(SUITES)}"
         )
-    name = f"{suite} on {manifest['dataset']}"
+    evidence: Evidence
     if suite == SPEED:
         samples = _read_table(directory, "speed_samples")
         machine = str(manifest.get("machine", {}).get("cpu") or "an unknown machine")
-        return RunEvidence(
-            name, suite, TimingEvidence(samples, machine, _trainings(samples["method"].unique()))
-        )
-    if suite == LATENT:
+        evidence = TimingEvidence(samples, machine, _trainings(samples["method"].unique()))
+    elif suite == LATENT:
         names = ("latent_interpolation", "latent_arithmetic")
-        means = [_read_table(directory, table) for table in names]
-        return RunEvidence(name, suite, pd.concat(means, ignore_index=True))
-    return RunEvidence(name, suite, _quality_evidence(directory, manifest, subjects))
+        evidence = pd.concat([_read_table(directory, table) for table in names], ignore_index=True)
+    else:
+        evidence = _quality_evidence(directory, manifest, subjects)
+    return RunEvidence(f"{suite} on {manifest['dataset']}", suite, evidence)
 
 
 def _quality_evidence(
@@ -248,14 +247,9 @@ def _quality_evidence(
             "are about images in colours; give a run without --truth"
         )
     wanted = (*scored.suite.image_metrics, *scored.suite.class_metrics, *DISTANCES, *RECOGNISABLE)
-    metrics = [
-        metric
-        for metric in dict.fromkeys(wanted)
-        if metric in scored.features or scored.has(metric)
-    ]
+    metrics = [m for m in dict.fromkeys(wanted) if m in scored.features or scored.has(m)]
     known = [m for m in manifest["methods"] if family_of(m) == NETWORK or m in subjects]
-    chosen = [SURFACE, "true-mesh", *FLOORS, *known]
-    compared = scored.compared(metrics, chosen)
+    compared = scored.compared(metrics, [SURFACE, "true-mesh", *FLOORS, *known])
     if compared.empty:
         raise BadInput(f"{directory}: no object of this run could be drawn; fix the dataset")
     judged = scored.features.get(JUDGE)

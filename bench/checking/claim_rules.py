@@ -55,30 +55,22 @@ class Training(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class QualityEvidence:
-    """A run with scored images.
+    """A run with scored images."""
 
-    compared   as `bench.analysis.comparison.compare` returns it
-    retrieval  by method and condition, the share of each chair's images that is found, [G]
-    trainings  of the networks with known weights
-    subjects   methods in place of the variants of pc2pix
-    seeds      by method, metric and condition, the spread between trainings on chairs
-    """
-
-    compared: pd.DataFrame
+    compared: pd.DataFrame  # as `bench.analysis.comparison.compare` returns it
+    # By method and condition, the share of each chair's images that is found, [G].
     retrieval: Mapping[tuple[str, str], Floats] = field(default_factory=dict)
-    trainings: Mapping[str, Training] = field(default_factory=dict)
-    subjects: tuple[str, ...] = ()
+    trainings: Mapping[str, Training] = field(default_factory=dict)  # of known weights
+    subjects: tuple[str, ...] = ()  # methods in place of the variants of pc2pix
+    # By method, metric and condition, the spread between trainings on chairs.
     seeds: Mapping[tuple[str, str, str], float] = field(default_factory=dict)
 
     @property
     def networks(self) -> list[str]:
         """Return the methods that claims are about: `subjects`, or the variants of pc2pix."""
         methods = self.compared["method"].unique()
-        networks = [
-            method
-            for method in methods
-            if (method in self.subjects if self.subjects else family_of(method) == NETWORK)
-        ]
+        ours = self.subjects or [m for m in methods if family_of(m) == NETWORK]
+        networks = [method for method in methods if method in ours]
         if not networks:
             raise MissingEvidence(f"the run has no {' or '.join(self.subjects or (NETWORK,))}")
         return networks

@@ -24,20 +24,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SuiteRun:
-    """A run of a suite.
+    """A run of a suite."""
 
-    tables     those without a layout are for scripts alone, and left out of a finished run
-    figures    by name
-    summary    the last line that `bench run` prints, to which the time is added
-    printed    what it prints before; None: the tables
-    directory  its folder, once it is finished
-    """
-
+    # Those without a layout are for scripts alone, and left out of a finished run.
     tables: tuple[Table[Any], ...]
-    figures: Mapping[str, Figure] = field(default_factory=dict)
-    summary: str = ""
-    printed: Sequence[str] = ()
-    directory: Path = Path()
+    figures: Mapping[str, Figure] = field(default_factory=dict)  # by name
+    summary: str = ""  # the last line that `bench run` prints, to which the time is added
+    printed: Sequence[str] = ()  # what it prints before; empty: the tables
+    directory: Path = Path()  # once it is finished
 
 
 def suite_manifest(
@@ -82,11 +76,7 @@ def run_suite(
     )
 
 
-def methods_of(
-    options: Options,
-    suite: Procedure,
-    **meaningless: str,
-) -> tuple[str, ...]:
+def methods_of(options: Options, suite: Procedure, **meaningless: str) -> tuple[str, ...]:
     """Return the methods of a run, each once, in the order of the request or else of the suite.
 
     An earlier run in the folder keeps its methods.

@@ -32,25 +32,18 @@ TURN_DEG = 75.0
 
 @dataclass(frozen=True)
 class Case:
-    """An extreme input: a cloud at the edge of the domain, and views of it.
+    """An extreme input: a cloud at the edge of the domain, and views of it."""
 
-    id     kebab-case
-    group  kind of extreme; the cases of a group follow each other
-    about  the input in words
-    like   the case whose images these should be, view by view, from the first again where this case
-           has more views: a metamorphic check
-    batch  views drawn in one call; None draws all at once
-    repetitions  clouds that the perturbation makes, with other random numbers each
-    """
-
-    id: str
-    group: str
-    about: str
+    id: str  # kebab-case
+    group: str  # kind of extreme; the cases of a group follow each other
+    about: str  # the input in words
     perturbation: Perturbation
+    # The case whose images these should be, view by view, from the first again where this case has
+    # more views: a metamorphic check.
     like: str | None = None
     views: tuple[View, ...] = VIEWS
-    batch: int | None = None
-    repetitions: int = 1
+    batch: int | None = None  # views drawn in one call; None draws all at once
+    repetitions: int = 1  # clouds that the perturbation makes, with other random numbers each
 
     @property
     def conditions(self) -> tuple[str, ...]:
@@ -79,30 +72,16 @@ CASES = (
     Case("two-clusters", "degenerate", "two small halves far apart", TwoClusters()),
     Case("box", "degenerate", "a clean sample of a cube: flat faces, sharp edges", UnitBox()),
     *(
-        Case(
-            f"outlier-{value}",
-            "outlier",
-            f"one coordinate is {value}",
-            FirstPoint(float(value)),
-            like="plain",
-        )
-        for value in ("1e3", "1e6", "1e30", "nan", "inf", "-inf")
+        Case(f"outlier-{x}", "outlier", f"one coordinate is {x}", FirstPoint(float(x)), "plain")
+        for x in ("1e3", "1e6", "1e30", "nan", "inf", "-inf")
     ),
     *(
-        Case(
-            f"scale-{factor}",
-            "scale",
-            f"coordinates times {factor}",
-            Scaled(float(factor)),
-            "plain",
-        )
-        for factor in ("1e-30", "1e-9", "1e-3", "1e3", "1e9", "1e30")
+        Case(f"scale-{x}", "scale", f"coordinates times {x}", Scaled(float(x)), "plain")
+        for x in ("1e-30", "1e-9", "1e-3", "1e3", "1e9", "1e30")
     ),
     *(
-        Case(
-            f"shift-{distance}", "scale", f"moved by {distance}", Shifted(float(distance)), "plain"
-        )
-        for distance in ("1e3", "1e6")
+        Case(f"shift-{x}", "scale", f"moved by {x}", Shifted(float(x)), "plain")
+        for x in ("1e3", "1e6")
     ),
     Case("float16", "type of number", "float16 input", Cast("float16"), like="plain"),
     Case("float64", "type of number", "float64 input", Cast("float64"), like="plain"),
