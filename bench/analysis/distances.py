@@ -21,7 +21,7 @@ from bench.metrics.frechet import (
 )
 from bench.metrics.grouped_moments import GroupedMoments, grouped_distances
 from bench.metrics.kernel_distance import KernelSet, kernel_distances
-from bench.records.features import Features, ImageKey
+from bench.records.frames import Features, ImageKey
 from bench.records.record import GROUND_TRUTH
 from data_prep.arrays import Floats
 
@@ -37,7 +37,7 @@ class Distance(NamedTuple):
 
 
 class FeatureDistances:
-    """The features of one extractor, as `bench.records.features.Features`, with their distances.
+    """The features of one extractor, as `bench.records.frames.Features`, with their distances.
 
     Tables, comparisons, the frontier and the report need the same distances, so each is computed
     once and kept. Features are read again: all of a run's would fill the memory.

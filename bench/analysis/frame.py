@@ -36,11 +36,16 @@ from bench.catalogue.metrics import (
 from bench.catalogue.plugins import metric_ids
 from bench.catalogue.suites import PROCEDURES, Suite, stored_suite
 from bench.judges import VIEWS_WEIGHTS
-from bench.records.frames import JOB, read_job_sums
-from bench.records.image_scores import ScoredMetric, read_scores, scored_ids
-from bench.records.parquet import read_features, read_records
-from bench.records.record import COLUMNS
+from bench.records.frames import (
+    read_features,
+    read_job_sums,
+    read_records,
+    read_scores,
+    scored_metrics,
+)
+from bench.records.record import COLUMNS, JOB
 from bench.records.run_folder import read_finished
+from bench.records.store import ScoredMetric
 from data_prep.arrays import Floats
 from data_prep.clouds.far_points import FAR_OFF
 from data_prep.datasets.dataset import listed
@@ -254,7 +259,7 @@ class Run:
     def read_images(self, columns: Sequence[str] = COLUMNS, **only: str) -> pd.DataFrame:
         """Return the records of single images, methods and conditions in the manifest's order.
 
-        `only` is as in `bench.records.parquet.read_records`. Memory grows with the images.
+        `only` is as in `bench.records.frames.read_records`. Memory grows with the images.
         """
         records = read_records(self.directory, columns, **only)
         return in_order(records, self.manifest, ("condition", "method"))
@@ -282,7 +287,7 @@ class Run:
         for metric_id in wanted:
             if run.has(metric_id) or metric_id in run.features:
                 continue
-            if metric_id not in (*FURTHER_METRICS, *metric_ids(), *scored_ids(run.directory)):
+            if metric_id not in (*FURTHER_METRICS, *metric_ids(), *scored_metrics(run.directory)):
                 continue
             if metric_id in entry_point_names(EXTRACTORS):
                 raise BadInput(
@@ -296,7 +301,7 @@ class Run:
 def read_run(directory: Path, manifest: dict[str, Any] | None = None, older: bool = False) -> Run:
     """Return a finished run whose images were scored, or one with this manifest.
 
-    Of the latter records and features are written. The records are read part by part. Raises
+    The jobs of the latter are listed. The records are read part by part. Raises
     BadInput for anything else, where they cannot be read, for a manifest that does not describe
     them, and for a suite that makes its tables itself. A run of an `older` version of the protocol
     is allowed where that is true.

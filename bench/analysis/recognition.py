@@ -22,7 +22,7 @@ from safetensors import safe_open
 from bench.analysis.distances import ROWS, CellKey, FeatureDistances
 from bench.catalogue.metrics import RECOGNITION_METRICS, column
 from bench.judges.answers import VIEW_COLUMNS, Gallery, gallery
-from bench.records.features import Features
+from bench.records.frames import Features
 from bench.records.record import GROUND_TRUTH
 from data_prep.arrays import Floats
 from data_prep.failures import BadInput

@@ -18,7 +18,7 @@ from bench.catalogue.lookup import instead_of
 from bench.catalogue.methods import FLOOR
 from bench.catalogue.metrics import declared_metric, is_mean
 from bench.catalogue.suites import TRUTHS
-from bench.records.parquet import read_records
+from bench.records.frames import read_records
 from bench.records.run_folder import CONDITION_IDENTITIES, PROTOCOL
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION, refuse_other_version
 from data_prep.failures import BadInput

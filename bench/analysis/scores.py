@@ -33,10 +33,8 @@ from bench.catalogue.chosen import CHOSEN
 from bench.catalogue.methods import FLOOR
 from bench.catalogue.metrics import JUDGE, extractor_of, is_mean, metric_facts, value_range
 from bench.judges import answers as judge
-from bench.records.features import ImageKey
-from bench.records.frames import JOB
-from bench.records.parquet import read_records
-from bench.records.record import GROUND_TRUTH
+from bench.records.frames import ImageKey, read_records
+from bench.records.record import GROUND_TRUTH, JOB
 from data_prep.arrays import Floats
 
 NO_VALUE = "no value"

@@ -1,9 +1,8 @@
 """The check of a finished run by its own jobs: a random share of them is computed again.
 
 In the environment of the run images, features and scores have to be equal. In another one the means
-over the views of each object may differ by the tolerances of golden values. `records.parquet`, of
-which tables are made, has to have the scores of the store; tables and report are not read: `bench
-table` makes them again. The folder is only read.
+over the views of each object may differ by the tolerances of golden values. Tables, report and
+`records.parquet` are not read: they are made of the same store. The folder is only read.
 """
 
 from __future__ import annotations
@@ -16,17 +15,14 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from bench.catalogue.metrics import column
 from bench.catalogue.suites import PROCEDURES
 from bench.checking.objects import environment_of
 from bench.checking.tolerances import OBJECT_RENDERING, object_tolerance
 from bench.metrics.inception_weights import DOWNLOAD
-from bench.records.artifacts import IMAGES, unpack
-from bench.records.job import Job, failed
-from bench.records.parquet import RECORDS, read_records
-from bench.records.record import GROUND_TRUTH, Record
+from bench.records.job import IMAGES, Job, failed, unpack
+from bench.records.record import GROUND_TRUTH
 from bench.records.run_folder import read_finished
 from bench.records.store import Store, open_store
 from bench.running.environment import cores, environment, machine_info
@@ -41,8 +37,6 @@ from data_prep.arrays import Floats
 from data_prep.failures import BadInput
 from data_prep.progress import log
 from data_prep.randomness import generator
-
-CELL = ["method", "condition", "class", "object"]  # of records: those of a job
 
 
 @dataclass(frozen=True)
@@ -85,7 +79,6 @@ def check_again(
     workers, limits = 1 if protocol.suite.timed else cores(), protocol.suite.limits
     chosen = draw_jobs(planned, share, seed)
     log(f"jobs drawn by --seed {seed}")
-    of_tables = read_records(directory, [*CELL, "view", *map(column, OBJECT_RENDERING)])
     lines: list[str] = []
     with (
         open_store(directory) as stored,
@@ -94,12 +87,10 @@ def check_again(
     ):
         _compute(chosen, store, start or partial(JobPool, workers=workers, limits=limits))
         for obj, jobs in chosen:
-            keys = {row.name: row.key for row in stored.listed_of(*obj.truth.name.object)}
+            keys = {row.name: row.key for row in stored.listed(*obj.truth.name.object)}
             for job in (obj.truth, *jobs):
                 key = keys.get(job.name, "")
-                lines += _compare(job, stored, key, store, same_environment) or (
-                    _unlike_store(job, stored.records(key), of_tables) if job in jobs else []
-                )
+                lines += _compare(job, stored, key, store, same_environment)
     computed = sum(len(jobs) for _, jobs in chosen)
     total = (planned.jobs_per_object - 1) * len(planned)
     return AgainResult(tuple(lines), computed, total, same_environment)
@@ -198,35 +189,19 @@ def _compare(job: Job, stored: Store, key: str, store: Store, same_environment: 
     names = [IMAGES, *(name for name, _ in job.features)]
     try:
         in_run = _numbers(stored, key, names)
-    except BadInput as error:
-        return [f"{title}: {error}"]
+    except (BadInput, KeyError) as error:
+        return [f"{title}: {error.args[0]}"]
     here = _numbers(store, job.key, names)
     find = _inequality if same_environment else partial(_beyond_tolerance, job.method)
     differences = [text for name in here if (text := find(name, in_run[name], here[name]))]
     return [f"{title}: {'; '.join(differences)}"] if differences else []
 
 
-def _unlike_store(job: Job, records: Sequence[Record], of_tables: pd.DataFrame) -> list[str]:
-    """Return a line where the scores of a job in `records.parquet` are not those of the store."""
-    cell = pd.Series([job.method, job.condition, *job.name.object], CELL)
-    rows = of_tables[(of_tables[CELL] == cell).all(axis=1)].sort_values("view")
-    for metric in OBJECT_RENDERING:
-        scores = np.array([getattr(record, column(metric)) for record in records], np.float64)
-        if not np.array_equal(rows[column(metric)].to_numpy(float), scores, equal_nan=True):
-            title = f"{job.method} at {job.condition} of {'/'.join(job.name.object)}"
-            return [f"{title}: {metric} in {RECORDS} is not that of the store"]
-    return []
-
-
 def _numbers(store: Store, key: str, names: Sequence[str]) -> dict[str, Floats]:
     """Return the images, features and scores of a job by name; NaN where there is no score."""
-    records = store.records(key)
-    arrays = unpack(store.artifact(key), names)
-    numbers = {name: array.astype(np.float64) for name, array in arrays.items()}
-    for metric in OBJECT_RENDERING:
-        scores = [getattr(record, column(metric)) for record in records]
-        numbers[metric] = np.array(scores, np.float64)
-    return numbers
+    numbers = {name: unpack(store.array(key, name)).astype(np.float64) for name in names}
+    scores = store.result(key).of_views
+    return numbers | {metric: scores[column(metric)] for metric in OBJECT_RENDERING}
 
 
 def _inequality(name: str, stored: Floats, here: Floats) -> str:

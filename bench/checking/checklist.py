@@ -31,7 +31,7 @@ from bench.checking.claim_rules import (
 )
 from bench.checking.claims import CHAIRS, CLASSES, LATENT, SPEED, Claim, claims
 from bench.judges.answers import found, why_no_retrieval
-from bench.records.features import Features
+from bench.records.frames import Features
 from bench.records.run_folder import read_finished
 from bench.tables import markdown
 from bench.tables.grid import BOLD, Cell, Grid, grid

@@ -31,7 +31,7 @@ from bench.analysis.frame import Run, in_order
 from bench.catalogue.methods import known_method
 from bench.checking.thumbnails import NO_IMAGE, read_png, thumbnail, to_png
 from bench.checking.tolerances import object_tolerance
-from bench.records.artifacts import JobName
+from bench.records.job import JobName
 from bench.records.stored_artifacts import StoredArtifacts
 from bench.tables.published import golden_name, golden_path
 from data_prep.failures import BadInput

@@ -25,8 +25,7 @@ class LiveTable:
         manifest, suite = snapshot.manifest, stored_suite(snapshot.manifest)
         means = [metric for metric in suite.headline if is_mean(metric)]
         for name in [name for name in manifest["objects"] if name not in self._jobs]:
-            records = pd.DataFrame([vars(record) for record in snapshot.read_records(name)])
-            self._jobs[name] = sum_views(records.rename(columns={"class_name": "class"}))
+            self._jobs[name] = sum_views(snapshot.read_records(name))
         jobs = full_frame(pd.concat(self._jobs.values()), manifest)
         skipped = unmeasured(jobs, manifest.get("skipped_metrics", {}))
         table = headline(Run(snapshot.directory, suite, manifest, jobs, skipped=skipped), means)

@@ -18,7 +18,7 @@ from bench.commands.live import LiveTable
 from bench.commands.options import Format
 from bench.commands.score import score_run_of
 from bench.commands.terminal import Terminal, shown
-from bench.records.artifacts import JobName
+from bench.records.job import JobName
 from bench.records.run_folder import read_finished, read_manifest
 from bench.records.stored_artifacts import Artifact, StoredArtifacts
 from bench.report.build import REPORT, write_report
@@ -66,7 +66,7 @@ def merge_shards(directories: Sequence[Path], out: Path) -> Merged[Outputs]:
 def publish(
     directory: Path, seconds: dict[str, float], further: Sequence[ImageMetric | SetMetric] = ()
 ) -> Outputs:
-    """Write the tables and figures of a run whose records and features are written.
+    """Write the tables and figures of a run whose jobs are done and listed.
 
     The time of each stage is added to `seconds`. `further` are metrics that are taken of its images
     now, each with a table of its own.

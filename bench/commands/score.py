@@ -1,6 +1,6 @@
 """`bench score`: further metrics, also of other packages, on images that a finished run has kept.
 
-The run itself stays as it is: its records, its tables and its golden values.
+The scores are kept beside those of the run, which stays as it is, with tables and golden values.
 """
 
 from __future__ import annotations
@@ -9,23 +9,17 @@ import sys
 from collections.abc import Callable, Sequence
 from contextlib import redirect_stdout
 from dataclasses import replace
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-import pandas as pd
 import typer
 
 from bench.analysis.digits import decimals
 from bench.analysis.distances import FRECHET, KERNEL, FeatureDistances
 from bench.analysis.frame import Run, read_run
-from bench.analysis.scores import (
-    QualityRow,
-    RowWithSamples,
-    distance_rows,
-    image_keys,
-    image_rows,
-)
+from bench.analysis.scores import QualityRow, RowWithSamples, distance_rows, image_rows
 from bench.catalogue.loaders import chosen_device
 from bench.catalogue.metrics import (
     FURTHER_METRICS,
@@ -37,12 +31,11 @@ from bench.catalogue.metrics import (
 from bench.catalogue.plugins import ImageMetric, SetMetric, find_metric, metric_ids
 from bench.commands.options import DEVICE, Device, RunDirectory, names
 from bench.metrics.inception_weights import WeightsUnavailable
-from bench.records.artifacts import JobName
-from bench.records.features import ImageKey
-from bench.records.image_scores import ScoredMetric, digits_of, write_scores
+from bench.records.frames import ImageKey, read_scores
+from bench.records.job import JobName, unpack
 from bench.records.record import COLUMNS, GROUND_TRUTH
-from bench.records.stored_artifacts import Artifact
-from bench.report.stored import Sources, open_sources
+from bench.records.run_folder import open_folder
+from bench.records.store import ScoredMetric, Store, open_store
 from bench.running.work import reason_of
 from bench.tables.further_metrics import metric_table
 from bench.tables.table import Table, write_tables
@@ -50,7 +43,7 @@ from data_prep.arrays import Floats
 from data_prep.failures import BadInput
 from data_prep.scene import UInt8Images
 
-IMAGES = ("method", "condition", "class", "object", "view", "outcome")
+READ = 8  # images of jobs held in memory, of about 1 MB each
 
 
 def score(directory: Path, metrics: Sequence[ImageMetric | SetMetric]) -> list[Table[QualityRow]]:
@@ -59,53 +52,93 @@ def score(directory: Path, metrics: Sequence[ImageMetric | SetMetric]) -> list[T
     Raises BadInput for a folder without a finished run, missing images, and where a metric fails or
     gives no scores.
     """
-    return score_run_of(read_run(directory), metrics)
+    run = read_run(directory)
+    with open_folder(directory):
+        return score_run_of(run, metrics)
 
 
 def score_run_of(run: Run, metrics: Sequence[ImageMetric | SetMetric]) -> list[Table[QualityRow]]:
-    """Return `score` of a run whose records are written, and write its tables."""
+    """Return `score` of a run whose folder is locked, and write its tables."""
     for metric in metrics:
         if column(metric.id) in COLUMNS:
             raise BadInput(
                 f"metric '{metric.id}': the records have a column of that name; rename it"
             )
-    sources = open_sources(run.directory, run.manifest, ())
     tables = []
-    for metric in metrics:
-        if isinstance(metric, SetMetric):
-            samples, higher = _set_rows(run, sources, metric), higher_is_better(metric.id)
-        else:
-            samples, higher = _image_rows(run, sources, metric), metric.higher_is_better
-        rows = (sample.row for sample in samples)
-        tables.append(metric_table(run, metric.id, metric.version, metric.about, higher, rows))
+    with open_store(run.directory, write=True) as store:
+        images = KeptImages(store)
+        for metric in metrics:
+            if isinstance(metric, SetMetric):
+                samples, higher = _set_rows(run, images, metric), higher_is_better(metric.id)
+            else:
+                samples, higher = _image_rows(run, images, metric, store), metric.higher_is_better
+            rows = (sample.row for sample in samples)
+            tables.append(metric_table(run, metric.id, metric.version, metric.about, higher, rows))
     write_tables(run.directory, tables)
     return tables
 
 
-def _image_rows(run: Run, sources: Sources, metric: ImageMetric) -> list[RowWithSamples]:
-    """Return the means over images, and keep the scores beside the records of the run.
+class KeptImages:
+    """The images that the complete run in a store has kept, by the names of its jobs."""
+
+    def __init__(self, store: Store) -> None:
+        self.jobs = [row for row in store.listed() if row.has_images]  # object by object
+        self._keys = {row.name: row.key for row in self.jobs}
+        self._read = lru_cache(READ)(lambda key: unpack(store.array(key)))
+
+    def of(self, name: JobName) -> UInt8Images:
+        """Return the images [V, H, W, 3] of a job. Raises BadInput where they are gone."""
+        if name not in self._keys:
+            raise BadInput(
+                f"{' '.join(name)}: its images are gone; start the run again with its command"
+            )
+        return self._read(self._keys[name])
+
+
+def _image_rows(
+    run: Run, images: KeptImages, metric: ImageMetric, store: Store
+) -> list[RowWithSamples]:
+    """Return the means over images, and keep the scores in the store of the run.
 
     Skipped where something optional is not installed.
     """
     try:
-        records = scored(run.read_images(IMAGES), sources, metric)
+        scores = scores_of(images, metric)
     except WeightsUnavailable as error:
         skipped = {metric.id: f"skipped: {error}"}
         declare_metric(metric.id, metric.higher_is_better, digits_of(np.empty(0)))
         return image_rows(replace(run, skipped=skipped), [metric.id])
-    values = records[column(metric.id)].to_numpy(np.float64)
-    further = metric.id in FURTHER_METRICS
-    better, digits = metric.higher_is_better, decimals(metric.id) if further else digits_of(values)
-    declare_metric(metric.id, better, digits)
-    kept = ScoredMetric(metric.id, metric.version, metric.about, better, digits)
-    write_scores(run.directory, kept, records, values)
-    return image_rows(replace(run.with_metric(metric.id, records), skipped={}), [metric.id])
+    values = np.concatenate([*scores.values()]) if scores else np.empty(0)
+    digits = decimals(metric.id) if metric.id in FURTHER_METRICS else digits_of(values)
+    better = metric.higher_is_better
+    store.put_scores(ScoredMetric(metric.id, metric.version, metric.about, better, digits), scores)
+    run = replace(run, skipped={}).with_scores(*read_scores(run.directory, metric.id))
+    return image_rows(run, [metric.id])
 
 
-def _set_rows(run: Run, sources: Sources, metric: SetMetric) -> list[RowWithSamples]:
+def digits_of(values: Floats) -> int:
+    """Return the digits after the point that tell values apart: three of their spread, 0 to 6."""
+    spread = float(np.nanstd(values)) if np.isfinite(values).any() else 0.0
+    return 3 if spread == 0 else int(np.clip(2 - np.floor(np.log10(spread)), 0, 6))
+
+
+def scores_of(images: KeptImages, metric: ImageMetric) -> dict[str, Floats]:
+    """Return the scores [V] of all jobs with images but the ground truths, by their keys.
+
+    Raises BadInput as `score`.
+    """
+    scores: dict[str, Floats] = {}
+    # Object by object: a network need not look at the true images again for each method.
+    for key, name, _ in images.jobs:
+        if name.method != GROUND_TRUTH and key not in scores:
+            scores[key] = checked_scores(metric, images.of(name.truth), images.of(name))
+    return scores
+
+
+def _set_rows(run: Run, images: KeptImages, metric: SetMetric) -> list[RowWithSamples]:
     """Return the rows of Fréchet and kernel distances; skipped where something is not installed."""
     kinds = {metric.id: FRECHET, f"{metric.id}-kernel": KERNEL}
-    features = FeatureDistances(KeptFeatures(run.read_images(IMAGES), sources, metric))
+    features = FeatureDistances(KeptFeatures(images, metric, run.manifest["views"]))
     try:
         return [
             row for name, kind in kinds.items() for row in distance_rows(run, name, kind, features)
@@ -116,70 +149,34 @@ def _set_rows(run: Run, sources: Sources, metric: SetMetric) -> list[RowWithSamp
 
 
 class KeptFeatures:
-    """The features of the images that a run has kept, as `bench.records.features.Features`.
+    """The features of the images that a run has kept, as `bench.records.frames.Features`.
 
     They are computed on demand, cell by cell; those of the true images are kept.
     """
 
-    def __init__(self, records: pd.DataFrame, sources: Sources, metric: SetMetric) -> None:
-        ok = records[records["outcome"] == "ok"]
-        cells = ok.groupby(["method", "condition", "class"], sort=False)
-        self._images = {cell: sorted(image_keys(group)) for cell, group in cells}
-        self._sources, self._metric = sources, metric
-        self._true: dict[JobName, Floats] = {}
-        for name in records["class"].unique():
-            of_class = (images for cell, images in self._images.items() if cell[2] == name)
-            self._images[GROUND_TRUTH, "", name] = sorted(set().union(*of_class))
+    def __init__(self, images: KeptImages, metric: SetMetric, views: int) -> None:
+        self._images, self._metric, self._views = images, metric, views
+        self._true = cache(self._computed)
 
     def images(self, method: str, condition: str, class_name: str) -> list[ImageKey]:
         """Return the images of a cell, sorted; none for an unknown cell."""
-        return self._images.get((method, condition, class_name), [])
+        cell = (method, condition, class_name)
+        objects = sorted(row.name.object_id for row in self._images.jobs if row.name[:3] == cell)
+        return [(obj, view) for obj in objects for view in range(self._views)]
 
     def of(
         self, method: str, condition: str, class_name: str, images: Sequence[ImageKey]
     ) -> Floats:
         """Return the features of `images`, [n, d]. Raises BadInput as `score`."""
-        of_objects = {}
-        for obj in dict.fromkeys(obj for obj, _ in images):
-            name = JobName(method, condition, class_name, obj)
-            features = self._true.get(name)
-            if features is None:
-                features = checked_features(self._metric, kept_images(self._sources, name))
-            if method == GROUND_TRUTH:
-                self._true[name] = features
-            of_objects[obj] = features
+        features = self._true if method == GROUND_TRUTH else self._computed
+        of_objects = {
+            obj: features(JobName(method, condition, class_name, obj))
+            for obj in dict.fromkeys(obj for obj, _ in images)
+        }
         return np.stack([of_objects[obj][view] for obj, view in images])
 
-
-def scored(records: pd.DataFrame, sources: Sources, metric: ImageMetric) -> pd.DataFrame:
-    """Return the records of existing images with a column for the metric.
-
-    Raises BadInput as `score`.
-    """
-    ok = records[records["outcome"] == "ok"]
-    values = pd.Series(np.nan, index=ok.index)
-    # A method that sees no cloud has one artifact for all conditions.
-    by_artifact: dict[Artifact | None, Floats] = {}
-    # Object by object: a network need not look at the true images again for each method.
-    for cell, group in ok.groupby(["class", "object", "method", "condition"], sort=False):
-        class_name, obj, method, condition = map(str, cell)  # type: ignore[arg-type]  # pandas: a tuple
-        item = JobName(method, condition, class_name, obj)
-        artifact = sources.artifacts.get(item)
-        if artifact not in by_artifact:
-            drawn, truth = kept_images(sources, item), kept_images(sources, item.truth)
-            by_artifact[artifact] = checked_scores(metric, truth, drawn)
-        values[group.index] = by_artifact[artifact][group["view"].to_numpy()]
-    return ok.assign(**{column(metric.id): values})
-
-
-def kept_images(sources: Sources, name: JobName) -> UInt8Images:
-    """Return the images [V, H, W, 3] of a job. Raises BadInput where they are gone."""
-    images = sources.images(name)
-    if images is None:
-        raise BadInput(
-            f"{' '.join(name)}: its images are gone; start the run again with its command"
-        )
-    return images
+    def _computed(self, name: JobName) -> Floats:
+        return checked_features(self._metric, self._images.of(name))
 
 
 def _call(
@@ -248,5 +245,7 @@ def score_run(
         if line.partition(":")[0] in map(extractor_of, chosen):
             raise BadInput(f"{directory}: {line}; start the run again so, which takes it")
     further = [find_metric(metric_id, str(device)) for metric_id in chosen]
-    for table in score_run_of(run, further):
+    with open_folder(directory):
+        tables = score_run_of(run, further)
+    for table in tables:
         print(table.to_markdown())

@@ -1,17 +1,108 @@
-"""The images and the jobs of a run as frames."""
+"""The images, the jobs and the features of a run, read from its store."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
 
-from bench.records.parquet import read_batches
-from bench.records.record import COLUMNS, TIMES, TYPES
+from bench.records.job import JobName, Result
+from bench.records.record import COLUMNS, JOB, OF_VIEWS, RECORDS_VERSION, SCORES, TIMES, TYPES
+from bench.records.store import STORE, ScoredMetric, Store, open_store
+from data_prep.arrays import Floats32
+from data_prep.failures import BadInput
+from data_prep.files.atomic_write import atomic_write
 
-JOB = ["method", "condition", "class", "object"]  # columns that name a job
-SUMMED = (*(n for n in TYPES if n not in ("view", "azimuth_deg", "elevation_deg", *TIMES)), *TIMES)
+RECORDS = "records.parquet"
+ImageKey = tuple[str, int]  # object, view
+IMAGES_AT_ONCE = 2**16  # whose records are in memory, some 20 MB
+SUMMED = (*SCORES, *TIMES)
+
+
+def image_frames(
+    jobs: Iterable[tuple[JobName, Result]], most: int = IMAGES_AT_ONCE
+) -> Iterator[pd.DataFrame]:
+    """Yield the records of jobs by view, part by part; a job is never divided.
+
+    The condition is that of the name: one job stands for every condition where its method does not
+    see the cloud.
+    """
+    names: list[JobName] = []
+    results: list[Result] = []
+    count = 0
+    for name, result in jobs:
+        names.append(name)
+        results.append(result)
+        count += len(result.views) // (8 * len(OF_VIEWS))
+        if count >= most:
+            yield _image_frame(names, results)
+            names, results, count = [], [], 0
+    if names:
+        yield _image_frame(names, results)
+
+
+def _image_frame(names: Sequence[JobName], results: Sequence[Result]) -> pd.DataFrame:
+    values = np.frombuffer(b"".join(result.views for result in results), "<f8")
+    counts = [len(result.views) // (8 * len(OF_VIEWS)) for result in results]
+    of_jobs = {
+        "suite": [result.suite for result in results],
+        **dict(zip(JOB, zip(*names, strict=True), strict=True)),
+        "outcome": ["ok" if result.has_images else "failed" for result in results],
+        **{name: [getattr(result, name) for result in results] for name in ("reason", "notes")},
+        **{name: [getattr(result, name) for result in results] for name in TIMES},
+    }
+    columns: dict[str, Any] = {
+        name: np.repeat(np.array(of_job, TYPES.get(name, object)), counts)
+        for name, of_job in of_jobs.items()
+    }
+    columns["view"] = np.concatenate([np.arange(count, dtype=TYPES["view"]) for count in counts])
+    columns |= zip(OF_VIEWS, values.reshape(-1, len(OF_VIEWS)).T, strict=True)
+    return pd.DataFrame({name: columns[name] for name in COLUMNS}, copy=False)
+
+
+def read_batches(directory: Path, **only: str) -> Iterator[pd.DataFrame]:
+    """Yield the records of a run part by part, sorted by name and view.
+
+    `only` gives values of the columns that name a job, as `method="blank"`. Raises BadInput where
+    the run is not finished, and where its store cannot be read or has changed.
+    """
+    with open_store(directory) as store:
+        if store.is_empty:
+            raise BadInput(
+                f"{directory}: no finished jobs in {STORE}; the run is not finished, start it again"
+            )
+        yield from image_frames(store.results(**only))
+
+
+def read_records(directory: Path, columns: Sequence[str] = COLUMNS, **only: str) -> pd.DataFrame:
+    """Return the records of a run, or some columns of them, in one frame.
+
+    `only` and BadInput are as in `read_batches`.
+    """
+    parts = [part[list(columns)] for part in read_batches(directory, **only)]
+    frame = pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=list(columns))
+    return frame.astype({name: TYPES.get(name, "str") for name in columns})
+
+
+def write_records(directory: Path, store: Store, most: int = IMAGES_AT_ONCE) -> None:
+    """Write the records of the complete run to `records.parquet`, whole or not at all.
+
+    Nothing here reads that file: it is for the scripts of others.
+    """
+    kinds = {name: pa.from_numpy_dtype(kind) for name, kind in TYPES.items()}
+    schema = pa.schema(
+        [(name, kinds.get(name, pa.large_string())) for name in COLUMNS],
+        {b"pc2pix_bench_schema": str(RECORDS_VERSION).encode()},
+    )
+    with atomic_write(directory / RECORDS) as new, pq.ParquetWriter(new, schema) as writer:
+        for part in image_frames(store.results(), most):
+            writer.write_table(pa.Table.from_pandas(part, schema, preserve_index=False))
 
 
 def read_job_sums(directory: Path) -> pd.DataFrame:
@@ -62,3 +153,101 @@ def sum_views(records: pd.DataFrame) -> pd.DataFrame:
         np.add.at(sums, job[known], values[known])
         jobs[f"{name}_sum"], jobs[f"{name}_count"] = sums, counts
     return jobs
+
+
+class Features(Protocol):
+    """The features of one extractor by method, condition and class."""
+
+    def images(self, method: str, condition: str, class_name: str) -> list[ImageKey]:
+        """Return all images that have features, sorted; an empty list where none have."""
+        ...
+
+    def of(
+        self, method: str, condition: str, class_name: str, images: Sequence[ImageKey]
+    ) -> NDArray[Any]:
+        """Return the features of `images`, [n, d]. Raises KeyError for an unknown image."""
+        ...
+
+
+class StoredFeatures:
+    """The features of one extractor in the store of a run; only those asked for are in memory."""
+
+    def __init__(self, directory: Path, extractor: str) -> None:
+        self._directory, self._extractor = directory, extractor
+
+    def images(self, method: str, condition: str, class_name: str) -> list[ImageKey]:
+        """Return all images that have features, sorted; an empty list where none have.
+
+        Raises BadInput for a store that cannot be read.
+        """
+        with open_store(self._directory) as store:
+            objects = store.images_with(self._extractor, method, condition, class_name)
+        return [(obj, view) for obj, views in objects for view in range(views)]
+
+    def of(
+        self, method: str, condition: str, class_name: str, images: Sequence[ImageKey]
+    ) -> Floats32:
+        """Return the features of `images`, [n, d].
+
+        Raises BadInput for a store that cannot be read, or lacks one of them or its values.
+        """
+        rows: dict[str, list[tuple[int, int]]] = {}  # of each object: view, row
+        for row, (obj, view) in enumerate(images):
+            rows.setdefault(obj, []).append((view, row))
+        values = np.empty((0, 0), np.float32)
+        cell = (method, condition, class_name)
+        with open_store(self._directory) as store:
+            for obj, of_views in store.features(
+                self._extractor, *cell, first=min(rows, default=""), last=max(rows, default="")
+            ):
+                if of_views.ndim != 2 or of_views.dtype != np.float32:
+                    break
+                if not values.size:
+                    values = np.full((len(images), of_views.shape[1]), np.nan, np.float32)
+                for view, row in rows.get(obj, ()):
+                    if view < len(of_views) and of_views.shape[1] == values.shape[1]:
+                        values[row] = of_views[view]
+        known = np.isfinite(values).all(axis=1) if values.size else np.zeros(len(images), bool)
+        if lacking := [images[row] for row in np.flatnonzero(~known).tolist()]:
+            obj, view = min(lacking)
+            whose = f"{method} at {condition}" if condition else method
+            raise BadInput(
+                f"{self._directory}: no features ({self._extractor}) of {whose} of "
+                f"{class_name}/{obj}, view {view}; start the run again with its command, which "
+                "takes them anew"
+            )
+        return values
+
+
+def read_features(directory: Path, extractor: str) -> StoredFeatures | None:
+    """Return the features of one extractor; None where they were not taken.
+
+    Raises BadInput for a store that cannot be read.
+    """
+    with open_store(directory) as store:
+        return StoredFeatures(directory, extractor) if store.has_features(extractor) else None
+
+
+def scored_metrics(directory: Path) -> list[str]:
+    """Return the ids of the metrics that a run was scored by with `bench score`, sorted."""
+    with open_store(directory) as store:
+        return [*store.metrics()]
+
+
+def read_scores(directory: Path, metric_id: str) -> tuple[ScoredMetric, pd.DataFrame]:
+    """Return a metric of `bench score` and the existing images: the columns JOB, view and value.
+
+    Raises BadInput where any of the run's images has no value.
+    """
+    again = f"run 'bench score {directory} --metrics {metric_id}'"
+    with open_store(directory) as store:
+        metric = store.metrics().get(metric_id)
+        if metric is None:
+            raise BadInput(f"{directory}: is not scored by {metric_id}; {again} first")
+        scores = [*store.scores(metric_id)]
+    named = []
+    for name, values in scores:
+        if values is None:
+            raise BadInput(f"{directory}: was scored by {metric_id} before it was changed; {again}")
+        named += [(*name, view, value) for view, value in enumerate(values.tolist())]
+    return metric, pd.DataFrame(named, columns=[*JOB, "view", "value"])

@@ -2,17 +2,49 @@
 
 from __future__ import annotations
 
+import io
 import time
-from collections.abc import Callable, Iterator, Sequence
+import zlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import astuple, dataclass, field, replace
-from typing import Literal
+from typing import Any, NamedTuple
 
-from bench.records.artifacts import JobName
-from bench.records.record import Record
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.records.record import GROUND_TRUTH, OF_VIEWS
+from data_prep.arrays import Floats
 from data_prep.clouds.conditions import Perturbation
 from data_prep.datasets.objects import SceneObject
+from data_prep.failures import BadInput
+from data_prep.files.safe_read import MIB
 from data_prep.scene import View
+
+IMAGES = "images"  # beside the ids of extractors, whose features are arrays of a job, too
+MOST_BYTES = 512 * MIB  # of an array: ten thousand images
+
+
+class JobName(NamedTuple):
+    """The name of a job in tables and reports: one method on one cloud.
+
+    The method of a ground truth is GROUND_TRUTH; it has no condition.
+    """
+
+    method: str
+    condition: str
+    class_name: str
+    object_id: str
+
+    @property
+    def truth(self) -> JobName:
+        """Return the name of the ground truth of its object."""
+        return JobName(GROUND_TRUTH, "", self.class_name, self.object_id)
+
+    @property
+    def object(self) -> tuple[str, str]:
+        """Return class and name of its object."""
+        return self.class_name, self.object_id
 
 
 @dataclass(frozen=True)
@@ -106,7 +138,7 @@ class Job:
     batch : int or None
         Views drawn in one call; None for all of them.
     reference : bytes or None
-        The artifact of the ground truth; it is there when the job is handed to a worker.
+        The packed images of the ground truth; they are there when the job is handed to a worker.
     """
 
     key: str
@@ -138,71 +170,94 @@ class Result:
     ----------
     key : str
         The key of the job.
-    records : tuple of Record
-        One for each view; empty where they are left in the store (`without_contents`).
-    artifact_sha256 : str or None
-        Checksum of the artifact; None where the job gave no images.
+    suite : str
     reason : str
         Why there are no images; empty where there are.
+    notes : str
+    prepare_s, draw_s : float or None
+        As in the records.
+    views : bytes
+        Directions and scores of its views, by `pack_views`; empty where they are left in the store
+        (`without_contents`).
+    arrays : mapping
+        Packed images and features by name, on their way from the worker to the store.
     unusable : str or None
         Why going on with other jobs of this kind makes no sense (a library or weights file is
         missing); the run ends with this message.
     timing : JobTiming
         Zeros for a job of an earlier start, and for one whose worker died.
-    artifact : bytes or None
-        Images and features, on their way from the worker to the store.
     """
 
     key: str
-    records: tuple[Record, ...]
-    artifact_sha256: str | None
+    suite: str = ""
     reason: str = ""
+    notes: str = ""
+    prepare_s: float | None = None
+    draw_s: float | None = None
+    views: bytes = field(default=b"", repr=False)
+    arrays: Mapping[str, bytes] = field(default_factory=dict, repr=False)
     unusable: str | None = None
     timing: JobTiming = NOTHING
-    artifact: bytes | None = field(default=None, repr=False)
 
     @property
     def has_images(self) -> bool:
         """Return whether the job gave images."""
-        return self.artifact_sha256 is not None
+        return not self.reason
+
+    @property
+    def of_views(self) -> dict[str, Floats]:
+        """Return the values [V] of the views by the names in OF_VIEWS; NaN where there is none."""
+        values = np.frombuffer(self.views, "<f8").reshape(-1, len(OF_VIEWS))
+        return dict(zip(OF_VIEWS, values.T, strict=True))
 
     def without_contents(self) -> Result:
-        """Return the result without records and artifact, which are left in the store."""
-        return replace(self, records=(), artifact=None)
+        """Return the result without views and arrays, which are left in the store."""
+        return replace(self, views=b"", arrays={})
 
 
 def failed(job: Job, reason: str, taken_s: float | None = None) -> Result:
     """Return the result of a job that gave no images, after so many seconds; None if unknown."""
-    draw_s, reason = None if taken_s is None else 0.0, stored_text(reason)
-    records = records_of(job, "failed", reason=reason, prepare_s=taken_s, draw_s=draw_s)
-    return Result(job.key, tuple(records), None, reason)
+    draw_s, views = None if taken_s is None else 0.0, pack_views(job.views)
+    reason = stored_text(reason) or "no reason given"  # which a stranger's error need not have
+    return Result(job.key, job.suite, reason, "", taken_s, draw_s, views)
 
 
-def records_of(
-    job: Job,
-    outcome: Literal["ok", "failed"],
-    *,
-    reason: str = "",
-    notes: str = "",
-    prepare_s: float | None = None,
-    draw_s: float | None = None,
-) -> Sequence[Record]:
-    """Return the records of a job, one for each view, without scores."""
-    return [
-        Record(
-            suite=job.suite,
-            method=job.method,
-            condition=job.condition,
-            class_name=job.object.class_name,
-            object=job.object.object_id,
-            view=i,
-            azimuth_deg=view.azimuth_deg,
-            elevation_deg=view.elevation_deg,
-            outcome=outcome,
-            reason=reason,
-            notes=stored_text(notes),
-            prepare_s=prepare_s,
-            draw_s=draw_s,
-        )
-        for i, view in enumerate(job.views)
-    ]
+def pack_views(views: Sequence[View], scores: Mapping[str, Floats] | None = None) -> bytes:
+    """Return directions, and scores [V] by column, as float64 [V, OF_VIEWS]; NaN for no score.
+
+    These bytes are a third of JSON that is deflated, and read without being parsed.
+    """
+    values = np.full((len(views), len(OF_VIEWS)), np.nan, "<f8")
+    values[:, :2] = [(view.azimuth_deg, view.elevation_deg) for view in views]
+    for name, of_views in (scores or {}).items():
+        values[:, OF_VIEWS.index(name)] = np.where(np.isfinite(of_views), of_views, np.nan)
+    return values.tobytes()
+
+
+def pack(array: NDArray[Any]) -> bytes:
+    """Return an array as bytes: a .npy file, deflated."""
+    buffer = io.BytesIO()
+    np.lib.format.write_array(buffer, array, (1, 0), allow_pickle=False)
+    return zlib.compress(buffer.getvalue())
+
+
+def unpack(data: bytes) -> NDArray[Any]:
+    """Return the array in bytes by `pack`.
+
+    Raises BadInput for other bytes, and for an array that would take more memory than the images of
+    any job.
+    """
+    try:
+        unpacking = zlib.decompressobj()
+        content = unpacking.decompress(data, MOST_BYTES)
+        if not unpacking.eof:
+            raise ValueError(f"cut short, or of more than {MOST_BYTES // MIB} MiB")
+        # A view of the bytes: what the header claims beyond them is refused, and nothing allocated.
+        stream = io.BytesIO(content)
+        if np.lib.format.read_magic(stream) != (1, 0):
+            raise ValueError("of another format")
+        shape, fortran, dtype = np.lib.format.read_array_header_1_0(stream)
+        values = np.frombuffer(content, dtype, offset=stream.tell())
+        return values.reshape(shape, order="F" if fortran else "C").copy()
+    except (ValueError, zlib.error) as error:
+        raise BadInput(f"no packed array ({error}); start the run again") from error

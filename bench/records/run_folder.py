@@ -1,10 +1,9 @@
 """A run's folder: its manifest, its lock, and its store.
 
 manifest.json        what was measured, with which versions, on which machine
-run.sqlite           finished jobs with their records and images (`bench.records.store`)
-records.parquet      the records of the last complete run, made from the store
-features/*.parquet   the features behind the Fréchet distances, made from the store
-tables/              made from records and features
+run.sqlite           finished jobs with scores, images and features (`bench.records.store`)
+records.parquet      the records of the last complete run, written for scripts, not read here
+tables/              made from the store
 """
 
 from __future__ import annotations
@@ -26,7 +25,6 @@ from data_prep.files.atomic_write import write_whole
 from data_prep.files.safe_read import MIB, is_hidden, read_file
 
 MANIFEST = "manifest.json"
-JOURNAL = "journal"  # of folders of version 1.0.0, which had no store
 MOST_BYTES = 64 * MIB  # of a manifest: one line an object
 FIXED = ("suite", "dataset", "views", "seed", "device")  # one directory, one value of each
 PROTOCOL = "protocol"  # its version
@@ -155,8 +153,7 @@ def read_manifest(directory: Path, older: bool = False) -> dict[str, Any]:
             raise BadInput(f"{path}: no regular file but a pipe or device; remove it")
     if not (directory / MANIFEST).is_file():
         raise BadInput(f"{directory}: no run here ({MANIFEST} is missing); give a run's folder")
-    is_former = (directory / JOURNAL).is_dir()
-    return load_manifest(directory / MANIFEST, directory, older=older, is_former=is_former)
+    return load_manifest(directory / MANIFEST, directory, older=older)
 
 
 def _is_below(path: Path, directory: Path) -> bool:
@@ -164,11 +161,7 @@ def _is_below(path: Path, directory: Path) -> bool:
 
 
 def load_manifest(
-    path: Path,
-    where: Path | None = None,
-    remedy: str = "",
-    older: bool = False,
-    is_former: bool = False,
+    path: Path, where: Path | None = None, remedy: str = "", older: bool = False
 ) -> dict[str, Any]:
     """Return the manifest in a file, whose entries have the types of `SCHEMA`.
 
@@ -190,10 +183,10 @@ def load_manifest(
             f"{where}: written by a newer version (schema {schema}, this one reads up to "
             f"{SCHEMA_VERSION}); update pc2pix-bench or give another --out"
         )
-    if PROTOCOL not in manifest or is_former:
+    if schema < SCHEMA_VERSION or PROTOCOL not in manifest:
         raise BadInput(
-            f"{where}: a run of version 1.0.0 or earlier, which this one does not read; start "
-            "it again with another --out or --fresh"
+            f"{where}: a run of version 1.0.0 or earlier, which this one does not read; "
+            + (remedy or "start it again with another --out or --fresh")
         )
     again = remedy or "run again with another --out or --fresh"
     refuse_other_version(where, manifest[PROTOCOL], again, older)

@@ -1,8 +1,10 @@
-"""The store of a run: one SQLite file with its jobs, their records and their images.
+"""The store of a run: one SQLite file with its jobs, their scores, their images and features.
 
-    jobs       a row for each finished job, by its key: its records, or why it gave no images
-    artifacts  the images and features of the jobs, apart from them: scores are read without images
-    listed     the jobs of the last complete run, in the order of its plan
+    job     a row for each finished job, by its key: why it gave no images, its notes and times, the
+            directions and scores of its views, and the checksums of its images and features
+    blob    the images and the features of each extractor, apart: scores are read without images
+    listed  the jobs of the last complete run, in the order of its plan
+    metric  the metrics of `bench score`; what they gave for each job is in score
 
 A result counts when its transaction is committed. A kill, a full disk or a power cut takes back
 only a result that has not been committed. While a run goes on, its last transactions lie in
@@ -14,50 +16,72 @@ from __future__ import annotations
 import json
 import os
 import sqlite3
-from collections.abc import Callable, Collection, Iterable, Iterator
+import zlib
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from bench.records.artifacts import JobName
-from bench.records.job import MOST_TEXT, Result
-from bench.records.packed_records import pack_records, unpack_columns
-from bench.records.record import GROUND_TRUTH, Record
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.records.job import IMAGES, MOST_BYTES, MOST_TEXT, JobName, Result, stored_text, unpack
+from bench.records.record import GROUND_TRUTH, JOB, OF_VIEWS
+from data_prep.arrays import Floats
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.files.safe_read import is_regular_file
 
 STORE = "run.sqlite"
 APPLICATION_ID = 0x70633270  # "pc2p", in the header of the file
-STORE_VERSION = 1
-TABLES = 3
+STORE_VERSION = 2
 PATIENCE_S = 10.0  # for a reader in another process to let go
+MOST_NUMBER = 1e300  # greater ones overflow in sums
+MOST_VIEWS = 2**16
+MOST_DECIMALS = 6
 SCHEMA = """
-CREATE TABLE IF NOT EXISTS jobs (
+CREATE TABLE IF NOT EXISTS job (
     id INTEGER PRIMARY KEY,
     key TEXT NOT NULL UNIQUE,
-    artifact_sha256 TEXT,
-    reason TEXT NOT NULL,
-    records BLOB NOT NULL
+    suite TEXT NOT NULL, reason TEXT NOT NULL, notes TEXT NOT NULL,
+    prepare_s REAL, draw_s REAL,
+    views BLOB NOT NULL,
+    blobs TEXT NOT NULL,
+    sha256 TEXT NOT NULL
 );
-CREATE TABLE IF NOT EXISTS artifacts (id INTEGER PRIMARY KEY, data BLOB NOT NULL);
+CREATE TABLE IF NOT EXISTS blob (
+    job INTEGER NOT NULL, name TEXT NOT NULL, data BLOB NOT NULL, PRIMARY KEY (job, name)
+);
 CREATE TABLE IF NOT EXISTS listed (
     place INTEGER PRIMARY KEY,
     method TEXT NOT NULL, condition TEXT NOT NULL, class TEXT NOT NULL, object TEXT NOT NULL,
     key TEXT NOT NULL,
-    UNIQUE (class, object, method, condition)
+    crc INTEGER NOT NULL,
+    UNIQUE (method, condition, class, object)
 );
+CREATE INDEX IF NOT EXISTS of_object ON listed (class, object);
+CREATE TABLE IF NOT EXISTS metric (
+    id TEXT PRIMARY KEY,
+    version INTEGER NOT NULL, about TEXT NOT NULL, higher_is_better INTEGER NOT NULL,
+    decimals INTEGER NOT NULL,
+    crc INTEGER NOT NULL
+);
+CREATE TABLE IF NOT EXISTS score (
+    metric TEXT NOT NULL, job INTEGER NOT NULL, data BLOB NOT NULL, sha256 TEXT NOT NULL,
+    PRIMARY KEY (metric, job)
+) WITHOUT ROWID;
 """
-_LISTED = """
-    SELECT listed.key, method, condition, class, object, artifact_sha256
-    FROM listed LEFT JOIN jobs ON jobs.key = listed.key
-"""
-_BY_NAME = "ORDER BY method, condition, class, object"
+TABLES = SCHEMA.count("CREATE TABLE")
+_JOB = "job.key, suite, reason, notes, prepare_s, draw_s, views, blobs, sha256"
+_NAME = ", ".join(JOB)
+_IS_NAME = " AND ".join(f"{name} = ?" for name in JOB)
+_IS_CELL = " AND ".join(f"{name} = ?" for name in JOB[:3])
+_ARRAYS = "JOIN job USING (key) JOIN blob ON blob.job = job.id AND blob.name = ?"
 
 
 class DamagedJob(BadInput):
-    """A job whose images or records are not what was stored.
+    """A job whose images, features or records are not what was stored.
 
     Attributes
     ----------
@@ -74,16 +98,34 @@ class DamagedJob(BadInput):
         self.path, self.key = path, key
 
 
-@dataclass(frozen=True)
-class JobRow:
-    """A job of a complete run: its key and its name.
-
-    `artifact_sha256` is None for a job that gave no images.
-    """
+class JobRow(NamedTuple):
+    """A job of a complete run: its key, its name, and whether it gave images."""
 
     key: str
     name: JobName
-    artifact_sha256: str | None
+    has_images: bool
+
+
+@dataclass(frozen=True)
+class ScoredMetric:
+    """An image metric that a run was scored by.
+
+    Attributes
+    ----------
+    id : str
+    version : int
+    about : str
+        One line for people.
+    higher_is_better : bool
+    decimals : int
+        Digits after the point that its values are printed with.
+    """
+
+    id: str
+    version: int
+    about: str
+    higher_is_better: bool
+    decimals: int
 
 
 class Store:
@@ -97,113 +139,141 @@ class Store:
     @property
     def is_empty(self) -> bool:
         """Return whether no job is finished."""
-        return not self._rows("SELECT 1 FROM jobs LIMIT 1")
+        return not self._rows("SELECT 1 FROM job LIMIT 1")
 
     def find(self, keys: Collection[str]) -> dict[str, Result]:
-        """Return the results of the jobs that are finished, without records and artifacts."""
+        """Return the results of the jobs that are finished: key, suite and reason alone."""
         rows = self._rows(
-            f"SELECT key, artifact_sha256, substr(reason, 1, {MOST_TEXT}) FROM jobs "
+            f"SELECT key, suite, substr(reason, 1, {MOST_TEXT}) FROM job "
             "WHERE key IN (SELECT value FROM json_each(?))",
             json.dumps([*keys]),
         )
-        return {key: Result(key, (), sha, reason) for key, sha, reason in rows}
+        return {row[0]: Result(*row) for row in rows}
 
-    def records(self, key: str) -> list[Record]:
-        """Return the records of a job.
+    def result(self, key: str) -> Result:
+        """Return the result of a job with its views, without arrays.
 
-        Raises KeyError for one that is not finished, and DamagedJob where they have changed.
+        Raises KeyError for one that is not finished, and DamagedJob where it has changed.
         """
-        rows = self._rows("SELECT records FROM jobs WHERE key = ?", key)
+        return self._result(self._row(key))
+
+    def _row(self, key: str) -> tuple[Any, ...]:
+        rows = self._rows(f"SELECT {_JOB} FROM job WHERE key = ?", key)
         if not rows:
             raise KeyError(key)
-        values = zip(*self._unpacked(key, rows[0][0]).values(), strict=True)
-        return [Record(*row) for row in values]
+        return rows[0]
 
-    def _unpacked(self, key: str, data: bytes) -> dict[str, list[Any]]:
-        try:
-            return unpack_columns(data)
-        except BadInput as error:
-            raise DamagedJob(self.path, key, "records") from error
+    def _result(self, row: tuple[Any, ...]) -> Result:
+        """Return the result in a row, which may come from anywhere. Raises DamagedJob."""
+        key, suite, reason, notes, prepare_s, draw_s, views, _, checksum = row
+        size = 8 * len(OF_VIEWS)
+        if not (
+            all(isinstance(text, str) for text in (key, suite, reason, notes))
+            and all(t is None or (type(t) is float and abs(t) < MOST_NUMBER) for t in row[4:6])
+            and isinstance(views, bytes)
+            and len(views) % size == 0
+            and len(views) <= MOST_VIEWS * size
+            and not (np.abs(np.frombuffer(views, "<f8")) >= MOST_NUMBER).any()
+            and checksum == row_checksum(row[:-1])
+        ):
+            raise DamagedJob(self.path, str(key), "records")
+        return Result(key, suite, reason[:MOST_TEXT], notes[:MOST_TEXT], prepare_s, draw_s, views)
 
-    def artifact(self, key: str) -> bytes:
-        """Return the artifact of a job.
+    def array(self, key: str, name: str = IMAGES) -> bytes:
+        """Return the packed images of a job, or its features by an extractor.
 
-        Raises KeyError for a job without images, and DamagedJob where it has changed.
+        Raises KeyError for a job without, and DamagedJob where they are missing or have changed.
         """
         rows = self._rows(
-            "SELECT artifact_sha256, data FROM jobs LEFT JOIN artifacts USING (id) "
-            "WHERE key = ? AND artifact_sha256 IS NOT NULL",
-            key,
+            "SELECT blobs, data FROM job LEFT JOIN blob ON blob.job = job.id AND blob.name = ? "
+            "WHERE key = ?",
+            *(name, key),
         )
-        if not rows:
-            raise KeyError(key)
-        ((expected, data),) = rows
-        if data is None or sha256(data).hexdigest() != expected:
-            raise DamagedJob(self.path, key)
+        if not rows or name not in self._names(key, rows[0][0]):
+            raise KeyError(f"{name} of job {key}")
+        return self._checked(key, name, *rows[0])
+
+    def arrays(self, key: str) -> dict[str, bytes]:
+        """Return the packed images and features of a job by name. Raises as `array`."""
+        return {name: self.array(key, name) for name in self._names(key, self._row(key)[7])}
+
+    def _names(self, key: str, blobs: object) -> dict[str, str]:
+        """Return the checksums of the arrays of a job by name."""
+        with suppress(ValueError, TypeError, RecursionError):
+            names = json.loads(blobs)  # type: ignore[arg-type]  # of any type in a foreign file
+            if isinstance(names, dict):
+                return names
+        raise DamagedJob(self.path, key, "records")
+
+    def _checked(self, key: str, name: str, blobs: object, data: object) -> bytes:
+        digest = self._names(key, blobs).get(name)
+        if not isinstance(data, bytes) or sha256(data).hexdigest() != digest:
+            raise DamagedJob(self.path, key, name if name == IMAGES else f"features ({name})")
         return data
 
     def append(self, result: Result) -> None:
-        """Store a result with its records and artifact, in place of an earlier one of its job.
+        """Store a result with its views and arrays, in place of an earlier one of its job.
 
         When this returns, a power cut cannot take it back. Raises CannotWrite where the disk is
         full or refuses; nothing of the result is stored then.
         """
-        row = result.key, result.artifact_sha256, result.reason, pack_records(result.records)
-        self._put(row, result.artifact)
+        row = (
+            *(result.key, result.suite, stored_text(result.reason), stored_text(result.notes)),
+            *map(_stored_time, (result.prepare_s, result.draw_s)),
+            result.views,
+            json.dumps({name: sha256(data).hexdigest() for name, data in result.arrays.items()}),
+        )
+        self._put((*row, row_checksum(row)), result.arrays)
 
     def copy(self, keys: Collection[str], source: Store) -> set[str]:
         """Copy jobs from another store as far as this one does not have them, or has others.
 
-        Return the keys of the jobs that this store has then. Raises DamagedJob where an
-        artifact of `source` has changed.
+        Return the keys of the jobs that this store has then. Raises DamagedJob where a job of
+        `source` has changed.
         """
-        query = (
-            "SELECT key, artifact_sha256, reason, records FROM jobs "
-            "WHERE key IN (SELECT value FROM json_each(?))"
-        )
+        query = f"SELECT {_JOB} FROM job WHERE key IN (SELECT value FROM json_each(?))"
         named = json.dumps([*keys])
         present = {*self._rows(query, named)}
         wanted = source._rows(query, named)
         for row in wanted:
             if row not in present:
-                key, sha, *_ = row
-                self._put(row, source.artifact(key) if sha else None)
-        return {key for key, *_ in wanted}
+                self._put(row, source.arrays(source._result(row).key))
+        return {row[0] for row in wanted}
 
-    def _put(self, row: tuple[Any, ...], artifact: bytes | None) -> None:
-        key = row[0]
+    def _put(self, row: tuple[Any, ...], arrays: Mapping[str, bytes]) -> None:
         with self._transaction() as execute:
-            execute(
-                "INSERT INTO jobs (key, artifact_sha256, reason, records) VALUES (?, ?, ?, ?) "
-                "ON CONFLICT (key) DO UPDATE SET artifact_sha256 = excluded.artifact_sha256, "
-                "reason = excluded.reason, records = excluded.records",
-                row,
-            )
-            ((row_id,),) = execute("SELECT id FROM jobs WHERE key = ?", (key,))
-            if artifact is None:
-                execute("DELETE FROM artifacts WHERE id = ?", (row_id,))
-            else:
-                execute("REPLACE INTO artifacts VALUES (?, ?)", (row_id, artifact))
+            _forget(execute, "key = ?", row[0])
+            marks = ", ".join("?" * len(row))
+            job = execute(
+                f"INSERT INTO job ({_JOB.removeprefix('job.')}) VALUES ({marks})", row
+            ).lastrowid
+            for name, data in arrays.items():
+                execute("INSERT INTO blob VALUES (?, ?, ?)", (job, name, data))
         self.appended += 1
+
+    def verify(self) -> None:
+        """Compare all jobs of the complete run to their checksums. Raises DamagedJob."""
+        for _, error in self._damaged("WHERE key IN (SELECT key FROM listed)"):
+            raise error
 
     def forget_damaged(self, known: str = "") -> int:
         """Remove the jobs of which anything has changed, also those of no complete run; count them.
 
         `known` is the key of one that is.
         """
-        damaged = [(known,)] if known else []
-        for key, sha in self._each("SELECT key, artifact_sha256 FROM jobs"):
-            try:
-                self.records(key)
-                if sha:
-                    self.artifact(key)
-            except DamagedJob:
-                damaged += [(key,)] if key != known else []
+        damaged = {number for number, _ in self._damaged()}
+        damaged |= {number for (number,) in self._rows("SELECT id FROM job WHERE key = ?", known)}
         with self._transaction() as execute:
-            for key in damaged:
-                execute("DELETE FROM artifacts WHERE id = (SELECT id FROM jobs WHERE key = ?)", key)
-                execute("DELETE FROM jobs WHERE key = ?", key)
+            for number in damaged:
+                _forget(execute, "id = ?", number)
         return len(damaged)
+
+    def _damaged(self, where: str = "") -> Iterator[tuple[int, DamagedJob]]:
+        for number, *row in self._each(f"SELECT id, {_JOB} FROM job {where}"):
+            try:
+                self.arrays(self._result(tuple(row)).key)
+            except DamagedJob as error:
+                yield number, error
 
     def list_jobs(self, jobs: Iterable[tuple[str, JobName]]) -> None:
         """Note keys and names of the jobs of a complete run, in place of those of the run before.
@@ -213,51 +283,131 @@ class Store:
         with self._transaction() as execute:
             execute("DELETE FROM listed")
             for key, name in jobs:
-                execute(
-                    "INSERT INTO listed (method, condition, class, object, key) "
-                    "VALUES (?, ?, ?, ?, ?)",
-                    (*name, key),
+                row = (*name, key, _crc((*name, key)))
+                execute(f"INSERT INTO listed ({_NAME}, key, crc) VALUES (?, ?, ?, ?, ?, ?)", row)
+
+    def _listed(
+        self, columns: str, rest: str, *values: object
+    ) -> Iterator[tuple[str, JobName, tuple[Any, ...]]]:
+        """Yield key, name and some columns of jobs of the complete run. Raises BadInput."""
+        query = f"SELECT crc, {_NAME}, listed.key, {columns} FROM listed {rest}"
+        for crc, *row in self._each(query, *values):
+            *name, key = row[:5]
+            if crc != _crc((*name, key)) or not all(isinstance(text, str) for text in row[:5]):
+                raise BadInput(
+                    f"{self.path}: the list of its jobs is damaged; start the run again with its "
+                    "command, which writes it anew"
                 )
+            yield key, JobName(*name), tuple(row[5:])
 
-    def listed(self, *, by_name: bool = False) -> Iterator[JobRow]:
-        """Yield the jobs of the complete run in the order of its plan, or sorted by name."""
-        rows = self._each(f"{_LISTED} {_BY_NAME if by_name else 'ORDER BY place'}")
-        return (JobRow(key, JobName(*name), sha) for key, *name, sha in rows)
+    def listed(self, *obj: str) -> Iterator[JobRow]:
+        """Yield the jobs of the complete run, or of an object (class, name) of it.
 
-    def listed_of(self, *obj: str) -> list[JobRow]:
-        """Return the jobs of an object (class, name) of the complete run, as its plan has them."""
-        rows = self._rows(f"{_LISTED} WHERE class = ? AND object = ? ORDER BY place", *obj)
-        return [JobRow(key, JobName(*name), sha) for key, *name, sha in rows]
-
-    def listed_columns(self) -> Iterator[tuple[JobName, dict[str, list[Any]]]]:
-        """Yield the names and records of the complete run's jobs, sorted by name.
-
-        The records are as `unpack_columns` gives them. Ground truths are left out.
+        They are in the order of its plan.
         """
-        rows = self._each(
-            "SELECT method, condition, class, object, key, records FROM listed "
-            f"JOIN jobs USING (key) WHERE method != '{GROUND_TRUTH}' {_BY_NAME}"
-        )
-        for *name, key, records in rows:
-            yield JobName(*name), self._unpacked(key, records)
+        where = "WHERE class = ? AND object = ?" if obj else ""
+        rest = f"LEFT JOIN job USING (key) {where} ORDER BY place"
+        rows = self._listed("reason = ''", rest, *obj)
+        return (JobRow(key, name, bool(drawn)) for key, name, (drawn,) in rows)
 
     def key_of(self, name: JobName) -> str | None:
         """Return the key of a job of the complete run; None for one without images."""
-        rows = self._rows(
-            "SELECT key FROM listed JOIN jobs USING (key) WHERE method = ? AND condition = ? "
-            "AND class = ? AND object = ? AND artifact_sha256 IS NOT NULL",
-            *name,
+        rest = f"JOIN job USING (key) WHERE {_IS_NAME} AND reason = ''"
+        return next((key for key, *_ in self._listed("1", rest, *name)), None)
+
+    def results(self, **only: str) -> Iterator[tuple[JobName, Result]]:
+        """Yield the complete run's jobs with their views, sorted by name, but for ground truths.
+
+        `only` gives values of the columns in JOB. Raises DamagedJob for a job that is missing or
+        has changed.
+        """
+        where = "".join(f" AND {JOB[JOB.index(name)]} = ?" for name in only)
+        rest = f"LEFT JOIN job USING (key) WHERE method != '{GROUND_TRUTH}'{where} ORDER BY {_NAME}"
+        before = ("",)
+        for key, name, row in self._listed(_JOB.partition(", ")[2], rest, *only.values()):
+            if name <= before:  # an index that is damaged gives one twice, and leaves another out
+                raise DamagedJob(self.path, key, "records")
+            before = name
+            yield name, self._result((key, *row))
+
+    def has_features(self, extractor: str) -> bool:
+        """Return whether any job of the complete run has features by an extractor."""
+        return any(self._listed("1", f"{_ARRAYS} LIMIT 1", extractor))
+
+    def features(
+        self, extractor: str, *cell: str, first: str = "", last: str = ""
+    ) -> Iterator[tuple[str, NDArray[Any]]]:
+        """Yield object and features [V, d] of the jobs of a cell (method, condition, class).
+
+        They are sorted by object, from the first to the last one. Raises DamagedJob for features
+        that are not what was stored.
+        """
+        rest = f"{_ARRAYS} WHERE {_IS_CELL} AND object BETWEEN ? AND ? ORDER BY object"
+        values = (extractor, *cell, first, last)
+        for key, name, (blobs, data) in self._listed("blobs, data", rest, *values):
+            yield name.object_id, unpack(self._checked(key, extractor, blobs, data))
+
+    def images_with(self, extractor: str, *cell: str) -> list[tuple[str, int]]:
+        """Return the objects of a cell that have features, sorted, with their numbers of views."""
+        rest = f"{_ARRAYS} WHERE {_IS_CELL} ORDER BY object"
+        rows = self._listed("length(views)", rest, extractor, *cell)
+        return [(name.object_id, size // (8 * len(OF_VIEWS))) for _, name, (size,) in rows]
+
+    def put_scores(self, metric: ScoredMetric, scores: Mapping[str, Floats]) -> None:
+        """Store the scores [V] by a metric by the keys of jobs, in place of earlier ones."""
+        with self._transaction() as execute:
+            row = (metric.id, metric.version, metric.about, int(metric.higher_is_better))
+            row = (*row, metric.decimals)
+            execute("REPLACE INTO metric VALUES (?, ?, ?, ?, ?, ?)", (*row, _crc(row)))
+            execute("DELETE FROM score WHERE metric = ?", (metric.id,))
+            for key, values in scores.items():
+                data = np.asarray(values, "<f8").tobytes()
+                execute(
+                    "INSERT INTO score SELECT ?, id, ?, ? FROM job WHERE key = ?",
+                    (metric.id, data, _score_checksum(metric.id, key, data), key),
+                )
+
+    def metrics(self) -> dict[str, ScoredMetric]:
+        """Return the metrics that jobs were scored by, by id; none that cannot be used."""
+        rows = self._rows("SELECT id, version, about, higher_is_better, decimals, crc FROM metric")
+        usable = {}
+        for *row, crc in rows:
+            fits = [*map(type, row)] == [str, int, str, int, int] and 0 <= row[4] <= MOST_DECIMALS
+            if fits and crc == _crc(row):
+                metric_id, version, about, higher, digits = row
+                usable[metric_id] = ScoredMetric(metric_id, version, about, bool(higher), digits)
+        return dict(sorted(usable.items()))
+
+    def scores(self, metric: str) -> Iterator[tuple[JobName, Floats | None]]:
+        """Yield the scores [V] of the complete run's jobs that have images, sorted by name.
+
+        None where a job has none, or others than were stored.
+        """
+        rest = (
+            "JOIN job USING (key) LEFT JOIN score ON score.job = job.id AND score.metric = ? "
+            f"WHERE reason = '' AND method != '{GROUND_TRUTH}' ORDER BY {_NAME}"
         )
-        return rows[0][0] if rows else None
+        columns = "length(views), data, score.sha256"
+        for key, name, (size, data, checksum) in self._listed(columns, rest, metric):
+            fits = isinstance(data, bytes) and len(data) * len(OF_VIEWS) == size
+            whole = fits and _score_checksum(metric, key, data) == checksum
+            yield name, np.frombuffer(data, "<f8") if whole else None
+
+    def digest(self) -> str:
+        """Return a checksum of the complete run's jobs: their names, records and images."""
+        digest = sha256()
+        for _, name, row in self._listed("sha256", f"LEFT JOIN job USING (key) ORDER BY {_NAME}"):
+            digest.update(repr((name, row)).encode("utf-8", "replace"))
+        return digest.hexdigest()
 
     def _rows(self, query: str, *values: object) -> list[tuple[Any, ...]]:
         with _named(self.path):
             return self._connection.execute(query, values).fetchall()
 
-    def _each(self, query: str) -> Iterator[tuple[Any, ...]]:
+    def _each(self, query: str, *values: object) -> Iterator[tuple[Any, ...]]:
         with _named(self.path):
             # `yield from` would close the cursor, perhaps after its connection.
-            for row in self._connection.execute(query):  # noqa: UP028
+            for row in self._connection.execute(query, values):  # noqa: UP028
                 yield row
 
     @contextmanager
@@ -273,6 +423,34 @@ class Store:
                 raise
 
 
+def _stored_time(seconds: float | None) -> float | None:
+    """Return a time as the column keeps it; an author may claim anything."""
+    return None if seconds is None or not abs(seconds) < MOST_NUMBER else float(seconds)
+
+
+def row_checksum(row: tuple[Any, ...]) -> str:
+    """Return the checksum of the columns of a job that stand before it."""
+    digest = sha256(repr((*row[:6], row[7])).encode("utf-8", "replace"))
+    digest.update(row[6])
+    return digest.hexdigest()
+
+
+def _score_checksum(metric: str, key: str, data: bytes) -> str:
+    return sha256(f"{metric} {key} ".encode() + data).hexdigest()
+
+
+def _crc(row: Iterable[object]) -> int:
+    """Return a checksum of a short row."""
+    return zlib.crc32(repr([*row]).encode("utf-8", "replace"))
+
+
+def _forget(execute: Callable[..., sqlite3.Cursor], where: str, value: object) -> None:
+    """Remove the jobs that a condition is true of, with all that is theirs."""
+    for table in ("blob", "score"):
+        execute(f"DELETE FROM {table} WHERE job IN (SELECT id FROM job WHERE {where})", (value,))
+    execute(f"DELETE FROM job WHERE {where}", (value,))
+
+
 @contextmanager
 def open_store(directory: Path, *, write: bool = False) -> Iterator[Store]:
     """Yield the store of a run's folder; an empty one where it has none and is only read.
@@ -282,7 +460,7 @@ def open_store(directory: Path, *, write: bool = False) -> Iterator[Store]:
     Raises
     ------
     BadInput
-        For a file that is no store, is damaged, or of a newer version.
+        For a file that is no store, is damaged, or of another version.
     CannotWrite
         Where the file cannot be written.
     """
@@ -309,7 +487,7 @@ def open_store(directory: Path, *, write: bool = False) -> Iterator[Store]:
 def _connect(path: Path, *, write: bool) -> sqlite3.Connection:
     """Return a connection to a store; in memory, to an empty one, where there is none to read."""
     if write:
-        connection = sqlite3.connect(path, PATIENCE_S, isolation_level=None)
+        connection = _limited(sqlite3.connect(path, PATIENCE_S, isolation_level=None))
         if not _is_store(path, connection):
             connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
             connection.execute(f"PRAGMA user_version = {STORE_VERSION}")
@@ -319,12 +497,19 @@ def _connect(path: Path, *, write: bool) -> sqlite3.Connection:
         return connection
     if path.exists():
         uri = f"{path.absolute().as_uri()}?mode=ro"
-        connection = sqlite3.connect(uri, PATIENCE_S, isolation_level=None, uri=True)
+        connection = _limited(sqlite3.connect(uri, PATIENCE_S, isolation_level=None, uri=True))
         if _is_store(path, connection):
             return connection
         connection.close()
     connection = sqlite3.connect(":memory:", isolation_level=None)
     connection.executescript(SCHEMA)
+    return connection
+
+
+def _limited(connection: sqlite3.Connection) -> sqlite3.Connection:
+    """Return a connection that reads no value beyond all measure, and no text that cannot be."""
+    connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MOST_BYTES)
+    connection.text_factory = lambda data: data.decode("utf-8", "replace")
     return connection
 
 
@@ -347,6 +532,11 @@ def _is_store(path: Path, connection: sqlite3.Connection) -> bool:
                 f"{path}: store version {version} is newer than {STORE_VERSION}; update "
                 "pc2pix-bench"
             )
+        if tables and version < STORE_VERSION:
+            raise BadInput(
+                f"{path}: a store of version 1.0.0 or earlier, which this one does not read; "
+                "start the run again with another --out or --fresh"
+            )
     except BaseException:
         connection.close()
         raise
@@ -362,7 +552,7 @@ def _named(path: Path) -> Iterator[None]:
     """Turn errors of SQLite into refusals that name the file and the remedy."""
     try:
         yield
-    except sqlite3.Error as error:
+    except (sqlite3.Error, UnicodeDecodeError) as error:  # its message may quote damaged names
         kind = getattr(error, "sqlite_errorname", "")
         if kind.startswith(("SQLITE_FULL", "SQLITE_IOERR")):
             raise CannotWrite(

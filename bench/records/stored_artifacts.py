@@ -1,4 +1,4 @@
-"""The jobs and images of a run in a folder, read when they are asked for."""
+"""The images of a run in a folder by the names of its jobs, read when they are asked for."""
 
 from __future__ import annotations
 
@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.records.artifacts import JobName, unpack
-from bench.records.run_folder import read_store
-from bench.records.store import JobRow
+from bench.records.job import IMAGES, JobName, unpack
+from bench.records.store import JobRow, open_store
 from data_prep.failures import BadInput
 
 
@@ -24,14 +23,13 @@ class Artifact:
     directory: Path
     key: str
 
-    def read(self, name: str = "images") -> NDArray[Any]:
-        """Return one array.
+    def read(self, name: str = IMAGES) -> NDArray[Any]:
+        """Return the images [V, H, W, 3], or the features [V, d] of an extractor.
 
-        Raises KeyError for an array that it does not have, and BadInput where it is missing,
-        altered or unreadable.
+        Raises KeyError where the job has none, and BadInput where they are missing or altered.
         """
-        with read_store(self.directory) as store:
-            return unpack(store.artifact(self.key), [name])[name]
+        with open_store(self.directory) as store:
+            return unpack(store.array(self.key, name))
 
     def read_images(self) -> NDArray[np.uint8] | None:
         """Return the images [V, H, W, 3]; None where they are missing, altered or unreadable."""
@@ -50,15 +48,15 @@ class StoredArtifacts(Mapping[JobName, Artifact]):
         self._directory = directory
 
     def __getitem__(self, name: JobName) -> Artifact:
-        with read_store(self._directory) as store:
+        with open_store(self._directory) as store:
             key = store.key_of(name)
         if key is None:
             raise KeyError(name)
         return Artifact(self._directory, key)
 
     def __iter__(self) -> Iterator[JobName]:
-        with read_store(self._directory) as store:
-            yield from (job.name for job in store.listed() if job.artifact_sha256)
+        with open_store(self._directory) as store:
+            yield from (job.name for job in store.listed() if job.has_images)
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
@@ -66,5 +64,5 @@ class StoredArtifacts(Mapping[JobName, Artifact]):
 
 def read_jobs(directory: Path) -> list[JobRow]:
     """Return the jobs of the complete run in a folder, in the order of its plan."""
-    with read_store(directory) as store:
+    with open_store(directory) as store:
         return [*store.listed()]

@@ -27,9 +27,8 @@ from bench.catalogue.metrics import (
     declared_metric,
 )
 from bench.catalogue.suites import TRUTHS, Suite, Truth
-from bench.records.artifacts import JobName
+from bench.records.job import JobName
 from bench.records.record import TIMES
-from bench.records.store import STORE
 from bench.records.stored_artifacts import read_jobs
 from bench.report.headline import compact_table
 from bench.report.images import cases, extremes, grids, shown_objects
@@ -45,7 +44,7 @@ from bench.report.run_figures import (
     quality_frame,
     quality_panels,
 )
-from bench.report.stored import Sources, open_sources
+from bench.report.stored import open_sources
 from bench.report.styles import method_styles
 from bench.report.summary import Statement, in_short, objects_in_words
 from bench.tables.build import Outputs, how_timed
@@ -119,7 +118,7 @@ def read_page(made: Outputs) -> dict[str, Any]:
         "cost_remark": how_timed(manifest),
         "grids": grids(records, sources, headline[0]),
         "cases": cases(chosen, sources, headline[0]),
-        "unseen": _unseen(sources),
+        "unseen": [sources.unseen] if sources.unseen else [],
         "failures": failure_groups(records),
         "failed_images": int((records["outcome"] != "ok").sum()),
         "skipped": dict(manifest.get("skipped_metrics", {})),
@@ -243,16 +242,6 @@ _OF_OBJECTS = (
     "95 % interval. A band is what a network was shown in training."
 )
 _LEFT_OUT = "Left out, because drawn from the mesh behind the cloud:"
-
-
-def _unseen(sources: Sources) -> list[str]:
-    description = [sources.unseen] if sources.unseen else []
-    if not sources.artifacts:
-        description.append(
-            f"The images of this run are no longer there (its {STORE} is empty or gone); "
-            "its command makes them again."
-        )
-    return description
 
 
 def _command(manifest: Mapping[str, Any]) -> str:

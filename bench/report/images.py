@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from bench.analysis.digits import decimals
 from bench.catalogue.metrics import column, higher_is_better
-from bench.records.artifacts import JobName
+from bench.records.job import JobName
 from bench.records.record import GROUND_TRUTH
 from bench.report.stored import Sources
 from bench.report.styles import rivals

@@ -24,8 +24,7 @@ from bench.catalogue.conditions import condition_words
 from bench.catalogue.methods import role
 from bench.catalogue.metrics import is_mean
 from bench.catalogue.suites import TRUTHS
-from bench.records.parquet import RECORDS
-from bench.records.run_folder import FIXED, PROTOCOL, TRUTH
+from bench.records.run_folder import FIXED, PROTOCOL, TRUTH, read_store
 from bench.report.board import (
     HEADLINE,
     BoardCell,
@@ -44,7 +43,6 @@ from bench.tables.differences import too_few
 from bench.tables.grid import records
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.files.atomic_write import write_whole
-from data_prep.files.checksums import file_sha256
 from data_prep.progress import progress
 
 Rankings = Mapping[str, tuple[pd.DataFrame, int | None]]  # by metric
@@ -136,7 +134,8 @@ def _refuse_copies(runs: Sequence[Run]) -> None:
     first: dict[tuple[Any, ...], Path] = {}
     for run in runs:
         request = (run.manifest.get(name) for name in (*FIXED, TRUTH))
-        key = (*request, file_sha256(run.directory / RECORDS))
+        with read_store(run.directory) as store:
+            key = (*request, store.digest())
         other = first.setdefault(key, run.directory)
         if other != run.directory:
             raise BadInput(f"{run.directory}: a copy of the run in {other}; give one of the two")

@@ -19,7 +19,7 @@ from bench.catalogue.metrics import higher_is_better
 from bench.metrics.silhouette import object_boxes
 from bench.metrics.structural_similarity import ssim_per_image
 from bench.metrics.thin_parts import evaluated
-from bench.records.artifacts import JobName
+from bench.records.job import JobName
 from bench.records.record import GROUND_TRUTH
 from bench.records.stored_artifacts import Artifact
 from bench.report.figure import MOST_HIGH_IN, TEXT, WIDTH_IN, Image, drawing, panels, save

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.catalogue.methods import FLOOR
-from bench.records.artifacts import JobName
-from bench.records.job import Job
+from bench.records.job import Job, JobName
 from bench.records.stored_artifacts import Artifact, StoredArtifacts
 from bench.running.plan import plan
 from bench.running.protocol import Protocol

@@ -135,7 +135,7 @@ def results(
     `jobs` and `left_s` are as in `submit_all`, `start` as in `run_jobs`. Raises MissingDependency
     where going on makes no sense, and BadInput where a ground truth has changed since it was drawn.
     """
-    read = lru_cache(REFERENCES_KEPT)(store.artifact)
+    read = lru_cache(REFERENCES_KEPT)(store.array)
 
     def with_reference(job: Job | None) -> Job | None:
         """Return a job with the true images that it is scored against."""

@@ -27,7 +27,7 @@ from bench.records.run_folder import (
 from bench.records.store import JobRow, Store
 from bench.running.options import Element, Shard, read_shard
 from bench.running.protocol import WHOLE
-from bench.running.run import Outputs, Publish, open_run, write_parquet
+from bench.running.run import Outputs, Publish, open_run, write_export
 from data_prep.failures import BadInput
 from data_prep.progress import progress
 
@@ -62,7 +62,7 @@ def merge(directories: Sequence[Path], out: Path, publish: Publish[Outputs]) -> 
     with open_run(out, manifest) as store:
         jobs = _collect(parts, manifest["objects"], store)
         seconds: dict[str, float] = {}
-        write_parquet(out, store, manifest["feature_identity"], seconds)
+        write_export(out, store, seconds)
         outputs = publish(out, seconds)
         manifest["stage_seconds"] = _added([manifest["stage_seconds"], seconds])
     return Merged(outputs, jobs, store.appended)
@@ -179,7 +179,7 @@ def _collect(parts: Iterable[Part], objects: Sequence[str], store: Store) -> int
             sources |= dict.fromkeys(part["objects"], source)
 
         def jobs_of(name: str) -> list[JobRow]:
-            return sources[name].listed_of(*name.split("/", 1))
+            return [*sources[name].listed(*name.split("/", 1))]
 
         with progress("merging, objects", len(objects)) as advance:
             for name in objects:

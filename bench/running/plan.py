@@ -12,7 +12,7 @@ from typing import Any
 from bench.catalogue.conditions import find_condition
 from bench.catalogue.methods import Method
 from bench.records.job import Job
-from bench.records.record import GROUND_TRUTH, SCHEMA_VERSION
+from bench.records.record import GROUND_TRUTH, RECORDS_VERSION
 from bench.running.protocol import Protocol, name_of
 from data_prep.clouds.conditions import Condition, Unchanged
 from data_prep.datasets.exported import UNPERTURBED, ExportedObject
@@ -208,7 +208,7 @@ def _in_grey(protocol: Protocol) -> Iterator[SceneObject]:
 def _object_identity(protocol: Protocol, obj: SceneObject, views: Sequence[View]) -> list[Any]:
     """Return everything that the images of an object depend on, whatever draws them."""
     return [
-        SCHEMA_VERSION,
+        RECORDS_VERSION,
         PROCEDURAL_VERSION,
         obj.class_name,
         obj.object_id,

@@ -6,16 +6,18 @@ import math
 import time
 import typing
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, closing, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
+import pandas as pd
+
 from bench.catalogue.chosen import MeasuredMethod, cost_of
+from bench.records.frames import image_frames, write_records
 from bench.records.job import shares
-from bench.records.parquet import write_features, write_records
-from bench.records.record import GROUND_TRUTH, Record
+from bench.records.record import GROUND_TRUTH
 from bench.records.run_folder import (
     MANIFEST,
     check_directory,
@@ -71,16 +73,13 @@ class PartialRun:
     plan: Plan
     store: Store
 
-    def read_records(self, name: str) -> list[Record]:
+    def read_records(self, name: str) -> pd.DataFrame:
         """Return all records of an object.
 
         A job that stands for every condition is there once for each.
         """
-        return [
-            replace(record, condition=job.condition)
-            for job in self.plan.jobs_of(name).method_jobs
-            for record in self.store.records(job.key)
-        ]
+        jobs = self.plan.jobs_of(name).method_jobs
+        return pd.concat(image_frames((job.name, self.store.result(job.key)) for job in jobs))
 
 
 class ProgressReporter(typing.Protocol):
@@ -201,7 +200,7 @@ def run(
                 write_manifest(directory, manifest)  # the tables are of these objects
                 objects = map(planned.jobs_of, manifest["objects"])
                 store.list_jobs((job.key, job.name) for obj in objects for job in obj.listed)
-                write_parquet(directory, store, dict(protocol.features), seconds)
+                write_export(directory, store, seconds)
                 outputs = publish(directory, seconds)
             of_workers = shares(schedule.timing, workers * (time.perf_counter() - begun))
             if not keeps_tables:
@@ -343,16 +342,14 @@ def _open_checked(directory: Path, check: Callable[[], None], fresh: bool) -> It
             ) from error
 
 
-def write_parquet(
-    directory: Path, store: Store, extractors: Iterable[str], seconds: dict[str, float]
-) -> None:
-    """Write the results of the jobs that the store lists as Parquet files into a run's folder.
+def write_export(directory: Path, store: Store, seconds: dict[str, float]) -> None:
+    """Compare the jobs that the store lists to their checksums, and write their records.
 
-    `extractors` are those whose features are in the artifacts. The time is added to `seconds`.
+    The time is added to `seconds`.
     """
     with timed("tables", seconds):
-        write_records(directory, store.listed_columns())
-        write_features(directory, store, [*extractors])
+        store.verify()
+        write_records(directory, store)
 
 
 @contextmanager

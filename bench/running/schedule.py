@@ -286,5 +286,5 @@ class Schedule:
             self.failures += 1
             if job.method == GROUND_TRUTH:
                 self.undrawn = self.undrawn or result.reason
-            if result.records:
+            if result.views:
                 self._store.append(result)

@@ -1,7 +1,7 @@
 """The work of a worker: draw the ground truth of an object, or one cloud with one method.
 
-A job returns its records, and its images and features as an artifact; whether they count is decided
-by the process that keeps the store of the run.
+A job returns scores, images and features; whether they count is decided by the process that keeps
+the store of the run.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ import functools
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from hashlib import sha256
 from types import SimpleNamespace
 from typing import Any
 
@@ -28,8 +27,19 @@ from bench.catalogue.metrics import (
     metrics_device,
 )
 from bench.metrics.image_scores import scores
-from bench.records.artifacts import pack, unpack_images
-from bench.records.job import NOTHING, Job, JobTiming, Result, Stopwatch, failed, records_of
+from bench.records.job import (
+    IMAGES,
+    NOTHING,
+    Job,
+    JobTiming,
+    Result,
+    Stopwatch,
+    failed,
+    pack,
+    pack_views,
+    stored_text,
+    unpack,
+)
 from bench.records.record import CLAIMED, GROUND_TRUTH
 from data_prep.clouds.conditions import Unchanged
 from data_prep.clouds.far_points import note_on_scale
@@ -136,7 +146,7 @@ def _draw(job: Job, watch: Stopwatch) -> RenderedViews | Result:
     except BadInput as error:  # unusable weights fail every job alike
         result = failed(job, str(error))
         return replace(result, unusable=result.reason)
-    truth = None if job.reference is None else unpack_images(job.reference)
+    truth = None if job.reference is None else unpack(job.reference)
     seen = job
     if not method.sees_cloud and job.perturbation == Unchanged():  # one job for every condition
         seen = replace(job, condition=UNPERTURBED)
@@ -156,28 +166,23 @@ def _draw(job: Job, watch: Stopwatch) -> RenderedViews | Result:
 
 
 def _scored(job: Job, drawn: RenderedViews, watch: Stopwatch) -> Result:
-    truth = None if job.reference is None else unpack_images(job.reference)
     scored: dict[str, NDArray[np.float64]] = {}
-    arrays: dict[str, NDArray[Any]] = {"images": drawn.images}
+    arrays = {IMAGES: pack(drawn.images)}
     with watch.on("metrics"):
-        if truth is not None:
+        if job.reference is not None:
+            truth = unpack(job.reference)
             scored = scores(truth, drawn.images) | _learned(job, truth, drawn.images)
         for extractor, weights in job.features:
-            network = _extractor(extractor, weights, metrics_device(job.device))
-            arrays[extractor] = network(drawn.images)
-    records = records_of(
-        job, "ok", notes=drawn.notes, prepare_s=drawn.prepare_s, draw_s=drawn.draw_s
-    )
-    defined = (
-        {name: float(v[i]) for name, v in scored.items() if np.isfinite(v[i])}
-        for i in range(len(records))
-    )
-    artifact = pack(arrays)
+            features = _extractor(extractor, weights, metrics_device(job.device))(drawn.images)
+            arrays[extractor] = pack(features)
     return Result(
         job.key,
-        tuple(map(lambda record, values: replace(record, **values), records, defined)),
-        sha256(artifact).hexdigest(),
-        artifact=artifact,
+        job.suite,
+        notes=stored_text(drawn.notes),
+        prepare_s=drawn.prepare_s,
+        draw_s=drawn.draw_s,
+        views=pack_views(job.views, scored),
+        arrays=arrays,
     )
 
 

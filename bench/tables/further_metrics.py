@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from bench.analysis.frame import Run
 from bench.analysis.scores import QualityRow, image_rows
 from bench.catalogue.suites import TableSpec
-from bench.records.image_scores import read_scores, scored_ids
+from bench.records.frames import read_scores, scored_metrics
 from bench.tables.quality import quality_table
 from bench.tables.table import Table, of_truth
 from data_prep.failures import BadInput
@@ -35,7 +35,7 @@ def further_tables(run: Run) -> list[Table[QualityRow]]:
     Scores of records that have changed since are left out, and a line on stderr names them.
     """
     tables = []
-    for metric_id in scored_ids(run.directory):
+    for metric_id in scored_metrics(run.directory):
         try:
             metric, images = read_scores(run.directory, metric_id)
         except BadInput as error:

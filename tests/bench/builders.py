@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import sqlite3
+from collections import Counter
 from collections.abc import Iterable
 from contextlib import closing, suppress
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
-from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 from harness_objects import Tetrahedron
 
@@ -32,14 +30,11 @@ from bench.metrics.frechet import (
     object_blocks,
 )
 from bench.metrics.kernel_distance import KernelSet, kernel_distances
-from bench.records.artifacts import JobName, pack
-from bench.records.frames import sum_views
-from bench.records.job import Job, Result
-from bench.records.parquet import read_records, write_features, write_records
-from bench.records.record import GROUND_TRUTH, SCHEMA_VERSION, TYPES, Record
+from bench.records.frames import read_records, sum_views, write_records
+from bench.records.job import Job, JobName, Result, pack, pack_views, unpack
+from bench.records.record import COLUMNS, GROUND_TRUTH, SCHEMA_VERSION, TYPES
 from bench.records.run_folder import open_folder, write_manifest
-from bench.records.seal import seal
-from bench.records.store import STORE, pack_records, unpack_columns
+from bench.records.store import STORE
 from bench.records.stored_artifacts import Artifact
 from bench.running.options import Options
 from bench.running.protocol import Protocol, find_methods
@@ -50,8 +45,8 @@ from data_prep.failures import BadInput
 from data_prep.scene import View
 
 SUITE = "chair-robustness"
-VIEWS = (View(10.0, 5.0), View(-120.0, -30.0))
 SCORES = tuple(column(metric) for metric in IMAGE_METRICS)
+VIEWS = (View(10.0, 5.0), View(-120.0, -30.0))
 # Extractors of the suite that need no download.
 EXTRACTORS = ("fd-views", "fd-views-grey", "fd-alexnet", "judge")
 SKIPPED_FID = "skipped: weights; not here"
@@ -71,6 +66,42 @@ def left_out_kernel_distances(x, y, groups_x, groups_y):
         for rows, groups in ((x, groups_x), (y, groups_y))
     )
     return kernel_distances(*sets)
+
+
+@dataclass(frozen=True)
+class Record:
+    """One image, as a line of `records.parquet`."""
+
+    suite: str
+    method: str
+    condition: str
+    class_name: str
+    object: str
+    view: int
+    azimuth_deg: float
+    elevation_deg: float
+    outcome: str
+    reason: str
+    notes: str
+    ssim: float | None = None
+    luminance: float | None = None
+    contrast: float | None = None
+    structure: float | None = None
+    psnr: float | None = None
+    ssim_object: float | None = None
+    silhouette_iou: float | None = None
+    thin_recall: float | None = None
+    thin_precision: float | None = None
+    lpips: float | None = None
+    prepare_s: float | None = None
+    draw_s: float | None = None
+
+
+def with_scores(result: Result, **scores) -> Result:
+    """A result with other scores by column."""
+    views = [View(*angles) for angles in views_of(result)]
+    before = {name: result.of_views[name] for name in SCORES}
+    return replace(result, views=pack_views(views, before | scores))
 
 
 def make_record(method="splat", condition="2048", obj="a", view=0, **changes) -> Record:
@@ -107,7 +138,8 @@ def make_failed(
 def make_job(obj=None, method="splat", condition="2048", **changes) -> Job:
     """A job with a readable key, to be scored against `make_truth` of its object."""
     obj = obj or Tetrahedron()
-    key = f"{method} {condition} {obj.object_id}".replace("/", "-")
+    name = obj.object_id if obj.class_name == "chair" else f"{obj.object_id} {obj.class_name}"
+    key = f"{method} {condition} {name}".replace("/", "-")
     perturbations = {known.id: known.perturbation for known in CONDITIONS}
     job = Job(
         key=key,
@@ -120,7 +152,7 @@ def make_job(obj=None, method="splat", condition="2048", **changes) -> Job:
         seed=0,
         device="cpu",
         features=(),
-        reference_key=f"{GROUND_TRUTH}  {obj.object_id}",
+        reference_key=f"{GROUND_TRUTH}  {name}",
     )
     return replace(job, **changes)
 
@@ -194,7 +226,7 @@ def feature_index(methods, objects_of_class) -> pd.DataFrame:
 
 
 class FeaturesAtHand:
-    """`bench.records.features.Features` without a file: of rows with values [n, d]."""
+    """`bench.records.frames.Features` without a file: of rows with values [n, d]."""
 
     def __init__(self, index, values):
         columns = [index[name].tolist() for name in ("method", "condition", "class", "object")]
@@ -210,19 +242,62 @@ class FeaturesAtHand:
         return np.array([rows[image] for image in images])
 
 
-def write_all(directory, records, **options):
-    """Records as `records.parquet`; those of an item are a job."""
+def result_of(key, records, **arrays) -> Result:
+    """The result of a job with these records, by view."""
+    records = sorted(records, key=lambda record: record.view)
+    (_,) = {(r.suite, r.outcome, r.reason, r.notes, r.prepare_s, r.draw_s) for r in records}
+    first, views = records[0], [View(r.azimuth_deg, r.elevation_deg) for r in records]
+    reason, scores = first.reason or "lost" * (first.outcome == "failed"), {}
+    if not reason:
+        scores = {n: np.array([getattr(r, n) for r in records], float) for n in SCORES}
+    return Result(
+        *(key, first.suite, reason, first.notes, first.prepare_s, first.draw_s),
+        pack_views(views, scores),
+        {name: pack(array) for name, array in arrays.items()},
+    )
+
+
+def write_all(directory, records):
+    """Records as those of the complete run in a folder; those of an item are a job.
+
+    Of jobs that were there before images and features stay; true images stay whole.
+    """
     by_item = {}
     for record in records:
         item = JobName(record.method, record.condition, record.class_name, record.object)
         by_item.setdefault(item, []).append(record)
-    columns = ((item, unpack_columns(pack_records(by_item[item]))) for item in sorted(by_item))
-    write_records(directory, columns, **options)
+    with open_folder(directory) as store:
+        before = {row.name: row for row in store.listed()}
+        alike = Counter(row.key for row in before.values())
+        listed = {name: row.key for name, row in before.items() if name.method == GROUND_TRUTH}
+        for item, of_job in by_item.items():
+            was = before.get(item)
+            listed[item] = was.key if was and alike[was.key] == 1 else "/".join(item)
+            result = result_of(listed[item], of_job)
+            if was and was.has_images and result.has_images:
+                arrays = {}
+                for name in ("images", *EXTRACTORS):
+                    with suppress(KeyError, BadInput):  # damaged ones are gone
+                        arrays[name] = store.array(was.key, name)
+                result = replace(result, arrays=arrays)
+            store.append(result)
+        order = [*before, *(item for item in listed if item not in before)]
+        store.list_jobs((listed[name], name) for name in order if name in listed)
+        write_records(directory, store)
+
+
+def overwrite(directory, frame):
+    """Put a frame, as `records.parquet` has it, in place of the records of a run."""
+    write_all(directory, records_of(frame))
 
 
 def read_all(directory) -> list[Record]:
     """The records of a run, to be altered and written again by `write_all`."""
-    frame = read_records(directory).rename(columns={"class": "class_name"})
+    return records_of(read_records(directory))
+
+
+def records_of(frame) -> list[Record]:
+    frame = frame[[*COLUMNS]].rename(columns={"class": "class_name"})
     frame = frame.astype(object).where(frame.notna(), None)
     return [Record(**{str(name): row[name] for name in row}) for row in frame.to_dict("records")]
 
@@ -253,16 +328,42 @@ def assert_equal_runs(one: Path, other: Path) -> None:
     pd.testing.assert_frame_equal(left.drop(columns=times), right.drop(columns=times))
 
 
-def make_artifact(job: Job, seed=0, **arrays) -> bytes:
-    """Random images, and further arrays, as the artifact of a job."""
-    rng = np.random.default_rng(seed)
-    return pack({"images": rng.integers(0, 256, (len(job.views), 128, 128, 3), np.uint8)} | arrays)
-
-
 def make_result(job: Job, records=(), seed: Any = 0, **arrays) -> Result:
-    """The result of a job, with `make_artifact`."""
-    artifact = make_artifact(job, seed, **arrays)
-    return Result(job.key, tuple(records), sha256(artifact).hexdigest(), artifact=artifact)
+    """The result of a job with random images, and further arrays."""
+    rng = np.random.default_rng(seed)
+    images = rng.integers(0, 256, (len(job.views), 128, 128, 3), np.uint8)
+    arrays = {"images": images} | arrays
+    if records:
+        return result_of(job.key, records, **arrays)
+    packed = {name: pack(array) for name, array in arrays.items()}
+    return Result(job.key, job.suite, views=pack_views(job.views), arrays=packed)
+
+
+def true_images(obj=None, seed=0) -> bytes:
+    """Random images as the packed ground truth of an object."""
+    return make_result(make_truth(obj), seed=seed).arrays["images"]
+
+
+def as_failed(result: Result, reason="draw: no images") -> Result:
+    """A result as that of a job that gave no images."""
+    without = pack_views([View(a, e) for a, e in views_of(result)])
+    return replace(result, reason=reason, views=without, arrays={})
+
+
+def views_of(result: Result) -> list[tuple[float, float]]:
+    """The directions of the views of a result."""
+    of_views = result.of_views
+    angles = (of_views[name].tolist() for name in ("azimuth_deg", "elevation_deg"))
+    return list(zip(*angles, strict=True))
+
+
+def rewrite(directory: Path, key: str, change) -> None:
+    """Put what `change` makes of a job's result and arrays in their place, by the store itself."""
+    with open_folder(directory) as store:
+        arrays = {name: unpack(data) for name, data in store.arrays(key).items()}
+        result, arrays = change(store.result(key), arrays)
+        packed = {name: pack(array) for name, array in arrays.items()}
+        store.append(replace(result, arrays=packed))
 
 
 def stored_keys(directory: Path) -> set[str]:
@@ -270,7 +371,7 @@ def stored_keys(directory: Path) -> set[str]:
     if not (directory / STORE).exists():
         return set()
     with closing(sqlite3.connect(directory / STORE)) as database, suppress(sqlite3.Error):
-        return {key for (key,) in database.execute("SELECT key FROM jobs")}
+        return {key for (key,) in database.execute("SELECT key FROM job")}
     return set()  # its tables are being made
 
 
@@ -282,19 +383,19 @@ def store_images(directory: Path, job: Job, seed=0, **arrays) -> Artifact:
 
 
 def damage_images(directory: Path, keys: Iterable[str] | None = None, data=b"altered") -> None:
-    """Alter the artifacts of jobs in the store of a folder, behind its back; of all by default.
+    """Alter the images of jobs in the store of a folder, behind its back; of all by default.
 
     None as `data` removes them.
     """
     with closing(sqlite3.connect(directory / STORE)) as connection, connection:
         if keys is None:
-            keys = [key for (key,) in connection.execute("SELECT key FROM jobs")]
+            keys = [key for (key,) in connection.execute("SELECT key FROM job")]
         for key in keys:
-            where = "WHERE id = (SELECT id FROM jobs WHERE key = ?)"
+            where = "WHERE name = 'images' AND job = (SELECT id FROM job WHERE key = ?)"
             if data is None:
-                connection.execute(f"DELETE FROM artifacts {where}", (key,))
+                connection.execute(f"DELETE FROM blob {where}", (key,))
             else:
-                connection.execute(f"UPDATE artifacts SET data = ? {where}", (data, key))
+                connection.execute(f"UPDATE blob SET data = ? {where}", (data, key))
 
 
 def make_manifest(**changes):
@@ -322,7 +423,7 @@ def write_run(directory: Path, **changes) -> Path:
     """
     manifest = make_manifest(**changes)
     write_manifest(directory, manifest)
-    results, jobs, records = [], [], []
+    results, jobs = [], []
     for name in manifest["objects"]:
         class_name, _, object_id = name.partition("/")
         obj = Tetrahedron(object_id, class_name)
@@ -351,21 +452,11 @@ def write_run(directory: Path, **changes) -> Path:
                 results.append(
                     make_result(job, of_job, seed, **dict.fromkeys(EXTRACTORS, features))
                 )
-                records += of_job
                 jobs.append(job)
-    write_all(directory, records)
     with open_folder(directory) as store:
         for result in results:
             store.append(result)
         store.list_jobs((job.key, job.name) for job in jobs)
-        write_features(directory, store, EXTRACTORS)
+        write_records(directory, store)
     write_outputs(read_run(directory, manifest))
     return directory
-
-
-def overwrite(path, frame):
-    """Write a frame in place of records or features, with their types and a seal."""
-    schema = pq.read_schema(path)
-    table = pa.Table.from_pandas(frame, schema, preserve_index=False)
-    pq.write_table(table.replace_schema_metadata(schema.metadata), path)
-    seal(path)

@@ -31,7 +31,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
-from hashlib import sha256
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -284,9 +283,8 @@ def cut_everywhere(folder: Path, keys: Sequence[str], step: int = 1) -> Iterator
             (Path(part) / f"{STORE}-wal").write_bytes(data[f"{STORE}-wal"][:end])
             with open_folder(Path(part)) as store:
                 present = store.find(keys)
-                for key, result in present.items():
-                    if sha256(store.artifact(key)).hexdigest() != result.artifact_sha256:
-                        yield f"cut after {end} bytes: {key} has other images"
+                if damaged := store.forget_damaged():
+                    yield f"cut after {end} bytes: {damaged} results are not what was stored"
         if {*present} != {*keys[: len(present)]}:
             yield f"cut after {end} bytes: {', '.join(present)} count"
         if len(present) < counted:

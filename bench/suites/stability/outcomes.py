@@ -15,8 +15,7 @@ import pandas as pd
 from bench.metrics.inception_weights import WeightsUnavailable
 from bench.metrics.silhouette import foreground
 from bench.metrics.structural_similarity import ssim_per_image
-from bench.records.artifacts import unpack_images
-from bench.records.job import Job
+from bench.records.job import Job, unpack
 from bench.records.store import Store
 from bench.suites.stability.cases import CASES
 from bench.suites.stability.expectations import (
@@ -69,10 +68,10 @@ def observe(jobs: Sequence[Job], store: Store) -> list[Observation]:
         repetitions.setdefault((job.method, case_of[job.condition].id), []).append(job)
     # The first failure of several stands for them.
     records = {
-        key: min((store.records(job.key)[0] for job in group), key=lambda r: r.outcome == "ok")
+        key: min((store.result(job.key) for job in group), key=lambda r: r.has_images)
         for key, group in repetitions.items()
     }
-    drawn = {key for key, record in records.items() if record.outcome == "ok"}
+    drawn = {key for key, record in records.items() if record.has_images}
     observations = []
     for (method, case_id), record in records.items():
         seen: dict[str, Any] = {}
@@ -97,7 +96,7 @@ def observe(jobs: Sequence[Job], store: Store) -> list[Observation]:
 
 
 def _images(jobs: Sequence[Job], store: Store) -> UInt8Images:
-    return np.concatenate([unpack_images(store.artifact(job.key)) for job in jobs])
+    return np.concatenate([unpack(store.array(job.key)) for job in jobs])
 
 
 def _score_changes(job: Job, like: UInt8Images, images: UInt8Images) -> dict[str, float]:

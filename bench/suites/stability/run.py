@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 from bench.catalogue import suites
 from bench.catalogue.methods import FLOORS, find_method
 from bench.catalogue.suites import Limits, Procedure
-from bench.records.artifacts import unpack_images
-from bench.records.job import Job
-from bench.records.parquet import write_records
-from bench.records.record import SCHEMA_VERSION
+from bench.records.frames import write_records
+from bench.records.job import Job, unpack
+from bench.records.record import RECORDS_VERSION
 from bench.records.store import Store
 from bench.report.figure import drawing, panels
 from bench.running.environment import cores, environment
@@ -74,7 +73,7 @@ def stability_jobs(
     jobs = []
     for method in methods:
         common = [
-            *(suite.id, SCHEMA_VERSION, CASES_VERSION, obj.fingerprint(), seed, method),
+            *(suite.id, RECORDS_VERSION, CASES_VERSION, obj.fingerprint(), seed, method),
             *(sorted(environment.items()), method_identity(find_method(method), device)),
         ]
         for case in CASES:
@@ -145,12 +144,12 @@ def _draw_all(
     pool = partial(JobPool, limits=suite.limits, workers=workers)
     results = run_jobs(jobs, store, suite.id, pool)
     store.list_jobs((job.key, job.name) for job in jobs)
-    write_records(options.directory, store.listed_columns())
+    write_records(options.directory, store)
     observations = observe(jobs, store)
     outcomes = outcomes_of(observations)
     table = matrix(_remark(methods), outcomes)
     images = {
-        (job.condition, job.method): unpack_images(store.artifact(job.key))[0]
+        (job.condition, job.method): unpack(store.array(job.key))[0]
         for job in jobs
         if results[job.key].has_images
     }

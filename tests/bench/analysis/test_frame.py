@@ -53,10 +53,9 @@ def records():
     return [record for of_object in objects for record in of_object]
 
 
-@pytest.mark.parametrize("size", [1, 7, 1000])
-def test_parts_of_a_file_and_objects_one_by_one_give_the_same_to_the_bit(tmp_path, records, size):
+def test_a_stored_run_and_objects_one_by_one_give_the_same_to_the_bit(tmp_path, records):
     manifest = names_of(to_frame(records)) | {"methods": METHODS, "conditions": CONDITIONS}
-    write_all(tmp_path, records, row_group=size)
+    write_all(tmp_path, records)
     run = read_run(tmp_path, make_manifest(**manifest))
     order = np.random.default_rng(1).permutation(len(records) // 12)
     jobs = [pd.DataFrame(map(vars, records[12 * i : 12 * i + 12])) for i in order]
@@ -106,7 +105,7 @@ def test_equal_images_have_equal_sums(tmp_path):
         for obj in "abc"
         for view, score in enumerate(scores)
     ]
-    write_all(tmp_path, records, row_group=50)
+    write_all(tmp_path, records)
     run = read_run(tmp_path, make_manifest(**names_of(to_frame(records))))
     assert run.jobs["ssim_sum"].nunique() == 1
     assert run.jobs["ssim_count"].tolist() == 9 * [20]

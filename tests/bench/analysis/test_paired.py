@@ -131,7 +131,7 @@ def two_runs(tmp_path):
     shutil.copytree(first, second)
     records = pd.read_parquet(second / "records.parquet")
     records.loc[records["method"] == "splat", "ssim"] += 0.01
-    overwrite(second / "records.parquet", records)
+    overwrite(second, records)
     return first, second
 
 
@@ -165,7 +165,7 @@ def test_objects_without_a_value_are_left_out_and_counted(command, two_runs):
         records = pd.read_parquet(folder / "records.parquet")
         records["thin_recall"] = np.where(records["method"] == "blank", 0.0, recall)
         records.loc[records["object"] == records["object"].iloc[0], "thin_recall"] = math.nan
-        overwrite(folder / "records.parquet", records)
+        overwrite(folder, records)
     asked = ("--metric", "thin-recall", "--methods", "splat")
     assert command("compare", *map(str, two_runs), *asked)[0] == 0
     objects = records["object"].nunique()
@@ -285,7 +285,7 @@ def test_runs_that_saw_something_else_are_refused(
     second = two_runs[1]
     write_manifest(second, read_manifest(second) | manifest)
     path = second / "records.parquet"
-    overwrite(path, change(pd.read_parquet(path)))
+    overwrite(path.parent, change(pd.read_parquet(path)))
     status, out, err = command("compare", "first", "second", "--metric", "ssim")
     assert (status, out, err.count("\n")) == (2, "", 1)
     assert err.startswith(f"bench: {message}")
@@ -304,7 +304,7 @@ def test_runs_of_one_older_protocol_are_compared(command, two_runs):
 def test_methods_of_one_run_alone_are_left_out_with_a_remark(command, two_runs):
     first, second = two_runs
     records = pd.read_parquet(second / "records.parquet")
-    overwrite(second / "records.parquet", records[records["method"] != "splat"])
+    overwrite(second, records[records["method"] != "splat"])
     manifest = json.loads((second / "manifest.json").read_text())
     manifest["methods"] = [m for m in manifest["methods"] if m != "splat"]
     (second / "manifest.json").write_text(json.dumps(manifest))
@@ -336,7 +336,7 @@ def test_objects_of_two_runs_are_paired_by_name(command, two_runs, lost, objects
         records = scored.copy()
         for column, value in failed.items():
             records.loc[records["object"] == name, column] = value
-        overwrite(folder / "records.parquet", records)
+        overwrite(folder, records)
     status, out, _ = command("compare", *map(str, two_runs), "--metric", "ssim")
     assert status == 0
     assert remark in out
@@ -350,7 +350,7 @@ def test_what_has_no_object_in_common_is_no_comparison(refused, two_runs):
     for folder in two_runs:
         records = pd.read_parquet(folder / "records.parquet")
         records = records.assign(outcome="failed", reason="input: no true image", ssim=math.nan)
-        overwrite(folder / "records.parquet", records)
+        overwrite(folder, records)
     both = ("compare", *map(str, two_runs), "--metric", "ssim")
     assert "so nothing is compared" in refused(*both)
     assert not (two_runs[1] / "comparisons").exists()

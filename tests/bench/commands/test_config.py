@@ -114,7 +114,10 @@ def test_objects_that_options_cannot_choose_are_refused(repeated):
             {"protocol": 0},
             "that made it, or give the manifest.json of a run, or state the options in a TOML file",
         ),
-        ({"schema_version": 3}, "manifest.json: of schema 3, this version has 4 and would measure"),
+        (
+            {"schema_version": 4},
+            "manifest.json: a run of version 1.0.0 or earlier, which this one does",
+        ),
     ],
 )
 def test_a_run_of_another_version_is_not_repeated(repeated, changes, message):

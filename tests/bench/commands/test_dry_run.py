@@ -77,7 +77,7 @@ def test_dry_run_counts_what_is_left_and_takes_the_disk_of_the_folder(copied, co
     with read_store(copied) as store:
         jobs = [job for job in store.listed() if job.name.method == "splat"]  # 3 objects x 2
     with closing(sqlite3.connect(copied / STORE)) as connection, connection:
-        connection.executemany("DELETE FROM jobs WHERE key = ?", [(job.key,) for job in jobs[:3]])
+        connection.executemany("DELETE FROM job WHERE key = ?", [(job.key,) for job in jobs[:3]])
     with (copied / STORE).open("ab") as file:
         file.truncate(18_000_000)  # as if the 18 jobs that are there had a megabyte each
     before = tree(copied)

@@ -8,7 +8,7 @@ from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
 from bench.commands.live import LiveTable
 
-from ..builders import make_record
+from ..builders import make_record, to_frame
 
 SUITE = find("chair-robustness", SUITES, "suite")
 SCORES = {"splat-net": 0.9, "alpha-wrap": 0.5, "blank": 0.2}
@@ -34,10 +34,10 @@ class Part:
 
     def read_records(self, name):
         name = name.partition("/")[2]
-        return [
+        return to_frame(
             make_record(method, obj=name, ssim_object=score, lpips=None)
             for method, score in SCORES.items()
-        ]
+        )
 
 
 def test_the_table_is_written_and_says_which_intervals_it_has(tmp_path):

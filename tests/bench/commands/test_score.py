@@ -3,34 +3,38 @@
 from __future__ import annotations
 
 import json
+import sqlite3
 import sys
+from contextlib import closing
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from bench.analysis.frame import read_run
-from bench.analysis.scores import image_rows
 from bench.catalogue.plugins import ImageMetric, SetMetric
 from bench.commands.config import read_config
 from bench.commands.score import (
     checked_features,
     checked_scores,
+    digits_of,
     score,
-    scored,
 )
 from bench.metrics.frechet import frechet_distance
 from bench.metrics.inception_weights import WeightsUnavailable
 from bench.metrics.kernel_distance import kernel_distance
-from bench.records.artifacts import JobName
-from bench.records.image_scores import digits_of, read_scores
-from bench.records.record import GROUND_TRUTH
+from bench.records.frames import read_scores
+from bench.records.job import JobName
+from bench.records.record import GROUND_TRUTH, JOB
+from bench.records.run_folder import open_folder
+from bench.records.store import STORE
 from bench.report.stored import open_sources
 from bench.tables.build import make_outputs
 from bench.tables.further_metrics import further_tables
 from data_prep.failures import BadInput
 
-from ..builders import damage_images, overwrite, scored_records
+from ..builders import as_failed, damage_images
 
 TWO = np.zeros((2, 128, 128, 3), np.uint8)
 
@@ -92,33 +96,26 @@ def test_every_image_counts_where_it_belongs(copied):
     assert all(row.ci_low <= row.value <= row.ci_high for row in table.rows)
 
 
-def test_scores_stand_with_their_own_views(finished):
-    run = read_run(finished[0])
-    sources = open_sources(finished[0], run.manifest, ())
+def test_scores_stand_with_their_own_views(copied):
     light = made(lambda truth, drawn: drawn.mean(axis=(1, 2, 3)), "light")
-    values = scored(run.read_images(), sources, light)
+    score(copied, [light])
+    _, values = read_scores(copied, "light")
+    sources = open_sources(copied, read_run(copied).manifest, ())
     for record in values[values["method"] == "splat"].to_dict("records"):
-        names = ("method", "condition", "class", "object")
-        images = sources.images(JobName(*(record[name] for name in names)))
+        images = sources.images(JobName(*(record[name] for name in JOB)))
         assert images[0].mean() != images[1].mean()
-        assert record["light"] == images[record["view"]].mean()
+        assert record["value"] == images[record["view"]].mean()
 
 
-def test_failed_images_are_scored_as_blank_ones(finished):
-    """One of three objects of true-mesh fails: it scores 0 where blank scores 1."""
-    run = read_run(finished[0])
-    records = run.read_images()
-    failed = (records["method"] == "true-mesh") & (records["object"] == records["object"].min())
-    outcomes = records["outcome"].mask(failed, "failed")
-    broken = records.assign(outcome=outcomes, reason=failed.map({True: "x: y", False: ""}))
+def test_failed_images_are_scored_as_blank_ones(copied):
+    """true-mesh fails on one of three objects: it scores 0 where blank scores 1."""
+    with open_folder(copied) as store:
+        (key, *_) = (row.key for row in store.listed() if row.name.method == "true-mesh")
+        store.append(as_failed(store.result(key)))
     blank = made(lambda truth, drawn: (drawn == 255).all(axis=(1, 2, 3)) * 1.0, "is-blank")
-    values = scored(broken, open_sources(finished[0], run.manifest, ()), blank)
-    assert values["is_blank"].notna().all()
-    assert len(values) == len(records) - failed.sum()
-    failing = scored_records(broken, run.suite)
-    rows = image_rows(failing.with_metric("is-blank", values), ["is-blank"])
-    (row,) = (r.row for r in rows if (r.row.method, r.row.condition) == ("true-mesh", "2048"))
-    assert (row.value, row.failures_as_blank, row.n_ok, row.n) == (0, 2 / 6, 4, 6)
+    (table,) = score(copied, [blank])
+    (row,) = (r for r in table.rows if (r.method, r.condition) == ("true-mesh", "2048"))
+    assert (row.value, row.failures_as_blank, row.n_ok, row.n) == (0, 1 / 3, 4, 6)
 
 
 def test_a_taken_name_and_images_that_are_gone_are_refused(copied):
@@ -126,7 +123,7 @@ def test_a_taken_name_and_images_that_are_gone_are_refused(copied):
     with pytest.raises(BadInput, match="metric 'silhouette-iou': the records have a column of"):
         score(copied, [taken])
     damage_images(copied)
-    with pytest.raises(BadInput, match="its images are gone; start the run again"):
+    with pytest.raises(BadInput, match="are missing or altered; start the run again"):
         score(copied, [made(lambda truth, drawn: np.ones(len(drawn)))])
 
 
@@ -258,17 +255,29 @@ def test_a_metric_that_a_run_was_not_scored_by_is_refused_with_the_command(copie
     assert err.startswith("bench: --metric unheard-of: cannot be compared here; there are ssim-")
 
 
-def test_scores_of_records_that_have_changed_are_refused(copied, capsys):
+def test_scores_of_a_run_that_has_changed_are_refused(copied, capsys):
+    """A job that is done again has no score; nor does one whose score was altered."""
     score(copied, [DARK])
-    path = copied / "records.parquet"
-    overwrite(path, pd.read_parquet(path)[1:])
+    before = read_scores(copied, "dark-percent")[1]
+    with open_folder(copied) as store:
+        row = next(row for row in store.listed() if row.name.method == "splat")
+        result = replace(store.result(row.key), arrays=store.arrays(row.key))
+        store.append(result)
     with pytest.raises(BadInput, match="was scored by dark-percent before it was changed; run 'b"):
         read_scores(copied, "dark-percent")
     capsys.readouterr()
     assert further_tables(read_run(copied)) == []
     assert "was scored by dark-percent before it was changed" in capsys.readouterr().err
-    (copied / "scores" / "dark-percent.parquet").write_bytes(b"PAR1")
-    with pytest.raises(BadInput, match=r"dark-percent.parquet: cannot be read; run 'bench score "):
+    score(copied, [DARK])
+    assert read_scores(copied, "dark-percent")[1].equals(before)
+    for change in ("data = zeroblob(8)", "data = zeroblob(16)", "data = 7"):
+        with closing(sqlite3.connect(copied / STORE)) as database, database:
+            database.execute(f"UPDATE score SET {change}")
+        with pytest.raises(BadInput, match="was scored by dark-percent before it was changed"):
+            read_scores(copied, "dark-percent")
+    with closing(sqlite3.connect(copied / STORE)) as database, database:
+        database.execute("UPDATE metric SET decimals = 2")
+    with pytest.raises(BadInput, match="is not scored by dark-percent; run 'bench score "):
         read_scores(copied, "dark-percent")
 
 

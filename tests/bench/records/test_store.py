@@ -1,27 +1,25 @@
 from __future__ import annotations
 
 import io
-import json
 import os
 import signal
 import sqlite3
 import time
 import tracemalloc
-import zipfile
 import zlib
 from contextlib import closing
 from dataclasses import replace
-from hashlib import sha256
 
 import numpy as np
 import pytest
 
-from bench.records.artifacts import pack, unpack, unpack_images
-from bench.records.job import MOST_TEXT, failed
+from bench.records.job import MOST_TEXT, failed, pack, pack_views, unpack
+from bench.records.record import OF_VIEWS
 from bench.records.run_folder import open_folder, read_store
-from bench.records.store import STORE, DamagedJob, pack_records, unpack_columns
+from bench.records.store import MOST_VIEWS, STORE, DamagedJob, row_checksum
 from bench.records.stored_artifacts import Artifact, StoredArtifacts, read_jobs
 from data_prep.failures import BadInput, CannotWrite
+from data_prep.scene import View
 from tests.robustness.failing_writes import cut_everywhere
 
 from ..builders import make_job, make_record, make_result, refusal, store_images
@@ -30,7 +28,11 @@ from ..builders import make_job, make_record, make_result, refusal, store_images
 def finish(job, seed=0):
     """The result of a job with a score that has no short decimal fraction, and small images."""
     images = np.random.default_rng(seed).integers(0, 256, (2, 16, 16, 3), np.uint8)
-    return make_result(job, (make_record(ssim=1 / 3),), images=images)
+    records = [
+        make_record(ssim=1 / 3, lpips=None, notes="ä\n"),
+        make_record(view=1, notes="ä\n"),
+    ]
+    return make_result(job, records, images=images, judge=np.full((2, 3), 0.1, np.float32))
 
 
 def fill(directory, *methods, seed=0):
@@ -55,18 +57,23 @@ def test_a_stored_result_is_read_back_whole(tmp_path):
     for opened in (open_folder, read_store):
         with opened(tmp_path) as store:
             assert not store.is_empty
-            assert store.find([job.key, "unknown", broken.key]) == {
-                job.key: done.without_contents(),
-                broken.key: lost.without_contents(),
+            found = store.find([job.key, "unknown", broken.key])
+            assert {key: result.reason for key, result in found.items()} == {
+                job.key: "",
+                broken.key: lost.reason,
             }
-            assert store.records(job.key) == list(done.records)  # 1/3 to the last bit
-            assert store.records(broken.key) == list(lost.records)
-            assert store.artifact(job.key) == done.artifact
-            for absent in (store.artifact, store.records):
+            assert store.result(job.key) == replace(done, arrays={})  # 1/3 to the last bit
+            assert store.result(job.key).of_views["ssim"].tolist() == [1 / 3, 0.5]
+            assert np.isnan(store.result(job.key).of_views["lpips"]).tolist() == [True, False]
+            assert store.result(broken.key) == lost
+            assert store.arrays(job.key) == done.arrays
+            assert unpack(store.array(job.key, "judge")).tolist() == [[np.float32(0.1)] * 3] * 2
+            for absent in (store.array, store.arrays, store.result):
                 with pytest.raises(KeyError):
                     absent("unknown")
-            with pytest.raises(KeyError):
-                store.artifact(broken.key)
+            for key, name in ((broken.key, "images"), (job.key, "fid")):
+                with pytest.raises(KeyError):
+                    store.array(key, name)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["lock", STORE]
 
 
@@ -91,22 +98,12 @@ def test_a_later_result_replaces_an_earlier_one(tmp_path):
     with open_folder(tmp_path) as store:
         store.append(finish(job))
         store.append(finish(job, 1))
-        assert store.artifact(job.key) == finish(job, 1).artifact
+        assert store.arrays(job.key) == finish(job, 1).arrays
         store.append(failed(job, "crash: gone"))
         assert not store.find([job.key])[job.key].has_images
     database = sqlite3.connect(tmp_path / STORE)
-    assert database.execute("SELECT count(*) FROM artifacts").fetchone() == (0,)
+    assert database.execute("SELECT count(*) FROM blob").fetchone() == (0,)
     database.close()
-
-
-def test_records_are_columns_that_keep_every_value():
-    records = [make_record(view=v, ssim=0.1 * v, lpips=None, reason="ä\n") for v in range(3)]
-    columns = unpack_columns(pack_records(records))
-    assert columns["ssim"] == [0.0, 0.1, 0.2]
-    assert columns["lpips"] == [None] * 3
-    assert columns["reason"] == ["ä\n"] * 3
-    for harmed in (b"", b"not compressed", pack_records(records)[:-3]):
-        assert "records that cannot be read" in refusal(unpack_columns, harmed)
 
 
 def test_jobs_of_a_complete_run_keep_the_order_of_its_plan(tmp_path):
@@ -119,14 +116,14 @@ def test_jobs_of_a_complete_run_keep_the_order_of_its_plan(tmp_path):
         named.append((jobs[1].key, jobs[1].name._replace(condition="512")))
         store.list_jobs(named)
         assert [(row.key, row.name) for row in store.listed()] == named
-        by_name = [row.name for row in store.listed(by_name=True)]
-        assert by_name == sorted(name for _, name in named)
-        assert [row.key for row in store.listed_of("chair", lost.object.object_id)] == [
+        assert [row.key for row in store.listed("chair", lost.object.object_id)] == [
             key for key, _ in named
         ]
-        columns = dict(store.listed_columns())
-        assert [*columns] == by_name
-        assert columns[jobs[0].name]["ssim"] == [1 / 3]
+        results = dict(store.results())
+        assert [*results] == sorted(name for _, name in named)
+        assert results[jobs[0].name] == store.result(jobs[0].key)
+        only = {"method": "blank", "condition": "512"}
+        assert [name for name, _ in store.results(**only)] == [named[-1][1]]
         with pytest.raises(KeyboardInterrupt):
             store.list_jobs(_interrupted())
         assert [row.key for row in store.listed()] == [key for key, _ in named]
@@ -136,9 +133,7 @@ def test_jobs_of_a_complete_run_keep_the_order_of_its_plan(tmp_path):
     assert len(artifacts) == 3
     assert lost.name not in artifacts
     assert artifacts[named[-1][1]] == artifacts[jobs[1].name] == Artifact(tmp_path, jobs[1].key)
-    assert np.array_equal(
-        artifacts[jobs[0].name].read(), unpack_images(finish(jobs[0]).artifact or b"")
-    )
+    assert np.array_equal(artifacts[jobs[0].name].read(), unpack(finish(jobs[0]).arrays["images"]))
 
 
 def _interrupted():
@@ -153,82 +148,120 @@ def test_a_folder_without_a_store_has_no_jobs(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("name", ["images", "judge"])
 @pytest.mark.parametrize("harm", ["missing", "altered", "cut"])
-def test_an_artifact_that_has_changed_is_refused_and_its_job_forgotten(tmp_path, harm):
+def test_an_array_that_has_changed_is_refused_and_its_job_forgotten(tmp_path, harm, name):
     job, other = fill(tmp_path, "splat", "blank")
-    harm_artifact(tmp_path, job.key, harm)
+    harm_array(tmp_path, job.key, harm, name)
     artifact = StoredArtifacts(tmp_path)[job.name]
-    assert artifact.read_images() is None
-    assert refusal(artifact.read).startswith(
-        f"{tmp_path / STORE}: the images of job {job.key} are missing or altered; start the run"
+    assert (artifact.read_images() is None) == (name == "images")
+    what = name if name == "images" else "features (judge)"
+    assert refusal(artifact.read, name).startswith(
+        f"{tmp_path / STORE}: the {what} of job {job.key} are missing or altered; start the run"
     )
     with open_folder(tmp_path) as store:
-        with pytest.raises(DamagedJob):
-            store.artifact(job.key)
+        for read in (store.verify, lambda: store.arrays(job.key)):
+            with pytest.raises(DamagedJob):
+                read()
         assert store.forget_damaged() == 1
         assert store.find([job.key, other.key]).keys() == {other.key}
 
 
-RECORD = json.loads(zlib.decompress(pack_records([make_record()])))
+def sealed(**changes):
+    """Return what writes other values into the row of a job, with a checksum that fits them."""
+
+    def harm(database, key):
+        names = "key, suite, reason, notes, prepare_s, draw_s, views, blobs"
+        (row,) = database.execute(f"SELECT {names} FROM job WHERE key = ?", [key])
+        row = (*(changes.get(n, v) for n, v in zip(names.split(", "), row, strict=True)),)
+        database.execute("DELETE FROM job WHERE key = ?", [key])
+        marks = ", ".join("?" * 9)
+        query = f"INSERT INTO job ({names}, sha256) VALUES ({marks})"
+        database.execute(query, (*row, row_checksum(row)))
+
+    return harm
 
 
 @pytest.mark.parametrize(
-    "data",
+    "harm",
     [
-        b"",
-        zlib.compress(b"null"),
-        zlib.compress(b"[" * 100_000),
-        zlib.compress(bytes(2**29)),  # half a GiB of zeros
-        *(
-            zlib.compress(json.dumps(RECORD | change).encode())
-            for change in (
-                {"draw_s": [10**400]},
-                {"draw_s": ["0.5"]},
-                {"ssim": [float("nan")]},
-                {"ssim": []},
-                {"view": [None]},
-                {"view": [2**40]},
-                {"reason": ["\ud800"]},
-                {"outcome": 7},
-            )
-        ),
+        "views = x'00'",
+        "views = substr(views, 1, length(views) - 8)",
+        "views = 'text'",
+        "views = zeroblob(96)",
+        "reason = 'draw: lost'",
+        "reason = CAST(x'eda080' AS TEXT)",  # a lone surrogate
+        "notes = 7.5",
+        "prepare_s = 0.5",
+        "draw_s = 'soon'",
+        "suite = x'00'",
+        "blobs = '{}'",
+        "sha256 = ''",
+        sealed(views=np.full(len(OF_VIEWS), 1e301).tobytes()),
+        sealed(views=np.full(len(OF_VIEWS), -np.inf).tobytes()),
+        sealed(views=bytes(8 * len(OF_VIEWS) * (MOST_VIEWS + 1))),
+        sealed(prepare_s=1e308),
+        sealed(blobs="[" * 100_000),
+        sealed(blobs="[]"),
+        sealed(blobs='{"images": 7}'),
     ],
-    ids=range(12),
+    ids=range(19),
 )
-def test_records_that_have_changed_are_refused_and_their_job_forgotten(tmp_path, data):
+def test_records_that_have_changed_are_refused_and_their_job_forgotten(tmp_path, harm):
     job, other = fill(tmp_path, "splat", "blank")
     with closing(sqlite3.connect(tmp_path / STORE)) as database, database:
-        database.execute("UPDATE jobs SET records = ? WHERE key = ?", (data, job.key))
+        if isinstance(harm, str):
+            database.execute(f"UPDATE job SET {harm} WHERE key = ?", [job.key])
+        else:
+            harm(database, job.key)
     with open_folder(tmp_path) as store:
-        for read in (lambda: store.records(job.key), lambda: [*store.listed_columns()]):
-            assert f"the records of job {job.key} are missing or altered; start" in refusal(read)
+        assert f" of job {job.key} are missing or altered; start" in refusal(store.verify)
         assert store.forget_damaged() == 1
         assert store.find([job.key, other.key]).keys() == {other.key}
 
 
-def bomb(shape: tuple[int, ...], data: bytes) -> bytes:
-    """An artifact whose array says that it has another shape than its bytes."""
-    header, artifact = io.BytesIO(), io.BytesIO()
-    np.lib.format.write_array_header_1_0(
-        header, {"descr": "|u1", "fortran_order": False, "shape": shape}
-    )
-    with zipfile.ZipFile(artifact, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("images.npy", header.getvalue() + data)
-    return artifact.getvalue()
+def test_a_listed_job_that_is_gone_is_named(tmp_path):
+    job, _ = fill(tmp_path, "splat", "blank")
+    with closing(sqlite3.connect(tmp_path / STORE)) as database, database:
+        database.execute("DELETE FROM job WHERE key = ?", [job.key])
+    with read_store(tmp_path) as store:
+        assert f"the records of job {job.key} are missing" in refusal(lambda: [*store.results()])
+
+
+def packed(shape, data, kind="|u1", version=(1, 0)):
+    """An array that says that it has another shape or type than its bytes."""
+    header = io.BytesIO()
+    about = {"descr": kind, "fortran_order": False, "shape": shape}
+    np.lib.format.write_array_header_1_0(header, about)
+    start = np.lib.format.magic(*version) + header.getvalue()[8:]
+    return zlib.compress(start + data)
 
 
 @pytest.mark.parametrize(
-    ("artifact", "why"),
+    ("data", "why"),
     [
-        (bomb((1, 128, 128, 3), bytes(600 * 2**20)), "images.npy of more than 512 MiB"),
-        (bomb((2**34, 128, 128, 3), bytes(49_152)), "cannot reshape"),
-        (bomb((1, 128, 128, 3), bytes(49_151)), "cannot reshape"),
-        (b"PK", "not a zip file"),
+        (packed((1, 128, 128, 3), bytes(600 * 2**20)), "of more than 512 MiB"),
+        (packed((2**34, 128, 128, 3), bytes(49_152)), "cannot reshape"),
+        (packed((1, 128, 128, 3), bytes(49_151)), "cannot reshape"),
+        (packed((1,), bytes(8), "|O"), "OBJECT"),
+        (packed((1,), bytes(1), version=(3, 0)), "of another format"),
+        (pack(np.arange(3))[:-1], "cut short"),
+        (zlib.compress(b"PK"), ""),
+        (b"PK", "incorrect header check"),
+        (b"", "cut short"),
     ],
-    ids=range(4),
+    ids=range(9),
 )
-def test_an_artifact_takes_no_more_memory_than_images_do(artifact, why):
-    assert why in refusal(unpack, artifact)
+def test_what_is_no_array_is_refused_and_takes_no_more_memory_than_images_do(data, why):
+    message = refusal(unpack, data)
+    assert message.startswith("no packed array (")
+    assert why in message
+
+
+def test_arrays_keep_their_values_and_types():
+    for array in (np.arange(12, dtype=np.uint8).reshape(2, 2, 3), np.float32([[0.1]]), np.ones(0)):
+        same = unpack(pack(array))
+        assert (same.dtype, same.tolist()) == (array.dtype, array.tolist())
 
 
 def test_a_reason_is_short_and_every_file_takes_it(tmp_path):
@@ -236,16 +269,17 @@ def test_a_reason_is_short_and_every_file_takes_it(tmp_path):
     with open_folder(tmp_path) as store:
         store.append(failed(job, "\ud800" + 3_000_000 * "long "))
         assert store.find([job.key])[job.key].reason.startswith("\\ud800long ")
-        (record, _) = store.records(job.key)
-        assert len(record.reason) == MOST_TEXT
+        assert len(store.result(job.key).reason) == MOST_TEXT
+        store.append(replace(finish(job), notes="\udfff\0b", prepare_s=1, draw_s=float("nan")))
+        kept = store.result(job.key)
+        assert (kept.notes, kept.prepare_s, kept.draw_s) == ("\\udfff\0b", 1.0, None)
 
 
 def endless(database):
-    database.execute("ALTER TABLE jobs RENAME TO others")
+    database.execute("ALTER TABLE job RENAME TO others")
     database.execute(
-        "CREATE VIEW jobs AS WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM n) "
-        "SELECT x AS id, 'k' || x AS key, NULL AS artifact_sha256, '' AS reason, '' AS records "
-        "FROM n"
+        "CREATE VIEW job AS WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM n) "
+        "SELECT x AS id, 'k' || x AS key, '' AS reason FROM n"
     )
 
 
@@ -267,7 +301,7 @@ def test_a_store_that_is_more_than_a_file_with_tables_is_refused(tmp_path, harm)
             case "view":
                 endless(database)
             case "trigger":
-                database.execute("CREATE TRIGGER t AFTER INSERT ON jobs BEGIN SELECT 1; END")
+                database.execute("CREATE TRIGGER t AFTER INSERT ON job BEGIN SELECT 1; END")
             case "virtual":
                 database.execute("CREATE VIRTUAL TABLE v USING fts5(a)")
     for read in (read_jobs, lambda folder: open_folder(folder).__enter__()):
@@ -279,32 +313,22 @@ def test_damage_in_a_run_that_is_not_complete_is_forgotten_too(tmp_path):
     job = make_job()
     with open_folder(tmp_path) as store:
         store.append(finish(job))
-    harm_artifact(tmp_path, job.key, "altered")
+    harm_array(tmp_path, job.key, "altered")
     with open_folder(tmp_path) as store:
         assert store.forget_damaged() == 1
         assert store.is_empty
 
 
-def harm_artifact(directory, key, harm):
-    """Remove, alter or cut the artifact of a job in the store of a folder."""
-    database = sqlite3.connect(directory / STORE)
-    where = "WHERE id = (SELECT id FROM jobs WHERE key = ?)"
-    ((data,),) = database.execute(f"SELECT data FROM artifacts {where}", (key,))
-    if harm == "missing":
-        database.execute(f"DELETE FROM artifacts {where}", (key,))
-    else:
-        changed = data[:-1] if harm == "cut" else data[:100] + bytes([data[100] ^ 1]) + data[101:]
-        database.execute(f"UPDATE artifacts SET data = ? {where}", (changed, key))
-    database.commit()
-    database.close()
-
-
-def test_what_is_no_artifact_is_refused(tmp_path):
-    artifact = pack({"images": np.arange(3), "x": np.ones(2)})
-    assert unpack_images(artifact).tolist() == [0, 1, 2]
-    assert {name: x.tolist() for name, x in unpack(artifact, ["x"]).items()} == {"x": [1.0, 1.0]}
-    for data in (b"", b"PK\3\4", b"x" * 100):
-        assert "an artifact that is no .npz" in refusal(unpack, data)
+def harm_array(directory, key, harm, name="images"):
+    """Remove, alter or cut an array of a job in the store of a folder."""
+    where = "WHERE name = ? AND job = (SELECT id FROM job WHERE key = ?)"
+    with closing(sqlite3.connect(directory / STORE)) as database, database:
+        ((data,),) = database.execute(f"SELECT data FROM blob {where}", (name, key))
+        if harm == "missing":
+            database.execute(f"DELETE FROM blob {where}", (name, key))
+        else:
+            changed = data[:-1] if harm == "cut" else data[:50] + bytes([data[50] ^ 1]) + data[51:]
+            database.execute(f"UPDATE blob SET data = ? {where}", (changed, name, key))
 
 
 def test_jobs_are_copied_from_another_store_once(tmp_path):
@@ -314,14 +338,14 @@ def test_jobs_are_copied_from_another_store_once(tmp_path):
         assert store.copy([*keys, "unknown"], source) == {*keys}
         assert store.copy(keys, source) == {*keys}
         assert store.appended == 2
-        assert [store.artifact(key) for key in keys] == [source.artifact(key) for key in keys]
-        assert store.records(keys[0]) == source.records(keys[0])
+        assert [store.arrays(key) for key in keys] == [source.arrays(key) for key in keys]
+        assert store.result(keys[0]) == source.result(keys[0])
     fill(tmp_path / "a", "splat", seed=1)
     with open_folder(tmp_path / "b") as store, read_store(tmp_path / "a") as source:
         store.copy(keys, source)
         assert store.appended == 1
-        assert store.artifact(keys[0]) == finish(jobs[0], 1).artifact
-    harm_artifact(tmp_path / "a", keys[0], "altered")
+        assert store.arrays(keys[0]) == finish(jobs[0], 1).arrays
+    harm_array(tmp_path / "a", keys[0], "altered")
     with open_folder(tmp_path / "c") as store, read_store(tmp_path / "a") as source:
         assert f"{tmp_path / 'a' / STORE}: the images" in refusal(store.copy, keys, source)
 
@@ -329,8 +353,8 @@ def test_jobs_are_copied_from_another_store_once(tmp_path):
 def test_records_and_images_are_read_back_and_not_kept(tmp_path):
     """What a process holds of a store does not grow with its jobs."""
     job = make_job()
-    records = tuple(make_record(view=view, notes="n" * 500) for view in range(400))
-    result = replace(finish(job), records=records)
+    views = pack_views([View(float(number), 0.0) for number in range(400)])
+    result = replace(finish(job), views=views, notes="n" * 500)
     with open_folder(tmp_path) as store:
         store.append(result)
         tracemalloc.start()
@@ -340,7 +364,7 @@ def test_records_and_images_are_read_back_and_not_kept(tmp_path):
             held, _ = tracemalloc.get_traced_memory()
         finally:
             tracemalloc.stop()
-        assert store.records("3") == list(records)
+        assert store.result("3").views == views
     assert held < 30_000
 
 
@@ -372,8 +396,7 @@ def test_no_result_is_lost_to_a_hundred_kills(tmp_path):
     with open_folder(tmp_path) as store:
         results = store.find(acknowledged)
         assert results.keys() == {*acknowledged}
-        for key, result in results.items():
-            assert sha256(store.artifact(key)).hexdigest() == result.artifact_sha256
+        assert store.forget_damaged() == 0
     assert len(acknowledged) > 200
 
 
@@ -409,14 +432,14 @@ def test_a_full_disk_takes_nothing_that_was_stored(tmp_path):
             with open_folder(tmp_path) as store:
                 store.append(finish(job))
                 resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, resource.RLIM_INFINITY))
-                store.append(replace(finish(other), artifact=b"x" * 200_000))
+                store.append(replace(finish(other), arrays={"images": b"x" * 200_000}))
         except CannotWrite as error:
             ended = 0 if str(error).endswith("make room and run again") else 2
         os._exit(ended)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
     with open_folder(tmp_path) as store:
         assert store.find([job.key, other.key]).keys() == {job.key}
-        assert store.artifact(job.key) == finish(job).artifact
+        assert store.arrays(job.key) == finish(job).arrays
 
 
 def write_database(path, **pragmas):
@@ -434,8 +457,12 @@ def write_database(path, **pragmas):
         (lambda path: path.write_text("my notes" * 1000), "not a store of a run"),
         (write_database, "a database, but not the store of a run; move it away"),
         (
-            lambda path: write_database(path, application_id=0x70633270, user_version=2),
-            "store version 2 is newer than 1; update pc2pix-bench",
+            lambda path: write_database(path, application_id=0x70633270, user_version=3),
+            "store version 3 is newer than 2; update pc2pix-bench",
+        ),
+        (
+            lambda path: write_database(path, application_id=0x70633270, user_version=1),
+            "a store of version 1.0.0 or earlier, which this one does not read; start the run",
         ),
     ],
 )
@@ -466,7 +493,7 @@ def test_a_folder_that_cannot_be_written_is_read(tmp_path):
     tmp_path.chmod(0o500)
     try:
         with read_store(tmp_path) as store:
-            assert store.records(job.key) == list(finish(job).records)
+            assert store.result(job.key).views == finish(job).views
         assert "cannot be written" in refusal(open_folder(tmp_path).__enter__)
     finally:
         tmp_path.chmod(0o700)

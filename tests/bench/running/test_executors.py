@@ -27,7 +27,7 @@ from bench.running.isolation import WORKER_ENVIRONMENT, submit_all
 from bench.running.work import run_job
 
 from .. import plugin_methods
-from ..builders import make_artifact, make_job, make_truth
+from ..builders import make_job, make_truth, true_images, views_of
 
 pytestmark = pytest.mark.timing
 
@@ -39,7 +39,7 @@ def jobs_for():
     """One job per object, of a method that needs neither OpenGL nor a network."""
 
     def make(*objects):
-        truths = [make_artifact(make_truth(obj)) for obj in objects]
+        truths = map(true_images, objects)
         pairs = zip(objects, truths, strict=True)
         return [make_job(obj, "blank", reference=truth) for obj, truth in pairs]
 
@@ -52,7 +52,8 @@ def run_jobs(jobs, workers, limits, **options):
 
 
 def reasons(results):
-    return {r.records[0].object: {record.reason for record in r.records} for r in results}
+    """Reasons by object, whose name ends the key of its job."""
+    return {r.key.split()[-1]: r.reason for r in results}
 
 
 def is_alive(pid):
@@ -76,21 +77,19 @@ def test_bad_jobs_cost_their_own_records_only(jobs_for):
     results = list(run_jobs(jobs, 2, AMPLE))
     assert sorted(result.key for result in results) == sorted(job.key for job in jobs)
     assert reasons(results) == {
-        "1": {""},
-        "2": {"input: no such shape; draw one"},
-        "3": {"crash: the worker died (exit code 7)"},
-        "4": {""},
-        "5": {"crash: the worker died (SIGKILL)"},
-        "6": {"SystemExit: enough"},
-        "7": {""},
+        "1": "",
+        "2": "input: no such shape; draw one",
+        "3": "crash: the worker died (exit code 7)",
+        "4": "",
+        "5": "crash: the worker died (SIGKILL)",
+        "6": "SystemExit: enough",
+        "7": "",
     }
     for result in results:
-        assert len(result.records) == 2
-        for record in result.records:
-            assert record.outcome == ("failed" if record.reason else "ok")
-            # What a lost worker took counts; an unreadable object costs a method nothing.
-            counts = not record.reason.startswith(("input", "SystemExit"))
-            assert (record.prepare_s is not None and 0 < record.prepare_s < 30) == counts
+        assert len(views_of(result)) == 2
+        # What a lost worker took counts; an unreadable object costs a method nothing.
+        counts = not result.reason.startswith(("input", "SystemExit"))
+        assert (result.prepare_s is not None and 0 < result.prepare_s < 30) == counts
 
 
 @pytest.mark.slow
@@ -99,23 +98,16 @@ def test_a_job_that_takes_too_long_is_tried_once_more(jobs_for, tmp_path):
         HangingOnce("1", pid_file=tmp_path / "pid1"), Hanging("2", pid_file=tmp_path / "pid2")
     )
     results = run_jobs(jobs, 2, Limits(time_s=8.0, memory_gib=8.0))
-    assert reasons(results) == {"1": {""}, "2": {"timeout: no result within 8 s"}}
+    assert reasons(results) == {"1": "", "2": "timeout: no result within 8 s"}
 
 
 def scored_beside(*methods):
     """Images and scores of each method, in turn in one pool of one worker."""
     obj = Tetrahedron()
     features = (("fd-alexnet", str(find_extractor("fd-alexnet").weights(None))),)
-    common = {"reference": run_job(make_truth(obj)).artifact, "features": features}
+    common = {"reference": run_job(make_truth(obj)).arrays["images"], "features": features}
     jobs = [make_job(obj, method, **common) for method in methods]
-    return {
-        r.records[0].method: (
-            r.artifact_sha256,
-            r.reason,
-            [(record.ssim, record.lpips) for record in r.records],
-        )
-        for r in run_jobs(jobs, 1, AMPLE)
-    }
+    return {r.key.split()[0]: (r.arrays, r.reason, r.views) for r in run_jobs(jobs, 1, AMPLE)}
 
 
 def test_code_of_others_changes_no_score_and_no_job_of_ours(tmp_path, monkeypatch):
@@ -144,7 +136,7 @@ def test_closing_early_stops_all_workers(jobs_for, tmp_path):
         for job in jobs:
             pool.submit(job)
         wait_until(both_are_busy)
-        assert reasons(ended) == {"0": {"input: no such shape; draw one"}}
+        assert reasons(ended) == {"0": "input: no such shape; draw one"}
         pids = [int(file.read_text()) for file in files]
         assert all(map(is_alive, pids))
         start = time.monotonic()
@@ -162,7 +154,7 @@ def test_workers_have_an_environment_of_their_own_and_are_replaced_now_and_then(
     before = dict(os.environ)
     jobs = jobs_for(*(TellingItsProcess(str(i)) for i in range(4)))
     results = run_jobs(jobs, 1, AMPLE, tasks_per_worker=2)
-    told = [json.loads(result.records[0].reason.removeprefix("input: ")) for result in results]
+    told = [json.loads(result.reason.removeprefix("input: ")) for result in results]
     for name in ("OMP", "OPENBLAS", "MKL", "NUMEXPR", "LP"):
         assert told[0][f"{name}_NUM_THREADS"] == "1"
     assert WORKER_ENVIRONMENT.items() <= told[0].items()

@@ -6,7 +6,6 @@ import re
 import shutil
 import sqlite3
 from contextlib import closing
-from dataclasses import replace
 
 import pandas as pd
 import pytest
@@ -15,7 +14,6 @@ from hypothesis import strategies as st
 
 from bench.analysis.frame import read_run
 from bench.commands.publish import merge_shards, run_suite
-from bench.records.job import Result
 from bench.records.run_folder import (
     open_folder,
     read_manifest,
@@ -31,7 +29,7 @@ from bench.tables.build import tables
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from data_prep.failures import BadInput
 
-from ..builders import assert_equal_runs, file_bytes, finished_options, make_manifest
+from ..builders import as_failed, assert_equal_runs, file_bytes, finished_options, make_manifest
 
 COUNT = 2
 
@@ -91,10 +89,8 @@ def test_merged_shards_are_the_run_in_one_piece(finished, made, tmp_path, comman
     assert read_jobs(whole) == read_jobs(finished[0])
     with read_store(whole) as merged, read_store(finished[0]) as in_one_piece:
         for job in read_jobs(whole):
-            assert merged.records(job.key) == in_one_piece.records(job.key)
-            assert merged.artifact(job.key) == in_one_piece.artifact(job.key)
-    for path in (f"features/{metric}.parquet" for metric in ("fd-views", "judge")):
-        assert (whole / path).read_bytes() == (finished[0] / path).read_bytes()
+            assert merged.result(job.key) == in_one_piece.result(job.key)
+            assert merged.arrays(job.key) == in_one_piece.arrays(job.key)
     manifest, one_piece = read_manifest(whole), read_manifest(finished[0])
     for name in ("objects", "methods", "conditions", "suite", "identities", "shard"):
         assert manifest[name] == one_piece[name]
@@ -108,7 +104,7 @@ def test_a_merge_that_was_stopped_goes_on_and_the_run_too(made, tmp_path, tiny_w
     merge_shards(made, whole)
     expected = file_bytes(whole / "tables")
     lost = sorted({job.key for job in read_jobs(whole)})[:3]
-    edit_store(whole, "DELETE FROM jobs WHERE key IN (?, ?, ?)", *lost)
+    edit_store(whole, "DELETE FROM job WHERE key IN (?, ?, ?)", *lost)
     write_manifest(whole, read_manifest(whole) | {"finished": None})
     assert merge_shards(made, whole).copied == 3
     assert file_bytes(whole / "tables") == expected
@@ -182,13 +178,13 @@ def test_harmed_shards_are_refused_and_nothing_counts_as_finished(shards, tmp_pa
     job = read_jobs(shards[0])[4]
     path = shards[0] / STORE
     message = f"{path}: the images of job {job.key} are missing or altered; start the run again"
-    of_job = "WHERE id = (SELECT id FROM jobs WHERE key = ?)"
+    of_job = "WHERE name = 'images' AND job = (SELECT id FROM job WHERE key = ?)"
     if harm == "gone":
-        edit_store(shards[0], f"DELETE FROM artifacts {of_job}", job.key)
+        edit_store(shards[0], f"DELETE FROM blob {of_job}", job.key)
     elif harm == "altered":
-        edit_store(shards[0], f"UPDATE artifacts SET data = x'00' {of_job}", job.key)
+        edit_store(shards[0], f"UPDATE blob SET data = x'00' {of_job}", job.key)
     else:
-        edit_store(shards[0], "DELETE FROM jobs WHERE key = ?", job.key)
+        edit_store(shards[0], "DELETE FROM job WHERE key = ?", job.key)
         message = f"{path}: has not all jobs of {'/'.join(job.name.object)} any more; run the shard"
     with pytest.raises(BadInput, match=message):
         merge_shards(shards, tmp_path / "whole")
@@ -196,13 +192,11 @@ def test_harmed_shards_are_refused_and_nothing_counts_as_finished(shards, tmp_pa
 
 
 def test_failed_jobs_and_their_reasons_come_along(shards, tmp_path):
-    """A shard in which one job failed: without artifact, its records say why."""
+    """A shard in which one job failed: without images, its records say why."""
     jobs = read_jobs(shards[1])
     chosen = jobs[2]  # of a network: it depends on the condition
-    lost = {"outcome": "failed", "reason": "apss: no faces", "ssim": None}
     with open_folder(shards[1]) as store:
-        records = tuple(replace(record, **lost) for record in store.records(chosen.key))
-        store.append(Result(chosen.key, records, None, "apss: no faces"))
+        store.append(as_failed(store.result(chosen.key), "apss: no faces"))
     merge_shards(shards, tmp_path / "whole")
     frame = pd.read_parquet(tmp_path / "whole" / "records.parquet")
     reasons = frame[frame["outcome"] == "failed"][["method", "reason"]].to_numpy().tolist()

@@ -14,8 +14,8 @@ from bench.catalogue.conditions import find_condition
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import find_method
 from bench.catalogue.suites import SUITES, Limits, with_truth
-from bench.records.artifacts import unpack_images
-from bench.records.record import GROUND_TRUTH, SCHEMA_VERSION
+from bench.records.job import unpack
+from bench.records.record import GROUND_TRUTH, RECORDS_VERSION
 from bench.running.options import Options
 from bench.running.plan import SCORES_VERSION, plan
 from bench.running.protocol import Protocol, find_methods, method_identity, with_floor
@@ -91,7 +91,7 @@ def test_keys_are_digests_of_the_whole_identity_as_json():
     job = plan(PROTOCOL)[0].method_jobs[0]
     views = [[view.azimuth_deg, view.elevation_deg] for view in job.views]
     identity = [
-        *(SCHEMA_VERSION, PROCEDURAL_VERSION, "chair", "a", job.object.fingerprint(), views, 0),
+        *(RECORDS_VERSION, PROCEDURAL_VERSION, "chair", "a", job.object.fingerprint(), views, 0),
         *(sorted(PROTOCOL.feature_identity.items()), sorted(PROTOCOL.environment.items())),
     ]
     version = method_identity(find_method("splat"), "cpu")
@@ -186,7 +186,7 @@ def other_noise():
             lambda obj, method, condition: method != GROUND_TRUTH,
         ),
         ((bench.running.plan, "PROCEDURAL_VERSION", 99), everything),
-        ((bench.running.plan, "SCHEMA_VERSION", 99), everything),
+        ((bench.running.plan, "RECORDS_VERSION", 99), everything),
     ],
 )
 def test_another_version_of_the_code_concerns_what_it_makes(monkeypatch, patch, concerned):
@@ -204,22 +204,21 @@ def test_a_suite_in_grey_has_the_same_points_and_views_of_grey_objects(tmp_path)
         some = {"methods": methods, "conditions": ("noise-0.05",), "objects": objects, "views": 2}
         truth, *others = plan(make_protocol(suite=suite, features=(), **some)).jobs
         drawn = run_job(truth)
-        scored = [replace(job, reference=drawn.artifact) for job in others]
+        scored = [replace(job, reference=drawn.arrays["images"]) for job in others]
         made[suite.truth] = [(truth, drawn), *((job, run_job(job)) for job in scored)]
     for (colour, _), (grey, _) in zip(made["coloured"], made["grey"], strict=True):
         assert colour.key != grey.key
         assert (colour.method, colour.views) == (grey.method, grey.views)
         assert cloud_of(colour).points.tobytes() == cloud_of(grey).points.tobytes()
     ((_, truth), (_, mesh), (_, mesh_grey)) = made["grey"]
-    channels = unpack_images(truth.artifact)
+    channels = unpack(truth.arrays["images"])
     assert np.array_equal(channels.min(axis=-1), channels.max(axis=-1))
-    assert truth.artifact_sha256 == mesh.artifact_sha256 == mesh_grey.artifact_sha256
-    assert {record.ssim for record in (*mesh.records, *mesh_grey.records)} == {1.0}
+    assert truth.arrays == mesh.arrays == mesh_grey.arrays
+    assert {*mesh.of_views["ssim"], *mesh_grey.of_views["ssim"]} == {1.0}
     ((_, truth), (_, mesh), (_, mesh_grey)) = made["coloured"]
-    assert truth.artifact_sha256 == mesh.artifact_sha256 != mesh_grey.artifact_sha256
-    for record in mesh_grey.records:
-        assert 0.5 < record.ssim < 0.999
-        assert (record.silhouette_iou, record.outcome) == (1.0, "ok")
+    assert truth.arrays == mesh.arrays != mesh_grey.arrays
+    assert all((mesh_grey.of_views["ssim"] > 0.5) & (mesh_grey.of_views["ssim"] < 0.999))
+    assert {*mesh_grey.of_views["silhouette_iou"]} == {1.0}
 
 
 def test_a_suite_in_grey_needs_meshes(tmp_path):

@@ -18,11 +18,10 @@ from bench.running.ray import RayPool, connected
 
 from ..builders import (
     assert_equal_runs,
-    make_artifact,
     make_job,
     make_protocol,
-    make_truth,
     stored_keys,
+    true_images,
 )
 from ..conftest import start_run
 
@@ -104,7 +103,7 @@ def test_a_job_takes_a_quarter_of_a_gpu_and_a_lost_process_costs_one_job(cluster
     cluster.add_node(num_cpus=1, num_gpus=1)
     method = "splat-net@chair"
     objects = (Tetrahedron("1"), Killed("2"), Tetrahedron("3"))
-    jobs = [make_job(obj, method, reference=make_artifact(make_truth(obj))) for obj in objects]
+    jobs = [make_job(obj, method, reference=true_images(obj)) for obj in objects]
     protocol = make_protocol(methods=(method,), device="auto", environment=environment())
     with connected(cluster.address, 1) as found, closing(RayPool(found, protocol)) as pool:
         import ray

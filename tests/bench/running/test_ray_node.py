@@ -17,7 +17,7 @@ from bench.running.ray import Node, mismatch, requirements
 from bench.running.work import run_job
 from data_prep.failures import MissingDependency
 
-from ..builders import make_artifact, make_job, make_protocol, make_truth
+from ..builders import make_job, make_protocol, make_truth, true_images
 
 LIMITS = Limits(60.0, 8.0)
 
@@ -94,14 +94,12 @@ def test_weights_that_were_exchanged_and_a_machine_without_opengl(asked):
 
 
 def test_a_job_gives_what_it_gives_at_home(asked, tmp_path):
-    job = make_job(method="blank", reference=make_artifact(make_truth()))
+    job = make_job(method="blank", reference=true_images())
     at_home = run_job(job)
     with node(asked) as made:
         results = [made.run_job(job, job.object.fingerprint()) for _ in range(2)]
     for found in results:
-        assert [r.ssim for r in found.records] == [r.ssim for r in at_home.records]
-        assert found.artifact_sha256 == at_home.artifact_sha256
-        assert found.artifact == at_home.artifact
+        assert (found.views, found.arrays) == (at_home.views, at_home.arrays)
 
 
 def test_a_job_that_fails_or_dies_is_a_result(asked, tmp_path):
@@ -114,15 +112,15 @@ def test_a_job_that_fails_or_dies_is_a_result(asked, tmp_path):
         for number, (kind, reason) in enumerate(expected.items()):
             truth = make_truth(kind(str(number)))
             result = made.run_job(truth, truth.object.fingerprint())
-            assert (result.records[0].reason, result.unusable) == (reason, None)
-            assert (result.artifact is None) == (result.artifact_sha256 is None) == bool(reason)
+            assert (result.reason, result.unusable) == (reason, None)
+            assert (result.arrays == {}) == bool(reason)
 
 
 def test_another_dataset_on_a_node_ends_the_run(asked, tmp_path):
     job = make_truth()
     with node(asked) as made:
         result = made.run_job(job, "another")
-    assert result.artifact is None
+    assert result.arrays == {}
     assert "chair/a is not what it is in the run (tetrahedron a, not another)" in result.unusable
     assert "put the same dataset into the same folder on all nodes" in result.unusable
 

@@ -41,7 +41,6 @@ from data_prep.failures import BadInput, MissingDependency
 
 from .. import plugin_methods
 from ..builders import (
-    EXTRACTORS,
     assert_equal_runs,
     file_bytes,
     finished_options,
@@ -57,10 +56,10 @@ def records(directory):
 
 
 def contents(directory):
-    """The results of a run with their artifacts, by key."""
+    """The results of a run with their arrays, by key."""
     with read_store(directory) as store:
         keys = {row.key for row in store.listed()}
-        return {key: (store.records(key), store.artifact(key)) for key in keys}
+        return {key: (store.result(key), store.arrays(key)) for key in keys}
 
 
 def test_files_of_a_run(finished):
@@ -69,7 +68,6 @@ def test_files_of_a_run(finished):
     tables = ("headline", "table3_ssim", "table4_fid", "table_detail", "table_control")
     assert names == {
         *("manifest.json", "records.parquet", "run.sqlite", "cost.md", "report.html", "lock"),
-        *(f"features/{name}.parquet" for name in EXTRACTORS),
         *(f"tables/{name}.{kind}" for name in tables for kind in ("csv", "md")),
         *(f"figures/{name}.png" for name in ("robustness", "pictures", "thin-parts")),
         "figures/robustness.svg",
@@ -159,11 +157,11 @@ def test_damage_is_repaired_and_growth_added(finished, copied, same_machine, tin
     """Images gone, images altered, records altered, a condition more: only these are done."""
     keys = {row.name.method: row.key for row in read_jobs(copied)}
     truth, splat, mesh = keys[GROUND_TRUTH], keys["splat"], keys["true-mesh"]
-    of_job = "WHERE id = (SELECT id FROM jobs WHERE key = ?)"
+    of_job = "WHERE name = ? AND job = (SELECT id FROM job WHERE key = ?)"
     with closing(sqlite3.connect(copied / STORE)) as database, database:
-        database.execute(f"DELETE FROM artifacts {of_job}", [truth])
-        database.execute(f"UPDATE artifacts SET data = substr(data, 2) {of_job}", [splat])
-        database.execute("UPDATE jobs SET records = x'00' WHERE key = ?", [mesh])
+        database.execute(f"DELETE FROM blob {of_job}", ["judge", truth])
+        database.execute(f"UPDATE blob SET data = substr(data, 2) {of_job}", ["images", splat])
+        database.execute("UPDATE job SET views = x'00' WHERE key = ?", [mesh])
     with pytest.raises(BadInput, match=r"run.sqlite: the images or records of 3 jobs are missing"):
         run_suite(finished_options(tiny_weights, copied))
     conditions = ("2048", "noise-0.10", "512")

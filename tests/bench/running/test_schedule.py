@@ -29,7 +29,7 @@ def named(job):
 
 
 def done(job):
-    return Result(job.key, (), "sha")
+    return Result(job.key)
 
 
 @pytest.fixture

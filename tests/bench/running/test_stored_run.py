@@ -28,8 +28,8 @@ from tests.bench.checking import broken_conditions
 from ..builders import stored_keys, watched
 
 STORED = Path(__file__).parents[1] / "data" / "stored-run"
-"""Made by commit d75c6426: six methods, of which one fails, and four conditions, of which one is
-broken, of two chairs from two views."""
+"""Made by commit d75c6426, its store in the format of since: six methods, of which one fails, and
+four conditions, of which one is broken, of two chairs from two views."""
 
 
 @pytest.fixture
@@ -73,7 +73,7 @@ def test_going_on_with_it_does_no_job(stored, monkeypatch):
 
 def test_an_emptied_store_is_not_filled_again_without_a_word(stored, command):
     with closing(sqlite3.connect(stored / STORE)) as database, database:
-        database.execute("DELETE FROM jobs")
+        database.execute("DELETE FROM job")
     request = read_manifest(stored)["request"]
     names = ("--methods", ",".join(request["methods"]), "--limit", "2", "--views", "2")
     command_line = ("run", "--suite", request["suite"], *names, "--out", stored, "--dry-run")
@@ -107,31 +107,48 @@ def without(name):
     return lambda directory: (directory / name).unlink()
 
 
-def with_journal(directory):
-    (directory / "journal").mkdir()
+def with_store_1(directory):
+    """What a store of version 1 had, in place of the one there."""
+    (directory / STORE).unlink()
+    with closing(sqlite3.connect(directory / STORE)) as database, database:
+        database.execute("PRAGMA application_id = 0x70633270")
+        database.execute("PRAGMA user_version = 1")
+        database.executescript(
+            "CREATE TABLE jobs (id INTEGER PRIMARY KEY, key TEXT NOT NULL UNIQUE, "
+            "artifact_sha256 TEXT, reason TEXT NOT NULL, records BLOB NOT NULL);"
+            "CREATE TABLE artifacts (id INTEGER PRIMARY KEY, data BLOB NOT NULL);"
+            "CREATE TABLE listed (place INTEGER PRIMARY KEY, method TEXT NOT NULL, "
+            "condition TEXT NOT NULL, class TEXT NOT NULL, object TEXT NOT NULL, "
+            "key TEXT NOT NULL, UNIQUE (class, object, method, condition));"
+            "INSERT INTO jobs VALUES (1, 'k', NULL, 'draw: no', x'00');"
+            "INSERT INTO listed VALUES (1, 'splat', '2048', 'chair', 'test-0000', 'k');"
+        )
 
 
 without_protocol = altered_manifest(
     lambda manifest: {name: value for name, value in manifest.items() if name != "protocol"}
 )
-EARLIER = "a run of version 1.0.0 or earlier, which this one does not read; start it again with "
+schema_4 = altered_manifest(lambda manifest: manifest | {"schema_version": 4})
+EARLIER = "version 1.0.0 or earlier, which this one does not read; start "
 
 
-@pytest.mark.parametrize("earlier", [with_journal, without_protocol])
+@pytest.mark.parametrize("earlier", [with_store_1, schema_4, without_protocol])
 @pytest.mark.parametrize("arguments", [("table",), ("check",), ("compare",), ("report",), ("run",)])
 def test_a_folder_of_version_1_is_refused_by_name(stored, command, earlier, arguments):
     earlier(stored)
     before = {path: path.read_bytes() for path in stored.rglob("*") if path.is_file()}
-    more = ("--suite", "chair-robustness", "--out") if arguments == ("run",) else ()
+    more = ("--suite", "chair-robustness", "--views", "2", "--out") if arguments == ("run",) else ()
     methods = ("--methods", "splat,blank") if arguments == ("compare",) else ()
     status, out, err = command(*arguments, *more, stored, *methods)
     assert (status, out) == (2, "")
-    assert err.splitlines()[-1] == f"bench: {stored}: {EARLIER}another --out or --fresh"
+    assert err.splitlines()[-1].startswith(f"bench: {stored}")
+    assert EARLIER in err.splitlines()[-1]
+    assert err.endswith(" again with another --out or --fresh\n")
     assert {path: path.read_bytes() for path in stored.rglob("*") if path.is_file()} == before
 
 
 FEWEST = ("schema_version", "suite", "dataset", "views", "seed", "device", "finished")
-newer_manifest = altered_manifest(lambda manifest: manifest | {"schema_version": 5})
+newer_manifest = altered_manifest(lambda manifest: manifest | {"schema_version": 6})
 bare_manifest = altered_manifest(lambda manifest: {name: manifest[name] for name in FEWEST})
 READERS = ("table", "check", "report", "recommend", "score", "merge")
 
@@ -140,7 +157,7 @@ READERS = ("table", "check", "report", "recommend", "score", "merge")
     ("damage", "reader"),
     [
         *product((without("manifest.json"), newer_manifest), READERS),
-        *product((bare_manifest, without("records.parquet")), READERS[:4]),
+        *product((bare_manifest, without(STORE)), READERS[:4]),
     ],
 )
 def test_a_missing_part_is_one_line(stored, command, damage, reader, tmp_path):

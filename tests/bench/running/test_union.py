@@ -12,7 +12,7 @@ from bench.catalogue.method import ALLOWED, allow_modules, module_method, source
 from bench.commands.add import options_of
 from bench.commands.publish import merge_shards, publish, run_suite
 from bench.commands.terminal import Terminal
-from bench.records.parquet import read_records
+from bench.records.frames import read_records
 from bench.records.run_folder import read_manifest, write_manifest
 from bench.running.executors import executors_for
 from bench.running.options import Options, Shard

@@ -1,9 +1,7 @@
 from __future__ import annotations
 
-import io
 import time
 from dataclasses import dataclass, field, replace
-from hashlib import sha256
 from typing import Any
 
 import numpy as np
@@ -17,8 +15,7 @@ from bench.catalogue.metrics import find_extractor
 from bench.judges import VIEWS_WEIGHTS
 from bench.metrics import ssim
 from bench.metrics.image_scores import scores
-from bench.records.artifacts import unpack_images
-from bench.records.job import JobTiming
+from bench.records.job import JobTiming, pack, unpack
 from bench.running.work import cloud_of, run_job
 from data_prep.clouds.sampling import sample_surface
 from data_prep.failures import BadInput, MissingDependency, StageFailure
@@ -27,10 +24,10 @@ from data_prep.rendering.images import to_float, to_uint8
 from data_prep.rendering.opengl import render
 from data_prep.scene import View
 
-from ..builders import SCORES, VIEWS, make_artifact, make_job, make_truth
+from ..builders import SCORES, VIEWS, make_job, make_truth, true_images, views_of
 
 SSIM = ("ssim", "luminance", "contrast", "structure")
-ONE_BLANK = {("failed", "draw: 1 of 2 images are blank")}
+ONE_BLANK = "draw: 1 of 2 images are blank"
 
 
 def black_on_white():
@@ -83,7 +80,7 @@ def measure(tmp_path, monkeypatch):
         method = Method("fake", load or (lambda device: renderer), str, 1, "", sees_mesh=sees_mesh)
         monkeypatch.setattr(bench.running.work, "find_run_method", lambda method_id: method)
         truth = changes.pop("truth", None)
-        reference = make_artifact(make_truth(), 1, **({} if truth is None else {"images": truth}))
+        reference = true_images(seed=1) if truth is None else pack(truth)
         named: dict[str, Any] = {"reference": reference} | changes
         job = make_job(method="fake", **named)
         return job, run_job(job)
@@ -92,8 +89,9 @@ def measure(tmp_path, monkeypatch):
     bench.running.work.load_renderer.cache_clear()
 
 
-def outcomes(result):
-    return {(record.outcome, record.reason) for record in result.records}
+def scores_of(result, *names):
+    """Scores of a result, view by view."""
+    return list(zip(*(result.of_views[name].tolist() for name in names), strict=True))
 
 
 def test_scores_images_and_checksum(measure, tmp_path):
@@ -101,21 +99,19 @@ def test_scores_images_and_checksum(measure, tmp_path):
     images = rng.integers(0, 256, (2, 128, 128, 3), np.uint8)
     job, result = measure(Fake(to_float(images), notes=("3 faces dropped", "1 hole")))
     assert result.key == job.key
-    assert result.artifact_sha256 == sha256(result.artifact).hexdigest()
     assert result.unusable is None
-    assert np.array_equal(unpack_images(result.artifact), images)
-    truth = unpack_images(job.reference)
-    for i, record in enumerate(result.records):
+    assert np.array_equal(unpack(result.arrays["images"]), images)
+    truth = unpack(job.reference)
+    of_views = result.of_views
+    for i in range(2):
         expected = ssim(truth[i : i + 1], images[i : i + 1])
-        assert [getattr(record, name) for name in SSIM] == list(expected)
-        assert record.ssim_object == scores(truth, images)["ssim_object"][i]
-        assert (record.thin_recall, record.thin_precision) == (None, None)  # a frame of noise
-        assert (record.view, View(record.azimuth_deg, record.elevation_deg)) == (i, VIEWS[i])
-        assert (record.suite, record.method, record.condition) == (job.suite, "fake", "2048")
-        assert (record.class_name, record.object) == ("chair", "a")
-        assert (record.outcome, record.reason) == ("ok", "")
-        assert record.notes == "3 faces dropped; 1 hole"
-    assert result.records[0].ssim != result.records[1].ssim
+        assert [of_views[name][i] for name in SSIM] == list(expected)
+    assert np.array_equal(of_views["ssim_object"], scores(truth, images)["ssim_object"])
+    assert np.isnan([of_views["thin_recall"], of_views["thin_precision"]]).all()  # a frame of noise
+    assert [View(*angles) for angles in views_of(result)] == [*VIEWS]
+    assert (result.suite, result.reason) == (job.suite, "")
+    assert result.notes == "3 faces dropped; 1 hole"
+    assert of_views["ssim"][0] != of_views["ssim"][1]
 
 
 def test_thin_parts_and_images_without_an_object(measure):
@@ -124,18 +120,19 @@ def test_thin_parts_and_images_without_an_object(measure):
     drawn = truth.copy()
     drawn[0, 60:] = 255
     _, result = measure(Fake(to_float(drawn)), truth=truth)
-    leg, empty = result.records
-    assert (leg.thin_recall, leg.thin_precision) == (0.5, 1.0)
-    assert 0 < leg.ssim_object < leg.ssim < 1
-    assert (empty.ssim, empty.structure) == (1.0, 1.0)
-    assert (empty.ssim_object, empty.thin_recall, empty.thin_precision) == (None, None, None)
+    names = ("ssim", "structure", "ssim_object", "thin_recall", "thin_precision")
+    leg, empty = scores_of(result, *names)
+    assert leg[3:] == (0.5, 1.0)
+    assert 0 < leg[2] < leg[0] < 1
+    assert empty[:2] == (1.0, 1.0)
+    assert np.isnan(empty[2:]).all()
 
 
 def test_values_outside_0_1_are_clipped(measure):
     images = black_on_white()
     images[0, :, :64], images[1, :, :64] = -0.5, 1.5
     _, result = measure(Fake(images))
-    drawn = unpack_images(result.artifact)[:, :, :64]
+    drawn = unpack(result.arrays["images"])[:, :, :64]
     assert (drawn[0] == 0).all()
     assert (drawn[1] == 255).all()
 
@@ -145,16 +142,16 @@ def test_an_image_of_one_colour_is_none_and_one_with_another_pixel_is(measure, l
     images = black_on_white()
     images[1] = level
     _, result = measure(Fake(images))
-    assert outcomes(result) == ONE_BLANK
-    assert result.artifact is None
+    assert result.reason == ONE_BLANK
+    assert result.arrays == {}
     images[1, 127, 127, 2] = abs(level - 0.01)
-    assert outcomes(measure(Fake(images))[1]) == {("ok", "")}
+    assert measure(Fake(images))[1].reason == ""
 
 
 @pytest.mark.parametrize("floor", ["blank", "constant"])
 def test_a_floor_may_be_blank(floor):
-    reference = make_artifact(make_truth())
-    assert outcomes(run_job(make_job(method=floor, reference=reference))) == {("ok", "")}
+    reference = true_images()
+    assert run_job(make_job(method=floor, reference=reference)).reason == ""
 
 
 def test_blank_where_the_truth_is_blank_is_an_image(measure):
@@ -162,9 +159,9 @@ def test_blank_where_the_truth_is_blank_is_an_image(measure):
     truth[1] = 255
     images = black_on_white()
     images[1] = 1.0
-    assert outcomes(measure(Fake(images), truth=truth)[1]) == {("ok", "")}
+    assert measure(Fake(images), truth=truth)[1].reason == ""
     images[0] = 1.0
-    assert outcomes(measure(Fake(images), truth=truth)[1]) == ONE_BLANK
+    assert measure(Fake(images), truth=truth)[1].reason == ONE_BLANK
 
 
 @pytest.mark.parametrize(
@@ -184,10 +181,8 @@ def test_what_is_no_images_is_refused(measure, images, problem):
     method = Fake()
     method.images = images
     _, result = measure(method)
-    ((outcome, reason),) = outcomes(result)
-    assert outcome == "failed"
-    assert reason in (f"draw: {problem}", f"draw: images {problem}")
-    assert result.artifact is None
+    assert result.reason in (f"draw: {problem}", f"draw: images {problem}")
+    assert result.arrays == {}
 
 
 @pytest.mark.parametrize("value", [np.nan, -np.inf])
@@ -195,7 +190,7 @@ def test_pixels_that_are_not_finite_are_counted(measure, value):
     images = black_on_white()
     images[1, 5, 7] = value
     _, result = measure(Fake(images))
-    assert outcomes(result) == {("failed", "draw: 3 pixel values are not finite")}
+    assert result.reason == "draw: 3 pixel values are not finite"
 
 
 def test_views_are_drawn_in_batches_where_asked(measure):
@@ -210,11 +205,11 @@ def test_views_are_drawn_in_batches_where_asked(measure):
     drawn = []
     for batch in (None, 1, 2, 5, 9):
         _, result = measure(Counting(), views=views, batch=batch, reference=None)
-        assert [record.azimuth_deg for record in result.records] == [v.azimuth_deg for v in views]
-        drawn.append(unpack_images(result.artifact))
+        assert views_of(result) == [(v.azimuth_deg, v.elevation_deg) for v in views]
+        drawn.append(unpack(result.arrays["images"]))
     assert all((images == drawn[0]).all() for images in drawn)
     assert sizes == [5, 1, 1, 1, 1, 1, 2, 2, 1, 5, 5]
-    assert {record.ssim for record in result.records} == {None}  # no truth, no scores
+    assert np.isnan(result.of_views["ssim"]).all()  # no truth, no scores
 
 
 class Clock:
@@ -264,7 +259,7 @@ def test_times_are_taken_apart(measure, clock, monkeypatch):
     monkeypatch.setattr(work, "scores", clock.taking(2.0, work.scores))
     load = clock.taking(16.0, lambda device: fake)
     _, result = measure(fake, load=load, obj=Slow(clock=clock))
-    assert [(record.prepare_s, record.draw_s) for record in result.records] == [(0.25, 0.5)] * 2
+    assert (result.prepare_s, result.draw_s) == (0.25, 0.5)
     assert result.timing == JobTiming(methods=17.25, metrics=2.0, rendering=0.0, harness=4.0)
 
 
@@ -323,18 +318,15 @@ def test_randomness_comes_from_the_job_alone(measure):
 def test_the_ground_truth_is_the_mesh(tmp_path):
     result = run_job(make_truth())
     expected = render(Tetrahedron().load(), VIEWS)
-    assert result.artifact is not None
-    assert np.array_equal(unpack_images(result.artifact), expected)
+    assert np.array_equal(unpack(result.arrays["images"]), expected)
     assert len(np.unique(expected.reshape(-1, 3), axis=0)) > 3
-    assert outcomes(result) == {("ok", "")}
-    assert {record.ssim for record in result.records} == {None}
+    assert result.reason == ""
+    assert np.isnan(result.of_views["ssim"]).all()
 
 
 def test_features_are_those_of_the_images(tmp_path):
     result = run_job(make_truth(features=(("fd-views", str(VIEWS_WEIGHTS)),)))
-    assert result.artifact is not None
-    with np.load(io.BytesIO(result.artifact)) as file:
-        arrays = dict(file)
+    arrays = {name: unpack(data) for name, data in result.arrays.items()}
     assert set(arrays) == {"images", "fd-views"}
     expected = find_extractor("fd-views").load(str(VIEWS_WEIGHTS), "cpu")(arrays["images"])
     assert np.array_equal(arrays["fd-views"], expected)
@@ -345,16 +337,16 @@ def learned_jobs(device):
     names = ("fd-views", "fd-alexnet", "judge")
     features = tuple((name, str(find_extractor(name).weights(None))) for name in names)
     options = {"features": features, "device": device}
-    reference = run_job(make_truth()).artifact
+    reference = run_job(make_truth()).arrays["images"]
     return make_truth(**options), make_job(reference=reference, **options)
 
 
 def test_metrics_of_a_run_without_a_gpu_are_those_of_the_cpu():
     results = {device: [*map(run_job, learned_jobs(device))] for device in ("auto", "cpu")}
     for auto, cpu in zip(results["auto"], results["cpu"], strict=True):
-        assert (auto.reason, auto.artifact_sha256) == ("", cpu.artifact_sha256)
-        assert [r.lpips for r in auto.records] == [r.lpips for r in cpu.records]
-    assert all(0 < (record.lpips or 0) < 1 for record in results["cpu"][1].records)
+        assert (auto.reason, auto.arrays) == ("", cpu.arrays)
+        assert auto.views == cpu.views
+    assert all(0 < lpips < 1 for (lpips,) in scores_of(results["cpu"][1], "lpips"))
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="needs a machine without a GPU")
@@ -365,10 +357,10 @@ def test_a_gpu_that_a_node_does_not_have_ends_the_run():
 
 
 def test_the_same_job_gives_the_same_bytes(tmp_path):
-    truths = [run_job(make_truth()).artifact for _ in range(2)]
+    truths = [run_job(make_truth()).arrays for _ in range(2)]
     assert truths[0] == truths[1]
-    one, two = (run_job(make_job(reference=truth)).artifact for truth in truths)
-    assert one == two
+    one, two = (run_job(make_job(reference=truth["images"])) for truth in truths)
+    assert (one.arrays, one.views) == (two.arrays, two.views)
 
 
 @pytest.mark.parametrize(
@@ -389,15 +381,11 @@ def test_the_same_job_gives_the_same_bytes(tmp_path):
 )
 def test_what_a_method_raises_is_a_record(measure, error, reason):
     _, result = measure(Failing(error))
-    assert outcomes(result) == {("failed", reason)}
-    assert result.artifact_sha256 is None
-    assert result.unusable is None
-    assert result.artifact is None
-    for record in result.records:
-        assert {getattr(record, name) for name in SCORES} == {None}
-        assert record.prepare_s > 0  # until it failed
-        assert record.draw_s == 0
-    assert [record.view for record in result.records] == [0, 1]
+    assert (result.reason, result.unusable, result.arrays) == (reason, None, {})
+    assert np.isnan([result.of_views[name] for name in SCORES]).all()
+    assert len(views_of(result)) == 2
+    assert result.prepare_s > 0  # until it failed
+    assert result.draw_s == 0
 
 
 @pytest.mark.parametrize("make", [make_job, make_truth])
@@ -406,8 +394,8 @@ def test_what_a_method_raises_is_a_record(measure, error, reason):
     [(Refusing(), "input: no such shape; draw one"), (Calling(), "SystemExit: enough")],
 )
 def test_objects_that_cannot_be_loaded(tmp_path, make, obj, reason):
-    reference = make_artifact(make_truth())
-    assert outcomes(run_job(replace(make(obj), reference=reference))) == {("failed", reason)}
+    reference = true_images()
+    assert run_job(replace(make(obj), reference=reference)).reason == reason
 
 
 def raising(error):
@@ -420,6 +408,6 @@ def raising(error):
 def test_a_missing_library_or_unusable_weights_end_the_run(measure):
     _, result = measure(Failing(MissingDependency("no libGL: install libgl1")))
     assert result.unusable == "no libGL: install libgl1"
-    assert outcomes(result) == {("failed", "no libGL: install libgl1")}
+    assert result.reason == "no libGL: install libgl1"
     _, result = measure(None, raising(BadInput("w.safetensors: cut short; fetch it again")))
     assert result.unusable == "w.safetensors: cut short; fetch it again"

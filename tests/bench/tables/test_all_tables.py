@@ -18,7 +18,6 @@ import pandas as pd
 import pytest
 
 from bench.analysis.frame import read_run
-from bench.records.parquet import write_features
 from bench.records.run_folder import open_folder, write_manifest
 from bench.suites.latent.codes import PATH_METRICS, PATHS
 from bench.suites.latent.run import VALUES, latent_table, means
@@ -44,7 +43,7 @@ from ..builders import (
     make_record,
     make_result,
     make_truth,
-    write_all,
+    result_of,
 )
 from ..harness_objects import Tetrahedron
 
@@ -103,7 +102,7 @@ def tiny_run(directory, run_id, seed=0):
         **truth,
     )
     write_manifest(directory, manifest)
-    results, jobs, records = [], [], []
+    results, jobs = [], []
     for name in manifest["objects"]:
         class_name, _, object_id = name.partition("/")
         obj = Tetrahedron(object_id, class_name)
@@ -125,22 +124,23 @@ def tiny_run(directory, run_id, seed=0):
                 failed = method == "wrecked" or (condition == "broken" and method != "blank")
                 if failed:
                     reason = LATE if method == "wrecked" else BROKEN
-                    records += [make_failed(*cell, view, reason, **common) for view in (0, 1)]
+                    lost = [make_failed(*cell, view, reason, **common) for view in (0, 1)]
+                    results.append(result_of(job.key, lost))
                     continue
-                records += [
+                records = [
                     make_record(
                         *cell, view, **{score: rng.random() for score in SCORES}, **common, **times
                     )
                     for view in (0, 1)
                 ]
                 features = true + rng.random((2, 4), np.float32)
-                results.append(make_result(job, (), 0, **dict.fromkeys(EXTRACTORS, features)))
-    write_all(directory, records)
+                results.append(make_result(job, records, 0, **dict.fromkeys(EXTRACTORS, features)))
+    # Objects of one name have the same features, whatever their class.
+    arrays = {job.name[:2] + job.name[3:]: r.arrays for job, r in zip(jobs, results, strict=True)}
     with open_folder(directory) as store:
-        for result in results:
-            store.append(result)
+        for job, result in zip(jobs, results, strict=True):
+            store.append(replace(result, arrays=arrays[job.name[:2] + job.name[3:]]))
         store.list_jobs((job.key, job.name) for job in jobs)
-        write_features(directory, store, EXTRACTORS)
     return directory
 
 

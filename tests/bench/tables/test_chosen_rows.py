@@ -14,7 +14,7 @@ from bench.catalogue.chosen import BEST_LEARNED_3D, BEST_RECONSTRUCTION, CHOSEN
 from bench.catalogue.methods import METHODS as CATALOGUE
 from bench.catalogue.methods import role
 from bench.catalogue.suites import SUITES
-from bench.records.parquet import read_records
+from bench.records.frames import read_records
 from bench.tables.build import tables
 from bench.tables.differences import differences_table
 from bench.tables.headline import headline

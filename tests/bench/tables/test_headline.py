@@ -47,7 +47,7 @@ def test_failed_images_count_as_blank_ones_and_are_named_once(tmp_path):
     failed = {"outcome": "failed", "reason": "timeout: 3 s", "ssim_object": math.nan}
     for column, value in failed.items():
         records.loc[splat & lost, column] = value
-    overwrite(directory / "records.parquet", records)
+    overwrite(directory, records)
     table = headline(read_run(directory))
     rows = [r for r in table.rows if (r.method, r.metric) == ("splat", "ssim-object")]
     scores = np.array([0.4, *[0.8] * 7])

@@ -21,7 +21,7 @@ from data_prep.failures import BadInput
 
 HOLDS = ("shuffled", "metamorphic", "splat", "as plain", "images", "holds")
 OPTIONS = Options("stability", methods=("blank", "true-mesh"), workers=2)
-STORED = ("jobs", "artifacts", "listed")
+STORED = ("job", "blob", "listed")
 
 
 @pytest.fixture
