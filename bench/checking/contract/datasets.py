@@ -3,39 +3,23 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Mapping, Sequence
-from functools import cache, partial
+from collections.abc import Mapping
+from functools import cache
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bench.checking.contract.findings import ContractViolation
-from bench.checking.contract.methods import KEPT_MIB, growth_mib, resident_mib
 from bench.checking.contract.session import CheckStep, Passed
 from bench.checking.contract.targets import DatasetSource, find_target
 from data_prep.datasets.dataset import Dataset
 from data_prep.datasets.objects import SceneObject
-from data_prep.failures import BadInput
 from data_prep.randomness import generator
 from data_prep.scene import IMAGE_SIZE
 
 CLASSES, OF_A_CLASS = 3, 2  # classes, and objects of each, whose clouds and images are checked
-CALLS = 8
-
-
-def dataset_steps(evidence: Any) -> list[CheckStep]:
-    """Return all steps for a dataset; `evidence` is that of `first_evidence` in another process."""
-    return [
-        CheckStep("objects", check_objects, in_command=True),
-        CheckStep("another process", partial(check_elsewhere, elsewhere=evidence), in_command=True),
-        CheckStep("pickling", check_pickling, in_command=True),
-        CheckStep("clouds", check_clouds),
-        CheckStep("views", check_views, in_command=True),
-        CheckStep("truth", check_truth),
-        CheckStep("cloud and truth", check_both),
-        CheckStep("calls", check_calls),
-    ]
 
 
 @cache
@@ -81,12 +65,17 @@ def check_identity(name: str) -> Passed:
     return Passed(f"{len(_sample(first))} of {len(names[0])} objects looked at")
 
 
-def first_evidence(name: str, backwards: bool = False) -> Mapping[str, Any]:
-    """Return the names of all objects, and fingerprints, to compare with those elsewhere."""
-    del backwards  # the order of objects is part of the dataset
+def use(name: str, number: int) -> NDArray[np.float32]:
+    """Return the points of an object."""
+    objects = _sample(_dataset(name))
+    return objects[number % len(objects)].cloud(generator("contract", number)).points
+
+
+def facts(name: str) -> Mapping[str, Any]:
+    """Return what is the same in each process."""
     dataset = _dataset(name)
     return {
-        "objects": [_named(obj) for obj in _all_objects(dataset)],
+        "objects in the same order": [_named(obj) for obj in _all_objects(dataset)],
         "fingerprints": [obj.fingerprint() for obj in _sample(dataset)],
     }
 
@@ -110,17 +99,6 @@ def check_objects(name: str) -> Passed:
     return Passed("ids and fingerprints are unique and stay")
 
 
-def check_elsewhere(name: str, elsewhere: Mapping[str, Any] | str) -> Passed:
-    """Compare names and fingerprints with those in another process."""
-    here = first_evidence(name)
-    if isinstance(elsewhere, str):
-        raise ContractViolation(f"read here, but not in another process: {elsewhere}")
-    for what, values in here.items():
-        if values != elsewhere[what]:
-            raise ContractViolation(f"other {what}, or another order, in another process")
-    return Passed(f"the same {len(here['objects'])} objects in two processes")
-
-
 def check_pickling(name: str) -> Passed:
     """Pickle objects, as on the way to a worker."""
     for obj in _sample(_dataset(name)):
@@ -133,22 +111,18 @@ def check_pickling(name: str) -> Passed:
 
 
 def check_clouds(name: str) -> Passed:
-    """Load each cloud twice, and check its points."""
+    """Check the points of each cloud."""
     farthest = 0.0
     for obj in _sample(_dataset(name)):
-        cloud, again = (obj.cloud(generator("contract", obj.object_id)) for _ in range(2))
+        cloud = obj.cloud(generator("contract", obj.object_id))
         if not len(cloud) or not np.isfinite(cloud.points).all():
             raise ContractViolation(f"{_named(obj)}: {len(cloud)} points, or not finite")
-        if not np.array_equal(cloud.points, again.points):
-            raise ContractViolation(
-                f"{_named(obj)}: another cloud the second time; use `rng` alone"
-            )
         farthest = max(farthest, float(np.linalg.norm(cloud.points, axis=1).max()))
     if not 0.2 < farthest < 1.001:
         raise ContractViolation(
             f"the farthest point lies at {farthest:.3g}; bring objects to the unit sphere"
         )
-    return Passed(f"finite, the same each time, the farthest point at {farthest:.3f}")
+    return Passed(f"finite, the farthest point at {farthest:.3f}")
 
 
 def check_views(name: str) -> Passed:
@@ -195,18 +169,11 @@ def check_both(name: str) -> Passed:
     return Passed("bit for bit what cloud and truth give")
 
 
-def check_calls(name: str) -> Passed:
-    """Read objects often, and check that memory does not grow."""
-    objects: Sequence[SceneObject] = _sample(_dataset(name))
-    kept = []
-    for call in range(CALLS):
-        obj = objects[call % len(objects)]
-        try:
-            obj.cloud(generator("contract"))
-        except BadInput as error:
-            raise ContractViolation(f"{_named(obj)}: {error}") from error
-        kept.append(resident_mib())
-    growth = growth_mib(kept)
-    if growth > KEPT_MIB:
-        raise ContractViolation(f"{growth:.0f} MiB more with every object")
-    return Passed(f"memory grows by {growth:.1f} MiB an object")
+FIRST = (
+    CheckStep("objects", check_objects, in_command=True),
+    CheckStep("pickling", check_pickling, in_command=True),
+    CheckStep("clouds", check_clouds),
+    CheckStep("views", check_views, in_command=True),
+    CheckStep("truth", check_truth),
+    CheckStep("cloud and truth", check_both),
+)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -40,17 +40,29 @@ class ContractViolation(Exception):
         self.evidence = evidence
 
 
+def checked_identity(version: object, identity: Callable[[], object] = str) -> str:
+    """Return the text of `identity`, which names finished work, as the version does."""
+    if type(version) is not int:
+        raise ContractViolation(f"version is {version!r}, expected a whole number")
+    text, again = identity(), identity()
+    if not isinstance(text, str):
+        raise ContractViolation(f"identity() gives a {type(text).__name__}, expected a str")
+    if text != again:
+        raise ContractViolation(
+            f"identity() gives {text!r}, then {again!r}; finished work would be lost"
+        )
+    return text
+
+
 def is_blocked(findings: Iterable[Finding]) -> bool:
     """Return whether a finding blocks a run or falsifies its results."""
     return any(finding.verdict == "FAIL" for finding in findings)
 
 
-def summary(findings: Iterable[Finding], following: str = "") -> str:
+def summary(findings: Sequence[Finding], following: str = "") -> str:
     """Return one line: what blocks a run, what does not, and what `following` says to do next."""
-    by_verdict: dict[str, list[str]] = {"FAIL": [], "warn": [], "ok": []}
-    for finding in findings:
-        by_verdict[finding.verdict].append(finding.subject)
-    failed, warned, _ = by_verdict.values()
+    failed = [finding.subject for finding in findings if finding.verdict == "FAIL"]
+    warned = [finding.subject for finding in findings if finding.verdict == "warn"]
     blocking = f"{len(failed)} {'blocks' if len(failed) == 1 else 'block'} a run{_named(failed)}"
     warnings = f"{len(warned)} warning{'' if len(warned) == 1 else 's'}{_named(warned)}"
     return f"{blocking}, {warnings}" + (f"; next: {following}" if following else "")

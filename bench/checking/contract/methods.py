@@ -1,25 +1,22 @@
-"""The contract of a method: its images, its inputs, and the memory that it keeps."""
+"""The contract of a method: its images and its inputs."""
 
 from __future__ import annotations
 
-import gc
 import resource
-import statistics
 import sys
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache, partial
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bench.catalogue.methods import FLOORS, Method
 from bench.catalogue.suites import Limits
-from bench.checking.contract.findings import ContractViolation
+from bench.checking.contract.findings import ContractViolation, checked_identity
 from bench.checking.contract.session import CheckStep, Passed
 from bench.checking.contract.targets import find_target
-from bench.running.isolation import TASKS_PER_WORKER
 from bench.running.work import checked_images, draw, reason_of, seen_by
 from data_prep.clouds.conditions import Perturbation
 from data_prep.clouds.extremes import Count, Equal, FirstPoint, Flattened, Kept, Scaled
@@ -32,12 +29,6 @@ LIMITS = Limits(time_s=20.0, memory_gib=4.0)
 VIEWS = (View(30.0, 20.0), View(-60.0, -10.0), View(120.0, 35.0))
 TURN = tuple(View(18.0 * i - 180, (-30.0, 0.0, 30.0)[i % 3]) for i in range(20))  # as in a run
 BATCHES = (1, 3)  # views a call, beside all 20
-# Memory that a worker may keep of each cloud, to stay within its limit until it is replaced.
-KEPT_MIB = LIMITS.memory_gib * 2**10 / TASKS_PER_WORKER
-CLOUDS = 8
-CLOUDS_S = 5.0  # for slow methods: fewer clouds
-GROWN_MIB = 512.0  # is enough to see that memory grows
-WARM_UP = 3  # clouds after which memory has settled
 EXTREMES: dict[str, Perturbation] = {
     "no points": Count(0),
     "one point": Count(1),
@@ -55,27 +46,6 @@ NOT_FINITE: dict[str, Perturbation] = {  # a run gives no method such points
 }
 # Code that copies or shows a whole cloud reads all its fields.
 COPYING = ("dataclasses", "data_prep.scene", "copy")
-
-
-def method_steps(evidence: Any) -> list[CheckStep]:
-    """Return all steps for a method; `evidence` is that of `first_evidence` in another process."""
-    return [
-        CheckStep("loading", check_loading),
-        CheckStep("images", check_images),
-        CheckStep("clouds", check_clouds),
-        CheckStep("another process", partial(check_elsewhere, elsewhere=evidence)),
-        CheckStep("no views", check_no_views, blocks=False),  # no run asks for none
-        CheckStep("repeatable", check_repeatable),
-        CheckStep("batches", check_batches),
-        CheckStep("inputs", check_inputs),
-        *_extreme_steps(EXTREMES),
-        CheckStep("cost", check_cost),
-        *_extreme_steps(NOT_FINITE, blocks=False),  # last: a hang ends the test
-    ]
-
-
-def _extreme_steps(extremes: Iterable[str], blocks: bool = True) -> list[CheckStep]:
-    return [CheckStep(e, partial(check_extreme, extreme=e), blocks=blocks) for e in extremes]
 
 
 class WatchedCloud(PointCloud):
@@ -112,27 +82,20 @@ def _images(name: str, cloud: PointCloud, views: Sequence[View] = VIEWS) -> UInt
     return draw(_method(name), _renderer(name), cloud, views, rng).images
 
 
-def first_evidence(name: str, backwards: bool = False) -> Mapping[str, Any]:
-    """Return the images of two clouds, and `identity()`, to compare with those of other processes.
+def use(name: str, number: int) -> UInt8Images:
+    """Return the images of a cloud from three views."""
+    return _images(name, _cloud(number))
 
-    `backwards` draws the second cloud first.
-    """
-    images = {index: _images(name, _cloud(index)) for index in ((1, 0) if backwards else (0, 1))}
-    return {"identity": _method(name).identity()} | {f"cloud {i}": images[i] for i in (0, 1)}
+
+def facts(name: str) -> Mapping[str, Any]:
+    """Return what is the same in each process."""
+    return {"identity": _method(name).identity()}
 
 
 def check_identity(name: str) -> Passed:
     """Check the identity and the version, which name finished work."""
     method = _method(name)
-    identity = method.identity()
-    if not isinstance(identity, str):
-        raise ContractViolation(f"identity() gives a {type(identity).__name__}, expected a str")
-    if identity != (again := method.identity()):
-        raise ContractViolation(
-            f"identity() gives {identity!r}, then {again!r}; finished work would be lost"
-        )
-    if type(method.version) is not int:
-        raise ContractViolation(f"version is {method.version!r}, expected a whole number")
+    identity = checked_identity(method.version, method.identity)
     return Passed(f"version {method.version}, identity {identity!r} each time")
 
 
@@ -161,14 +124,9 @@ def check_images(name: str) -> Passed:
                 "cloud.source is read, which is None in a run; only a ceiling may look at the "
                 "mesh: Method(..., sees_mesh=True)"
             )
-    if not isinstance(images, np.ndarray) or images.dtype != np.float32:
-        kind = getattr(images, "dtype", type(images).__name__)
+    if (kind := getattr(images, "dtype", type(images).__name__)) != np.float32:
         raise ContractViolation(f"images are {kind}, expected float32")
-    expected = (len(VIEWS), IMAGE_SIZE, IMAGE_SIZE, 3)
-    if images.shape != expected:
-        raise ContractViolation(f"images have the shape {images.shape}, expected {expected}")
-    if not np.isfinite(images).all():
-        raise ContractViolation(f"{int((~np.isfinite(images)).sum())} values are not finite")
+    checked_images(images, len(VIEWS))
     if images.min() < 0 or images.max() > 1:
         raise ContractViolation(
             f"values are in {images.min():.3g} .. {images.max():.3g}, expected 0 .. 1"
@@ -179,32 +137,6 @@ def check_images(name: str) -> Passed:
     return Passed(f"{list(images.shape)} float32 in {images.min():.2f} .. {images.max():.2f}")
 
 
-def check_elsewhere(name: str, elsewhere: Mapping[str, Any] | str) -> Passed:
-    """Compare with another process, on two threads, that has drawn the clouds in another order.
-
-    `elsewhere` is its `first_evidence`, or the reason why it has none.
-    """
-    here = first_evidence(name)
-    if isinstance(elsewhere, str):
-        raise ContractViolation(f"drawn here, but not in another process: {elsewhere}")
-    if here["identity"] != elsewhere["identity"]:
-        raise ContractViolation(
-            f"identity() gives {here['identity']!r}, in another process "
-            f"{elsewhere['identity']!r}; finished work would be lost"
-        )
-    for cloud in ("cloud 0", "cloud 1"):
-        if _worst(here[cloud], elsewhere[cloud]) > 1:
-            raise ContractViolation(
-                f"another process on two threads, which draws the clouds in another order: "
-                f"{_apart(here[cloud], elsewhere[cloud])}"
-            )
-    apart = max(_worst(here[cloud], elsewhere[cloud]) for cloud in ("cloud 0", "cloud 1"))
-    return Passed(
-        f"at most {apart} grey levels between two processes, on one thread and on two, clouds in "
-        "another order"
-    )
-
-
 def check_no_views(name: str) -> Passed:
     """Draw no views."""
     images = _renderer(name).draw(_prepared(name), (), generator("contract"))
@@ -213,16 +145,6 @@ def check_no_views(name: str) -> Passed:
             f"gives {np.shape(images)}, expected (0, {IMAGE_SIZE}, {IMAGE_SIZE}, 3)"
         )
     return Passed("an empty array")
-
-
-def check_repeatable(name: str) -> Passed:
-    """Draw a cloud twice with the same random numbers, and compare the images."""
-    first, second = _images(name, _cloud()), _images(name, _cloud())
-    if not np.array_equal(first, second):
-        raise ContractViolation(
-            f"{_apart(first, second)}; take all randomness from `rng`, and keep nothing of a cloud"
-        )
-    return Passed("the same bytes with the same random numbers")
 
 
 def check_batches(name: str) -> Passed:
@@ -237,24 +159,21 @@ def check_batches(name: str) -> Passed:
         raise ContractViolation("the same image from 20 views")
     if not np.array_equal(whole, again):
         raise ContractViolation(
-            f"the same state again: {_apart(whole, again)}; take all randomness from `rng`, and "
+            f"the same state again: {apart(whole, again)}; take all randomness from `rng`, and "
             "draw may not change the state"
         )
     is_random = not np.array_equal(whole, _drawn(name, state, len(TURN), "other numbers"))
-    apart = 0
     for batch in BATCHES:
         images = _drawn(name, state, batch)
         expected = _drawn(name, state, batch) if is_random else whole
-        apart = max(apart, worst := _worst(images, expected))
-        if worst > 1:
+        if not np.allclose(images.astype(int), expected, rtol=0, atol=1):  # grey level
             compared = "twice" if is_random else "and of 20 views"
             raise ContractViolation(
-                f"calls of {batch} {compared}: {_apart(images, expected)}; an image may not depend "
+                f"calls of {batch} {compared}: {apart(images, expected)}; an image may not depend "
                 "on the other views"
             )
-    if is_random:
-        return Passed("1, 3 and 20 views a call repeat; draw takes random numbers")
-    return Passed(f"at most {apart} grey levels between 1, 3 and 20 views a call")
+    random = "; draw takes random numbers" * is_random
+    return Passed(f"the same images from 1, 3 and 20 views a call{random}")
 
 
 def _prepared(name: str) -> Any:
@@ -278,50 +197,13 @@ def check_inputs(name: str) -> Passed:
     if not sees_cloud:
         if not np.array_equal(images, fewer):
             raise ContractViolation(
-                f"sees_cloud=False, but with a quarter of the points {_apart(images, fewer)}; a "
+                f"sees_cloud=False, but with a quarter of the points {apart(images, fewer)}; a "
                 "run would draw one condition and use it for all"
             )
         return Passed("the same images for all conditions, as sees_cloud=False says")
     if np.array_equal(images, fewer) and np.array_equal(images, _images(name, _cloud(1))):
         raise ContractViolation("the same images for every cloud; say so: sees_cloud=False")
     return Passed("the images depend on the cloud")
-
-
-def check_clouds(name: str) -> Passed:
-    """Draw several clouds, then the first again, and check memory and images."""
-    first, start = _images(name, _cloud()), time.perf_counter()
-    resident = [resident_mib()]
-    for index in range(CLOUDS):
-        _images(name, _cloud(1 + index))
-        resident.append(resident_mib())
-        if resident[-1] - resident[0] > GROWN_MIB:
-            break
-        if index >= 2 and time.perf_counter() - start > CLOUDS_S:
-            break
-    growth = growth_mib(resident)
-    if growth > KEPT_MIB:
-        raise ContractViolation(
-            f"{growth:.0f} MiB more with every cloud; {TASKS_PER_WORKER} of them exceed "
-            f"{LIMITS.memory_gib:g} GiB"
-        )
-    again, others = _images(name, _cloud()), len(resident) - 1
-    if not np.array_equal(first, again):
-        raise ContractViolation(f"a cloud again after {others} others: {_apart(first, again)}")
-    return Passed(f"{others} others between change nothing; memory grows by {growth:.1f} MiB")
-
-
-def growth_mib(resident: Sequence[float]) -> float:
-    """Return the median growth of memory from one measurement to the next, once it has settled."""
-    settled = resident[WARM_UP:] if len(resident) > WARM_UP + 1 else resident
-    return statistics.median(b - a for a, b in pairwise(settled))
-
-
-def resident_mib() -> float:
-    """Return the resident memory of this process, after a garbage collection."""
-    import psutil
-
-    gc.collect()
-    return psutil.Process().memory_info().rss / 2**20
 
 
 def check_extreme(name: str, extreme: str) -> Passed:
@@ -352,9 +234,23 @@ def check_cost(name: str) -> Passed:
     return Passed(f"a cloud with {len(TURN)} views {seconds:.2f} s, {peak:.0f} MiB at most so far")
 
 
-def _worst(a: UInt8Images, b: UInt8Images) -> int:
-    return int(np.abs(a.astype(np.int16) - b).max())
+def apart(first: NDArray[Any], second: NDArray[Any]) -> str:
+    """Return in words how far two results are apart."""
+    if first.shape != second.shape:
+        return f"the shapes are {list(first.shape)} and {list(second.shape)}"
+    off = np.abs(first.astype(np.float64) - second)
+    return f"{np.count_nonzero(off)} of {off.size} values differ, by up to {off.max():.4g}"
 
 
-def _apart(a: UInt8Images, b: UInt8Images) -> str:
-    return f"{int((a != b).any(axis=-1).sum())} pixels differ, by up to {_worst(a, b)} grey levels"
+FIRST = (
+    CheckStep("loading", check_loading),
+    CheckStep("images", check_images),
+    CheckStep("no views", check_no_views, blocks=False),  # no run asks for none
+    CheckStep("batches", check_batches),
+    CheckStep("inputs", check_inputs),
+)
+LAST = (
+    *(CheckStep(cloud, partial(check_extreme, extreme=cloud)) for cloud in EXTREMES),
+    CheckStep("cost", check_cost),
+    *(CheckStep(c, partial(check_extreme, extreme=c), blocks=False) for c in NOT_FINITE),
+)

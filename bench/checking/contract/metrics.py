@@ -2,40 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import cache, partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.catalogue.plugins import ImageMetric, SetMetric
-from bench.checking.contract.findings import ContractViolation
-from bench.checking.contract.methods import KEPT_MIB, TURN, VIEWS, growth_mib, resident_mib
+from bench.checking.contract.findings import ContractViolation, checked_identity
+from bench.checking.contract.methods import TURN, VIEWS
 from bench.checking.contract.session import CheckStep, Passed
 from bench.checking.contract.targets import find_target
 from data_prep.datasets.registry import ProceduralObject
 from data_prep.scene import UInt8Images
 
 BATCHES = (1, 3)  # images a call, beside all 20 of them
-CALLS = 8
-
-
-def metric_steps(evidence: Any, of_images: bool) -> list[CheckStep]:
-    """Return all steps for a metric; `evidence` is that of `first_evidence` in another process.
-
-    `of_images` tells an ImageMetric from a SetMetric.
-    """
-    steps = {
-        "images": check_images,
-        "white images": check_white,
-        "another process": partial(check_elsewhere, elsewhere=evidence),
-        "batches": check_batches,
-        **({"identical images": check_scores} if of_images else {"features": check_features}),
-        "calls": check_calls,
-    }
-    # `bench score` calls a metric in its own process.
-    return [CheckStep(subject, check, in_command=True) for subject, check in steps.items()]
 
 
 def _metric(name: str) -> ImageMetric | SetMetric:
@@ -80,27 +60,21 @@ def _values(name: str, truth: UInt8Images, drawn: UInt8Images) -> NDArray[np.flo
 def check_identity(name: str) -> Passed:
     """Check the fields of a metric that its tables show."""
     metric = _metric(name)
-    if type(metric.version) is not int:
-        raise ContractViolation(f"version is {metric.version!r}, expected a whole number")
+    checked_identity(metric.version)
     if isinstance(metric, ImageMetric) and type(metric.higher_is_better) is not bool:
         raise ContractViolation(f"higher_is_better is {metric.higher_is_better!r}, expected a bool")
     return Passed(f"version {metric.version}")
 
 
-def first_evidence(name: str, backwards: bool = False) -> Mapping[str, Any]:
-    """Return the values of two pairs of images, to compare with those of another process."""
-    order = ((1, 0), (0, 1)) if backwards else ((0, 1), (1, 0))
-    values = {pair: _values(name, *map(_true_images, pair)) for pair in order}
-    return {str(pair): values[pair] for pair in sorted(values)}
+def use(name: str, number: int) -> NDArray[np.float64]:
+    """Return the values of the images of one object, with those of another as the truth."""
+    return _values(name, _true_images(number % 2), _true_images(1 - number % 2))
 
 
 def check_images(name: str) -> Passed:
-    """Measure images twice, and compare the values."""
-    truth, drawn = _true_images(0)[: len(VIEWS)], _true_images(1)[: len(VIEWS)]
-    values, again = _values(name, truth, drawn), _values(name, truth, drawn)
-    if not np.array_equal(values, again):
-        raise ContractViolation("other values the second time")
-    return Passed(f"{list(values.shape)}, the same the second time")
+    """Measure three images."""
+    values = _values(name, _true_images(0)[: len(VIEWS)], _true_images(1)[: len(VIEWS)])
+    return Passed(f"{list(values.shape)}, finite")
 
 
 def check_white(name: str) -> Passed:
@@ -113,19 +87,6 @@ def check_white(name: str) -> Passed:
     return Passed(f"mean {values.mean():.4g}")
 
 
-def check_elsewhere(name: str, elsewhere: Mapping[str, Any] | str) -> Passed:
-    """Compare with another process that has measured on two threads and in another order."""
-    here = first_evidence(name)
-    if isinstance(elsewhere, str):
-        raise ContractViolation(f"measured here, but not in another process: {elsewhere}")
-    for pair, values in here.items():
-        if not _are_close(values, elsewhere[pair]):
-            raise ContractViolation(
-                "other values in another process, on two threads, in another order of images"
-            )
-    return Passed("the same in two processes, on one thread and on two, in another order")
-
-
 def check_batches(name: str) -> Passed:
     """Measure 20 images one by one, in threes and together, and compare the values."""
     truth, drawn = _true_images(0), _true_images(1)
@@ -133,7 +94,7 @@ def check_batches(name: str) -> Passed:
     for count in BATCHES:
         parts = [slice(i, i + count) for i in range(0, len(truth), count)]
         values = np.concatenate([_values(name, truth[part], drawn[part]) for part in parts])
-        if not _are_close(values, whole):
+        if values.shape != whole.shape or not np.allclose(values, whole, rtol=1e-5, atol=1e-8):
             raise ContractViolation(
                 f"other values for {count} image{'s' if count > 1 else ''} a call than for 20: an "
                 "image has another value alone than among others"
@@ -174,20 +135,11 @@ def check_features(name: str) -> Passed:
     return Passed(f"{features.shape[1]} features that depend on the image")
 
 
-def check_calls(name: str) -> Passed:
-    """Measure often, and check memory and the values of the first images."""
-    truth, drawn = _true_images(0), _true_images(1)
-    first, kept = _values(name, truth, drawn), []
-    for _ in range(CALLS):
-        _values(name, drawn, truth)
-        kept.append(resident_mib())
-    if not np.array_equal(first, _values(name, truth, drawn)):
-        raise ContractViolation("other values after other images")
-    growth = growth_mib(kept)
-    if growth > KEPT_MIB:
-        raise ContractViolation(f"{growth:.0f} MiB more with every call")
-    return Passed(f"memory grows by {growth:.1f} MiB a call")
-
-
-def _are_close(a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
-    return a.shape == b.shape and np.allclose(a, b, rtol=1e-5, atol=1e-8)
+_step = partial(CheckStep, in_command=True)  # `bench score` calls a metric in its own process
+_OF_BOTH = (
+    _step("images", check_images),
+    _step("white images", check_white),
+    _step("batches", check_batches),
+)
+OF_IMAGES = (*_OF_BOTH, _step("identical images", check_scores))
+OF_SETS = (*_OF_BOTH, _step("features", check_features))

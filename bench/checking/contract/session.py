@@ -1,4 +1,4 @@
-"""Steps of a test of a plug-in: each runs in a killable worker, observed before and after.
+"""Steps of a test of a plug-in: each runs in a killable worker, which holds back its output.
 
 An exception, a call of exit(), a signal and a hang of the worker are findings. This module and
 `targets` load no heavy package, so that the imports of a plug-in show.
@@ -6,49 +6,30 @@ An exception, a call of exit(), a signal and a hang of the worker are findings. 
 
 from __future__ import annotations
 
-import ctypes
 import faulthandler
 import os
 import sys
 import tempfile
 import time
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing
-from dataclasses import dataclass, field, replace
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from bench.catalogue.suites import Limits
 from bench.checking.contract.findings import ContractViolation, Finding
-from bench.checking.contract.traces import (
-    ProcessState,
-    await_processes,
-    captured_output,
-    end_processes,
-    traces,
-)
-from bench.running.isolation import WorkerFailure, run_tasks
+from bench.running.isolation import TaskPool, WorkerFailure
 from data_prep.failures import BadInput, MissingDependency
 
 EXIT_STATUS = 86  # of a worker in which the plug-in has called os._exit(0)
 MOST_DEATHS = 3
-PR_SET_CHILD_SUBREAPER = 36  # linux/prctl.h
-# By kind of trace: whether it blocks a run, and the text of a finding without any.
-TRACES = {
-    "stdout": (False, "nothing is printed"),
-    "stderr": (False, "nothing is printed"),
-    "files left": (False, "none in the working folder and the temporary one"),
-    "threads left": (False, "none is running"),
-    "processes left": (True, "none is running"),
-    "working folder": (True, "stays the same"),
-}
+MOST_SHOWN = 60  # characters of an output
 
 
-@dataclass(frozen=True)
-class Passed:
+class Passed(NamedTuple):
     """The result of a check that passed: its text, and evidence for later steps."""
 
     text: str
@@ -59,18 +40,12 @@ class Passed:
 class CheckStep:
     """A point of a contract.
 
-    Attributes
-    ----------
-    subject : str
-        Its name in the finding.
-    check : callable
-        Called with the name of the plug-in, in a worker; raises ContractViolation, or any
-        exception of the plug-in. A function of a module, or a partial of one: it crosses processes.
-    in_command : bool
-        Whether commands call this part of the plug-in in their own process, whose stdout has
-        their results.
-    blocks : bool
-        Whether a run would fail or have false results where the point is not kept.
+    subject     its name in the finding
+    check       called with the name of the plug-in, in a worker; raises ContractViolation, or any
+                exception of the plug-in. A function of a module, or a partial of one
+    in_command  whether commands call this part of the plug-in in their own process, whose stdout
+                has their results
+    blocks      whether a run would fail or have false results where the point is not kept
     """
 
     subject: str
@@ -79,8 +54,7 @@ class CheckStep:
     blocks: bool = True
 
 
-@dataclass(frozen=True)
-class StepTask:
+class StepTask(NamedTuple):
     """A step of the test of a plug-in, and the moment at which its worker is ended."""
 
     step: CheckStep
@@ -90,15 +64,16 @@ class StepTask:
 
 @dataclass(frozen=True)
 class Report:
-    """The finding of a step, and the traces that the plug-in has left during it, by kind.
+    """The finding of a step.
 
+    printed  what the plug-in has written to stdout, in words
     is_last  whether no further step is tried, after a hang or a missing library
     """
 
     step: CheckStep
     finding: Finding
     evidence: Any = None
-    traces: Mapping[str, str] = field(default_factory=dict)
+    printed: str = ""
     is_last: bool = False
 
 
@@ -116,33 +91,21 @@ def perform(
     """
     deaths = 0
     with tempfile.TemporaryDirectory(prefix=".bench-test-") as temporary:
-        tasks = (StepTask(step, name, until) for step in steps)
         around = {**environment, "TMPDIR": temporary}
-        with closing(run_tasks(tasks, execute, 1, limits, around)) as results:
-            for step, result in _in_order(steps, results):
-                is_lost = isinstance(result, WorkerFailure)
-                if is_lost and time.monotonic() >= until:
+        with closing(TaskPool(execute, 1, limits, around)) as pool:
+            for step in steps:
+                pool.submit(StepTask(step, name, until))
+                try:
+                    ((_, result),) = pool.wait_any()
+                except BrokenProcessPool as error:
+                    result, deaths = WorkerFailure("crash", str(error)), MOST_DEATHS
+                if isinstance(result, WorkerFailure):
+                    if time.monotonic() >= until:
+                        return
+                    result, deaths = _report_of_death(step, result), deaths + 1
+                yield result
+                if result.is_last or deaths >= MOST_DEATHS:
                     return
-                report = result if isinstance(result, Report) else _report_of_death(step, result)
-                yield report
-                deaths += is_lost
-                if report.is_last or deaths == MOST_DEATHS:
-                    return
-
-
-def _in_order(
-    steps: Sequence[CheckStep], results: Iterable[tuple[StepTask, Report | WorkerFailure]]
-) -> Iterator[tuple[CheckStep, Report | WorkerFailure]]:
-    """Yield the results in the order of the steps; two at one moment may come in any order."""
-    queue, ended = deque(steps), {}
-    try:
-        for task, result in results:
-            ended[task.step.subject] = result
-            while queue and queue[0].subject in ended:
-                step = queue.popleft()
-                yield step, ended[step.subject]
-    except BrokenProcessPool as error:
-        yield queue[0], WorkerFailure("crash", str(error))
 
 
 def _report_of_death(step: CheckStep, lost: WorkerFailure) -> Report:
@@ -157,21 +120,15 @@ def _report_of_death(step: CheckStep, lost: WorkerFailure) -> Report:
 def execute(task: StepTask) -> Report:
     """Carry out a step, in a worker."""
     _mark_exits()
-    if sys.platform == "linux":  # children of ended processes become ours, so that they are seen
-        ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1)
-    temporary = Path(tempfile.gettempdir())
-    before = ProcessState.take(temporary)
-    with Path(os.devnull).open("w") as nowhere, captured_output() as output:
+    folder = Path.cwd()
+    with Path(os.devnull).open("w") as nowhere, captured_output() as printed:
         # The deadline is kept by a thread that native code cannot hold up.
         remaining_s = max(task.until - time.monotonic(), 0.01)
         faulthandler.dump_traceback_later(remaining_s, exit=True, file=nowhere)
         report = _checked(task)
         faulthandler.cancel_dump_traceback_later()
-    await_processes()
-    after = ProcessState.take(temporary)
-    end_processes()
-    os.chdir(before.folder)
-    return replace(report, traces={**output, **traces(before, after)})
+    os.chdir(folder)
+    return replace(report, printed="".join(printed))
 
 
 def _checked(task: StepTask) -> Report:
@@ -186,17 +143,11 @@ def _checked(task: StepTask) -> Report:
     except BadInput as error:
         text = str(error)
     except BaseException as error:  # the plug-in may call exit(), or raise KeyboardInterrupt
-        text = raised(error)
+        from bench.running.work import reason_of  # loads pandas, which a plug-in may not
+
+        text = f"{type(error).__name__}({error}): raise an exception, do not end the process"
+        text = reason_of(error) if isinstance(error, Exception) else text
     return Report(step, Finding(False, step.subject, text, blocks), evidence)
-
-
-def raised(error: BaseException) -> str:
-    """Return one line on an exception of a plug-in, with a remedy for one like SystemExit."""
-    from bench.running.work import reason_of  # loads pandas, which a plug-in may not
-
-    if isinstance(error, Exception):
-        return reason_of(error)
-    return f"{type(error).__name__}({error}): raise an exception, do not end the process"
 
 
 @cache
@@ -210,19 +161,45 @@ def _mark_exits() -> None:
     os._exit = leave_marked  # type: ignore[assignment]
 
 
-def trace_findings(reports: Iterable[Report]) -> list[Finding]:
-    """Return a finding for each kind of trace, over all steps."""
-    reports, findings = list(reports), []
-    for kind, (blocks, none_left) in TRACES.items():
-        affected = [report for report in reports if kind in report.traces]
-        if not affected:
-            findings.append(Finding(True, kind, none_left))
-            continue
-        in_command = any(report.step.in_command for report in affected)
-        text = f"{affected[0].step.subject}: {affected[0].traces[kind]}"
-        if len(affected) > 1:
-            text += f"; {len(affected)} steps in all"
-        if kind == "stdout" and in_command:
-            text += "; commands print their results there"
-        findings.append(Finding(False, kind, text, blocks or (kind == "stdout" and in_command)))
-    return findings
+@contextmanager
+def captured_output() -> Iterator[list[str]]:
+    """Hold back all output to stdout and stderr; afterwards the list describes that to stdout.
+
+    File descriptors are redirected, as native libraries and sub-processes write to them.
+    """
+    described: list[str] = []
+    with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
+        saved = [os.dup(descriptor) for descriptor in (1, 2)]
+        _flush()
+        try:
+            for descriptor, file in ((1, out), (2, err)):
+                os.dup2(file.fileno(), descriptor)
+            yield described
+        finally:
+            _flush()
+            for descriptor, copy in zip((1, 2), saved, strict=True):
+                os.dup2(copy, descriptor)
+                os.close(copy)
+            out.seek(0)
+            if written := out.read():
+                first = written.decode(errors="replace").strip().partition("\n")[0]
+                described.append(f"{len(written)} bytes: {first[:MOST_SHOWN]!r}")
+
+
+def _flush() -> None:
+    for stream in (sys.stdout, sys.stderr):
+        if stream is not None and not stream.closed:
+            stream.flush()
+
+
+def output_finding(reports: Sequence[Report]) -> Finding:
+    """Return the finding about what was printed, over all steps."""
+    printed = [report for report in reports if report.printed]
+    if not printed:
+        return Finding(True, "stdout", "nothing is printed")
+    text = f"{printed[0].step.subject}: {printed[0].printed}"
+    if len(printed) > 1:
+        text += f"; {len(printed)} steps in all"
+    in_command = any(report.step.in_command for report in printed)
+    text += "; commands print their results there" * in_command
+    return Finding(False, "stdout", text, in_command)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from bench.catalogue.methods import Method
 from bench.catalogue.suites import Limits
-from bench.checking.contract import conditions, datasets, methods, metrics
-from bench.checking.contract.plugin import plugin_findings
-from bench.checking.contract.session import TRACES
+from bench.checking.contract import conditions, datasets, methods, metrics, plugin
+from bench.checking.contract.plugin import plugin_findings, steps_of
 from tests.bench.checking import (
     broken_conditions,
     broken_datasets,
@@ -20,7 +20,6 @@ SLOW = {"HOGS": Limits(time_s=20.0, memory_gib=2.0)}  # a busy machine fills mem
 CHECKS = {  # in the process of the test, by the subject of their finding
     broken_methods: {
         "images": methods.check_images,
-        "repeatable": methods.check_repeatable,
         "batches": methods.check_batches,
         "inputs": methods.check_inputs,
         "identity": methods.check_identity,
@@ -41,18 +40,17 @@ CHECKS = {  # in the process of the test, by the subject of their finding
     broken_conditions: {
         "identity": conditions.check_identity,
         "clouds": conditions.check_clouds,
-        "repeatable": conditions.check_repeatable,
         "place": conditions.check_place,
         "other clouds": conditions.check_others,
-        "calls": conditions.check_calls,
     },
 }
+OF_ALL = {"repeatable": plugin.check_repeatable, "calls": plugin.check_calls}
 ENDING = ("EXITS", "LEAVES", "HOGS")  # what ends the process that it is in
 FAULTS = [(module, name) for module in CHECKS for name in module.FAULTS]
 HERE = [
     (module, name)
     for module, name in FAULTS
-    if module.FAULTS[name][0] in CHECKS[module] and name not in ENDING
+    if module.FAULTS[name][0] in CHECKS[module] | OF_ALL and name not in ENDING
 ]
 GOOD = [
     *((broken_methods, name) for name in broken_methods.GOOD),
@@ -96,14 +94,14 @@ def assert_named(findings, point, said, blocks):
 def test_a_point_names_its_fault(module, name, tmp_path):
     point, said, _ = module.FAULTS[name]
     with pytest.raises(Exception) as raised:
-        CHECKS[module][point](target(module, name, tmp_path))
+        (CHECKS[module] | OF_ALL)[point](target(module, name, tmp_path))
     assert said in f"{raised.type.__name__}: {raised.value}"
 
 
 @pytest.mark.parametrize("name", broken_methods.GOOD)
-@pytest.mark.parametrize("point", CHECKS[broken_methods])
+@pytest.mark.parametrize("point", [*CHECKS[broken_methods], *OF_ALL])
 def test_good_methods_keep_each_point(name, point):
-    CHECKS[broken_methods][point](f"{broken_methods.__name__}:{name}")
+    (CHECKS[broken_methods] | OF_ALL)[point](f"{broken_methods.__name__}:{name}")
 
 
 @pytest.mark.slow
@@ -127,4 +125,4 @@ def test_good_ones_pass(module, name, elsewhere):
     findings = verdicts(target(module, name, elsewhere))
     assert [line for line in findings.items() if line[1][0] != "ok"] == []
     if module is broken_methods:
-        assert len(findings) == 2 + len(methods.method_steps(None)) + len(TRACES)
+        assert len(findings) == 2 + len(steps_of(Method, None)) + 1

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
 
@@ -14,15 +13,14 @@ import pytest
 from bench.catalogue.suites import Limits
 from bench.checking.contract.findings import Finding, is_blocked, summary
 from bench.checking.contract.plugin import plugin_findings
-from bench.checking.contract.session import CheckStep, Passed, Report, trace_findings
-from bench.checking.contract.targets import check_name
-from bench.checking.contract.traces import (
-    ProcessState,
-    await_processes,
+from bench.checking.contract.session import (
+    CheckStep,
+    Passed,
+    Report,
     captured_output,
-    end_processes,
-    traces,
+    output_finding,
 )
+from bench.checking.contract.targets import check_name
 from data_prep.failures import BadInput
 
 REPOSITORY = Path(__file__).parents[3]
@@ -50,90 +48,36 @@ def test_the_summary_tells_what_blocks_a_run(verdicts, line):
     assert is_blocked(findings(verdicts)) == ("F" in verdicts)
 
 
-def reports(*traced, in_command=False):
-    """Reports of steps 0, 1, ... with these traces."""
-    steps = [
-        CheckStep(f"step {i}", lambda name: Passed(""), in_command) for i in range(len(traced))
-    ]
-    return [
-        Report(step, Finding(True, step.subject, ""), None, left)
-        for step, left in zip(steps, traced, strict=True)
-    ]
-
-
-def test_traces_of_all_steps_are_told_once():
-    by_subject = {
-        finding.subject: finding
-        for finding in trace_findings(reports({}, {"files left": "1 (a)"}, {"files left": "2 (b)"}))
-    }
-    assert by_subject["files left"] == Finding(
-        False, "files left", "step 1: 1 (a); 2 steps in all", False
-    )
-    assert [by_subject[kind].ok for kind in ("stdout", "threads left", "processes left")] == [
-        True
-    ] * 3
-
-
 @pytest.mark.parametrize(
-    ("kind", "in_command", "verdict"),
+    ("printed", "in_command", "verdict", "text"),
     [
-        ("stdout", False, "warn"),
-        ("stdout", True, "FAIL"),  # commands print their results there
-        ("stderr", True, "warn"),
-        ("files left", True, "warn"),
-        ("threads left", True, "warn"),
-        ("processes left", False, "FAIL"),
-        ("working folder", False, "FAIL"),
+        (("", ""), True, "ok", "nothing is printed"),
+        (("", "1 bytes: 'a'"), False, "warn", "step 1: 1 bytes: 'a'"),
+        (
+            ("1 bytes: 'a'", "1 bytes: 'b'"),
+            True,
+            "FAIL",
+            "step 0: 1 bytes: 'a'; 2 steps in all; commands print their results there",
+        ),
     ],
 )
-def test_which_traces_block_a_run(kind, in_command, verdict):
-    found = trace_findings(reports({kind: "1 (a)"}, in_command=in_command))
-    assert {finding.subject: finding.verdict for finding in found if not finding.ok} == {
-        kind: verdict
-    }
-
-
-def test_what_code_leaves_behind_is_observed(tmp_path, monkeypatch):
-    folder, temporary = tmp_path / "work", tmp_path / "temporary"
-    (folder / "old").mkdir(parents=True)
-    temporary.mkdir()
-    monkeypatch.chdir(folder)
-    before = ProcessState.take(temporary)
-    assert traces(before, ProcessState.take(temporary)) == {}
-    (folder / "old" / "new.txt").touch()
-    (temporary / "left.ply").touch()
-    (folder / ".hidden").touch()
-    goes_on = threading.Event()
-    thread = threading.Thread(target=goes_on.wait, name="watcher")
-    thread.start()
-    process = subprocess.Popen(["sleep", "60"])
-    left = traces(before, ProcessState.take(temporary))
-    assert left == {
-        "files left": f"2 ({temporary / 'left.ply'}, old)",
-        "threads left": "1 (watcher)",
-        "processes left": "1 (sleep)",
-    }
-    monkeypatch.chdir(temporary)
-    assert (
-        traces(before, ProcessState.take(temporary))["working folder"] == f"changed to {temporary}"
-    )
-    goes_on.set()
-    thread.join()
-    end_processes()
-    await_processes()
-    assert process.wait() == -9
+def test_what_is_printed_is_told_once(printed, in_command, verdict, text):
+    steps = [CheckStep(f"step {i}", lambda name: Passed(""), in_command) for i in range(2)]
+    reports = [
+        Report(step, Finding(True, "", ""), None, text)
+        for step, text in zip(steps, printed, strict=True)
+    ]
+    finding = output_finding(reports)
+    assert (finding.subject, finding.verdict, finding.text) == ("stdout", verdict, text)
 
 
 def test_output_of_all_code_is_captured(capfd):
-    with captured_output() as output:
+    with captured_output() as described:
         os.write(1, b"from Python\n")
         os.write(2, b"from a library\nand more")
         subprocess.run([sys.executable, "-S", "-c", "print('from a process')"], check=True)
     os.write(1, b"afterwards\n")
-    assert output == {
-        "stdout": "27 bytes: 'from Python'",
-        "stderr": "23 bytes: 'from a library'",
-    }
+    assert described == ["27 bytes: 'from Python'"]
     assert capfd.readouterr() == ("afterwards\n", "")
 
 
@@ -191,6 +135,6 @@ def test_the_time_of_a_whole_test_is_limited():
         for finding in plugin_findings(f"{MODULE}:HANGS_WITHOUT_POINTS", Limits(60.0, 4.0), 8.0)
     }
     assert time.monotonic() - start < 8.0
-    assert texts["clouds"].startswith("8 others between change nothing")
+    assert texts["calls"].startswith("8 others between change nothing")
     assert texts["not tested"].startswith("no points, one point, three points, ")
     assert texts["not tested"].endswith("a point at infinity: 8 s are over")
