@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection
+from functools import cache
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from data_prep.failures import BadInput
@@ -18,6 +19,12 @@ METRICS = "pc2pix_bench.metrics"
 EXTRACTORS = "pc2pix_bench.extractors"
 DATASETS = "pc2pix_bench.datasets"
 CONDITIONS = "pc2pix_bench.conditions"
+GROUPS = {
+    "method": (METHODS,),
+    "metric": (METRICS, EXTRACTORS),
+    "dataset": (DATASETS,),
+    "condition": (CONDITIONS,),
+}
 
 # Kinds of datasets of this project. Not in `data_prep.datasets.registry`, which loads NumPy.
 OUR_KINDS = ("procedural", "folder", "shapenet", "modelnet", "exported", "paper")
@@ -48,15 +55,21 @@ def entry_point_names(*groups: str) -> tuple[str, ...]:
     return tuple(sorted({name for group in groups for name in entry_points(group=group).names}))
 
 
-def refusal(groups: tuple[str, ...], wanted: str, kind: str, ours: Collection[str]) -> str:
+@cache
+def announced(kind: str) -> tuple[str, ...]:
+    """Return the ids that installed packages announce for a kind, one of `GROUPS`; load none."""
+    return entry_point_names(*GROUPS[kind])
+
+
+def refusal(kind: str, wanted: str, ours: Collection[str]) -> str:
     """Return why the id of a plug-in cannot be used, with package and remedy, or "".
 
     `ours` are the ids of this project; the id of a method stands for its variants, too.
     """
-    entries = _entries(groups, wanted)
+    entries = _entries(kind, wanted)
     packages = sorted({_package(entry) for entry in entries})
     where = f"{kind} {shown(wanted)} of {' and of '.join(packages)}"
-    pattern = {METHODS: _METHOD_ID, CONDITIONS: _CONDITION_ID}.get(groups[0], _ID)
+    pattern = {"method": _METHOD_ID, "condition": _CONDITION_ID}.get(kind, _ID)
     if not pattern.fullmatch(wanted):
         numbers = ", numbers like 0.05" if pattern is _CONDITION_ID else ""
         return (
@@ -71,21 +84,20 @@ def refusal(groups: tuple[str, ...], wanted: str, kind: str, ours: Collection[st
 
 
 def load_entry_point(
-    groups: tuple[str, ...],
-    wanted: str,
     kind: str,
+    wanted: str,
     type_: type[Entry] | tuple[type[Entry], ...],
     named: str,
     ours: Collection[str],
 ) -> Entry:
-    """Return the plug-in with an id that is among `entry_point_names`.
+    """Return the plug-in with an id that is `announced`.
 
     `named` is the type as packages import it, `ours` as in `refusal`. Raises BadInput, naming the
     package, where the id is refused, and where the entry cannot be loaded or has another type.
     """
-    if problem := refusal(groups, wanted, kind, ours):
+    if problem := refusal(kind, wanted, ours):
         raise BadInput(problem)
-    (entry,) = _entries(groups, wanted)
+    (entry,) = _entries(kind, wanted)
     where = f"{kind} '{wanted}' of {_package(entry)}"
     import numpy as np
 
@@ -104,10 +116,10 @@ def load_entry_point(
     return loaded
 
 
-def _entries(groups: tuple[str, ...], wanted: str) -> list[EntryPoint]:
+def _entries(kind: str, wanted: str) -> list[EntryPoint]:
     from importlib.metadata import entry_points
 
-    return [entry for group in groups for entry in entry_points(group=group, name=wanted)]
+    return [entry for group in GROUPS[kind] for entry in entry_points(group=group, name=wanted)]
 
 
 def _package(entry: EntryPoint) -> str:

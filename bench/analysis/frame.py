@@ -33,7 +33,6 @@ from bench.catalogue.metrics import (
     find_extractor,
     is_mean,
 )
-from bench.catalogue.plugins import metric_ids
 from bench.catalogue.suites import PROCEDURES, Suite, stored_suite
 from bench.judges import VIEWS_WEIGHTS
 from bench.records.frames import (
@@ -51,7 +50,7 @@ from data_prep.clouds.far_points import FAR_OFF
 from data_prep.datasets.dataset import listed
 from data_prep.failures import BadInput
 from data_prep.files.checksums import file_sha256
-from data_prep.plugins import EXTRACTORS, entry_point_names
+from data_prep.plugins import EXTRACTORS, announced, entry_point_names
 
 VIEWS = "fd-views"
 
@@ -287,7 +286,8 @@ class Run:
         for metric_id in wanted:
             if run.has(metric_id) or metric_id in run.features:
                 continue
-            if metric_id not in (*FURTHER_METRICS, *metric_ids(), *scored_metrics(run.directory)):
+            known = (*FURTHER_METRICS, *announced("metric"), *scored_metrics(run.directory))
+            if metric_id not in known:
                 continue
             if metric_id in entry_point_names(EXTRACTORS):
                 raise BadInput(

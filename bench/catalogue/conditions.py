@@ -15,7 +15,6 @@ from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
 from bench.catalogue.lookup import unknown
-from data_prep import plugins
 from data_prep.clouds.conditions import (
     CONDITIONS,
     Condition,
@@ -27,7 +26,7 @@ from data_prep.clouds.conditions import (
     UnevenDensity,
 )
 from data_prep.failures import BadInput, MissingDependency, StageFailure
-from data_prep.plugins import entry_point_names, load_entry_point
+from data_prep.plugins import announced, load_entry_point
 
 if TYPE_CHECKING:  # `bench list` answers at once
     import numpy as np
@@ -103,12 +102,6 @@ def applied(condition: Condition, cloud: PointCloud, rng: np.random.Generator) -
     return result
 
 
-@cache
-def condition_ids() -> tuple[str, ...]:
-    """Return the ids of the conditions that installed packages announce, sorted; load none."""
-    return entry_point_names(plugins.CONDITIONS)
-
-
 def find_condition(condition_id: str) -> Condition:
     """Return the condition with this id, of the project or of an installed package.
 
@@ -118,8 +111,8 @@ def find_condition(condition_id: str) -> Condition:
     for condition in CONDITIONS:
         if condition.id == condition_id:
             return condition
-    if condition_id not in condition_ids():
-        known = [*(condition.id for condition in CONDITIONS), *condition_ids()]
+    if condition_id not in announced("condition"):
+        known = [*(condition.id for condition in CONDITIONS), *announced("condition")]
         raise unknown(condition_id, known, "condition")
     condition = load_condition(condition_id)
     try:
@@ -144,7 +137,7 @@ def known_condition(condition_id: str) -> Condition | None:
 def _planned_condition(change: PluginPerturbation) -> Condition:
     """Return the condition of planned work. Raises MissingDependency where it is another here."""
     name = change.condition
-    if name not in condition_ids():
+    if name not in announced("condition"):
         raise MissingDependency(f"condition '{name}': its package is not installed here")
     condition = load_condition(name)
     if condition.key != change.key:
@@ -162,8 +155,7 @@ def load_condition(condition_id: str) -> Condition:
     Raises BadInput as `find_condition` does.
     """
     named = "data_prep.clouds.conditions.Condition"
-    groups = (plugins.CONDITIONS,)
-    return load_entry_point(groups, condition_id, "condition", Condition, named, OUR_CONDITIONS)
+    return load_entry_point("condition", condition_id, Condition, named, OUR_CONDITIONS)
 
 
 class ConditionName(NamedTuple):

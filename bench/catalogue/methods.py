@@ -18,10 +18,9 @@ from bench.catalogue import loaders  # no package that is slow to import: `bench
 from bench.catalogue.chosen import CHOSEN
 from bench.catalogue.lookup import family_of, find, instead_of, unknown, variant_of
 from bench.catalogue.method import IMAGES, Method, is_module_name, module_method
-from data_prep import plugins
 from data_prep.failures import BadInput
 from data_prep.files.safe_read import is_regular_file
-from data_prep.plugins import entry_point_names, load_entry_point
+from data_prep.plugins import announced, load_entry_point
 
 WITH_WEIGHTS_FILE = {
     "pc2pix": loaders.PC2PIX,
@@ -165,7 +164,7 @@ def find_run_method(address: str) -> Method:
         return find_method(address)
     from bench.catalogue.images import entered_method
 
-    taken = OUR_FAMILIES | {family_of(id_) for id_ in plugin_ids()}
+    taken = OUR_FAMILIES | {family_of(id_) for id_ in announced("method")}
     return entered_method(Path(address.removeprefix(IMAGES)), taken)
 
 
@@ -186,7 +185,7 @@ def find_method(method_id: str) -> Method:
             f"{method_id}: images of an export, which cannot draw other clouds; give them to "
             "'bench run' of a suite that scores images"
         )
-    if (line := instead_of("method", method_id)) and method_id not in plugin_ids():
+    if (line := instead_of("method", method_id)) and method_id not in announced("method"):
         raise BadInput(line)
     if (setting := find_setting(method_id)) is not None:
         parameter, value = setting
@@ -211,30 +210,24 @@ def find_method(method_id: str) -> Method:
     for method in BUNDLED:
         if method.id == method_id:
             return method
-    if method_id in plugin_ids():
+    if method_id in announced("method"):
         return _plugin(method_id)
     if is_module_name(method_id):
         return module_method(method_id)
     if package and suffix:
         raise BadInput(f"{weights}: weights are .safetensors files; '{package.command}' writes one")
-    raise unknown(method_id, [*(method.id for method in BUNDLED), *plugin_ids()], "method")
-
-
-@cache
-def plugin_ids() -> tuple[str, ...]:
-    """Return the ids of methods that other installed packages announce, sorted; load none."""
-    return entry_point_names(plugins.METHODS)
+    raise unknown(method_id, [*(method.id for method in BUNDLED), *announced("method")], "method")
 
 
 def is_foreign(method_id: str) -> bool:
     """Return whether drawing with a method executes code of others than this project."""
-    return method_id in plugin_ids() or is_module_name(method_id)
+    return method_id in announced("method") or is_module_name(method_id)
 
 
 @cache
 def _plugin(method_id: str) -> Method:
     named = "bench.methods.Method"
-    return load_entry_point((plugins.METHODS,), method_id, "method", Method, named, OUR_FAMILIES)
+    return load_entry_point("method", method_id, Method, named, OUR_FAMILIES)
 
 
 def objectives(methods: Iterable[Method]) -> dict[str, str]:

@@ -7,9 +7,8 @@ of `pc2pix_bench.extractors` a `SetMetric`. `bench score` takes it of the images
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
 from typing import TYPE_CHECKING
 
 from bench.catalogue.conditions import OUR_CONDITIONS
@@ -23,9 +22,15 @@ from bench.catalogue.metrics import (
     extractor_of,
     find_extractor,
 )
-from data_prep import plugins
 from data_prep.failures import BadInput
-from data_prep.plugins import OUR_KINDS, entry_point_names, load_entry_point, refusal
+from data_prep.plugins import (
+    EXTRACTORS,
+    OUR_KINDS,
+    announced,
+    entry_point_names,
+    load_entry_point,
+    refusal,
+)
 
 if TYPE_CHECKING:
     import numpy as np
@@ -67,19 +72,13 @@ class SetMetric:
     about: str
 
 
-# By kind: groups of entry points, and the ids of this project.
-_KINDS = {
-    "method": ((plugins.METHODS,), OUR_FAMILIES),
-    "metric": ((plugins.METRICS, plugins.EXTRACTORS), METRICS.keys()),
-    "dataset": ((plugins.DATASETS,), OUR_KINDS),
-    "condition": ((plugins.CONDITIONS,), OUR_CONDITIONS),
+# By kind: the ids of this project, which no plug-in may have.
+OUR_IDS = {
+    "method": OUR_FAMILIES,
+    "metric": METRICS.keys(),
+    "dataset": OUR_KINDS,
+    "condition": OUR_CONDITIONS,
 }
-
-
-@cache
-def metric_ids() -> tuple[str, ...]:
-    """Return the ids of the metrics that installed packages announce, sorted; load none."""
-    return entry_point_names(*_KINDS["metric"][0])
 
 
 def find_metric(metric_id: str, device: str = "cpu") -> ImageMetric | SetMetric:
@@ -91,19 +90,18 @@ def find_metric(metric_id: str, device: str = "cpu") -> ImageMetric | SetMetric:
     """
     if metric_id in FURTHER_METRICS:
         return _further(metric_id, device)
-    if metric_id not in metric_ids():
+    if metric_id not in announced("metric"):
         if metric_id in METRICS:
             raise BadInput(
                 f"metric '{metric_id}': {_lacking(metric_id)}suites that have it take it by "
                 "themselves; leave --metrics"
             )
-        raise unknown(metric_id, (*FURTHER_METRICS, *metric_ids()), "metric")
-    if metric_id in entry_point_names(plugins.EXTRACTORS):
+        raise unknown(metric_id, (*FURTHER_METRICS, *announced("metric")), "metric")
+    if metric_id in entry_point_names(EXTRACTORS):
         type_, named = SetMetric, "bench.catalogue.plugins.SetMetric"
     else:
         type_, named = ImageMetric, "bench.image_metric.ImageMetric"
-    groups, ours = _KINDS["metric"]
-    return load_entry_point(groups, metric_id, "metric", type_, named, ours)
+    return load_entry_point("metric", metric_id, type_, named, OUR_IDS["metric"])
 
 
 def _lacking(metric_id: str) -> str:
@@ -127,30 +125,15 @@ def _further(metric_id: str, device: str) -> ImageMetric:
     return ImageMetric(metric_id, score, FURTHER_VERSION, facts.higher, facts.about)
 
 
-def our_ids(kind: str) -> Collection[str]:
-    """Return the ids of this project, which no "method", "metric" or "dataset" may have."""
-    return _KINDS[kind][1]
-
-
-def plugin_names(kind: str) -> tuple[str, ...]:
-    """Return the ids that installed packages announce for a kind, sorted; load none."""
-    return entry_point_names(*_KINDS[kind][0])
-
-
 def plugin_problem(kind: str, id_: str) -> str:
     """Return why what packages announce under an id cannot be used; "" where it can, or is none.
 
     `kind` is "method", "metric", "dataset" or "condition". Nothing is loaded.
     """
-    groups, ours = _KINDS[kind]
-    return refusal(groups, id_, kind, ours) if id_ in entry_point_names(*groups) else ""
+    return refusal(kind, id_, OUR_IDS[kind]) if id_ in announced(kind) else ""
 
 
 def plugin_problems() -> tuple[str, ...]:
     """Return the problems of all ids that installed packages announce."""
-    problems = (
-        plugin_problem(kind, id_)
-        for kind, (groups, _) in _KINDS.items()
-        for id_ in entry_point_names(*groups)
-    )
+    problems = (plugin_problem(kind, id_) for kind in OUR_IDS for id_ in announced(kind))
     return tuple(filter(None, problems))

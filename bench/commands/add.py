@@ -12,7 +12,7 @@ import typer
 
 from bench.catalogue.lookup import variant_of
 from bench.catalogue.method import allow_modules, is_module_name, stated_id
-from bench.catalogue.methods import find_run_method, plugin_ids
+from bench.catalogue.methods import find_run_method
 from bench.commands.config import JOB_SUITES, repeated_request
 from bench.commands.contract import printed
 from bench.commands.options import RunDirectory, WorkersOption, names, worker_count
@@ -24,6 +24,7 @@ from bench.report.build import REPORT
 from bench.running.options import Options, read_shard
 from bench.tables.markdown import visible
 from data_prep.failures import BadInput
+from data_prep.plugins import announced
 
 
 def add(
@@ -93,7 +94,7 @@ def options_of(directory: Path, methods: Sequence[str], workers: int | None) -> 
 def is_own(name: str) -> bool:
     """Return whether a method, or its weights, are of the user and not of this project."""
     is_file = variant_of(name).endswith(".safetensors")
-    return is_file or is_module_name(name) or name in plugin_ids()
+    return is_file or is_module_name(name) or name in announced("method")
 
 
 def _pass_test(name: str) -> None:

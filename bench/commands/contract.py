@@ -43,16 +43,15 @@ def test(
 
 def _next_command(name: str) -> str:
     """Return the command that uses a plug-in which has passed its test."""
-    from bench.catalogue.conditions import condition_ids
-    from bench.catalogue.plugins import metric_ids
     from bench.checking.contract.targets import DatasetSource, Method, find_target
     from data_prep.clouds.conditions import Condition
     from data_prep.datasets.registry import is_dataset
+    from data_prep.plugins import announced
 
     target = find_target(name)
     if isinstance(target, Method):
         return f"bench add {name} DIR"
-    installed = is_dataset(name) or name in (*metric_ids(), *condition_ids())
+    installed = is_dataset(name) or name in (*announced("metric"), *announced("condition"))
     install = "" if installed else "pip install its package, then "
     if isinstance(target, DatasetSource):
         return f"{install}bench run --suite thirteen-classes --dataset {target.id}"

@@ -18,16 +18,15 @@ from bench.catalogue.chosen import (
     cost_of,
     measured_methods,
 )
-from bench.catalogue.conditions import condition_ids
 from bench.catalogue.lookup import unknown
 from bench.catalogue.method import IMAGES, Method
-from bench.catalogue.methods import COST_VARIANTS, METHODS, PARAMETERS, RECOMMENDED, plugin_ids
+from bench.catalogue.methods import COST_VARIANTS, METHODS, PARAMETERS, RECOMMENDED
 from bench.catalogue.metrics import METRICS
-from bench.catalogue.plugins import metric_ids, plugin_problem
+from bench.catalogue.plugins import plugin_problem
 from bench.catalogue.suites import ALL_SUITES, ROBUSTNESS
 from bench.tables.terminal import ANY_WIDTH, laid_out, line_width, table
 from data_prep.clouds.conditions import CONDITIONS
-from data_prep.plugins import DATASETS, entry_point_names
+from data_prep.plugins import announced
 
 if TYPE_CHECKING:
     from rich.padding import Padding
@@ -121,9 +120,9 @@ def _plain_entries(title: str) -> list[tuple[str, str]]:
         )
         return [*ranges, *((method.id, method.source) for method in COST_VARIANTS)]
     if title == "conditions":
-        others = [(id_, _of_package("condition", id_)) for id_ in condition_ids()]
+        others = [(id_, _of_package("condition", id_)) for id_ in announced("condition")]
         return [*((condition.id, condition.source) for condition in CONDITIONS), *others]
-    others = ((f"{id_}:PATH", _of_package("dataset", id_)) for id_ in entry_point_names(DATASETS))
+    others = ((f"{id_}:PATH", _of_package("dataset", id_)) for id_ in announced("dataset"))
     return [*OWN_DATASETS, *others]
 
 
@@ -135,7 +134,7 @@ def _methods(costs: Mapping[str, MeasuredMethod]) -> Section:
         (m.kind, m.id, m.trained_on or "unknown", m.color or "unknown", _cost(m, costs), m.source)
         for m in METHODS
     ]
-    rows += [("", id_, "", "", "", _of_package("method", id_)) for id_ in plugin_ids()]
+    rows += [("", id_, "", "", "", _of_package("method", id_)) for id_ in announced("method")]
     notes = (
         f"* recommended: {RECOMMENDED} for objects of any kind; '{BEST_RECONSTRUCTION}' is one of "
         f"{', '.join(chosen)}, by condition",
@@ -161,7 +160,8 @@ def _metrics() -> Section:
     """Return the metrics by what they are taken of, and which way is better."""
     rows = [(m.kind, m.id, "higher" if m.higher else "lower", m.about) for m in METRICS.values()]
     rows += [
-        ("", id_, "", _of_package("metric", id_, "; see 'bench score'")) for id_ in metric_ids()
+        ("", id_, "", _of_package("metric", id_, "; see 'bench score'"))
+        for id_ in announced("metric")
     ]
     notes = (
         "on request: by 'bench run --metrics' and 'bench score'",

@@ -14,10 +14,10 @@ from typing import Annotated
 
 import typer
 
-from bench.catalogue.plugins import our_ids, plugin_names
+from bench.catalogue.plugins import OUR_IDS
 from bench.commands.options import path_option
 from data_prep.failures import BadInput, CannotWrite
-from data_prep.plugins import is_id
+from data_prep.plugins import announced, is_id
 
 
 class PluginKind(StrEnum):
@@ -86,9 +86,9 @@ def check_id(kind: PluginKind, id_: str) -> None:
             f"{id_}: an id is kebab-case (a-z, 0-9 and single hyphens), as in my-{kind}; give "
             "another NAME"
         )
-    if id_ in our_ids(kind):
+    if id_ in OUR_IDS[kind]:
         raise BadInput(f"{id_}: pc2pix-bench uses that id itself; give another NAME")
-    if id_ in plugin_names(kind):
+    if id_ in announced(kind):
         raise BadInput(f"{id_}: an installed package has that id; give another NAME")
     if not module.isidentifier() or keyword.iskeyword(module):
         raise BadInput(f"{id_}: Python cannot import a module '{module}'; give another NAME")

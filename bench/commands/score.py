@@ -28,7 +28,7 @@ from bench.catalogue.metrics import (
     extractor_of,
     higher_is_better,
 )
-from bench.catalogue.plugins import ImageMetric, SetMetric, find_metric, metric_ids
+from bench.catalogue.plugins import ImageMetric, SetMetric, find_metric
 from bench.commands.options import DEVICE, Device, RunDirectory, names
 from bench.metrics.inception_weights import WeightsUnavailable
 from bench.records.frames import ImageKey, read_scores
@@ -41,6 +41,7 @@ from bench.tables.further_metrics import metric_table
 from bench.tables.table import Table, write_tables
 from data_prep.arrays import Floats
 from data_prep.failures import BadInput
+from data_prep.plugins import announced
 from data_prep.scene import UInt8Images
 
 READ = 8  # images of jobs held in memory, of about 1 MB each
@@ -234,7 +235,7 @@ def score_run(
     """Measure a finished run with further metrics; print their tables."""
     if device is Device.cuda:
         chosen_device(device)  # an absent one is refused before anything is read
-    chosen = names(metrics) or metric_ids()
+    chosen = names(metrics) or announced("metric")
     if not chosen:
         raise BadInput(
             f"no installed package adds a metric; give --metrics {','.join(FURTHER_METRICS)}, "

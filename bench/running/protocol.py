@@ -13,7 +13,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from bench.catalogue.conditions import condition_ids, find_condition
+from bench.catalogue.conditions import find_condition
 from bench.catalogue.images import address_of, manifest_entry
 from bench.catalogue.loaders import GPU
 from bench.catalogue.lookup import find
@@ -57,6 +57,7 @@ from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from data_prep.datasets.registry import Dataset, open_dataset
 from data_prep.failures import BadInput
 from data_prep.files.checksums import file_sha256
+from data_prep.plugins import announced
 from data_prep.progress import log
 
 WHOLE: str | None = None  # in the manifest of a run that is no shard
@@ -197,7 +198,9 @@ class Protocol:
             id_: (m.images.root, m.images.claims) for id_, m in self.methods.items() if m.images
         }
         others = {
-            name: find_condition(name).key for name in self.conditions if name in condition_ids()
+            name: find_condition(name).key
+            for name in self.conditions
+            if name in announced("condition")
         }
         return manifest_of(
             self,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 
 from data_prep.datasets.dataset import MOST_NAMED, Dataset, DatasetReader, listed
@@ -23,7 +23,7 @@ from data_prep.datasets.shapenet import is_shapenet, is_synset, shapenet_dataset
 from data_prep.datasets.stored_meshes import MeshFile, PlacedMesh
 from data_prep.failures import BadInput, unknown
 from data_prep.files.safe_read import folders_in, is_disk, shown
-from data_prep.plugins import DATASETS, OUR_KINDS, entry_point_names, load_entry_point
+from data_prep.plugins import OUR_KINDS, announced, load_entry_point
 
 __all__ = [
     "PROCEDURAL_VERSION",
@@ -106,10 +106,9 @@ def is_dataset(text: str) -> bool:
     return text == "procedural" or bool(colon and kind in kinds)
 
 
-@cache
 def reader_ids() -> tuple[str, ...]:
     """Return the kinds of datasets that installed packages register, sorted; load none."""
-    return entry_point_names(DATASETS)
+    return announced("dataset")
 
 
 def find_reader(kind: str) -> DatasetReader:
@@ -118,7 +117,7 @@ def find_reader(kind: str) -> DatasetReader:
     Raises BadInput, naming the package, where it cannot be loaded.
     """
     named = "data_prep.datasets.dataset.DatasetReader"
-    return load_entry_point((DATASETS,), kind, "dataset", DatasetReader, named, OUR_KINDS)
+    return load_entry_point("dataset", kind, DatasetReader, named, OUR_KINDS)
 
 
 def read_dataset(reader: DatasetReader, spec: str, folder: Path) -> Dataset:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from contextlib import contextmanager
 
 from bench.catalogue import conditions
-from data_prep.plugins import CONDITIONS
+from data_prep.plugins import CONDITIONS, announced
 from tests.bench.checking import broken_conditions
 from tests.robustness.faulty_methods import announce
 
-CACHES = (conditions.condition_ids, conditions.load_condition, conditions._planned_condition)
+CACHES = (announced, conditions.load_condition, conditions._planned_condition)
 
 
 @contextmanager

@@ -12,6 +12,7 @@ import torch
 
 from bench.catalogue import methods
 from bench.catalogue.methods import Method
+from data_prep import plugins
 from data_prep.failures import BadInput, MissingDependency, StageFailure
 from data_prep.randomness import generator
 from tests.robustness.faulty_methods import FAULTS, Faulty, announce
@@ -147,7 +148,7 @@ def installed(folder, monkeypatch):
     """As if the package of these methods had been installed, for this process and its workers."""
     announce(folder, {id_: f"{__name__}:{id_.replace('-', '_')}" for id_ in PLUGINS})
     monkeypatch.syspath_prepend(folder)
-    caches = methods.plugin_ids, methods._plugin
+    caches = plugins.announced, methods._plugin
     for cache in caches:
         cache.cache_clear()
     yield

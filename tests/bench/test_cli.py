@@ -234,8 +234,8 @@ def test_an_impatient_user_interrupts_once():
 
 
 def test_code_of_a_package_that_calls_exit_does_not_pass(command, monkeypatch):
-    monkeypatch.setattr("bench.commands.listing.entry_point_names", sys.exit)
+    monkeypatch.setattr("bench.commands.listing.announced", sys.exit)
     status, _, err = command("list")
     assert status == 1
-    assert err.startswith("bench: an installed package has called exit(pc2pix_bench.")
+    assert err.startswith("bench: an installed package has called exit(")
     assert err.count("\n") == 1

@@ -9,15 +9,14 @@ from dataclasses import dataclass
 from functools import cache, partial
 from typing import TypeAlias, get_args
 
-from bench.catalogue.conditions import condition_ids, load_condition
+from bench.catalogue.conditions import load_condition
 from bench.catalogue.lookup import family_of
 from bench.catalogue.method import as_method, check_module, load_object
-from bench.catalogue.methods import Method, find_method, plugin_ids
+from bench.catalogue.methods import Method, find_method
 from bench.catalogue.plugins import (
     ImageMetric,
     SetMetric,
     find_metric,
-    metric_ids,
     plugin_problem,
 )
 from bench.checking.contract.findings import ContractViolation
@@ -33,6 +32,7 @@ from data_prep.datasets.registry import (
     reader_ids,
 )
 from data_prep.failures import BadInput
+from data_prep.plugins import announced
 
 HEAVY = (
     *("torch", "scipy", "pandas", "skimage", "matplotlib", "trimesh", "pymeshlab", "open3d"),
@@ -67,7 +67,7 @@ def check_name(name: str) -> None:
     if is_dataset(name):
         if rest and module != "procedural":
             folder_of(rest)
-    elif name in (*plugin_ids(), *metric_ids(), *_known_conditions()):
+    elif name in (*announced("method"), *announced("metric"), *_known_conditions()):
         return
     elif colon and "@" not in module:
         check_module(name)
@@ -76,7 +76,7 @@ def check_name(name: str) -> None:
 
 
 def _known_conditions() -> tuple[str, ...]:
-    return (*(condition.id for condition in CONDITIONS), *condition_ids())
+    return (*(condition.id for condition in CONDITIONS), *announced("condition"))
 
 
 @cache
@@ -86,12 +86,12 @@ def find_target(name: str) -> Target:
         if (kind := name.partition(":")[0]) in reader_ids():
             find_reader(kind)  # its module is loaded here
         return DatasetSource(name, partial(open_dataset, name))
-    if name in metric_ids():
+    if name in announced("metric"):
         return find_metric(name)
     if name in _known_conditions():
         ours = {condition.id: condition for condition in CONDITIONS}
         return ours[name] if name in ours else load_condition(name)
-    if name not in plugin_ids() and ":" in family_of(name):
+    if name not in announced("method") and ":" in family_of(name):
         return _of_module(name)
     return find_method(name)
 

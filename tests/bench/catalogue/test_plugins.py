@@ -9,11 +9,11 @@ import pytest
 from bench.catalogue import methods
 from bench.catalogue.chosen import BEST_RECONSTRUCTION
 from bench.catalogue.methods import METHODS, OUR_FAMILIES, find_method
-from bench.catalogue.plugins import find_metric, metric_ids
+from bench.catalogue.plugins import find_metric
 from bench.records.record import GROUND_TRUTH
 from data_prep.datasets import registry as datasets
 from data_prep.failures import BadInput
-from data_prep.plugins import OUR_KINDS
+from data_prep.plugins import OUR_KINDS, announced
 
 MODULE = """
 from bench.catalogue.methods import Method
@@ -63,7 +63,7 @@ FIND = {"method": find_method, "metric": find_metric}
 @pytest.fixture
 def no_stranger():
     """What has been looked up before is forgotten, and what is looked up here too."""
-    caches = methods.plugin_ids, methods._plugin, metric_ids
+    caches = announced, methods._plugin
     for cache in caches:
         cache.cache_clear()
     yield
@@ -77,11 +77,11 @@ def stranger(no_stranger, tmp_path, monkeypatch):
     (tmp_path / "stranger.py").write_text(MODULE)
     (tmp_path / "stranger_broken.py").write_text("raise OSError('no licence')")
     (tmp_path / "stranger_exiting.py").write_text("raise SystemExit(0)")
-    for name, announced in (("stranger", ANNOUNCED), ("second", SECOND)):
+    for name, entries in (("stranger", ANNOUNCED), ("second", SECOND)):
         info = tmp_path / f"{name}-1.0.dist-info"
         info.mkdir()
         (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
-        (info / "entry_points.txt").write_text(announced)
+        (info / "entry_points.txt").write_text(entries)
     monkeypatch.delitem(sys.modules, "stranger", raising=False)
     monkeypatch.syspath_prepend(tmp_path)
 
@@ -90,16 +90,17 @@ def test_those_of_other_packages_are_found_listed_and_replace_none_of_ours(stran
     assert find_method("good").version == find_metric("good").version == 3
     assert find_method("good@v1.2").version == 4
     ids = {"blank", "broken", "exiting", "good", "missing", "other", "good@v1.2", "text", "../x"}
-    assert ids | {"twice"} <= set(methods.plugin_ids())
-    assert metric_ids() == ("a/b", "good", "missing", "other", "ssim", "text", "twice")
+    assert ids | {"twice"} <= set(announced("method"))
+    assert announced("metric") == ("a/b", "good", "missing", "other", "ssim", "text", "twice")
     (ours,) = (method for method in METHODS if method.id == "blank")
     assert find_method("blank") is ours
     status, out, _ = command("list")  # which loads none
     assert status == 0
-    assert "  missing                   of another installed package; see 'bench score'" in out
+    lines = [" ".join(line.split()) for line in out.splitlines()]
+    assert "missing of another installed package; see 'bench score'" in lines
     ours = "pc2pix-bench uses that id itself; rename it in that package"
-    assert f"  blank                     refused: method 'blank' of stranger: {ours}\n" in out
-    assert f"  folder:PATH               refused: dataset 'folder' of stranger: {ours}\n" in out
+    assert f"blank refused: method 'blank' of stranger: {ours}" in lines
+    assert f"folder:PATH refused: dataset 'folder' of stranger: {ours}" in lines
     status, out, _ = command("doctor")
     assert status == 1
     assert f"FAIL other packages: method 'best-reconstruction' of stranger: {ours}\n" in out
