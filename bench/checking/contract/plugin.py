@@ -120,14 +120,14 @@ def check_elsewhere(name: str, elsewhere: Any) -> Passed:
             raise ContractViolation(
                 f"not the same {what} in another process{both}; finished work would be lost"
             )
-    for here, there in zip(results, elsewhere[1], strict=True):
-        alike = here.shape == there.shape and np.allclose(
-            here.astype(np.float64), there, kind.rtol, kind.atol
+    for here, second in zip(results, elsewhere[1], strict=True):
+        alike = here.shape == second.shape and np.allclose(
+            here.astype(np.float64), second, kind.rtol, kind.atol
         )
         if not alike:
             raise ContractViolation(
                 f"other {kind.result} in another process, on two threads, in another order: "
-                f"{apart(here, there)}; {kind.remedy}"
+                f"{apart(here, second)}; {kind.remedy}"
             )
     return Passed("the same in two processes, on one thread and on two, in another order")
 
