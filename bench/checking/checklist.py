@@ -91,9 +91,7 @@ def check_claims(directories: Sequence[Path], subjects: Sequence[str] = ()) -> l
 
 def _refuse_absent(subjects: Sequence[str], manifests: Mapping[Path, Mapping[str, Any]]) -> None:
     """Raise BadInput for a method that no run has."""
-    of_runs = dict.fromkeys(
-        m for manifest in manifests.values() for m in manifest.get("methods", ())
-    )
+    of_runs = dict.fromkeys(m for run in manifests.values() for m in run.get("methods", ()))
     for method in subjects:
         if method not in of_runs:
             raise unknown(method, [*of_runs], "method", see="bench table DIR")
@@ -178,11 +176,9 @@ def _claims(results: Sequence[ClaimResult]) -> Grid:
     """Return a row for each result, with the words of the claim in its first row only."""
     several = len({result.run for result in results if result.run}) > 1
     lines = []
-    last = None
-    for result in results:
+    for before, result in zip([None, *results], results, strict=False):
         claim, finding = result.claim, result.finding
-        first = claim is not last
-        last = claim
+        first = before is None or claim is not before.claim
         raw = f"uncorrected: {finding.verdict}" if finding.verdict != result.verdict else ""
         why = "; ".join(filter(None, [raw, finding.why]))
         lines.append(

@@ -50,7 +50,7 @@ from bench.suites.procedure import SuiteRun, methods_of, run_suite, suite_manife
 from bench.tables import markdown
 from bench.tables.grid import Block, Cell, number, ordered, pivot
 from bench.tables.table import Table
-from data_prep.datasets.registry import Split, open_dataset
+from data_prep.datasets.registry import open_dataset
 from data_prep.failures import BadInput
 from data_prep.progress import progress
 from data_prep.randomness import generator
@@ -89,10 +89,15 @@ def run(
         views="everything is seen from one fixed view",
         **dict.fromkeys(("workers", "shard", "ray"), "it works in one process"),
     )
-    split, seed = _split(options), options.seed or 0
+    dataset, seed = open_dataset(options.dataset), options.seed or 0
+    if dataset.finite is not None or dataset.measured == "novel-families":
+        raise BadInput(
+            f"--dataset {options.dataset}: the suite {suite.id} chooses chairs by their "
+            "descriptions, which only procedural ones have; leave it"
+        )
     for method in methods:
         weights_of(method)
-    chairs = specified_chairs(split, max(suite.pool, 2 * suite.pairs))
+    chairs = specified_chairs(dataset.measured, max(suite.pool, 2 * suite.pairs))
     pairs = choose_pairs(chairs[: 2 * suite.pairs], generator(seed, "latent pairs"))
     rng = generator(seed, "latent triples")
     triples = choose_triples(chairs[: suite.pool], suite.triples, rng)
@@ -116,17 +121,6 @@ def run(
         )
         measured = partial(_measure, networks, pairs, triples, seed, suite)
         return run_suite(options, manifest, measured)
-
-
-def _split(options: Options) -> Split:
-    """Return the split to be measured; raise BadInput for a dataset without descriptions."""
-    dataset = open_dataset(options.dataset)
-    if dataset.finite is not None or dataset.measured == "novel-families":
-        raise BadInput(
-            f"--dataset {options.dataset}: the suite {LATENT.id} chooses chairs by their "
-            "descriptions, which only procedural ones have; leave it"
-        )
-    return dataset.measured
 
 
 def _measure(

@@ -227,18 +227,13 @@ def measure(unit: Unit, peak_mib: Callable[[], float | None] = peak_mib) -> Meas
 
 def lost(unit: Unit, reason: str) -> Measurement:
     """Return the measurement of a process that died: no cloud has a time, each failed."""
+    names = (f"{obj.class_name}/{obj.object_id}" for obj in unit.objects)
     return Measurement(
-        key=unit.key,
-        method=unit.method,
-        condition=unit.condition,
-        threads=unit.threads,
-        views=unit.views,
+        *(unit.key, unit.method, unit.condition, unit.threads, unit.views),
         clouds=len(unit.objects),
         device=unit.device,
         samples=(),
-        failures=tuple(
-            CloudFailure(f"{obj.class_name}/{obj.object_id}", reason) for obj in unit.objects
-        ),
+        failures=tuple(CloudFailure(name, reason) for name in names),
     )
 
 
