@@ -118,7 +118,9 @@ def runs(
     no method or condition in common; and as `methods_of_run`.
     """
     a, b = (read_run(d, older=True).with_further(metrics or ()) for d in (first, second))
-    _refuse_two_protocols(a, b)
+    if a.manifest[PROTOCOL] != b.manifest[PROTOCOL]:
+        for run in (a, b):
+            refuse_other_version(run.directory, run.manifest[PROTOCOL])
     if a.suite.truth != b.suite.truth:
         raise BadInput(
             f"different truths: {first} is scored against {TRUTHS[a.suite.truth]}, {second} "
@@ -126,53 +128,56 @@ def runs(
         )
     _refuse_other_objects(a, b)
     remarks = _of_older_protocol(a)
-    common = {
-        name: _common(name, a.manifest[name], b.manifest[name], remarks)
+    shared, conditions = (
+        _common(name, a.manifest[name], b.manifest[name], remarks)
         for name in ("methods", "conditions")
-    }
-    if methods is not None:
-        _refuse_unknown("--methods", methods, common["methods"])
-    _leave_out_changed(a, b, common["conditions"], remarks)
-    names = methods or common["methods"]
-    chosen = _metrics([a, b], metrics, remarks)
-    alone = [known_objects(run) for run in (a, b)]
-    shared = {
-        cell: of_a & alone[1][cell]
-        for cell, of_a in alone[0].items()
-        if cell in alone[1] and cell[0] in common["conditions"]
-    }
-    remarks += _of_fewer_objects(shared, *alone)
-    in_a, in_b = (
-        by_method(_compare(run, names, chosen, shared).assign(run=str(directory)))
-        for run, directory in ((a, first), (b, second))
     )
+    _refuse_unknown("--methods", methods or (), shared)
+    _leave_out_changed(a, b, conditions, remarks)
+    chosen = _metrics([a, b], metrics, remarks)
+    among = _shared_objects(a, b, conditions, remarks)
+    compared = [
+        _compare(run, methods or shared, chosen, among).assign(run=str(directory))
+        for run, directory in ((a, first), (b, second))
+    ]
+    cells, names = compared[0][["condition", "class"]].drop_duplicates(), methods or shared
+    in_a, in_b = map(by_method, compared)
     pairs = [
-        (in_a[name][cell], in_b[name][cell])
+        (in_a[name][metric, *cell], in_b[name][metric, *cell])
         for metric in chosen
-        for at in shared
+        for cell in cells.itertuples(index=False)
         for name in names
-        if (cell := (metric, *at)) in in_a.get(name, {}) and cell in in_b.get(name, {})
     ]
-    cells, truth = paired_differences(pairs), TRUTHS[a.suite.truth]
-    return Differences(str(first), str(second), cells, tuple(remarks), truth)
+    truth = TRUTHS[a.suite.truth]
+    return Differences(str(first), str(second), paired_differences(pairs), tuple(remarks), truth)
 
 
-def _of_fewer_objects(
-    shared: Mapping[tuple[str, str], AbstractSet[str]],
-    *alone: Mapping[tuple[str, str], AbstractSet[str]],
-) -> list[str]:
-    """Return a remark on the objects whose true images failed in one of two runs."""
-    missing: dict[str, set[str]] = {}
-    for cell, both in shared.items():
-        for of_run in alone:
-            missing.setdefault(cell[1], set()).update(of_run[cell] - both)
-    return [
-        f"{len(names)} of class {name} left out, as their true images failed in one of the runs: "
-        f"{', '.join(sorted(names)[:NAMED])}{' and others' * (len(names) > NAMED)}; "
-        f"{max(len(both) for cell, both in shared.items() if cell[1] == name)} are in both."
-        for name, names in missing.items()
-        if names
-    ]
+def _shared_objects(
+    a: Run, b: Run, conditions: Sequence[str], remarks: list[str]
+) -> dict[tuple[str, str], set[str]]:
+    """Return the objects with true images in both runs, by condition and class.
+
+    There is a remark on those whose true images failed in one of them.
+    """
+    of_a, of_b = (
+        pd.DataFrame(
+            [(*cell, name) for cell, names in known_objects(run).items() for name in names],
+            columns=["condition", "class", "object"],
+        )
+        for run in (a, b)
+    )
+    every = of_a.merge(of_b, how="outer", indicator="side")
+    every = every[every["condition"].isin(conditions)]
+    both = every[every["side"] == "both"].groupby(["condition", "class"])["object"].agg(set)
+    for class_name, lost in every[every["side"] != "both"].groupby("class")["object"]:
+        names = sorted({*lost})
+        shown = f"{', '.join(names[:NAMED])}{' and others' * (len(names) > NAMED)}"
+        sizes = (len(here) for (_, name), here in both.items() if name == class_name)
+        remarks.append(
+            f"{len(names)} of class {class_name} left out, as their true images failed in one of "
+            f"the runs: {shown}; {max(sizes, default=0)} are in both."
+        )
+    return both.to_dict()
 
 
 def _compare(
@@ -250,13 +255,6 @@ def _refuse_unknown(option: str, wanted: Sequence[str], known: Sequence[str]) ->
                 instead_of("metric" if option == "--metric" else "method", name)
                 or f"{option} {name}: cannot be compared here; there are {', '.join(known)}"
             )
-
-
-def _refuse_two_protocols(*scored: Run) -> None:
-    """Raise BadInput for runs of two versions of the protocol, naming one that is not ours."""
-    if len({run.manifest[PROTOCOL] for run in scored}) > 1:
-        for run in scored:
-            refuse_other_version(run.directory, run.manifest[PROTOCOL])
 
 
 def _of_older_protocol(run: Run) -> list[str]:
