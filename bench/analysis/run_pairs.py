@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 from threadpoolctl import threadpool_limits
@@ -168,7 +169,7 @@ def _shared_objects(
     )
     every = of_a.merge(of_b, how="outer", indicator="side")
     every = every[every["condition"].isin(conditions)]
-    both = every[every["side"] == "both"].groupby(["condition", "class"])["object"].agg(set)
+    both: Any = every[every["side"] == "both"].groupby(["condition", "class"])["object"].agg(set)
     for class_name, lost in every[every["side"] != "both"].groupby("class")["object"]:
         names = sorted({*lost})
         shown = f"{', '.join(names[:NAMED])}{' and others' * (len(names) > NAMED)}"

@@ -127,7 +127,7 @@ def difference_cell(row: Row) -> Cell:
     ):
         digits += 1  # an interval that leaves out 0 does not print it
     cell = number((row["difference"], low, high), f"{{:+.{digits}f}}".format, special=special)
-    return marked(replace(cell, text=values + cell.text), is_coarse(metric, *methods))
+    return marked(replace(cell, text=values + cell.text), metric, *methods)
 
 
 def _measured(row: Row) -> list[str]:

@@ -165,7 +165,8 @@ def _cost_of(row: Mapping[str, Any] | None) -> Cell:
         milliseconds(cost),
         cost if math.isfinite(cost) else None,
         rest=rest if math.isfinite(prepare) else "no times",
-        caveat=f"of {n_ok} of {n} images" if n_ok < n else "",
+        count=(n_ok, n),
+        blank="-" if n_ok < n else None,
         special=CLAIMED if row["claimed"] else special,
     )
 
@@ -187,10 +188,10 @@ def _thinned(row: Mapping[str, Any]) -> Cell:
     value, lost = _value(row), _estimate(row, LOST)
     rest = f", {milliseconds(row['cost_ms'])} ms{' claimed' * row['claimed']}"
     if not (math.isfinite(lost.low) and any(lost)):
-        return Cell(value.text, rest=rest, coarse=value.coarse)
+        return Cell(value.text, rest=rest)
     loss = measured(lost, row["metric"], row["method"], sign="+")
     text = f"{value.text}, {loss.text}"
-    return Cell(text, interval=loss.interval, rest=rest, coarse=loss.coarse)
+    return Cell(text, interval=loss.interval, rest=rest)
 
 
 def _of_views(views: int) -> str:

@@ -62,8 +62,6 @@ class Cell:
     count     images that exist, and that should
     blank     the value with a blank image in place of each that failed, "-" without one; None
               where none failed
-    caveat    what speaks against a value that scores failed images as blank ones already
-    coarse    whether it has fewer digits than its metric
     paper     the published value; empty without one
     special   a remark on the value
     """
@@ -74,10 +72,8 @@ class Cell:
     rest: str = ""
     count: tuple[int, int] | None = None
     blank: str | None = None
-    caveat: str = ""
     paper: str = ""
     special: Annotation | None = None
-    coarse: bool = False
 
     @property
     def beside(self) -> str:
@@ -92,12 +88,11 @@ class Cell:
     @property
     def gap(self) -> str:
         """Return what speaks against the value, or is missing from it, in the report."""
-        if self.special and self.special.against:
-            return "; ".join(filter(None, (self.special.word, self.caveat)))
-        if self.blank is None or self.count is None:
-            return self.caveat
-        text = f"{self.count[0]} of {self.count[1]} images"
-        return text if self.blank == "-" else f"{text}; {self.blank} with blank ones for the others"
+        parts = [self.special.word] if self.special and self.special.against else []
+        if self.blank is not None and self.count is not None:
+            parts.append("{} of {} images".format(*self.count))
+            parts += [f"{self.blank} with blank ones for the others"] * (self.blank != "-")
+        return "; ".join(parts)
 
 
 NOTHING = Cell("-")
@@ -139,14 +134,13 @@ def measured(
     """
     digits = decimals(metric, *methods)
     show = f"{{:+.{digits}f}}".format if sign else partial(shown, digits=digits)
-    return marked(number(estimate, show, **beside), is_coarse(metric, *methods))
+    return marked(number(estimate, show, **beside), metric, *methods)
 
 
-def marked(cell: Cell, coarse: bool) -> Cell:
+def marked(cell: Cell, metric: str, *methods: str) -> Cell:
     """Return a cell, marked where it has a value with fewer digits than its metric."""
-    if not coarse or cell.value is None:
-        return cell
-    return replace(cell, text=MOVED + cell.text, coarse=True)
+    coarse = cell.value is not None and is_coarse(metric, *methods)
+    return replace(cell, text=MOVED + cell.text) if coarse else cell
 
 
 def shown(value: float, digits: int) -> str:
@@ -172,7 +166,6 @@ class TableRow:
     cells: tuple[Cell, ...]
     about: str = ""
     tags: Tags = ANY
-    special: Annotation | None = None
 
 
 OVER_OBJECTS = "95 % interval over objects"
@@ -214,22 +207,22 @@ class Grid:
     @property
     def all_notes(self) -> tuple[str, ...]:
         """Return the notes, and last the meaning of the mark of values with fewer digits."""
-        coarse = any(cell.coarse for line in self.lines for cell in line.cells)
+        coarse = any(MOVED in cell.text for line in self.lines for cell in line.cells)
         return (*self.notes, FEWER) if coarse else self.notes
 
 
 Block = str | Grid  # a paragraph, a heading or a list in Markdown; or a grid
 
 
-def grid(heads: Sequence[str], lines: Iterable[Sequence[str | Cell]], **more: Any) -> Grid:
-    """Return a grid from its texts, the first of each line its name; `more` are fields of `Grid`.
+def grid(heads: Sequence[str], lines: Iterable[Sequence[Any]], **more: Any) -> Grid:
+    """Return a grid from texts and cells, the first of each line its name; `more` are its fields.
 
     The first head is the corner.
     """
-    rows = []
-    for line in lines:
-        name, *cells = (Cell(text) if isinstance(text, str) else text for text in line)
-        rows.append(TableRow(name.text, tuple(cells), special=name.special))
+    rows = (
+        TableRow(name, tuple(Cell(text) if isinstance(text, str) else text for text in cells))
+        for name, *cells in lines
+    )
     return Grid(heads[0], tuple(map(ColumnHeader, heads[1:])), tuple(rows), **more)
 
 

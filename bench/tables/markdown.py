@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 
-from bench.tables.grid import Block, Cell, Grid, TableRow
+from bench.tables.grid import Block, Cell, Grid
 
 # An underscore inside a word is no markup, and ids have many.
 _MARKUP = re.compile(r"[\\`*\[\]<>|~$#&]|(?<![^\W_])_|_(?![^\W_])")
@@ -54,18 +54,12 @@ def table(grid: Grid) -> str:
         return "\n".join(map(cell, grid.notes))
     notes = grid.all_notes
     heads = [grid.corner, *(head.name for head in grid.columns)]
+    rows = (row([cell(line.name), *map(_value, line.cells)]) for line in grid.lines)
     lines = [cell(grid.remark), ""] if grid.remark else []
-    lines += [row(list(map(cell, heads))), "|---" * len(heads) + "|", *map(_line, grid.lines)]
+    lines += [row(list(map(cell, heads))), "|---" * len(heads) + "|", *rows]
     if notes:
         lines += ["", *(f"* {cell(note)}" for note in notes)]
     return "\n".join(lines)
-
-
-def _line(line: TableRow) -> str:
-    name = cell(line.name)
-    if line.special is not None:
-        name = line.special.markdown.format(value=name, interval="")
-    return row([name, *map(_value, line.cells)])
 
 
 def _value(shown: Cell) -> str:

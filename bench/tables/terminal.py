@@ -12,7 +12,7 @@ import sys
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
-from bench.tables.grid import BEST, FEWER, Cell, Grid
+from bench.tables.grid import BEST, FEWER, MOVED, Cell, Grid
 from bench.tables.markdown import visible
 
 if TYPE_CHECKING:
@@ -99,7 +99,7 @@ def grid_lines(grids: Sequence[Grid], width: int, lines: int) -> list[str]:
         marks = (
             STAR if any(cell.special is BEST for cell in cells) else "",
             f"[{shown[0].interval}]" if intervals else "",
-            FEWER if any(cell.coarse for cell in cells) else "",
+            FEWER if any(MOVED in cell.text for cell in cells) else "",
         )
         legend = "; ".join(filter(None, marks))
         end = [_cut(text, width) for text in (legend, *notes) if text]

@@ -304,7 +304,7 @@ def costs_of(made):
             (2, 6),
             "splat: 10.0 ms, 0.600, on the frontier (2 of 6 images, the others scored as blank)",
             {"splat", "surface-apss"},
-            "of 2 of 6 images",
+            "2 of 6 images",
         ),
         (
             QUALITIES | {"surface-apss": 0.55},
