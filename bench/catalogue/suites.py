@@ -290,6 +290,7 @@ ALL_SUITES = (*SUITES, *PROCEDURES)
 _OF_COLOURS = {"fid", "kid", "fd-views", "kd-views", "class-confidence"}
 CEILING = "true-mesh"
 _IN_GREY = {"fd-views": "fd-views-grey"}
+_WITH_METRICS_OF_SETS = ("set_metrics", "class_metrics", "frontier", "condition_sweep")
 # Tables of the paper, which has no truth in grey, under names that do not number them.
 _UNNUMBERED: dict[TableKind, TableSpec] = {
     "images": IMAGE_TABLE,
@@ -313,10 +314,7 @@ def with_truth(suite: Suite, truth: str | None) -> Suite:
         suite,
         about=f"{suite.about}; here in grey",
         methods=_methods_in_grey(suite),
-        set_metrics=_metrics_in_grey(suite.set_metrics),
-        class_metrics=_metrics_in_grey(suite.class_metrics),
-        frontier=_metrics_in_grey(suite.frontier),
-        condition_sweep=_metrics_in_grey(suite.condition_sweep),
+        **{name: _metrics_in_grey(getattr(suite, name)) for name in _WITH_METRICS_OF_SETS},
         tables=tuple(
             replace(_UNNUMBERED.get(table.kind, table), paper_layout=False)
             for table in suite.tables

@@ -39,6 +39,7 @@ HEAVY = (
     *("sklearn", "tensorflow", "jax", "numba", "cv2"),
 )
 SLOW_IMPORT_S = 2.0
+_OURS = {condition.id: condition for condition in CONDITIONS}
 
 
 @dataclass(frozen=True)
@@ -67,16 +68,12 @@ def check_name(name: str) -> None:
     if is_dataset(name):
         if rest and module != "procedural":
             folder_of(rest)
-    elif name in (*announced("method"), *announced("metric"), *_known_conditions()):
+    elif name in (*announced("method"), *announced("metric"), *announced("condition"), *_OURS):
         return
     elif colon and "@" not in module:
         check_module(name)
     else:
         find_method(name)
-
-
-def _known_conditions() -> tuple[str, ...]:
-    return (*(condition.id for condition in CONDITIONS), *announced("condition"))
 
 
 @cache
@@ -88,9 +85,10 @@ def find_target(name: str) -> Target:
         return DatasetSource(name, partial(open_dataset, name))
     if name in announced("metric"):
         return find_metric(name)
-    if name in _known_conditions():
-        ours = {condition.id: condition for condition in CONDITIONS}
-        return ours[name] if name in ours else load_condition(name)
+    if name in _OURS:
+        return _OURS[name]
+    if name in announced("condition"):
+        return load_condition(name)
     if name not in announced("method") and ":" in family_of(name):
         return _of_module(name)
     return find_method(name)

@@ -1,19 +1,30 @@
-"""The table of methods: what each says about itself."""
+"""The table of methods: what each says about itself, its variants and its loader."""
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
+import numpy as np
+import pytest
+
+from bench.catalogue import loaders
 from bench.catalogue.methods import (
     BUNDLED,
+    COST_VARIANTS,
     FLOORS,
     METHODS,
+    PARAMETERS,
     RECOMMENDED,
     RECOMMENDED_IN_COLOUR,
     Method,
     find_method,
+    find_setting,
     role,
 )
+from data_prep.failures import BadInput
+from data_prep.scene import PointCloud, View
+from learning.weights import file_sha256
 
 
 def test_every_method_says_what_it_was_trained_on():
@@ -66,3 +77,94 @@ def test_what_draws_an_unknown_object_knows_more_than_chairs():
     coloured = find_method(RECOMMENDED_IN_COLOUR)
     assert (coloured.trained_on, coloured.color) == ("13 classes", "invented")
     assert coloured.family == method.family
+
+
+def test_an_id_says_parameter_and_value():
+    setting = find_setting("surface-apss@resolution=64")
+    assert setting is not None
+    assert (setting.parameter.method, setting.parameter.name) == ("surface-apss", "resolution")
+    assert setting.value == 64
+    assert isinstance(setting.value, int)
+
+
+@pytest.mark.parametrize(
+    "method", ["splat", "pc2pix@paper", "pc2pix@a=b.safetensors", "surface-apss@64", "a=b", ""]
+)
+def test_other_ids_say_none(method):
+    assert find_setting(method) is None
+
+
+@pytest.mark.parametrize("parameter", PARAMETERS, ids=lambda parameter: parameter.method)
+def test_the_renderer_has_its_parameter_set_within_the_bounds(parameter):
+    method = find_method(parameter.method)
+    step = 1 if parameter.whole else 0.01
+    for value in (parameter.low, parameter.high):
+        variant = find_method(f"{parameter.method}@{parameter.name}={value:g}")
+        assert variant.id == f"{parameter.method}@{parameter.name}={value:g}"
+        assert getattr(variant.load("cpu"), parameter.field or parameter.name) == value
+        assert (variant.version, variant.weights_file) == (method.version, method.weights_file)
+    for value in (parameter.low - step, parameter.high + step):
+        with pytest.raises(BadInput, match=rf"{parameter.name} must be a .*not '{value:g}'"):
+            find_method(f"{parameter.method}@{parameter.name}={value:g}")
+
+
+@pytest.mark.parametrize(
+    ("method", "message"),
+    [
+        *(
+            (f"splat@spread={text}", rf"spread must be a number from 0.1 to 10, not '{text}'")
+            for text in ("", "x", "nan", "inf", "1e9", "-1")
+        ),
+        (
+            "surface-apss@resolution=64.5",
+            r"resolution must be a whole number from 10 to 400, not '64.5'",
+        ),
+        ("splat@size=1", r"unknown variant 'splat@size=1': there are .*splat@spread="),
+        ("nothing@spread=1", r"unknown variant .*splat@spread="),
+        ("pc2pix@width=2", r"unknown variant .*splat@spread="),
+    ],
+)
+def test_what_is_no_parameter_or_value_is_refused_by_name(method, message):
+    with pytest.raises(BadInput, match=message):
+        find_method(method)
+
+
+def test_cost_variants_are_found_but_no_methods_of_the_list():
+    for variant in COST_VARIANTS:
+        assert find_method(variant.id) is variant
+        assert variant not in METHODS
+
+
+VIEWS = [View(10.0 * i, 5.0 * i) for i in range(3)]
+
+
+def test_grey_methods_keep_the_keys_of_their_jobs():
+    """Their tensors are those of the files that they had."""
+    kept = {
+        "splat-net@grey": "0445cfb77209b1c073dd734f0fe6b3307884d28faf3f498a5d50375f5c589416",
+        "splat-net@tiny-grey": "d81ce265948ae583db8aec0a6d9d075a6602b1bcde7ab1db21b5685c17b6010c",
+        "fused-net@grey": "bb4d03c1b3594fee5d69278ea889ffa4bc84b923a1a3cfbe0906c02088cc6b0a",
+    }
+    for name, checksum in kept.items():
+        identity = find_method(name).identity()
+        assert re.search("weights ([0-9a-f]{64})", identity).group(1) == checksum
+        assert file_sha256(find_method(name).weights_file()) not in identity
+    coloured = find_method("splat-net")
+    assert file_sha256(coloured.weights_file()) in coloured.identity()
+
+
+@pytest.mark.slow
+def test_the_paper_width_draws_the_same():
+    rng = np.random.default_rng(0)
+    cloud = PointCloud(rng.normal(size=(2048, 3)) / 4)
+    drawn = []
+    for method in ("pc2pix", "pc2pix@paper"):
+        renderer = find_method(method).load("cpu")
+        drawn.append(renderer.draw(renderer.prepare(cloud, rng), VIEWS, rng))
+    # float32 in another order, as in test_widen
+    assert np.abs(drawn[0] - drawn[1]).max() < 1e-4
+
+
+def test_the_paper_width_is_the_papers():
+    renderer = loaders.widened("cpu")
+    assert renderer.generator.config.width == 1.0
