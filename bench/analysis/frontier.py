@@ -59,17 +59,17 @@ def places(compared: pd.DataFrame, views: int, verdicts: Verdicts) -> pd.DataFra
         * "claimed": no candidate: its author states the cost, on another machine
         * "no value": it failed on all objects
     """
-    rows = with_costs(compared, views)
+    rows, decided = with_costs(compared, views), {}
     for _, cell in rows.groupby(["condition", "class", "metric"], sort=False):
         below = worse_than_blank(cell)
         could = cell[cell["method"].isin(candidates(cell["method"])) & ~cell["claimed"]]
         rivals = best_first(could).to_dict("records")
         for at, row in zip(cell.index, cell.to_dict("records"), strict=True):
-            verdict, rival = "claimed" if row["claimed"] else "reference", ""
+            decided[at] = ("claimed" if row["claimed"] else "reference", "")
             if at in could.index:
-                verdict, rival = _verdict(row, rivals, below, verdicts)
-            rows.loc[at, ["verdict", "rival"]] = verdict, rival
-    return rows.reindex(columns=FRONTIER)
+                decided[at] = _verdict(row, rivals, below, verdicts)
+    verdict, rival = ([decided[at][i] for at in rows.index] for i in (0, 1))
+    return rows.assign(verdict=verdict, rival=rival)[FRONTIER]
 
 
 def _verdict(

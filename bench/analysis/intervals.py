@@ -43,11 +43,6 @@ class StandardError(NamedTuple):
     freedom: float
     skewness: float = 0.0
 
-    @property
-    def reach(self) -> float:
-        """Return half of Student's interval of 95 %."""
-        return self.error * float(stdtrit(self.freedom, 0.975))
-
     def interval(self, value: float, alpha: float = SIGNIFICANCE) -> tuple[float, float]:
         """Return the interval (low, high) of a value, which misses the true one in `alpha`."""
         t = -float(stdtrit(self.freedom, alpha / 2))
@@ -118,9 +113,7 @@ def median_interval(
     return float(low), float(high)
 
 
-def jackknife_interval(
-    value: float, leave_one_out: Sequence[Floats], alpha: float = SIGNIFICANCE
-) -> tuple[float, float]:
+def jackknife_interval(value: float, leave_one_out: Sequence[Floats]) -> tuple[float, float]:
     """Return the interval (low, high) of a mean over classes of distances of sets, unclipped.
 
     value          the mean over the classes; with one class, its distance
@@ -136,7 +129,7 @@ def jackknife_interval(
     not where the distance of infinite sets lies.
     """
     error = jackknife_error(leave_one_out)
-    return error.interval(value, alpha) if error else NONE
+    return error.interval(value) if error else NONE
 
 
 def clipped(interval: tuple[float, float], values: tuple[float, float]) -> tuple[float, float]:

@@ -45,14 +45,14 @@ DIFFERENCES = [
 
 
 class QualityChange(NamedTuple):
-    """A difference of two qualities, its standard error, and the least and largest it can be.
+    """A difference of qualities, its standard error, and the least and largest it can be.
 
     error  None where there are too few objects
     """
 
     value: float
     error: StandardError | None
-    possible: tuple[float, float]
+    possible: tuple[float, float] = (-math.inf, math.inf)
 
     def estimate(self, alpha: float = SIGNIFICANCE) -> Estimate:
         """Return the difference with the interval that misses the true one in `alpha`."""

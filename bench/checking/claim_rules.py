@@ -15,11 +15,10 @@ from bench.analysis.comparison import Estimate, Row
 from bench.analysis.digits import decimals
 from bench.analysis.intervals import (
     StandardError,
-    interval_of_means,
     jackknife_error,
     mean_error,
 )
-from bench.analysis.paired import better_by, by_method
+from bench.analysis.paired import QualityChange, better_by, by_method
 from bench.analysis.paper import AVERAGE, NETWORK, SURFACE
 from bench.catalogue.lookup import family_of
 from bench.catalogue.methods import FLOORS
@@ -321,13 +320,8 @@ def weighted_sum(name: str, terms: Sequence[tuple[float, Row]]) -> Requirement:
     """
     value = float(sum(weight * quality["value"] for weight, quality in terms))
     per_object = np.sum([weight * quality["samples"] for weight, quality in terms], axis=0)
-    if is_mean(terms[0][1]["metric"]):
-        required = _mean_over_objects(name, per_object)
-        return required._replace(estimate=required.estimate._replace(value=value))
-    error = jackknife_error([per_object])
-    reach = error.reach if error else math.nan
-    estimate = Estimate(value, value - reach, value + reach)
-    return Requirement(name, estimate, error, len(per_object))
+    error = (mean_error if is_mean(terms[0][1]["metric"]) else jackknife_error)([per_object])
+    return Requirement(name, QualityChange(value, error).estimate(), error, len(per_object))
 
 
 def _lead(
@@ -354,8 +348,8 @@ def _lead(
 
 def _mean_over_objects(name: str, per_object: Floats) -> Requirement:
     """Require that the mean over objects is over 0."""
-    estimate = Estimate(float(per_object.mean()), *interval_of_means([per_object]))
-    return Requirement(name, estimate, mean_error([per_object]), len(per_object))
+    mean = QualityChange(float(per_object.mean()), mean_error([per_object]))
+    return Requirement(name, mean.estimate(), mean.error, len(per_object))
 
 
 def _loss(
