@@ -249,32 +249,34 @@ def _judging_metrics(run: Run, wanted: Sequence[str] | None) -> list[str]:
 
 
 def _choices(choices: pd.DataFrame, compared: pd.DataFrame, request: Requirements) -> list[Any]:
-    """Return the choices as a table, and what its marks mean."""
+    """Return the choices as a table, what one has to know beside them, and what marks mean."""
     where = ["condition", *["class"] * (choices["class"].nunique() > 1)]
     metrics = compared["metric"].unique()
-    heads = [*where, "choice", "method", *metrics, "ms a cloud", "ms an image", "remarks"]
+    heads = [*where, "choice", "method", *metrics, "ms a cloud", "ms an image"]
     values = {
         (row["condition"], row["class"], row["method"], row["metric"]): _text(
             measured((row["value"], row["ci_low"], row["ci_high"]), row["metric"], row["method"])
         )
         for row in records(compared)
     }
-    lines = []
+    lines, remarks = [], []
     for row in records(choices):
         cloud = (row["condition"], row["class"], row["method"])
         cost = row["cost_ms"], row["cost_ci_low"], row["cost_ci_high"]
+        place = [*(row[name] for name in where), f"{row['choice']} by {row['metric']}"]
         line = [
-            *(row[name] for name in where),
-            f"{row['choice']} by {row['metric']}",
+            *place,
             row["method"],
             *(values.get((*cloud, metric), "-") for metric in metrics),
             _text(number(cost, milliseconds)),
             milliseconds(row["cost_ms"] / request.views),
-            "; ".join(_remarks(row, request)),
         ]
         lines.append(list(map(visible, line)))
-    moved = any(MOVED in text for line in lines for text in line)
-    return [terminal_table(heads, lines, left=len(heads)), *[f"{FEWER}."] * moved]
+        if remark := "; ".join(_remarks(row, request)):
+            remarks.append(visible(f"{', '.join(place)}: {remark}."))
+    moved = any(MOVED in text for line in (*lines, remarks) for text in line)
+    remarks += [f"{FEWER}."] * moved
+    return [terminal_table(heads, lines, left=len(heads)), *[""] * bool(remarks), *remarks]
 
 
 def _remarks(row: Mapping[str, Any], request: Requirements) -> Iterator[str]:
