@@ -1,23 +1,20 @@
 """The values of quality tables: each method under each condition on each class, by each metric.
 
-Pure functions of a scored run. A row has its value over the images that exist, its 95 % interval
-over objects, and the value with a blank image in place of each failed one.
+Pure functions of a scored run. A row of a frame has its value over the images that exist, its 95 %
+interval over objects, and the value with a blank image in place of each failed one.
 """
 
 from __future__ import annotations
 
-import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
-from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from bench.analysis.comparison import NAN, Estimate
-from bench.analysis.digits import decimals
+from bench.analysis.comparison import NAN
 from bench.analysis.distances import CellKey, FeatureDistances, SetDistance, set_distance
 from bench.analysis.frame import Run
 from bench.analysis.intervals import (
@@ -29,7 +26,6 @@ from bench.analysis.intervals import (
 )
 from bench.analysis.paper import AVERAGE
 from bench.analysis.recognition import true_gallery
-from bench.catalogue.chosen import CHOSEN
 from bench.catalogue.methods import FLOOR
 from bench.catalogue.metrics import JUDGE, extractor_of, is_mean, metric_facts, value_range
 from bench.judges import answers as judge
@@ -38,118 +34,64 @@ from bench.records.record import GROUND_TRUTH, JOB
 from data_prep.arrays import Floats
 
 NO_VALUE = "no value"
+# The columns of a frame of values, as they stand in CSV. A number that does not exist is NaN.
+# value              over the images whose outcome is ok
+# ci_low, ci_high    95 % interval over objects
+# n_ok, n            images that exist and have a value, images there should be
+# paper              the published value, on the paper's data
+# failures_as_blank  the value with a blank image in place of each failed one
+# note               why there is no value, or the reasons of the failures and how many existing
+#                    images have no value; for a chosen method first which method it is
+# debiased           a Frechet distance without the bias of few objects (`intervals.debiased`)
+# trained_on         the objects that a network was trained on; "nothing" for methods that are not
+#                    trained, empty where it is unknown
+# objective          what the weights of a network were trained with; empty for other methods
+VALUE_COLUMNS = (
+    *("suite", "method", "condition", "class", "metric", "value", "ci_low", "ci_high", "n_ok", "n"),
+    *("paper", "failures_as_blank", "note", "debiased", "trained_on", "objective"),
+)
+# Columns that no file has.
+# measured    the method whose images they are: of a chosen one that which it is
+# skipped     whether the metric was not measured
+# undefined   number of existing images without a value
+# failed      whether images are missing
+# per_object  what the interval was made from, float64 [G]: by a metric of images the mean of each
+#             object that has a value, by a distance of sets the distance without each block of
+#             objects (`bench.metrics.frechet`)
+HIDDEN = ("measured", "skipped", "undefined", "failed", "per_object")
+NOTHING: Mapping[str, Any] = {
+    **dict.fromkeys(("value", "ci_low", "ci_high", "paper", "failures_as_blank", "debiased"), NAN),
+    **{"note": "", "trained_on": "", "objective": ""},
+    **{"skipped": False, "undefined": 0, "per_object": np.empty(0)},
+}
 
 
-@dataclass(frozen=True)
-class QualityRow:
-    """One value of a table. A number that does not exist is NaN.
-
-    value              over the images whose outcome is ok
-    ci_low, ci_high    95 % interval over objects
-    n_ok, n            images that exist and have a value, images there should be
-    paper              the published value, on the paper's data
-    failures_as_blank  the value with a blank image in place of each failed one
-    note               why there is no value, or the reasons of the failures and how many existing
-                       images have no value; for the best reconstruction first which method it is
-    debiased           a Fréchet distance without the bias of few objects (`intervals.debiased`)
-    trained_on         the objects that a network was trained on; "nothing" for methods that are not
-                       trained, empty where it is unknown
-    objective          what the weights of a network were trained with; empty for other methods
-    """
-
-    suite: str
-    method: str
-    condition: str
-    class_name: str
-    metric: str
-    value: float
-    ci_low: float
-    ci_high: float
-    n_ok: int
-    n: int
-    paper: float
-    failures_as_blank: float
-    note: str
-    debiased: float = NAN
-    trained_on: str = ""
-    objective: str = ""
-
-    @property
-    def measured_method(self) -> str:
-        """Return the method whose images they are, in the row of a chosen one too."""
-        if self.method in CHOSEN and not self.skipped:
-            return self.note.partition("; ")[0]
-        return self.method
-
-    @property
-    def decimals(self) -> int:
-        """Return the digits after the point that the value is printed with."""
-        return decimals(self.metric, self.measured_method)
-
-    @property
-    def skipped(self) -> bool:
-        """Return whether the metric was not measured."""
-        return self.note.startswith("skipped")
-
-    @property
-    def only_undefined(self) -> bool:
-        """Return whether the note is only about existing images without a value."""
-        if self.n_ok == self.n:
-            return bool(self.note) and self.method not in CHOSEN
-        return f" x {NO_VALUE}: " in self.note and "; " not in self.note
-
-    @property
-    def failed(self) -> bool:
-        """Return whether images are missing."""
-        return self.n_ok < self.n and not self.only_undefined
-
-
-class RowWithSamples(NamedTuple):
-    """A row, and what its interval was made from.
-
-    per_object  float64 [G]: by a metric of images the mean of each object that has a value, by a
-                distance of sets the distance without each block of objects
-                (`bench.metrics.frechet`)
-    """
-
-    row: QualityRow
-    per_object: Floats
-
-
-class CellValue(NamedTuple):
-    """The value of a cell by a metric; without one, `note` says why.
-
-    undefined  number of existing images without a value of this metric
-    """
-
-    estimate: Estimate = Estimate(NAN, NAN, NAN)
-    failures_as_blank: float = NAN
-    per_object: Floats = np.empty(0)
-    note: str = ""
-    undefined: int = 0
-    debiased: float = NAN
-
-
-def image_rows(run: Run, metrics: Sequence[str], blanks: bool = False) -> list[RowWithSamples]:
+def image_rows(run: Run, metrics: Sequence[str], blanks: bool = False) -> pd.DataFrame:
     """Return the means over images by metrics of images, for all cells.
 
     With `blanks` values and intervals are those with a blank image in place of each failed one.
     """
-    return [
-        quality_row(
-            run,
-            cell,
-            metric,
-            CellValue(note=run.skipped[metric])
-            if metric in run.skipped
-            else _mean_of_images(run, cell, metric, blanks),
-        )
-        for cell in run.cells
-        for metric in metrics
-    ]
+    return _frame(
+        run,
+        (
+            (
+                cell,
+                metric,
+                _skipped(run.skipped[metric])
+                if metric in run.skipped
+                else _mean_of_images(run, cell, metric, blanks),
+            )
+            for cell in run.cells
+            for metric in metrics
+        ),
+    )
 
 
-def _mean_of_images(run: Run, cell: CellKey, metric: str, blanks: bool) -> CellValue:
+def _skipped(reason: str) -> dict[str, Any]:
+    return {"note": reason, "skipped": True}
+
+
+def _mean_of_images(run: Run, cell: CellKey, metric: str, blanks: bool) -> dict[str, Any]:
     drawn, _ = run.images(cell)
     total, count = (values.sum().item() for values in run.sums(cell, metric))
     of_blank, number = (values.sum().item() for values in run.sums(cell, metric, blanks=True))
@@ -159,16 +101,18 @@ def _mean_of_images(run: Run, cell: CellKey, metric: str, blanks: bool) -> CellV
     per_object = run.per_object(cell, metric, blanks)
     per_object = per_object[~np.isnan(per_object)]
     as_blank = _ratio(total + of_blank, count + number)
-    value = as_blank if blanks else _ratio(total, count)
-    return CellValue(
-        Estimate(value, *clipped(mean_interval(per_object), value_range(metric))),
-        as_blank,
-        per_object,
-        undefined=missing if metric_facts(metric).undefined else 0,
-    )
+    low, high = clipped(mean_interval(per_object), value_range(metric))
+    return {
+        "value": as_blank if blanks else _ratio(total, count),
+        "ci_low": low,
+        "ci_high": high,
+        "failures_as_blank": as_blank,
+        "per_object": per_object,
+        "undefined": missing if metric_facts(metric).undefined else 0,
+    }
 
 
-def set_rows(run: Run, metric: str) -> list[RowWithSamples]:
+def set_rows(run: Run, metric: str) -> pd.DataFrame:
     """Return the distances to the true images of the same views by a set metric, for all cells."""
     extractor = extractor_of(metric)
     features, reason = run.features.get(extractor), run.skipped.get(extractor, "")
@@ -181,24 +125,26 @@ def distance_rows(
     distance: SetDistance,
     features: FeatureDistances | None,
     reason: str = "",
-) -> list[RowWithSamples]:
+) -> pd.DataFrame:
     """Return the distances by features, for all cells; `reason` says why there are no features."""
-    return [
-        quality_row(
-            run,
-            cell,
-            metric,
-            CellValue(note=reason) if features is None else _distance(cell, features, distance),
-        )
-        for cell in run.cells
-    ]
+    return _frame(
+        run,
+        (
+            (
+                cell,
+                metric,
+                _skipped(reason) if features is None else _distance(cell, features, distance),
+            )
+            for cell in run.cells
+        ),
+    )
 
 
-def _distance(cell: CellKey, features: FeatureDistances, distance: SetDistance) -> CellValue:
+def _distance(cell: CellKey, features: FeatureDistances, distance: SetDistance) -> dict[str, Any]:
     _, condition, class_name = cell
     drawn = features.images(*cell)
     if len(drawn) < 2:
-        return CellValue(note="fewer than two images")
+        return {"note": "fewer than two images"}
     value, leave_one_out = distance.between(features, cell, drawn)
     true = features.images(GROUND_TRUTH, "", class_name)
     wanted = set() if drawn == true else set(true) - set(drawn)  # sets of all images take memory
@@ -206,38 +152,39 @@ def _distance(cell: CellKey, features: FeatureDistances, distance: SetDistance) 
     with_blank = value
     if missing:
         with_blank, _ = distance.between(features, cell, sorted([*drawn, *missing]))
-    return CellValue(
-        Estimate(value, *distance.interval(value, leave_one_out)),
-        with_blank,
-        leave_one_out,
-        debiased=distance.debiased(value, leave_one_out),
-    )
+    low, high = distance.interval(value, leave_one_out)
+    return {
+        "value": value,
+        "ci_low": low,
+        "ci_high": high,
+        "failures_as_blank": with_blank,
+        "per_object": leave_one_out,
+        "debiased": distance.debiased(value, leave_one_out),
+    }
 
 
-def recognition_rows(run: Run) -> list[QualityRow]:
+def recognition_rows(run: Run) -> pd.DataFrame:
     """Return what the judge recognises in each method's images: the view, and which object it is.
 
     Angles are medians over images of the error in degrees, with intervals by a bootstrap over
     objects; retrieval is a share of images.
     """
-    answers, reason = run.features.get(JUDGE), run.skipped.get(JUDGE, "")
+    answers, values = run.features.get(JUDGE), []
     galleries: dict[str, judge.Gallery] = {}
-    rows = []
     for cell in run.cells:
-        values = dict.fromkeys(run.suite.control_metrics, CellValue(note=reason))
-        if answers is not None:
-            if cell[2] not in galleries:
-                galleries = {cell[2]: true_gallery(answers, cell[2])}  # of one class at a time
-            images = _images(run, cell)
-            values = {m: _recognised(m, cell, images, answers, galleries[cell[2]]) for m in values}
-        for metric, value in values.items():
-            rows.append(quality_row(run, cell, metric, value).row)
-    return rows
-
-
-def _images(run: Run, cell: CellKey) -> pd.DataFrame:
-    columns = ("object", "view", "azimuth_deg", "elevation_deg", "outcome")
-    return read_records(run.directory, columns, **dict(zip(JOB[:3], cell, strict=True)))
+        if answers is None:
+            reason = _skipped(run.skipped.get(JUDGE, ""))
+            values += [(cell, metric, reason) for metric in run.suite.control_metrics]
+            continue
+        if cell[2] not in galleries:
+            galleries = {cell[2]: true_gallery(answers, cell[2])}  # of one class at a time
+        columns = ("object", "view", "azimuth_deg", "elevation_deg", "outcome")
+        images = read_records(run.directory, columns, **dict(zip(JOB[:3], cell, strict=True)))
+        for metric in run.suite.control_metrics:
+            values.append(
+                (cell, metric, _recognised(metric, cell, images, answers, galleries[cell[2]]))
+            )
+    return _frame(run, values)
 
 
 def image_keys(records: pd.DataFrame) -> list[ImageKey]:
@@ -251,13 +198,13 @@ def _recognised(
     images: pd.DataFrame,
     answers: FeatureDistances,
     gallery: judge.Gallery,
-) -> CellValue:
+) -> dict[str, Any]:
     """Return what is recognised in a cell. `images` are its records."""
     if metric == "retrieval" and (why := judge.why_no_retrieval(gallery)):
-        return CellValue(note=why)
+        return {"note": why}
     exists = images["outcome"] == "ok"
     if not exists.any():
-        return CellValue(note="no images")
+        return {"note": "no images"}
     values = _per_image(metric, cell, images[exists], answers, gallery)
     # Under the same condition, though a blank image does not depend on it: it may be missing or
     # failed under another.
@@ -269,10 +216,13 @@ def _recognised(
     objects = images["object"][exists].to_numpy()
     if metric == "retrieval":
         per_object = np.asarray(pd.Series(values).groupby(objects).mean(), np.float64)
-        interval = clipped(mean_interval(per_object), value_range(metric))
-        return CellValue(Estimate(float(values.mean()), *interval), float(with_blank.mean()))
-    estimate = Estimate(float(np.median(values)), *median_interval(values, objects))
-    return CellValue(estimate, float(np.median(with_blank)))
+        low, high = clipped(mean_interval(per_object), value_range(metric))
+        middle = np.mean
+    else:
+        low, high = median_interval(values, objects)
+        middle = np.median
+    value, as_blank = float(middle(values)), float(middle(with_blank))
+    return {"value": value, "ci_low": low, "ci_high": high, "failures_as_blank": as_blank}
 
 
 def _per_image(
@@ -294,91 +244,80 @@ def _per_image(
     return judge.found(gallery, answered, images)
 
 
-def class_rows(run: Run, metrics: Sequence[str]) -> list[QualityRow]:
+def class_rows(run: Run, metrics: Sequence[str]) -> pd.DataFrame:
     """Return metric by metric the rows of each class, and last the means over classes."""
-    rows = []
-    for metric in metrics:
-        rows += with_averages(
-            image_rows(run, [metric]) if is_mean(metric) else set_rows(run, metric)
-        )
-    return rows
+    of_metrics = (
+        image_rows(run, [metric]) if is_mean(metric) else set_rows(run, metric)
+        for metric in metrics
+    )
+    return pd.concat(map(with_averages, of_metrics), ignore_index=True)
 
 
-def with_averages(of_metric: Sequence[RowWithSamples]) -> list[QualityRow]:
+def with_averages(of_metric: pd.DataFrame) -> pd.DataFrame:
     """Return the rows of a metric class by class, and last the means over classes.
 
     These are of the same classes for all methods: of those in which any of them has a value.
     """
-    by_class: dict[str, list[QualityRow]] = {}
-    by_cell: dict[tuple[str, str], list[RowWithSamples]] = {}
-    known: dict[str, set[str]] = {}  # by condition: classes that any method has a value of
-    for sampled in of_metric:
-        row = sampled.row
-        if math.isfinite(row.value):
-            known.setdefault(row.condition, set()).add(row.class_name)
-        by_class.setdefault(row.class_name, []).append(row)
-        by_cell.setdefault((row.method, row.condition), []).append(sampled)
-    return [
-        *(row for of_class in by_class.values() for row in of_class),
-        *(_average(of_cell, known.get(cell[1], set())) for cell, of_cell in by_cell.items()),
+    valued = of_metric[np.isfinite(of_metric["value"])]
+    known = valued.groupby("condition")["class"].agg(set).to_dict()
+    averages = [
+        _average(of_cell, known.get(of_cell["condition"].iloc[0], set()))
+        for _, of_cell in of_metric.groupby(["method", "condition"], sort=False)
     ]
+    by_class = [of_class for _, of_class in of_metric.groupby("class", sort=False)]
+    return pd.concat([*by_class, pd.DataFrame(averages)], ignore_index=True)
 
 
-def _average(of_cell: Sequence[RowWithSamples], classes: AbstractSet[str]) -> QualityRow:
+def _average(rows: pd.DataFrame, classes: AbstractSet[str]) -> dict[str, Any]:
     """Return the mean over the classes, each counting alike; none where one has no value."""
-    rows = [sampled.row for sampled in of_cell]
-    first = rows[0]
-    valued = [sampled for sampled in of_cell if sampled.row.class_name in classes]
-    missing = [s.row.class_name for s in valued if not math.isfinite(s.row.value)]
-    left_out = [row.class_name for row in rows if row.class_name not in classes]
-    value, debiased, as_blank = (
-        float(np.mean([getattr(sampled.row, name) for sampled in valued])) if valued else NAN
+    first, metric = rows.iloc[0], rows["metric"].iloc[0]
+    valued = rows[rows["class"].isin(classes)]
+    missing = valued.loc[~np.isfinite(valued["value"]), "class"]
+    left_out = rows.loc[~rows["class"].isin(classes), "class"]
+    means = {
+        name: float(np.mean(valued[name].to_list())) if len(valued) else NAN
         for name in ("value", "debiased", "failures_as_blank")
-    )
-    samples = [sampled.per_object for sampled in valued]
-    mean = is_mean(first.metric)
-    interval = interval_of_means(samples) if mean else jackknife_interval(value, samples)
-    low, high = clipped(interval, value_range(first.metric))
+    }
+    samples, mean = valued["per_object"].tolist(), is_mean(metric)
+    interval = interval_of_means(samples) if mean else jackknife_interval(means["value"], samples)
+    low, high = clipped(interval, value_range(metric))
     parts = {"no value in": missing, "without": left_out}
-    note = "; ".join(f"{words} {', '.join(names)}" for words, names in parts.items() if names)
-    return QualityRow(
-        suite=first.suite,
-        method=first.method,
-        condition=first.condition,
-        class_name=AVERAGE,
-        metric=first.metric,
-        value=value,
-        ci_low=low,
-        ci_high=high,
-        n_ok=sum(row.n_ok for row in rows),
-        n=sum(row.n for row in rows),
-        paper=NAN,
-        failures_as_blank=as_blank,
-        note=note if valued else first.note,
-        debiased=debiased,
-    )
+    note = "; ".join(f"{words} {', '.join(names)}" for words, names in parts.items() if len(names))
+    return {
+        **first,
+        **{name: int(rows[name].sum()) for name in ("n_ok", "n", "undefined")},
+        **means,
+        "class": AVERAGE,
+        "ci_low": low,
+        "ci_high": high,
+        "note": note if len(valued) else first["note"],
+        "skipped": bool(first["skipped"]) and not len(valued),
+        "failed": bool(rows["failed"].any()),
+    }
 
 
-def quality_row(run: Run, cell: CellKey, metric: str, value: CellValue) -> RowWithSamples:
-    """Return the row of a value, with the counts of images and the reasons for failures."""
-    drawn, planned = run.images(cell)
-    reasons = run.reasons.get(cell, Counter[str]())
-    message = [f"{count} x {reason}" for reason, count in reasons.most_common()]
-    if value.undefined:
-        message.append(f"{value.undefined} x {NO_VALUE}: {metric_facts(metric).undefined}")
-    row = QualityRow(
-        run.suite.id,
-        *cell,
-        metric,
-        *value.estimate,
-        n_ok=drawn - value.undefined,
-        n=planned,
-        paper=NAN,
-        failures_as_blank=value.failures_as_blank,
-        note=value.note or "; ".join(message),
-        debiased=value.debiased,
-    )
-    return RowWithSamples(row, value.per_object)
+def _frame(run: Run, values: Iterable[tuple[CellKey, str, Mapping[str, Any]]]) -> pd.DataFrame:
+    """Return a row for each value, with the counts of images and the reasons for failures."""
+    rows = []
+    for cell, metric, value in values:
+        row = {**NOTHING, **value}
+        drawn, planned = run.images(cell)
+        message = [
+            f"{n} x {reason}" for reason, n in run.reasons.get(cell, Counter()).most_common()
+        ]
+        if row["undefined"]:
+            message.append(f"{row['undefined']} x {NO_VALUE}: {metric_facts(metric).undefined}")
+        row |= dict(zip(JOB, cell, strict=False)) | {
+            "suite": run.suite.id,
+            "metric": metric,
+            "n_ok": drawn - row["undefined"],
+            "n": planned,
+            "note": row["note"] or "; ".join(message),
+            "measured": cell[0],
+            "failed": drawn < planned,
+        }
+        rows.append(row)
+    return pd.DataFrame(rows, columns=[*VALUE_COLUMNS, *HIDDEN])
 
 
 def _ratio(total: float, count: int) -> float:

@@ -19,7 +19,6 @@ import pandas as pd
 
 from bench.analysis.frame import Run, read_run
 from bench.analysis.paper import PAPER_METHODS, PAPER_NETWORK
-from bench.analysis.scores import QualityRow
 from bench.catalogue.methods import role
 from bench.catalogue.suites import STABILITY
 from bench.checking.objects import (
@@ -34,6 +33,7 @@ from bench.records.run_folder import COLOURED, TRUTH, read_finished
 from bench.running.options import Options
 from bench.suites.stability.outcomes import read_outcomes, unexpected
 from bench.tables.build import class_orderings, condition_sweep, tables
+from bench.tables.grid import records
 from bench.tables.published import golden, golden_name, golden_path
 from bench.tables.table import TABLES, Table, table_files
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION, refuse_other_version
@@ -130,10 +130,10 @@ def _check_values(directory: Path, manifest: dict[str, Any]) -> CheckResult:
 
 
 def _compare_means(
-    own_tables: Sequence[Table[QualityRow]], manifest: dict[str, Any], expected: pd.DataFrame
+    own_tables: Sequence[Table[Any]], manifest: dict[str, Any], expected: pd.DataFrame
 ) -> tuple[Counter[str], list[str]]:
     """Return how many golden values the run has by metric, and a line for each that moved."""
-    values = {_cell(row): row.value for table in own_tables for row in table.rows}
+    values = {_cell(row): row["value"] for row in _rows(own_tables)}
     compared, regressions = Counter[str](), []
     methods, conditions = set(manifest["methods"]), set(manifest["conditions"])
     for row in expected.to_dict("records"):
@@ -168,7 +168,7 @@ def bless(directory: Path) -> list[Path]:
     run = read_run(directory)
     _refuse_other_protocol(run)
     protocol = _protocol(manifest)
-    lines = golden_lines((row for table in tables(run) for row in table.rows), protocol)
+    lines = golden_lines(_rows(tables(run)), protocol)
     # Of 260 objects of thirteen classes, the thumbnails alone would be 2 MB.
     by_object = write_objects(run, protocol) if len(run.suite.classes) == 1 else []
     path = golden_path(golden_name(manifest))
@@ -176,7 +176,7 @@ def bless(directory: Path) -> list[Path]:
     return [path, *by_object]
 
 
-def golden_lines(rows: Iterable[QualityRow], protocol: dict[str, Any]) -> list[dict[str, Any]]:
+def golden_lines(rows: Iterable[dict[str, Any]], protocol: dict[str, Any]) -> list[dict[str, Any]]:
     """Return the lines of a file of golden values, one for each cell.
 
     Metrics without a tolerance have no line: the default protocol has no weights for fid.
@@ -184,16 +184,16 @@ def golden_lines(rows: Iterable[QualityRow], protocol: dict[str, Any]) -> list[d
     lines = []
     by_cell = {_cell(row): row for row in rows}  # a metric may stand in two tables
     for cell, row in by_cell.items():
-        rule = tolerance(row.method, row.metric)
-        if role(row.method) == "chosen":  # the value of another method
+        rule = tolerance(row["method"], row["metric"])
+        if role(row["method"]) == "chosen":  # the value of another method
             continue
-        if not math.isfinite(row.value) or rule is None:
+        if not math.isfinite(row["value"]) or rule is None:
             continue
-        allowed = rule.absolute + rule.relative * abs(row.value)
+        allowed = rule.absolute + rule.relative * abs(row["value"])
         lines.append(
             protocol
             | dict(zip(CELL, cell, strict=True))
-            | {"value": f"{row.value:.6f}", "tolerance": f"{allowed:.6f}"}
+            | {"value": f"{row['value']:.6f}", "tolerance": f"{allowed:.6f}"}
             | {"reason": rule.reason}
         )
     return lines
@@ -294,16 +294,20 @@ def _check_outcomes(directory: Path) -> CheckResult:
     return CheckResult(len(outcomes), tuple(unexpected(outcomes)), ())
 
 
-def _cell(row: QualityRow) -> tuple[str, str, str, str]:
-    return row.method, row.condition, row.class_name, row.metric
+def _rows(own_tables: Iterable[Table[Any]]) -> list[dict[str, Any]]:
+    return [row for table in own_tables for row in records(table.frame)]
 
 
-def _against_paper(own_tables: list[Table[QualityRow]]) -> list[str]:
+def _cell(row: Mapping[str, Any]) -> tuple[Any, ...]:
+    return tuple(row[name] for name in CELL)
+
+
+def _against_paper(own_tables: list[Table[Any]]) -> list[str]:
     """Return a line for each metric of the paper: in how many cells the same method is ahead.
 
     The values themselves are no criterion, as the paper has other data and other weights.
     """
-    rows = {_cell(row): row for table in own_tables for row in table.rows}
+    rows = {_cell(row): row for row in _rows(own_tables)}
     sr, network, *_ = PAPER_METHODS  # the bundled default; the others are variants
     if any(method == PAPER_NETWORK for method, *_ in rows):  # of all classes
         network = PAPER_NETWORK
@@ -312,7 +316,7 @@ def _against_paper(own_tables: list[Table[QualityRow]]) -> list[str]:
         other = rows.get((network, condition, class_name, metric))
         if method != sr or other is None:
             continue
-        ahead, ahead_in_paper = ours.value - other.value, ours.paper - other.paper
+        ahead, ahead_in_paper = (ours[name] - other[name] for name in ("value", "paper"))
         if math.isfinite(ahead) and math.isfinite(ahead_in_paper):
             same.setdefault(metric, []).append(np.sign(ahead) == np.sign(ahead_in_paper))
     return [

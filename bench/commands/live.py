@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pandas as pd
 
 from bench.analysis.frame import Run, full_frame, unmeasured
-from bench.analysis.scores import QualityRow
 from bench.catalogue.metrics import is_mean
 from bench.catalogue.suites import stored_suite
 from bench.records.frames import sum_views
 from bench.running.run import PartialRun
-from bench.tables.headline import headline
+from bench.tables.quality import headline
 from bench.tables.table import Table, write_tables
 
 
@@ -20,7 +21,7 @@ class LiveTable:
     def __init__(self) -> None:
         self._jobs: dict[str, pd.DataFrame] = {}  # by object
 
-    def table(self, snapshot: PartialRun) -> Table[QualityRow]:
+    def table(self, snapshot: PartialRun) -> Table[Any]:
         """Write the table of the complete objects into the folder of tables, and return it."""
         manifest, suite = snapshot.manifest, stored_suite(snapshot.manifest)
         means = [metric for metric in suite.headline if is_mean(metric)]

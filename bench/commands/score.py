@@ -11,22 +11,22 @@ from contextlib import redirect_stdout
 from dataclasses import replace
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
+import pandas as pd
 import typer
 
 from bench.analysis.digits import decimals
 from bench.analysis.distances import FRECHET, KERNEL, FeatureDistances
 from bench.analysis.frame import Run, read_run
-from bench.analysis.scores import QualityRow, RowWithSamples, distance_rows, image_rows
+from bench.analysis.scores import distance_rows, image_rows
 from bench.catalogue.loaders import chosen_device
 from bench.catalogue.metrics import (
     FURTHER_METRICS,
     column,
     declare_metric,
     extractor_of,
-    higher_is_better,
 )
 from bench.catalogue.plugins import ImageMetric, SetMetric, find_metric
 from bench.commands.options import DEVICE, Device, RunDirectory, names
@@ -37,7 +37,7 @@ from bench.records.record import COLUMNS, GROUND_TRUTH
 from bench.records.run_folder import open_folder
 from bench.records.store import ScoredMetric, Store, open_store
 from bench.running.work import reason_of
-from bench.tables.further_metrics import metric_table
+from bench.tables.quality import metric_table
 from bench.tables.table import Table, write_tables
 from data_prep.arrays import Floats
 from data_prep.failures import BadInput
@@ -47,7 +47,7 @@ from data_prep.scene import UInt8Images
 READ = 8  # images of jobs held in memory, of about 1 MB each
 
 
-def score(directory: Path, metrics: Sequence[ImageMetric | SetMetric]) -> list[Table[QualityRow]]:
+def score(directory: Path, metrics: Sequence[ImageMetric | SetMetric]) -> list[Table[Any]]:
     """Write a table for each metric into `directory`/tables as metric_ID.csv and .md; return all.
 
     Raises BadInput for a folder without a finished run, missing images, and where a metric fails or
@@ -58,7 +58,7 @@ def score(directory: Path, metrics: Sequence[ImageMetric | SetMetric]) -> list[T
         return score_run_of(run, metrics)
 
 
-def score_run_of(run: Run, metrics: Sequence[ImageMetric | SetMetric]) -> list[Table[QualityRow]]:
+def score_run_of(run: Run, metrics: Sequence[ImageMetric | SetMetric]) -> list[Table[Any]]:
     """Return `score` of a run whose folder is locked, and write its tables."""
     for metric in metrics:
         if column(metric.id) in COLUMNS:
@@ -70,11 +70,10 @@ def score_run_of(run: Run, metrics: Sequence[ImageMetric | SetMetric]) -> list[T
         images = KeptImages(store)
         for metric in metrics:
             if isinstance(metric, SetMetric):
-                samples, higher = _set_rows(run, images, metric), higher_is_better(metric.id)
+                rows = _set_rows(run, images, metric)
             else:
-                samples, higher = _image_rows(run, images, metric, store), metric.higher_is_better
-            rows = (sample.row for sample in samples)
-            tables.append(metric_table(run, metric.id, metric.version, metric.about, higher, rows))
+                rows = _image_rows(run, images, metric, store)
+            tables.append(metric_table(run, metric, rows))
     write_tables(run.directory, tables)
     return tables
 
@@ -96,9 +95,7 @@ class KeptImages:
         return self._read(self._keys[name])
 
 
-def _image_rows(
-    run: Run, images: KeptImages, metric: ImageMetric, store: Store
-) -> list[RowWithSamples]:
+def _image_rows(run: Run, images: KeptImages, metric: ImageMetric, store: Store) -> pd.DataFrame:
     """Return the means over images, and keep the scores in the store of the run.
 
     Skipped where something optional is not installed.
@@ -136,17 +133,16 @@ def scores_of(images: KeptImages, metric: ImageMetric) -> dict[str, Floats]:
     return scores
 
 
-def _set_rows(run: Run, images: KeptImages, metric: SetMetric) -> list[RowWithSamples]:
+def _set_rows(run: Run, images: KeptImages, metric: SetMetric) -> pd.DataFrame:
     """Return the rows of Fréchet and kernel distances; skipped where something is not installed."""
     kinds = {metric.id: FRECHET, f"{metric.id}-kernel": KERNEL}
     features = FeatureDistances(KeptFeatures(images, metric, run.manifest["views"]))
     try:
-        return [
-            row for name, kind in kinds.items() for row in distance_rows(run, name, kind, features)
-        ]
+        rows = [distance_rows(run, name, kind, features) for name, kind in kinds.items()]
     except WeightsUnavailable as error:
         reason = f"skipped: {error}"
-        return [row for name in kinds for row in distance_rows(run, name, FRECHET, None, reason)]
+        rows = [distance_rows(run, name, FRECHET, None, reason) for name in kinds]
+    return pd.concat(rows, ignore_index=True)
 
 
 class KeptFeatures:

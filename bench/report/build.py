@@ -16,7 +16,6 @@ from bench.analysis.comparison import ALL, pooled
 from bench.analysis.frame import in_order
 from bench.analysis.frontier import places
 from bench.analysis.paired import verdicts_of
-from bench.analysis.scores import QualityRow
 from bench.catalogue.conditions import condition_words, known_condition
 from bench.catalogue.images import entered_claims
 from bench.catalogue.method import is_module_name
@@ -108,7 +107,7 @@ def read_page(made: Outputs) -> dict[str, Any]:
         "outcomes": [(str(o), int(n)) for o, n in records["outcome"].value_counts().items()],
         "shares": dict(manifest.get("worker_shares", {})),
         "answer": [*answer, *(Statement("Not measured", (((), t),)) for t in run.not_measured)],
-        "headline": compact_table(quality_frame(made.headline.rows)),
+        "headline": compact_table(quality_frame(made.headline.frame)),
         **_plots(made, points),
         "tables": [
             *((t.title, _plain(t.remark), t.grids(), t is made.condition_sweep) for t in tables),
@@ -145,8 +144,9 @@ def _plots(made: Outputs, points: pd.DataFrame) -> dict[str, Any]:
     if not made.curves.empty:
         title, remark, others = "Beyond training", _OF_OBJECTS, family_panels(made.curves)
     draw = quality_figure if made.curves.empty else family_figure
-    rows = [row for table in made.tables for row in table.rows]
-    all_failed = _ALL_FAILED if any(row.failed and not row.n_ok for row in rows) else ""
+    frames = [table.frame for table in made.tables]
+    failed = any((frame["failed"] & (frame["n_ok"] == 0)).any() for frame in frames)
+    all_failed = _ALL_FAILED if failed else ""
     ceilings = [method for method in manifest["methods"] if role(method) == "ceiling"]
     left_out = f"{_LEFT_OUT} {', '.join(ceilings)}." if ceilings else ""
     narrow = {"columns": 1, "width_in": NARROW_IN, "panel_in": 2.0}
@@ -251,14 +251,14 @@ def _command(manifest: Mapping[str, Any]) -> str:
 
 
 def _glossary(
-    manifest: Mapping[str, Any], suite: Suite, tables: Sequence[Table[QualityRow]]
+    manifest: Mapping[str, Any], suite: Suite, tables: Sequence[Table[Any]]
 ) -> list[tuple[str, list[tuple[str, str]]]]:
     """Return the meanings of metrics, methods and conditions."""
     metrics = {
         m.id: "Fréchet distance, lower is better: " * (m.kind == "set") + m.about
         for m in METRICS.values()
     }
-    shown = {row.metric for table in tables for row in table.rows}
+    shown = {metric for table in tables for metric in table.frame["metric"]}
     requested = manifest.get("request", {}).get("metrics", ())
     further = {
         m: metrics.get(m, "of another package")

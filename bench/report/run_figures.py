@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +14,6 @@ from bench.analysis.comparison import COST, VALUE, milliseconds
 from bench.analysis.condition_sweep import FAMILY, place_of
 from bench.analysis.paper import PAPER_METRIC, PAPER_NETWORK, SURFACE, Published, network_of
 from bench.analysis.run_pairs import Differences
-from bench.analysis.scores import QualityRow
 from bench.catalogue.conditions import Family, condition_name, condition_words, places
 from bench.catalogue.methods import COST_VARIANTS, find_setting, role
 from bench.catalogue.metrics import FURTHER_METRICS, IMAGE_METRICS, higher_is_better, is_mean
@@ -58,23 +57,17 @@ AHEAD = {  # styles of differences
 }
 
 
-def quality_frame(rows: Iterable[QualityRow]) -> pd.DataFrame:
+def quality_frame(rows: pd.DataFrame) -> pd.DataFrame:
     """Return the rows of a table of quality, with `text`, the value and its interval as printed."""
-    values = [
-        (
-            *(row.method, row.measured_method, row.condition, row.class_name, row.metric),
-            *(row.value, row.ci_low, row.ci_high, row.failures_as_blank, row.n_ok, row.n),
-            *(row.failed, row.skipped, row.note),
-            quality_cell(row).text + f" ({row.n_ok} of {row.n} images)" * row.failed,
-        )
-        for row in rows
+    texts = [
+        quality_cell(row).text + " ({n_ok} of {n} images)".format(**row) * row["failed"]
+        for row in records(rows)
     ]
-    names = ("method", "measured", "condition", "class", "metric", "value", "low", "high")
-    names += ("as_blank", "n_ok", "n", "failed", "skipped", "note", "text")
-    return pd.DataFrame(values, columns=names)
+    names = {"ci_low": "low", "ci_high": "high", "failures_as_blank": "as_blank"}
+    return rows.drop(columns="per_object").rename(columns=names).assign(text=texts)
 
 
-def quality_panels(tables: Sequence[Table[QualityRow]]) -> dict[tuple[str, str], SweepPanel]:
+def quality_panels(tables: Sequence[Table[Any]]) -> dict[tuple[str, str], SweepPanel]:
     """Return a panel for each metric with values, and for each class, or condition of several.
 
     The ceiling, settings of a parameter, and methods measured for their cost alone are left out.
@@ -82,8 +75,8 @@ def quality_panels(tables: Sequence[Table[QualityRow]]) -> dict[tuple[str, str],
     shown = {}
     undrawn = [method.id for method in COST_VARIANTS]
     for metric in METRICS:
-        by_table = [[row for row in table.rows if row.metric == metric] for table in tables]
-        rows = quality_frame(max(by_table, key=len, default=[]))
+        by_table = (table.frame[table.frame["metric"] == metric] for table in tables)
+        rows = quality_frame(max(by_table, key=len))
         rows = rows[np.isfinite(rows["value"].astype(float))]
         drawn = [
             role(m) not in ("ceiling", "chosen") and find_setting(m) is None and m not in undrawn
@@ -255,7 +248,7 @@ def cost_figures(points: pd.DataFrame, styles: Styles) -> dict[str, tuple[Figure
 
 
 def write_figures(
-    directory: Path, tables: Sequence[Table[QualityRow]], artifacts: Mapping[JobName, Artifact]
+    directory: Path, tables: Sequence[Table[Any]], artifacts: Mapping[JobName, Artifact]
 ) -> None:
     """Write robustness curves (after Tables 3 and 4), image grids and a sheet of thin parts.
 
@@ -265,7 +258,7 @@ def write_figures(
     if all(name.method == GROUND_TRUTH for name in artifacts):
         return
     folder = directory / FIGURES
-    styles = method_styles(ordered(row.method for table in tables for row in table.rows))
+    styles = method_styles(ordered(m for table in tables for m in table.frame["method"]))
     if shown := list(quality_panels(tables).values()):
         _save_both(quality_figure(shown, styles), folder / "robustness")
     conditions = ordered(name.condition for name in artifacts if name.condition)
@@ -303,8 +296,8 @@ def write_beyond_figures(
 
 def write_class_figures(
     directory: Path,
-    table: Table[QualityRow],
-    headline: Table[QualityRow],
+    table: Table[Any],
+    headline: Table[Any],
     published: Published,
     artifacts: Mapping[JobName, Artifact],
 ) -> None:
@@ -318,26 +311,24 @@ def write_class_figures(
         return
     folder = directory / FIGURES
     methods = ordered(name.method for name in cells)
-    write_classes(folder / "classes.png", headline.rows, artifacts)
+    write_classes(folder / "classes.png", headline.frame, artifacts)
     network = network_of(methods)
     if network is not None and SURFACE in methods:
-        dots = _paper_dots(table.rows, network, published)
+        dots = _paper_dots(table.frame, network, published)
         if not dots.empty:
             figure = dots_figure(dots, method_styles((SURFACE, network)))
             _save_both(figure, folder / "table5")
 
 
-def _paper_dots(rows: Sequence[QualityRow], network: str, published: Published) -> pd.DataFrame:
+def _paper_dots(frame: pd.DataFrame, network: str, published: Published) -> pd.DataFrame:
     """Return the distances of SR and the network by class: ours with intervals, and the paper's."""
-    finite = {row.metric for row in rows if math.isfinite(row.value)}
+    finite = {*frame.loc[np.isfinite(frame["value"]), "metric"]}
     metric = next((m for m in (PAPER_METRIC, "fd-views") if m in finite), None)
     ours = f"here: {metric} (lower is better)"
-    dots = [
-        (ours, row.class_name, row.method, row.value, row.ci_low, row.ci_high)
-        for row in rows
-        if row.metric == metric and row.condition == rows[0].condition
-        if row.method in (SURFACE, network)
-    ]
+    at = (frame["metric"] == metric) & (frame["condition"] == frame["condition"].iloc[0])
+    shown = frame[at & frame["method"].isin([SURFACE, network])]
+    values = shown[["class", "method", "value", "ci_low", "ci_high"]]
+    dots = [(ours, *row) for row in values.itertuples(index=False, name=None)]
     dots += [
         ("the paper, on ShapeNet: FID", name, method, value, np.nan, np.nan)
         for name in ordered(name for _, name, *_ in dots)

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from bench.analysis.paper import SURFACE, network_of
-from bench.analysis.scores import QualityRow
 from bench.catalogue.lookup import family_of
 from bench.catalogue.methods import role
 from bench.catalogue.metrics import higher_is_better
@@ -141,7 +141,7 @@ def _first(artifacts: Mapping[JobName, Artifact], job: JobName) -> Image | str:
 
 
 def write_classes(
-    path: Path, headline: Sequence[QualityRow], artifacts: Mapping[JobName, Artifact]
+    path: Path, headline: pd.DataFrame, artifacts: Mapping[JobName, Artifact]
 ) -> None:
     """Write the paper's Figure 4: the first object of each class, which nobody has chosen.
 
@@ -179,19 +179,19 @@ def write_classes(
     save(figure, path)
 
 
-def best_methods(headline: Sequence[QualityRow], condition: str) -> dict[str, str]:
+def best_methods(headline: pd.DataFrame, condition: str) -> dict[str, str]:
     """Return the best of the methods that compete by each metric, in the mean over classes.
 
     Failed images are scored as blank ones, so that no method is best by failing.
     """
-    best: dict[str, QualityRow] = {}
-    for row in headline:
-        if row.condition != condition or role(row.method) or math.isnan(row.failures_as_blank):
-            continue
-        gain = row.failures_as_blank - best.setdefault(row.metric, row).failures_as_blank
-        if gain * (1 if higher_is_better(row.metric) else -1) > 0:
-            best[row.metric] = row
-    return {metric: row.method for metric, row in best.items()}
+    rows = headline[(headline["condition"] == condition) & headline["failures_as_blank"].notna()]
+    rows = rows[~rows["method"].map(role).astype(bool)]
+    best = {}
+    for metric, of_metric in rows.groupby("metric", sort=False):
+        values = of_metric["failures_as_blank"].to_numpy()
+        place = values.argmax() if higher_is_better(str(metric)) else values.argmin()
+        best[str(metric)] = str(of_metric["method"].iloc[place])
+    return best
 
 
 def write_thin_parts(path: Path, artifacts: Mapping[JobName, Artifact]) -> None:

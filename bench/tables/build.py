@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -17,36 +17,25 @@ from bench.analysis.frontier import places, thinned
 from bench.analysis.orderings import Ordering, orderings
 from bench.analysis.paired import verdicts_of
 from bench.analysis.paper import Published
-from bench.analysis.scores import QualityRow
 from bench.catalogue.images import ENTERED
-from bench.catalogue.suites import Suite, TableKind, TableSpec
+from bench.catalogue.suites import Suite
 from bench.records.record import TIMES
 from bench.records.run_folder import PROTOCOL
 from bench.tables import markdown
-from bench.tables.classes import class_table
 from bench.tables.condition_sweep import condition_sweep_table
 from bench.tables.frontier import frontier_table, points_table
-from bench.tables.further_metrics import further_tables
 from bench.tables.grid import grid
-from bench.tables.headline import headline
 from bench.tables.orderings import orderings_table
 from bench.tables.published import published
-from bench.tables.quality import detail_table, image_table, recognition_table, set_table
+from bench.tables.quality import QUALITY_TABLES, further_tables, headline
 from bench.tables.table import Table, of_protocol, remove_others, write_tables
 from data_prep.files.atomic_write import write_whole
 
 R = TypeVar("R")
 COST = "cost.md"
-QUALITY_TABLES: Mapping[TableKind, Callable[[Run, TableSpec, Published], Table[QualityRow]]] = {
-    "images": image_table,
-    "sets": set_table,
-    "classes": class_table,
-    "detail": detail_table,
-    "recognition": recognition_table,
-}
 
 
-def tables(run: Run) -> list[Table[QualityRow]]:
+def tables(run: Run) -> list[Table[Any]]:
     """Return the tables of quality that the suite of a run declares."""
     paper = paper_values(run.suite)
     with threadpool_limits(1):  # the same last digits on any number of cores
@@ -116,8 +105,8 @@ class Outputs:
     """The tables of a run, by the functions of the same names."""
 
     run: Run
-    headline: Table[QualityRow]
-    tables: tuple[Table[QualityRow], ...]
+    headline: Table[Any]
+    tables: tuple[Table[Any], ...]
     cost: str
     frontier_tables: tuple[Table[Any], Table[Any]] | None
     orderings: Table[Ordering] | None

@@ -7,21 +7,40 @@ then all methods with intervals and counts.
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
+import pandas as pd
+from threadpoolctl import threadpool_limits
+
 from bench.analysis.comparison import NAN
-from bench.analysis.digits import prints_better
+from bench.analysis.digits import decimals, prints_better
 from bench.analysis.frame import Run
-from bench.analysis.paper import PAPER_METHODS, Published, published_value
-from bench.analysis.scores import QualityRow, image_rows, recognition_rows, set_rows
+from bench.analysis.paper import (
+    AVERAGE,
+    PAPER_METHODS,
+    SURFACE,
+    Published,
+    network_of,
+    published_value,
+)
+from bench.analysis.scores import (
+    HIDDEN,
+    class_rows,
+    image_rows,
+    recognition_rows,
+    set_rows,
+    with_averages,
+)
 from bench.catalogue.chosen import CHOSEN
 from bench.catalogue.methods import role, training_objects
-from bench.catalogue.metrics import JUDGE, higher_is_better
-from bench.catalogue.suites import TableSpec
+from bench.catalogue.metrics import JUDGE, higher_is_better, is_mean
+from bench.catalogue.suites import TableKind, TableSpec
+from bench.records.frames import read_scores, scored_metrics
 from bench.records.record import GROUND_TRUTH
+from bench.records.run_folder import PROTOCOL
 from bench.tables import markdown
 from bench.tables.grid import (
     BEST,
@@ -35,10 +54,17 @@ from bench.tables.grid import (
     measured,
     ordered,
     pivot,
+    records,
     shown,
 )
-from bench.tables.table import Table, columns_of
+from bench.tables.table import Table, of_protocol, of_truth
+from data_prep.failures import BadInput
+from data_prep.progress import log
 
+HEADLINE = "headline"
+FEWEST_SHOWN = 12  # objects: intervals of fewer are so wide and so uncertain that they mislead here
+FEW = 10  # objects of a class below which its distances are warned of
+IN_A_ROW = 7  # classes side by side, as the paper has them
 DETAIL_REMARK = (
     "Means are over the images that have a value; where some have none, a line below says why."
 )
@@ -46,27 +72,38 @@ _DEBIASED = (
     "What the distance would be with endless objects, extrapolated by the jackknife: for comparing "
     "runs of different numbers of objects."
 )
+_LEGEND = (
+    "All methods: value [95 % interval over objects] n_ok/n images. Where images are missing, *b* "
+    "is the value with a blank image in place of each."
+)
+_HEADLINE_LEGEND = (
+    "All methods: value [95 % interval over objects], failed images scored as blank ones; n_ok/n "
+    "images."
+)
+_PUBLISHED = (
+    "Below a line of ours stands the paper's, as published: other data (ShapeNet), other weights."
+)
 
 
-def image_table(run: Run, spec: TableSpec, published: Published) -> Table[QualityRow]:
+def image_table(run: Run, spec: TableSpec, published: Published) -> Table[Any]:
     """Return the means over images of the suite's image metrics."""
-    rows = [sampled.row for sampled in image_rows(run, run.suite.image_metrics)]
+    rows = image_rows(run, run.suite.image_metrics)
     return quality_table(spec, annotated(rows, run.manifest, published))
 
 
-def detail_table(run: Run, spec: TableSpec, published: Published) -> Table[QualityRow]:
+def detail_table(run: Run, spec: TableSpec, published: Published) -> Table[Any]:
     """Return the means over images of the suite's detail metrics, which the paper does not have."""
-    rows = [sampled.row for sampled in image_rows(run, run.suite.detail_metrics)]
+    rows = image_rows(run, run.suite.detail_metrics)
     return quality_table(spec, annotated(rows, run.manifest, {}), DETAIL_REMARK)
 
 
-def set_table(run: Run, spec: TableSpec, published: Published) -> Table[QualityRow]:
+def set_table(run: Run, spec: TableSpec, published: Published) -> Table[Any]:
     """Return the distances of methods' images to the true ones by the suite's set metrics."""
-    rows = [sampled.row for metric in run.suite.set_metrics for sampled in set_rows(run, metric)]
+    rows = pd.concat([set_rows(run, metric) for metric in run.suite.set_metrics], ignore_index=True)
     return quality_table(spec, annotated(rows, run.manifest, published))
 
 
-def recognition_table(run: Run, spec: TableSpec, published: Published) -> Table[QualityRow]:
+def recognition_table(run: Run, spec: TableSpec, published: Published) -> Table[Any]:
     """Return what the judge recognises in methods' images: the view, and which object it is."""
     remark = (
         "A judge tells view and shape from the image alone; `true-mesh` shows how far the judge "
@@ -82,186 +119,295 @@ def recognition_table(run: Run, spec: TableSpec, published: Published) -> Table[
     return quality_table(spec, annotated(recognition_rows(run), run.manifest, {}), remark)
 
 
+def class_table(run: Run, spec: TableSpec, published: Published) -> Table[Any]:
+    """Return the paper's Table 5: values by class, and their means over classes."""
+    rows = annotated(class_rows(run, run.suite.class_metrics), run.manifest, published)
+    return quality_table(spec, rows, class_remark(run))
+
+
+def class_remark(run: Run) -> str:
+    """Return the number of objects of each class, and which classes have few or none."""
+    counts = run.objects_of
+    message = (
+        "`fid`, `kid`, `fd-views` and `kd-views` are distances (lower is better), the others "
+        "similarities (higher is better). The average is over classes, each counting alike."
+    )
+    sizes = ", ".join(f"{markdown.cell(name)} {count}" for name, count in counts.items())
+    message += f" Objects of each class: {sizes}."
+    if missing := [name for name in run.suite.classes if name not in counts]:
+        message += f" Left out, because the dataset has none: {', '.join(missing)}."
+    if few := [markdown.cell(name) for name, count in counts.items() if count < FEW]:
+        message += (
+            f" **Fewer than {FEW} objects: {', '.join(few)}.** Distances of so few images are "
+            "mostly their number: compare them within the class only, if at all."
+        )
+    return message
+
+
+QUALITY_TABLES: Mapping[TableKind, Callable[[Run, TableSpec, Published], Table[Any]]] = {
+    "images": image_table,
+    "sets": set_table,
+    "classes": class_table,
+    "detail": detail_table,
+    "recognition": recognition_table,
+}
+
+
+def headline(run: Run, metrics: Sequence[str] | None = None) -> Table[Any]:
+    """Return the table that a run shows while it goes on, and at its end: few metrics, all methods.
+
+    With one class methods are down and conditions across; with several it is the mean over classes.
+    Failed images are scored as blank ones, so that all methods have values of the same objects.
+    `metrics` are those that the run has while it goes on, by default all. People see intervals from
+    FEWEST_SHOWN objects on; its CSV has them before.
+    """
+    suite, manifest = run.suite, run.manifest
+    wanted = ordered(suite.headline if metrics is None else metrics)
+    with threadpool_limits(1):
+        means = image_rows(run, [metric for metric in wanted if is_mean(metric)], True)
+        distances = [set_rows(run, metric) for metric in wanted if not is_mean(metric)]
+        rows = pd.concat([means, *distances], ignore_index=True)
+        if suite.table("classes"):
+            of_metrics = (rows[rows["metric"] == metric] for metric in wanted)
+            rows = pd.concat(map(with_averages, of_metrics), ignore_index=True)
+            rows = rows[rows["class"] == AVERAGE]
+    objects = len(manifest["objects"])
+    planned = manifest.get("planned", objects)
+
+    def layout(frame: pd.DataFrame) -> Iterator[Block]:
+        if objects < FEWEST_SHOWN:
+            yield f"Intervals are shown from {FEWEST_SHOWN} objects on."
+            frame = frame.assign(ci_low=NAN, ci_high=NAN)
+        elif objects < planned:
+            yield (
+                "Intervals hold for a number of objects that was fixed beforehand, not for a run "
+                "that is ended when its values please."
+            )
+        # The value itself is the one with blank images.
+        yield from all_methods(frame.assign(failures_as_blank=NAN), _HEADLINE_LEGEND)
+
+    title = f"{' and '.join(suite.headline)}: {objects} of {planned} objects"
+    every = with_chosen_rows(annotated(rows, manifest, {}))
+    table = Table(HEADLINE, title, every, layout, hidden=HIDDEN)
+    return of_protocol(table, suite, manifest[PROTOCOL])
+
+
+def metric_table(run: Run, metric: Any, rows: pd.DataFrame) -> Table[Any]:
+    """Return the table of a further metric, which has an id, a version and a line about it."""
+    better = "higher" if higher_is_better(metric.id) else "lower"
+    title = f"{metric.id}, version {metric.version}: {metric.about} ({better} is better)"
+    spec = TableSpec("images", f"metric_{metric.id}", title)
+    return of_truth(quality_table(spec, rows), run.suite)
+
+
+def further_tables(run: Run) -> list[Table[Any]]:
+    """Return the tables of all image metrics that a run was scored by.
+
+    Scores of records that have changed since are left out, and a line on stderr names them.
+    """
+    tables = []
+    for metric_id in scored_metrics(run.directory):
+        try:
+            metric, images = read_scores(run.directory, metric_id)
+        except BadInput as error:
+            log(str(error))
+            continue
+        rows = image_rows(run.with_scores(metric, images), [metric_id])
+        tables.append(metric_table(run, metric, rows))
+    return tables
+
+
 def annotated(
-    rows: Iterable[QualityRow], manifest: Mapping[str, Any], published: Published
-) -> list[QualityRow]:
+    rows: pd.DataFrame, manifest: Mapping[str, Any], published: Published
+) -> pd.DataFrame:
     """Return the rows with the paper's values, and what the networks' weights were trained with."""
     objectives: Mapping[str, str] = manifest.get("objectives", {})
-    return [
-        replace(
-            row,
-            paper=published_value(published, row.class_name, row.metric, row.condition, row.method),
-            trained_on=training_objects(row.method, manifest),
-            objective=objectives.get(row.method, ""),
-        )
-        for row in rows
-    ]
+    methods = rows["method"].tolist()
+    cells = zip(rows["class"], rows["metric"], rows["condition"], methods, strict=True)
+    return rows.assign(
+        paper=[published_value(published, *cell) for cell in cells],
+        trained_on=[training_objects(method, manifest) for method in methods],
+        objective=[objectives.get(method, "") for method in methods],
+    )
 
 
-def quality_table(
-    spec: TableSpec, rows: Iterable[QualityRow], remark: str = ""
-) -> Table[QualityRow]:
+def quality_table(spec: TableSpec, rows: pd.DataFrame, remark: str = "") -> Table[Any]:
     """Return a table of rows.
 
-    Several classes at one condition are never in the paper's layout: they are a line each.
+    Several classes at one condition are a line each, and in the paper's layout in its Table 5 only.
     """
 
-    def layout(rows: Sequence[QualityRow]) -> Iterator[Block]:
-        yield remark
-        one_condition = len({row.condition for row in rows}) == 1
-        if spec.paper_layout and not (one_condition and len({row.class_name for row in rows}) > 1):
-            yield from _paper_layout(rows)
-        yield from all_methods(rows)
+    def layout(frame: pd.DataFrame) -> Iterator[Block]:
+        yield told
+        if spec.kind != "classes":
+            several = frame["condition"].nunique() > 1 or frame["class"].nunique() == 1
+            if spec.paper_layout and several:
+                yield from _conditions_of_the_paper(frame)
+            yield from all_methods(frame)
+            return
+        for number, (condition, part) in enumerate(frame.groupby("condition", sort=False)):
+            if number:
+                yield f"# At {markdown.cell(str(condition))}"
+            yield from _classes_of_the_paper(part)
+            yield from all_methods(part)
 
-    rows = with_chosen_rows(rows)
-    remark = " ".join(filter(None, [remark, which_are_chosen(rows)]))
-    return Table.of_rows(spec.name, spec.title, columns_of(QualityRow), rows, layout, remark)
+    frame = with_chosen_rows(rows)
+    told = " ".join(filter(None, [remark, which_are_chosen(frame)]))
+    return Table(spec.name, spec.title, frame, layout, told, hidden=HIDDEN)
 
 
-def with_chosen_rows(rows: Iterable[QualityRow]) -> tuple[QualityRow, ...]:
+def with_chosen_rows(rows: pd.DataFrame) -> pd.DataFrame:
     """Return the rows, with those of chosen methods a second time by the name of their row."""
-    rows = tuple(rows)
-    conditions, methods = {row.condition for row in rows}, {row.method for row in rows}
+    conditions, methods = ({*rows[name]} for name in ("condition", "method"))
     chosen = {name: row.by_condition(conditions, methods) for name, row in CHOSEN.items()}
+    if not any(chosen.values()):
+        return rows
     result = []
-    for row in rows:
+    for row in records(rows):
         result.append(row)
         for name, best in chosen.items():
-            if row.method == best.get(row.condition):
-                note = row.note if row.skipped else "; ".join(filter(None, [row.method, row.note]))
-                result.append(replace(row, method=name, note=note, paper=NAN))
-    return tuple(result)
+            if row["method"] == best.get(row["condition"]):
+                also = [] if row["skipped"] else [row["method"]]
+                note = "; ".join(filter(None, [*also, row["note"]]))
+                result.append(row | {"method": name, "note": note, "paper": NAN})
+    return pd.DataFrame(result, columns=rows.columns)
 
 
-def which_are_chosen(rows: Iterable[QualityRow]) -> str:
+def which_are_chosen(rows: pd.DataFrame) -> str:
     """Return a sentence for each chosen row, on its method at each condition; empty without any."""
-    rows = tuple(rows)
     sentences = []
     for name in CHOSEN:
-        conditions: dict[str, list[str]] = {}
-        for row in rows:
-            if row.method == name and not row.skipped:
-                conditions.setdefault(row.note.partition("; ")[0], []).append(row.condition)
-        parts = [f"`{method}` at {', '.join(ordered(at))}" for method, at in conditions.items()]
+        of_name = rows[(rows["method"] == name) & ~rows["skipped"].astype(bool)]
+        parts = [
+            f"`{method}` at {', '.join(at.unique())}"
+            for method, at in of_name.groupby("measured", sort=False)["condition"]
+        ]
         if parts:
             sentences.append(f"`{name}`, chosen on validation objects, is {'; '.join(parts)}.")
     return " ".join(sentences)
 
 
-def _paper_layout(rows: Sequence[QualityRow]) -> Iterator[Block]:
-    """Yield SR beside PC2PIX at each condition, the paper's values below; nothing without both."""
-    rows = [row for row in rows if row.method in PAPER_METHODS]
+def _conditions_of_the_paper(frame: pd.DataFrame) -> Iterator[Block]:
+    """Yield SR beside PC2PIX at each condition, as the paper's Tables 3 and 4; or nothing."""
+    rows = records(frame[frame["method"].isin(list(PAPER_METHODS))])
     if not rows:
         return
-    yield (
-        "In the paper's layout: SR is `surface-apss`. Below a line of ours stands the paper's, as "
-        "published: other data (ShapeNet), other weights."
-    )
-    measured = {row.method for row in rows}
+    yield f"In the paper's layout: SR is `{SURFACE}`. {_PUBLISHED}"
+    measured = {row["method"] for row in rows}
     methods = [method for method in PAPER_METHODS if method in measured or "@" not in method]
     heads = {
         (condition, method): f"{condition} {PAPER_METHODS[method]}"
-        for condition in ordered(row.condition for row in rows)
+        for condition in ordered(row["condition"] for row in rows)
         for method in methods
     }
-    metrics = ordered(row.metric for row in rows)
-    for class_name in ordered(row.class_name for row in rows):
-        of_class = [row for row in rows if row.class_name == class_name]
-        by_key = {(row.metric, row.condition, row.method): row for row in of_class}
-        yield with_paper_values(class_name, metrics, heads, by_key)
+    for class_name in ordered(row["class"] for row in rows):
+        of_class = [row for row in rows if row["class"] == class_name]
+        yield _with_paper_values(class_name, "condition", heads, of_class)
 
 
-def with_paper_values(
+def _classes_of_the_paper(frame: pd.DataFrame) -> Iterator[Block]:
+    """Yield SR and PC2PIX side by side at one condition, classes in rows of seven; or nothing."""
+    network = network_of(frame["method"])
+    if network is None or not (frame["method"] == SURFACE).any():
+        return
+    yield (
+        f"In the paper's layout: SR is `{SURFACE}`, PC2PIX is {markdown.code(network)}. "
+        f"{_PUBLISHED}"
+    )
+    classes, rows = ordered(frame["class"]), records(frame)
+    for start in range(0, len(classes), IN_A_ROW):
+        heads = {
+            (class_name, method): f"{class_name} {name}"
+            for class_name in classes[start : start + IN_A_ROW]
+            for method, name in {SURFACE: "SR", network: "PC2PIX"}.items()
+        }
+        yield _with_paper_values("", "class", heads, rows)
+
+
+def _with_paper_values(
     corner: str,
-    metrics: Iterable[str],
+    across: str,
     heads: Mapping[tuple[str, str], str],
-    rows: Mapping[tuple[str, str, str], QualityRow],
+    rows: Sequence[dict[str, Any]],
 ) -> Grid:
     """Return a grid with a line of ours for each metric, and the paper's below where it has any.
 
-    heads  heads of the columns by their keys
-    rows   rows by metric and key of the column
+    `heads` are those of the columns by their value of the column `across` and their method.
     """
+    at = {(row["metric"], row[across], row["method"]): row for row in rows}
     lines = []
-    for metric in metrics:
-        of_metric = [rows.get((metric, *key)) for key in heads]
+    for metric in ordered(row["metric"] for row in rows):
+        of_metric = [at.get((metric, *key)) for key in heads]
         cells = [replace(quality_cell(row), interval=None) if row else NOTHING for row in of_metric]
-        if all(row.skipped for row in of_metric if row):
+        if all(row["skipped"] for row in of_metric if row):
             cells = [Cell("skipped")] * len(of_metric)
         lines.append(TableRow(metric, tuple(cells)))
-        paper = [row.paper if row else NAN for row in of_metric]
+        paper = [row["paper"] if row else NAN for row in of_metric]
         if any(map(math.isfinite, paper)):
             texts = [f"{value:g}" if math.isfinite(value) else "-" for value in paper]
             lines.append(TableRow(f"{metric}, paper", tuple(map(Cell, texts))))
     return Grid(corner, tuple(map(ColumnHeader, heads.values())), tuple(lines))
 
 
-_LEGEND = (
-    "All methods: value [95 % interval over objects] n_ok/n images. Where images are missing, *b* "
-    "is the value with a blank image in place of each."
-)
-
-
-def all_methods(rows: Sequence[QualityRow], legend: str = _LEGEND) -> Iterator[Block]:
+def all_methods(frame: pd.DataFrame, legend: str = _LEGEND) -> Iterator[Block]:
     """Yield all cells, with a grid for each metric.
 
     With one class methods are down and conditions across; with several classes these are down and
     methods across, condition by condition.
     """
     yield legend
-    trained = {row.method: _training(row, markdown.code(row.objective)) for row in rows}
+    trained = {
+        row["method"]: _training(row, markdown.code(row["objective"])) for row in records(frame)
+    }
     yield "\n".join(
         f"{markdown.code(method)}: {training}.  "
         for method, training in trained.items()
         if training
     )
     told: set[str] = set()
-    by_class = len({row.class_name for row in rows}) > 1
-    attribute = "condition" if by_class else "class_name"
-    groups: dict[str, dict[str, list[QualityRow]]] = {}
-    for row in rows:
-        groups.setdefault(getattr(row, attribute), {}).setdefault(row.metric, []).append(row)
-    for name in groups:
-        where = "" if by_class and len(groups) == 1 else f", {name}"
-        for metric in ordered(row.metric for row in rows if row.metric in groups[name]):
-            of_metric = groups[name][metric]
-            yield f"## {markdown.cell(metric + where)}"
+    by_class = frame["class"].nunique() > 1
+    places = frame.groupby("condition" if by_class else "class", sort=False)
+    for name, of_place in places:
+        where = "" if by_class and len(places) == 1 else f", {name}"
+        for metric, of_metric in of_place.groupby("metric", sort=False):
+            yield f"## {markdown.cell(f'{metric}{where}')}"
             shown_grid = _grid(of_metric, by_class)
             # What holds for several metrics is said once, below the first.
             new = tuple(note for note in shown_grid.notes if f"{name} {note}" not in told)
             told |= {f"{name} {note}" for note in new}
             yield replace(shown_grid, notes=shown_grid.notes if shown_grid.void else new)
-            if any(math.isfinite(row.debiased) for row in of_metric):
+            if any(map(math.isfinite, of_metric["debiased"])):
                 nothing = dict.fromkeys(("ci_low", "ci_high", "paper", "failures_as_blank"), NAN)
-                without_bias = [replace(row, value=row.debiased, **nothing) for row in of_metric]
                 yield f"## {markdown.cell(f'{metric}, debiased{where}')}"
                 yield _DEBIASED
+                without_bias = of_metric.assign(value=of_metric["debiased"], **nothing)
                 yield _grid(without_bias, by_class, ", debiased")
 
 
-def _grid(rows: Sequence[QualityRow], by_class: bool, how: str = "") -> Grid:
+def _grid(frame: pd.DataFrame, by_class: bool, how: str = "") -> Grid:
     """Return the grid of one metric at one condition, or else of one class.
 
     `how` follows the metric's name.
     """
-    metric, higher = rows[0].metric, higher_is_better(rows[0].metric)
-    skipped = ordered(row.note for row in rows if row.skipped)
+    rows = records(frame)
+    first, higher = rows[0], higher_is_better(rows[0]["metric"])
+    skipped = ordered(row["note"] for row in rows if row["skipped"])
     if by_class:
-        line, column, corner = "class_name", "method", "class"
-        where, across, tags = f"at {rows[0].condition}", line, Tags(condition=rows[0].condition)
+        line, column, corner, across = "class", "method", "class", "class"
+        where, tags = f"at {first['condition']}", Tags(condition=first["condition"])
     else:
-        line, column, corner = "method", "condition", "method"
-        where, across, tags = rows[0].class_name, column, Tags(class_name=rows[0].class_name)
+        line, column, corner, across = "method", "condition", "method", "condition"
+        where, tags = first["class"], Tags(class_name=first["class"])
     return pivot(
-        rows,
+        frame,
         line,
         column,
         partial(_cell, best=best_printed(rows)),
         corner=corner,
         outcomes=_outcomes,
         about=(lambda rows: "") if by_class else _about,
-        metric=metric + how,
-        caption=f"{metric}{how}, {where} ({'higher' if higher else 'lower'} is better)",
+        metric=first["metric"] + how,
+        caption=f"{first['metric']}{how}, {where} ({'higher' if higher else 'lower'} is better)",
         notes=tuple(skipped or _gaps(rows, across)),
         void=bool(skipped),
         higher=higher,
@@ -269,82 +415,82 @@ def _grid(rows: Sequence[QualityRow], by_class: bool, how: str = "") -> Grid:
     )
 
 
-def _gaps(rows: Sequence[QualityRow], across: str) -> list[str]:
+def _gaps(rows: Sequence[dict[str, Any]], across: str) -> list[str]:
     """Return a line for each cell with failures; cells that lack a value for one reason share."""
     notes: list[str] = []
     undefined: dict[str, list[str]] = {}
     for row in rows:
-        if row.method in CHOSEN:
+        if row["method"] in CHOSEN:
             continue  # named as the method that it is
-        if row.only_undefined:
-            undefined.setdefault(row.note, []).append(row.method)
-        elif row.n_ok < row.n:
-            notes.append(f"{row.method} at {getattr(row, across)}: {row.note}")
+        if row["failed"]:
+            notes.append(f"{row['method']} at {row[across]}: {row['note']}")
+        elif row["note"]:
+            undefined.setdefault(row["note"], []).append(row["method"])
     return notes + [f"{', '.join(ordered(names))}: {note}" for note, names in undefined.items()]
 
 
-def best_printed(rows: Sequence[QualityRow]) -> set[tuple[str, str, str]]:
+def best_printed(rows: Iterable[dict[str, Any]]) -> set[tuple[str, str, str]]:
     """Return the methods that compete in each class and condition and are the best of it, printed.
 
     None where fewer than two compete.
     """
-    by_cell: dict[tuple[str, str], list[QualityRow]] = {}
+    by_cell: dict[tuple[str, str], list[dict[str, Any]]] = {}
     for row in rows:
-        if math.isfinite(row.value) and not role(row.method):
-            by_cell.setdefault((row.class_name, row.condition), []).append(row)
+        if math.isfinite(row["value"]) and not role(row["method"]):
+            by_cell.setdefault((row["class"], row["condition"]), []).append(row)
     return {
-        (*key, row.method)
+        (*key, row["method"])
         for key, of_cell in by_cell.items()
         for row in of_cell
         if len(of_cell) > 1 and not any(is_worse(row, other) for other in of_cell)
     }
 
 
-def is_worse(row: QualityRow, other: QualityRow) -> bool:
+def is_worse(row: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
     """Return whether a value is worse than another in the digits that both are printed with."""
-    methods = row.measured_method, other.measured_method
-    return prints_better(row.metric, other.value, row.value, *methods)
+    methods = row["measured"], other["measured"]
+    return prints_better(row["metric"], other["value"], row["value"], *methods)
 
 
-def _cell(row: QualityRow, best: Container[tuple[str, str, str]]) -> Cell:
-    paper = f"{row.paper:g}" if math.isfinite(row.paper) else ""
-    if row.skipped:
+def _cell(row: Mapping[str, Any], best: Container[tuple[str, str, str]]) -> Cell:
+    paper = f"{row['paper']:g}" if math.isfinite(row["paper"]) else ""
+    if row["skipped"]:
         return Cell("skipped", paper=paper)
-    beside = row.failed and math.isfinite(row.failures_as_blank)
-    blank = shown(row.failures_as_blank, row.decimals) if beside else None
-    is_best = (row.class_name, row.condition, row.method) in best
+    blank = row["failures_as_blank"]
+    beside = row["failed"] and math.isfinite(blank)
+    is_best = (row["class"], row["condition"], row["method"]) in best
     return replace(
         quality_cell(row),
-        count=(row.n_ok, row.n),
-        blank=blank,
+        count=(row["n_ok"], row["n"]),
+        blank=shown(blank, decimals(row["metric"], row["measured"])) if beside else None,
         paper=paper,
         special=BEST if is_best else None,
     )
 
 
-def quality_cell(row: QualityRow) -> Cell:
+def quality_cell(row: Mapping[str, Any]) -> Cell:
     """Return the cell of a value with its interval alone."""
-    return measured((row.value, row.ci_low, row.ci_high), row.metric, row.measured_method)
+    estimate = row["value"], row["ci_low"], row["ci_high"]
+    return measured(estimate, row["metric"], row["measured"])
 
 
-def _about(rows: Sequence[QualityRow]) -> str:
-    parts = [role(rows[0].method), _training(rows[0], rows[0].objective)]
+def _about(rows: Sequence[Mapping[str, Any]]) -> str:
+    parts = [role(rows[0]["method"]), _training(rows[0], rows[0]["objective"])]
     return ", ".join(part for part in parts if part)
 
 
-def _training(row: QualityRow, objective: str) -> str:
+def _training(row: Mapping[str, Any], objective: str) -> str:
     """Return what a network was trained on and with, as far as it is known; empty for others."""
-    parts = [f" on {row.trained_on}"] if row.trained_on not in ("", "nothing") else []
-    parts += [f" with {objective}"] if row.objective else []
+    parts = [f" on {row['trained_on']}"] if row["trained_on"] not in ("", "nothing") else []
+    parts += [f" with {objective}"] if row["objective"] else []
     return "trained" + ",".join(parts) if parts else ""
 
 
-def _outcomes(rows: Sequence[QualityRow]) -> tuple[str, ...]:
+def _outcomes(rows: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
     """Return the outcomes of the images of these rows, in the words of the records."""
-    measured = [row for row in rows if not row.skipped]
     outcomes = {
-        "failed": any(row.failed for row in measured),
-        "ok": any(row.n_ok > 0 for row in measured),
-        "skipped": len(measured) < len(rows),
+        "failed": any(row["failed"] and not row["skipped"] for row in rows),
+        "ok": any(row["n_ok"] > 0 and not row["skipped"] for row in rows),
+        "skipped": any(row["skipped"] for row in rows),
     }
     return tuple(outcome for outcome, occurs in outcomes.items() if occurs)

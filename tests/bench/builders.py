@@ -9,6 +9,7 @@ from contextlib import closing, suppress
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -18,9 +19,10 @@ from harness_objects import Tetrahedron
 
 from bench.analysis.frame import Run, full_frame, read_run
 from bench.analysis.intervals import distance_interval
+from bench.analysis.scores import HIDDEN, NOTHING, VALUE_COLUMNS
 from bench.catalogue.methods import FLOORS
 from bench.catalogue.metrics import IMAGE_METRICS, column
-from bench.catalogue.suites import SUITES, Suite
+from bench.catalogue.suites import SUITES, Suite, TableSpec
 from bench.commands.live import LiveTable
 from bench.commands.terminal import Terminal
 from bench.metrics.frechet import (
@@ -39,6 +41,8 @@ from bench.records.stored_artifacts import Artifact
 from bench.running.options import Options
 from bench.running.protocol import Protocol, find_methods
 from bench.tables.build import write_outputs
+from bench.tables.grid import records
+from bench.tables.quality import quality_table
 from data_prep.clouds.conditions import CONDITIONS, Unchanged
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from data_prep.failures import BadInput
@@ -210,6 +214,33 @@ def scored_records(
     manifest = names_of(records) | manifest
     jobs = full_frame(sum_views(records), manifest)
     return Run(Path("run"), suite, manifest, jobs, features or {}, skipped or {})
+
+
+def value_row(method="splat", value=0.5, condition="2048", metric="ssim", **changes):
+    """A row of a quality table, as its columns; skipped and failed as note and numbers say."""
+    row = {**NOTHING, "suite": "s", "method": method, "condition": condition, "class": "chair"}
+    row |= {"metric": metric, "value": value, "failures_as_blank": value, "n_ok": 2, "n": 2}
+    row |= {"measured": method} | changes
+    failed = row["n_ok"] + row["undefined"] < row["n"]
+    return row | {"skipped": row["note"].startswith("skipped"), "failed": failed}
+
+
+def value_frame(rows) -> pd.DataFrame:
+    return pd.DataFrame(rows, columns=[*VALUE_COLUMNS, *HIDDEN])
+
+
+def value_table(*rows, spec=None, remark=""):
+    """The quality table of such rows."""
+    return quality_table(spec or TableSpec("images", "t", "T"), value_frame(rows), remark)
+
+
+def rows_of(*tables) -> list[Any]:
+    """The rows of tables or frames with columns as attributes, `class` as `class_name`."""
+    return [
+        SimpleNamespace(**row, class_name=row["class"])
+        for table in tables
+        for row in records(getattr(table, "frame", table))
+    ]
 
 
 def feature_index(methods, objects_of_class) -> pd.DataFrame:

@@ -19,6 +19,7 @@ from ..builders import (
     make_manifest,
     make_record,
     names_of,
+    rows_of,
     scored_records,
     to_frame,
     write_all,
@@ -86,14 +87,14 @@ def test_sums_are_those_of_all_records(records):
                 assert run.objects(cell).tolist() == expected.index.tolist()
                 actual = run.per_object(cell, metric, blanks)
                 assert actual == pytest.approx(expected.to_numpy(), rel=0, abs=EXACT, nan_ok=True)
-            rows = [sampled.row for sampled in image_rows(run, [metric])]
+            rows = rows_of(image_rows(run, [metric]))
             (row,) = [r for r in rows if (r.method, r.condition, r.class_name) == cell]
             scores = of_cell.loc[ok, column(metric)].dropna()
             assert row.value == pytest.approx(scores.mean(), abs=1e-13)  # of up to 27 numbers
             assert row.failures_as_blank == pytest.approx(filled[column(metric)].mean(), abs=1e-13)
             assert row.n_ok == len(scores)
             assert row.note.startswith(f"{(~ok).sum()} x timeout: 3 s" if (~ok).any() else "")
-    assert any(sampled.row.failed for sampled in image_rows(run, METRICS))
+    assert image_rows(run, METRICS)["failed"].any()
 
 
 def test_equal_images_have_equal_sums(tmp_path):

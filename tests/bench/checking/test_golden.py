@@ -16,6 +16,7 @@ from bench.checking.golden import CheckResult, bless, check, golden_lines
 from bench.checking.tolerances import JUDGED, OF_CLASSES, RECONSTRUCTION, RENDERING, tolerance
 from bench.records.run_folder import read_manifest, write_manifest
 from bench.tables.build import tables, write_outputs
+from bench.tables.grid import records
 from bench.tables.published import golden, golden_name, published
 
 from ..builders import SCORES, SUITE, overwrite, write_run
@@ -107,9 +108,9 @@ def has_the_tolerances_of_its_rules(frame):
 
 
 def test_a_cell_of_two_tables_is_blessed_once_and_with_room_below_zero(run):
-    rows = tables(read_run(run))[0].rows
-    below = replace(rows[0], metric="kd-views", value=-2.0)
-    other = replace(rows[0], method=BEST_RECONSTRUCTION)  # the value of another method
+    rows = records(tables(read_run(run))[0].frame)
+    below = rows[0] | {"metric": "kd-views", "value": -2.0}
+    other = rows[0] | {"method": BEST_RECONSTRUCTION}  # the value of another method
     lines = golden_lines(2 * (*rows, below, other), {"seed": 0})
     assert len(lines) == len(rows) + 1
     (line,) = (line for line in lines if line["metric"] == "kd-views")

@@ -24,6 +24,8 @@ from data_prep.randomness import generator
 from data_prep.shapes.catalogue import CLASSES
 from pc2pix import weights as weight_files
 
+from ..builders import rows_of
+
 OBJECTS = {"chair": 3, "table": 2}
 
 
@@ -109,7 +111,7 @@ def test_other_weights_are_not_asked(measured, monkeypatch, classifier, tmp_path
         "skipped: the features are not of the bundled weights of fd-views; start the run again"
     )
     (_, made, _) = tables(scored)
-    rows = [row for row in made.rows if row.metric == "class-confidence"]
+    rows = [row for row in rows_of(made) if row.metric == "class-confidence"]
     assert len(rows) == 12
     assert all(math.isnan(row.value) for row in rows)
 

@@ -8,7 +8,7 @@ from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
 from bench.commands.live import LiveTable
 
-from ..builders import make_record, to_frame
+from ..builders import make_record, rows_of, to_frame
 
 SUITE = find("chair-robustness", SUITES, "suite")
 SCORES = {"splat-net": 0.9, "alpha-wrap": 0.5, "blank": 0.2}
@@ -43,9 +43,9 @@ class Part:
 def test_the_table_is_written_and_says_which_intervals_it_has(tmp_path):
     live = LiveTable()
     few = live.table(Part(tmp_path, ORDER[10:15]))
-    assert {row.n for row in few.rows if row.metric == "ssim-object"} == {5}
+    assert {row.n for row in rows_of(few) if row.metric == "ssim-object"} == {5}
     table = live.table(Part(tmp_path, ORDER[:30]))  # objects are added once
-    rows = {(row.method, row.metric): row for row in table.rows}
+    rows = {(row.method, row.metric): row for row in rows_of(table)}
     assert rows["splat-net", "ssim-object"].value == pytest.approx(0.9, abs=1e-12)
     assert rows["splat-net", "ssim-object"].n == 30
     assert rows["blank", "lpips"].note == "skipped: no weights"

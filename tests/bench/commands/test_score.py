@@ -31,10 +31,10 @@ from bench.records.run_folder import open_folder
 from bench.records.store import STORE
 from bench.report.stored import open_sources
 from bench.tables.build import make_outputs
-from bench.tables.further_metrics import further_tables
+from bench.tables.quality import further_tables
 from data_prep.failures import BadInput
 
-from ..builders import as_failed, damage_images
+from ..builders import as_failed, damage_images, rows_of
 
 TWO = np.zeros((2, 128, 128, 3), np.uint8)
 
@@ -84,7 +84,7 @@ def test_every_image_counts_where_it_belongs(copied):
     """true-mesh draws the same under noise, splats grow with it, and blank has no pixel."""
     dark = made(lambda truth, drawn: (drawn < 255).any(axis=3).mean(axis=(1, 2)), "dark-share")
     (table,) = score(copied, [dark])
-    value = {(row.method, row.condition): row.value for row in table.rows}
+    value = {(row.method, row.condition): row.value for row in rows_of(table)}
     assert value["blank", "2048"] == 0
     assert value["true-mesh", "2048"] == value["true-mesh", "noise-0.10"] > 0
     assert value["splat", "noise-0.10"] > value["splat", "2048"] > 0
@@ -92,8 +92,10 @@ def test_every_image_counts_where_it_belongs(copied):
         "dark-share, version 7: made up (higher is better); against the true mesh in its colours"
     )
     written = pd.read_csv(copied / "tables" / "metric_dark-share.csv")
-    assert written["value"].tolist() == pytest.approx([row.value for row in table.rows], abs=1e-6)
-    assert all(row.ci_low <= row.value <= row.ci_high for row in table.rows)
+    assert written["value"].tolist() == pytest.approx(
+        [row.value for row in rows_of(table)], abs=1e-6
+    )
+    assert all(row.ci_low <= row.value <= row.ci_high for row in rows_of(table))
 
 
 def test_scores_stand_with_their_own_views(copied):
@@ -114,7 +116,7 @@ def test_failed_images_are_scored_as_blank_ones(copied):
         store.append(as_failed(store.result(key)))
     blank = made(lambda truth, drawn: (drawn == 255).all(axis=(1, 2, 3)) * 1.0, "is-blank")
     (table,) = score(copied, [blank])
-    (row,) = (r for r in table.rows if (r.method, r.condition) == ("true-mesh", "2048"))
+    (row,) = (r for r in rows_of(table) if (r.method, r.condition) == ("true-mesh", "2048"))
     assert (row.value, row.failures_as_blank, row.n_ok, row.n) == (0, 1 / 3, 4, 6)
 
 
@@ -134,7 +136,7 @@ def test_a_metric_whose_package_is_absent_is_skipped_and_the_others_are_not(copi
 
     ones = made(lambda truth, drawn: np.ones(len(drawn)), "one")
     tables = score(copied, [made(absent), of_set(absent), ones])
-    *skipped, measured = (table.rows for table in tables)
+    *skipped, measured = (rows_of(table) for table in tables)
     assert {row.metric for rows in skipped for row in rows} == {"made", "fd-made", "fd-made-kernel"}
     for row in (row for rows in skipped for row in rows):
         assert row.note == "skipped: the package x is not installed; run 'pip install x'"
@@ -187,7 +189,7 @@ def test_distances_of_an_extractor_are_those_of_its_features(copied):
         return np.stack([images.mean(axis=(1, 2, 3)), images.std(axis=(1, 2, 3))], axis=1)
 
     (table,) = score(copied, [of_set(features)])
-    value = {(row.metric, row.method, row.condition): row.value for row in table.rows}
+    value = {(row.metric, row.method, row.condition): row.value for row in rows_of(table)}
     run = read_run(copied)
     sources = open_sources(copied, run.manifest, ())
     objects = sorted(run.objects(run.cells[0]))
@@ -215,7 +217,7 @@ DARK = made(
 def test_scores_are_kept_for_comparisons_recommendations_and_the_report(copied, command):
     """Differences are those of the means in its table: no image of this run has failed."""
     (table,) = score(copied, [DARK])
-    value = {(row.method, row.condition): row.value for row in table.rows}
+    value = {(row.method, row.condition): row.value for row in rows_of(table)}
     methods = ("--methods", "splat,true-mesh", "--metric", "dark-percent")
     status, out, _ = command("compare", copied, *methods, "--format", "json")
     assert status == 0
@@ -227,7 +229,7 @@ def test_scores_are_kept_for_comparisons_recommendations_and_the_report(copied, 
     status, out, _ = command("recommend", copied, *budget)
     assert status == 0
     # The untrained generator leaves no pixel white: more than any other method that competes.
-    best = max(row.value for row in table.rows if row.method not in ("true-mesh", "blank"))
+    best = max(row.value for row in rows_of(table) if row.method not in ("true-mesh", "blank"))
     assert best == 100
     digits = digits_of(read_scores(copied, "dark-percent")[1]["value"].to_numpy())
     assert f"tiny.safetensors {best:.{digits}f} " in " ".join(out.split())

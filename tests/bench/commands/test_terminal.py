@@ -7,22 +7,21 @@ from pathlib import Path
 
 import pytest
 
-from bench.analysis.scores import QualityRow
 from bench.catalogue.suites import TableSpec
 from bench.commands.terminal import MOST_LINES, SHARE, Terminal, shown
 from bench.running.run import PartialRun
-from bench.tables.quality import quality_table
+
+from ..builders import value_row, value_table
 
 
 def make_row(method="splat", value=0.5, condition="2048"):
-    return QualityRow(
-        "s", method, condition, "chair", "ssim", value, 0.4, 0.6, 2, 2, 0.0, value, ""
-    )
+    return value_row(method, value, condition, ci_low=0.4, ci_high=0.6)
 
 
 def table(objects):
     rows = [make_row("splat", value=0.5 + objects / 100), make_row("blank", value=0.25)]
-    return quality_table(TableSpec("images", "headline", f"ssim: {objects} of 9 objects"), rows)
+    title = f"ssim: {objects} of 9 objects"
+    return value_table(*rows, spec=TableSpec("images", "headline", title))
 
 
 def snapshot(objects):
@@ -80,7 +79,7 @@ def test_on_a_terminal_the_table_is_drawn(monkeypatch, capsys, terminal, live):
 
 def test_no_wider_and_longer_than_the_terminal(monkeypatch):
     rows = [make_row(f"method-{i}", condition=f"c-{j}") for i in range(60) for j in range(9)]
-    made = quality_table(TableSpec("images", "headline", "ssim: 1 of 9 objects"), rows)
+    made = value_table(*rows, spec=TableSpec("images", "headline", "ssim: 1 of 9 objects"))
     for columns, width in ((20, 20), (60, 60), (100, 100), (500, 100)):
         monkeypatch.setenv("COLUMNS", str(columns))
         lines = shown(made)

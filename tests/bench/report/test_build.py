@@ -15,10 +15,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from builders import damage_images, make_failed, make_manifest, read_all, write_all, write_run
+from builders import (
+    damage_images,
+    make_failed,
+    make_manifest,
+    read_all,
+    rows_of,
+    write_all,
+    write_run,
+)
 from PIL import Image
 from report_parser import parse
 
+from bench.analysis.digits import decimals
 from bench.analysis.frame import read_run
 from bench.catalogue.metrics import CONTROL_METRICS, higher_is_better
 from bench.commands.run import print_ending
@@ -111,14 +120,14 @@ def test_the_first_screen_and_the_terminal_say_what_is_not_measured(
 
 def test_every_value_of_the_tables_is_in_the_page(of_random_values, document):
     shown = number_tables(document)
-    rows = [row for table in of_random_values.tables for row in table.rows]
+    rows = rows_of(*of_random_values.tables)
     # four methods and best-reconstruction
     assert len(rows) == 5 * 2 * (4 + 6 + 6 + 3)
     for row in rows:
         two, one = row.metric in ("psnr", *CONTROL_METRICS), row.metric.startswith("fd-")
         # Fewer of some methods (results/decimals.csv).
         every = 2 if two else 1 if one else 3
-        digits = min(every, row.decimals)
+        digits = min(every, decimals(row.metric, row.measured))
         mark = "≈" * (digits < every)
         better = "(higher is better)" if higher_is_better(row.metric) else "(lower is better)"
         columns, lines = shown[f"{row.metric}, chair {better}"]
@@ -152,7 +161,7 @@ def test_costs_are_the_records_times(of_random_values, document):
     assert cell.one("span", class_="beside").text == "1750 + 312 × 2"
     quality = {
         row.method: row.value
-        for row in of_random_values.headline.rows
+        for row in rows_of(of_random_values.headline)
         if (row.metric, row.condition) == ("ssim-object", "2048")
     }
     better = max("splat", "surface-apss", key=lambda method: quality[method])  # at the same cost

@@ -6,12 +6,11 @@ import re
 from dataclasses import replace
 
 import pytest
-from builders import make_failed, read_all, write_all, write_run
+from builders import make_failed, read_all, value_frame, value_row, write_all, write_run
 from report_parser import parse
 
 from bench.analysis.comparison import NAN
 from bench.analysis.frame import read_run
-from bench.analysis.scores import QualityRow
 from bench.report.build import read_page
 from bench.report.headline import compact_table
 from bench.report.page import rendered
@@ -20,10 +19,7 @@ from bench.tables.build import make_outputs
 
 
 def row(method, metric, condition, value, **changes):
-    made = QualityRow(
-        "s", method, condition, "chair", metric, value, NAN, NAN, 4, 4, NAN, value, ""
-    )
-    return replace(made, **changes)
+    return value_row(method, value, condition, metric, **({"n_ok": 4, "n": 4} | changes))
 
 
 VALUES = {
@@ -35,7 +31,7 @@ VALUES = {
 
 
 def table_of(*rows):
-    return compact_table(quality_frame(rows))
+    return compact_table(quality_frame(value_frame(rows)))
 
 
 def test_the_best_stand_first_and_reference_methods_last():

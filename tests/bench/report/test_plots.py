@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import replace
 from importlib import resources
 from itertools import combinations
 
@@ -17,10 +16,8 @@ from report_parser import parse
 from bench.analysis.comparison import NAN
 from bench.analysis.frontier import places
 from bench.analysis.paired import Verdicts
-from bench.analysis.scores import QualityRow
 from bench.catalogue.conditions import FAMILIES
 from bench.catalogue.metrics import higher_is_better
-from bench.catalogue.suites import TableSpec
 from bench.report.inline import inline
 from bench.report.run_figures import (
     cost_figures,
@@ -35,10 +32,10 @@ from bench.report.run_figures import (
 from bench.report.styles import PAPER, method_styles
 from bench.tables.frontier import cost_grid
 from bench.tables.markdown import visible
-from bench.tables.quality import quality_table
 
 from ..analysis.comparisons import comparison as compared
 from ..analysis.comparisons import curve_of
+from ..builders import value_row, value_table
 from ..differences import make_difference, make_differences
 from ..tables.test_frontier import place
 
@@ -46,12 +43,12 @@ METHODS = ("surface-apss", "splat", "true-mesh", "blank")
 
 
 def row(method, condition, value, metric="ssim", class_name="chair", low=0.0, high=1.0):
-    at = (method, condition, class_name, metric)
-    return QualityRow("s", *at, value, low, high, 2, 2, NAN, value, "")
+    changes = {"class": class_name, "ci_low": low, "ci_high": high}
+    return value_row(method, value, condition, metric, **changes)
 
 
 def panels_of(*rows):
-    return list(quality_panels([quality_table(TableSpec("images", "t", "T"), rows)]).values())
+    return list(quality_panels([value_table(*rows)]).values())
 
 
 def drawn(*rows, styles=METHODS):
@@ -127,7 +124,7 @@ def test_several_classes_stand_side_by_side_each_above_its_own_white_image():
 
 
 def test_a_point_without_failed_images_is_hollow_and_says_of_how_many_it_is():
-    failed = replace(row("splat", "512", 0.5), n_ok=1, n=4, failures_as_blank=0.45)
+    failed = value_row("splat", 0.5, "512", n_ok=1, n=4, failures_as_blank=0.45)
     rows = (row("splat", "2048", 0.8), failed, row("blank", "2048", 0.4))
     (axis,) = drawn(*rows).axes
     outlines = [line for line in axis.lines if line.get_markerfacecolor() == PAPER]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -12,7 +11,6 @@ from harness_objects import Tetrahedron
 from PIL import Image
 
 from bench.analysis.paper import AVERAGE
-from bench.analysis.scores import QualityRow
 from bench.catalogue.conditions import FAMILIES
 from bench.catalogue.suites import TableSpec
 from bench.metrics.structural_similarity import ssim_per_image
@@ -20,28 +18,23 @@ from bench.records.record import GROUND_TRUTH
 from bench.records.stored_artifacts import Artifact
 from bench.report.run_figures import write_beyond_figures, write_class_figures, write_figures
 from bench.report.sheets import THIN_TINT
-from bench.tables.classes import table_of_classes
 from bench.tables.published import published
-from bench.tables.quality import quality_table
 
 from ..analysis.comparisons import curve_of
-from ..builders import make_job, make_truth, store_images
+from ..builders import make_job, make_truth, store_images, value_row, value_table
 
 NAN = float("nan")
 PAPER = published("thirteen-classes")
+SPEC = TableSpec("classes", "t", "T")
 METHODS = ("surface-apss", "pc2pix@all", "splat")
 
 
 def row(metric, method, class_name, value, low=NAN, high=NAN):
-    return QualityRow(
-        "s", method, "2048", class_name, metric, value, low, high, 2, 2, NAN, value, ""
-    )
+    changes = {"ci_low": low, "ci_high": high, "class": class_name}
+    return value_row(method, value, metric=metric, **changes)
 
 
-CURVES = [
-    quality_table(TableSpec("images", "t", ""), [row("ssim", m, "chair", 0.8)])
-    for m in ("splat", "blank")
-]
+CURVES = [value_table(row("ssim", m, "chair", 0.8)) for m in ("splat", "blank")]
 
 
 def sheet_of(figure, rows):
@@ -120,7 +113,7 @@ def test_the_files_of_families(drawn, tmp_path, methods):
 
 
 def figures_of_classes(drawn, rows, jobs, headline=()):
-    tables = (table_of_classes(TableSpec("classes", "t", "T"), of, "") for of in (rows, headline))
+    tables = (value_table(*of, spec=SPEC) for of in (rows, headline))
     return drawn(write_class_figures, *tables, PAPER, jobs=jobs)
 
 
@@ -167,12 +160,12 @@ def test_the_best_by_the_headline_has_a_column(drawn):
         row("ssim-object", "splat-net@chair", AVERAGE, 0.7),
         row("ssim-object", "splat-net", AVERAGE, 0.8),
         row("ssim-object", "blank", AVERAGE, 0.9),  # does not compete
-        replace(row("ssim-object", "splat", AVERAGE, 0.95), failures_as_blank=0.2),
+        row("ssim-object", "splat", AVERAGE, 0.95) | {"failures_as_blank": 0.2},
         row("ssim-object", "best-reconstruction", AVERAGE, 0.99),  # another by that name
         row("lpips", "splat-net", AVERAGE, 0.2),
         row("lpips", "points2pix", AVERAGE, 0.1),
         row("lpips", "surface-apss", AVERAGE, NAN),
-        replace(row("lpips", "splat-net@chair", AVERAGE, 0.05), condition="512"),
+        row("lpips", "splat-net@chair", AVERAGE, 0.05) | {"condition": "512"},
     ]
     sheet = figures_of_classes(drawn, ROWS, make_jobs(methods=methods), headline)["classes.png"]
     titles = [axis.get_title().replace("\n", "") for axis in sheet.axes if axis.get_title()]

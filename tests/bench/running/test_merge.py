@@ -29,7 +29,14 @@ from bench.tables.build import tables
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from data_prep.failures import BadInput
 
-from ..builders import as_failed, assert_equal_runs, file_bytes, finished_options, make_manifest
+from ..builders import (
+    as_failed,
+    assert_equal_runs,
+    file_bytes,
+    finished_options,
+    make_manifest,
+    rows_of,
+)
 
 COUNT = 2
 
@@ -69,7 +76,7 @@ def test_a_shard_has_its_objects_and_tables_of_them(made):
     assert first == ["chair/test-0000", "chair/test-0002"]
     assert second == ["chair/test-0001"]
     assert set(pd.read_parquet(made[1] / "records.parquet")["object"]) == {"test-0001"}
-    assert all(row.n == 4 for row in tables(read_run(made[0]))[0].rows)
+    assert all(row.n == 4 for row in rows_of(tables(read_run(made[0]))[0]))
     assert (made[1] / "report.html").is_file()
     assert read_manifest(made[0])["shard"] == "1/2"
 

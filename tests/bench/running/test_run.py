@@ -45,6 +45,7 @@ from ..builders import (
     file_bytes,
     finished_options,
     make_manifest,
+    rows_of,
     stored_keys,
     watched,
 )
@@ -96,7 +97,7 @@ def test_records_of_a_run(finished, tiny_weights):
 @pytest.mark.usefixtures("few_objects")
 def test_ceiling_and_floor(finished):
     images, sets, detail, _ = tables(read_run(finished[0]))
-    rows = {(r.method, r.condition, r.metric): r for r in (*images.rows, *sets.rows, *detail.rows)}
+    rows = {(r.method, r.condition, r.metric): r for r in rows_of(images, sets, detail)}
     value = {cell: row.value for cell, row in rows.items()}
     parts_of_ssim = ("ssim", "luminance", "contrast", "structure")
     for condition in ("2048", "noise-0.10"):
@@ -122,10 +123,10 @@ def test_ceiling_and_floor(finished):
         assert value["blank", "2048", metric] == value["blank", "noise-0.10", metric]
     assert value["blank", "2048", "ssim"] < value["splat", "2048", "ssim"] < 1.0
     assert value["splat", "noise-0.10", "ssim"] < value["splat", "2048", "ssim"]
-    assert all(row.n_ok == row.n == 6 for row in (*images.rows, *sets.rows))
-    for row in sets.rows:
+    assert all(row.n_ok == row.n == 6 for row in rows_of(images, sets))
+    for row in rows_of(sets):
         assert row.note.startswith("skipped: no weights; ") == (row.metric in ("fid", "kid"))
-    (counted,) = {r.n_ok for r in detail.rows if r.metric == "thin-recall"}
+    (counted,) = {r.n_ok for r in rows_of(detail) if r.metric == "thin-recall"}
     assert 0 < counted <= 6  # it is the truth that has thin parts or not
 
 
@@ -289,7 +290,7 @@ def test_some_objects_now_and_the_others_later(
         "ssim-object and lpips: 2 of 3 objects; against the true mesh in its colours; "
         f"protocol {PROTOCOL_VERSION}\n"
     )
-    assert {row.n for table in tables(read_run(directory)) for row in table.rows} == {4}
+    assert {row.n for row in rows_of(*tables(read_run(directory)))} == {4}
 
     last = run_suite(options)
     assert (last.objects, last.planned, last.reused) == (3, 3, 15)
@@ -425,7 +426,7 @@ def test_bad_meshes_among_good_ones(same_machine, no_networks, tmp_path, capsys)
     good = frame[frame["object"].isin(["good.obj", "tall.obj"])]
     assert set(good["outcome"]) == {"ok"}
     assert set(good["class"]) == {"meshes"}
-    row = tables(read_run(out))[0].rows[0]
+    row = rows_of(tables(read_run(out))[0])[0]
     assert (row.method, row.value, row.n_ok, row.n) == ("true-mesh", 1.0, 4, 10)
     assert f"2 x input: {folder / 'text.ply'}: not a readable mesh" in row.note
     with read_store(out) as store:  # without a ground truth nothing is tried

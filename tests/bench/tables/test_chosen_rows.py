@@ -17,10 +17,10 @@ from bench.catalogue.suites import SUITES
 from bench.records.frames import read_records
 from bench.tables.build import tables
 from bench.tables.differences import differences_table
-from bench.tables.headline import headline
+from bench.tables.quality import headline
 from data_prep.failures import BadInput
 
-from ..builders import write_run
+from ..builders import rows_of, write_run
 
 METHODS = ["surface-apss", "denoised-wrap", "splat", "blank"]
 CHOICE = {"2048": ("denoised-wrap", "surface-apss"), "512": ("surface-apss", "denoised-wrap")}
@@ -75,7 +75,7 @@ def test_all_that_learn_nothing_are_ranked():
 def test_the_row_has_the_values_of_the_chosen_method(directory):
     run = read_run(directory)
     for table in (*tables(run), headline(run)):
-        rows = {(row.method, row.condition, row.metric): row for row in table.rows}
+        rows = {(row.method, row.condition, row.metric): row for row in rows_of(table)}
         metrics = {metric for _, _, metric in rows}
         for metric in metrics:
             for condition, (chosen, _) in CHOICE.items():
@@ -120,7 +120,7 @@ def test_it_is_compared_by_its_name(directory):
 
 def test_without_two_reconstructions_there_is_none(choice, tmp_path):
     directory = write_run(tmp_path / "run", methods=["surface-apss", "splat", "blank"])
-    rows = [row for table in tables(read_run(directory)) for row in table.rows]
+    rows = rows_of(*tables(read_run(directory)))
     assert all(row.method != BEST_RECONSTRUCTION for row in rows)
     message = "best-reconstruction: cannot be compared here; there are surface-apss"
     with pytest.raises(BadInput, match=message):

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
 
 import numpy as np
 import pandas as pd
@@ -15,7 +14,7 @@ from bench.catalogue.suites import SUITES
 from bench.metrics.frechet import JackknifeMoments, left_out_distances
 from bench.metrics.kernel_distance import kernel_distance
 from bench.records.record import GROUND_TRUTH
-from bench.tables.classes import class_table, remark
+from bench.tables.quality import class_remark, class_table
 
 from ..builders import (
     FeaturesAtHand,
@@ -23,6 +22,7 @@ from ..builders import (
     left_out_kernel_distances,
     make_failed,
     make_record,
+    rows_of,
     scored_records,
     to_frame,
 )
@@ -93,21 +93,21 @@ def table(of=None, skipped=SKIPPED, features=None):
 
 
 def cell(made, **at):
-    (row,) = [row for row in made.rows if at.items() <= asdict(row).items()]
+    (row,) = [row for row in rows_of(made) if at.items() <= vars(row).items()]
     return row
 
 
 def test_the_rows_that_there_are():
     made = table()
     assert made.name == "table5_classes"
-    assert {row.metric for row in made.rows} == set(SUITE.class_metrics)
-    assert {row.class_name for row in made.rows} == {"lamp", "car", "average"}
-    assert len(made.rows) == len(SUITE.class_metrics) * 3 * 3
-    first = [row.class_name for row in made.rows if row.metric == "ssim"]
+    assert {row.metric for row in rows_of(made)} == set(SUITE.class_metrics)
+    assert {row.class_name for row in rows_of(made)} == {"lamp", "car", "average"}
+    assert len(rows_of(made)) == len(SUITE.class_metrics) * 3 * 3
+    first = [row.class_name for row in rows_of(made) if row.metric == "ssim"]
     assert first[-3:] == ["average"] * 3
     papers = {
         (row.class_name, row.metric, row.condition, row.method): row.paper
-        for row in made.rows
+        for row in rows_of(made)
         if math.isfinite(row.paper)
     }
     assert papers == PUBLISHED
@@ -238,17 +238,17 @@ def test_what_is_skipped_says_why():
     made = table(skipped=SKIPPED | {"class-confidence": other})
     reasons = {"fid": SKIPPED["fid"], "kid": SKIPPED["fid"], "class-confidence": other}
     for metric, reason in reasons.items():
-        rows = [row for row in made.rows if row.metric == metric]
+        rows = [row for row in rows_of(made) if row.metric == metric]
         assert [row.note for row in rows] == [reason] * 9
         assert all(math.isnan(row.value) for row in rows)
 
 
 def test_the_remark_names_what_is_lacking_and_what_is_few():
-    message = remark(scored_records(to_frame(records()), SUITE))
+    message = class_remark(scored_records(to_frame(records()), SUITE))
     assert "Objects of each class: car 4, lamp 3." in message
     assert "Left out, because the dataset has none: airplane, bench, cabinet, chair," in message
     assert "**Fewer than 10 objects: car, lamp.**" in message
     many = [make_record(obj=str(i), class_name=k) for k in SUITE.classes for i in range(10)]
-    message = remark(scored_records(to_frame(many), SUITE))
+    message = class_remark(scored_records(to_frame(many), SUITE))
     assert "Left out" not in message
     assert "Fewer" not in message

@@ -10,7 +10,6 @@ from report_parser import parse
 
 from bench.analysis.frame import read_run
 from bench.analysis.frontier import FRONTIER
-from bench.analysis.scores import QualityRow
 from bench.catalogue.suites import TableSpec
 from bench.report.build import read_page
 from bench.report.headline import compact_table
@@ -24,11 +23,10 @@ from bench.tables.quality import (
     all_methods,
     best_printed,
     is_worse,
-    quality_table,
 )
 from bench.tables.terminal import STAR, grid_lines
 
-from ..builders import write_run
+from ..builders import value_frame, value_row, value_table, write_run
 from ..differences import make_difference, make_differences
 
 NAN = float("nan")
@@ -36,23 +34,20 @@ SPEC = TableSpec("images", "t", "T")
 
 
 def row(method="surface-apss", value=0.7764, **changes):
-    made = QualityRow(
-        *("chair-robustness", method, "2048", "chair", "ssim", value, 0.751, 0.8024),
-        *(480, 480, NAN, value, "", NAN, "nothing"),
-    )
-    return replace(made, **changes)
+    changes = {"n_ok": 480, "n": 480, "ci_low": 0.751, "ci_high": 0.8024} | changes
+    return value_row(method, value, **changes)
 
 
 ROWS = (row(), row("splat", 0.7771), row("pc2pix", 0.6))
 
 
 def grid_of(rows):
-    (made,) = [block for block in all_methods(rows) if isinstance(block, Grid)]
+    (made,) = [block for block in all_methods(value_frame(rows)) if isinstance(block, Grid)]
     return made
 
 
 def test_markdown_has_fewer_digits_a_mark_and_its_meaning():
-    lines = quality_table(SPEC, ROWS).to_markdown().splitlines()
+    lines = value_table(*ROWS).to_markdown().splitlines()
     assert "| surface-apss | ≈0.78 [0.75, 0.80] 480/480 |" in lines
     # The paper's SR is the best reconstruction here, and stands there by both names.
     assert "| best-reconstruction | ≈0.78 [0.75, 0.80] 480/480 |" in lines
@@ -63,12 +58,12 @@ def test_markdown_has_fewer_digits_a_mark_and_its_meaning():
 
 
 def test_without_such_a_value_there_is_no_mark():
-    text = quality_table(SPEC, ROWS[1:]).to_markdown()
+    text = value_table(*ROWS[1:]).to_markdown()
     assert "≈" not in text
 
 
 def test_csv_keeps_all_digits():
-    values = [line["value"] for line in quality_table(SPEC, ROWS).to_rows()]
+    values = [line["value"] for line in value_table(*ROWS).to_rows()]
     assert values == [0.7764, 0.7764, 0.7771, 0.6]
 
 
@@ -85,7 +80,7 @@ def test_the_best_are_compared_in_the_digits_that_both_have():
     assert is_worse(row("splat", 0.776), row("pc2pix", 0.777))
     assert {method for _, _, method in best_printed(ROWS)} == {"surface-apss", "splat"}
     assert best_printed(ROWS[:1]) == set()  # alone it competes with none
-    distances = [replace(r, metric="fd-views") for r in ROWS[1:]]
+    distances = [r | {"metric": "fd-views"} for r in ROWS[1:]]
     assert {method for _, _, method in best_printed(distances)} == {"pc2pix"}
     marks = {line.name: line.cells[0].special for line in grid_of(ROWS).lines}
     assert marks == {"surface-apss": BEST, "splat": BEST, "pc2pix": None}
@@ -105,7 +100,7 @@ def test_a_terminal_says_what_the_mark_means():
 def test_the_page_has_mark_meaning_and_a_number_to_sort_by(tmp_path):
     run = write_run(tmp_path / "run", methods=["splat", "blank"])
     shown = {"tables": [("t", "", [grid_of(ROWS)], True)]}
-    shown["headline"] = compact_table(quality_frame(ROWS))
+    shown["headline"] = compact_table(quality_frame(value_frame(ROWS)))
     page = read_page(make_outputs(read_run(run))) | shown
     document = parse(rendered("report.html.jinja", **page))
     headline, table = (document.all("table", class_=f"numbers{k}") for k in (" compact", ""))
@@ -122,21 +117,23 @@ def test_the_page_has_mark_meaning_and_a_number_to_sort_by(tmp_path):
 
 
 def test_the_headline_marks_the_best_in_the_digits_that_both_have():
-    made = compact_table(quality_frame([*ROWS, row("blank", 0.5)]))
+    made = compact_table(quality_frame(value_frame([*ROWS, row("blank", 0.5)])))
     cells = {method: cells[0] for method, _, cells in made["lines"]}
     assert {method: cell["best"] for method, cell in cells.items()} == {
         "surface-apss": True, "splat": True, "pc2pix": False, "blank": False,
     }  # fmt: skip
     assert made["coarse"]
-    assert not compact_table(quality_frame(ROWS[1:]))["coarse"]
+    assert not compact_table(quality_frame(value_frame(ROWS[1:])))["coarse"]
     # 0.60 against 0.60: so many digits do not show it to be worse than a white image
-    coarse = compact_table(quality_frame([row("surface-apss", 0.5977), row("blank", 0.6)]))
+    coarse = compact_table(
+        quality_frame(value_frame([row("surface-apss", 0.5977), row("blank", 0.6)]))
+    )
     assert not any(cell["below"] for _, _, cells in coarse["lines"] for cell in cells)
 
 
 def test_the_papers_layout_has_them_too():
     spec = replace(SPEC, paper_layout=True)
-    text = quality_table(spec, (row(), row("pc2pix", 0.6))).to_markdown()
+    text = value_table(row(), row("pc2pix", 0.6), spec=spec).to_markdown()
     assert "| ssim | ≈0.78 | 0.600 |" in text
     assert text.count(FEWER) == 2  # of this grid and of all methods
 

@@ -12,9 +12,9 @@ from bench.analysis.frame import read_run
 from bench.analysis.intervals import mean_interval
 from bench.commands.terminal import shown
 from bench.tables.build import write_outputs
-from bench.tables.headline import headline
+from bench.tables.quality import headline
 
-from ..builders import overwrite, write_run
+from ..builders import overwrite, rows_of, write_run
 
 
 @pytest.mark.parametrize(("count", "intervals"), [(8, False), (11, False), (12, True)])
@@ -26,7 +26,7 @@ def test_intervals_are_shown_from_12_objects_on(tmp_path, monkeypatch, count, in
         tmp_path / "run", objects=objects, methods=["splat", "blank"], conditions=["2048"]
     )
     table = headline(read_run(directory))
-    assert all(low < high for low, high in ((row.ci_low, row.ci_high) for row in table.rows))
+    assert all(low < high for low, high in ((row.ci_low, row.ci_high) for row in rows_of(table)))
     text = "\n".join(shown(table))
     assert "±" not in text
     assert ("[." in text) == ("[95 % interval over objects]" in text) == intervals
@@ -49,7 +49,7 @@ def test_failed_images_count_as_blank_ones_and_are_named_once(tmp_path):
         records.loc[splat & lost, column] = value
     overwrite(directory, records)
     table = headline(read_run(directory))
-    rows = [r for r in table.rows if (r.method, r.metric) == ("splat", "ssim-object")]
+    rows = [r for r in rows_of(table) if (r.method, r.metric) == ("splat", "ssim-object")]
     scores = np.array([0.4, *[0.8] * 7])
     for row in rows:
         assert row.value == row.failures_as_blank == pytest.approx(scores.mean())

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import shutil
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -36,6 +36,7 @@ from ..builders import (
     make_manifest,
     make_record,
     read_all,
+    rows_of,
     scored_records,
     to_frame,
     write_all,
@@ -52,7 +53,7 @@ EXACT = 1e-12  # a handful of float64 additions
 
 def cell(table, **chosen):
     """The one row with these values."""
-    (row,) = [r for r in table.rows if chosen.items() <= asdict(r).items()]
+    (row,) = [r for r in rows_of(table) if chosen.items() <= vars(r).items()]
     return row
 
 
@@ -239,10 +240,10 @@ def test_too_few_to_find_anything(images, why):
 def test_without_a_judge_the_table_says_why():
     why = "skipped: weights; 'bench train judge' makes them"
     table = controls([make_record()], None, why)
-    assert [(row.metric, row.note) for row in table.rows] == [
+    assert [(row.metric, row.note) for row in rows_of(table)] == [
         (metric, why) for metric in SUITE.control_metrics
     ]
-    assert np.isnan([row.value for row in table.rows]).all()
+    assert np.isnan([row.value for row in rows_of(table)]).all()
 
 
 IMAGES = [(obj, view) for obj in "abcd" for view in (0, 1)]
@@ -302,7 +303,7 @@ def test_distances_without_the_bias_of_few_objects_stand_below():
     of_splat = lines[lines.index("## fd-views, debiased, chair") :]
     shown = next(line for line in of_splat if line.startswith("| splat |"))
     assert shown == f"| splat | {row.debiased:.1f} 8/8 |"
-    assert all(np.isnan(r.debiased) for r in table.rows if r.metric == "fid")
+    assert all(np.isnan(r.debiased) for r in rows_of(table) if r.metric == "fid")
 
 
 @pytest.mark.parametrize("there", [0, 1])
@@ -383,9 +384,9 @@ def test_a_run_of_an_unknown_suite(tmp_path):
 
 def test_tables_say_what_weights_were_trained_with():
     table = markdown_table(markdown_records(), objectives={"pc2pix": "paired"})
-    objectives = {row.method: row.objective for row in table.rows}
+    objectives = {row.method: row.objective for row in rows_of(table)}
     assert objectives == {"surface-apss": "", "pc2pix": "paired", "blank": ""}
-    trained_on = {row.method: row.trained_on for row in table.rows}
+    trained_on = {row.method: row.trained_on for row in rows_of(table)}
     assert trained_on == {"surface-apss": "nothing", "pc2pix": "chairs", "blank": "nothing"}
     assert "`pc2pix`: trained on chairs, with `paired`.  \n" in table.to_markdown()
     _, *lines = table.to_csv().splitlines()
@@ -398,7 +399,7 @@ def test_without_the_package_lpips_and_its_distances_are_skipped(tmp_path):
     write_all(directory, [replace(record, lpips=None) for record in read_all(directory)])
     (directory / "features" / "fd-alexnet.parquet").unlink()
     run = read_run(directory)
-    rows = [row for table in tables(run) for row in table.rows]
+    rows = rows_of(*tables(run))
     skipped = [row for row in rows if row.metric in ("lpips", "fd-alexnet", "kd-alexnet")]
     assert len(skipped) == 3 * 3 * 2
     assert {row.note for row in skipped} == {why}
