@@ -103,12 +103,6 @@ def _protocol_again(directory: Path, manifest: Mapping[str, Any]) -> Protocol:
             f"{directory}: a run of {manifest['suite']} has no jobs that could be computed again; "
             "give one of a suite with records"
         )
-    needed = ("methods", "conditions", "objects", "identities", "feature_identity")
-    if lacking := [name for name in needed if name not in manifest]:
-        raise BadInput(
-            f"{directory}: its manifest has no {', '.join(lacking)}; start the run again with its "
-            "command"
-        )
     names = manifest["objects"]
     protocol = Protocol.from_manifest(manifest)
     if lacking := sorted({*names} - {*protocol.names}):

@@ -8,6 +8,7 @@ from typing import Any
 
 _OBJECT = re.compile(r"[^/]+/.+", re.DOTALL)  # class and name
 _FACTS = {str: str}
+MOST_SHOWN = 40  # characters of a value in a message
 # A type is that of a value, [A] a list of A, [A, B] a list of two, {str: A} a mapping to A; a
 # mapping of names has entries of which each may be missing; of several in a tuple one has to fit.
 SCHEMA: Mapping[str, Any] = {
@@ -49,24 +50,28 @@ SCHEMA: Mapping[str, Any] = {
     "stage_seconds": {str: (int, float)},
     "worker_shares": {str: (int, float)},
     "merged": [{"shard": str, "started": (None, str), "machine": {"cpu": str}}],
-    "request": (
-        None,
-        {
-            **dict.fromkeys(("suite", "dataset", "device", "truth", "inception_weights"), str),
-            **{name: [str] for name in ("methods", "conditions", "metrics")},
-            **dict.fromkeys(("limit", "views", "seed"), int),
-        },
-    ),
+    "request": {
+        **dict.fromkeys(("suite", "dataset", "device", "truth", "inception_weights"), str),
+        **{name: [str] for name in ("methods", "conditions", "metrics")},
+        **dict.fromkeys(("limit", "views", "seed"), int),
+    },
 }
-NEEDED = ("suite", "dataset", "views", "seed", "device", "methods", "conditions", "objects")
+# Entries that every run has from its start; all others of `SCHEMA` may be missing.
+NEEDED = (
+    *("schema_version", "protocol", "request", "suite", "dataset", "views", "seed", "device"),
+    *("methods", "environment", "command", "started", "finished", "versions", "machine"),
+)
+OF_JOBS = (
+    *("shard", "identities", "objectives", "conditions", "objects", "skipped_metrics"),
+    *("feature_identity", "workers", "planned"),
+)
 # Suites with a procedure of their own measure other things.
-_LACKING = {"latent": ("conditions", "objects"), "stability": ("conditions",)}
+_OF_PROCEDURES = {"latent": (), "stability": ("objects",), "speed": ("conditions", "objects")}
 
 
 def misfit(manifest: Mapping[str, Any]) -> str:
     """Return what a manifest lacks, or the first entry of another type; "" where it fits."""
-    suite = manifest.get("suite")
-    needed = [name for name in NEEDED if name not in _LACKING.get(str(suite), ())]
+    needed = (*NEEDED, *_OF_PROCEDURES.get(str(manifest.get("suite")), OF_JOBS))
     if lacking := [name for name in needed if name not in manifest]:
         return f"no {', '.join(lacking)}"
     return _misfit(manifest, SCHEMA, "")
@@ -79,18 +84,25 @@ def _misfit(value: Any, wanted: Any, place: str) -> str:
         return "" if "" in problems else problems[-1]
     if isinstance(wanted, list):
         if not isinstance(value, list) or len(wanted) not in (1, len(value)):
-            return f"{place} is no list" + f" of {len(wanted)}" * (len(wanted) > 1)
+            return _other(place, value, "list" + f" of {len(wanted)}" * (len(wanted) > 1))
         inner = [(f"[{i}]", v, wanted[i % len(wanted)]) for i, v in enumerate(value)]
     elif isinstance(wanted, dict):
         if not isinstance(value, dict):
-            return f"{place} is no object"
+            return _other(place, value, "object")
         inner = [
             (f".{name}", v, wanted.get(name, wanted.get(str, object))) for name, v in value.items()
         ]
     else:
-        return "" if _fits(value, wanted) else f"{place} is no {_NAMES.get(wanted, 'class/name')}"
+        return (
+            "" if _fits(value, wanted) else _other(place, value, _NAMES.get(wanted, "class/name"))
+        )
     problems = (_misfit(v, kind, f"{place}{at}".removeprefix(".")) for at, v, kind in inner)
     return next(filter(None, problems), "")
+
+
+def _other(place: str, value: Any, kind: str) -> str:
+    text = repr(value)
+    return f"{place} is {text if len(text) <= MOST_SHOWN else f'{text[:MOST_SHOWN]}...'}, no {kind}"
 
 
 def _fits(value: Any, wanted: Any) -> bool:

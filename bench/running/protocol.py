@@ -401,9 +401,9 @@ def objects_of(suite: Suite, dataset: Dataset, options: Options) -> tuple[SceneO
 
 def objects_to_search(manifest: Mapping[str, Any]) -> int:
     """Return how many objects of a class include all objects of the run with this manifest."""
-    name = manifest.get("shard")
+    name = manifest["shard"]
     # In a run that was stopped, the complete objects need not be the first that were planned.
-    count = max(len(manifest["objects"]), manifest.get("planned", 0))
+    count = max(len(manifest["objects"]), manifest["planned"])
     return count * (read_shard(name).count if name else 1)
 
 
@@ -444,12 +444,12 @@ def _with_folder(asked: Protocol, directory: Path, same_objects: bool) -> Protoc
         objects=_objects_there(asked, directory, before, wanted),
         before=before,
         shown=shown,
-        planned=before.get("planned") if same_objects else None,
+        planned=before["planned"] if same_objects else None,
     )
     if not same_objects:  # else to keep them is what was asked for
         kinds = ("methods", "conditions", "objects")
         tell_kept(directory, {k: len(getattr(wide, k)) - len(getattr(asked, k)) for k in kinds})
-    was = {**before.get("environment", {}), **before.get("feature_identity", {})}
+    was = {**before["environment"], **before["feature_identity"]}
     now = {**asked.environment, **asked.feature_identity}
     if changed := [name for name in {**was, **now} if was.get(name) != now.get(name)]:
         log(f"{directory}: was made with another {', '.join(changed)}; all its jobs are done again")

@@ -18,6 +18,7 @@ from bench.analysis.frame import read_run
 from bench.records.run_folder import read_manifest
 from bench.records.store import STORE
 from bench.running.options import Options
+from bench.running.protocol import Protocol
 from bench.running.run import run
 from bench.tables.build import make_outputs
 from bench.tables.table import TABLES, table_files
@@ -25,7 +26,7 @@ from data_prep.plugins import CONDITIONS
 from tests.bench import plugin_conditions, plugin_methods
 from tests.bench.checking import broken_conditions
 
-from ..builders import stored_keys, watched
+from ..builders import file_bytes, refusal, stored_keys, watched
 
 STORED = Path(__file__).parents[1] / "data" / "stored-run"
 """Made by commit d75c6426, its store in the format of since: six methods, of which one fails, and
@@ -93,6 +94,55 @@ def test_its_tables_are_made_again_to_the_last_digit(stored):
         before, after = rows(path.read_text(encoding="utf-8")), rows(files[path.name])
         assert before[0].keys() == after[0].keys()
         assert before == after, path.name
+
+
+# Without what packages of others add.
+FIELDS = read_manifest(STORED) | {"methods": ["splat", "blank"], "conditions": ["2048", "512"]}
+MAY_LACK = {"condition_identities", "code", "git", "stage_seconds", "worker_shares", "cluster"}
+OTHER_VALUE = {
+    "schema_version": 5,
+    "protocol": 1,
+    "suite": "thirteen-classes",
+    "dataset": "procedural:validation",
+    "views": 3,
+    "seed": 1,
+    "device": "cuda",
+    "shard": "1/2",
+    "truth": "grey",
+    "methods": ["splat", "gone-method"],
+    "conditions": ["2048", "gone-condition"],
+    "objects": ["chair/gone-object"],
+}
+
+
+def of_other_type(value):
+    return "5" if isinstance(value, int) else 5
+
+
+@pytest.mark.parametrize(
+    ("name", "changed"),
+    [
+        *((name, {}) for name in FIELDS if name != "protocol"),  # which is that of version 1.0.0
+        *((name, {name: of_other_type(value)}) for name, value in FIELDS.items()),
+        *((name, {name: value}) for name, value in OTHER_VALUE.items()),
+    ],
+)
+def test_a_field_that_lacks_or_is_another_is_named(tmp_path, no_machine, name, changed):
+    """Folder, field, value and remedy stand in one line, and nothing is written."""
+    kept = {field: value for field, value in FIELDS.items() if field != name}
+    (tmp_path / "manifest.json").write_text(json.dumps(kept | changed))
+    options = Options(FIELDS["suite"], methods=("blank",), limit=1, views=2, out=tmp_path)
+    before = file_bytes(tmp_path)
+    if name in MAY_LACK and not changed:
+        assert Protocol.from_options(options).shown == {*FIELDS["objects"]}
+        return
+    message = refusal(Protocol.from_options, options)
+    assert str(tmp_path) in message
+    (value,) = changed.values() or ("",)
+    assert (str(value[-1]) if isinstance(value, list) else str(value)) in message
+    assert (name.removesuffix("s") if isinstance(value, list) else name.split("_")[0]) in message
+    assert any(remedy in message for remedy in ("run again", "--fresh", "update pc2pix-bench"))
+    assert file_bytes(tmp_path) == before
 
 
 def altered_manifest(change):
