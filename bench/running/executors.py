@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from contextlib import closing, contextmanager
-from dataclasses import asdict, dataclass, replace
-from functools import lru_cache, partial
+from contextlib import closing
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from operator import attrgetter
 from typing import Any
 
-from bench.catalogue.method import is_module_name
 from bench.catalogue.suites import Limits
 from bench.records.job import Job, Result, failed
 from bench.records.store import Store
@@ -20,8 +19,6 @@ from bench.running.isolation import (
     WorkerFailure,
     submit_all,
 )
-from bench.running.options import LOCAL, Options, workers_of
-from bench.running.protocol import Protocol
 from bench.running.work import (
     RenderedViews,
     draw_job,
@@ -30,7 +27,7 @@ from bench.running.work import (
     run_job,
     score_job,
 )
-from data_prep.failures import BadInput, MissingDependency
+from data_prep.failures import MissingDependency
 from data_prep.progress import log, progress
 
 REFERENCES_KEPT = 4  # ground truths in memory: the jobs of an object follow each other
@@ -150,35 +147,3 @@ def results(
                 raise MissingDependency(result.unusable)
             store.append(result)
             yield result.without_contents()
-
-
-@contextmanager
-def executors_for(
-    protocol: Protocol, options: Options
-) -> Iterator[tuple[Callable[[int], Executor], int, dict[str, Any] | None]]:
-    """Yield what gives an executor for a number of jobs, its workers, and the manifest's cluster.
-
-    The executors are worker processes of this machine, without a cluster, or those of a Ray
-    cluster, which is connected within the block. Raises BadInput for options that have no meaning,
-    and as `bench.running.ray.connected`.
-    """
-    suite = protocol.suite
-    workers = workers_of(suite, options)
-    if options.ray is None:
-        yield partial(JobPool, workers=workers, limits=suite.limits), workers, None
-        return
-    if suite.timed:
-        raise BadInput(
-            f"--ray: has no meaning for the suite {suite.id}, whose times are compared; leave it"
-        )
-    if modules := list(filter(is_module_name, protocol.methods)):
-        raise BadInput(
-            f"--ray: {modules[0]} is of a module of this machine; install its package on all "
-            "nodes, and give the id of its method"
-        )
-    if options.workers is not None and options.ray != LOCAL:
-        raise BadInput("--workers: has no meaning with --ray, whose nodes bring theirs; leave it")
-    from bench.running.ray import RayPool, connected  # whose nodes have a `JobPool` each
-
-    with connected(options.ray, workers) as cluster:
-        yield lambda _: RayPool(cluster, protocol), cluster.cpus, asdict(cluster)

@@ -141,19 +141,11 @@ def device_of(options: Options, find_device: Callable[[str], str] | None = None)
     if options.device != "auto" or options.ray not in (None, LOCAL):
         return options.device
     if find_device is None:
-        if not _has_driver():
+        try:  # PyTorch knows better, but takes seconds to import, which the main process saves
+            ctypes.CDLL("libcuda.so.1")
+        except OSError:
             return "auto"
-        find_device = chosen_device
-    return GPU if find_device(options.device).startswith(GPU) else "auto"
-
-
-def _has_driver() -> bool:
-    # PyTorch knows better, but takes seconds to import, and the main process does without it.
-    try:
-        ctypes.CDLL("libcuda.so.1")
-    except OSError:
-        return False
-    return True
+    return GPU if (find_device or chosen_device)(options.device).startswith(GPU) else "auto"
 
 
 def seed_of(dataset: Dataset, options: Options) -> int:

@@ -61,17 +61,10 @@ class Plan:
 
     The jobs of an object are made when they are asked for, and nothing of them is kept: a run may
     have millions. A mesh is read for them, since its checksum is part of their keys.
-
-    Attributes
-    ----------
-    protocol : Protocol
-    objects : mapping
-        The objects as they are drawn, by class and name as in the manifest.
-    conditions : tuple of Condition
     """
 
     protocol: Protocol
-    objects: Mapping[str, SceneObject]
+    objects: Mapping[str, SceneObject]  # as they are drawn, by class and name as in the manifest
     conditions: tuple[Condition, ...]
 
     def __len__(self) -> int:

@@ -126,7 +126,9 @@ class Protocol:
         _log_all(plugin_problem("method", name) for name in methods)  # ours is run
         _log_all(plugin_problem("condition", name) for name in conditions)
         refuse_values(options)
+        device = device_of(options)
         dataset = open_dataset(options.dataset)
+        seed = seed_of(dataset, options)
         if dataset.left_out:
             log(f"{dataset.id}: left out, no objects of it: {dataset.left_out}")
         objects = objects_of(suite, dataset, options)
@@ -134,7 +136,6 @@ class Protocol:
         lacking = [name for name in suite.classes if name not in (dataset.classes or suite.classes)]
         if lacking and len(suite.classes) > 1:
             log(f"{dataset.id}: no {', '.join(lacking)}; left out")
-        device = device_of(options)
         features, identity, skipped = extractors_of(
             suite.extractors, options.inception_weights, device, fetches
         )
@@ -145,7 +146,7 @@ class Protocol:
             conditions=conditions,
             objects=objects,
             views=options.views or suite.views,
-            seed=seed_of(dataset, options),
+            seed=seed,
             device=device,
             features=features,
             feature_identity=identity,

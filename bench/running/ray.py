@@ -101,14 +101,7 @@ class RayPool:
 
     A job is a task, and takes a CPU. Where the cluster has GPUs, it takes a share of one as well,
     if the device is "cuda", which is that of the networks of metrics, too, or if the job is of a
-    network and the device is not "cpu".
-
-    Parameters
-    ----------
-    cluster : Cluster
-    protocol : Protocol
-    api : module, optional
-        Stands in for `ray`.
+    network and the device is not "cpu". `api` stands in for `ray`.
     """
 
     def __init__(self, cluster: Cluster, protocol: Protocol, api: Any = None) -> None:
@@ -179,21 +172,11 @@ class RayPool:
 
 @dataclass(frozen=True)
 class NodeRequirements:
-    """The properties that a node shares with the machine that keeps the run.
+    """The properties that a node shares with the machine that keeps the run."""
 
-    Attributes
-    ----------
-    values : mapping
-        Texts by kind and name: versions, checksums and identities.
-    device : str
-        Where networks run.
-    folder : str
-        The start of relative paths, where there is such a folder.
-    """
-
-    values: Mapping[str, Mapping[str, str]]
-    device: str
-    folder: str
+    values: Mapping[str, Mapping[str, str]]  # versions, checksums, identities, by kind and name
+    device: str  # where networks run
+    folder: str  # the start of relative paths, where there is such a folder
 
 
 def requirements(protocol: Protocol) -> NodeRequirements:

@@ -8,13 +8,15 @@ import typing
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, closing, contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 import pandas as pd
 
 from bench.catalogue.chosen import MeasuredMethod, cost_of
+from bench.catalogue.method import is_module_name
 from bench.records.frames import image_frames, write_records
 from bench.records.job import shares
 from bench.records.record import GROUND_TRUTH
@@ -29,11 +31,12 @@ from bench.records.run_folder import (
 )
 from bench.records.store import STORE, DamagedJob, Store
 from bench.running.environment import now
-from bench.running.executors import executors_for, results
-from bench.running.isolation import QUEUED
-from bench.running.options import Options, workers_of
+from bench.running.executors import JobPool, results
+from bench.running.isolation import QUEUED, Executor
+from bench.running.options import LOCAL, Options, workers_of
 from bench.running.plan import Plan, plan
 from bench.running.protocol import APART, NOT_LOADED, Protocol, counted
+from bench.running.ray import RayPool, connected
 from bench.running.schedule import (
     START_S,
     Budget,
@@ -55,23 +58,12 @@ TRUTH_MS = 5.0  # of a view of the true mesh
 
 @dataclass(frozen=True)
 class PartialRun:
-    """The complete objects of a run, which may still go on.
-
-    Attributes
-    ----------
-    directory : Path
-    manifest : dict
-        Manifest that a run of these objects alone would have.
-    plan : Plan
-        All objects that the run is to have.
-    store : Store
-        Has the results of the complete ones.
-    """
+    """The complete objects of a run, which may still go on."""
 
     directory: Path
-    manifest: dict[str, Any]
-    plan: Plan
-    store: Store
+    manifest: dict[str, Any]  # that a run of these objects alone would have
+    plan: Plan  # of all objects that the run is to have
+    store: Store  # with the results of the complete ones
 
     def read_records(self, name: str) -> pd.DataFrame:
         """Return all records of an object.
@@ -102,38 +94,22 @@ Watch = Callable[[str, int], AbstractContextManager[ProgressReporter]]
 class RunResult(Generic[Outputs]):
     """A run of which all objects are complete, or some.
 
-    Attributes
-    ----------
-    directory : Path
-    outputs : Outputs or None
-        Outputs of the complete objects; None where the folder keeps those of the run before,
-        because these would be of fewer objects.
-    objects, planned : int
-        Complete objects, and objects of the whole run.
-    interrupted : bool
-        Whether Ctrl-C ended the run.
-    done, reused, failed : int
-        Jobs of this start, of earlier ones, and without images; with a failed ground truth all of
-        its object. A job that is the same under every condition counts once, as in progress.
-    hopeless : tuple of str
-        Methods without a single image, though there is something to draw.
-    seconds : dict
-        The time of each stage.
-    shares : dict
-        Parts of the workers' time, see `bench.records.job.shares`.
+    A job that is the same under every condition counts once, as in progress.
     """
 
     directory: Path
+    # Of the complete objects; None where the folder keeps those of the run before, because these
+    # would be of fewer objects.
     outputs: Outputs | None
-    objects: int
-    planned: int
-    interrupted: bool
-    done: int
-    reused: int
-    failed: int
-    hopeless: tuple[str, ...]
-    seconds: dict[str, float]
-    shares: dict[str, float]
+    objects: int  # that are complete
+    planned: int  # objects of the whole run
+    interrupted: bool  # by Ctrl-C
+    done: int  # jobs of this start
+    reused: int  # jobs of earlier ones
+    failed: int  # jobs without images; with a failed ground truth all of its object
+    hopeless: tuple[str, ...]  # methods without a single image, though there is something to draw
+    seconds: dict[str, float]  # of each stage
+    shares: dict[str, float]  # of the workers' time, see `bench.records.job.shares`
 
 
 def run(
@@ -220,6 +196,36 @@ def run(
         seconds=seconds,
         shares=of_workers,
     )
+
+
+@contextmanager
+def executors_for(
+    protocol: Protocol, options: Options
+) -> Iterator[tuple[Callable[[int], Executor], int, dict[str, Any] | None]]:
+    """Yield what gives an executor for a number of jobs, its workers, and the manifest's cluster.
+
+    The executors are worker processes of this machine, without a cluster, or those of a Ray
+    cluster, which is connected within the block. Raises BadInput for options that have no meaning,
+    and as `bench.running.ray.connected`.
+    """
+    suite = protocol.suite
+    workers = workers_of(suite, options)
+    if options.ray is None:
+        yield partial(JobPool, workers=workers, limits=suite.limits), workers, None
+        return
+    if suite.timed:
+        raise BadInput(
+            f"--ray: has no meaning for the suite {suite.id}, whose times are compared; leave it"
+        )
+    if modules := list(filter(is_module_name, protocol.methods)):
+        raise BadInput(
+            f"--ray: {modules[0]} is of a module of this machine; install its package on all "
+            "nodes, and give the id of its method"
+        )
+    if options.workers is not None and options.ray != LOCAL:
+        raise BadInput("--workers: has no meaning with --ray, whose nodes bring theirs; leave it")
+    with connected(options.ray, workers) as cluster:
+        yield lambda _: RayPool(cluster, protocol), cluster.cpus, asdict(cluster)
 
 
 def _refuse_start(options: Options, planned: Plan, budget: Budget) -> None:
@@ -362,25 +368,13 @@ def timed(stage: str, seconds: dict[str, float]) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class RunStatus:
-    """A run that has not been started, or not now.
-
-    Attributes
-    ----------
-    directory : Path
-    plan : Plan
-    left : mapping
-        Jobs that are left, by method. A job that is the same under every condition counts once.
-    workers : int
-        Processes of this machine.
-    stored_b : int
-        Size of the store in the folder.
-    """
+    """A run that has not been started, or not now."""
 
     directory: Path
     plan: Plan
-    left: Mapping[str, int]
-    workers: int
-    stored_b: int
+    left: Mapping[str, int]  # jobs by method; one that is the same under every condition once
+    workers: int  # processes of this machine
+    stored_b: int  # size of the store in the folder
 
     @property
     def jobs(self) -> int:

@@ -75,19 +75,10 @@ class Budget:
     """A time limit of a run, which decides whether to begin another object, and ends those begun.
 
     The time counts from the creation of the budget.
-
-    Attributes
-    ----------
-    seconds : float or None
-        Limit of the whole run, its end included; None for no limit.
-    guess_s : float
-        Expected seconds of an object, as long as none has been done.
-    clock : callable
-        Returns the time in seconds.
     """
 
-    seconds: float | None = None
-    guess_s: float = 0.0
+    seconds: float | None = None  # of the whole run, its end included; None for no limit
+    guess_s: float = 0.0  # for an object, as long as none has been done
     clock: Callable[[], float] = time.monotonic
     _costs: list[float] = field(default_factory=list)
     _last: float | None = None  # when an object was complete, at first when a job was
@@ -165,22 +156,6 @@ class Schedule:
 
     In memory are the objects under way and the names of those that are complete. An object whose
     ground truth has failed is complete: there is nothing to score, and all its jobs have failed.
-
-    Attributes
-    ----------
-    plan : Plan
-    complete : dict
-        The objects whose jobs have all ended, by name: whether they have a ground truth.
-    total, left : int
-        Jobs of the run, and jobs to be done, if there were no budget.
-    failures : int
-        Jobs that have ended without images.
-    undrawn : str
-        Why the first ground truth that failed could not be drawn; empty where none has failed.
-    working : set of str
-        The methods with an image, and GROUND_TRUTH.
-    timing : JobTiming
-        Sum over the jobs of this start.
     """
 
     def __init__(
@@ -196,11 +171,13 @@ class Schedule:
         self._order, self._ahead = order, ahead
         self._under_way: dict[str, _UnderWay] = {}
         self._object_of: dict[str, _UnderWay] = {}  # by the keys of the open jobs
+        # The objects whose jobs have all ended, by name: whether they have a ground truth.
         self.complete: dict[str, bool] = {}
-        self.failures = 0
-        self.undrawn = ""
-        self.working: set[str] = set()
-        self.timing = NOTHING
+        self.failures = 0  # jobs that have ended without images
+        self.undrawn = ""  # why the first ground truth that failed could not be drawn
+        self.working: set[str] = set()  # the methods with an image, and GROUND_TRUTH
+        self.timing = NOTHING  # sum over the jobs of this start
+        # Jobs of the run, and jobs to be done, if there were no budget.
         self.total = self.left = len(planned) * planned.jobs_per_object
         for obj in () if store.is_empty else map(planned.jobs_of, order):
             results = settled(obj, store)

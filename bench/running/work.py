@@ -262,8 +262,8 @@ def cloud_of(job: Job) -> PointCloud:
     stored = job.object.perturbed(condition) if isinstance(job.object, ExportedObject) else None
     if stored is not None:
         return stored
-    sampled = job.object.cloud(generator(job.seed, "cloud", *_identity(job)))
-    return job.perturbation.apply(sampled, generator(job.seed, condition, *_identity(job)))
+    sampled = job.object.cloud(generator(job.seed, "cloud", *job.name.object))
+    return job.perturbation.apply(sampled, generator(job.seed, condition, *job.name.object))
 
 
 def cloud_under(job: Job, condition: str) -> PointCloud:
@@ -274,16 +274,12 @@ def cloud_under(job: Job, condition: str) -> PointCloud:
 
 def _origin(job: Job) -> CloudOrigin:
     views = job.object.exported_views if isinstance(job.object, ExportedObject) else job.views
-    return CloudOrigin(job.condition, *_identity(job), views)
+    return CloudOrigin(job.condition, *job.name.object, views)
 
 
 def rng_of(job: Job) -> np.random.Generator:
     """Return the source of random numbers for the method of a job."""
-    return generator(job.seed, "method", job.method, job.condition, *_identity(job))
-
-
-def _identity(job: Job) -> tuple[str, str]:
-    return job.object.class_name, job.object.object_id
+    return generator(job.seed, "method", job.method, job.condition, *job.name.object)
 
 
 def checked_images(images: NDArray[np.float32], count: int) -> UInt8Images:

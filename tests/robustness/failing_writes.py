@@ -37,7 +37,6 @@ from unittest import mock
 
 import pyarrow.parquet as pq
 
-import bench.running.executors
 import bench.running.protocol
 import bench.running.run
 from bench.analysis.frame import read_run
@@ -196,7 +195,7 @@ def run_once(out: Path, writes: Writes, done: Any) -> None:
         os.write(keys, f"{result.key}\n".encode())
 
     sys.stdout = sys.stderr = io.StringIO()
-    bench.running.executors.JobPool = InProcess  # type: ignore[misc]
+    bench.running.run.JobPool = InProcess  # type: ignore[misc]
     options = Options(
         suite="chair-robustness",
         methods=("splat", "blank"),

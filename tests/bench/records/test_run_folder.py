@@ -187,11 +187,10 @@ def test_links_that_lead_out_and_pipes_are_refused(tmp_path, name):
 
 
 def test_a_run_that_was_stopped_is_not_finished(tmp_path):
-    for text in (json.dumps(make_manifest(finished=None)), without("finished")):
-        (tmp_path / "manifest.json").write_text(text)
-        assert refusal(read_finished, tmp_path) == (
-            f"{tmp_path}: the run is not finished; start it again with its command"
-        )
+    write_manifest(tmp_path, make_manifest(finished=None))
+    assert refusal(read_finished, tmp_path) == (
+        f"{tmp_path}: the run is not finished; start it again with its command"
+    )
 
 
 def test_manifests_are_kept_to_the_letter(tmp_path):

@@ -14,10 +14,9 @@ from bench.commands.publish import merge_shards, publish, run_suite
 from bench.commands.terminal import Terminal
 from bench.records.frames import read_records
 from bench.records.run_folder import read_manifest, write_manifest
-from bench.running.executors import executors_for
 from bench.running.options import Options, Shard
 from bench.running.protocol import Protocol, joined
-from bench.running.run import open_run, run
+from bench.running.run import executors_for, open_run, run
 from bench.suites.procedure import methods_of
 from bench.suites.stability.run import STABILITY
 from data_prep.failures import BadInput
@@ -32,7 +31,7 @@ def every_file(directory: Path) -> dict[Path, bytes]:
 
 
 def outputs(directory: Path) -> list[dict[str, bytes]]:
-    return [file_bytes(directory / name) for name in ("tables", "figures", "features")]
+    return [file_bytes(directory / name) for name in ("tables", "figures")]
 
 
 def asked(out: Path, **changes):
