@@ -95,7 +95,9 @@ def read_page(made: Outputs) -> dict[str, Any]:
         by_cost, verdicts = run.compared(of_cost), verdicts_of(run, of_cost)
         points = places(by_cost, views, verdicts)
         costed = cost_grid(by_cost, of_cost[0], views, verdicts)
-    tables = [*filter(None, [made.condition_sweep]), *made.tables]
+    unfolded = (made.condition_sweep, made.orderings)
+    tables = [t for t in (made.condition_sweep, *made.tables, made.orderings) if t is not None]
+    arguments = ["bench", *map(str, manifest.get("command", [])[1:])]
     glossary = _glossary(manifest, suite, made.tables)
     return {
         "title": manifest["suite"],
@@ -110,8 +112,8 @@ def read_page(made: Outputs) -> dict[str, Any]:
         "headline": compact_table(quality_frame(made.headline.frame)),
         **_plots(made, points),
         "tables": [
-            *((t.title, _plain(t.remark), t.grids(), t is made.condition_sweep) for t in tables),
-            *((t.title, _plain(t.remark), t.grids(), True) for t in filter(None, [made.orderings])),
+            (table.title, _MARKUP.sub(r"\1", table.remark), table.grids(), table in unfolded)
+            for table in tables
         ],
         "cost_table": costed,
         "cost_remark": how_timed(manifest),
@@ -120,8 +122,7 @@ def read_page(made: Outputs) -> dict[str, Any]:
         "unseen": [sources.unseen] if sources.unseen else [],
         "failures": failure_groups(records),
         "failed_images": int((records["outcome"] != "ok").sum()),
-        "skipped": dict(manifest.get("skipped_metrics", {})),
-        "command": _command(manifest),
+        "command": shlex.join(arguments) if arguments[1:] else f"bench run {suite.id}",
         "manifest": json.dumps(manifest, indent=2, ensure_ascii=False).split("\n"),
         "meanings": glossary,
         "glossary": {
@@ -153,9 +154,9 @@ def _plots(made: Outputs, points: pd.DataFrame) -> dict[str, Any]:
     plots = {"first": [], "curves": [], "costs": []}
     if first:
         figure = quality_figure(first, styles, **narrow)
-        plots["first"].append(("", inline(figure, "first", _in_words(first))))
+        plots["first"].append(inline(figure, "first", _in_words(first)))
     if others:
-        plots["curves"].append(("", inline(draw(others, styles), "curves", _in_words(others))))
+        plots["curves"].append(inline(draw(others, styles), "curves", _in_words(others)))
     for number, (metric, (figure, words)) in enumerate(cost_figures(points, styles).items()):
         plots["costs"].append((metric, inline(figure, f"cost-{number}", words)))
     remarks = [remark, left_out, all_failed]
@@ -164,10 +165,6 @@ def _plots(made: Outputs, points: pd.DataFrame) -> dict[str, Any]:
 
 def _in_words(shown: Sequence[SweepPanel]) -> str:
     return " ".join(f"{panel.title or panel.y_label}. {described(panel)}" for panel in shown)
-
-
-def _plain(remark: str) -> str:
-    return _MARKUP.sub(r"\1", remark)
 
 
 def _shown(records: pd.DataFrame, chosen: pd.DataFrame) -> list[JobName]:
@@ -199,7 +196,8 @@ def _head(manifest: Mapping[str, Any], records: pd.DataFrame, truth: Truth) -> l
     if seconds:
         workers = manifest.get("workers")
         on = f" on {workers} core{'s' * (workers > 1)}" if workers else ""
-        head.append(_duration(sum(seconds.values())) + on)
+        took = sum(seconds.values())
+        head.append((f"{took:.0f} s" if took < 120 else f"{took / 60:.0f} min") + on)
     return head
 
 
@@ -213,23 +211,15 @@ def _jobs(directory: Path, records: pd.DataFrame) -> tuple[int, int]:
     return len(set(keys.values())), len({keys.get(name, name) for name in names})
 
 
-def _facts(manifest: Mapping[str, Any]) -> list[tuple[str, str]]:
+def _facts(manifest: Mapping[str, Any]) -> dict[str, str]:
     machine = manifest.get("machine", {})
-    facts = [
-        ("dataset", str(manifest["dataset"])),
-        ("finished", str(manifest["finished"]).replace("T", " ").replace("+00:00", " UTC")),
-    ]
-    if machine:
-        facts.append(("machine", f"{machine.get('cpu')}, {machine.get('cores')} cores"))
-    version = manifest.get("versions", {}).get("pc2pix-bench")
-    if version:
-        facts.append(("pc2pix-bench", str(version)))
-    return facts
-
-
-def _duration(seconds: float) -> str:
-    minutes = seconds / 60
-    return f"{seconds:.0f} s" if minutes < 2 else f"{minutes:.0f} min"
+    finished = str(manifest["finished"]).replace("T", " ").replace("+00:00", " UTC")
+    return {
+        "dataset": str(manifest["dataset"]),
+        "finished": finished,
+        "machine": f"{machine.get('cpu', 'unknown')}, {machine.get('cores', 'unknown')} cores",
+        "pc2pix-bench": str(manifest.get("versions", {}).get("pc2pix-bench", "unknown")),
+    }
 
 
 _OF_TABLES = (
@@ -242,12 +232,6 @@ _OF_OBJECTS = (
     "95 % interval. A band is what a network was shown in training."
 )
 _LEFT_OUT = "Left out, because drawn from the mesh behind the cloud:"
-
-
-def _command(manifest: Mapping[str, Any]) -> str:
-    """Return the command line that started the run."""
-    arguments = [str(argument) for argument in manifest.get("command", [])[1:]]
-    return shlex.join(["bench", *arguments]) if arguments else f"bench run {manifest['suite']}"
 
 
 def _glossary(
@@ -265,23 +249,16 @@ def _glossary(
         for m in (*requested, *sorted(m for m in shown if declared_metric(m)))
     }
     measured = (
-        *suite.image_metrics,
-        *suite.detail_metrics,
-        *suite.set_metrics,
-        *suite.class_metrics,
-        *suite.control_metrics,
-        *further,
+        *(*suite.image_metrics, *suite.detail_metrics, *suite.set_metrics),
+        *(*suite.class_metrics, *suite.control_metrics, *further),
     )
+    known = {c: known_condition(c) for c in manifest["conditions"]}
+    origins = {c: f"{condition_words(c)}; {k.source}" for c, k in known.items() if k}
     return [
         ("Metrics", [(m, (metrics | further)[m]) for m in dict.fromkeys(measured)]),
         ("Methods", [(m, _source(m, manifest)) for m in manifest["methods"]]),
-        ("Conditions", [(c, _origin(c)) for c in manifest["conditions"]]),
+        ("Conditions", [(c, origins.get(c, "unknown")) for c in known]),
     ]
-
-
-def _origin(condition_id: str) -> str:
-    known = known_condition(condition_id)
-    return f"{condition_words(condition_id)}; {known.source}" if known else "unknown"
 
 
 def _source(method: str, manifest: Mapping[str, Any]) -> str:

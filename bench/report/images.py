@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from bench.records.job import JobName
 from bench.records.record import GROUND_TRUTH
 from bench.report.stored import Sources
 from bench.report.styles import rivals
-from bench.tables.grid import shown
+from bench.tables.grid import records, shown
 from data_prep.rendering.dots import draw_dots
 from data_prep.scene import View
 
@@ -68,18 +68,18 @@ def extremes(records: pd.DataFrame, metric: str) -> pd.DataFrame:
     return together.iloc[together["method"].map(places).argsort(kind="stable")]
 
 
-def grids(records: pd.DataFrame, sources: Sources, metric: str) -> list[dict[str, Any]]:
+def grids(images: pd.DataFrame, sources: Sources, metric: str) -> list[dict[str, Any]]:
     """Return the first view of the first objects, each image with its value by a metric.
 
     An image is (data URI or "", what it shows); a cell has what stands beneath it, too.
     """
-    methods = rivals(dict.fromkeys(records["method"]))
-    conditions = list(dict.fromkeys(map(str, records["condition"])))
-    first = records[records["view"] == 0]
+    methods = rivals(dict.fromkeys(images["method"]))
+    conditions = list(dict.fromkeys(map(str, images["condition"])))
+    first = images[images["view"] == 0]
     sheets = []
-    for class_name, obj in shown_objects(records):
+    for class_name, obj in shown_objects(images):
         of_object = first[(first["class"] == class_name) & (first["object"] == obj)]
-        by_cell = {(row["method"], row["condition"]): row for row in _rows(of_object)}
+        by_cell = {(row["method"], row["condition"]): row for row in records(of_object)}
         if not by_cell:
             continue
         view, name = _view(next(iter(by_cell.values()))), f"{class_name} {obj}"
@@ -99,15 +99,9 @@ def grids(records: pd.DataFrame, sources: Sources, metric: str) -> list[dict[str
         if turned:
             down, across, rows = across, down, list(zip(*rows, strict=True))
         at = f"View 0: azimuth {view.azimuth_deg:.0f}°, elevation {view.elevation_deg:.0f}°"
-        sheets.append(
-            {
-                "title": name,
-                "description": at,
-                "corner": "method" if turned else "condition",
-                "columns": across,
-                "rows": list(zip(down, rows, strict=True)),
-            }
-        )
+        sheet = {"title": name, "description": at, "columns": across}
+        sheet |= {"rows": list(zip(down, rows, strict=True))}
+        sheets.append(sheet | {"corner": "method" if turned else "condition"})
     return sheets
 
 
@@ -140,16 +134,12 @@ def cases(chosen: pd.DataFrame, sources: Sources, metric: str) -> list[dict[str,
             of_method[column(metric)].agg(["min", "max"]), reverse=not higher_is_better(metric)
         )
         worst, best = (shown(end, decimals(metric)) for end in ends)
-        groups.append(
-            {
-                "method": method,
-                "summary": f"{metric} {worst} at worst, {best} at best",
-                "rows": [
-                    (", ".join(map(str, names)), [_case(r, sources, metric) for r in _rows(row)])
-                    for names, row in of_method.groupby(keys, sort=False)
-                ],
-            }
-        )
+        summary = f"{metric} {worst} at worst, {best} at best"
+        rows = [
+            (", ".join(map(str, names)), [_case(r, sources, metric) for r in records(row)])
+            for names, row in of_method.groupby(keys, sort=False)
+        ]
+        groups.append({"method": method, "summary": summary, "rows": rows})
     return groups
 
 
@@ -158,15 +148,11 @@ def _case(record: Mapping[str, Any], sources: Sources, metric: str) -> dict[str,
     item = JobName(record["method"], record["condition"], class_name, obj)
     name = f"{class_name} {obj}, view {view}"
     at = _view(record)
-    facts = [
-        ("azimuth, elevation", f"{at.azimuth_deg:.1f}°, {at.elevation_deg:.1f}°"),
-        *(
-            (part, f"{1000 * record[f'{part}_s']:.1f} ms")
-            for part in ("prepare", "draw")
-            if math.isfinite(record[f"{part}_s"])
-        ),
-        *([("notes", record["notes"])] if record["notes"] else []),
-    ]
+    facts = {"azimuth, elevation": f"{at.azimuth_deg:.1f}°, {at.elevation_deg:.1f}°"}
+    for part in ("prepare", "draw"):
+        if math.isfinite(seconds := record[f"{part}_s"]):
+            facts[part] = f"{1000 * seconds:.1f} ms"
+    facts |= {"notes": record["notes"]} if record["notes"] else {}
     images = (
         (CLOUD, _cloud(sources, item, at, f"the cloud of {name}")),
         ("truth", _drawn(sources, item.truth, view, f"the truth of {name}")),
@@ -174,11 +160,6 @@ def _case(record: Mapping[str, Any], sources: Sources, metric: str) -> dict[str,
     )
     score = f"{metric} {_score(record, metric)}"
     return {"kind": record["kind"], "score": score, "name": name, "facts": facts, "images": images}
-
-
-def _rows(records: pd.DataFrame) -> Sequence[dict[str, Any]]:
-    rows: list[Any] = records.to_dict("records")
-    return rows
 
 
 def _view(record: Mapping[str, Any]) -> View:

@@ -285,40 +285,24 @@ def method_names(manifests: Sequence[Mapping[str, Any]]) -> list[dict[str, str]]
     Versions of libraries make no other method.
     """
     stated = [{m: _identity(manifest, m) for m in manifest["methods"]} for manifest in manifests]
-    identities: dict[str, set[tuple[str, ...]]] = {}
-    for methods in stated:
-        for method, identity in methods.items():
-            identities.setdefault(method, set()).add(identity)
-    return [
-        {method: _name(method, identity, identities[method]) for method, identity in run.items()}
-        for run in stated
-    ]
+    names: dict[tuple[str, tuple[str, ...]], str] = {}
+    for method in {method for run in stated for method in run}:
+        identities = {run[method] for run in stated if method in run}
+        common = set.intersection(*map(set, identities))
+        differs = {i: ", ".join(p for p in i if p not in common) for i in identities}
+        short = {i: _CHECKSUM.sub(lambda m: m[0][:SHORT], text) for i, text in differs.items()}
+        for i, text in (short if len({*short.values()}) == len(short) else differs).items():
+            suffix = f" ({text or 'identity unknown'})" if len(identities) > 1 else ""
+            names[method, i] = method + suffix
+    return [{method: names[method, i] for method, i in run.items()} for run in stated]
 
 
 def _identity(manifest: Mapping[str, Any], method: str) -> tuple[str, ...]:
     """Return the version of a method and its weights; nothing where the run does not say."""
     match manifest.get("identities", {}).get(method):
         case [version, str(text), *_]:
-            parts = [part for part in text.split(", ") if part]
+            libraries = [f"{n} {number}" for n, number in manifest.get("versions", {}).items()]
+            parts = [part for part in text.split(", ") if part and part not in libraries]
+            return (f"version {version}", *parts)
         case _:
             return ()
-    libraries = {f"{name} {number}" for name, number in manifest.get("versions", {}).items()}
-    return (f"version {version}", *(part for part in parts if part not in libraries))
-
-
-def _name(method: str, identity: tuple[str, ...], all_of_id: set[tuple[str, ...]]) -> str:
-    """Return a name that no other identity of the same id has."""
-    if len(all_of_id) == 1:
-        return method
-    common = set.intersection(*map(set, all_of_id))
-    suffixes = {
-        parts: ", ".join(part for part in parts if part not in common) or "identity unknown"
-        for parts in all_of_id
-    }
-    short = {
-        parts: _CHECKSUM.sub(lambda checksum: checksum[0][:SHORT], text)
-        for parts, text in suffixes.items()
-    }
-    if len(set(short.values())) == len(short):
-        suffixes = short
-    return f"{method} ({suffixes[identity]})"

@@ -303,7 +303,7 @@ def frontier_figure(
         axis.set_title(visible(title), fontsize=fontsize + 1)
         axis.set_xlabel(x_label, fontsize=fontsize)
         axis.set_ylabel(axis_title(metric) if axis in axes[:, 0] else "", fontsize=fontsize)
-        axis.tick_params(labelbottom=True)
+        axis.tick_params(labelbottom=True, which="both")
         _scale_costs(axis, metric)
         _tidy(axis, fontsize, "both")
     for axis in axes.flat[len(cells) :]:

@@ -27,6 +27,7 @@ from bench.report.plots import (
     axis_title,
     dots_figure,
     frontier_figure,
+    grouped,
     sweep_figure,
 )
 from bench.report.sheets import write_classes, write_images, write_thin_parts
@@ -84,8 +85,8 @@ def quality_panels(tables: Sequence[Table[Any]]) -> dict[tuple[str, str], SweepP
         ]
         rows = rows[np.array(drawn, bool)].assign(hollow=rows["failed"])
         by_class = rows["class"].nunique() > 1
-        for place, of_place in rows.groupby("condition" if by_class else "class", sort=False):
-            shown[metric, str(place)] = quality_panel(metric, of_place, by_class)
+        for place, of_place in grouped(rows, "condition" if by_class else "class"):
+            shown[metric, place] = quality_panel(metric, of_place, by_class)
     return shown
 
 
@@ -166,13 +167,12 @@ def _curve_frame(rows: pd.DataFrame, family: Family) -> pd.DataFrame:
 
 def _bands(family: Family, at: Sequence[float]) -> list[tuple[str, float, float]]:
     """Return where each network was trained; a single value, or the first step, has some width."""
-    pad, least, most = PAD * abs(at[-1] - at[0]), min(at), max(at)
-    bands = []
+    pad, bands = PAD * abs(at[-1] - at[0]), []
     for method, *ends in family.trained:
         low, high = sorted(place_of(end, family) for end in ends)
         single = low == high
-        low -= pad * (single or low <= least)
-        bands.append((method, low, high + pad * (single or high >= most)))
+        low, high = low - pad * (single or low <= min(at)), high + pad * (single or high >= max(at))
+        bands.append((method, low, high))
     return bands
 
 
@@ -191,9 +191,8 @@ def family_figure(shown: Sequence[SweepPanel], styles: Styles) -> Figure:
 
 def described(panel: SweepPanel) -> str:
     """Return the values of a panel in words, for readers who do not see it."""
-    by_method = panel.values.groupby("method", sort=False)
-    texts = {m: ", ".join(p["condition"] + " " + p["text"]) for m, p in by_method}
-    return " ".join(f"{method}: {text}." for method, text in texts.items())
+    by_method = grouped(panel.values, "method")
+    return " ".join(f"{m}: {', '.join(p['condition'] + ' ' + p['text'])}." for m, p in by_method)
 
 
 def frontier_frame(points: pd.DataFrame) -> pd.DataFrame:
@@ -241,9 +240,9 @@ def cost_figures(points: pd.DataFrame, styles: Styles) -> dict[str, tuple[Figure
         if not rivals.empty:
             views = int(rivals["views"].iloc[0])
             x_label = f"ms for a cloud with {views} view{'s' * (views > 1)}"
-            by_panel = rivals.sort_values("cost").groupby("panel", sort=False)["text"]
-            words = [f"{panel}: {'; '.join(texts)}." for panel, texts in by_panel]
-            figures[str(metric)] = frontier_figure(of_metric, styles, x_label), " ".join(words)
+            by_panel = grouped(rivals.sort_values("cost"), "panel")
+            words = [f"{panel}: {'; '.join(rows['text'])}." for panel, rows in by_panel]
+            figures[metric] = frontier_figure(of_metric, styles, x_label), " ".join(words)
     return figures
 
 

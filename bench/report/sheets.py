@@ -117,20 +117,12 @@ def write_images(
         return
     least = min(LEAST_CELL_IN, (WIDTH_IN - LABELS_IN) / (1 + len(across)))
     fitting = int((MOST_HIGH_IN - TITLES_IN) / (least * len(down)) + 1e-9)
-    rows = [
-        (
-            f"{obj[1][:LONGEST]}\n{name}",
-            [
-                _first(artifacts, JobName(GROUND_TRUTH, "", *obj)),
-                *(
-                    _first(artifacts, JobName(*((other, name) if turned else (name, other)), *obj))
-                    for other in across
-                ),
-            ],
-        )
-        for obj in objects[: max(fitting, 1)]
-        for name in down
-    ]
+    rows = []
+    for obj in objects[: max(fitting, 1)]:
+        for name in down:
+            cells = [(other, name) if turned else (name, other) for other in across]
+            jobs = [JobName(GROUND_TRUTH, "", *obj), *(JobName(*cell, *obj) for cell in cells)]
+            rows.append((f"{obj[1][:LONGEST]}\n{name}", [_first(artifacts, job) for job in jobs]))
     save(image_sheet([GROUND_TRUTH, *across], rows), path)
 
 
@@ -212,11 +204,16 @@ def write_thin_parts(path: Path, artifacts: Mapping[JobName, Artifact]) -> None:
         return
     # Truth and tinted truth stand side by side above two conditions, one above the other above one.
     labels = ["truth,\nits thin parts"] if len(conditions) > 1 else ["truth", "its thin parts"]
-    columns = [
-        column
-        for truth in chosen
-        for column in _thin_columns(truth, parts[truth.object], conditions, methods, artifacts)
-    ]
+    columns: list[list[Image | str]] = []
+    for truth in chosen:
+        view = int(counts[truth.object].argmax())
+        true = artifacts[truth].read()[view]
+        cut, tinted = thin_cut(true, parts[truth.object][view])
+        heads = [true[cut], tinted[cut]]
+        for condition, head in zip(conditions, heads, strict=False):
+            drawn = [artifacts.get(JobName(method, condition, *truth.object)) for method in methods]
+            images = [FAILED if some is None else some.read()[view][cut] for some in drawn]
+            columns.append([*([head] if len(conditions) > 1 else heads), *images])
     rows = [(name, [c[i] for c in columns]) for i, name in enumerate([*labels, *methods])]
     objects = [truth.object_id[:LONGEST] for truth in chosen]
     titles = [f"{name}\n{condition}" for name in objects for condition in conditions]
@@ -228,23 +225,3 @@ def thin_cut(true: Image, parts: NDArray[np.bool_]) -> tuple[tuple[slice, slice]
     top, bottom, left, right = object_boxes(true[None])[0].tolist()
     cut = slice(max(top - 3, 0), bottom + 3), slice(max(left - 3, 0), right + 3)
     return cut, np.where(parts[..., None], np.array(THIN_TINT, np.uint8), true)
-
-
-def _thin_columns(
-    truth: JobName,
-    parts: NDArray[np.bool_],
-    conditions: Sequence[str],
-    methods: Sequence[str],
-    artifacts: Mapping[JobName, Artifact],
-) -> list[list[Image | str]]:
-    """Return the images of an object, column by column: a column for each condition."""
-    view = int(parts.sum(axis=(1, 2)).argmax())
-    true = artifacts[truth].read()[view]
-    cut, tinted = thin_cut(true, parts[view])
-    heads = [true[cut], tinted[cut]]
-    columns: list[list[Image | str]] = []
-    for condition, head in zip(conditions, heads, strict=False):
-        drawn = [artifacts.get(JobName(method, condition, *truth.object)) for method in methods]
-        images = [FAILED if some is None else some.read()[view][cut] for some in drawn]
-        columns.append([*([head] if len(conditions) > 1 else heads), *images])
-    return columns

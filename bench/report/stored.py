@@ -26,14 +26,9 @@ CACHED = 32  # images of jobs held in memory, of about 1 MB each
 class Sources:
     """The images and clouds of a run, by the names of its jobs.
 
-    Attributes
-    ----------
-    artifacts : mapping
-        The images of jobs.
-    clouds : mapping
-        A job with the same cloud, by the name with an empty method.
-    unseen : str
-        Why there are no clouds; empty where there are.
+    artifacts  the images of jobs
+    clouds     a job with the same cloud, by the name with an empty method
+    unseen     why there are no clouds; empty where there are
     """
 
     artifacts: Mapping[JobName, Artifact]

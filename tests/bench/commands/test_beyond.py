@@ -65,7 +65,7 @@ def test_runs_without_two_methods_families_or_features_have_less(tmp_path):
     assert (outputs.curves, outputs.condition_sweep) == ((), None)
     page = read_page(outputs)
     assert page["curves_title"] == "Robustness"
-    assert ">ssim-object (higher is better)<" in page["first"][0][1]
+    assert ">ssim-object (higher is better)<" in page["first"][0]
 
 
 @pytest.mark.slow

@@ -124,7 +124,7 @@ def test_a_run_without_a_headline_metric_is_judged_by_the_other(tmp_path):
     run = write_run(tmp_path / "run", methods=["splat", "pc2pix", "blank"])
     write_all(run, [replace(r, lpips=None) for r in read_all(run)])
     page, document = page_of(run)
-    titles = re.findall(r">([a-z-]+) \((?:higher|lower) is better\)<", page["first"][0][1])
+    titles = re.findall(r">([a-z-]+) \((?:higher|lower) is better\)<", page["first"][0])
     assert titles == ["ssim-object"]
     assert page["headline"] is not None
     assert {metric for metric, *_ in page["headline"]["columns"]} == {"ssim-object"}

@@ -136,9 +136,9 @@ def test_a_point_without_failed_images_is_hollow_and_says_of_how_many_it_is():
 def test_colours_differ_for_the_colour_blind():
     """Colours are 20 apart in CIE 1976 L*a*b*, simulated by Machado et al. 2009 (severity 1)."""
     sheet = resources.files("bench.report").joinpath("assets", "report.css").read_text()
-    light, dark = sheet.split("@media")[:2]
-    for scheme in (light, dark):
-        hues = [np.array(mpl.colors.to_rgb(c)) for c in re.findall(r"--hue-\d: (#\w+)", scheme)]
+    schemes = zip(*re.findall(r"--hue-\d: light-dark\((#\w+), (#\w+)\)", sheet), strict=True)
+    for scheme in schemes:
+        hues = [np.array(mpl.colors.to_rgb(colour)) for colour in scheme]
         assert len(hues) == 8
         for seen in (np.eye(3), DEUTERANOPIA, PROTANOPIA):
             labs = [lab(seen @ linear(hue)) for hue in hues]
