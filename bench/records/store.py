@@ -253,27 +253,31 @@ class Store:
 
     def verify(self) -> None:
         """Compare all jobs of the complete run to their checksums. Raises DamagedJob."""
-        for _, error in self._damaged("WHERE key IN (SELECT key FROM listed)"):
-            raise error
+        for (key,) in self._each("SELECT DISTINCT key FROM listed"):
+            try:
+                self.result(key)
+                self.arrays(key)
+            except KeyError as error:
+                raise DamagedJob(self.path, str(key), "records") from error
 
     def forget_damaged(self, known: str = "") -> int:
         """Remove the jobs of which anything has changed, also those of no complete run; count them.
 
         `known` is the key of one that is.
         """
-        damaged = {number for number, _ in self._damaged()}
+        damaged = {*self._damaged()}
         damaged |= {number for (number,) in self._rows("SELECT id FROM job WHERE key = ?", known)}
         with self._transaction() as execute:
             for number in damaged:
                 _forget(execute, "id = ?", number)
         return len(damaged)
 
-    def _damaged(self, where: str = "") -> Iterator[tuple[int, DamagedJob]]:
-        for number, *row in self._each(f"SELECT id, {_JOB} FROM job {where}"):
+    def _damaged(self) -> Iterator[int]:
+        for number, *row in self._each(f"SELECT id, {_JOB} FROM job"):
             try:
                 self.arrays(self._result(tuple(row)).key)
-            except DamagedJob as error:
-                yield number, error
+            except (DamagedJob, KeyError):  # an index that is damaged does not find it
+                yield number
 
     def list_jobs(self, jobs: Iterable[tuple[str, JobName]]) -> None:
         """Note keys and names of the jobs of a complete run, in place of those of the run before.
@@ -496,7 +500,9 @@ def _connect(path: Path, *, write: bool) -> sqlite3.Connection:
         connection.execute("PRAGMA synchronous = FULL")
         return connection
     if path.exists():
-        uri = f"{path.absolute().as_uri()}?mode=ro"
+        # What a process that died has left of its first transactions is taken back.
+        mode = "rw" if path.with_name(f"{STORE}-journal").exists() else "ro"
+        uri = f"{path.absolute().as_uri()}?mode={mode}"
         connection = _limited(sqlite3.connect(uri, PATIENCE_S, isolation_level=None, uri=True))
         if _is_store(path, connection):
             return connection
@@ -554,20 +560,21 @@ def _named(path: Path) -> Iterator[None]:
         yield
     except (sqlite3.Error, UnicodeDecodeError) as error:  # its message may quote damaged names
         kind = getattr(error, "sqlite_errorname", "")
+        text = "".join(c if c.isprintable() else "?" for c in str(error))
         if kind.startswith(("SQLITE_FULL", "SQLITE_IOERR")):
             raise CannotWrite(
-                f"{path}: cannot be written ({error}); make room and run again"
+                f"{path}: cannot be written ({text}); make room and run again"
             ) from error
         if kind.startswith(("SQLITE_READONLY", "SQLITE_CANTOPEN", "SQLITE_PERM")):
             raise CannotWrite(
-                f"{path}: {error}; its folder cannot be written: copy it, or give --out"
+                f"{path}: {text}; its folder cannot be written: copy it, or give --out"
             ) from error
         if kind.startswith(("SQLITE_BUSY", "SQLITE_LOCKED", "SQLITE_PROTOCOL")):
             raise BadInput(
-                f"{path}: {error}; another process uses it: wait, or give --out"
+                f"{path}: {text}; another process uses it: wait, or give --out"
             ) from error
         if kind == "SQLITE_NOTADB":
-            raise BadInput(f"{path}: not a store of a run ({error}); move it away") from error
+            raise BadInput(f"{path}: not a store of a run ({text}); move it away") from error
         raise BadInput(
-            f"{path}: damaged ({error}); bring back a copy, or start over with --fresh"
+            f"{path}: damaged ({text}); bring back a copy, or start over with --fresh"
         ) from error

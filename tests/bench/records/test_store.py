@@ -225,7 +225,24 @@ def test_a_listed_job_that_is_gone_is_named(tmp_path):
     with closing(sqlite3.connect(tmp_path / STORE)) as database, database:
         database.execute("DELETE FROM job WHERE key = ?", [job.key])
     with read_store(tmp_path) as store:
-        assert f"the records of job {job.key} are missing" in refusal(lambda: [*store.results()])
+        for read in (lambda: [*store.results()], store.verify):
+            assert f"the records of job {job.key} are missing" in refusal(read)
+
+
+def test_a_journal_that_a_killed_process_has_left_is_taken_back(tmp_path):
+    """Also by one that only reads: SQLite refuses to read before."""
+    if os.fork() == 0:
+        database = sqlite3.connect(tmp_path / STORE, isolation_level=None)
+        database.execute("PRAGMA cache_size = 1")
+        database.execute("CREATE TABLE job (a)")
+        database.execute("BEGIN")
+        for _ in range(99):  # more than its cache: some pages are in the file
+            database.execute("INSERT INTO job VALUES (zeroblob(9999))")
+        os._exit(0)
+    os.wait()
+    assert (tmp_path / f"{STORE}-journal").stat().st_size > 0
+    assert "a database, but not the store of a run" in refusal(read_jobs, tmp_path)
+    assert not (tmp_path / f"{STORE}-journal").exists()
 
 
 def packed(shape, data, kind="|u1", version=(1, 0)):
