@@ -98,7 +98,7 @@ def _check_values(directory: Path, manifest: dict[str, Any]) -> CheckResult:
     run = read_run(directory)
     own_tables = tables(run)
     sweep = (class_orderings(run), condition_sweep(run))
-    written: list[Table[Any]] = [*own_tables, *filter(None, sweep)]
+    written: list[Table] = [*own_tables, *filter(None, sweep)]
     compared, regressions = Counter[str](), _stale_tables(directory, written)
     name = golden_name(manifest)
     expected, objects = golden(name), read_objects(name)
@@ -130,7 +130,7 @@ def _check_values(directory: Path, manifest: dict[str, Any]) -> CheckResult:
 
 
 def _compare_means(
-    own_tables: Sequence[Table[Any]], manifest: dict[str, Any], expected: pd.DataFrame
+    own_tables: Sequence[Table], manifest: dict[str, Any], expected: pd.DataFrame
 ) -> tuple[Counter[str], list[str]]:
     """Return how many golden values the run has by metric, and a line for each that moved."""
     values = {_cell(row): row["value"] for row in _rows(own_tables)}
@@ -276,7 +276,7 @@ def _is_whole(
     return whole
 
 
-def _stale_tables(directory: Path, written: Sequence[Table[Any]]) -> list[str]:
+def _stale_tables(directory: Path, written: Sequence[Table]) -> list[str]:
     """Return a line for each file of a table that differs from the table of the records."""
     stale = []
     for name, text in table_files(written).items():
@@ -294,7 +294,7 @@ def _check_outcomes(directory: Path) -> CheckResult:
     return CheckResult(len(outcomes), tuple(unexpected(outcomes)), ())
 
 
-def _rows(own_tables: Iterable[Table[Any]]) -> list[dict[str, Any]]:
+def _rows(own_tables: Iterable[Table]) -> list[dict[str, Any]]:
     return [row for table in own_tables for row in records(table.frame)]
 
 
@@ -302,7 +302,7 @@ def _cell(row: Mapping[str, Any]) -> tuple[Any, ...]:
     return tuple(row[name] for name in CELL)
 
 
-def _against_paper(own_tables: list[Table[Any]]) -> list[str]:
+def _against_paper(own_tables: list[Table]) -> list[str]:
     """Return a line for each metric of the paper: in how many cells the same method is ahead.
 
     The values themselves are no criterion, as the paper has other data and other weights.

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import pandas as pd
 
 from bench.analysis.frame import Run, full_frame, unmeasured
@@ -21,7 +19,7 @@ class LiveTable:
     def __init__(self) -> None:
         self._jobs: dict[str, pd.DataFrame] = {}  # by object
 
-    def table(self, snapshot: PartialRun) -> Table[Any]:
+    def table(self, snapshot: PartialRun) -> Table:
         """Write the table of the complete objects into the folder of tables, and return it."""
         manifest, suite = snapshot.manifest, stored_suite(snapshot.manifest)
         means = [metric for metric in suite.headline if is_mean(metric)]

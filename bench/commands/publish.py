@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from bench.analysis.frame import read_run
 from bench.catalogue.metrics import metrics_device
@@ -97,7 +96,7 @@ def print_outputs(outputs: Outputs, format_: Format | None) -> None:
         print(in_format([*outputs.tables, *outputs.further], format_), end="")
 
 
-def in_format(tables: Sequence[Table[Any]], format_: Format) -> str:
+def in_format(tables: Sequence[Table], format_: Format) -> str:
     """Return tables as one text.
 
     In CSV, tables with the same columns share a header, and an empty line stands before others.
@@ -108,7 +107,7 @@ def in_format(tables: Sequence[Table[Any]], format_: Format) -> str:
     return "\n".join(map(visible, text.split("\n"))) if sys.stdout.isatty() else text
 
 
-def _in_format(tables: Sequence[Table[Any]], format_: Format) -> str:
+def _in_format(tables: Sequence[Table], format_: Format) -> str:
     if format_ is Format.md:
         return "\n".join(table.to_markdown() for table in tables)
     if format_ is Format.json:

@@ -11,7 +11,7 @@ from contextlib import redirect_stdout
 from dataclasses import replace
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import pandas as pd
@@ -47,7 +47,7 @@ from data_prep.scene import UInt8Images
 READ = 8  # images of jobs held in memory, of about 1 MB each
 
 
-def score(directory: Path, metrics: Sequence[ImageMetric | SetMetric]) -> list[Table[Any]]:
+def score(directory: Path, metrics: Sequence[ImageMetric | SetMetric]) -> list[Table]:
     """Write a table for each metric into `directory`/tables as metric_ID.csv and .md; return all.
 
     Raises BadInput for a folder without a finished run, missing images, and where a metric fails or
@@ -58,7 +58,7 @@ def score(directory: Path, metrics: Sequence[ImageMetric | SetMetric]) -> list[T
         return score_run_of(run, metrics)
 
 
-def score_run_of(run: Run, metrics: Sequence[ImageMetric | SetMetric]) -> list[Table[Any]]:
+def score_run_of(run: Run, metrics: Sequence[ImageMetric | SetMetric]) -> list[Table]:
     """Return `score` of a run whose folder is locked, and write its tables."""
     for metric in metrics:
         if column(metric.id) in COLUMNS:

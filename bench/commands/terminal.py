@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
 from types import TracebackType
-from typing import Any
 
 from bench.running.run import PartialRun
 from bench.tables.table import TABLES, Table
@@ -18,7 +17,7 @@ WIDEST, MOST_LINES = 100, 40
 SHARE = 0.02  # of the time of a run that goes into tables in between, at most
 
 
-def shown(table: Table[Any], lines: int = MOST_LINES) -> list[str]:
+def shown(table: Table, lines: int = MOST_LINES) -> list[str]:
     """Return the headline table as text, as wide as the terminal and at most 100 columns."""
     width = min(WIDEST, terminal_width(WIDEST))
     title = laid_out([table.title], width)
@@ -39,7 +38,7 @@ class Terminal(AbstractContextManager["Terminal"]):
         Text before the bar, and number of jobs.
     """
 
-    def __init__(self, make: Callable[[PartialRun], Table[Any]], title: str, total: int) -> None:
+    def __init__(self, make: Callable[[PartialRun], Table], title: str, total: int) -> None:
         self._make, self._title, self._total = make, title, total
         self._next_s = 0.0  # by `time.monotonic`; before it the table is not made again
         self._lines: list[str] = []  # above the bar

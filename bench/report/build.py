@@ -235,7 +235,7 @@ _LEFT_OUT = "Left out, because drawn from the mesh behind the cloud:"
 
 
 def _glossary(
-    manifest: Mapping[str, Any], suite: Suite, tables: Sequence[Table[Any]]
+    manifest: Mapping[str, Any], suite: Suite, tables: Sequence[Table]
 ) -> list[tuple[str, list[tuple[str, str]]]]:
     """Return the meanings of metrics, methods and conditions."""
     metrics = {

@@ -68,7 +68,7 @@ def quality_frame(rows: pd.DataFrame) -> pd.DataFrame:
     return rows.drop(columns="per_object").rename(columns=names).assign(text=texts)
 
 
-def quality_panels(tables: Sequence[Table[Any]]) -> dict[tuple[str, str], SweepPanel]:
+def quality_panels(tables: Sequence[Table]) -> dict[tuple[str, str], SweepPanel]:
     """Return a panel for each metric with values, and for each class, or condition of several.
 
     The ceiling, settings of a parameter, and methods measured for their cost alone are left out.
@@ -247,7 +247,7 @@ def cost_figures(points: pd.DataFrame, styles: Styles) -> dict[str, tuple[Figure
 
 
 def write_figures(
-    directory: Path, tables: Sequence[Table[Any]], artifacts: Mapping[JobName, Artifact]
+    directory: Path, tables: Sequence[Table], artifacts: Mapping[JobName, Artifact]
 ) -> None:
     """Write robustness curves (after Tables 3 and 4), image grids and a sheet of thin parts.
 
@@ -295,8 +295,8 @@ def write_beyond_figures(
 
 def write_class_figures(
     directory: Path,
-    table: Table[Any],
-    headline: Table[Any],
+    table: Table,
+    headline: Table,
     published: Published,
     artifacts: Mapping[JobName, Artifact],
 ) -> None:

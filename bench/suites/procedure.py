@@ -27,7 +27,7 @@ class SuiteRun:
     """A run of a suite."""
 
     # Those without a layout are for scripts alone, and left out of a finished run.
-    tables: tuple[Table[Any], ...]
+    tables: tuple[Table, ...]
     figures: Mapping[str, Figure] = field(default_factory=dict)  # by name
     summary: str = ""  # the last line that `bench run` prints, to which the time is added
     printed: Sequence[str] = ()  # what it prints before; empty: the tables

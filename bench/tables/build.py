@@ -14,7 +14,7 @@ from bench.analysis.comparison import NAN
 from bench.analysis.condition_sweep import condition_curves, condition_leads
 from bench.analysis.frame import Run
 from bench.analysis.frontier import places, thinned
-from bench.analysis.orderings import Ordering, orderings
+from bench.analysis.orderings import orderings
 from bench.analysis.paired import verdicts_of
 from bench.analysis.paper import Published
 from bench.catalogue.images import ENTERED
@@ -35,7 +35,7 @@ R = TypeVar("R")
 COST = "cost.md"
 
 
-def tables(run: Run) -> list[Table[Any]]:
+def tables(run: Run) -> list[Table]:
     """Return the tables of quality that the suite of a run declares."""
     paper = paper_values(run.suite)
     with threadpool_limits(1):  # the same last digits on any number of cores
@@ -51,11 +51,11 @@ def paper_values(suite: Suite) -> Published:
     return published(suite.id) if suite.truth == "coloured" else {}
 
 
-def _of_run(run: Run, table: Table[R]) -> Table[R]:
+def _of_run(run: Run, table: Table) -> Table:
     return of_protocol(table, run.suite, run.manifest[PROTOCOL])
 
 
-def class_orderings(run: Run) -> Table[Ordering] | None:
+def class_orderings(run: Run) -> Table | None:
     """Return the paper's orderings of Table 5 on a run; None without both sides."""
     if (spec := run.suite.table("orderings")) is None:
         return None
@@ -73,7 +73,7 @@ def curves(run: Run) -> pd.DataFrame:
         return condition_curves(run.compared(run.measured(run.suite.condition_sweep)))
 
 
-def condition_sweep(run: Run) -> Table[Any] | None:
+def condition_sweep(run: Run) -> Table | None:
     """Return who is ahead of whom along the families; None without two such methods."""
     spec, metrics = run.suite.table("condition sweep"), run.measured(run.suite.condition_sweep)
     if spec is None or not metrics:
@@ -83,7 +83,7 @@ def condition_sweep(run: Run) -> Table[Any] | None:
     return None if leads.empty else _of_run(run, condition_sweep_table(spec, run.suite.id, leads))
 
 
-def frontier_tables(run: Run) -> tuple[Table[Any], Table[Any]] | None:
+def frontier_tables(run: Run) -> tuple[Table, Table] | None:
     """Return quality against cost, and against the number of points; None for other suites.
 
     They are not among `tables`: times differ from run to run, so nothing is compared with them.
@@ -105,16 +105,16 @@ class Outputs:
     """The tables of a run, by the functions of the same names."""
 
     run: Run
-    headline: Table[Any]
-    tables: tuple[Table[Any], ...]
+    headline: Table
+    tables: tuple[Table, ...]
     cost: str
-    frontier_tables: tuple[Table[Any], Table[Any]] | None
-    orderings: Table[Ordering] | None
+    frontier_tables: tuple[Table, Table] | None
+    orderings: Table | None
     curves: pd.DataFrame
-    condition_sweep: Table[Any] | None
+    condition_sweep: Table | None
 
     @property
-    def further(self) -> list[Table[Any]]:
+    def further(self) -> list[Table]:
         """Return the tables that only some suites have."""
         optional = (*(self.frontier_tables or ()), self.orderings, self.condition_sweep)
         return [table for table in optional if table is not None]

@@ -12,7 +12,7 @@ from bench.analysis.condition_sweep import FAMILY, LEADS
 from bench.catalogue.conditions import Family
 from bench.catalogue.suites import TableSpec
 from bench.tables import markdown
-from bench.tables.grid import Annotation, Block, Cell, Grid, Tags, measured, pivot, records
+from bench.tables.grid import Annotation, Block, Cell, Grid, measured, pivot, records
 from bench.tables.table import Table
 
 AHEAD = Annotation("ahead", "**{value}{interval}**")
@@ -20,7 +20,7 @@ BEHIND = Annotation("behind", "*{value}{interval}*", against=True)
 SIDES = ["family", "method", "rival"]
 
 
-def condition_sweep_table(spec: TableSpec, suite: str, leads: pd.DataFrame) -> Table[Any]:
+def condition_sweep_table(spec: TableSpec, suite: str, leads: pd.DataFrame) -> Table:
     """Return the table of the leads of a run, as `condition_leads` returns them."""
     frame = leads[LEADS].reset_index(drop=True)
     frame.insert(0, "suite", suite)
@@ -97,7 +97,6 @@ def _summary(leads: pd.DataFrame, class_name: str) -> Grid:
         },
         corner="family",
         caption=f"from end to end, {class_name}",
-        tags=Tags(class_name=class_name),
     )
 
 
@@ -115,7 +114,6 @@ def _leads(leads: pd.DataFrame, class_name: str, family: Family) -> Grid:
         corner="metric",
         caption=f"lead along {family.axis}, {class_name}",
         remark=f"In training: {shown_in_training(family)}." if family.trained else "",
-        tags=Tags(class_name=class_name),
     )
 
 

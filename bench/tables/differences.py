@@ -51,7 +51,7 @@ _WORDS = {"b": "better", "a": "worse", "tie": "not decided", "unknown": "undecid
 HINT = "Intervals: --format md"  # an option of `bench compare`
 
 
-def differences_table(differences: Differences) -> Table[Any]:
+def differences_table(differences: Differences) -> Table:
     """Return a row for each cell; people see a grid for each metric and class."""
     title = f"{differences.b} against {differences.a}, scored against {differences.truth}"
     layout = partial(_layout, differences.remarks)

@@ -22,10 +22,8 @@ from bench.tables.grid import (
     Annotation,
     Block,
     Cell,
-    ColumnHeader,
     Grid,
     TableRow,
-    Tags,
     measured,
     number,
     pivot,
@@ -45,7 +43,7 @@ MARKS = {
 CLAIMED = Annotation("claimed", "{value}{interval} *claimed*")  # of a cost
 
 
-def frontier_table(spec: TableSpec, frame: pd.DataFrame, remark: str) -> Table[Any]:
+def frontier_table(spec: TableSpec, frame: pd.DataFrame, remark: str) -> Table:
     """Return the table of the places of all methods, as `places` returns them.
 
     `remark` is what people have to know to read it.
@@ -87,7 +85,7 @@ _OF_CLAIMED = (
 )
 
 
-def points_table(spec: TableSpec, frame: pd.DataFrame) -> Table[Any]:
+def points_table(spec: TableSpec, frame: pd.DataFrame) -> Table:
     """Return the table of what fewer points lose and save, as `thinned` returns it."""
     frame = frame[[*POINTS, "claimed"]].reset_index(drop=True)
     return Table(spec.name, spec.title, frame, _points, hidden=("claimed",))
@@ -131,12 +129,11 @@ def cost_grid(compared: pd.DataFrame, metric: str, views: int, verdicts: Verdict
         for method in methods:
             cells = (rows.get((condition, class_name, method)) for condition in conditions)
             about = class_name if len(classes) > 1 else role(method)
-            tags = Tags(method=method, class_name=class_name)
-            lines.append(TableRow(method, tuple(map(_cost_of, cells)), about, tags))
+            lines.append(TableRow(method, tuple(map(_cost_of, cells)), about))
     claimed = placed["claimed"].any()
     costs = Grid(
         corner="method",
-        columns=tuple(ColumnHeader(name, Tags(condition=name)) for name in conditions),
+        columns=tuple(conditions),
         lines=tuple(lines),
         caption=f"Milliseconds for a cloud with {'its ' if views > 1 else ''}{_of_views(views)}, "
         "median over objects; beneath, what they are made of: prepare the cloud + draw a view",

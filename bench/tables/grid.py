@@ -9,7 +9,6 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from operator import attrgetter, itemgetter
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from bench.analysis.digits import decimals, is_coarse
@@ -18,19 +17,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 K = TypeVar("K")
-
-
-@dataclass(frozen=True)
-class Tags:
-    """The values that the filters of the report compare; an empty field matches any choice."""
-
-    method: str = ""
-    condition: str = ""
-    class_name: str = ""
-    outcomes: tuple[str, ...] = ()
-
-
-ANY = Tags()
 
 
 class Annotation(NamedTuple):
@@ -151,13 +137,6 @@ def shown(value: float, digits: int) -> str:
     return text if float(text) else text.removeprefix("-")
 
 
-class ColumnHeader(NamedTuple):
-    """The head of a column."""
-
-    name: str
-    tags: Tags = ANY
-
-
 @dataclass(frozen=True)
 class TableRow:
     """A row of a grid: its name, `about` it in small letters, and a cell for each column."""
@@ -165,7 +144,6 @@ class TableRow:
     name: str
     cells: tuple[Cell, ...]
     about: str = ""
-    tags: Tags = ANY
 
 
 OVER_OBJECTS = "95 % interval over objects"
@@ -182,12 +160,11 @@ class Grid:
     notes     what is missing, and why
     void      whether nothing was measured: in place of the cells Markdown has the notes alone
     higher    whether a higher value is better: the order that a first sorting gives
-    unfolded  whether the report shows it at once
     interval  what stands in brackets beside a value
     """
 
     corner: str
-    columns: tuple[ColumnHeader, ...]
+    columns: tuple[str, ...]
     lines: tuple[TableRow, ...]
     metric: str = ""
     caption: str = ""
@@ -195,8 +172,6 @@ class Grid:
     notes: tuple[str, ...] = ()
     void: bool = False
     higher: bool = True
-    unfolded: bool = True
-    tags: Tags = ANY
     interval: str = OVER_OBJECTS
 
     @property
@@ -223,11 +198,11 @@ def grid(heads: Sequence[str], lines: Iterable[Sequence[Any]], **more: Any) -> G
         TableRow(name, tuple(Cell(text) if isinstance(text, str) else text for text in cells))
         for name, *cells in lines
     )
-    return Grid(heads[0], tuple(map(ColumnHeader, heads[1:])), tuple(rows), **more)
+    return Grid(heads[0], tuple(heads[1:]), tuple(rows), **more)
 
 
 def pivot(
-    rows: pd.DataFrame | Sequence[Any],
+    frame: pd.DataFrame,
     line: str,
     column: str,
     cell: Callable[[Any], Cell],
@@ -240,7 +215,6 @@ def pivot(
     before: Mapping[str, Callable[[Any], Cell]] | None = None,
     after: Mapping[str, Callable[[Any], Cell]] | None = None,
     about: Callable[[Sequence[Any]], str] = lambda rows: "",
-    outcomes: Callable[[Sequence[Any]], tuple[str, ...]] = lambda rows: (),
     missing: Cell = NOTHING,
     **more: Any,
 ) -> Grid:
@@ -254,22 +228,20 @@ def pivot(
         Return the name of a line from its first row, and of a column from the value.
     before, after
         Further columns at both sides, from the first row of a line.
-    about, outcomes
-        Return these of a line from its rows; see `TableRow` and `Tags`.
+    about
+        Returns what stands in small letters beside a line's name, from its rows.
     missing
         Stands where there is no row.
     more
         Fields of `Grid`.
     """
-    every: Sequence[Any] = rows if isinstance(rows, Sequence) else records(rows)
-    get = attrgetter if isinstance(rows, Sequence) else itemgetter
-    line_of, column_of = get(line), get(column)
-    across = ordered(map(column_of, every)) if columns is None else list(columns)
+    rows = records(frame)
+    across = ordered(row[column] for row in rows) if columns is None else list(columns)
     before, after = before or {}, after or {}
     down = []
-    for key in ordered(map(line_of, every)) if lines is None else lines:
-        of_line = [row for row in every if line_of(row) == key]
-        at_column = {column_of(row): row for row in of_line}
+    for key in ordered(row[line] for row in rows) if lines is None else lines:
+        of_line = [row for row in rows if row[line] == key]
+        at_column = {row[column]: row for row in of_line}
         first = of_line[:1]
         cells = (
             *(further(row) for further in before.values() for row in first),
@@ -277,26 +249,14 @@ def pivot(
             *(further(row) for further in after.values() for row in first),
         )
         name = line_name(first[0]) if line_name else str(key)
-        tags = _tags(line, key, outcomes(of_line))
-        down.append(TableRow(name, cells, about(of_line), tags))
-    heads = (
-        *map(ColumnHeader, before),
-        *(ColumnHeader(column_name(name), _tags(column, name)) for name in across),
-        *map(ColumnHeader, after),
-    )
+        down.append(TableRow(name, cells, about(of_line)))
+    heads = (*before, *map(column_name, across), *after)
     return Grid(corner, heads, tuple(down), **more)
 
 
 def records(frame: pd.DataFrame) -> list[dict[str, Any]]:
     """Return the rows of a frame as mappings, numbers as those of Python."""
     return frame.to_dict("records")  # type: ignore[return-value]
-
-
-def _tags(attribute: str, value: Any, outcomes: tuple[str, ...] = ()) -> Tags:
-    field = "class_name" if attribute == "class" else attribute
-    if field not in ("method", "condition", "class_name"):
-        return Tags(outcomes=outcomes)
-    return Tags(**{field: value}, outcomes=outcomes)
 
 
 def ordered(values: Iterable[K]) -> list[K]:

@@ -53,7 +53,7 @@ def table(grid: Grid) -> str:
     if grid.void:
         return "\n".join(map(cell, grid.notes))
     notes = grid.all_notes
-    heads = [grid.corner, *(head.name for head in grid.columns)]
+    heads = [grid.corner, *grid.columns]
     rows = (row([cell(line.name), *map(_value, line.cells)]) for line in grid.lines)
     lines = [cell(grid.remark), ""] if grid.remark else []
     lines += [row(list(map(cell, heads))), "|---" * len(heads) + "|", *rows]

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
+from typing import Any
+
+import pandas as pd
 
 from bench.analysis.comparison import NAN
 from bench.analysis.intervals import FEWEST
@@ -17,37 +19,39 @@ from bench.tables.grid import (
     Block,
     Cell,
     Grid,
-    Tags,
     grid,
     measured,
     number,
-    ordered,
     pivot,
 )
-from bench.tables.table import Table, columns, constant
+from bench.tables.table import Table
 
+COLUMNS = [
+    *("suite", "condition", "class", "metric", "method", "surface", "network"),
+    *("lead", "ci_low", "ci_high", "paper_lead", "verdict", "objects"),
+]
 MARKS = {
     "reproduced": Annotation("reproduced", "**{value}{interval}**"),
     "opposite": Annotation("opposite", "{value}{interval} *opposite*", against=True),
 }
 
 
-def orderings_table(spec: TableSpec, suite: str, rows: Sequence[Ordering]) -> Table[Ordering]:
+def orderings_table(spec: TableSpec, suite: str, rows: Sequence[Ordering]) -> Table:
     """Return the table of a run's orderings, of which there has to be one."""
     network = rows[0].method
-    csv = (
-        constant("suite", suite),
-        *columns("condition", ("class", "class_name"), "metric", "method", "surface", "network"),
-        *columns(("lead", "difference.value"), ("ci_low", "difference.low")),
-        *columns(("ci_high", "difference.high"), ("paper_lead", "paper_difference")),
-        *columns("verdict", "objects"),
-    )
+    values = [
+        (
+            *(suite, row.condition, row.class_name, row.metric, row.method, row.surface),
+            *(row.network, *row.difference, row.paper_difference, row.verdict, row.objects),
+        )
+        for row in rows
+    ]
     remark = _REMARK.format(network=network, surface=SURFACE)
-    layout = partial(_layout, network)
-    return Table.of_rows(spec.name, spec.title, csv, tuple(rows), layout, remark)
+    frame = pd.DataFrame(values, columns=COLUMNS)
+    return Table(spec.name, spec.title, frame, partial(_layout, network), remark)
 
 
-def _layout(network: str, rows: Sequence[Ordering]) -> Iterator[Block]:
+def _layout(network: str, frame: pd.DataFrame) -> Iterator[Block]:
     """Yield for each condition how many orderings hold by each metric, then the differences."""
     yield (
         f"How much better {markdown.code(network)} is than `{SURFACE}`, over 0 if it is, "
@@ -57,57 +61,41 @@ def _layout(network: str, rows: Sequence[Ordering]) -> Iterator[Block]:
         f"the same; neither: undecided by so many objects, or no interval below {FEWEST}. "
         "Intervals of a metric hold in 95 % for all classes together."
     )
-    for condition in ordered(row.condition for row in rows):
-        of_condition = [row for row in rows if row.condition == condition]
-        yield f"## {markdown.cell(condition)}"
-        yield _counts(of_condition)
-        yield _differences(of_condition)
+    for condition, of_condition in frame.groupby("condition", sort=False):
+        yield f"## {markdown.cell(str(condition))}"
+        yield _counts(of_condition, f"classes at {condition}")
+        yield _differences(of_condition, f"lead at {condition}")
 
 
-def _counts(rows: Sequence[Ordering]) -> Grid:
+def _counts(frame: pd.DataFrame, caption: str) -> Grid:
     """Return in how many classes the paper's ordering holds: a line for each metric."""
     lines = []
-    for metric in ordered(row.metric for row in rows):
-        of_metric = [row for row in rows if row.metric == metric]
-        classes = [row for row in of_metric if row.class_name != AVERAGE]
-        counts = [sum(row.verdict == verdict for row in classes) for verdict in VERDICTS]
-        same = sum(row.difference.value * row.paper_difference > 0 for row in classes)
-        (average,) = (row.verdict for row in of_metric if row.class_name == AVERAGE)
-        lines.append([metric, *map(str, (*counts, same, average))])
-    condition = rows[0].condition
-    return grid(
-        ["classes", *VERDICTS, "same sign", "on average"],
-        lines,
-        caption=f"classes at {condition}",
-        tags=Tags(condition=condition),
-    )
+    for metric, of_metric in frame.groupby("metric", sort=False):
+        classes = of_metric[of_metric["class"] != AVERAGE]
+        counts = [(classes["verdict"] == verdict).sum() for verdict in VERDICTS]
+        same = (classes["lead"] * classes["paper_lead"] > 0).sum()
+        (average,) = of_metric.loc[of_metric["class"] == AVERAGE, "verdict"]
+        lines.append([str(metric), *map(str, (*counts, same, average))])
+    return grid(["classes", *VERDICTS, "same sign", "on average"], lines, caption=caption)
 
 
-def _differences(rows: Sequence[Ordering]) -> Grid:
+def _differences(frame: pd.DataFrame, caption: str) -> Grid:
     """Return the differences, classes down and metrics across."""
-    condition = rows[0].condition
-    by_class = pivot(
-        rows,
-        "class_name",
-        "metric",
-        _cell,
+    return pivot(
+        *(frame, "class", "metric", _cell),
         before={
-            "objects": lambda row: Cell(str(row.objects), row.objects),
-            "paper (FID)": lambda row: number((row.paper_difference, NAN, NAN), "{:+.1f}".format),
+            "objects": lambda row: Cell(str(row["objects"]), row["objects"]),
+            "paper (FID)": lambda row: number((row["paper_lead"], NAN, NAN), "{:+.1f}".format),
         },
         corner="class",
-        caption=f"lead at {condition}",
-        tags=Tags(condition=condition),
+        caption=caption,
     )
-    # The average is of all classes: no choice of one hides it.
-    lines = (replace(x, tags=Tags()) if x.name == AVERAGE else x for x in by_class.lines)
-    return replace(by_class, lines=tuple(lines))
 
 
-def _cell(row: Ordering) -> Cell:
-    sides = row.method, SURFACE
-    mark = MARKS.get(row.verdict)
-    return measured(row.difference, row.metric, *sides, sign="+", special=mark)
+def _cell(row: Mapping[str, Any]) -> Cell:
+    lead = row["lead"], row["ci_low"], row["ci_high"]
+    mark = MARKS.get(row["verdict"])
+    return measured(lead, row["metric"], row["method"], SURFACE, sign="+", special=mark)
 
 
 _REMARK = (

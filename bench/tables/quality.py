@@ -47,10 +47,8 @@ from bench.tables.grid import (
     NOTHING,
     Block,
     Cell,
-    ColumnHeader,
     Grid,
     TableRow,
-    Tags,
     measured,
     ordered,
     pivot,
@@ -85,25 +83,25 @@ _PUBLISHED = (
 )
 
 
-def image_table(run: Run, spec: TableSpec, published: Published) -> Table[Any]:
+def image_table(run: Run, spec: TableSpec, published: Published) -> Table:
     """Return the means over images of the suite's image metrics."""
     rows = image_rows(run, run.suite.image_metrics)
     return quality_table(spec, annotated(rows, run.manifest, published))
 
 
-def detail_table(run: Run, spec: TableSpec, published: Published) -> Table[Any]:
+def detail_table(run: Run, spec: TableSpec, published: Published) -> Table:
     """Return the means over images of the suite's detail metrics, which the paper does not have."""
     rows = image_rows(run, run.suite.detail_metrics)
     return quality_table(spec, annotated(rows, run.manifest, {}), DETAIL_REMARK)
 
 
-def set_table(run: Run, spec: TableSpec, published: Published) -> Table[Any]:
+def set_table(run: Run, spec: TableSpec, published: Published) -> Table:
     """Return the distances of methods' images to the true ones by the suite's set metrics."""
     rows = pd.concat([set_rows(run, metric) for metric in run.suite.set_metrics], ignore_index=True)
     return quality_table(spec, annotated(rows, run.manifest, published))
 
 
-def recognition_table(run: Run, spec: TableSpec, published: Published) -> Table[Any]:
+def recognition_table(run: Run, spec: TableSpec, published: Published) -> Table:
     """Return what the judge recognises in methods' images: the view, and which object it is."""
     remark = (
         "A judge tells view and shape from the image alone; `true-mesh` shows how far the judge "
@@ -119,7 +117,7 @@ def recognition_table(run: Run, spec: TableSpec, published: Published) -> Table[
     return quality_table(spec, annotated(recognition_rows(run), run.manifest, {}), remark)
 
 
-def class_table(run: Run, spec: TableSpec, published: Published) -> Table[Any]:
+def class_table(run: Run, spec: TableSpec, published: Published) -> Table:
     """Return the paper's Table 5: values by class, and their means over classes."""
     rows = annotated(class_rows(run, run.suite.class_metrics), run.manifest, published)
     return quality_table(spec, rows, class_remark(run))
@@ -144,7 +142,7 @@ def class_remark(run: Run) -> str:
     return message
 
 
-QUALITY_TABLES: Mapping[TableKind, Callable[[Run, TableSpec, Published], Table[Any]]] = {
+QUALITY_TABLES: Mapping[TableKind, Callable[[Run, TableSpec, Published], Table]] = {
     "images": image_table,
     "sets": set_table,
     "classes": class_table,
@@ -153,7 +151,7 @@ QUALITY_TABLES: Mapping[TableKind, Callable[[Run, TableSpec, Published], Table[A
 }
 
 
-def headline(run: Run, metrics: Sequence[str] | None = None) -> Table[Any]:
+def headline(run: Run, metrics: Sequence[str] | None = None) -> Table:
     """Return the table that a run shows while it goes on, and at its end: few metrics, all methods.
 
     With one class methods are down and conditions across; with several it is the mean over classes.
@@ -192,7 +190,7 @@ def headline(run: Run, metrics: Sequence[str] | None = None) -> Table[Any]:
     return of_protocol(table, suite, manifest[PROTOCOL])
 
 
-def metric_table(run: Run, metric: Any, rows: pd.DataFrame) -> Table[Any]:
+def metric_table(run: Run, metric: Any, rows: pd.DataFrame) -> Table:
     """Return the table of a further metric, which has an id, a version and a line about it."""
     better = "higher" if higher_is_better(metric.id) else "lower"
     title = f"{metric.id}, version {metric.version}: {metric.about} ({better} is better)"
@@ -200,7 +198,7 @@ def metric_table(run: Run, metric: Any, rows: pd.DataFrame) -> Table[Any]:
     return of_truth(quality_table(spec, rows), run.suite)
 
 
-def further_tables(run: Run) -> list[Table[Any]]:
+def further_tables(run: Run) -> list[Table]:
     """Return the tables of all image metrics that a run was scored by.
 
     Scores of records that have changed since are left out, and a line on stderr names them.
@@ -231,7 +229,7 @@ def annotated(
     )
 
 
-def quality_table(spec: TableSpec, rows: pd.DataFrame, remark: str = "") -> Table[Any]:
+def quality_table(spec: TableSpec, rows: pd.DataFrame, remark: str = "") -> Table:
     """Return a table of rows.
 
     Several classes at one condition are a line each, and in the paper's layout in its Table 5 only.
@@ -346,7 +344,7 @@ def _with_paper_values(
         if any(map(math.isfinite, paper)):
             texts = [f"{value:g}" if math.isfinite(value) else "-" for value in paper]
             lines.append(TableRow(f"{metric}, paper", tuple(map(Cell, texts))))
-    return Grid(corner, tuple(map(ColumnHeader, heads.values())), tuple(lines))
+    return Grid(corner, tuple(heads.values()), tuple(lines))
 
 
 def all_methods(frame: pd.DataFrame, legend: str = _LEGEND) -> Iterator[Block]:
@@ -394,24 +392,22 @@ def _grid(frame: pd.DataFrame, by_class: bool, how: str = "") -> Grid:
     skipped = ordered(row["note"] for row in rows if row["skipped"])
     if by_class:
         line, column, corner, across = "class", "method", "class", "class"
-        where, tags = f"at {first['condition']}", Tags(condition=first["condition"])
+        where = f"at {first['condition']}"
     else:
         line, column, corner, across = "method", "condition", "method", "condition"
-        where, tags = first["class"], Tags(class_name=first["class"])
+        where = first["class"]
     return pivot(
         frame,
         line,
         column,
         partial(_cell, best=best_printed(rows)),
         corner=corner,
-        outcomes=_outcomes,
         about=(lambda rows: "") if by_class else _about,
         metric=first["metric"] + how,
         caption=f"{first['metric']}{how}, {where} ({'higher' if higher else 'lower'} is better)",
         notes=tuple(skipped or _gaps(rows, across)),
         void=bool(skipped),
         higher=higher,
-        tags=tags,
     )
 
 
@@ -484,13 +480,3 @@ def _training(row: Mapping[str, Any], objective: str) -> str:
     parts = [f" on {row['trained_on']}"] if row["trained_on"] not in ("", "nothing") else []
     parts += [f" with {objective}"] if row["objective"] else []
     return "trained" + ",".join(parts) if parts else ""
-
-
-def _outcomes(rows: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
-    """Return the outcomes of the images of these rows, in the words of the records."""
-    outcomes = {
-        "failed": any(row["failed"] and not row["skipped"] for row in rows),
-        "ok": any(row["n_ok"] > 0 and not row["skipped"] for row in rows),
-        "skipped": any(row["skipped"] for row in rows),
-    }
-    return tuple(outcome for outcome, occurs in outcomes.items() if occurs)

@@ -9,11 +9,9 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, fields, replace
-from operator import attrgetter
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Generic, TypeVar
 
 import pandas as pd
 
@@ -24,39 +22,7 @@ from bench.tables.grid import Block, Grid, records
 from data_prep.files.atomic_write import write_whole
 from data_prep.progress import log
 
-R = TypeVar("R")
 TABLES = "tables"  # folder of a run
-
-
-@dataclass(frozen=True)
-class Column:
-    """A column of a CSV file.
-
-    value   returns the value of a row
-    digits  format of its floats; one that is not finite is an empty field
-    """
-
-    name: str
-    value: Callable[[Any], object]
-    digits: str = ".6f"
-
-
-def columns(*names: str | tuple[str, str], digits: str = ".6f") -> tuple[Column, ...]:
-    """Return columns of attributes: a name each, or name and path ("ci_low", "estimate.low")."""
-    pairs = [(name, name) if isinstance(name, str) else name for name in names]
-    return tuple(Column(name, attrgetter(path), digits) for name, path in pairs)
-
-
-def columns_of(kind: type, digits: str = ".6f") -> tuple[Column, ...]:
-    """Return a column for each field of a dataclass; `class_name` is the column `class`."""
-    names = [field.name for field in fields(kind)]
-    titles = {"class_name": "class"}
-    return columns(*((titles.get(name, name), name) for name in names), digits=digits)
-
-
-def constant(name: str, value: object) -> Column:
-    """Return a column that is the same in all rows."""
-    return Column(name, lambda row: value)
 
 
 def csv_text(header: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
@@ -72,7 +38,7 @@ def _csv_line(values: Iterable[object]) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class Table(Generic[R]):
+class Table:
     """A finished table.
 
     name    of its files, without suffix
@@ -90,22 +56,6 @@ class Table(Generic[R]):
     remark: str = ""
     digits: str = ".6f"
     hidden: tuple[str, ...] = ()
-    rows: tuple[R, ...] = ()
-
-    @staticmethod
-    def of_rows(
-        name: str,
-        title: str,
-        columns: Sequence[Column],
-        rows: Sequence[R],
-        layout: Callable[[Sequence[R]], Iterable[Block]] | None = None,
-        remark: str = "",
-    ) -> Table[R]:
-        """Return a table of row objects, which its layout gets in place of a frame."""
-        values = {c.name: pd.Series([c.value(row) for row in rows], dtype=object) for c in columns}
-        digits = next((c.digits for c in columns if c.digits != ".6f"), ".6f")
-        seen = None if layout is None else lambda frame: layout(rows)
-        return Table(name, title, pd.DataFrame(values), seen, remark, digits, rows=tuple(rows))
 
     def to_csv(self) -> str:
         """Return a header, and a line for each row."""
@@ -143,7 +93,7 @@ class Table(Generic[R]):
         return self.layout(self.frame) if self.layout else ()
 
 
-def of_truth(table: Table[R], suite: Suite) -> Table[R]:
+def of_truth(table: Table, suite: Suite) -> Table:
     """Return the table with the truth of its suite in its title.
 
     In grey there is a last column, for the suite alone does not tell.
@@ -152,13 +102,13 @@ def of_truth(table: Table[R], suite: Suite) -> Table[R]:
     return replace(table, title=f"{table.title}; against {TRUTHS[suite.truth]}", frame=frame)
 
 
-def of_protocol(table: Table[R], suite: Suite, version: int) -> Table[R]:
+def of_protocol(table: Table, suite: Suite, version: int) -> Table:
     """Return the table with the truth and the protocol's version in its title and as columns."""
     titled = of_truth(replace(table, frame=table.frame.assign(protocol=version)), suite)
     return replace(titled, title=f"{titled.title}; protocol {version}")
 
 
-def table_files(tables: Iterable[Table[Any]]) -> dict[str, str]:
+def table_files(tables: Iterable[Table]) -> dict[str, str]:
     """Return file names and contents: each as CSV, and as Markdown where it has a layout."""
     files = {}
     for table in tables:
@@ -168,13 +118,13 @@ def table_files(tables: Iterable[Table[Any]]) -> dict[str, str]:
     return files
 
 
-def write_tables(directory: Path, tables: Iterable[Table[Any]]) -> None:
+def write_tables(directory: Path, tables: Iterable[Table]) -> None:
     """Write tables into the folder of tables of a run, each file whole or not at all."""
     for name, text in table_files(tables).items():
         write_whole(directory / TABLES / name, text.encode())
 
 
-def remove_others(directory: Path, tables: Iterable[Table[Any]]) -> None:
+def remove_others(directory: Path, tables: Iterable[Table]) -> None:
     """Remove what is in the folder of tables of a run beside these tables, and name it."""
     written, folder = table_files(tables), directory / TABLES
     others = [

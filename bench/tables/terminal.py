@@ -118,7 +118,7 @@ def grid_lines(grids: Sequence[Grid], width: int, lines: int) -> list[str]:
 
 
 def _tables(grid: Grid, intervals: bool, width: int) -> list[Table]:
-    heads = ["", *(visible(head.name) for head in grid.columns)]
+    heads = ["", *map(visible, grid.columns)]
     lines = [
         [visible(line.name), *(_value(cell, intervals) for cell in line.cells)]
         for line in grid.lines

@@ -179,7 +179,7 @@ def latent_table(
     about: Mapping[str, str],
     subjects: Mapping[str, str],
     rows: pd.DataFrame,
-) -> Table[Any]:
+) -> Table:
     """Return a table of means with the text that readers need.
 
     about     text on each metric, by its id, in the order of the table

@@ -110,7 +110,7 @@ def _percentile(samples: pd.Series, percent: float = 50.0) -> tuple[float, int]:
     return float(np.percentile(samples, percent)) if count else math.nan, count
 
 
-def samples_table(measurements: Iterable[Measurement]) -> Table[Any]:
+def samples_table(measurements: Iterable[Measurement]) -> Table:
     """Return every timed call behind the tables, a row each, for scripts."""
     rows = [
         {name: getattr(m, name) for name in WHERE} | vars(sample)
@@ -166,7 +166,7 @@ def speed_table(
     suite: SpeedSuite,
     machine: Mapping[str, Any],
     paper: Paper,
-) -> Table[Any]:
+) -> Table:
     """Return all statistics; for people the claim of the paper, then all times.
 
     The times are a pair of grids for each condition and number of threads.
@@ -305,7 +305,7 @@ def amortised_rows(measurements: Sequence[Measurement], suite: SpeedSuite) -> pd
     return pd.DataFrame(rows, columns=["suite", *WHERE, "views", "wall_ms", "core_ms"])
 
 
-def amortised_table(rows: pd.DataFrame, suite: SpeedSuite, batch: int) -> Table[Any]:
+def amortised_table(rows: pd.DataFrame, suite: SpeedSuite, batch: int) -> Table:
     """Return the cost per image by number of views, in calls of up to `batch`."""
 
     def layout(_: pd.DataFrame) -> Iterator[Block]:

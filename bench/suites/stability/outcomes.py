@@ -183,7 +183,7 @@ NAME, TITLE = "stability_methods", "Methods at the extremes"
 COLUMNS = ["case", "group", "subject", "expected", "observed", "kind"]
 
 
-def matrix(remark: str, outcomes: pd.DataFrame) -> Table[Any]:
+def matrix(remark: str, outcomes: pd.DataFrame) -> Table:
     """Return outcomes, a row each; for people `remark`, counts by kind, expected and observed."""
     return Table(NAME, TITLE, outcomes, partial(_layout, remark))
 

@@ -50,7 +50,7 @@ def made():
 
 def test_a_pivot_of_a_frame():
     grid = made()
-    assert [head.name for head in grid.columns] == ["class", "2048", "512"]
+    assert grid.columns == ("class", "2048", "512")
     assert [(line.name, line.about) for line in grid.lines] == [
         ("a|b", "1 rows"),
         ("splat", "2 rows"),

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from rich.cells import cell_len
 
-from bench.tables.grid import BEST, OVER_OBJECTS, Cell, ColumnHeader, Grid, TableRow
+from bench.tables.grid import BEST, OVER_OBJECTS, Cell, Grid, TableRow
 from bench.tables.markdown import visible
 from bench.tables.terminal import STAR, grid_lines
 
@@ -20,7 +20,7 @@ def value(number, low, high, digits=3, **more):
 
 def grid(metric, cells, names, conditions, **more):
     lines = tuple(TableRow(name, tuple(cells(name, c) for c in conditions)) for name in names)
-    return Grid("method", tuple(map(ColumnHeader, conditions)), lines, metric, **more)
+    return Grid("method", tuple(conditions), lines, metric, **more)
 
 
 def ssim(name, condition):
