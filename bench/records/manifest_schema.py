@@ -63,7 +63,7 @@ NEEDED = (
 )
 OF_JOBS = (
     *("shard", "identities", "objectives", "conditions", "objects", "skipped_metrics"),
-    *("feature_identity", "workers", "planned"),
+    *("feature_identity", "planned"),
 )
 # Suites with a procedure of their own measure other things.
 _OF_PROCEDURES = {"latent": (), "stability": ("objects",), "speed": ("conditions", "objects")}

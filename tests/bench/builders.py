@@ -444,7 +444,7 @@ def make_manifest(**changes):
         "skipped_metrics": {"fid": SKIPPED_FID},
         "finished": "2026-01-01T00:00:00+00:00",
         **{name: {} for name in ("environment", "versions", "machine", "identities", "objectives")},
-        **{"request": {}, "feature_identity": {}, "command": [], "started": "", "workers": 1},
+        **{"request": {}, "feature_identity": {}, "command": [], "started": ""},
         **{"shard": None, "planned": 0},
     } | changes
 

@@ -98,7 +98,15 @@ def test_its_tables_are_made_again_to_the_last_digit(stored):
 
 # Without what packages of others add.
 FIELDS = read_manifest(STORED) | {"methods": ["splat", "blank"], "conditions": ["2048", "512"]}
-MAY_LACK = {"condition_identities", "code", "git", "stage_seconds", "worker_shares", "cluster"}
+MAY_LACK = {
+    "condition_identities",
+    "workers",
+    "code",
+    "git",
+    "stage_seconds",
+    "worker_shares",
+    "cluster",
+}
 OTHER_VALUE = {
     "schema_version": 9,
     "protocol": 1,
