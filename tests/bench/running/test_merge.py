@@ -253,6 +253,6 @@ def test_what_is_no_shard(text):
 
 def test_how_far_into_its_dataset_a_shard_reaches():
     """Of 11 objects shard 3 of 4 has numbers 3, 7 and 11."""
-    assert objects_to_search({"objects": ["c/a"] * 3, "shard": "3/4"}) == 12
-    assert objects_to_search({"objects": ["c/a"] * 3, "shard": None}) == 3
-    assert objects_to_search({"objects": ["c/a"] * 3}) == 3
+    three = {"objects": ["c/a"] * 3, "planned": 3}
+    assert objects_to_search({**three, "shard": "3/4"}) == 12
+    assert objects_to_search({**three, "shard": None}) == 3
