@@ -22,9 +22,9 @@ from typing import NamedTuple
 
 import pandas as pd
 
-from bench.analysis.frame import Run, read_run
 from bench.analysis.paper import AVERAGE
 from bench.analysis.run_pairs import methods_of_run
+from bench.analysis.scored_run import Run, read_run
 from bench.catalogue.chosen import BEST_RECONSTRUCTION, COSTS
 from bench.catalogue.methods import find_method, role
 from bench.tables.build import tables

@@ -22,7 +22,7 @@ from bench.records.record import TIMES
 from data_prep.arrays import Floats
 
 if TYPE_CHECKING:
-    from bench.analysis.frame import Run
+    from bench.analysis.scored_run import Run
 
 NAN = float("nan")
 Row = dict[Hashable, Any]  # of a comparison

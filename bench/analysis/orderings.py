@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 from bench.analysis.comparison import NAN, Estimate, Row
-from bench.analysis.frame import Run
 from bench.analysis.intervals import SIGNIFICANCE
 from bench.analysis.paired import CELL, LEAD, better_by, verdicts_of
 from bench.analysis.paper import AVERAGE, SURFACE, Published, network_of, paper_difference
+from bench.analysis.scored_run import Run
 from bench.catalogue.metrics import is_mean
 
 Verdict = Literal["reproduced", "opposite", "undecided", "no value"]

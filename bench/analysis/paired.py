@@ -30,7 +30,7 @@ from bench.analysis.intervals import (
 from bench.catalogue.metrics import higher_is_better, is_mean, value_range
 
 if TYPE_CHECKING:
-    from bench.analysis.frame import Run
+    from bench.analysis.scored_run import Run
 
 Ahead = Literal["a", "b", "tie", "unknown"]
 KEPT = 5  # decimals of an interval that count: sums in another order differ by 1e-6
@@ -112,12 +112,12 @@ def paired_differences(pairs: Sequence[tuple[Row, Row]]) -> pd.DataFrame:
         * `objects`: number of those that have a value on both sides; `objects_needed`: how many
           an interval takes where these are too few, else None
     """
-    rows = _differences(pairs)
+    rows = _bonferroni_differences(pairs)
     needed = pd.Series([row["objects_needed"] for row in rows], dtype=object)
     return pd.DataFrame(rows, columns=DIFFERENCES).assign(objects_needed=needed)
 
 
-def _differences(pairs: Sequence[tuple[Row, Row]]) -> list[Row]:
+def _bonferroni_differences(pairs: Sequence[tuple[Row, Row]]) -> list[Row]:
     changes = [change([b], [a]) for a, b in pairs]
     cells = sum(of_pair.error is not None for of_pair in changes)
     alpha = SIGNIFICANCE / max(cells, 1)
@@ -195,7 +195,7 @@ class Verdicts:
         if family not in self._known:
             of_a, of_b = ((self._headline if together else self._further)[m] for m in (a, b))
             cells = [c for c in of_a if c in of_b and (together or c[0] == metric)]
-            rows = _differences([(of_a[cell], of_b[cell]) for cell in cells])
+            rows = _bonferroni_differences([(of_a[cell], of_b[cell]) for cell in cells])
             self._known[family] = dict(zip(cells, rows, strict=True))
         return self._known[family][metric, condition, class_name]
 

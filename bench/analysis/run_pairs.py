@@ -12,8 +12,8 @@ import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from bench.analysis.comparison import best_first, candidates, known_objects, pooled
-from bench.analysis.frame import Run, read_run
 from bench.analysis.paired import by_method, paired_differences, two_methods
+from bench.analysis.scored_run import Run, read_run
 from bench.catalogue.chosen import BEST_RECONSTRUCTION, CHOSEN
 from bench.catalogue.lookup import instead_of
 from bench.catalogue.methods import FLOOR

@@ -16,7 +16,6 @@ import pandas as pd
 
 from bench.analysis.comparison import NAN
 from bench.analysis.distances import CellKey, FeatureDistances, SetDistance, set_distance
-from bench.analysis.frame import Run
 from bench.analysis.intervals import (
     clipped,
     interval_of_means,
@@ -26,6 +25,7 @@ from bench.analysis.intervals import (
 )
 from bench.analysis.paper import AVERAGE
 from bench.analysis.recognition import true_gallery
+from bench.analysis.scored_run import Run
 from bench.catalogue.methods import FLOOR
 from bench.catalogue.metrics import JUDGE, extractor_of, is_mean, metric_facts, value_range
 from bench.judges import answers as judge

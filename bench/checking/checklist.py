@@ -11,9 +11,9 @@ import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from bench.analysis.distances import CellKey
-from bench.analysis.frame import read_run
 from bench.analysis.paper import NETWORK, SURFACE
 from bench.analysis.recognition import true_gallery
+from bench.analysis.scored_run import read_run
 from bench.catalogue.lookup import family_of, unknown
 from bench.catalogue.methods import FLOORS, known_method
 from bench.catalogue.metrics import JUDGE

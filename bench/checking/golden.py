@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bench.analysis.frame import Run, read_run
 from bench.analysis.paper import PAPER_METHODS, PAPER_NETWORK
+from bench.analysis.scored_run import Run, read_run
 from bench.catalogue.methods import role
 from bench.catalogue.suites import STABILITY
 from bench.checking.objects import (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pandas as pd
 
-from bench.analysis.frame import Run, full_frame, unmeasured
+from bench.analysis.scored_run import Run, full_frame, unmeasured
 from bench.catalogue.metrics import is_mean
 from bench.catalogue.suites import stored_suite
 from bench.records.frames import sum_views

@@ -12,7 +12,6 @@ import pandas as pd
 import typer
 
 from bench.analysis.comparison import milliseconds
-from bench.analysis.frame import Run, read_run
 from bench.analysis.paired import verdicts_of
 from bench.analysis.recommend import (
     ALTERNATIVES,
@@ -24,6 +23,7 @@ from bench.analysis.recommend import (
     at_condition,
 )
 from bench.analysis.recommend import recommend as best_methods
+from bench.analysis.scored_run import Run, read_run
 from bench.catalogue.metrics import declared_metric
 from bench.catalogue.suites import TRUTHS
 from bench.commands.options import FormatOption, RunDirectory, names, path_argument, path_option

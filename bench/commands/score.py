@@ -19,7 +19,7 @@ import typer
 
 from bench.analysis.digits import decimals
 from bench.analysis.distances import FRECHET, KERNEL, FeatureDistances
-from bench.analysis.frame import Run, read_run
+from bench.analysis.scored_run import Run, read_run
 from bench.analysis.scores import distance_rows, image_rows
 from bench.catalogue.loaders import chosen_device
 from bench.catalogue.metrics import (

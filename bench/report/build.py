@@ -13,9 +13,9 @@ import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from bench.analysis.comparison import ALL, pooled
-from bench.analysis.frame import in_order
 from bench.analysis.frontier import places
 from bench.analysis.paired import verdicts_of
+from bench.analysis.scored_run import in_order
 from bench.catalogue.conditions import condition_words, known_condition
 from bench.catalogue.images import entered_claims
 from bench.catalogue.method import is_module_name

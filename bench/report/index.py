@@ -18,8 +18,8 @@ import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from bench.analysis.comparison import milliseconds, over_conditions, pooled, with_costs
-from bench.analysis.frame import Run, read_run
 from bench.analysis.ranks import ranking
+from bench.analysis.scored_run import Run, read_run
 from bench.catalogue.conditions import condition_words
 from bench.catalogue.methods import role
 from bench.catalogue.metrics import is_mean

@@ -111,7 +111,7 @@ def run_jobs(
     failures = 0
     with (
         progress(title, len(missing)) as advance,
-        closing(results(missing, len(missing), store, start)) as stream,
+        closing(do_and_store(missing, len(missing), store, start)) as stream,
     ):
         for result in stream:
             done[result.key] = result
@@ -120,7 +120,7 @@ def run_jobs(
     return done
 
 
-def results(
+def do_and_store(
     jobs: Iterable[Job | None],
     count: int,
     store: Store,

@@ -31,7 +31,7 @@ from bench.records.run_folder import (
 )
 from bench.records.store import STORE, DamagedJob, Store
 from bench.running.environment import now
-from bench.running.executors import JobPool, results
+from bench.running.executors import JobPool, do_and_store
 from bench.running.isolation import QUEUED, Executor
 from bench.running.options import LOCAL, Options, workers_of
 from bench.running.plan import Plan, plan
@@ -167,7 +167,7 @@ def run(
                 return PartialRun(directory, manifest | {"objects": objects}, planned, store)
 
             with timed("jobs", seconds):
-                jobs = results(schedule.jobs(), schedule.left, store, start, schedule.left_s)
+                jobs = do_and_store(schedule.jobs(), schedule.left, store, start, schedule.left_s)
                 interrupted = _do_jobs(jobs, schedule, snapshot, watch)
             _refuse_nothing(schedule, budget, interrupted)
             outputs, keeps_tables = None, not protocol.shown <= schedule.complete.keys()

@@ -12,11 +12,11 @@ from threadpoolctl import threadpool_limits
 
 from bench.analysis.comparison import NAN
 from bench.analysis.condition_sweep import condition_curves, condition_leads
-from bench.analysis.frame import Run
 from bench.analysis.frontier import places, thinned
 from bench.analysis.orderings import orderings
 from bench.analysis.paired import verdicts_of
 from bench.analysis.paper import Published
+from bench.analysis.scored_run import Run
 from bench.catalogue.images import ENTERED
 from bench.catalogue.suites import Suite
 from bench.records.record import TIMES

@@ -17,7 +17,6 @@ from threadpoolctl import threadpool_limits
 
 from bench.analysis.comparison import NAN
 from bench.analysis.digits import decimals, prints_better
-from bench.analysis.frame import Run
 from bench.analysis.paper import (
     AVERAGE,
     PAPER_METHODS,
@@ -26,6 +25,7 @@ from bench.analysis.paper import (
     network_of,
     published_value,
 )
+from bench.analysis.scored_run import Run
 from bench.analysis.scores import (
     HIDDEN,
     class_rows,

@@ -17,8 +17,8 @@ import pandas as pd
 import pytest
 from harness_objects import Tetrahedron
 
-from bench.analysis.frame import Run, full_frame, read_run
 from bench.analysis.intervals import distance_interval
+from bench.analysis.scored_run import Run, full_frame, read_run
 from bench.analysis.scores import HIDDEN, NOTHING, VALUE_COLUMNS
 from bench.catalogue.methods import FLOORS
 from bench.catalogue.metrics import IMAGE_METRICS, column

@@ -39,7 +39,7 @@ import pyarrow.parquet as pq
 
 import bench.running.protocol
 import bench.running.run
-from bench.analysis.frame import read_run
+from bench.analysis.scored_run import read_run
 from bench.catalogue.suites import Limits
 from bench.commands.live import LiveTable
 from bench.commands.terminal import Terminal

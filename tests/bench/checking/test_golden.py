@@ -6,7 +6,7 @@ from dataclasses import replace
 import pandas as pd
 import pytest
 
-from bench.analysis.frame import read_run
+from bench.analysis.scored_run import read_run
 from bench.catalogue.chosen import BEST_RECONSTRUCTION
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import FLOORS

@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 
 import bench.tables.published
-from bench.analysis.frame import read_run
+from bench.analysis.scored_run import read_run
 from bench.catalogue.metrics import IMAGE_METRICS, column
 from bench.catalogue.suites import SUITES, with_truth
 from bench.checking.golden import bless, check

@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 
 import bench.checking.golden
-from bench.analysis.frame import read_run
+from bench.analysis.scored_run import read_run
 from bench.catalogue.suites import SUITES
 from bench.commands.publish import run_suite
 from bench.records.run_folder import read_manifest

@@ -10,10 +10,10 @@ import pytest
 import torch
 import trimesh
 
-import bench.analysis.frame
+import bench.analysis.scored_run
 import bench.catalogue.metrics
 import bench.running.run
-from bench.analysis.frame import read_run
+from bench.analysis.scored_run import read_run
 from bench.commands.publish import run_suite
 from bench.judges.views import Labels, ViewsNetwork, to_file
 from bench.records.run_folder import read_manifest
@@ -74,7 +74,7 @@ def measured(folder, classifier, tiny_weights, tmp_path_factory):
     directory = tmp_path_factory.mktemp("classes") / "run"
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(directory.parent))  # no weights for fid
-        for module in (bench.catalogue.metrics, bench.analysis.frame):
+        for module in (bench.catalogue.metrics, bench.analysis.scored_run):
             patch.setattr(module, "VIEWS_WEIGHTS", classifier[0])
         methods = ("surface-apss", f"pc2pix@{tiny_weights}", "true-mesh", "blank")
         dataset = f"folder:{folder}"
@@ -104,7 +104,7 @@ def test_the_classes_that_the_folder_has_their_values_and_the_files(measured):
 def test_other_weights_are_not_asked(measured, monkeypatch, classifier, tmp_path):
     other = tmp_path / "other.safetensors"
     other.write_bytes(to_file(ViewsNetwork(classifier[1].labels)))
-    monkeypatch.setattr(bench.analysis.frame, "VIEWS_WEIGHTS", other)
+    monkeypatch.setattr(bench.analysis.scored_run, "VIEWS_WEIGHTS", other)
     scored = read_run(measured.directory)
     assert not scored.has("class-confidence")
     assert scored.skipped["class-confidence"] == (

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.analysis.frame import read_run
+from bench.analysis.scored_run import read_run
 from bench.catalogue.plugins import ImageMetric, SetMetric
 from bench.commands.config import read_config
 from bench.commands.score import (

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pandas as pd
 import pytest
 
-from bench.analysis.frame import read_run
+from bench.analysis.scored_run import read_run
 from bench.catalogue.methods import find_method, find_setting
 from bench.catalogue.suites import SUITES
 from bench.commands.publish import run_suite

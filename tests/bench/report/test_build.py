@@ -28,7 +28,7 @@ from PIL import Image
 from report_parser import parse
 
 from bench.analysis.digits import decimals
-from bench.analysis.frame import read_run
+from bench.analysis.scored_run import read_run
 from bench.catalogue.metrics import CONTROL_METRICS, higher_is_better
 from bench.commands.run import print_ending
 from bench.records.job import pack

@@ -10,7 +10,7 @@ from builders import make_failed, read_all, value_frame, value_row, write_all, w
 from report_parser import parse
 
 from bench.analysis.comparison import NAN
-from bench.analysis.frame import read_run
+from bench.analysis.scored_run import read_run
 from bench.report.build import read_page
 from bench.report.headline import compact_table
 from bench.report.page import rendered

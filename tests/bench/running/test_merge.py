@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.analysis.frame import read_run
+from bench.analysis.scored_run import read_run
 from bench.commands.publish import merge_shards, run_suite
 from bench.records.run_folder import (
     open_folder,

@@ -23,7 +23,7 @@ from PIL import Image
 import bench.catalogue.suites
 import bench.running.protocol
 import bench.running.run
-from bench.analysis.frame import read_run
+from bench.analysis.scored_run import read_run
 from bench.catalogue.suites import SUITES
 from bench.commands.publish import publish, run_suite
 from bench.commands.terminal import Terminal

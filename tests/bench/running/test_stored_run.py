@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.analysis.frame import read_run
+from bench.analysis.scored_run import read_run
 from bench.records.run_folder import read_manifest
 from bench.records.store import STORE
 from bench.running.options import Options

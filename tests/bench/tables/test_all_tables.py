@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.analysis.frame import read_run
+from bench.analysis.scored_run import read_run
 from bench.records.run_folder import open_folder, write_manifest
 from bench.suites.latent.codes import PATH_METRICS, PATHS
 from bench.suites.latent.run import VALUES, latent_table, means

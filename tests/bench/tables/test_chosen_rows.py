@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import pytest
 
-from bench.analysis.frame import read_run
 from bench.analysis.run_pairs import against_best, methods_of_run
+from bench.analysis.scored_run import read_run
 from bench.catalogue.chosen import BEST_LEARNED_3D, BEST_RECONSTRUCTION, CHOSEN
 from bench.catalogue.methods import METHODS as CATALOGUE
 from bench.catalogue.methods import role

@@ -8,8 +8,8 @@ import pandas as pd
 import pytest
 from report_parser import parse
 
-from bench.analysis.frame import read_run
 from bench.analysis.frontier import FRONTIER
+from bench.analysis.scored_run import read_run
 from bench.catalogue.suites import TableSpec
 from bench.report.build import read_page
 from bench.report.headline import compact_table

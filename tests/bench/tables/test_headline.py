@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.analysis.frame import read_run
 from bench.analysis.intervals import mean_interval
+from bench.analysis.scored_run import read_run
 from bench.commands.terminal import shown
 from bench.tables.build import write_outputs
 from bench.tables.quality import headline

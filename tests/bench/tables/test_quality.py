@@ -13,8 +13,8 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from bench.analysis.distances import FeatureDistances
-from bench.analysis.frame import read_run
 from bench.analysis.intervals import clipped, mean_interval, median_interval
+from bench.analysis.scored_run import read_run
 from bench.catalogue.metrics import JUDGE
 from bench.catalogue.suites import SUITES, TableSpec
 from bench.metrics import frechet_distance

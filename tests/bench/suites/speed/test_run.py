@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 import pytest
 
 import bench.suites.speed.run
-from bench.analysis.frame import read_run
+from bench.analysis.scored_run import read_run
 from bench.catalogue.suites import Limits
 from bench.records.run_folder import read_manifest
 from bench.running.isolation import WORKER_ENVIRONMENT, run_tasks, thread_counts

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.analysis.frame import read_run
+from bench.analysis.scored_run import read_run
 from bench.checking.golden import check
 from bench.records.run_folder import read_manifest
 from bench.running.options import Options

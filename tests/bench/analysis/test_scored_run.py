@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.analysis.frame import full_frame, read_run
+from bench.analysis.scored_run import full_frame, read_run
 from bench.analysis.scores import image_rows
 from bench.catalogue.metrics import column
 from bench.records.frames import sum_views

@@ -55,7 +55,7 @@ from data_prep.plugins import EXTRACTORS, announced, entry_point_names
 VIEWS = "fd-views"
 
 
-def job_sums(images: pd.DataFrame, name: str) -> pd.DataFrame:
+def sums_of_metric(images: pd.DataFrame, name: str) -> pd.DataFrame:
     """Return the sums of a column of images, NAME_sum, and the numbers, NAME_count, a row a job.
 
     NaN is no value. They are added in the order of the images, as in `sum_views`.
@@ -96,10 +96,10 @@ def full_frame(jobs: pd.DataFrame, manifest: Mapping[str, Any]) -> pd.DataFrame:
             f"records of {name}, which the manifest does not have; start the run again with its "
             "command"
         )
-    return _filled(full)
+    return _without_nan(full)
 
 
-def _filled(jobs: pd.DataFrame) -> pd.DataFrame:
+def _without_nan(jobs: pd.DataFrame) -> pd.DataFrame:
     """Return the frame with "", 0 and whole numbers where it has no value."""
     texts = {name: jobs[name].fillna("") for name in ("reason", "notes")}
     numbers = {
@@ -265,8 +265,8 @@ class Run:
 
     def with_metric(self, metric: str, images: pd.DataFrame) -> Run:
         """Return the run with the sums of a further metric of images that exist, a column of it."""
-        jobs = self.jobs.merge(job_sums(images, column(metric)), how="left", on=JOB)
-        return replace(self, jobs=_filled(jobs))
+        jobs = self.jobs.merge(sums_of_metric(images, column(metric)), how="left", on=JOB)
+        return replace(self, jobs=_without_nan(jobs))
 
     def with_scores(self, metric: ScoredMetric, images: pd.DataFrame) -> Run:
         """Return the run with a metric that `bench score` has kept, a `value` for each image."""
