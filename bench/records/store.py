@@ -91,9 +91,10 @@ class DamagedJob(BadInput):
     """
 
     def __init__(self, path: Path, key: str, what: str = "images") -> None:
+        named = key if key.isprintable() else repr(key)  # it may be damaged, too
         super().__init__(
-            f"{path}: the {what} of job {key} are missing or altered; start the run again with its "
-            "command, which finds and draws them anew"
+            f"{path}: the {what} of job {named} are missing or altered; start the run again with "
+            "its command, which finds and draws them anew"
         )
         self.path, self.key = path, key
 
