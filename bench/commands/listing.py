@@ -5,9 +5,10 @@ It answers at once: no package that is slow to import is loaded, nor a plug-in.
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -24,13 +25,9 @@ from bench.catalogue.methods import COST_VARIANTS, METHODS, PARAMETERS, RECOMMEN
 from bench.catalogue.metrics import METRICS
 from bench.catalogue.plugins import plugin_problem
 from bench.catalogue.suites import ALL_SUITES, ROBUSTNESS
-from bench.tables.terminal import ANY_WIDTH, laid_out, line_width, table
+from bench.tables.terminal import ANY_WIDTH, line_width
 from data_prep.clouds.conditions import CONDITIONS
 from data_prep.plugins import announced
-
-if TYPE_CHECKING:
-    from rich.padding import Padding
-    from rich.table import Table
 
 METHOD_KINDS = {  # the heads of their sections
     "network": "networks",
@@ -91,24 +88,30 @@ def section_lines(title: str, width: int = ANY_WIDTH) -> list[str]:
     else:
         plain = [(f"  {name}", about) for name, about in _plain_entries(title)]
         heads, entries, notes = ("", ""), plain, ()
-    return laid_out((*_blocks(heads, entries, width), *notes), width)
+    of_notes = (line for note in notes for line in textwrap.wrap(note, width))
+    return [*_lines(heads, entries, width), *of_notes]
 
 
-def _blocks(
-    heads: Sequence[str], entries: Sequence[Sequence[str]], width: int
-) -> Iterator[Table | Padding | str]:
-    """Yield a table of entries, or below each name its facts and text where these have no room."""
+def _lines(heads: Sequence[str], entries: Sequence[Sequence[str]], width: int) -> Iterator[str]:
+    """Yield a table of entries, or below each name its facts and text where these have no room.
+
+    By hand, for rich takes longer to import than all else takes.
+    """
     *fixed, _ = zip(heads, *entries, strict=True)
-    if width >= sum(max(map(len, column)) + 2 for column in fixed) + NARROWEST_TEXT:
-        yield table(heads, entries, left=len(heads))
+    widths = [max(map(len, column)) for column in fixed]
+    margin = sum(widths) + 2 * len(widths)
+    if width < margin + NARROWEST_TEXT:
+        for name, *facts, about in entries:
+            told = [f"{head} {fact}" for head, fact in zip(heads[1:], facts, strict=False) if fact]
+            yield from textwrap.wrap(name, width)
+            text = "; ".join((*told, about)) if about else ""
+            yield from textwrap.wrap(text, width, initial_indent="    ", subsequent_indent="    ")
         return
-    from rich.padding import Padding
-
-    for name, *facts, about in entries:
-        told = [f"{head} {fact}" for head, fact in zip(heads[1:], facts, strict=False) if fact]
-        yield name
-        if about:
-            yield Padding("; ".join((*told, about)), (0, 0, 0, 4))
+    for *facts, about in (heads, *entries) if any(heads) else entries:
+        start = "".join(f"{fact:<{size}}  " for fact, size in zip(facts, widths, strict=True))
+        first, *others = textwrap.wrap(about, width - margin) or [""]
+        yield f"{start}{first}".rstrip()
+        yield from (" " * margin + line for line in others)
 
 
 def _plain_entries(title: str) -> list[tuple[str, str]]:

@@ -494,3 +494,8 @@ def write_run(directory: Path, **changes) -> Path:
         write_records(directory, store)
     write_outputs(read_run(directory, manifest))
     return directory
+
+
+def drop_features(run: Path, extractor: str) -> None:
+    with closing(sqlite3.connect(run / STORE)) as database, database:
+        database.execute("DELETE FROM blob WHERE name = ?", [extractor])

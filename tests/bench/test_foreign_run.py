@@ -109,7 +109,7 @@ def test_every_entry_of_a_manifest_has_a_type(copied):
         assert "\n" not in "".join(reasons), what
         if not all(reasons) and not what.endswith("removed"):
             accepted.append(what)
-    either = {"shard x", "request None", "cluster None", "machine.memory_gib 7", "finished None"}
+    either = {"shard x", "cluster None", "machine.memory_gib 7", "finished None"}
     either |= {"merged.0.started x"} | {w for w in accepted if w.endswith(" 7") and "_s" in w}
     assert {*accepted} == either
 

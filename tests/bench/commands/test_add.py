@@ -72,7 +72,7 @@ def test_the_options_are_those_of_the_run(tmp_path):
             "a run of the suite stability; use 'bench run --suite stability --methods splat "
             "--out run'",
         ),
-        ({"request": None}, "has no options of a run"),
+        ({"request": None}, "manifest.json: not a manifest (request is None, no object)"),
     ],
 )
 def test_what_is_no_finished_run_is_refused(refused, folder, changes, message):

@@ -16,7 +16,7 @@ from bench.running.options import Options
 from bench.tables.build import write_outputs
 from data_prep.failures import BadInput
 
-from ..builders import read_all, write_all, write_run
+from ..builders import drop_features, read_all, write_all, write_run
 
 pytestmark = pytest.mark.usefixtures("few_objects")
 
@@ -70,7 +70,7 @@ def written(tmp_path_factory):
 
 def test_metrics_without_features_have_no_places(tmp_path):
     directory = write_run(tmp_path, suite=SUITE.id)
-    (directory / "features" / "fd-views.parquet").unlink()
+    drop_features(directory, "fd-views")
     frontier_tables = write_outputs(read_run(directory)).frontier_tables
     assert frontier_tables is not None
     metrics = frontier_tables[0].frame["metric"].unique().tolist()

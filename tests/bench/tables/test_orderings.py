@@ -9,6 +9,7 @@ from bench.analysis.comparison import Estimate
 from bench.analysis.distances import FeatureDistances
 from bench.analysis.intervals import (
     interval_of_means,
+    jackknife_error,
     jackknife_interval,
     mean_interval,
 )
@@ -140,7 +141,7 @@ def test_distances_are_ahead_where_they_are_smaller():
         found = row(made, k, "fd-views")
         assert found.difference.value == pytest.approx(found.surface - found.network, rel=1e-12)
         assert found.difference.value > 5  # 3 features off by 2 each: 12, less what chance gives
-        interval = jackknife_interval(found.difference.value, [-every[-1]], 0.05 / 3)
+        interval = jackknife_error([-every[-1]]).interval(found.difference.value, 0.05 / 3)
         assert found.difference[1:] == pytest.approx(interval, rel=1e-9)
     average = row(made, "average", "fd-views")
     value = np.mean([row(made, k, "fd-views").difference.value for k in LEADS])

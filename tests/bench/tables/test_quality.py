@@ -1,8 +1,6 @@
 from __future__ import annotations
 
 import shutil
-import sqlite3
-from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -20,7 +18,6 @@ from bench.catalogue.suites import SUITES, TableSpec
 from bench.metrics import frechet_distance
 from bench.records.record import GROUND_TRUTH
 from bench.records.run_folder import write_manifest
-from bench.records.store import STORE
 from bench.tables.build import tables, write_outputs
 from bench.tables.quality import (
     detail_table,
@@ -33,6 +30,7 @@ from data_prep.failures import BadInput
 from ..builders import (
     SKIPPED_FID,
     FeaturesAtHand,
+    drop_features,
     feature_index,
     frechet_interval,
     make_failed,
@@ -347,11 +345,6 @@ def test_markdown_of_names_from_a_file_system():
     reason = r"no \*faces\*\\n\* other: \[a\](b)\\u202e"
     assert f"* {method} at 2048: 1 x {reason}" in lines
     assert "``" in next(line for line in lines if ": trained with" in line)
-
-
-def drop_features(run, extractor):
-    with closing(sqlite3.connect(run / STORE)) as database, database:
-        database.execute("DELETE FROM blob WHERE name = ?", [extractor])
 
 
 def test_tables_are_reproduced_to_the_byte(tmp_path):
