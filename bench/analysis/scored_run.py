@@ -321,6 +321,7 @@ def read_run(directory: Path, manifest: dict[str, Any] | None = None, older: boo
         raise BadInput(f"{directory}: {error}") from error
     stored = {metric: read_features(directory, metric) for metric in suite.extractors}
     jobs = full_frame(read_job_sums(directory), manifest)
+    _refuse_missing(directory, jobs)
     features = {m: FeatureDistances(values) for m, values in stored.items() if values is not None}
     skipped: dict[str, str] = dict(manifest.get("skipped_metrics", {}))
     for metric in suite.extractors:
@@ -334,6 +335,17 @@ def read_run(directory: Path, manifest: dict[str, Any] | None = None, older: boo
             answers = confidences(run.cells, run.features[VIEWS], read_class_head(VIEWS_WEIGHTS))
             run = run.with_metric(metric, pd.concat(answers))
     return run
+
+
+def _refuse_missing(directory: Path, jobs: pd.DataFrame) -> None:
+    """Raise BadInput where the store has not all jobs of the manifest: means would be of fewer."""
+    missing = jobs.loc[jobs["planned"] == 0, JOB]
+    if len(missing):
+        raise BadInput(
+            f"{directory}: its store lists no job of {' '.join(missing.iloc[0])} "
+            f"({len(missing)} of {len(jobs)} are missing), which the manifest has; start the run "
+            "again with its command"
+        )
 
 
 def unmeasured(jobs: pd.DataFrame, reasons: Mapping[str, str]) -> dict[str, str]:

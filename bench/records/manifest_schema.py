@@ -6,6 +6,8 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+from bench.records.store import MOST_VIEWS
+
 _OBJECT = re.compile(r"[^/]+/.+", re.DOTALL)  # class and name
 _FACTS = {str: str}
 MOST_SHOWN = 40  # characters of a value in a message
@@ -74,7 +76,18 @@ def misfit(manifest: Mapping[str, Any]) -> str:
     needed = (*NEEDED, *_OF_PROCEDURES.get(str(manifest.get("suite")), OF_JOBS))
     if lacking := [name for name in needed if name not in manifest]:
         return f"no {', '.join(lacking)}"
-    return _misfit(manifest, SCHEMA, "")
+    return _misfit(manifest, SCHEMA, "") or _out_of_range(manifest)
+
+
+def _out_of_range(manifest: Mapping[str, Any]) -> str:
+    """Return a number that no run has, or a name that stands twice; "" where there is none."""
+    if not 1 <= manifest["views"] <= MOST_VIEWS:
+        return f"views is {manifest['views']}, not 1 to {MOST_VIEWS}"
+    for name in ("methods", "conditions", "objects"):
+        names = manifest.get(name, [])
+        if len(twice := [*dict.fromkeys(n for n in names if names.count(n) > 1)]):
+            return f"{name} has {twice[0]!r} twice"
+    return ""
 
 
 def _misfit(value: Any, wanted: Any, place: str) -> str:

@@ -173,7 +173,9 @@ def load_manifest(
     try:
         manifest = json.loads(read_file(path, MOST_BYTES))
         json.dumps(manifest, ensure_ascii=False).encode()  # lone surrogates cannot be written
-        schema = int(manifest["schema_version"])
+        schema = manifest["schema_version"]
+        if type(schema) is not int:
+            raise ValueError(f"schema_version is {schema!r:.40}, no whole number")
     except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
         if isinstance(error, BadInput):
             raise
@@ -185,7 +187,8 @@ def load_manifest(
         )
     if schema < SCHEMA_VERSION or PROTOCOL not in manifest:
         raise BadInput(
-            f"{where}: a run of version 1.0.0 or earlier, which this one does not read; "
+            f"{where}: a run of version 1.0.0 or earlier (schema {schema}, this one reads "
+            f"{SCHEMA_VERSION}), which this one does not read; "
             + (remedy or "start it again with another --out or --fresh")
         )
     again = remedy or "run again with another --out or --fresh"

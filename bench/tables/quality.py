@@ -97,7 +97,8 @@ def detail_table(run: Run, spec: TableSpec, published: Published) -> Table:
 
 def set_table(run: Run, spec: TableSpec, published: Published) -> Table:
     """Return the distances of methods' images to the true ones by the suite's set metrics."""
-    rows = pd.concat([set_rows(run, metric) for metric in run.suite.set_metrics], ignore_index=True)
+    of_metrics = [set_rows(run, metric) for metric in run.suite.set_metrics]
+    rows = pd.concat(of_metrics or [image_rows(run, [])], ignore_index=True)
     return quality_table(spec, annotated(rows, run.manifest, published))
 
 

@@ -116,7 +116,7 @@ def test_objects_that_options_cannot_choose_are_refused(repeated):
         ),
         (
             {"schema_version": 4},
-            "manifest.json: a run of version 1.0.0 or earlier, which this one does",
+            "manifest.json: a run of version 1.0.0 or earlier (schema 4, this one reads 5)",
         ),
     ],
 )

@@ -180,7 +180,7 @@ def test_shards_that_were_not_made_alike_are_refused(tmp_path, name):
     assert not (tmp_path / "whole").exists()
 
 
-@pytest.mark.parametrize("harm", ["gone", "altered", "unlisted"])
+@pytest.mark.parametrize("harm", ["gone", "altered", "unlisted", "unfinished"])
 def test_harmed_shards_are_refused_and_nothing_counts_as_finished(shards, tmp_path, harm):
     job = read_jobs(shards[0])[4]
     path = shards[0] / STORE
@@ -191,7 +191,8 @@ def test_harmed_shards_are_refused_and_nothing_counts_as_finished(shards, tmp_pa
     elif harm == "altered":
         edit_store(shards[0], f"UPDATE blob SET data = x'00' {of_job}", job.key)
     else:
-        edit_store(shards[0], "DELETE FROM job WHERE key = ?", job.key)
+        table = "job" if harm == "unfinished" else "listed"
+        edit_store(shards[0], f"DELETE FROM {table} WHERE key = ?", job.key)
         message = f"{path}: has not all jobs of {'/'.join(job.name.object)} any more; run the shard"
     with pytest.raises(BadInput, match=message):
         merge_shards(shards, tmp_path / "whole")

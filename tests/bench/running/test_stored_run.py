@@ -87,6 +87,36 @@ def rows(text):
     return list(csv.DictReader(io.StringIO(text)))
 
 
+@pytest.mark.parametrize("arguments", [("table",), ("check",), ("report",), ("compare",)])
+def test_means_are_never_of_fewer_jobs_without_a_word(stored, command, arguments):
+    with closing(sqlite3.connect(stored / STORE)) as database, database:
+        (first,) = database.execute("SELECT min(object) FROM listed").fetchone()
+        chosen = "DELETE FROM listed WHERE method = 'splat' AND condition = '512' AND object = ?"
+        database.execute(chosen, [first])
+    before = {path: path.read_bytes() for path in stored.rglob("*") if path.is_file()}
+    methods = ("--methods", "splat,blank") if arguments == ("compare",) else ()
+    status, out, err = command(*arguments, stored, *methods)
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert f"lists no job of splat 512 chair {first} (1 of " in err
+    assert {path: path.read_bytes() for path in stored.rglob("*") if path.is_file()} == before
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "told"),
+    [
+        ("methods", ["splat", "blank", "splat"], "methods has 'splat' twice"),
+        ("conditions", ["512", "512"], "conditions has '512' twice"),
+        ("objects", ["chair/a", "chair/a"], "objects has 'chair/a' twice"),
+        ("views", -5, "views is -5, not 1 to 65536"),
+        ("schema_version", True, "schema_version is True, no whole number"),
+    ],
+)
+def test_what_no_manifest_has_is_named(stored, command, field, value, told):
+    altered_manifest(lambda manifest: manifest | {field: value})(stored)
+    status, out, err = command("table", stored)
+    assert (status, out, err.count("\n"), told in err) == (2, "", 1, True)
+
+
 def test_its_tables_are_made_again_to_the_last_digit(stored):
     outputs = make_outputs(read_run(stored))
     files = table_files([*outputs.tables, *outputs.further])
@@ -187,7 +217,7 @@ without_protocol = altered_manifest(
     lambda manifest: {name: value for name, value in manifest.items() if name != "protocol"}
 )
 schema_4 = altered_manifest(lambda manifest: manifest | {"schema_version": 4})
-EARLIER = "version 1.0.0 or earlier, which this one does not read; start "
+EARLIER = "which this one does not read; start "
 
 
 @pytest.mark.parametrize("earlier", [with_store_1, schema_4, without_protocol])
