@@ -270,7 +270,11 @@ TRUTHS = (
 @pytest.mark.parametrize(
     ("manifest", "change", "message"),
     [
-        ({}, lambda r: r[r["object"] != r["object"].iloc[0]], "different objects: only "),
+        (
+            {"objects": ["chair/b", "chair/c"]},
+            lambda r: r[r["object"] != "a"],
+            "different objects: only ",
+        ),
         ({}, lambda r: r[r["view"] == 0], "different views: "),
         ({}, lambda r: r.assign(azimuth_deg=r["azimuth_deg"] + 1), "different views: view "),
         ({}, lambda r: r.assign(elevation_deg=r["elevation_deg"] + 1), "different views: view "),
