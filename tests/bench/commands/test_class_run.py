@@ -65,7 +65,7 @@ def planned_only(no_machine, monkeypatch, tmp_path):
     def stop(*arguments):
         raise BadInput("far enough")
 
-    monkeypatch.setattr(bench.running.run, "results", stop)
+    monkeypatch.setattr(bench.running.run, "do_and_store", stop)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))  # no weights for fid
 
 
