@@ -132,13 +132,13 @@ class Run:
 
     @cached_property
     def _rows(self) -> dict[CellKey, slice]:
-        """The rows of the jobs of each cell, which follow each other."""
+        """Return the rows of the jobs of each cell, which follow each other."""
         cells: Any = self.jobs.groupby(JOB[:3], sort=False).indices
         return {cell: slice(rows[0], rows[-1] + 1) for cell, rows in cells.items()}
 
     @cached_property
     def cells(self) -> list[CellKey]:
-        """The cells that have been run, by condition, method and class."""
+        """Return the cells that have been run, by condition, method and class."""
         conditions, methods, classes = (
             self.jobs[name].unique().tolist() for name in ("condition", "method", "class")
         )
@@ -147,7 +147,7 @@ class Run:
 
     @cached_property
     def reasons(self) -> dict[CellKey, Counter[str]]:
-        """The numbers of failed images by cell and reason."""
+        """Return the numbers of failed images by cell and reason."""
         reasons: dict[CellKey, Counter[str]] = {}
         failed = self.jobs[self.jobs["drawn"] < self.jobs["planned"]]
         cells = zip(*(failed[name] for name in JOB[:3]), strict=True)
@@ -162,7 +162,7 @@ class Run:
 
     @cached_property
     def objects_of(self) -> dict[str, int]:
-        """The number of objects that have been run by class, without classes of none."""
+        """Return the number of objects that have been run by class, without classes of none."""
         run = self.jobs.loc[self.jobs["planned"] > 0, ["class", "object"]].drop_duplicates()
         return {str(name): int(count) for name, count in run.groupby("class").size().items()}
 

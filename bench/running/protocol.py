@@ -95,7 +95,7 @@ class Protocol:
 
     @cached_property
     def identities(self) -> dict[str, list[Any]]:
-        """The identities of the methods by id; BadInput is raised for unusable weights."""
+        """Return the identities of the methods by id. Raises BadInput for unusable weights."""
         return {id_: method_identity(m, self.device) for id_, m in self.methods.items()}
 
     @property
