@@ -291,6 +291,8 @@ def frontier_figure(
     fontsize : float
         Of all text, points.
     """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
     cells = grouped(points, ["metric", "panel"])
     columns = min(columns, len(cells))
     rows = math.ceil(len(cells) / columns)
@@ -314,8 +316,9 @@ def frontier_figure(
         _shade_worse(axis, [1.0] * len(blank), blank)
     _legend(figure, fontsize)
     figure.draw_without_rendering()  # before it nothing has a place
+    renderer = FigureCanvasAgg(figure).get_renderer()  # one, or each text's size makes its own
     for axis, (_, of_cell) in zip(axes.flat, cells, strict=False):
-        _label_where_free(axis, of_cell, named, fontsize)
+        _label_where_free(axis, of_cell, named, fontsize, renderer)
     return figure
 
 
@@ -346,11 +349,14 @@ def _draw_costs(
             swept = [p for p in steps if p.method == family or find_setting(p.method)]
             at = [p.cost for p in swept], [p.value for p in swept]
             axis.plot(*at, color=styles[family].colour, linewidth=0.9)
+    known = points[points["method"].isin([p.method for p in rivals])]
+    thin: dict[str, Any] = {"linewidth": 0.6, "alpha": 0.6}
+    thin["colors"] = [styles[method].colour for method in known["method"]]
+    axis.vlines(known["cost"], known["low"], known["high"], **thin)
+    axis.hlines(known["value"], known["cost_low"], known["cost_high"], **thin)
     for p in rivals:
-        style, thin = styles[p.method], {"linewidth": 0.6, "alpha": 0.6}
-        axis.plot([p.cost] * 2, [p.low, p.high], color=style.colour, **thin)
-        axis.plot([p.cost_low, p.cost_high], [p.value] * 2, color=style.colour, **thin)
-        big, hollow = _is_named(p.method, named), p.verdict == "below a white image"
+        style, big = styles[p.method], _is_named(p.method, named)
+        hollow = p.verdict == "below a white image"
         label = {"label": shortened(p.method)} if big else {}
         axis.plot(p.cost, p.value, **marker(style, 6.5 if big else 3.0, hollow=hollow) | label)
     for p in points_of(points):
@@ -370,7 +376,7 @@ def _draw_frontier(axis: Any, best: pd.DataFrame) -> None:
 
 
 def _label_where_free(
-    axis: Any, points: pd.DataFrame, named: Container[str] | None, fontsize: float
+    axis: Any, points: pd.DataFrame, named: Container[str] | None, fontsize: float, renderer: Any
 ) -> None:
     """Write names beside points where they cover nothing; the legend has the others."""
     from matplotlib.transforms import Bbox
@@ -388,7 +394,7 @@ def _label_where_free(
         note.set_in_layout(False)
         for *offset, ha, va in BESIDE:
             note.set(position=offset, ha=ha, va=va)
-            box = note.get_window_extent()
+            box = note.get_window_extent(renderer)
             if axis.bbox.count_contains(box.corners()) == 4 and not box.count_overlaps(taken):
                 taken.append(box)
                 break

@@ -110,12 +110,12 @@ def of_protocol(table: Table, suite: Suite, version: int) -> Table:
 
 def table_files(tables: Iterable[Table]) -> dict[str, str]:
     """Return file names and contents: each as CSV, and as Markdown where it has a layout."""
-    files = {}
-    for table in tables:
-        files[f"{table.name}.csv"] = table.to_csv()
-        if table.layout is not None:
-            files[f"{table.name}.md"] = table.to_markdown()
-    return files
+    texts = {".csv": Table.to_csv, ".md": Table.to_markdown}
+    return {f"{table.name}{kind}": texts[kind](table) for table in tables for kind in _kinds(table)}
+
+
+def _kinds(table: Table) -> tuple[str, ...]:
+    return (".csv", ".md") if table.layout is not None else (".csv",)
 
 
 def write_tables(directory: Path, tables: Iterable[Table]) -> None:
@@ -126,7 +126,8 @@ def write_tables(directory: Path, tables: Iterable[Table]) -> None:
 
 def remove_others(directory: Path, tables: Iterable[Table]) -> None:
     """Remove what is in the folder of tables of a run beside these tables, and name it."""
-    written, folder = table_files(tables), directory / TABLES
+    written = {f"{table.name}{kind}" for table in tables for kind in _kinds(table)}
+    folder = directory / TABLES
     others = [
         path
         for path in sorted(folder.iterdir())

@@ -122,6 +122,12 @@ def test_a_value_that_prints_like_that_of_a_white_image_is_not_below_it():
     assert verdicts(places(comparison(field), 20))["splat"] == ("frontier", "")
 
 
+def test_the_same_cost_and_quality_beat_each_other_not():
+    field = {"splat": FIELD["poisson"], "poisson": FIELD["poisson"], "blank": FIELD["blank"]}
+    found = verdicts(places(comparison(field), 20))
+    assert (found["splat"], found["poisson"]) == (("frontier", ""), ("frontier", ""))
+
+
 def test_one_object_shows_nothing_clearly():
     alone = {name: (p, d, scores[:1]) for name, (p, d, scores) in FIELD.items()}
     found = {verdict for verdict, _ in verdicts(places(comparison(alone), 20)).values()}

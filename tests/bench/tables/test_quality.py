@@ -20,6 +20,7 @@ from bench.records.record import GROUND_TRUTH
 from bench.records.run_folder import write_manifest
 from bench.tables.build import tables, write_outputs
 from bench.tables.quality import (
+    best_printed,
     detail_table,
     image_table,
     recognition_table,
@@ -40,6 +41,7 @@ from ..builders import (
     rows_of,
     scored_records,
     to_frame,
+    value_row,
     write_all,
     write_run,
 )
@@ -406,3 +408,11 @@ def test_without_the_package_lpips_and_its_distances_are_skipped(tmp_path):
     assert run.measured(["ssim", "lpips", "fd-alexnet"]) == ["ssim"]
     assert all(np.isnan(row.value) for row in skipped)
     assert all(row.n_ok == row.n for row in skipped)
+
+
+def test_the_best_is_of_those_that_compete():
+    """True meshes draw the truth itself, and are no rival; equal digits share the place."""
+    values = {"true-mesh": 1.0, "blank": 0.7, "splat": 0.6, "poisson": 0.60001, "surface-bpa": 0.5}
+    rows = [value_row(method, value) for method, value in values.items()]
+    assert best_printed(rows) == {("chair", "2048", name) for name in ("splat", "poisson")}
+    assert best_printed(rows[:3]) == set()  # alone, it is the best of nothing
