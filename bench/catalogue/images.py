@@ -18,12 +18,11 @@ from dataclasses import MISSING, asdict, dataclass, fields
 from functools import partial
 from hashlib import sha256
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bench.catalogue.method import IMAGES, Method
-from data_prep.datasets.exported import ExportedObject
 from data_prep.datasets.objects import SceneObject
 from data_prep.failures import BadInput, StageFailure
 from data_prep.files.checksums import file_sha256
@@ -39,6 +38,9 @@ from data_prep.plugins import is_id
 from data_prep.rendering.images import to_float
 from data_prep.rendering.opaque_images import check_opaque_png, read_opaque_png
 from data_prep.scene import CloudOrigin, Images, PointCloud, UInt8Images, View
+
+if TYPE_CHECKING:  # it reads clouds of all formats, which tables need not
+    from data_prep.datasets.exported import ExportedObject
 
 CLAIMS = "method.toml"
 ENTERED = "entered"  # in manifests: facts by method, and under TREE the folder of the images
