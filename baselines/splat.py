@@ -16,7 +16,7 @@ from data_prep.rendering.images import to_float
 from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE, Images, PointCloud, Points, View
 
 NEAR_GREY, FAR_GREY = 0.75, 0.35  # depth cue: at the nearest and farthest point of the unit sphere
-MAX_RADIUS_PX = 16.0  # a lone point must not paint the image
+_MAX_RADIUS_PX = 16.0  # a lone point must not paint the image
 
 
 @dataclass(frozen=True)
@@ -88,12 +88,12 @@ def _nearest(points: Points) -> NDArray[np.float64]:
 def _paint(discs: Discs, view: View) -> NDArray[np.float32]:
     pixels, depth = project(discs.centres, view)
     image = np.ones((IMAGE_SIZE, IMAGE_SIZE, 3), np.float32)
-    reaches = ((pixels > -MAX_RADIUS_PX) & (pixels < IMAGE_SIZE + MAX_RADIUS_PX)).all(axis=1)
+    reaches = ((pixels > -_MAX_RADIUS_PX) & (pixels < IMAGE_SIZE + _MAX_RADIUS_PX)).all(axis=1)
     visible = np.flatnonzero((depth > 0.05 * CAMERA_DISTANCE) & reaches)
     order = visible[np.argsort(-depth[visible], kind="stable")]
     pixels, depth = pixels[order], depth[order]
     # At least half a pixel's diagonal, so that every disc covers a pixel centre.
-    radius = np.clip(discs.radius * FOCAL_PX / depth, np.sqrt(0.5), MAX_RADIUS_PX)
+    radius = np.clip(discs.radius * FOCAL_PX / depth, np.sqrt(0.5), _MAX_RADIUS_PX)
     if discs.colors is None:
         share = np.clip((depth - (CAMERA_DISTANCE - 1)) / 2, 0.0, 1.0)
         ink = (NEAR_GREY + (FAR_GREY - NEAR_GREY) * share).astype(np.float32)[:, None]

@@ -49,17 +49,17 @@ MOST_POINTS = 8192
 HOPS = 4  # of the neighbourhoods that normals are those of
 ROUNDS = 2  # of smoothing
 SMOOTHING, FEWEST_HOPS, MOST_HOPS = 4.0, 2, 12  # hops for a noise of one spacing
-CLOSING = 1.5  # radius of the disc that closes the outline, in spacings of the points
+_CLOSING = 1.5  # radius of the disc that closes the outline, in spacings of the points
 MARGIN = 0.25  # of the outline about the outermost points, in spacings
-COVERING = 1.5  # reach of what hides, in spacings
+_COVERING = 1.5  # reach of what hides, in spacings
 BEHIND = 0.5  # depth from which on a point is hidden, in spacings
 LEAST_SHARE = 1e-3
 SHARE = 0.25  # of a pixel that a sample facing the camera fills: four neighbours fill one
-MOST_PX = 16.0  # a lone point must not paint the image
+_MOST_PX = 16.0  # a lone point must not paint the image
 
 
 @dataclass(frozen=True, eq=False)
-class OrientedPoints:
+class _OrientedPoints:
     """Points [N, 3] with unit normals [N, 3] of either sign, their spacing, and notes."""
 
     points: Floats
@@ -72,7 +72,7 @@ class OrientedPoints:
 class SplatFill:
     """A renderer by projected points and pull-push, in neutral grey."""
 
-    def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> OrientedPoints:
+    def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> _OrientedPoints:
         """Smooth noisy points and find the normals; no randomness, and no order of the points.
 
         Raises StageFailure("input", ...) for an empty cloud or a non-finite point.
@@ -89,10 +89,10 @@ class SplatFill:
             exact = _smoothed(exact, noise, between)
             notes += (f"smoothed: {ROUNDS} times, {len(exact)} of {len(points)} kept",)
         (planes,) = fit_planes(exact, (HOPS,))
-        return OrientedPoints(exact, planes.normals, between, notes)
+        return _OrientedPoints(exact, planes.normals, between, notes)
 
     def draw(
-        self, state: OrientedPoints, views: Sequence[View], rng: np.random.Generator | None = None
+        self, state: _OrientedPoints, views: Sequence[View], rng: np.random.Generator | None = None
     ) -> Images:
         """Project and fill the points; no randomness."""
         del rng
@@ -102,13 +102,13 @@ class SplatFill:
         return images
 
 
-def _paint(state: OrientedPoints, view: View) -> Floats:
+def _paint(state: _OrientedPoints, view: View) -> Floats:
     depth, cosine = _nearest(state, view)
     if not np.isfinite(depth).any():
         return np.ones(depth.shape)
     between = state.spacing * FOCAL_PX / CAMERA_DISTANCE
-    coverage = outline(np.isfinite(depth), CLOSING * between, MARGIN * between)
-    shown = visible(depth, COVERING * between, BEHIND * state.spacing)
+    coverage = outline(np.isfinite(depth), _CLOSING * between, MARGIN * between)
+    shown = visible(depth, _COVERING * between, BEHIND * state.spacing)
     # Obliquely a patch covers few pixels, and most oblique normals are wrong ones, of edges. Never
     # nothing: an image of oblique points alone has to be filled too.
     weight = np.where(shown, np.maximum(SHARE * cosine, LEAST_SHARE), 0.0)
@@ -124,7 +124,7 @@ def _smoothed(points: Floats, noise: float, between: float) -> Floats:
     return dense_part(points, 1 - min(LEFT_OUT * noise, MOST_LEFT_OUT), DENSITY_NEIGHBOURS)
 
 
-def _nearest(state: OrientedPoints, view: View) -> tuple[Floats, Floats]:
+def _nearest(state: _OrientedPoints, view: View) -> tuple[Floats, Floats]:
     """Return depth and cosine of the nearest point of each pixel; depth is inf without one.
 
     The cosine is that of the angle between normal and line of sight.
@@ -147,7 +147,7 @@ def outline(occupied: NDArray[np.bool_], radius: float, margin: float) -> Floats
 
     The outline is `margin` beyond what a disc of `radius`, both in pixels, cannot reach.
     """
-    radius = min(max(radius, 1.0), MOST_PX)
+    radius = min(max(radius, 1.0), _MOST_PX)
     margin = min(max(margin, 0.5), radius)  # a lone point is a pixel
     border = int(np.ceil(radius)) + 1
     empty = np.pad(~occupied, border, constant_values=True)
@@ -162,7 +162,7 @@ def visible(depth: Floats, reach: float, tolerance: float) -> NDArray[np.bool_]:
     Hidden is a point that lies `tolerance` behind what nearer points close when they are dilated
     and eroded by `reach` pixels.
     """
-    border = int(np.ceil(min(max(reach, 1.0), MOST_PX)))
+    border = int(np.ceil(min(max(reach, 1.0), _MOST_PX)))
     side, far = 2 * border + 1, np.finfo(np.float64).max
     padded = np.pad(np.minimum(depth, far), border, constant_values=far)
     closed = ndimage.maximum_filter(ndimage.minimum_filter(padded, side), side)

@@ -43,7 +43,7 @@ COMMANDS = {  # name: module and name in it, first line of its help
     "doctor": ("doctor:doctor", "Check that everything that a run needs is installed."),
 }
 PACKAGE = "pc2pix-bench"
-INTERRUPT_EVERY_S = 1.0
+_INTERRUPT_EVERY_S = 1.0
 
 
 class Commands(Group):
@@ -197,7 +197,7 @@ def _interrupt_handler(
     def handle(signum: int, frame: object) -> None:
         nonlocal last
         now = clock()
-        if now > last + INTERRUPT_EVERY_S:
+        if now > last + _INTERRUPT_EVERY_S:
             last = now
             raise KeyboardInterrupt
 

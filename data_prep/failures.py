@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-SIMILAR = 0.5  # of difflib's ratio: "chairs" is like "chair-robustness", "nosuch" like no method
+_SIMILAR = 0.5  # of difflib's ratio: "chairs" is like "chair-robustness", "nosuch" like no method
 MOST_NAMED = 5  # of the names in a message
 
 
@@ -73,7 +73,7 @@ def unknown(
     """
     import difflib
 
-    similar = difflib.get_close_matches(wanted.lower(), names, n=1, cutoff=SIMILAR)
+    similar = difflib.get_close_matches(wanted.lower(), names, n=1, cutoff=_SIMILAR)
     guess = near or "".join(similar)
     hint = f"did you mean '{guess}'? " if guess else ""
     more = len(names) - MOST_NAMED

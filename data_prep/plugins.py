@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 METHODS = "pc2pix_bench.methods"
 METRICS = "pc2pix_bench.metrics"
 EXTRACTORS = "pc2pix_bench.extractors"
-DATASETS = "pc2pix_bench.datasets"
+_DATASETS = "pc2pix_bench.datasets"
 CONDITIONS = "pc2pix_bench.conditions"
 GROUPS = {
     "method": (METHODS,),
     "metric": (METRICS, EXTRACTORS),
-    "dataset": (DATASETS,),
+    "dataset": (_DATASETS,),
     "condition": (CONDITIONS,),
 }
 

@@ -17,7 +17,7 @@ from torch.nn import functional
 from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 Precision = Literal["float32", "bfloat16"]
-DTYPES: dict[Precision, torch.dtype] = {"float32": torch.float32, "bfloat16": torch.bfloat16}
+_DTYPES: dict[Precision, torch.dtype] = {"float32": torch.float32, "bfloat16": torch.bfloat16}
 
 
 def dtype_of(precision: Precision) -> torch.dtype:
@@ -25,9 +25,9 @@ def dtype_of(precision: Precision) -> torch.dtype:
 
     Raises ValueError for another precision.
     """
-    if precision not in DTYPES:
-        raise ValueError(f"precision must be {' or '.join(DTYPES)}, got {precision!r}")
-    return DTYPES[precision]
+    if precision not in _DTYPES:
+        raise ValueError(f"precision must be {' or '.join(_DTYPES)}, got {precision!r}")
+    return _DTYPES[precision]
 
 
 class Convolution:

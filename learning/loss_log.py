@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 FILE_NAME = "losses.csv"
 COLUMNS = 3
-SMOOTHED_SHARE = 0.05  # of the rows, in one point of the smoothed line
-LOG_RATIO = 20.0  # between the largest and the smallest smoothed value
+_SMOOTHED_SHARE = 0.05  # of the rows, in one point of the smoothed line
+_LOG_RATIO = 20.0  # between the largest and the smallest smoothed value
 
 
 class LossLog:
@@ -66,7 +66,7 @@ def _rows(path: Path, last_step: int) -> list[str]:
 
 
 @dataclass(frozen=True, eq=False)
-class Panel:
+class _Panel:
     """One loss against the steps [N]; NaN where it was left out."""
 
     name: str
@@ -78,15 +78,15 @@ class Panel:
 
 def write_loss_curves(csv: Path, png: Path, last_step: int) -> None:
     """Draw the rows of `csv` up to `last_step`; nothing where there are none."""
-    panels = make_panels(*read_losses(csv, last_step))
+    panels = _make_panels(*read_losses(csv, last_step))
     if panels:
         with atomic_write(png) as new:
             draw(panels).savefig(new, format="png", dpi=80)
 
 
-def make_panels(
+def _make_panels(
     steps: NDArray[np.int64], losses: dict[str, NDArray[np.float64]]
-) -> tuple[Panel, ...]:
+) -> tuple[_Panel, ...]:
     """Return a panel for every loss that has a value; an exact zero stands for none."""
     panels = []
     for name, values in losses.items():
@@ -95,21 +95,21 @@ def make_panels(
         if known.any():
             smooth = np.full_like(raw, np.nan)
             smooth[known] = means = _running_mean(raw[known])
-            log_scale = bool(means.min() > 0 and means.max() > LOG_RATIO * means.min())
-            panels.append(Panel(name, steps, raw, smooth, log_scale))
+            log_scale = bool(means.min() > 0 and means.max() > _LOG_RATIO * means.min())
+            panels.append(_Panel(name, steps, raw, smooth, log_scale))
     return tuple(panels)
 
 
 def _running_mean(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the mean of a window around each value [N], which is cut at the ends."""
-    half = math.ceil(SMOOTHED_SHARE * len(values) / 2)
+    half = math.ceil(_SMOOTHED_SHARE * len(values) / 2)
     total = np.concatenate([[0.0], np.cumsum(values)])
     at = np.arange(len(values))
     start, end = np.maximum(at - half, 0), np.minimum(at + half + 1, len(values))
     return (total[end] - total[start]) / (end - start)
 
 
-def draw(panels: tuple[Panel, ...]) -> Figure:
+def draw(panels: tuple[_Panel, ...]) -> Figure:
     """Return the figure with a set of axes for each panel, in rows of COLUMNS.
 
     There is at least one panel.

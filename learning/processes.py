@@ -53,7 +53,7 @@ class Processes(Protocol):
         ...
 
 
-class OneProcess:
+class _OneProcess:
     """A training in this process alone, where nothing is averaged."""
 
     rank = 0
@@ -75,10 +75,10 @@ class OneProcess:
         return [tensor]
 
 
-ONE = OneProcess()
+ONE = _OneProcess()
 
 
-class FabricProcesses:
+class _FabricProcesses:
     """A group of processes connected by Fabric: gloo between CPUs, NCCL between GPUs."""
 
     def __init__(self, fabric: Fabric) -> None:
@@ -169,7 +169,7 @@ def connect(device: torch.device) -> Processes:
         strategy="ddp",
     )
     fabric.launch()  # the processes are there already: this connects them
-    return FabricProcesses(fabric)
+    return _FabricProcesses(fabric)
 
 
 def _from_torchrun(name: str, default: int) -> int:

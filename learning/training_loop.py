@@ -33,9 +33,9 @@ from learning.processes import ONE, Processes, connect, local_rank
 from learning.weights import understanding_header
 
 Precision = Literal["float32", "bfloat16"]
-Built = TypeVar("Built")
-RATE_WINDOW_S = 60.0
-MAY_CHANGE_ON_RESUME = ("steps", "cadence")
+_Built = TypeVar("_Built")
+_RATE_WINDOW_S = 60.0
+_MAY_CHANGE_ON_RESUME = ("steps", "cadence")
 FULL_RATE = "checkpoint-full-rate.safetensors"  # of the last step before the learning rate falls
 RANDOM = "random"  # where a trainer's state holds the state of its random generator
 
@@ -293,7 +293,7 @@ def _load(
     Raises BadInput where it is not of this training.
     """
     state, step, config = checkpoint.load(path, trainer.kind)
-    for key in identity.keys() - set(MAY_CHANGE_ON_RESUME):
+    for key in identity.keys() - set(_MAY_CHANGE_ON_RESUME):
         if config.get(key) != identity[key]:
             raise BadInput(
                 f"{path}: trained with {key} = {config.get(key)!r}, asked for {identity[key]!r}; "
@@ -333,7 +333,7 @@ def hash_arrays(*arrays: NDArray[Any]) -> str:
     return digest.hexdigest()
 
 
-def seeded(seed: int, build: Callable[[], Built]) -> Built:
+def seeded(seed: int, build: Callable[[], _Built]) -> _Built:
     """Return the result of `build`, called with PyTorch's global generator seeded.
 
     The generator is restored afterwards.
@@ -371,7 +371,7 @@ class _Rate:
     def add(self, step: int) -> None:
         now = time.perf_counter()
         self.marks.append((now, step))
-        while len(self.marks) > 2 and self.marks[1][0] < now - RATE_WINDOW_S:
+        while len(self.marks) > 2 and self.marks[1][0] < now - _RATE_WINDOW_S:
             self.marks.popleft()
 
     def steps_per_s(self) -> float | None:

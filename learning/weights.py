@@ -21,13 +21,13 @@ from data_prep.files.safe_read import is_regular_file, open_file
 if TYPE_CHECKING:
     from torch import Tensor, nn
 
-NetworkT = TypeVar("NetworkT", bound="nn.Module")
+_NetworkT = TypeVar("_NetworkT", bound="nn.Module")
 
 MOST_BYTES = 2**32  # of weights or a checkpoint; pc2pix at the paper's width has one of 1.2 GB
 MOST_HEADER_BYTES = 2**24
-MOST_OBJECTIVE_LENGTH = 100
-MOST_REASON = 120  # characters of a library's complaint
-COUNTER = "num_batches_tracked"  # of BatchNorm; drawing does without
+_MOST_OBJECTIVE_LENGTH = 100
+_MOST_REASON = 120  # characters of a library's complaint
+_COUNTER = "num_batches_tracked"  # of BatchNorm; drawing does without
 
 
 def find_file(
@@ -80,7 +80,7 @@ def objective_of(path: Path) -> str:
     Raises BadInput as `card_of`.
     """
     objective = card_of(path).get("objective", "")
-    if not isinstance(objective, str) or len(objective) > MOST_OBJECTIVE_LENGTH:
+    if not isinstance(objective, str) or len(objective) > _MOST_OBJECTIVE_LENGTH:
         raise BadInput(
             f"{path}: its header cannot be read (the objective is no short text); fetch or write "
             "the file again"
@@ -136,7 +136,7 @@ def read_safetensors(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:
             header = dict(file.metadata() or {})
             return {key: file.get_tensor(key) for key in file.keys()}, header  # noqa: SIM118
     except Exception as error:  # whatever safetensors and torch raise for a type or shape
-        reason = (str(error).splitlines() or [type(error).__name__])[0][:MOST_REASON]
+        reason = (str(error).splitlines() or [type(error).__name__])[0][:_MOST_REASON]
         raise BadInput(
             f"{path}: not a whole safetensors file ({reason}); fetch or write it again"
         ) from None
@@ -212,7 +212,7 @@ def sub_state(state: Mapping[str, Tensor], name: str) -> dict[str, Tensor]:
 
 def without_counters(tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
     """Return the tensors that are stored: all but counters."""
-    return {key: value for key, value in tensors.items() if not key.endswith(COUNTER)}
+    return {key: value for key, value in tensors.items() if not key.endswith(_COUNTER)}
 
 
 def expected_shapes(network: nn.Module, prefix: str = "") -> dict[str, tuple[int, ...]]:
@@ -250,8 +250,8 @@ def check_tensors(
 
 
 def checked_network(
-    path: Path, tensors: Mapping[str, Tensor], build: Callable[[], NetworkT], remedy: str
-) -> NetworkT:
+    path: Path, tensors: Mapping[str, Tensor], build: Callable[[], _NetworkT], remedy: str
+) -> _NetworkT:
     """Return the network that `build` makes, with the tensors of a file, in evaluation mode.
 
     Raises BadInput as `check_tensors`, before the network takes memory.

@@ -15,16 +15,16 @@ from torch.nn import functional
 from data_prep.scene import CLOUD_SIZE
 from pc2pix.model_config import PAPER, ModelConfig, initialise
 
-BRANCH_CHANNELS = 64
-BRANCH_DILATIONS = (1, 2, 4, 8)
-DOWN_CHANNELS = 128
-ENCODER_STAGES = 4  # 2048, 1024, 512, 256 positions
-LAST_CHANNELS = 32
-DECODER_CHANNELS = 1024
-POINT_CHANNELS = (64, 128, 256)  # PointNet, at every width
+_BRANCH_CHANNELS = 64
+_BRANCH_DILATIONS = (1, 2, 4, 8)
+_DOWN_CHANNELS = 128
+_ENCODER_STAGES = 4  # 2048, 1024, 512, 256 positions
+_LAST_CHANNELS = 32
+_DECODER_CHANNELS = 1024
+_POINT_CHANNELS = (64, 128, 256)  # PointNet, at every width
 
 
-class NormConv1d(nn.Module):
+class _NormConv1d(nn.Module):
     """A BN-ReLU-conv1d of kernel 5 with Keras' "same" padding."""
 
     def __init__(self, cin: int, cout: int, *, dilation: int = 1, stride: int = 1) -> None:
@@ -52,24 +52,25 @@ class Encoder(nn.Module):
         super().__init__()
         self.config = config
         branch, down, last = (
-            config.scaled(channels) for channels in (BRANCH_CHANNELS, DOWN_CHANNELS, LAST_CHANNELS)
+            config.scaled(channels)
+            for channels in (_BRANCH_CHANNELS, _DOWN_CHANNELS, _LAST_CHANNELS)
         )
         self.branches = nn.ModuleList()  # per stage: four dilations side by side
         self.compress = nn.ModuleList()  # the skip path; the original's fourth one feeds nothing
         self.down = nn.ModuleList()
         cin, skip = 3, 3
-        for stage in range(ENCODER_STAGES):
+        for stage in range(_ENCODER_STAGES):
             self.branches.append(
-                nn.ModuleList(NormConv1d(cin, branch, dilation=d) for d in BRANCH_DILATIONS)
+                nn.ModuleList(_NormConv1d(cin, branch, dilation=d) for d in _BRANCH_DILATIONS)
             )
-            wide = len(BRANCH_DILATIONS) * branch + skip
-            if stage < ENCODER_STAGES - 1:
+            wide = len(_BRANCH_DILATIONS) * branch + skip
+            if stage < _ENCODER_STAGES - 1:
                 self.compress.append(nn.Conv1d(wide, branch, 1))
-                self.down.append(NormConv1d(wide, down, stride=2))
+                self.down.append(_NormConv1d(wide, down, stride=2))
                 cin, skip = down, branch
             else:
-                self.last = NormConv1d(wide, last)
-        self.dense = nn.Linear(CLOUD_SIZE // 2 ** (ENCODER_STAGES - 1) * last, config.latent_dim)
+                self.last = _NormConv1d(wide, last)
+        self.dense = nn.Linear(CLOUD_SIZE // 2 ** (_ENCODER_STAGES - 1) * last, config.latent_dim)
         initialise(self)
 
     def forward(self, points: Tensor) -> Tensor:
@@ -90,7 +91,7 @@ class Encoder(nn.Module):
             assert isinstance(branches, nn.ModuleList)
             # [B, 4 branch + skip, L], L = 2048, 1024, 512, 256
             wide = torch.cat([*(branch(x) for branch in branches), skip], dim=1)
-            if stage < ENCODER_STAGES - 1:
+            if stage < _ENCODER_STAGES - 1:
                 skip = functional.max_pool1d(functional.relu(self.compress[stage](wide)), 2)
                 x = self.down[stage](wide)  # [B, down, L / 2]
             else:
@@ -111,7 +112,7 @@ class PointNet(nn.Module):
     def __init__(self, config: ModelConfig) -> None:
         super().__init__()
         self.config = config
-        c = POINT_CHANNELS
+        c = _POINT_CHANNELS
         self.points = nn.ModuleList(nn.Linear(cin, cout) for cin, cout in pairwise((3, *c)))
         self.hidden = nn.Linear(2 * c[-1], c[-1])
         self.code = nn.Linear(c[-1], config.latent_dim)
@@ -167,7 +168,7 @@ class Decoder(nn.Module):
     def __init__(self, config: ModelConfig = PAPER) -> None:
         super().__init__()
         self.config = config
-        hidden = config.scaled(DECODER_CHANNELS)
+        hidden = config.scaled(_DECODER_CHANNELS)
         sizes = [config.latent_dim, hidden, hidden, hidden, CLOUD_SIZE * 3]
         self.layers = nn.ModuleList(nn.Linear(cin, cout) for cin, cout in pairwise(sizes))
         initialise(self)

@@ -15,7 +15,7 @@ arithmetic:
   The middle form is 2x2 products a position for each phase, 16 in all for the 36 written down in
   Table 1; the form on the right is nine, at the price of differences before and sums behind.
   `Phases` and `NineProducts` are the two, `Rows` is the former for few channels; which is fastest
-  depends on the number of channels (`upsampled`).
+  depends on the number of channels (`_upsampled`).
 - The 3x3 convolution to three channels draws 2x2 pixels at once: a 4x4 convolution of stride 2 to
   twelve channels fills the registers that three leave empty.
 - Of the first dense layer, the part that depends on the cloud is computed once for all views.
@@ -40,11 +40,11 @@ from learning.convolution import Convolution, Precision, dtype_of, normalisation
 from learning.exact import exact_inference
 from pc2pix.model import NOISE_DIM, Generator, UpBlock, sine_cosine
 
-NINE_PRODUCTS_FROM = 128  # channels; below, differences and sums cost more than they save
-VECTOR_BYTES = 64  # a register of AVX-512; what is added in shorter runs is added one by one
+_NINE_PRODUCTS_FROM = 128  # channels; below, differences and sums cost more than they save
+_VECTOR_BYTES = 64  # a register of AVX-512; what is added in shorter runs is added one by one
 # Of a block's result: stays in the cache with what is made from it. Larger tensors come fresh from
 # the operating system, too, and to touch a new page costs more than to compute what is in it.
-GROUP_BYTES = 2 << 20
+_GROUP_BYTES = 2 << 20
 ALL = 1 << 30  # images in a group on other devices: no cache to stay in, and calls are expensive
 # Matrices R with R [a, b, c] = the kernel rows in question, see above.
 _PHASE_ROWS = torch.tensor(
@@ -53,7 +53,7 @@ _PHASE_ROWS = torch.tensor(
 _PRODUCT_ROWS = torch.tensor([[-1.0, 0, 0], [1, 1, 1], [0, 0, 1]], dtype=torch.float64)
 
 
-class Upsampled(Protocol):
+class _Upsampled(Protocol):
     """The protocol of nearest x2, a 3x3 convolution, and a shortcut that is up-sampled too."""
 
     shortcuts: int  # how many times over the channels of the shortcut are wanted
@@ -63,18 +63,18 @@ class Upsampled(Protocol):
         ...
 
 
-def upsampled(kernel: Tensor, like: Sequence[int], dtype: torch.dtype) -> Upsampled:
+def _upsampled(kernel: Tensor, like: Sequence[int], dtype: torch.dtype) -> _Upsampled:
     """Return the fastest form for a float64 kernel [c, c, 3, 3] and inputs [B, c, H, W]."""
     channels = like[1]
-    if channels >= NINE_PRODUCTS_FROM:
+    if channels >= _NINE_PRODUCTS_FROM:
         return NineProducts(kernel, like, dtype)
-    if channels * dtype.itemsize < VECTOR_BYTES:
+    if channels * dtype.itemsize < _VECTOR_BYTES:
         return Rows(kernel, like, dtype)
     return Phases(kernel, like, dtype)
 
 
 class Phases:
-    """An `Upsampled` by four 2x2 convolutions.
+    """An `_Upsampled` by four 2x2 convolutions.
 
     `kernel` is [c, c, 3, 3], float64; no bias.
     """
@@ -101,7 +101,7 @@ class Phases:
 
 
 class Rows:
-    """An `Upsampled` by two 2x3 convolutions, for even and for odd rows of the result.
+    """An `_Upsampled` by two 2x3 convolutions, for even and for odd rows of the result.
 
     Each gives the pixels of two columns side by side, so that what is left to do is to interleave
     whole rows. Of its six taps a column needs four; where channels are few that is the lesser evil.
@@ -129,7 +129,7 @@ class Rows:
 
 
 class NineProducts:
-    """An `Upsampled` by differences of neighbours.
+    """An `_Upsampled` by differences of neighbours.
 
     `kernel` is [c, c, 3, 3], float64; no bias.
     """
@@ -178,12 +178,12 @@ def _dense(x: Tensor) -> Tensor:
     return x.contiguous(memory_format=torch.channels_last)
 
 
-class FoldedBlock:
+class _FoldedBlock:
     """An `UpBlock` in evaluation mode; `like` is the shape [B, cin, H, W] of its inputs."""
 
     def __init__(self, block: UpBlock, like: Sequence[int], dtype: torch.dtype) -> None:
         batch, _, h, w = like
-        self.norm = Norm(block.bn1)
+        self.norm = _Norm(block.bn1)
         conv1, conv2, shortcut = block.conv1, block.conv2, block.shortcut
         scale, shift = normalisation(block.bn2)
         kernel = conv1.weight.double() * scale[:, None, None, None]
@@ -191,7 +191,7 @@ class FoldedBlock:
         # up-sampling leaves a bias what it is, so that of conv2 may come with the shortcut
         bias = _bias(shortcut) + _bias(conv2)
         channels = conv2.in_channels
-        self.conv2 = upsampled(conv2.weight.double(), (batch, channels, h, w), dtype)
+        self.conv2 = _upsampled(conv2.weight.double(), (batch, channels, h, w), dtype)
         copies = self.conv2.shortcuts
         kernel = shortcut.weight.double().repeat(copies, 1, 1, 1)
         self.shortcut = Convolution(kernel, bias.repeat(copies), like, dtype)
@@ -202,7 +202,7 @@ class FoldedBlock:
         return self.conv2(y, self.shortcut(x))
 
 
-class Norm:
+class _Norm:
     """A BatchNorm in evaluation mode, then ReLU; the statistics stay in float32."""
 
     def __init__(self, bn: nn.BatchNorm2d) -> None:
@@ -215,11 +215,11 @@ class Norm:
         return functional.batch_norm(x, *self.arguments, eps=2.0**-64).relu_()
 
 
-class LastLayers:
+class _LastLayers:
     """The last BatchNorm, ReLU and convolution to three channels, as images in [0, 1]."""
 
     def __init__(self, generator: Generator, like: Sequence[int], dtype: torch.dtype) -> None:
-        self.norm = Norm(generator.bn)
+        self.norm = _Norm(generator.bn)
         conv = generator.conv
         kernel = conv.weight.new_zeros((2, 2, 3, conv.in_channels, 4, 4), dtype=torch.float64)
         for p in (0, 1):  # the pixel's place in its 2x2
@@ -236,16 +236,16 @@ class LastLayers:
         return torch.tanh(x).add_(1).div_(2)
 
 
-class Stack:
+class _Stack:
     """The blocks and last layers of a generator, for groups of at most `most` images.
 
     A block's result for a group takes at most `group_bytes`, or is of a single image.
     """
 
     def __init__(
-        self, generator: Generator, dtype: torch.dtype, most: int, group_bytes: int = GROUP_BYTES
+        self, generator: Generator, dtype: torch.dtype, most: int, group_bytes: int = _GROUP_BYTES
     ) -> None:
-        self.layers: list[FoldedBlock | LastLayers] = []
+        self.layers: list[_FoldedBlock | _LastLayers] = []
         self.groups: list[int] = []  # images that pass a layer together
         cpu = generator.conv.weight.device.type == "cpu"
         size, group = 4, 1
@@ -256,11 +256,11 @@ class Stack:
                 group = max(1, group_bytes // (cout * 4 * size * size * dtype.itemsize))
                 group = min(group if cpu else ALL, most)
                 self.groups.append(group)
-                self.layers.append(FoldedBlock(block, (group, cin, size, size), dtype))
+                self.layers.append(_FoldedBlock(block, (group, cin, size, size), dtype))
                 size *= 2
             self.groups.append(group)
             like = (group, generator.conv.in_channels, size, size)
-            self.layers.append(LastLayers(generator, like, dtype))
+            self.layers.append(_LastLayers(generator, like, dtype))
 
     def draw(self, x: Tensor, out: Tensor, first: int = 0) -> None:
         """Apply layers `first` and on to x, into `out`: each group to its end before the next."""
@@ -276,7 +276,7 @@ class FoldedGenerator:
     """The generator for inference, see `fold`."""
 
     def __init__(
-        self, generator: Generator, precision: Precision, group_bytes: int = GROUP_BYTES
+        self, generator: Generator, precision: Precision, group_bytes: int = _GROUP_BYTES
     ) -> None:
         self.precision: Precision = precision
         self.dtype = dtype_of(precision)
@@ -286,15 +286,15 @@ class FoldedGenerator:
         parts = [NOISE_DIM, self.config.latent_dim, 1 + self.config.azimuth_numbers]
         self.noise, self.code, self.angles = weight.split(parts, dim=1)
         self.bias = self.generator.dense.bias.detach()
-        self.for_many = Stack(self.generator, self.dtype, ALL, group_bytes)
+        self.for_many = _Stack(self.generator, self.dtype, ALL, group_bytes)
 
     @functools.cached_property
-    def for_one(self) -> Stack:
+    def for_one(self) -> _Stack:
         """Return the layers with kernels laid out for a single image.
 
         Kernels laid out for a group of 32 images are slow with one.
         """
-        return Stack(self.generator, self.dtype, 1)
+        return _Stack(self.generator, self.dtype, 1)
 
     @exact_inference()
     def __call__(

@@ -1,6 +1,6 @@
 """Loss functions: Chamfer distance, angular error, the paper's Eq. 6 and 7, reconstruction.
 
-Pure functions of tensors. `Objective` holds what the paper and the code weigh differently.
+Pure functions of tensors. `_Objective` holds what the paper and the code weigh differently.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ def reconstruction_error(drawn: Tensor, real: Tensor) -> Tensor:
 
 
 @dataclass(frozen=True)
-class Objective:
+class _Objective:
     """The weights of the terms of Eq. 6 and 7, and the error measured on the code.
 
     reconstruction_weight  of `reconstruction_error`; where it is not zero, real and drawn images
@@ -121,14 +121,14 @@ class Objective:
 
 
 OBJECTIVES = {
-    "acgan-paper": Objective(
+    "acgan-paper": _Objective(
         "mse", 1.0, 1.0, 1.0, source="paper, Eq. 6, Eq. 7 and section 3.2 (unweighted sums, MSE)"
     ),
-    "acgan-code": Objective(
+    "acgan-code": _Objective(
         "mae", 10.0, 10.0, 10.0, source="roatienza/pc2pix@23b7b46d (weights 1, 10, 10, 10; MAE)"
     ),
     # Heads of weight 10 beside a reconstruction term raised its error for hundreds of steps.
-    "paired": Objective(
+    "paired": _Objective(
         "mae", 1.0, 1.0, 1.0, source="ours: plus reconstruction", reconstruction_weight=50.0
     ),
 }
@@ -153,7 +153,7 @@ class LossTerms(NamedTuple):
 
 
 def _terms(
-    judged: DiscriminatorOutput, condition: Conditioning, real: bool, objective: Objective
+    judged: DiscriminatorOutput, condition: Conditioning, real: bool, objective: _Objective
 ) -> LossTerms:
     logit = judged.real_logit
     label = torch.ones_like(logit) if real else torch.zeros_like(logit)
@@ -176,7 +176,7 @@ def discriminator_loss(
     on_fake: DiscriminatorOutput,
     real: Conditioning,
     fake: Conditioning,
-    objective: Objective,
+    objective: _Objective,
 ) -> LossTerms:
     """Return the terms of Eq. 6: cross entropy and reconstruction of conditions, both halves.
 
@@ -192,7 +192,7 @@ def discriminator_loss(
 
 
 def generator_loss(
-    on_fake: DiscriminatorOutput, fake: Conditioning, objective: Objective
+    on_fake: DiscriminatorOutput, fake: Conditioning, objective: _Objective
 ) -> LossTerms:
     """Return the terms of Eq. 7: cross entropy to real, and the reconstruction of conditions."""
     return _terms(on_fake, fake, True, objective)

@@ -44,9 +44,9 @@ __all__ = [
 ]
 
 NOISE_DIM = 128  # z ~ U(-1, 1)
-GENERATOR_CHANNELS = (1024, 1024, 512, 256, 128, 64)  # Table 1: 4, 8, 16, 32, 64, 128 px
-DISCRIMINATOR_CHANNELS = (64, 128, 256, 512, 1024)  # Table 2: 64, 32, 16, 8, 4 px
-CODE_HEAD_CHANNELS = (256, 1024, 1024, 1024)  # Table 2
+_GENERATOR_CHANNELS = (1024, 1024, 512, 256, 128, 64)  # Table 1: 4, 8, 16, 32, 64, 128 px
+_DISCRIMINATOR_CHANNELS = (64, 128, 256, 512, 1024)  # Table 2: 64, 32, 16, 8, 4 px
+_CODE_HEAD_CHANNELS = (256, 1024, 1024, 1024)  # Table 2
 
 
 def sine_cosine(azimuth01: Tensor) -> Tensor:
@@ -150,7 +150,7 @@ class Generator(nn.Module):
     def __init__(self, config: ModelConfig = PAPER) -> None:
         super().__init__()
         self.config = config
-        c = [config.scaled(channels) for channels in GENERATOR_CHANNELS]
+        c = [config.scaled(channels) for channels in _GENERATOR_CHANNELS]
         angles = 1 + config.azimuth_numbers
         self.dense = nn.Linear(NOISE_DIM + config.latent_dim + angles, 4 * 4 * c[0])
         self.blocks = nn.ModuleList(UpBlock(cin, cout) for cin, cout in pairwise(c))
@@ -206,7 +206,7 @@ def take_scaled_codes(generator: Generator, scale: Tensor, shift: Tensor) -> Non
 # Discriminator: paper Table 2
 
 
-def spectrally_normalised(weight: Tensor, u: Tensor, *, store: bool) -> Tensor:
+def _spectrally_normalised(weight: Tensor, u: Tensor, *, store: bool) -> Tensor:
     """Return a kernel [cout, ...] divided by an estimate of its largest singular value.
 
     As in the original: one power iteration per forward pass, starting from the stored u [cout],
@@ -241,12 +241,12 @@ class SpectralConv2d(nn.Conv2d):
 
     def forward(self, input: Tensor) -> Tensor:
         """Map [B, cin, H, W] to [B, cout, H, W]."""
-        kernel = spectrally_normalised(self.weight, self.u, store=self.training)
+        kernel = _spectrally_normalised(self.weight, self.u, store=self.training)
         return functional.conv2d(input, kernel, self.bias, padding=self.kernel_size[0] // 2)
 
     def then_pool(self, x: Tensor) -> Tensor:
         """Map [B, cin, 2H, 2W] to [B, cout, H, W]: 3x3 convolution, then 2x2 average pooling."""
-        kernel = spectrally_normalised(self.weight, self.u, store=self.training)
+        kernel = _spectrally_normalised(self.weight, self.u, store=self.training)
         kernel = functional.avg_pool2d(kernel, 2, stride=1, padding=1)  # 4x4
         return functional.conv2d(x, kernel, self.bias, stride=2, padding=1)
 
@@ -262,11 +262,11 @@ class SpectralLinear(nn.Linear):
 
     def forward(self, input: Tensor) -> Tensor:
         """Map [B, cin] to [B, cout]."""
-        kernel = spectrally_normalised(self.weight, self.u, store=self.training)
+        kernel = _spectrally_normalised(self.weight, self.u, store=self.training)
         return functional.linear(input, kernel, self.bias)
 
 
-class DownBlock(nn.Module):
+class _DownBlock(nn.Module):
     """The ResBlockSN of Table 2: ReLU-conv-ReLU-conv-pool beside a 1x1 convolution and pool.
 
     The first block, too, starts with a ReLU on the raw image (code): negative pixel values reach
@@ -297,10 +297,10 @@ class Discriminator(nn.Module):
     def __init__(self, config: ModelConfig = PAPER) -> None:
         super().__init__()
         self.config = config
-        c = [3, *(config.scaled(channels) for channels in DISCRIMINATOR_CHANNELS)]
-        h = [config.scaled(channels) for channels in CODE_HEAD_CHANNELS]
-        self.blocks = nn.ModuleList(DownBlock(cin, cout) for cin, cout in pairwise(c))
-        self.last_block = DownBlock(c[-1], c[-1], pool=False)
+        c = [3, *(config.scaled(channels) for channels in _DISCRIMINATOR_CHANNELS)]
+        h = [config.scaled(channels) for channels in _CODE_HEAD_CHANNELS]
+        self.blocks = nn.ModuleList(_DownBlock(cin, cout) for cin, cout in pairwise(c))
+        self.last_block = _DownBlock(c[-1], c[-1], pool=False)
         self.code_hidden = nn.ModuleList(
             SpectralLinear(cin, cout) for cin, cout in zip([8 * 8 * c[-2], *h[:-1]], h, strict=True)
         )

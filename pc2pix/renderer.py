@@ -22,7 +22,7 @@ from pc2pix.weights import Weights
 PARTS = 8
 # Standard deviations of the training clouds. Validation clouds stay within 4, noisy ones (sigma
 # 0.5) within 14, real objects of other classes within 12; one outlier at 1,000 gives 64 or 940.
-LARGEST_CODE = 50.0
+_LARGEST_CODE = 50.0
 NoisePolicy = Literal["zero", "uniform"]
 
 
@@ -93,7 +93,7 @@ class Pc2pixRenderer:
         ------
         StageFailure
             At the stage "encode", for an empty or non-finite cloud, for a code that is not finite,
-            and for one beyond LARGEST_CODE, from which the generator draws a saturated pattern
+            and for one beyond _LARGEST_CODE, from which the generator draws a saturated pattern
             whatever the cloud.
         """
         if not len(cloud):
@@ -109,10 +109,10 @@ class Pc2pixRenderer:
         if not code.isfinite().all():
             raise StageFailure("encode", "the code is not finite")
         largest = float(code.abs().max())
-        if largest > LARGEST_CODE:
+        if largest > _LARGEST_CODE:
             raise StageFailure(
                 "encode",
-                f"the code lies {largest:.3g} standard deviations off ({LARGEST_CODE:g} at most); "
+                f"the code lies {largest:.3g} standard deviations off ({_LARGEST_CODE:g} at most); "
                 "is the cloud in the unit sphere, without outliers?",
             )
         return code
@@ -146,7 +146,7 @@ class Pc2pixRenderer:
         """
         if not views:
             return np.empty((0, IMAGE_SIZE, IMAGE_SIZE, 3), dtype=np.float32)
-        angles = normalised_angles(views)
+        angles = _normalised_angles(views)
         elevation01, azimuth01 = torch.tensor(angles, device=self.device).split(1, dim=1)
         noise = self._noise(len(views), rng)
         images = self.generator(state, elevation01, azimuth01, noise)
@@ -190,7 +190,7 @@ def parts(points: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.stack([ordered[random.permutation(len(points))[:PLAIN_POINTS]] for _ in range(PARTS)])
 
 
-def normalised_angles(views: Sequence[View]) -> list[tuple[float, float]]:
+def _normalised_angles(views: Sequence[View]) -> list[tuple[float, float]]:
     """Return elevation and azimuth of each view as the generator takes them.
 
     An azimuth is brought into -180..180 degrees first; both ends stay as they are.

@@ -31,7 +31,7 @@ from pc2pix.training_data import AutoencoderData
 
 KIND = "autoencoder"
 SHEET_CLOUDS = 8
-SHEET_VIEW = View(azimuth_deg=30.0, elevation_deg=20.0)
+_SHEET_VIEW = View(azimuth_deg=30.0, elevation_deg=20.0)
 
 
 @dataclass(frozen=True)
@@ -155,7 +155,7 @@ def dots_of(*rows: Tensor) -> NDArray[np.uint8]:
 def dots(points: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Return an image [128, 128, 3] of a cloud [N, 3]: a black pixel for each point."""
     image = np.full((IMAGE_SIZE, IMAGE_SIZE, 3), 255, dtype=np.uint8)
-    pixels, _ = project(points, SHEET_VIEW)
+    pixels, _ = project(points, _SHEET_VIEW)
     column, row = np.clip(pixels, 0, IMAGE_SIZE - 1).astype(int).T
     image[row, column] = 0
     return image

@@ -30,7 +30,7 @@ from pc2pix.training_data import AutoencoderData
 from pc2pix.weights import DECODER, Weights
 
 KIND = DECODER
-DECAY_STEPS = 500
+_DECAY_STEPS = 500
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class DecoderConfig:
     """The configuration of a decoder's training.
 
     weights        sha256 of the weights whose encoder it belongs to
-    learning_rate  of Adam at first; at step t it is divided by sqrt(1 + t / DECAY_STEPS), which
+    learning_rate  of Adam at first; at step t it is divided by sqrt(1 + t / _DECAY_STEPS), which
                    does not depend on how many steps there will be
     precision      bfloat16 is mixed precision: weights and the loss stay float32
     """
@@ -105,7 +105,7 @@ class _DecoderTrainer(NetworkTrainer):
         with self.autocast():
             decoded = self.decoder(codes)
         loss = chamfer(decoded.float(), clouds.to(self.device))
-        rate = self.config.learning_rate / math.sqrt(1 + int(self.steps_done) / DECAY_STEPS)
+        rate = self.config.learning_rate / math.sqrt(1 + int(self.steps_done) / _DECAY_STEPS)
         self.minimise(loss, self.adam, rate)
         self.steps_done += 1
         return {"chamfer": loss.detach()}
@@ -114,7 +114,7 @@ class _DecoderTrainer(NetworkTrainer):
         return {"decoder": self.decoder, "adam": self.adam, "random": self.random}
 
     def learning_rates(self, steps: int) -> str:
-        return f"{self.config.learning_rate:g} / sqrt(1 + t / {DECAY_STEPS}) after t steps"
+        return f"{self.config.learning_rate:g} / sqrt(1 + t / {_DECAY_STEPS}) after t steps"
 
     @torch.no_grad()
     def sheet(self) -> NDArray[np.uint8]:

@@ -65,12 +65,12 @@ from pc2pix.training_data import GanData
 from pc2pix.weights import GAN, Weights
 
 KIND = GAN
-SHEET_IMAGES = 8
-ENCODE_BATCH = 32
-WARM_UP_RATE = 4.0  # times the learning rate: a regression bears more than a game of two
+_SHEET_IMAGES = 8
+_ENCODE_BATCH = 32
+_WARM_UP_RATE = 4.0  # times the learning rate: a regression bears more than a game of two
 # A number of the code that never varies, or hardly beside the others, is centred, not blown up.
-MIN_CODE_STD = 1e-6
-MIN_CODE_SHARE = 1e-3
+_MIN_CODE_STD = 1e-6
+_MIN_CODE_SHARE = 1e-3
 
 
 def train_gan(
@@ -108,7 +108,7 @@ def encode_clouds(
 ) -> Tensor:
     """Return codes float32 [N, latent_dim], on the CPU, of clouds [N, 2048, 3]."""
     encoder.to(device).eval()
-    batches = torch.from_numpy(clouds).split(ENCODE_BATCH)
+    batches = torch.from_numpy(clouds).split(_ENCODE_BATCH)
     return torch.cat([encoder(batch.to(device)).cpu() for batch in batches])
 
 
@@ -141,7 +141,7 @@ class _GanTrainer(NetworkTrainer):
             codes = encode_clouds(self.encoder, data.clouds, device)
         self.code_mean = codes.mean(dim=0)
         std = codes.std(dim=0, correction=0)
-        self.code_std = std.clamp(min=max(MIN_CODE_SHARE * float(std.max()), MIN_CODE_STD))
+        self.code_std = std.clamp(min=max(_MIN_CODE_SHARE * float(std.max()), _MIN_CODE_STD))
         self.codes = (codes - self.code_mean) / self.code_std  # [N, d], of the encoder as given
         generator, discriminator = training_loop.seeded(
             config.seed, lambda: (Generator(config.model), Discriminator(config.model))
@@ -311,7 +311,7 @@ class _GanTrainer(NetworkTrainer):
 
     def _train_generator(self, total: Tensor) -> None:
         warm = self.steps_done < self.config.warm_up
-        rate = self.config.generator_lr * (WARM_UP_RATE if warm else 1.0)
+        rate = self.config.generator_lr * (_WARM_UP_RATE if warm else 1.0)
         self.minimise(total, self.generator_adam, rate)
 
     def _update_average(self) -> None:
@@ -321,7 +321,7 @@ class _GanTrainer(NetworkTrainer):
     def learning_rates(self, steps: int) -> str:
         config = self.config
         rate, warm = config.generator_lr, min(config.warm_up, steps)
-        warm_rate = WARM_UP_RATE * rate if self.paired else 0.0
+        warm_rate = _WARM_UP_RATE * rate if self.paired else 0.0
         generator = [f"generator {warm_rate:g} up to step {warm}"] if warm else []
         if steps > warm:
             generator.append(f"{'then' if warm else 'generator'} {rate:g}")
@@ -331,7 +331,7 @@ class _GanTrainer(NetworkTrainer):
     @torch.no_grad()
     def sheet(self) -> NDArray[np.uint8]:
         """Return two rows: real images, and the averaged generator's of the same (z = 0)."""
-        count = min(SHEET_IMAGES, len(self.codes))
+        count = min(_SHEET_IMAGES, len(self.codes))
         objects = torch.arange(count) * len(self.codes) // count
         views = torch.arange(count) % self.azimuth01.shape[1]
         noise = torch.zeros(count, NOISE_DIM, device=self.device)

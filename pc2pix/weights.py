@@ -58,7 +58,7 @@ DECODER_FORMAT = "pc2pix-decoder-1"
 ENCODER_NAMES = {"paper": "dilated-conv-k5", "pointnet": "pointnet-max-mean"}
 REMEDY = "write the file again with pc2pix.weights.export"
 MOST_WIDTH = 4.0  # four times the paper's
-MOST_LATENT_DIM = 4096  # eight times the paper's largest
+_MOST_LATENT_DIM = 4096  # eight times the paper's largest
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,8 +156,8 @@ def _sane(config: ModelConfig) -> ModelConfig:
 
     Raises ValueError where its numbers are none that anybody has trained.
     """
-    if not isinstance(config.latent_dim, int) or config.latent_dim > MOST_LATENT_DIM:
-        raise ValueError(f"latent_dim {config.latent_dim}, expected up to {MOST_LATENT_DIM}")
+    if not isinstance(config.latent_dim, int) or config.latent_dim > _MOST_LATENT_DIM:
+        raise ValueError(f"latent_dim {config.latent_dim}, expected up to {_MOST_LATENT_DIM}")
     if config.width > MOST_WIDTH:
         raise ValueError(f"width {config.width}, expected up to {MOST_WIDTH}")
     return config
@@ -170,12 +170,12 @@ def decoder_path(name_or_path: str | Path) -> Path:
     return weights.with_name(f"{weights.stem}-decoder.safetensors")
 
 
-def training_command(name_or_path: str | Path) -> str:
+def _training_command(name_or_path: str | Path) -> str:
     """Return the command that makes the decoder of these weights."""
     return f"bench train decoder --weights {name_or_path}"
 
 
-def find_decoder(name_or_path: str | Path) -> Path:
+def _find_decoder(name_or_path: str | Path) -> Path:
     """Return the file of these weights' decoder; a bundled one's checksum is verified.
 
     Raises BadInput, with the command that makes it, where it is missing.
@@ -184,7 +184,7 @@ def find_decoder(name_or_path: str | Path) -> Path:
     if not is_regular_file(path):
         raise BadInput(
             f"{path}: there is no decoder for these weights; "
-            f"make it with '{training_command(name_or_path)}'"
+            f"make it with '{_training_command(name_or_path)}'"
         )
     expected = BUNDLED_DECODERS.get(str(name_or_path))
     actual = file_sha256(path)
@@ -225,8 +225,8 @@ def load_decoder(name_or_path: str | Path, weights: Weights) -> tuple[Decoder, s
     """
     from pc2pix.model import Decoder, ModelConfig
 
-    path = find_decoder(name_or_path)
-    command = training_command(name_or_path)
+    path = _find_decoder(name_or_path)
+    command = _training_command(name_or_path)
     tensors, header = read_weights(path, DECODER_FORMAT, f"make it with '{command}'")
     if header.get("weights") != weights.sha256:
         raise BadInput(

@@ -76,7 +76,7 @@ VERDICTS: Mapping[str, str] = {
     "unknown": "not decided",
 }
 FRONTIER = {"frontier": "frontier", "below a white image": "below white"}
-PLACE = re.compile(
+_PLACE = re.compile(
     re.escape(BEGIN) + r"(?P<asked>[^>]*?)-->\n(?P<table>.*?)" + re.escape(END), re.S
 )
 
@@ -87,7 +87,7 @@ class Unfilled(ValueError):
     """The error for a marked place that cannot be filled; it names page and line."""
 
 
-class DocumentColumn(NamedTuple):
+class _DocumentColumn(NamedTuple):
     """A column of a table, with its source."""
 
     head: str
@@ -115,7 +115,7 @@ def _table(asked: str, numbers: Path) -> str:
     rows = _combinations(chosen.pop("rows"))
     columns = [_single_column(text.split(";"), rows) for name, text in options if name == "column"]
     columns = columns or [
-        DocumentColumn(
+        _DocumentColumn(
             ", ".join(_in_words(column)),
             file,
             chosen | column,
@@ -132,12 +132,12 @@ def _table(asked: str, numbers: Path) -> str:
     return markdown(head, body, len(fields))
 
 
-def _single_column(parts: Sequence[str], rows: Sequence[Line]) -> DocumentColumn:
+def _single_column(parts: Sequence[str], rows: Sequence[Line]) -> _DocumentColumn:
     head, file, *rest = parts
     pairs = dict(part.split(":", 1) for part in rest)
     shown, values = pairs.pop("show", ""), {value for row in rows for value in row.values()}
     renamed = {name: pairs.pop(name) for name in [*pairs] if name in values}
-    return DocumentColumn(head.replace("_", " "), file, pairs, shown, renamed, gaps=True)
+    return _DocumentColumn(head.replace("_", " "), file, pairs, shown, renamed, gaps=True)
 
 
 def _combinations(axis: str) -> list[dict[str, str]]:
@@ -182,11 +182,11 @@ def filled(text: str, page: str, numbers: Path = NUMBERS) -> str:
         note = f"\n{FEWER}. " if explained else ""
         return f"{BEGIN}{mark['asked']}-->\n{written}{note}{END}"
 
-    whole = {mark.start() for mark in PLACE.finditer(text)}
+    whole = {mark.start() for mark in _PLACE.finditer(text)}
     for mark in re.finditer(re.escape(BEGIN), text):
         if mark.start() not in whole:
             raise Unfilled(f"{page}:{_line(text, mark.start())}: a mark without '{END}'")
-    return PLACE.sub(table, text)
+    return _PLACE.sub(table, text)
 
 
 def _line(text: str, place: int) -> int:
@@ -194,17 +194,17 @@ def _line(text: str, place: int) -> int:
 
 
 def _cells(
-    column: DocumentColumn, rows: Sequence[Line], intervals: bool, numbers: Path
+    column: _DocumentColumn, rows: Sequence[Line], intervals: bool, numbers: Path
 ) -> list[str]:
     renamed = [
         {name: column.renamed.get(value, value) for name, value in row.items()} for row in rows
     ]
     if column.file == CATALOGUE:
         return [find_method(row["method"]).trained_on or GAP for row in renamed]
-    lines = read_lines([column.file], column.wanted, numbers)
+    lines = _read_lines([column.file], column.wanted, numbers)
     if column.gaps and not lines:
         raise ValueError(f"no line for the column '{column.head}'")
-    verdicts = read_lines(filter(None, column.marks.split(",")), column.marked, numbers)
+    verdicts = _read_lines(filter(None, column.marks.split(",")), column.marked, numbers)
     cells = []
     for row in renamed:
         matching = [line for line in lines if _has(line, row)]
@@ -219,7 +219,7 @@ def _cells(
     return cells
 
 
-def read_lines(
+def _read_lines(
     names: Iterable[str], wanted: Mapping[str, str], numbers: Path = NUMBERS
 ) -> list[Line]:
     """Return the lines of CSV files that have the wanted values.
@@ -233,7 +233,7 @@ def read_lines(
     return lines
 
 
-def _mark(verdicts: Sequence[Line], row: Line, column: DocumentColumn) -> str:
+def _mark(verdicts: Sequence[Line], row: Line, column: _DocumentColumn) -> str:
     """Return the verdict on the method of a row, or nothing without a comparison of it."""
     wanted = {**column.wanted, **row, **column.marked}
     wanted["method_b"] = wanted.pop("method", "")

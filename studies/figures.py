@@ -46,7 +46,7 @@ def read(file: str, methods: Sequence[str] = (), **wanted: object) -> pd.DataFra
     return rows[places.notna()].assign(place=places).sort_values("place", kind="stable")
 
 
-def draw_conditions(file: str, methods: Sequence[str]) -> Figure:
+def _draw_conditions(file: str, methods: Sequence[str]) -> Figure:
     """Draw two metrics against the conditions, with a gap between points and noise."""
     shown = []
     for metric in METRICS:
@@ -58,7 +58,7 @@ def draw_conditions(file: str, methods: Sequence[str]) -> Figure:
     return quality_figure(shown, method_styles(methods), panel_in=3.0)
 
 
-def draw_classes(file: str, methods: Sequence[str]) -> Figure:
+def _draw_classes(file: str, methods: Sequence[str]) -> Figure:
     """Draw differences of methods to the best reconstruction by class, so that right is better.
 
     `file` has their comparisons. A hollow point is not decided.
@@ -76,7 +76,7 @@ def draw_classes(file: str, methods: Sequence[str]) -> Figure:
     return figure
 
 
-def draw_paper_classes(file: str, metric: str, methods: Sequence[str]) -> Figure:
+def _draw_paper_classes(file: str, metric: str, methods: Sequence[str]) -> Figure:
     """Draw a distance by class beside the FID of the paper, so that right is better."""
     ours, paper = read(file, methods, metric=metric), read(file, methods, metric="fid")
     dots = pd.concat(
@@ -89,7 +89,7 @@ def draw_paper_classes(file: str, metric: str, methods: Sequence[str]) -> Figure
     return dots_figure(dots, method_styles(methods))
 
 
-def draw_frontier(methods: Sequence[str]) -> Figure:
+def _draw_frontier(methods: Sequence[str]) -> Figure:
     """Draw quality against cost at three conditions; small dots are settings and other methods.
 
     The frontier is that of all methods that there are.
@@ -113,14 +113,14 @@ def draw_frontier(methods: Sequence[str]) -> Figure:
     return frontier_figure(frame, styles, "milliseconds for 20 views", named=methods, **size)
 
 
-def draw_families(file: str, methods: Sequence[str]) -> Figure:
+def _draw_families(file: str, methods: Sequence[str]) -> Figure:
     """Draw metrics along each family of conditions, worse clouds to the right."""
     values = pd.concat(read(file, methods, metric=metric) for metric in METRICS)
     curves = condition_curves(values.rename(columns={"low": "ci_low", "high": "ci_high"}))
     return family_figure(family_panels(curves), method_styles(methods))
 
 
-def draw_view_costs(methods: Sequence[str]) -> Figure:
+def _draw_view_costs(methods: Sequence[str]) -> Figure:
     """Draw the time of an image by the number of views of its cloud; here down is better."""
     return amortised_figure(read("amortised.csv", methods, threads=1))
 
@@ -129,24 +129,24 @@ CHAIR = "splat-net@chair"
 OTHERS = ("best-reconstruction", "pc2pix", "surface-apss", FLOOR)
 KNOWN = (CHAIR, "splat-net", "fused-net", *OTHERS)
 REAL = ("fused-net@grey", "splat-net@grey")
-BEYOND = (CHAIR, "pc2pix", "surface-apss", FLOOR)
+_BEYOND = (CHAIR, "pc2pix", "surface-apss", FLOOR)
 FIGURES: Mapping[str, Callable[[], Figure]] = {
-    "known-chairs": partial(draw_conditions, "sealed.csv", KNOWN),
-    "novel-families-curves": partial(draw_conditions, "novel-families.csv", (CHAIR, *OTHERS)),
+    "known-chairs": partial(_draw_conditions, "sealed.csv", KNOWN),
+    "novel-families-curves": partial(_draw_conditions, "novel-families.csv", (CHAIR, *OTHERS)),
     "real-chairs-curves": partial(
-        draw_conditions, "real-meshes-grey.csv", (*REAL, "occupancy-net", *OTHERS)
+        _draw_conditions, "real-meshes-grey.csv", (*REAL, "occupancy-net", *OTHERS)
     ),
-    "real-meshes": partial(draw_classes, "real-meshes-grey-differences.csv", REAL),
-    "thirteen-classes": partial(draw_classes, "thirteen-classes-differences.csv", REAL),
+    "real-meshes": partial(_draw_classes, "real-meshes-grey-differences.csv", REAL),
+    "thirteen-classes": partial(_draw_classes, "thirteen-classes-differences.csv", REAL),
     "table5": partial(
-        draw_paper_classes, "thirteen-classes.csv", "fd-views", ("surface-apss", "pc2pix@all")
+        _draw_paper_classes, "thirteen-classes.csv", "fd-views", ("surface-apss", "pc2pix@all")
     ),
     "frontier": partial(
-        draw_frontier, (CHAIR, "pc2pix", "surface-bpa", "surface-fit", "surface-apss", "splat")
+        _draw_frontier, (CHAIR, "pc2pix", "surface-bpa", "surface-fit", "surface-apss", "splat")
     ),
-    "beyond": partial(draw_families, "beyond-networks.csv", BEYOND),
+    "beyond": partial(_draw_families, "beyond-networks.csv", _BEYOND),
     "amortised": partial(
-        draw_view_costs, ("surface-apss", "surface-fit", "pc2pix", "pc2pix@paper", CHAIR)
+        _draw_view_costs, ("surface-apss", "surface-fit", "pc2pix", "pc2pix@paper", CHAIR)
     ),
 }
 

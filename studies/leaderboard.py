@@ -37,7 +37,7 @@ from studies.documents import NUMBERS, VERDICTS, Line, measured_method
 from studies.measurements import differences_of
 
 FULL = "2048"
-MARK = "<!-- leaderboard -->"
+_MARK = "<!-- leaderboard -->"
 
 
 @dataclass(frozen=True)
@@ -193,7 +193,7 @@ def show(_: Any, page: str, source: list[str]) -> None:
     """Put the leaderboard at its mark in the front page, or above the first section."""
     if page == "index":
         raw = f"```{{raw}} html\n{fragment()}\n```\n"
-        head, mark, rest = source[0].partition(MARK)
+        head, mark, rest = source[0].partition(_MARK)
         if not mark:
             head, mark, rest = source[0].partition("\n## ")
             raw += mark

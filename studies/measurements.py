@@ -34,13 +34,15 @@ from data_prep.files.atomic_write import write_whole
 from studies.documents import NUMBERS
 
 FIRST = ("ssim", "ssim-object", "lpips")
-RUN_COLUMNS = ("run_a", "run_b")  # where the run lay
+_RUN_COLUMNS = ("run_a", "run_b")  # where the run lay
 FULL = "2048"
 # Of `speed`; the processor's time, which other programs disturb less than the clock's.
 ONE_VIEW, FURTHER_VIEW = "picture-of-1-core-ms", "further-view-core-ms"
 CLASSES = "--suite thirteen-classes"
-ON_MESHES = f"{CLASSES} --dataset folder:PATH --conditions 2048,512,noise-0.05,noise-0.10 --views 4"
-OPPONENTS = "surface-apss,alpha-wrap,denoised-wrap,occupancy-net"
+_ON_MESHES = (
+    f"{CLASSES} --dataset folder:PATH --conditions 2048,512,noise-0.05,noise-0.10 --views 4"
+)
+_OPPONENTS = "surface-apss,alpha-wrap,denoised-wrap,occupancy-net"
 GREY = "splat-net@grey,fused-net@grey"
 
 
@@ -60,7 +62,7 @@ MEASUREMENTS: Mapping[str, QuotedRun] = {
     ),
     "known-chairs-grey": QuotedRun(
         "--suite chair-robustness --truth grey --conditions 2048,noise-0.10 "
-        f"--methods {OPPONENTS},pc2pix,pc2pix@all,{GREY},blank",
+        f"--methods {_OPPONENTS},pc2pix,pc2pix@all,{GREY},blank",
         ("splat-net@grey", "fused-net@grey", "occupancy-net"),
     ),
     "thirteen-classes": QuotedRun(
@@ -69,7 +71,7 @@ MEASUREMENTS: Mapping[str, QuotedRun] = {
         copied=(("table5_orderings", "thirteen-classes-orderings"),),
     ),
     "real-meshes-grey": QuotedRun(
-        f"{ON_MESHES} --truth grey --methods {OPPONENTS},pc2pix,pc2pix@all,"
+        f"{_ON_MESHES} --truth grey --methods {_OPPONENTS},pc2pix,pc2pix@all,"
         f"splat-net@tiny-grey,{GREY},blank",
         (
             *("splat-net@grey", "splat-net@tiny-grey"),
@@ -78,7 +80,7 @@ MEASUREMENTS: Mapping[str, QuotedRun] = {
         FIRST,
     ),
     "real-meshes-coloured": QuotedRun(
-        f"{ON_MESHES} --methods alpha-wrap,denoised-wrap,occupancy-net,pc2pix@all,splat-net,"
+        f"{_ON_MESHES} --methods alpha-wrap,denoised-wrap,occupancy-net,pc2pix@all,splat-net,"
         "splat-net@tiny,splat-net@grey,fused-net,blank",
         ("splat-net", "splat-net@tiny", "splat-net@grey", "fused-net", "occupancy-net"),
         FIRST,
@@ -110,7 +112,7 @@ def differences(directory: Path, methods: Iterable[str]) -> str:
     for method in methods:
         pair = methods_of_run(directory, (BEST_RECONSTRUCTION, method), FIRST)
         rows += _rows(differences_table(pair).to_csv())
-    return _written([{k: v for k, v in row.items() if k not in RUN_COLUMNS} for row in rows])
+    return _written([{k: v for k, v in row.items() if k not in _RUN_COLUMNS} for row in rows])
 
 
 def costs(directory: Path) -> str:

@@ -111,7 +111,7 @@ HEADINGS = {
 # --- cells ----------------------------------------------------------------------------------------
 
 
-class Study:
+class _Study:
     """One run of the study: the chairs, what was measured of them first, and the networks."""
 
     def __init__(self, chairs: int, views: int, condition: str = "2048") -> None:
@@ -211,7 +211,7 @@ def to_markdown(cells: pd.DataFrame, moves: Mapping[str, pd.DataFrame], **option
     lines = [PAGE.format(**options), "## The cells", "", _table(cells, 4)]
     for source, heading in HEADINGS.items():
         lines += [f"## {heading}", "", _table(moves[source], 2)]
-    lines += ["## Golden tolerances", "", BUDGET, "", _budget(cells, moves)]
+    lines += ["## Golden tolerances", "", _BUDGET, "", _budget(cells, moves)]
     return "\n".join(lines)
 
 
@@ -250,7 +250,7 @@ def _number(value: float, digits: int) -> str:
 
 # --- objects --------------------------------------------------------------------------------------
 
-OF_CHAIRS = {
+_OF_CHAIRS = {
     TURN: ("pc2pix", "pc2pix@acgan", "splat-net@chair", "splat", "constant", "blank"),
     ROUNDING: ("surface-apss",),
 }
@@ -258,11 +258,11 @@ OF_CLASSES = {
     TURN: ("pc2pix@all", "pc2pix", "splat", "blank"),
     ROUNDING: ("surface-apss", "surface-fit"),
 }
-MEANS = ("ssim", "luminance", "contrast", "structure", "silhouette-iou")
+_MEANS = ("ssim", "luminance", "contrast", "structure", "silhouette-iou")
 CELL = ["change", "method", "metric"]
 ONE_IN = 50
 
-Pair = tuple[UInt8Images, UInt8Images]  # true and drawn images [N, V, H, W, 3]
+_Pair = tuple[UInt8Images, UInt8Images]  # true and drawn images [N, V, H, W, 3]
 
 
 def nudged(cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
@@ -275,7 +275,7 @@ def nudged(cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
 
 def changed(
     scene: SceneSet, rng: np.random.Generator, methods: Mapping[str, Sequence[str]]
-) -> Iterator[tuple[dict[str, Any], Pair, Pair]]:
+) -> Iterator[tuple[dict[str, Any], _Pair, _Pair]]:
     """Yield each change and method with the objects as they are, and changed."""
     farther = tuple(map(turned, scene.views))
     truth, truth_turned = (render_all(scene.meshes, views) for views in (scene.views, farther))
@@ -291,7 +291,7 @@ def changed(
             yield {"change": change, "method": method}, before, after
 
 
-def means(pair: Pair, metrics: Sequence[str] = IMAGE_METRICS) -> pd.DataFrame:
+def means(pair: _Pair, metrics: Sequence[str] = IMAGE_METRICS) -> pd.DataFrame:
     """Return means over the views that have a value: objects down, metrics across."""
     score = all_scores if "lpips" in metrics else scores
     scored = [score(truth, drawn) for truth, drawn in zip(*pair, strict=True)]
@@ -299,7 +299,7 @@ def means(pair: Pair, metrics: Sequence[str] = IMAGE_METRICS) -> pd.DataFrame:
 
 
 def moves_of_chairs(
-    scene: SceneSet, condition: str, methods: Mapping[str, Sequence[str]] = OF_CHAIRS
+    scene: SceneSet, condition: str, methods: Mapping[str, Sequence[str]] = _OF_CHAIRS
 ) -> pd.DataFrame:
     """Return how far the values of each chair move, a row for each change, method and chair."""
     rng = generator("object noise", "nudge", condition)
@@ -311,7 +311,7 @@ def moves_of_chairs(
     )
 
 
-def summary_of_chairs(moves: pd.DataFrame) -> str:
+def _summary_of_chairs(moves: pd.DataFrame) -> str:
     """Return a Markdown table with a line for each method and a column for each metric.
 
     A cell has the deviation, the largest and the second largest move.
@@ -330,16 +330,16 @@ def summary_of_chairs(moves: pd.DataFrame) -> str:
     return markdown(["change", "method", *IMAGE_METRICS], rows, left=2)
 
 
-def moves_of_class(class_name: str, objects: int, views: int) -> Iterator[dict[str, object]]:
+def _moves_of_class(class_name: str, objects: int, views: int) -> Iterator[dict[str, object]]:
     """Yield a row for each method and metric: value, move of the cell, deviation of an object."""
     network, head = load_views_network(VIEWS_WEIGHTS), read_class_head(VIEWS_WEIGHTS)
 
     def features(images: UInt8Images) -> NDArray[np.float32]:
         return view_features(network, images.reshape(-1, *images.shape[2:]))
 
-    def of_objects(pair: Pair) -> pd.DataFrame:
+    def of_objects(pair: _Pair) -> pd.DataFrame:
         confidence = head.confidence(features(pair[1]), class_name).reshape(objects, views)
-        return means(pair, MEANS).assign(**{"class-confidence": confidence.mean(axis=1)})
+        return means(pair, _MEANS).assign(**{"class-confidence": confidence.mean(axis=1)})
 
     rng = generator("class noise", "nudge", class_name)
     scene = make_scene(class_name, objects, views, class_name)
@@ -353,7 +353,7 @@ def moves_of_class(class_name: str, objects: int, views: int) -> Iterator[dict[s
             yield where | {"metric": metric, "value": value, "by": other - value}
 
 
-def summary_of_classes(rows: pd.DataFrame) -> str:
+def _summary_of_classes(rows: pd.DataFrame) -> str:
     """Return the largest move of a class, of the mean over classes, and relative to the cell."""
     table = rows.assign(size=rows["by"].abs(), share=(rows["by"] / rows["value"]).abs())
     by = table.groupby(CELL, sort=False)
@@ -387,8 +387,8 @@ def main() -> None:
     torch.set_num_threads(1)
     if options.of == "classes":
         size = options.objects or 10, options.views or 10
-        rows = [row for name in CLASSES for row in moves_of_class(name, *size)]
-        print(summary_of_classes(pd.DataFrame(rows)), end="")
+        rows = [row for name in CLASSES for row in _moves_of_class(name, *size)]
+        print(_summary_of_classes(pd.DataFrame(rows)), end="")
         return
     objects = options.objects or 24
     if options.of == "chairs":
@@ -396,10 +396,10 @@ def main() -> None:
             moves_of_chairs(make_scene("chair", objects, options.views or 20, 0, name), name)
             for name in (options.condition or "2048,noise-0.10").split(",")
         ]
-        print(summary_of_chairs(pd.concat(moves)), end="")
+        print(_summary_of_chairs(pd.concat(moves)), end="")
         return
     views, condition = options.views or 10, options.condition or "2048"
-    study = Study(objects, views, condition)
+    study = _Study(objects, views, condition)
     given = {"objects": objects, "views": views, "seeds": options.seeds, "condition": condition}
     text = to_markdown(study.cells, study.moves(options.seeds), **given)
     print(text, end="")
@@ -418,7 +418,7 @@ whose head says what was changed and how: {objects} chairs of the validation spl
 condition `{condition}`, {seeds} seeds. Each table gives the absolute change of a cell; an empty
 field is a metric without a value (`blank` draws nothing that could be precise).
 """
-BUDGET = """\
+_BUDGET = """\
 A golden value was drawn by one GL driver and has to hold for others; on one machine a run repeats
 to the last digit. What another driver may do is measured in three ways: by a turn of all views, by
 the ray-caster with the samples of OpenGL, and with their mirror image, which no driver at hand

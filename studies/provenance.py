@@ -23,7 +23,7 @@ CODE = re.compile(r"```.*?```|`[^`\n]*`|\]\([^)]*\)|https?://\S+", re.S)
 NUMBER = re.compile(r"(?<![\w.])(?<![a-z]-)\d*\.\d+(?![\w.]*\w\.)")  # not of noise-0.05
 MEASURED = re.compile(r"Measured\s\d{4}-\d\d-\d\d,\s[0-9a-f]{7}\b")
 SETTINGS = "<!-- settings -->"
-HEADING = re.compile(r"^(?=#+ )", re.M)
+_HEADING = re.compile(r"^(?=#+ )", re.M)
 
 
 def origins(text: str) -> tuple[Counter[Origin], list[int]]:
@@ -36,7 +36,7 @@ def origins(text: str) -> tuple[Counter[Origin], list[int]]:
     line = 1
     # as many lines as before, so that places stay
     without_code = CODE.sub(lambda match: "\n" * match[0].count("\n"), text)
-    for section in HEADING.split(without_code):
+    for section in _HEADING.split(without_code):
         generated = sum(len(NUMBER.findall(table)) for table in GENERATED.findall(section))
         others = len(NUMBER.findall(GENERATED.sub("", section)))
         origin: Origin = "unknown"

@@ -21,10 +21,10 @@ REPOSITORY = Path(__file__).parents[1]
 PAGE = REPOSITORY / "docs" / "api.md"
 ENTRY = re.compile(r"^### `([\w.]+)`\n(?:(?!#).*\n)*", re.MULTILINE)
 WIDTH = 90
-KEPT_SPACE = "\0"
+_KEPT_SPACE = "\0"
 
 
-class Unquoted(str):
+class _Unquoted(str):
     """An annotation that a signature shows without quotation marks."""
 
     __slots__ = ()
@@ -34,28 +34,28 @@ class Unquoted(str):
         return str(self)
 
 
-def unquoted(annotation: Any) -> Any:
+def _unquoted(annotation: Any) -> Any:
     """Return an annotation without quotation marks where it is a string."""
-    return Unquoted(annotation) if isinstance(annotation, str) else annotation
+    return _Unquoted(annotation) if isinstance(annotation, str) else annotation
 
 
 def call(name: str, function: Any, is_class: bool = False) -> str:
     """Return a name with its parameters, wrapped; of a class without what it returns."""
     signature = inspect.signature(function)
     parameters = [
-        p.replace(annotation=unquoted(p.annotation))
+        p.replace(annotation=_unquoted(p.annotation))
         for p in signature.parameters.values()
         if p.name != "self"
     ]
-    returned = signature.empty if is_class else unquoted(signature.return_annotation)
+    returned = signature.empty if is_class else _unquoted(signature.return_annotation)
     text = name + str(signature.replace(parameters=parameters, return_annotation=returned))
     # Lines break between parameters, not inside of one.
-    whole = re.sub(r"(?<!,) (?!->)", KEPT_SPACE, text)
+    whole = re.sub(r"(?<!,) (?!->)", _KEPT_SPACE, text)
     lines = textwrap.wrap(whole, WIDTH, subsequent_indent="    ", break_on_hyphens=False)
-    return "\n".join(lines).replace(KEPT_SPACE, " ")
+    return "\n".join(lines).replace(_KEPT_SPACE, " ")
 
 
-def class_lines(name: str, cls: type) -> list[str]:
+def _class_lines(name: str, cls: type) -> list[str]:
     """Return the constructor of a class, or its base where it has none, and its public methods."""
     if issubclass(cls, Exception) and "__init__" not in vars(cls):
         lines = [f"class {name}({cls.__bases__[0].__name__})"]
@@ -73,7 +73,7 @@ def entry(path: str) -> str:
     """Return the section of one public name: heading, signature, sentence and source file."""
     thing = resolve_name(path)
     name = path.rpartition(".")[2]
-    lines = class_lines(name, thing) if inspect.isclass(thing) else [call(name, thing)]
+    lines = _class_lines(name, thing) if inspect.isclass(thing) else [call(name, thing)]
     sentence = (inspect.getdoc(thing) or "").splitlines()[0]
     source = Path(inspect.getfile(thing)).relative_to(REPOSITORY)
     code = "\n".join(["```python", *lines, "```"])

@@ -36,7 +36,7 @@ from data_prep.scene import PointCloud, Renderer, UInt8Images, View
 from data_prep.shapes.catalogue import CLASSES
 from studies.images import draw_all
 
-CONDITION_TITLES = {"2048": "2,048 points", "noise-0.10": "noise 10 %"}
+_CONDITION_TITLES = {"2048": "2,048 points", "noise-0.10": "noise 10 %"}
 VIEW = View(azimuth_deg=30, elevation_deg=20)
 
 METHODS = {
@@ -49,9 +49,9 @@ ROWS, THIN_ROWS = 10, 2
 
 
 def clouds(shape: SceneObject, of_sheet: str) -> Iterator[PointCloud]:
-    """Yield the cloud of an object under each of CONDITION_TITLES."""
+    """Yield the cloud of an object under each of _CONDITION_TITLES."""
     sampled = shape.cloud(generator(of_sheet, shape.object_id))
-    for condition in CONDITION_TITLES:
+    for condition in _CONDITION_TITLES:
         perturbation = find(condition, CONDITIONS, "condition").perturbation
         yield perturbation.apply(sampled, generator(of_sheet, condition, shape.object_id))
 
@@ -65,7 +65,7 @@ def row(shape: SceneObject, renderers: Sequence[Renderer]) -> Iterator[UInt8Imag
             yield draw_all(renderer, [cloud], [[VIEW]])[0, 0]
 
 
-def thin_row(shape: SceneObject, renderers: Sequence[Renderer]) -> Iterator[UInt8Images]:
+def _thin_row(shape: SceneObject, renderers: Sequence[Renderer]) -> Iterator[UInt8Images]:
     """Yield the true image, its thin parts and what methods draw, cut out around the object."""
     (truth,) = shape.truth([VIEW])
     cut, tinted = thin_cut(truth, evaluated(truth[None])[0])
@@ -102,12 +102,12 @@ def main() -> None:
         parser.error(f"{sheet}: give --meshes FOLDER")
     renderers = [load_renderer(method, "cpu") for method in METHODS[sheet]]
     if sheet == "thin-parts":
-        draw, titles = thin_row, ["truth", "its thin parts"]
-        for title in CONDITION_TITLES.values():
+        draw, titles = _thin_row, ["truth", "its thin parts"]
+        for title in _CONDITION_TITLES.values():
             titles += [f"{name}\n{title}" for name in METHODS[sheet]]
     else:
         draw, titles = row, ["truth"]
-        for title in CONDITION_TITLES.values():
+        for title in _CONDITION_TITLES.values():
             titles += [f"cloud,\n{title}", *(name.replace("-", "-\n") for name in METHODS[sheet])]
     rows = [(label, draw(shape, renderers)) for label, shape in objects(sheet, options.meshes)]
     out = options.out or Path("docs") / f"{sheet}.png"

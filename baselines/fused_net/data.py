@@ -31,8 +31,8 @@ FORMAT = "fused-net-maps-1"
 FOLDER = "maps"
 TOGETHER = 50  # objects of a file: so many are computed again after an interruption
 # A byte is value * scale + zero: quarters of coverage are exact, and so is nothing.
-SCALES = np.array([252, 255 / MOST_NEARNESS, 127, 127, 127], np.float32)
-ZEROS = np.array([0, 0, 128, 128, 128], np.float32)
+_SCALES = np.array([252, 255 / MOST_NEARNESS, 127, 127, 127], np.float32)
+_ZEROS = np.array([0, 0, 128, 128, 128], np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +92,7 @@ def occupancy_weights(meshes: Sequence[str]) -> str:
 def encode(maps: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Return maps [..., 5 * meshes, S, S] as bytes."""
     repeats = maps.shape[-3] // len(MAPS)
-    scales, zeros = (np.tile(values, repeats)[:, None, None] for values in (SCALES, ZEROS))
+    scales, zeros = (np.tile(values, repeats)[:, None, None] for values in (_SCALES, _ZEROS))
     return np.rint(maps * scales + zeros).astype(np.uint8)
 
 
@@ -101,7 +101,7 @@ def decode(maps: Tensor) -> Tensor:
     repeats = maps.shape[-3] // len(MAPS)
     scales, zeros = (
         torch.from_numpy(np.tile(values, repeats)).to(maps.device)[:, None, None]
-        for values in (SCALES, ZEROS)
+        for values in (_SCALES, _ZEROS)
     )
     return (maps.float() - zeros) / scales
 

@@ -20,7 +20,7 @@ OCCUPANCY = "all"  # the bundled weights of occupancy-net
 NOTHING = in_grey(np.empty((0, 3)), np.empty((0, 3), int))
 
 
-class Reconstructor(Protocol):
+class _Reconstructor(Protocol):
     """A method that makes a mesh of a cloud."""
 
     def prepare(self, cloud: PointCloud) -> Reconstruction:
@@ -28,7 +28,7 @@ class Reconstructor(Protocol):
         ...
 
 
-def reconstructors(names: Sequence[str], device: str = "cpu") -> dict[str, Reconstructor]:
+def reconstructors(names: Sequence[str], device: str = "cpu") -> dict[str, _Reconstructor]:
     """Return the methods of `baselines.fused_net.weights.MESHES` with these names."""
     return {
         name: OccupancyNetRenderer(load_weights(OCCUPANCY), device=device)
@@ -39,7 +39,7 @@ def reconstructors(names: Sequence[str], device: str = "cpu") -> dict[str, Recon
 
 
 def reconstruct(
-    cloud: PointCloud, methods: Mapping[str, Reconstructor]
+    cloud: PointCloud, methods: Mapping[str, _Reconstructor]
 ) -> tuple[tuple[Mesh, ...], tuple[str, ...]]:
     """Return the mesh of each method, and notes.
 

@@ -18,7 +18,7 @@ from data_prep.scene import IMAGE_SIZE, Images, Mesh, PointCloud, View
 
 
 @dataclass(frozen=True, eq=False)
-class FusedState:
+class _FusedState:
     """The surfels of a cloud, its meshes in the order of the network's inputs, and notes.
 
     A mesh that could not be made has no faces.
@@ -61,7 +61,7 @@ class FusedNetRenderer:
         self.splats = SplatNetRenderer(weights, device=device, precision=precision, size=size)
         self.methods = reconstructors(self.splats.inputs.meshes, device)
 
-    def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> FusedState:
+    def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> _FusedState:
         """Return the surfels and meshes of a cloud; no randomness.
 
         A method that fails to make a mesh is left out, and a note says so.
@@ -70,10 +70,10 @@ class FusedNetRenderer:
         """
         del rng
         surfels = self.splats.prepare(cloud)
-        return FusedState(surfels, *reconstruct(cloud, self.methods))
+        return _FusedState(surfels, *reconstruct(cloud, self.methods))
 
     def draw(
-        self, state: FusedState, views: Sequence[View], rng: np.random.Generator | None = None
+        self, state: _FusedState, views: Sequence[View], rng: np.random.Generator | None = None
     ) -> Images:
         """Return images of a cloud, float32 [V, size, size, 3] in [0, 1]; no randomness.
 

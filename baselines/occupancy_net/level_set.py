@@ -15,7 +15,7 @@ from data_prep.failures import StageFailure
 from data_prep.scene import Mesh
 
 COARSEST = 32  # cells a side of the grid whose nodes are all evaluated
-DOUBLINGS = 2  # to 128 cells: with a box of 2.2 one is as wide as a pixel of the image
+_DOUBLINGS = 2  # to 128 cells: with a box of 2.2 one is as wide as a pixel of the image
 MARGIN = 3.0  # in logits: a cell whose corners are all farther from the level is not refined
 
 Occupancy = Callable[[Tensor], Tensor]  # logits [M] of places [M, 3]
@@ -33,7 +33,7 @@ def sample_grid(occupancy: Occupancy, points: Tensor, half_extent: float, level:
     cells = COARSEST
     values = _evaluated(occupancy, torch.ones((cells + 1,) * 3, dtype=torch.bool), half_extent)
     wanted = _cells_around(points, cells, half_extent)
-    for _ in range(DOUBLINGS):
+    for _ in range(_DOUBLINGS):
         wanted = wanted | _near_level(values, level)
         cells *= 2
         finer = _nodes(

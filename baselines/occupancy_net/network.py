@@ -20,7 +20,7 @@ HALF_EXTENT = (
     1.1  # of the box that the planes cover, as in the paper; points beyond are at its edge
 )
 AXES = ((0, 1), (2, 1), (0, 2))  # of the planes: from the front, from the side, from above
-FREQUENCIES = (1, 2)  # periods of the sines in a cell
+_FREQUENCIES = (1, 2)  # periods of the sines in a cell
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class OccupancyConfig:
 DEFAULT = OccupancyConfig()
 
 
-class ResidualLayers(nn.Module):
+class _ResidualLayers(nn.Module):
     """Two layers of a perceptron, with a skip past them."""
 
     def __init__(self, width_in: int, width: int) -> None:
@@ -98,7 +98,7 @@ class Cells:
         return first + second + third
 
 
-class PlaneNetwork(nn.Module):
+class _PlaneNetwork(nn.Module):
     """A U-Net over planes [B * 3, C, R, R], whose skips are added."""
 
     def __init__(self, widths: tuple[int, ...]) -> None:
@@ -138,18 +138,18 @@ class OccupancyNet(nn.Module):
     def __init__(self, config: OccupancyConfig = DEFAULT) -> None:
         super().__init__()
         self.config = config
-        channels, place = config.widths[0], 3 + 6 * len(FREQUENCIES)
+        channels, place = config.widths[0], 3 + 6 * len(_FREQUENCIES)
         self.enter = nn.Linear(place, 2 * channels)
-        self.start = ResidualLayers(2 * channels, channels)
+        self.start = _ResidualLayers(2 * channels, channels)
         self.rounds = nn.ModuleList(
-            ResidualLayers(2 * channels, channels) for _ in range(config.rounds)
+            _ResidualLayers(2 * channels, channels) for _ in range(config.rounds)
         )
         self.crowd = nn.Parameter(torch.zeros(channels))
-        self.planes = PlaneNetwork(config.widths)
+        self.planes = _PlaneNetwork(config.widths)
         self.at_place = nn.Linear(place, config.hidden)
         self.at_planes = nn.Linear(len(AXES) * channels, config.hidden)
         self.blocks = nn.Sequential(
-            *(ResidualLayers(config.hidden, config.hidden) for _ in range(config.blocks))
+            *(_ResidualLayers(config.hidden, config.hidden) for _ in range(config.blocks))
         )
         self.answer = nn.Linear(config.hidden, 1)
 
@@ -183,5 +183,5 @@ class OccupancyNet(nn.Module):
     def _waves(self, places: Tensor) -> Tensor:
         """Return places [..., 3] with sines and cosines at the width of a cell."""
         turn = places * (math.pi * self.config.resolution / HALF_EXTENT)
-        waves = [f(turn * k) for k in FREQUENCIES for f in (torch.sin, torch.cos)]
+        waves = [f(turn * k) for k in _FREQUENCIES for f in (torch.sin, torch.cos)]
         return torch.cat([places, *waves], dim=-1)

@@ -15,7 +15,7 @@ from data_prep.scene import PointCloud
 from learning.exact import exact_inference
 
 MOST_POINTS = 2048  # as many as it was shown in training
-PLACES_TOGETHER = 2**15  # a bound on memory
+_PLACES_TOGETHER = 2**15  # a bound on memory
 LEVEL = 0.4  # probability of being inside; chosen on validation objects
 
 
@@ -53,7 +53,7 @@ class OccupancyNetRenderer(DrawsReconstruction):
         planes = self.network.encode(seen[None].to(self.device))
 
         def occupancy(places: Tensor) -> Tensor:
-            parts = places.split(PLACES_TOGETHER)
+            parts = places.split(_PLACES_TOGETHER)
             logits = [self.network.occupancy(planes, p[None].to(self.device))[0] for p in parts]
             return torch.cat(logits).cpu()
 

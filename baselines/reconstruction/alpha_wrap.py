@@ -27,7 +27,7 @@ from data_prep.scene import PointCloud, Points
 
 BALL = 2.0  # radius, in spacings of the cloud
 OFFSET = 0.14  # of the surface from the points, in spacings: a third of a pixel at 2,048 points
-LEAST_OFFSET = FOOTPRINT / 4  # a line of points is a rod half a pixel thick
+_LEAST_OFFSET = FOOTPRINT / 4  # a line of points is a rod half a pixel thick
 # A triangle in place of each point, centred on it: CGAL ends the process on points alone.
 SPECK = 1e-4 * np.array([[-1, -1, 0], [1, -1, 0], [0, 2, 0]]) / 2
 
@@ -82,5 +82,7 @@ def wrapped(points: Points | Floats, radius: float, offset: float) -> Reconstruc
     """
     vertices = (points.astype(np.float64)[:, None] + SPECK).reshape(-1, 3)
     meshlab = MeshLab(vertices, faces=np.arange(len(vertices)).reshape(-1, 3))
-    run("alpha-wrap", lambda: meshlab.alpha_wrap(max(radius, FOOTPRINT), max(offset, LEAST_OFFSET)))
+    run(
+        "alpha-wrap", lambda: meshlab.alpha_wrap(max(radius, FOOTPRINT), max(offset, _LEAST_OFFSET))
+    )
     return reconstruction("alpha-wrap", meshlab)

@@ -25,7 +25,7 @@ from data_prep.scene import PointCloud, Points
 
 MOST_POINTS = 8192
 NOISY = 0.55  # spacings of the points that the noise is estimated from
-PATCH = 3.0  # radius of the neighbourhood, in standard deviations of the noise
+_PATCH = 3.0  # radius of the neighbourhood, in standard deviations of the noise
 FEWEST, MOST = 48, 256  # neighbours: six numbers are fitted to them
 ROUNDS = 3
 DENSITY_NEIGHBOURS = 24
@@ -34,7 +34,7 @@ MOST_LEFT_OUT = 0.3
 
 
 @dataclass(frozen=True)
-class Cleaned:
+class _Cleaned:
     """The points [N, 3] to mesh, the noise and spacing that they had, and notes.
 
     The noise is 0 where the points are left as they are.
@@ -46,7 +46,7 @@ class Cleaned:
     notes: tuple[str, ...]
 
 
-def cleaned(cloud: PointCloud, strength: float, most: int = MOST_POINTS) -> Cleaned:
+def cleaned(cloud: PointCloud, strength: float, most: int = MOST_POINTS) -> _Cleaned:
     """Return at most `most` points of a cloud, smoothed where they are noisy.
 
     `strength` is a factor on the estimated noise; 0 smooths nothing.
@@ -59,11 +59,11 @@ def cleaned(cloud: PointCloud, strength: float, most: int = MOST_POINTS) -> Clea
     between = spacing(points)
     noise = strength * estimate
     if noise <= NOISY * spacing(even_sample(points)):
-        return Cleaned(points, 0.0, between, notes)
+        return _Cleaned(points, 0.0, between, notes)
     exact = points.astype(np.float64)
-    patches = cKDTree(exact).query_ball_point(exact, PATCH * noise, return_length=True)
+    patches = cKDTree(exact).query_ball_point(exact, _PATCH * noise, return_length=True)
     neighbours = int(np.clip(np.median(patches), FEWEST, MOST))
     smooth = smoothed(exact, neighbours, ROUNDS)
     kept = dense_part(smooth, 1 - min(LEFT_OUT * noise, MOST_LEFT_OUT), DENSITY_NEIGHBOURS)
     done = f"smoothed: {ROUNDS} times over {neighbours} points, {len(kept)} of {len(points)} kept"
-    return Cleaned(kept.astype(np.float32), noise, between, (*notes, done))
+    return _Cleaned(kept.astype(np.float32), noise, between, (*notes, done))

@@ -33,11 +33,11 @@ from data_prep.scene import Points
 LEAST_POINTS = 30
 MOST_POINTS = 2048
 NEIGHBOURS = (24, 48, 96, 192)
-LARGEST_SHARE = 8  # a patch is at most this part of the cloud, or the smallest
+_LARGEST_SHARE = 8  # a patch is at most this part of the cloud, or the smallest
 WIDE = 0.27  # the estimate over the radius of a patch that is wide enough
 FLAT = 0.3  # the quantile of the patches' variances that is taken
 NOISE_KURTOSIS, PLATE_KURTOSIS = 2.5, 1.0
-PLANE_FREEDOMS = 3  # of a fitted plane: so many of the residuals are not free
+_PLANE_FREEDOMS = 3  # of a fitted plane: so many of the residuals are not free
 
 
 def noise_scale(points: Points) -> float:
@@ -53,7 +53,7 @@ def noise_scale(points: Points) -> float:
     used = even_sample(np.unique(points, axis=0)).astype(np.float64)
     if len(used) < LEAST_POINTS:
         return 0.0
-    sizes = [k for k in NEIGHBOURS if k == NEIGHBOURS[0] or k <= len(used) // LARGEST_SHARE]
+    sizes = [k for k in NEIGHBOURS if k == NEIGHBOURS[0] or k <= len(used) // _LARGEST_SHARE]
     distance, index = map(np.asarray, cKDTree(used).query(used, k=sizes[-1]))
     estimate = 0.0
     for k in sizes:
@@ -89,7 +89,7 @@ def moments(patches: Floats) -> tuple[Floats, Floats]:
     second, fourth = squares.mean(axis=1), (squares**2).mean(axis=1)
     kurtosis = np.full(len(patches), PLATE_KURTOSIS)
     np.divide(fourth, second**2, out=kurtosis, where=second**2 > 0)
-    return second * k / (k - PLANE_FREEDOMS), kurtosis
+    return second * k / (k - _PLANE_FREEDOMS), kurtosis
 
 
 def noise_share(kurtosis: float) -> float:

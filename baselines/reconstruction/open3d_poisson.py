@@ -29,7 +29,7 @@ OUTLIER_NEIGHBOURS, OUTLIER_DEVIATIONS = 20, 2.0
 NORMAL_NEIGHBOURS = 30
 LEAST_POINTS = NORMAL_NEIGHBOURS + 1
 MOST_POINTS = 100_000
-LOWEST_DENSITY = 0.05
+_LOWEST_DENSITY = 0.05
 REMEDY = "install it with \"pip install 'pc2pix-bench[open3d]'\", or leave out open3d-poisson"
 
 
@@ -68,7 +68,7 @@ class Open3dPoisson(DrawsReconstruction):
         support = np.asarray(density)
         if len(support) == 0:
             raise StageFailure("poisson", "no faces")
-        mesh.remove_vertices_by_mask(support < np.quantile(support, LOWEST_DENSITY))
+        mesh.remove_vertices_by_mask(support < np.quantile(support, _LOWEST_DENSITY))
         faces = np.asarray(mesh.triangles)
         if len(faces) == 0:
             raise StageFailure("poisson", "no faces")

@@ -48,10 +48,10 @@ class Poisson(DrawsReconstruction):
         `poisson`, or `trim` where no face is near the points.
         """
         del rng
-        return trimmed_poisson(cloud.points, self.depth)
+        return _trimmed_poisson(cloud.points, self.depth)
 
 
-def trimmed_poisson(points: Points, depth: int) -> Reconstruction:
+def _trimmed_poisson(points: Points, depth: int) -> Reconstruction:
     """Return the trimmed reconstruction from points [N, 3].
 
     Raises StageFailure as `Poisson.prepare`.

@@ -14,9 +14,9 @@ from scipy.spatial import cKDTree
 
 from data_prep.arrays import Floats
 
-SHARPNESS = 2.0  # a neighbour's weight is exp(-SHARPNESS (distance / that of the farthest)^2)
-TERMS = 6  # of a polynomial of degree 2 in two variables
-RIDGE = 1e-9  # keeps fits defined that the points do not determine: a line, few points
+_SHARPNESS = 2.0  # a neighbour's weight is exp(-SHARPNESS (distance / that of the farthest)^2)
+_TERMS = 6  # of a polynomial of degree 2 in two variables
+_RIDGE = 1e-9  # keeps fits defined that the points do not determine: a line, few points
 
 
 def smoothed(points: Floats, neighbours: int, rounds: int) -> Floats:
@@ -35,7 +35,7 @@ def smoothed(points: Floats, neighbours: int, rounds: int) -> Floats:
 def _projected(points: Floats, neighbours: int) -> Floats:
     distance, index = map(np.asarray, cKDTree(points).query(points, k=neighbours))
     farthest = np.maximum(distance[:, -1:], np.finfo(np.float64).tiny)
-    weight = np.exp(-SHARPNESS * (distance / farthest) ** 2)[..., None]
+    weight = np.exp(-_SHARPNESS * (distance / farthest) ** 2)[..., None]
     near = points[index]
     centre = (weight * near).sum(axis=1, keepdims=True) / weight.sum(axis=1, keepdims=True)
     offset = near - centre
@@ -43,7 +43,7 @@ def _projected(points: Floats, neighbours: int) -> Floats:
     height, a, b = np.moveaxis((near - points[:, None]) @ axes, 2, 0) / farthest
     terms = np.stack([np.ones_like(a), a, b, a * a, a * b, b * b], axis=2)
     weighted = np.swapaxes(weight * terms, 1, 2)
-    matrix = weighted @ terms + RIDGE * weight.sum(axis=1)[..., None] * np.eye(TERMS)
+    matrix = weighted @ terms + _RIDGE * weight.sum(axis=1)[..., None] * np.eye(_TERMS)
     fit = np.linalg.solve(matrix, weighted @ height[..., None])[:, 0]
     return points + fit * farthest * axes[:, :, 0]
 

@@ -14,7 +14,7 @@ from data_prep.rendering.images import to_float
 from data_prep.rendering.mesh import draw_mesh
 from data_prep.scene import NEUTRAL_GREY, Images, Mesh, Points, View
 
-SPACING_NEIGHBOURS = 16
+_SPACING_NEIGHBOURS = 16
 
 
 @dataclass(frozen=True)
@@ -105,5 +105,5 @@ def spacing(points: Points) -> float:
     The spacing of a point is half the distance to the 16th nearest (itself counted), as for an even
     sample of a plane.
     """
-    distances, _ = cKDTree(points).query(points, k=[min(SPACING_NEIGHBOURS, len(points))])
+    distances, _ = cKDTree(points).query(points, k=[min(_SPACING_NEIGHBOURS, len(points))])
     return float(np.median(distances)) / 2

@@ -13,7 +13,7 @@ import numpy as np
 from data_prep.arrays import Floats
 
 # Squared sines of the angle between two rows below this are rounding: the rows are parallel.
-PARALLEL = 1e-20
+_PARALLEL = 1e-20
 
 
 def smallest_eigenpairs(upper: Floats) -> tuple[Floats, Floats]:
@@ -48,7 +48,7 @@ def _across(rows: Floats) -> Floats:
     for first, second in ((0, 1), (0, 2), (1, 2)):
         product = _cross(rows[first], rows[second])
         length = (product * product).sum(axis=0)
-        limit = PARALLEL * (rows[first] ** 2).sum(axis=0) * (rows[second] ** 2).sum(axis=0)
+        limit = _PARALLEL * (rows[first] ** 2).sum(axis=0) * (rows[second] ** 2).sum(axis=0)
         better = length > np.maximum(best, limit)
         vectors, best = np.where(better, product, vectors), np.where(better, length, best)
     if not (best > 0).all():

@@ -20,12 +20,12 @@ TILT_WEIGHT = 0.3
 WHOLE = 254.5 / 255  # coverage of a pixel whose samples are all of the object
 # The true grey has 8 bits: at a tilt of 0 the next grey level is a tilt of some 10 degrees.
 FLAT = 0.01
-NO_LENGTH = 1e-6
+_NO_LENGTH = 1e-6
 FeatureMaps = Callable[[Tensor], Sequence[Tensor]]  # of images [B, 3, S, S] in 0..255
 
 
 @dataclass(frozen=True)
-class SplatNetObjective:
+class _SplatNetObjective:
     """The terms of a training's loss and their weights.
 
     patch_weight  that of the judge of patches on clean clouds, and on those with the strongest
@@ -71,22 +71,22 @@ class SplatNetObjective:
 
 
 OBJECTIVES = {
-    "l1": SplatNetObjective(None, "weighted L1 + SSIM + cross entropy of the coverage"),
-    "l1-patch": SplatNetObjective(
+    "l1": _SplatNetObjective(None, "weighted L1 + SSIM + cross entropy of the coverage"),
+    "l1-patch": _SplatNetObjective(
         (0.05, 0.2), "l1, and hinge losses of patches in grey (after Isola et al. 2017)"
     ),
-    "relief": SplatNetObjective(
+    "relief": _SplatNetObjective(
         (0.1, 0.2),
         "l1-patch, with more weight of patches on clean clouds, and the error of tilts",
         tilts=True,
     ),
-    "perceptual": SplatNetObjective(
+    "perceptual": _SplatNetObjective(
         (0.1, 0.2),
         "relief, and the distance of features of EfficientNet-Lite0 (after Johnson et al. 2016)",
         tilts=True,
         features=2.0,
     ),
-    "pix2pix": SplatNetObjective(
+    "pix2pix": _SplatNetObjective(
         (0.01, 0.01),
         "L1 and patches, 100 to 1 (Isola et al. 2017), here with hinge losses",
         plain=True,
@@ -155,7 +155,7 @@ def feature_error(drawn: Tensor, real: Tensor, maps: FeatureMaps) -> Tensor:
 def _directions(features: Tensor) -> Tensor:
     """Return features [B, C, h, w] of length 1; those of length 0 stay."""
     features = features.float()
-    return features / (torch.linalg.vector_norm(features, dim=1, keepdim=True) + NO_LENGTH)
+    return features / (torch.linalg.vector_norm(features, dim=1, keepdim=True) + _NO_LENGTH)
 
 
 def _tilt(grey: Tensor) -> Tensor:

@@ -24,8 +24,8 @@ from data_prep.scene import NEUTRAL_GREY
 
 SMALLEST = 16  # the image's side over that of the narrowest level: sizes must be its multiples
 Material = Literal["colour", "grey", "albedo"]
-Body = Literal["splat-net", "points2pix"]
-BODIES: tuple[Body, ...] = get_args(Body)
+_Body = Literal["splat-net", "points2pix"]
+BODIES: tuple[_Body, ...] = get_args(_Body)
 PLANES: dict[Material, int] = {"colour": 3, "grey": 1, "albedo": 3}
 NEUTRAL = NEUTRAL_GREY[0] / 255  # a grey pixel over it is the shading, 0..1
 # In training, and of a file of weights: a colour for each pixel, or one for the image.
@@ -47,7 +47,7 @@ class NetworkConfig:
     inputs: Inputs = ALL_INPUTS
     widths: tuple[int, ...] = (16, 32, 64, 128, 160)
     heads: tuple[Material, ...] = ("colour", "grey")
-    body: Body = "splat-net"
+    body: _Body = "splat-net"
 
     def __post_init__(self) -> None:
         if len(self.widths) != 5 or min(self.widths) < 1:

@@ -20,8 +20,8 @@ from baselines.splat_net.network import NetworkConfig, SplatNet, composite
 from data_prep.rendering.camera import CAMERA_DISTANCE
 
 CODE = 128  # numbers of the code of the cloud
-SLOPE = 0.2
-DROPPED = 0.5  # of the channels of the widest two levels that go up, in training
+_SLOPE = 0.2
+_DROPPED = 0.5  # of the channels of the widest two levels that go up, in training
 
 
 class PointNetCode(nn.Sequential):
@@ -48,7 +48,7 @@ class Points2Pix(nn.Module):
             edge = level in (0, len(widths) - 1)  # one pixel has no statistics
             self.down.append(
                 nn.Sequential(
-                    *([nn.LeakyReLU(SLOPE)] if level else []),
+                    *([nn.LeakyReLU(_SLOPE)] if level else []),
                     nn.Conv2d(wide, width, 4, 2, 1, bias=edge),
                     *([] if edge else [nn.BatchNorm2d(width)]),
                 )
@@ -62,7 +62,7 @@ class Points2Pix(nn.Module):
                     nn.ReLU(),
                     nn.ConvTranspose2d(wide, width, 4, 2, 1, bias=False),
                     nn.BatchNorm2d(width),
-                    *([nn.Dropout(DROPPED)] if level < 2 else []),
+                    *([nn.Dropout(_DROPPED)] if level < 2 else []),
                 )
             )
             wide = 2 * width

@@ -20,8 +20,8 @@ from data_prep.rendering.camera import CAMERA_DISTANCE, FARTHEST, FOCAL_PX, came
 from data_prep.rendering.raycast import MAPS, MOST_NEARNESS
 from data_prep.scene import IMAGE_SIZE, View
 
-NEAREST = 0.05 * CAMERA_DISTANCE  # what is nearer than this, the mesh renderer cuts off as well
-DENSITY_WINDOWS = (1, 3, 9)  # sides in pixels, at 128 px
+_NEAREST = 0.05 * CAMERA_DISTANCE  # what is nearer than this, the mesh renderer cuts off as well
+_DENSITY_WINDOWS = (1, 3, 9)  # sides in pixels, at 128 px
 EMPTY = 1e4  # depth where there is no point
 
 
@@ -55,7 +55,7 @@ class Inputs:
         return (
             *(f"nearest in {window}" for window in self.windows),
             *(["farthest"] if self.far else []),
-            *(f"density in {window}" for window in DENSITY_WINDOWS if self.density),
+            *(f"density in {window}" for window in _DENSITY_WINDOWS if self.density),
             *(
                 f"flattened {i} {what}"
                 for i in FLATTENED
@@ -173,7 +173,7 @@ class Projection:
         if self.count is not None:
             count = self.count[images]
             torch.log1p(count, out=next(planes))
-            for window in DENSITY_WINDOWS[1:]:
+            for window in _DENSITY_WINDOWS[1:]:
                 torch.log1p(_spread(count, _scaled(window, size), torch.add), out=next(planes))
         for depth, count in self.flat:
             window = _scaled(inputs.windows[0], size)
@@ -212,7 +212,7 @@ class _Pixels:
         self.size = size
         x, y, z = points.unbind(1)
         depth = -z
-        ahead = depth > NEAREST
+        ahead = depth > _NEAREST
         scale = FOCAL_PX * size / IMAGE_SIZE / torch.where(ahead, depth, 1.0)
         self.column = size / 2 + x * scale
         self.row = size / 2 - y * scale

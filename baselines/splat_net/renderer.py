@@ -18,7 +18,7 @@ from data_prep.scene import IMAGE_SIZE, Images, PointCloud, View
 from learning.exact import exact_inference
 
 VIEWS_TOGETHER = 20
-POINTS_TOGETHER = 2**19  # of all these views: a bound on memory for large clouds
+_POINTS_TOGETHER = 2**19  # of all these views: a bound on memory for large clouds
 
 
 class SplatNetRenderer:
@@ -154,4 +154,4 @@ class SplatNetRenderer:
 
 def views_at_once(points: int) -> int:
     """Return how many views of a cloud of so many points are projected together."""
-    return max(1, min(VIEWS_TOGETHER, POINTS_TOGETHER // points))
+    return max(1, min(VIEWS_TOGETHER, _POINTS_TOGETHER // points))

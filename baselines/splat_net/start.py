@@ -23,7 +23,7 @@ from learning import training_loop
 
 GREY = "-grey"  # stands at the end of the name of the file with that head
 HEAD = ("last.weight", "last.bias")
-GREY_ROWS = [0, 4]  # of both heads: alpha, and grey after the three planes in colour
+_GREY_ROWS = [0, 4]  # of both heads: alpha, and grey after the three planes in colour
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,7 @@ def read_start(name_or_path: str, config: NetworkConfig, seed: int = 0) -> Start
         grey = read_file(find_weights(grey_beside(Path(name_or_path))))
         state, sha256 = _both(name_or_path, colour, grey), f"{colour.sha256} {grey.sha256}"
         if "colour" not in config.heads:
-            state |= {key: state[key][GREY_ROWS] for key in HEAD}
+            state |= {key: state[key][_GREY_ROWS] for key in HEAD}
     read = colour.network.config
     if (read.body, config.body) != ("splat-net", "splat-net"):
         raise BadInput(

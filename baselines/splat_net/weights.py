@@ -48,7 +48,7 @@ KIND = "splat-net"  # of the checkpoints of its training
 FORMAT = "splat-net-weights-2"  # of the first, networks had a code of the whole cloud
 REMEDY = "write the file again with baselines.splat_net.weights.export"
 MOST_WIDTH = 4096
-MOST_WINDOW = 63
+_MOST_WINDOW = 63
 MOST_MESHES, MOST_NAME = 8, 60
 
 
@@ -159,7 +159,7 @@ def network_config(fields: Mapping[str, Any]) -> NetworkConfig:
     flags = (inputs.normals, inputs.density, inputs.flattened, inputs.far, inputs.noise)
     if not all(isinstance(flag, bool) for flag in flags):
         raise ValueError(f"inputs {inputs}, expected true or false")
-    odd = {w for w in inputs.windows if type(w) is int and w % 2 and 0 < w <= MOST_WINDOW}
+    odd = {w for w in inputs.windows if type(w) is int and w % 2 and 0 < w <= _MOST_WINDOW}
     if not odd or list(inputs.windows) != sorted(odd):
         raise ValueError(f"windows {inputs.windows}, expected odd numbers that rise")
     named = {name for name in meshes if isinstance(name, str) and len(name) <= MOST_NAME}

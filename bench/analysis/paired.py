@@ -37,7 +37,7 @@ KEPT = 5  # decimals of an interval that count: sums in another order differ by 
 CELL = ["metric", "condition", "class"]
 SIDE = ["run", "method", "images_of", "value"]
 LEAD = ["lead", "lead_low", "lead_high"]
-DIFFERENCES = [
+_DIFFERENCES = [
     *(*CELL, "run_a", "method_a", "run_b", "method_b", "value_a", "value_b"),
     *("difference", "ci_low", "ci_high", "level", "p", "p_corrected", "cells", "ahead"),
     *("objects", "objects_needed", "images_of_a", "images_of_b"),
@@ -114,7 +114,7 @@ def paired_differences(pairs: Sequence[tuple[Row, Row]]) -> pd.DataFrame:
     """
     rows = _bonferroni_differences(pairs)
     needed = pd.Series([row["objects_needed"] for row in rows], dtype=object)
-    return pd.DataFrame(rows, columns=DIFFERENCES).assign(objects_needed=needed)
+    return pd.DataFrame(rows, columns=_DIFFERENCES).assign(objects_needed=needed)
 
 
 def _bonferroni_differences(pairs: Sequence[tuple[Row, Row]]) -> list[Row]:

@@ -24,7 +24,7 @@ from bench.records.run_folder import CONDITION_IDENTITIES, PROTOCOL
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION, refuse_other_version
 from data_prep.failures import BadInput
 
-SAME_TRUTH = 0.005  # of that ssim: graphics drivers differ by less, objects by more
+_SAME_TRUTH = 0.005  # of that ssim: graphics drivers differ by less, objects by more
 NAMED = 3  # objects in a message
 MEASURED = ("images_of_a", "images_of_b")  # the methods whose images they are
 
@@ -293,7 +293,7 @@ def _refuse_other_objects(*runs: Run) -> None:
             "--seed"
         )
     # Not for NaN: a blank image that failed.
-    for view in both[(both["ssim_a"] - both["ssim_b"]).abs() > SAME_TRUTH].itertuples():
+    for view in both[(both["ssim_a"] - both["ssim_b"]).abs() > _SAME_TRUTH].itertuples():
         raise BadInput(
             f"different true images: {view.name} is not the same object in both runs (a blank "
             f"image has ssim {view.ssim_a:.3f} and {view.ssim_b:.3f}); give both the same --dataset"

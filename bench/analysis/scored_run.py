@@ -55,7 +55,7 @@ from data_prep.plugins import EXTRACTORS, announced, entry_point_names
 VIEWS = "fd-views"
 
 
-def sums_of_metric(images: pd.DataFrame, name: str) -> pd.DataFrame:
+def _sums_of_metric(images: pd.DataFrame, name: str) -> pd.DataFrame:
     """Return the sums of a column of images, NAME_sum, and the numbers, NAME_count, a row a job.
 
     NaN is no value. They are added in the order of the images, as in `sum_views`.
@@ -70,7 +70,7 @@ def sums_of_metric(images: pd.DataFrame, name: str) -> pd.DataFrame:
     )
 
 
-def planned_jobs(
+def _planned_jobs(
     methods: Sequence[str], conditions: Sequence[str], objects: Iterable[str]
 ) -> pd.DataFrame:
     """Return a row for each method, condition and object ("class/name"), the latter sorted."""
@@ -87,7 +87,7 @@ def full_frame(jobs: pd.DataFrame, manifest: Mapping[str, Any]) -> pd.DataFrame:
 
     Raises BadInput for a job that the manifest does not have.
     """
-    every = planned_jobs(manifest["methods"], manifest["conditions"], manifest["objects"])
+    every = _planned_jobs(manifest["methods"], manifest["conditions"], manifest["objects"])
     full = every.merge(jobs, how="left", on=JOB)
     if int(full["planned"].notna().sum()) != len(jobs):
         unknown = jobs.merge(every, how="left", on=JOB, indicator="side")
@@ -270,7 +270,7 @@ class Run:
 
     def with_metric(self, metric: str, images: pd.DataFrame) -> Run:
         """Return the run with the sums of a further metric of images that exist, a column of it."""
-        jobs = self.jobs.merge(sums_of_metric(images, column(metric)), how="left", on=JOB)
+        jobs = self.jobs.merge(_sums_of_metric(images, column(metric)), how="left", on=JOB)
         return replace(self, jobs=_without_nan(jobs))
 
     def with_scores(self, metric: ScoredMetric, images: pd.DataFrame) -> Run:

@@ -187,7 +187,7 @@ def recognition_rows(run: Run) -> pd.DataFrame:
     return _frame(run, values)
 
 
-def image_keys(records: pd.DataFrame) -> list[ImageKey]:
+def _image_keys(records: pd.DataFrame) -> list[ImageKey]:
     """Return object and view of each record."""
     return list(zip(records["object"].tolist(), records["view"].tolist(), strict=True))
 
@@ -211,7 +211,7 @@ def _recognised(
     of_blank = (FLOOR, *cell[1:])
     failed = images[images["outcome"] == "failed"]
     known = set(answers.images(*of_blank)) if len(failed) else set()
-    failed = failed[[image in known for image in image_keys(failed)]]
+    failed = failed[[image in known for image in _image_keys(failed)]]
     with_blank = np.concatenate([values, _per_image(metric, of_blank, failed, answers, gallery)])
     objects = images["object"][exists].to_numpy()
     if metric == "retrieval":
@@ -235,7 +235,7 @@ def _per_image(
     """Return the error or the hit of each record's image, in their order."""
     if records.empty:
         return np.empty(0)
-    images = image_keys(records)
+    images = _image_keys(records)
     answered = answers.of(*cell, images)
     if metric == "azimuth-error-deg":
         return judge.azimuth_error_deg(answered, records["azimuth_deg"].to_numpy())

@@ -30,15 +30,15 @@ BEST_LEARNED_3D = "best-learned-3d"
 # By condition, the best first: the mean of the ranks by ssim-object and lpips on validation
 # objects of 13 classes (docs/reconstruction.md). 2048, 1024, 512 and noise up to 0.10 were measured
 # with all methods; elsewhere the last ones stand as in an earlier measurement.
-RANKINGS = Path(__file__).resolve().parents[2] / "results" / "chosen.csv"
-COSTS = RANKINGS.with_name("costs.csv")
+_RANKINGS = Path(__file__).resolve().parents[2] / "results" / "chosen.csv"
+COSTS = _RANKINGS.with_name("costs.csv")
 MEASURED_ON = "an AMD EPYC"  # family 25, model 17; 2026-11-27
-UNITS_MS = {"ms": 1.0, "s": 1000.0}
+_UNITS_MS = {"ms": 1.0, "s": 1000.0}
 _LEARNED_3D = ("occupancy-net",)
 
 
 @dataclass(frozen=True)
-class ChosenRow:
+class _ChosenRow:
     """A row that is, at each condition, the best method of a group.
 
     id       its name in tables and comparisons
@@ -65,16 +65,16 @@ class ChosenRow:
 
 
 def _rankings() -> dict[str, tuple[str, ...]]:
-    with RANKINGS.open(encoding="utf-8", newline="") as file:
+    with _RANKINGS.open(encoding="utf-8", newline="") as file:
         rows = csv.DictReader(file)
         return {row["condition"]: tuple(row["best_first"].split()) for row in rows}
 
 
 _RECONSTRUCTIONS = _rankings()
 _ROWS = (
-    ChosenRow(BEST_RECONSTRUCTION, _RECONSTRUCTIONS, fewest=2),
+    _ChosenRow(BEST_RECONSTRUCTION, _RECONSTRUCTIONS, fewest=2),
     # One network that learned in 3D is enough: readers look for the best of them by this name.
-    ChosenRow(BEST_LEARNED_3D, dict.fromkeys(_RECONSTRUCTIONS, _LEARNED_3D), fewest=1),
+    _ChosenRow(BEST_LEARNED_3D, dict.fromkeys(_RECONSTRUCTIONS, _LEARNED_3D), fewest=1),
 )
 CHOSEN = {row.id: row for row in _ROWS}
 
@@ -136,7 +136,7 @@ def best_within(budget_ms: float) -> MeasuredMethod:
 def budget_ms_of(text: str) -> float:
     """Return the milliseconds of a budget like "50ms" or "0.2s". Raises BadInput for other text."""
     match = re.fullmatch(r"([0-9]{1,9}(?:\.[0-9]{1,9})?)(ms|s)", text.strip())
-    budget = float(match[1]) * UNITS_MS[match[2]] if match else 0.0
+    budget = float(match[1]) * _UNITS_MS[match[2]] if match else 0.0
     if not budget:
         raise BadInput(f"budget {text}: give a time over 0 with its unit, as in 50ms or 0.2s")
     return budget

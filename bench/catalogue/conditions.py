@@ -158,7 +158,7 @@ def load_condition(condition_id: str) -> Condition:
     return load_entry_point("condition", condition_id, Condition, named, OUR_CONDITIONS)
 
 
-class ConditionName(NamedTuple):
+class _ConditionName(NamedTuple):
     """The names of a condition; conditions of one kind stand together on an axis.
 
     kind     the kind of the change; "" for a condition that is not known
@@ -177,28 +177,30 @@ class ConditionName(NamedTuple):
         return f"{kind} {self.short}".lstrip()
 
 
-def condition_name(condition_id: str) -> ConditionName:
+def condition_name(condition_id: str) -> _ConditionName:
     """Return the names of a condition; of one that is not known its id."""
     from data_prep.scene import CLOUD_SIZE  # `bench list` needs no NumPy
 
     match next((c.perturbation for c in CONDITIONS if c.id == condition_id), None):
         case Unchanged():
-            return ConditionName("points", f"{CLOUD_SIZE:,}", f"{CLOUD_SIZE:,} points")
+            return _ConditionName("points", f"{CLOUD_SIZE:,}", f"{CLOUD_SIZE:,} points")
         case Stride(step):
             count = f"{-(-CLOUD_SIZE // step):,}"
-            return ConditionName("points", count, f"{count} of {CLOUD_SIZE:,} points")
+            return _ConditionName("points", count, f"{count} of {CLOUD_SIZE:,} points")
         case GaussianNoise(sigma):
-            return ConditionName("noise", _percent(sigma), f"noise {_percent(sigma)} of the radius")
+            return _ConditionName(
+                "noise", _percent(sigma), f"noise {_percent(sigma)} of the radius"
+            )
         case Outliers(share):
-            return ConditionName("outliers", _percent(share), f"{_percent(share)} outliers")
+            return _ConditionName("outliers", _percent(share), f"{_percent(share)} outliers")
         case Missing(share):
             words = f"{_percent(share)} missing on one side"
-            return ConditionName("missing", _percent(share), words)
+            return _ConditionName("missing", _percent(share), words)
         case UnevenDensity(ratio):
             words = f"{CLOUD_SIZE // 2:,} points, {ratio:g} times as dense at one end"
-            return ConditionName("density", f"{ratio:g} : 1", words)
+            return _ConditionName("density", f"{ratio:g} : 1", words)
         case _:
-            return ConditionName("", condition_id, condition_id)
+            return _ConditionName("", condition_id, condition_id)
 
 
 def _percent(share: float) -> str:

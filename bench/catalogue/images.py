@@ -46,7 +46,7 @@ CLAIMS = "method.toml"
 ENTERED = "entered"  # in manifests: facts by method, and under TREE the folder of the images
 TREE = "tree"
 MOST_BYTES = 64 * 2**10  # of a file of facts
-MOST_S = 1e6  # of a claimed time: twelve days
+_MOST_S = 1e6  # of a claimed time: twelve days
 MOST_NAMED = 3  # in a line about images that are not used
 _CHECKSUM = re.compile("[0-9a-f]{64}")
 
@@ -134,10 +134,10 @@ def _checked_claims(stated: Mapping[str, Any], where: str) -> Claims:
 def _checked(key: str, value: Any, is_number: bool, where: str) -> str | float:
     if is_number:
         whole_or_float = isinstance(value, (int, float)) and not isinstance(value, bool)
-        if whole_or_float and 0 <= value <= MOST_S:
+        if whole_or_float and 0 <= value <= _MOST_S:
             return float(value)
         raise BadInput(
-            f"{where}: {key} {shown(repr(value))} is no number of seconds from 0 to {MOST_S:g}; "
+            f"{where}: {key} {shown(repr(value))} is no number of seconds from 0 to {_MOST_S:g}; "
             "give one"
         )
     try:

@@ -21,16 +21,16 @@ GPU = "cuda"
 BUNDLED = "chair"
 # By the first digits of the checksum of a file in colours, the checksum of the file that earlier
 # versions had for its grey part: the same tensors, so that what was drawn with them is kept.
-GREY_FILES = {
+_GREY_FILES = {
     "6331efaaab8a": "0445cfb77209b1c073dd734f0fe6b3307884d28faf3f498a5d50375f5c589416",
     "43900479f408": "d81ce265948ae583db8aec0a6d9d075a6602b1bcde7ab1db21b5685c17b6010c",
     "e5be7a567f23": "bb4d03c1b3594fee5d69278ea889ffa4bc84b923a1a3cfbe0906c02088cc6b0a",
 }
-TO_PAPER_WIDTH = 4  # the bundled networks have a quarter of it
+_TO_PAPER_WIDTH = 4  # the bundled networks have a quarter of it
 
 
 @dataclass(frozen=True)
-class NetworkPackage:
+class _NetworkPackage:
     """A package of this project that has a network with files of weights.
 
     package    its name; it has `load`, and a module `weights`
@@ -44,7 +44,7 @@ class NetworkPackage:
     libraries: tuple[str, ...]
     version: int
     command: str
-    beside: NetworkPackage | None = None
+    beside: _NetworkPackage | None = None
 
     def load(self, weights: str, device: str) -> Renderer:
         """Return the renderer with a bundled name or file of weights."""
@@ -60,7 +60,7 @@ class NetworkPackage:
         from learning.weights import file_sha256
 
         sha256 = file_sha256(self.file(weights))
-        kept = GREY_FILES.get(sha256[:12], sha256) if weights.endswith("-grey") else sha256
+        kept = _GREY_FILES.get(sha256[:12], sha256) if weights.endswith("-grey") else sha256
         return self._identity(kept)
 
     def file_identity(self, path: str) -> str:
@@ -79,9 +79,9 @@ class NetworkPackage:
         return importlib.import_module(f"{self.package}.weights")
 
 
-PC2PIX = NetworkPackage("pc2pix", ("torch",), 4, "bench train gan")
-SPLAT_NET = NetworkPackage("baselines.splat_net", ("torch", "scipy"), 2, "bench train splat-net")
-OCCUPANCY_NET = NetworkPackage(
+PC2PIX = _NetworkPackage("pc2pix", ("torch",), 4, "bench train gan")
+SPLAT_NET = _NetworkPackage("baselines.splat_net", ("torch", "scipy"), 2, "bench train splat-net")
+OCCUPANCY_NET = _NetworkPackage(
     "baselines.occupancy_net",
     ("embreex", "scikit-image", "torch"),
     1,
@@ -90,7 +90,7 @@ OCCUPANCY_NET = NetworkPackage(
 
 
 # A change of the meshes of denoised-wrap, which it sees too, raises its version.
-FUSED_NET = NetworkPackage(
+FUSED_NET = _NetworkPackage(
     "baselines.fused_net",
     ("embreex", "pymeshlab", "scikit-image", "scipy", "torch"),
     1,
@@ -106,7 +106,7 @@ def widened(device: str) -> Renderer:
     from pc2pix.widen import widen
 
     weights = load_weights(BUNDLED)
-    weights = replace(weights, generator=widen(weights.generator, TO_PAPER_WIDTH))
+    weights = replace(weights, generator=widen(weights.generator, _TO_PAPER_WIDTH))
     return Pc2pixRenderer(weights, device=chosen_device(device))
 
 

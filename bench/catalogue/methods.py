@@ -22,7 +22,7 @@ from data_prep.failures import BadInput
 from data_prep.files.safe_read import is_regular_file
 from data_prep.plugins import announced, load_entry_point
 
-WITH_WEIGHTS_FILE = {
+_WITH_WEIGHTS_FILE = {
     "pc2pix": loaders.PC2PIX,
     "splat-net": loaders.SPLAT_NET,
     "fused-net": loaders.FUSED_NET,
@@ -40,7 +40,7 @@ def _methods() -> Iterator[Method]:
 
     sees      mesh, as only the ceiling does; cloud; or nothing, with the same images always
     version   raised by hand when a change alters its images; "" for that of its package
-    renderer  of a network the package (`WITH_WEIGHTS_FILE`), else a class below `baselines`
+    renderer  of a network the package (`_WITH_WEIGHTS_FILE`), else a class below `baselines`
     needs     of a network the name of its weights, else the libraries that its images depend on
     """
     with Path(__file__).with_suffix(".csv").open(encoding="utf-8", newline="") as file:
@@ -49,7 +49,7 @@ def _methods() -> Iterator[Method]:
             sees = row.pop("sees")
             fields: dict[str, Any] = {"sees_mesh": sees == "mesh", "sees_cloud": sees == "cloud"}
             if row["kind"] == "network":
-                package = WITH_WEIGHTS_FILE[renderer]
+                package = _WITH_WEIGHTS_FILE[renderer]
                 fields["weights_file"] = partial(package.file, needs)
                 fields["identity"] = partial(package.identity, needs)
                 fields["load"] = partial(package.load, needs)
@@ -75,7 +75,7 @@ RECOMMENDED = "fused-net@grey"  # for a cloud of an unknown object: docs/trade.m
 RECOMMENDED_IN_COLOUR = "fused-net"  # the same where colours are asked for
 BUNDLED = (*METHODS, *COST_VARIANTS)
 # The first ones stand where the id of a method stands: they are no ids for methods of others.
-OUR_FAMILIES = {"ground-truth", *CHOSEN, *WITH_WEIGHTS_FILE} | {m.family for m in BUNDLED}
+OUR_FAMILIES = {"ground-truth", *CHOSEN, *_WITH_WEIGHTS_FILE} | {m.family for m in BUNDLED}
 FLOOR = "blank"
 PAPERS_CHAIN = {"surface-apss", "surface-fit", "surface-bpa"}  # or a part of it
 FLOORS = tuple(method.id for method in METHODS if method.role == "floor")
@@ -122,14 +122,14 @@ PARAMETERS = (
 )
 
 
-class Setting(NamedTuple):
+class _Setting(NamedTuple):
     """A parameter and its value."""
 
     parameter: Parameter
     value: float
 
 
-def find_setting(method_id: str) -> Setting | None:
+def find_setting(method_id: str) -> _Setting | None:
     """Return the setting of an id METHOD@PARAMETER=VALUE; None for an id of another form.
 
     Raises BadInput for a parameter that the method does not have, and for a value out of its range.
@@ -152,7 +152,7 @@ def find_setting(method_id: str) -> Setting | None:
             f"'{method_id}': {name} must be a {kind} from {parameter.low:g} to {parameter.high:g}, "
             f"not '{text}'"
         )
-    return Setting(parameter, value)
+    return _Setting(parameter, value)
 
 
 def find_run_method(address: str) -> Method:
@@ -171,7 +171,7 @@ def find_run_method(address: str) -> Method:
 def find_method(method_id: str) -> Method:
     """Return the method with this id, or a variant of one, that draws any cloud.
 
-    `pc2pix@FILE.safetensors` and the like (WITH_WEIGHTS_FILE) have weights of your own,
+    `pc2pix@FILE.safetensors` and the like (_WITH_WEIGHTS_FILE) have weights of your own,
     `METHOD@PARAMETER=VALUE` is a method with one parameter set
     (`PARAMETERS`), `MODULE:NAME` is of a module that the command line
     names (`bench.catalogue.method.module_method`).
@@ -194,7 +194,7 @@ def find_method(method_id: str) -> Method:
         load = partial(method.load, **{parameter.field or parameter.name: value})
         return replace(method, id=method_id, load=load, source=source)
     family, weights = family_of(method_id), variant_of(method_id)
-    package, suffix = WITH_WEIGHTS_FILE.get(family), Path(weights).suffix
+    package, suffix = _WITH_WEIGHTS_FILE.get(family), Path(weights).suffix
     if package and suffix == ".safetensors":
         if not is_regular_file(Path(weights)):
             raise BadInput(f"{weights}: no such weights file; train one with '{package.command}'")

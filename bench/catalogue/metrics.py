@@ -28,7 +28,7 @@ if TYPE_CHECKING:  # `bench list` answers at once
 
 
 @dataclass(frozen=True)
-class Metric:
+class _Metric:
     """A metric of tables.
 
     kind       image        of every image of a run and the true one (`bench.metrics.image_scores`)
@@ -57,12 +57,12 @@ class Metric:
     extractor: str = ""
 
 
-def _rows() -> Iterator[Metric]:
+def _rows() -> Iterator[_Metric]:
     with Path(__file__).with_suffix(".csv").open(encoding="utf-8", newline="") as file:
         for row in csv.DictReader(file):
             low, high = float(row.pop("low") or -inf), float(row.pop("high") or inf)
             higher, decimals = row.pop("better") == "higher", int(row.pop("decimals"))
-            yield Metric(low=low, high=high, higher=higher, decimals=decimals, **row)
+            yield _Metric(low=low, high=high, higher=higher, decimals=decimals, **row)
 
 
 METRICS = {metric.id: metric for metric in _rows()}
@@ -198,24 +198,24 @@ def find_extractor(extractor_id: str) -> FeatureSource:
     return find(extractor_id, EXTRACTORS, "metric")
 
 
-_DECLARED: dict[str, Metric] = {}  # by id; ids of packages are refused where they are ours
+_DECLARED: dict[str, _Metric] = {}  # by id; ids of packages are refused where they are ours
 
 
 def declare_metric(metric_id: str, higher_is_better: bool, decimals: int) -> None:
     """Make a further image metric known to the functions below, in this process."""
-    _DECLARED[metric_id] = Metric(
+    _DECLARED[metric_id] = _Metric(
         "further", metric_id, "", higher=higher_is_better, decimals=decimals
     )
 
 
-def declared_metric(metric_id: str) -> Metric | None:
+def declared_metric(metric_id: str) -> _Metric | None:
     """Return the facts of a further image metric; None for one that is not declared."""
     return _DECLARED.get(metric_id)
 
 
-def metric_facts(metric_id: str) -> Metric:
+def metric_facts(metric_id: str) -> _Metric:
     """Return the row of a metric, one without limits for a metric that is not known."""
-    return METRICS.get(metric_id) or _DECLARED.get(metric_id) or Metric("", metric_id, "")
+    return METRICS.get(metric_id) or _DECLARED.get(metric_id) or _Metric("", metric_id, "")
 
 
 def extractor_of(metric: str) -> str:

@@ -40,7 +40,7 @@ from data_prep.randomness import generator
 
 
 @dataclass(frozen=True)
-class AgainResult:
+class _AgainResult:
     """A line for each job that differs, and how many jobs were computed again, of how many.
 
     Lines are about true images, too; they are no jobs of a method, and do not count as such.
@@ -58,7 +58,7 @@ def check_again(
     seed: int,
     probe: Callable[[], Mapping[str, str]] = environment,
     start: Callable[[int], Executor] | None = None,
-) -> AgainResult:
+) -> _AgainResult:
     """Compute a share of the jobs of a finished run again, drawn by a seed, and compare results.
 
     The true images of their objects are computed, too. A line on stderr names libraries, methods
@@ -93,7 +93,7 @@ def check_again(
                 lines += _compare(job, stored, key, store, same_environment)
     computed = sum(len(jobs) for _, jobs in chosen)
     total = (planned.jobs_per_object - 1) * len(planned)
-    return AgainResult(tuple(lines), computed, total, same_environment)
+    return _AgainResult(tuple(lines), computed, total, same_environment)
 
 
 def _protocol_again(directory: Path, manifest: Mapping[str, Any]) -> Protocol:

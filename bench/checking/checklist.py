@@ -41,9 +41,9 @@ from data_prep.failures import BadInput
 from data_prep.files.atomic_write import write_whole
 from learning.weights import card_of
 
-CHECKLIST = "claims.md"
+_CHECKLIST = "claims.md"
 # Networks of the paper's width that have no weights of their own.
-PAPER_WIDTHS = {"pc2pix@paper": 1.0}
+_PAPER_WIDTHS = {"pc2pix@paper": 1.0}
 SUITES = (CHAIRS, CLASSES, SPEED, LATENT)
 
 
@@ -202,7 +202,7 @@ def _claims(results: Sequence[ClaimResult]) -> Grid:
 
 def write_checklist(results: Sequence[ClaimResult], directory: Path) -> Path:
     """Write `claims.md` into the folder of a run, and return its path."""
-    path = directory / CHECKLIST
+    path = directory / _CHECKLIST
     write_whole(path, to_markdown(results).encode())
     return path
 
@@ -251,7 +251,7 @@ def _quality_evidence(
     judged = scored.features.get(JUDGE)
     return QualityEvidence(
         compared,
-        {} if judged is None else retrieval_of_chairs(scored.cells, judged),
+        {} if judged is None else _retrieval_of_chairs(scored.cells, judged),
         _trainings(known),
         tuple(subjects),
         seed_spreads(),
@@ -269,13 +269,13 @@ def _trainings(methods: Iterable[str]) -> dict[str, Training]:
             card = card_of(method.weights_file())
         except BadInput:
             continue
-        width = PAPER_WIDTHS.get(str(name), card.get("model", {}).get("width"))
+        width = _PAPER_WIDTHS.get(str(name), card.get("model", {}).get("width"))
         if width is not None:
             trainings[str(name)] = Training(float(width), bool(card.get("augment", False)))
     return trainings
 
 
-def retrieval_of_chairs(cells: Iterable[CellKey], judged: Features) -> dict[tuple[str, str], Any]:
+def _retrieval_of_chairs(cells: Iterable[CellKey], judged: Features) -> dict[tuple[str, str], Any]:
     """Return the share of each chair's images by which the judge finds it, [G].
 
     It is by method and condition; empty without chairs, and where the gallery is too small.

@@ -33,9 +33,9 @@ DISTANCES = ("fid", "fd-views")  # the first that a run has; the second stands i
 EQUAL = 0.01  # largest difference of two scores that two decimals print alike
 SHARE = 0.1  # of reconstruction's loss: the paper's network loses 0.01 SSIM where SR loses 0.40
 CONFIDENCE = "class-confidence"
-RETRIEVAL = "retrieval"
+_RETRIEVAL = "retrieval"
 RECOGNISABLE = ("ssim", "lpips")  # metrics by which an image has to beat the reference methods
-PAPER_WIDTH = 1.0  # of the networks, in widths of the paper's
+_PAPER_WIDTH = 1.0  # of the networks, in widths of the paper's
 
 
 # --- evidence -------------------------------------------------------------------------------------
@@ -202,9 +202,9 @@ def _shows_something(run: QualityEvidence, method: str, condition: str) -> list[
     ]
     shares = run.retrieval.get((method, condition))
     if shares is None:
-        raise MissingEvidence(f"the run has no {RETRIEVAL} of {method} at {condition}")
+        raise MissingEvidence(f"the run has no {_RETRIEVAL} of {method} at {condition}")
     above = shares - 1 / len(shares)
-    return [*required, _mean_over_objects(f"{RETRIEVAL} over chance at {condition}", above)]
+    return [*required, _mean_over_objects(f"{_RETRIEVAL} over chance at {condition}", above)]
 
 
 def degrades(run: QualityEvidence, metric: str, conditions: Sequence[str]) -> list[ClaimFinding]:
@@ -254,7 +254,7 @@ def faster(run: TimingEvidence, times: float) -> list[ClaimFinding]:
         low, high = (math.exp(end + math.log(times)) for end in over.estimate[1:])
         numbers = f"{math.exp(ratio.mean()):.1f} times [{low:.1f}, {high:.1f}] on {run.machine}"
         training = run.trainings.get(network)
-        if training is not None and training.width == PAPER_WIDTH:
+        if training is not None and training.width == _PAPER_WIDTH:
             findings.append(ClaimFinding(network, numbers, (over,), "the paper's width"))
             continue
         width = "an unknown width" if training is None else f"{training.width:g} of its width"

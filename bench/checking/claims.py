@@ -24,9 +24,9 @@ CHAIRS, CLASSES, SPEED, LATENT = "chair-robustness", "thirteen-classes", "speed"
 FEWER = ("1024", "512")
 NOISY = ("noise-0.05", "noise-0.10")
 AHEAD = {"surface": "SR is ahead", "network": "pc2pix is ahead", "equal": "they are equal"}
-CONCLUSIONS = "rifle-is-no-difference"  # the first of them; the tables stand before
+_CONCLUSIONS = "rifle-is-no-difference"  # the first of them; the tables stand before
 
-Rule = Callable[[Any], list[ClaimFinding]]
+_Rule = Callable[[Any], list[ClaimFinding]]
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Claim:
     suite: str  # its runs test the claim; empty where no suite does
     measured: str  # what tests it, and when it counts as supported
     why_not: str = ""  # why no suite tests it
-    rule: Rule | None = None  # from the evidence of such a run to findings
+    rule: _Rule | None = None  # from the evidence of such a run to findings
 
     @property
     def family(self) -> str:
@@ -48,7 +48,7 @@ class Claim:
 
 
 _of_classes = partial(rules.ordering, class_name=AVERAGE, most=1)
-RULES: Mapping[str, Rule] = {
+RULES: Mapping[str, _Rule] = {
     "a-gan-can-render": rules.above_blank,
     "higher-class-similarity": partial(_of_classes, metric=rules.CONFIDENCE, ahead="network"),
     "significantly-faster": partial(rules.faster, times=1.0),
@@ -86,7 +86,7 @@ def claims() -> tuple[Claim, ...]:
     for row in rows.to_dict("records"):
         fields = {str(name): text.format(share=f"{rules.SHARE:.0%}") for name, text in row.items()}
         of_text.append(Claim(**fields, rule=RULES.get(fields["id"])))
-    first = [claim.id for claim in of_text].index(CONCLUSIONS)
+    first = [claim.id for claim in of_text].index(_CONCLUSIONS)
     return (*of_text[:first], *_printed(CHAIRS), *_printed(CLASSES), *of_text[first:])
 
 

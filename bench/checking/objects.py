@@ -40,9 +40,9 @@ from data_prep.scene import UInt8Images
 
 KEY = ["method", "condition", "class", "object"]
 IMAGES = "images"
-ANY = "any"  # condition of methods that see no cloud
-WORST = 3  # objects named for each regression
-LIBRARIES = ("torch", "pymeshlab", "pyrender", "PyOpenGL", "trimesh", "numpy", "scipy")
+_ANY = "any"  # condition of methods that see no cloud
+_WORST = 3  # objects named for each regression
+_LIBRARIES = ("torch", "pymeshlab", "pyrender", "PyOpenGL", "trimesh", "numpy", "scipy")
 
 
 def environment_of(manifest: Mapping[str, Any]) -> dict[str, str]:
@@ -60,11 +60,11 @@ def environment_of(manifest: Mapping[str, Any]) -> dict[str, str]:
         # The processors of a cluster's nodes are not in the manifest.
         "cluster": "yes" if manifest.get("cluster") else "no",
         "device": str(manifest["device"]),
-        **{name: str(versions.get(name)) for name in LIBRARIES},
+        **{name: str(versions.get(name)) for name in _LIBRARIES},
     }
 
 
-def object_values(run: Run) -> pd.DataFrame:
+def _object_values(run: Run) -> pd.DataFrame:
     """Return each object's mean of each image metric over the views that have a value.
 
     The index is method, condition, class and object, in the order of the run; the columns are the
@@ -122,7 +122,7 @@ class GoldenObjects:
         """
         return {
             "methods": set(self.lines["method"]),
-            "conditions": set(self.lines["condition"]) - {ANY},
+            "conditions": set(self.lines["condition"]) - {_ANY},
             "objects": set(self.lines["class"] + "/" + self.lines["object"]),
         }
 
@@ -132,7 +132,7 @@ class GoldenObjects:
         The index is KEY; the column `line` is the number of the line in the file.
         """
         every = self.lines.assign(line=range(len(self.lines)))
-        blind = every["condition"] == ANY
+        blind = every["condition"] == _ANY
         spread = [every[blind].assign(condition=condition) for condition in manifest["conditions"]]
         named = pd.concat([every[~blind], *spread])
         in_run = (
@@ -196,14 +196,14 @@ def write_objects(run: Run, protocol: Mapping[str, Any]) -> list[Path]:
     first = run.manifest["conditions"][0]
     known = {method: known_method(method) for method in run.manifest["methods"]}
     sees_cloud = {name: method is None or method.sees_cloud for name, method in known.items()}
-    values = object_values(run).reset_index()
+    values = _object_values(run).reset_index()
     lines, thumbnails = [], []
     for row in values.to_dict("records"):
         item = JobName(*(row[name] for name in KEY))
         if not sees_cloud[item.method]:
             if item.condition != first:
                 continue
-            row["condition"] = ANY
+            row["condition"] = _ANY
         images = stored.images(item)
         if images is None and item in stored:
             raise BadInput(
@@ -248,7 +248,7 @@ class GoldenDeviation:
 
 
 @dataclass(frozen=True)
-class ObjectComparison:
+class _ObjectComparison:
     """The result of a comparison object by object.
 
     remark    whether the golden values come from the same environment
@@ -263,7 +263,7 @@ class ObjectComparison:
     moved: tuple[GoldenDeviation, ...]
 
 
-def compare_objects(run: Run, golden: GoldenObjects) -> ObjectComparison:
+def compare_objects(run: Run, golden: GoldenObjects) -> _ObjectComparison:
     """Compare the values of a run, or of a part of one, with the golden ones.
 
     In the same environment a value may differ by the digits that are not written; elsewhere by
@@ -271,7 +271,7 @@ def compare_objects(run: Run, golden: GoldenObjects) -> ObjectComparison:
     """
     expected = golden.part(run.manifest)
     metrics = [name for name in golden.lines.columns if name not in (*KEY, IMAGES)]
-    actual = object_values(run).reindex(index=expected.index, columns=metrics)
+    actual = _object_values(run).reindex(index=expected.index, columns=metrics)
     here = environment_of(run.manifest)
     same = here == golden.environment
     stored = StoredImages(run.directory)
@@ -294,21 +294,23 @@ def compare_objects(run: Run, golden: GoldenObjects) -> ObjectComparison:
                 continue
             beyond.sort(key=lambda deviation: -deviation.excess)
             worst = []
-            for deviation in beyond[:WORST]:
+            for deviation in beyond[:_WORST]:
                 now = checksum(stored.images(deviation.item))
                 same_images = now != "" and now == wanted[IMAGES][deviation.item]
                 worst.append(
                     f"{'/'.join(deviation.item.object)} {number(deviation.actual)}, golden "
                     f"{number(deviation.golden)}" + " (same images)" * same_images
                 )
-            more = "; ..." * (len(beyond) > WORST)
+            more = "; ..." * (len(beyond) > _WORST)
             lines.append(
                 f"{metric} of {method} at {condition}: {len(beyond)} of {len(wanted)} objects "
                 f"moved by more than {allowed:.6f}: {'; '.join(worst)}{more}"
             )
             moved += beyond
     compared = Counter(dict.fromkeys(metrics, len(actual)))
-    return ObjectComparison(_remark(here, golden.environment), compared, tuple(lines), tuple(moved))
+    return _ObjectComparison(
+        _remark(here, golden.environment), compared, tuple(lines), tuple(moved)
+    )
 
 
 def _remark(here: Mapping[str, str], golden: Mapping[str, str]) -> str:

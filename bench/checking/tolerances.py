@@ -165,7 +165,7 @@ OBJECT_RENDERING: Mapping[str, float] = {  # 3 x the largest move of a chair
     "thin-precision": 0.36,
     "lpips": 0.01,
 }
-OBJECT_RECONSTRUCTION: Mapping[str, float] = OBJECT_RENDERING | {  # 3 x the deviation of a chair
+_OBJECT_RECONSTRUCTION: Mapping[str, float] = OBJECT_RENDERING | {  # 3 x the deviation of a chair
     "ssim": 0.047,
     "luminance": 0.0051,
     "contrast": 0.044,
@@ -205,5 +205,5 @@ def object_tolerance(method: str, metric: str, same_environment: bool) -> float:
     """
     if same_environment or method == "true-mesh":
         return PRINTED
-    table = OBJECT_RECONSTRUCTION if family_of(method) in PAPERS_CHAIN else OBJECT_RENDERING
+    table = _OBJECT_RECONSTRUCTION if family_of(method) in PAPERS_CHAIN else OBJECT_RENDERING
     return table[metric]

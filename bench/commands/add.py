@@ -62,7 +62,7 @@ def add(
     finished = run_suite(options)
     ids = [find_run_method(name).id for name in asked]
     if finished.outputs is not None:
-        for line in (*shown(finished.outputs.headline), *verdict_lines(directory, ids)):
+        for line in (*shown(finished.outputs.headline), *_verdict_lines(directory, ids)):
             print(line)
         print(f"report: {directory / REPORT}")
     new = tuple(name for name in finished.hopeless if name in ids)  # others were so before
@@ -110,7 +110,7 @@ def _pass_test(name: str) -> None:
     print(summary(findings))
 
 
-def verdict_lines(directory: Path, methods: Sequence[str]) -> Iterator[str]:
+def _verdict_lines(directory: Path, methods: Sequence[str]) -> Iterator[str]:
     """Yield the lines of each method against the best of a run, paired object by object."""
     from bench.analysis.run_pairs import against_best
     from bench.tables.differences import comparison_lines

@@ -14,10 +14,10 @@ from bench.running.options import file_name
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.files.atomic_write import write_whole
 
-COMPARISONS = "comparisons"
+_COMPARISONS = "comparisons"
 
 
-class ComparisonFormat(StrEnum):
+class _ComparisonFormat(StrEnum):
     """The formats in which a comparison is printed."""
 
     text = "text"
@@ -49,7 +49,7 @@ def compare(
         path_option("Folder for tables and figure. Default: comparisons/A-B in the last run."),
     ] = None,
     format_: Annotated[
-        ComparisonFormat | None,
+        _ComparisonFormat | None,
         typer.Option(
             "--format",
             help="Print who is ahead (text), values with intervals (md), or all columns (csv, "
@@ -77,7 +77,7 @@ def compare(
             f"{' '.join(map(str, directories))}: no object has true images and scores on both "
             "sides, so nothing is compared; 'bench report DIR' shows what failed"
         )
-    folder = out or directories[-1] / COMPARISONS / file_name(
+    folder = out or directories[-1] / _COMPARISONS / file_name(
         Path(differences.a).name, Path(differences.b).name
     )
     try:
@@ -90,10 +90,10 @@ def compare(
     write_differences(folder / "differences", differences)
     print(f"written to {folder}", file=sys.stderr)  # first: the verdict is the last line
     if format_ is None:
-        format_ = ComparisonFormat.text if sys.stdout.isatty() else ComparisonFormat.md
-    if format_ is ComparisonFormat.text:
+        format_ = _ComparisonFormat.text if sys.stdout.isatty() else _ComparisonFormat.md
+    if format_ is _ComparisonFormat.text:
         print("\n".join(comparison_lines(differences, terminal_width())))
-    elif format_ is ComparisonFormat.md:
+    elif format_ is _ComparisonFormat.md:
         print(table.to_markdown())
     else:
         print(in_format([table], Format(format_)), end="")

@@ -22,8 +22,8 @@ from data_prep.datasets.registry import open_dataset
 from data_prep.failures import BadInput
 from data_prep.files.safe_read import MIB, read_text
 
-REQUEST = "request"  # key in a manifest: the options of the command
-INSTEAD = "give the manifest.json of a run, or state the options in a TOML file"
+_REQUEST = "request"  # key in a manifest: the options of the command
+_INSTEAD = "give the manifest.json of a run, or state the options in a TOML file"
 MEASURED = {*REPEATED} - {"device"}  # where it was measured is no part of what
 JOB_SUITES = {suite.id: suite for suite in SUITES}
 
@@ -77,8 +77,8 @@ def _toml(path: Path) -> Mapping[str, Any]:
 
 def _manifest(path: Path) -> Mapping[str, Any]:
     """Return the manifest of a run of this version that can be repeated."""
-    manifest = load_manifest(path, remedy=INSTEAD)
-    if not manifest.get(REQUEST):
+    manifest = load_manifest(path, remedy=_INSTEAD)
+    if not manifest.get(_REQUEST):
         raise BadInput(
             f"{path}: has no options of a run; give the manifest.json of a run of this version"
         )
@@ -96,9 +96,9 @@ def repeated_request(path: Path) -> Mapping[str, Any]:
     if (schema := manifest["schema_version"]) != SCHEMA_VERSION:
         raise BadInput(
             f"{path}: of schema {schema}, this version has {SCHEMA_VERSION} and would measure "
-            f"something else; use the version that made it, or {INSTEAD}"
+            f"something else; use the version that made it, or {_INSTEAD}"
         )
-    request = {name: value for name, value in manifest[REQUEST].items() if name in MEASURED}
+    request = {name: value for name, value in manifest[_REQUEST].items() if name in MEASURED}
     if manifest["suite"] not in JOB_SUITES:
         return request
     repeated = request | {name: manifest[name] for name in ("conditions", "views")}

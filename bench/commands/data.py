@@ -51,17 +51,17 @@ from data_prep.progress import progress
 from data_prep.randomness import generator
 
 REAL_MESHES = RESULTS / "real-meshes.csv"
-EXPORTED_SUFFIXES = (".csv", ".ply", ".png")
+_EXPORTED_SUFFIXES = (".csv", ".ply", ".png")
 LIMITS = Limits(time_s=120.0, memory_gib=4.0)  # for one object
-ENDLESS_SAMPLE = 3  # objects of a class where the dataset has no end
+_ENDLESS_SAMPLE = 3  # objects of a class where the dataset has no end
 # Readings of the angles closer than this are not distinguished: an object may look nearly the same
 # from both sides, and the outermost points of its outline fall beside its pixels.
-INDIFFERENCE = 0.01
-UNUSABLE = "it cannot be used"
+_INDIFFERENCE = 0.01
+_UNUSABLE = "it cannot be used"
 
 
 @dataclass(frozen=True)
-class Inspection:
+class _Inspection:
     """A report on a dataset.
 
     Attributes
@@ -99,7 +99,7 @@ class _ObjectReport:
     bare: bool = False
 
 
-def inspect(location: str, sample: int, workers: int) -> Inspection:
+def inspect(location: str, sample: int, workers: int) -> _Inspection:
     """Inspect a dataset ("shapenet:PATH"), or a folder, whose layout is recognised.
 
     `sample` objects of each class are read, spread over those that a run would measure. Raises
@@ -120,7 +120,7 @@ def inspect(location: str, sample: int, workers: int) -> Inspection:
             advance(sum(bool(report.problems) for report in reports.values()))
     fit, misfit = _fit(reports)
     clouds = bool(reports) and all(report.bare for report in reports.values())
-    problems = [line for line in _grouped(reports) if not (clouds and UNUSABLE in line)]
+    problems = [line for line in _grouped(reports) if not (clouds and _UNUSABLE in line)]
     irregular = (*dataset.irregular, *_without_images(dataset), *problems, *misfit)
     lines = (
         f"layout       {dataset.layout}",
@@ -131,7 +131,7 @@ def inspect(location: str, sample: int, workers: int) -> Inspection:
         *fit,
         *(("clouds       points without faces: they can be drawn, not scored",) if clouds else ()),
     )
-    return Inspection(spec, lines, irregular, clouds)
+    return _Inspection(spec, lines, irregular, clouds)
 
 
 def _counts(dataset: Dataset) -> list[str]:
@@ -159,7 +159,7 @@ def _sample(dataset: Dataset, sample: int) -> list[SceneObject]:
     chosen: list[SceneObject] = []
     for name in dataset.classes or ("",):
         if dataset.finite is None:
-            chosen += dataset.objects(name, min(sample, ENDLESS_SAMPLE), 0)
+            chosen += dataset.objects(name, min(sample, _ENDLESS_SAMPLE), 0)
             continue
         pool = dataset.splits.get(dataset.measured, ()) or dataset.finite
         of_class = [obj for obj in pool if not name or obj.class_name == name]
@@ -181,7 +181,7 @@ def _examine(obj: SceneObject) -> _ObjectReport:
     except MissingDependency:
         raise
     except BadInput as error:
-        problems = ((UNUSABLE, str(error)),)
+        problems = ((_UNUSABLE, str(error)),)
         if not (isinstance(error, NoFaces) and isinstance(obj, MeshFile)):
             return _ObjectReport(problems)
         cloud = _examine(BareCloud(obj.class_name, obj.object_id, obj.path))
@@ -230,7 +230,7 @@ def _fit(reports: Mapping[str, _ObjectReport]) -> tuple[list[str], list[str]]:
     other = f"{'the same' if sense > 0 else 'the other'} sense, turned by {turn} degrees"
     message = f"{means[0]:.1%} of the points fall on the object in their images"
     against = f"{means[best]:.1%} for the next best reading of the azimuth ({other})"
-    if means[best] > means[0] + INDIFFERENCE:
+    if means[best] > means[0] + _INDIFFERENCE:
         return [], [f"angles do not fit: {message}, {against}"]
     return [f"angles       {message}; {against}"], []
 
@@ -260,7 +260,7 @@ def verify(folder: Path, listing: Path = REAL_MESHES) -> Verification:
     if not folder.is_dir():
         raise BadInput(f"{folder}: no such folder; give that of the meshes, or an export")
     if (folder / METADATA).is_file():
-        wanted, suffixes = listed_files(folder), EXPORTED_SUFFIXES
+        wanted, suffixes = listed_files(folder), _EXPORTED_SUFFIXES
     elif any((folder / name).is_file() for name in COLUMNS):
         raise BadInput(
             f"{folder}: an export without its {METADATA}, which has the checksums of its lists; "
@@ -298,7 +298,7 @@ app = typer.Typer(cls=Group, help="Inspect, verify and export datasets.", **SETT
 
 
 @app.command("inspect")
-def inspect_data(
+def _inspect_data(
     location: Annotated[
         str,
         typer.Argument(
@@ -321,7 +321,7 @@ def inspect_data(
 
 
 @app.command("verify")
-def verify_data(
+def _verify_data(
     folder: Annotated[
         Path, path_argument("FOLDER", "An export, or the real meshes in sub-folders by class.")
     ],
@@ -336,7 +336,7 @@ def verify_data(
         raise typer.Exit(1)
 
 
-EXPORT_OPTIONS: dict[str, str | OptionSpec] = {
+_EXPORT_OPTIONS: dict[str, str | OptionSpec] = {
     "suite": OptionSpec("The suite whose objects and views these are.", default="chair-robustness"),
     "dataset": RUN_OPTIONS["dataset"],
     "truth": RUN_OPTIONS["truth"],
@@ -346,8 +346,8 @@ EXPORT_OPTIONS: dict[str, str | OptionSpec] = {
 
 
 @app.command("export")
-@options_from_dataclass(Options, EXPORT_OPTIONS)
-def export_data(options: Options, out: Annotated[Path, path_option("The new folder.")]) -> None:
+@options_from_dataclass(Options, _EXPORT_OPTIONS)
+def _export_data(options: Options, out: Annotated[Path, path_option("The new folder.")]) -> None:
     """Write the clouds, views and true images of a run as files with checksums."""
     print(f"{export(options, out)} objects written to {out}", file=sys.stderr)
     print(f"use          --dataset {shlex.quote(f'exported:{out}')}")

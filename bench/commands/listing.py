@@ -29,14 +29,14 @@ from bench.tables.terminal import ANY_WIDTH, line_width
 from data_prep.clouds.conditions import CONDITIONS
 from data_prep.plugins import announced
 
-METHOD_KINDS = {  # the heads of their sections
+_METHOD_KINDS = {  # the heads of their sections
     "network": "networks",
     "reconstruction": "reconstructions",
     "splat": "projections",
     "reference": "reference methods",
     "": "of other packages",
 }
-METRIC_KINDS = {
+_METRIC_KINDS = {
     "image": "of an image",
     "further": "of an image, on request",
     "set": "of a set of images",
@@ -45,8 +45,8 @@ METRIC_KINDS = {
     "control": "of a judge",
     "": "of other packages",
 }
-NARROWEST_TEXT = 36  # columns: beside its name a text of fewer is hard to read
-OWN_DATASETS = (
+_NARROWEST_TEXT = 36  # columns: beside its name a text of fewer is hard to read
+_OWN_DATASETS = (
     ("procedural", "parametric shapes, without a download (the default); test split"),
     ("procedural:validation", "parametric shapes, the split for making choices"),
     ("procedural:sealed", "parametric shapes, the split for final numbers: choose nothing by it"),
@@ -60,7 +60,7 @@ OWN_DATASETS = (
     ("paper:PATH", "clouds, 20 images of each and their cameras, as the paper's code has them"),
 )
 Entry = tuple[str, ...]  # a name, facts, a text
-Section = tuple[Sequence[str], Sequence[Entry], Sequence[str]]  # heads, entries, notes
+_Section = tuple[Sequence[str], Sequence[Entry], Sequence[str]]  # heads, entries, notes
 SECTIONS = ("suites", "methods", "variants", "conditions", "metrics", "datasets")
 
 
@@ -100,7 +100,7 @@ def _lines(heads: Sequence[str], entries: Sequence[Sequence[str]], width: int) -
     *fixed, _ = zip(heads, *entries, strict=True)
     widths = [max(map(len, column)) for column in fixed]
     margin = sum(widths) + 2 * len(widths)
-    if width < margin + NARROWEST_TEXT:
+    if width < margin + _NARROWEST_TEXT:
         for name, *facts, about in entries:
             told = [f"{head} {fact}" for head, fact in zip(heads[1:], facts, strict=False) if fact]
             yield from textwrap.wrap(name, width)
@@ -126,10 +126,10 @@ def _plain_entries(title: str) -> list[tuple[str, str]]:
         others = [(id_, _of_package("condition", id_)) for id_ in announced("condition")]
         return [*((condition.id, condition.source) for condition in CONDITIONS), *others]
     others = ((f"{id_}:PATH", _of_package("dataset", id_)) for id_ in announced("dataset"))
-    return [*OWN_DATASETS, *others]
+    return [*_OWN_DATASETS, *others]
 
 
-def _methods(costs: Mapping[str, MeasuredMethod]) -> Section:
+def _methods(costs: Mapping[str, MeasuredMethod]) -> _Section:
     """Return the methods by kind, with what they were trained on, their colours and their cost."""
     conditions, methods = [c.id for c in CONDITIONS], [m.id for m in METHODS]
     chosen = sorted({*CHOSEN[BEST_RECONSTRUCTION].by_condition(conditions, methods).values()})
@@ -147,7 +147,7 @@ def _methods(costs: Mapping[str, MeasuredMethod]) -> Section:
         "family, of the same size",
     )
     heads = ("", "trained on", "colour", "one view", "")
-    return heads, _by_kind(rows, METHOD_KINDS, (RECOMMENDED, *chosen)), notes
+    return heads, _by_kind(rows, _METHOD_KINDS, (RECOMMENDED, *chosen)), notes
 
 
 def _cost(method: Method, costs: Mapping[str, MeasuredMethod]) -> str:
@@ -159,7 +159,7 @@ def _cost(method: Method, costs: Mapping[str, MeasuredMethod]) -> str:
     return "~" * (method.id not in costs) + f"{number} ms"
 
 
-def _metrics() -> Section:
+def _metrics() -> _Section:
     """Return the metrics by what they are taken of, and which way is better."""
     rows = [(m.kind, m.id, "higher" if m.higher else "lower", m.about) for m in METRICS.values()]
     rows += [
@@ -170,7 +170,7 @@ def _metrics() -> Section:
         "on request: by 'bench run --metrics' and 'bench score'",
         "* of the headline table, 'bench compare' and 'bench recommend'",
     )
-    return ("", "better", ""), _by_kind(rows, METRIC_KINDS, ROBUSTNESS.headline), notes
+    return ("", "better", ""), _by_kind(rows, _METRIC_KINDS, ROBUSTNESS.headline), notes
 
 
 def _by_kind(

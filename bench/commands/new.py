@@ -29,7 +29,7 @@ class PluginKind(StrEnum):
 
 
 @dataclass(frozen=True)
-class Template:
+class _Template:
     """A package in `examples`.
 
     Attributes
@@ -48,9 +48,9 @@ class Template:
 
 
 TEMPLATES = {
-    PluginKind.method: Template("convex-hull", "METHOD"),
-    PluginKind.metric: Template("pixel-error", "METRIC"),
-    PluginKind.dataset: Template(
+    PluginKind.method: _Template("convex-hull", "METHOD"),
+    PluginKind.metric: _Template("pixel-error", "METRIC"),
+    PluginKind.dataset: _Template(
         "mesh-list",
         "DATASET:sample",
         ("sample/objects.csv", "sample/cube.ply", "sample/tall.ply"),
@@ -66,21 +66,21 @@ def new(
     out: Annotated[Path | None, path_option("The new folder. Default: NAME.")] = None,
 ) -> None:
     """Write a package to start from, which 'bench test' passes and 'pip install' takes."""
-    check_id(kind, name)
+    _check_id(kind, name)
     folder = out or Path(name)
     written = write_package(kind, name, folder)
     print(f"{folder}: {', '.join(written)}")
-    print(f"next: cd {folder}; bench test {module_of(name)}:{TEMPLATES[kind].tested}")
+    print(f"next: cd {folder}; bench test {_module_of(name)}:{TEMPLATES[kind].tested}")
 
 
-def module_of(id_: str) -> str:
+def _module_of(id_: str) -> str:
     """Return the name of the module of a plug-in."""
     return id_.replace("-", "_")
 
 
-def check_id(kind: PluginKind, id_: str) -> None:
+def _check_id(kind: PluginKind, id_: str) -> None:
     """Raise BadInput for an id that no plug-in can have, or whose module would not be found."""
-    module = module_of(id_)
+    module = _module_of(id_)
     if not is_id(id_):
         raise BadInput(
             f"{id_}: an id is kebab-case (a-z, 0-9 and single hyphens), as in my-{kind}; give "
@@ -104,7 +104,7 @@ def write_package(kind: PluginKind, id_: str, folder: Path) -> list[str]:
     if folder.exists() or folder.is_symlink():
         raise BadInput(f"{folder}: is there already; give another --out")
     template = TEMPLATES[kind]
-    module = module_of(template.id)
+    module = _module_of(template.id)
     names = ("pyproject.toml", f"{module}.py", f"test_{module}.py", "README.md", *template.further)
     source, written = files("bench") / "examples" / str(kind), []
     try:
@@ -128,4 +128,4 @@ def write_package(kind: PluginKind, id_: str, folder: Path) -> list[str]:
 
 
 def _renamed(text: str, before: str, id_: str) -> str:
-    return text.replace(before, id_).replace(module_of(before), module_of(id_))
+    return text.replace(before, id_).replace(_module_of(before), _module_of(id_))

@@ -21,7 +21,7 @@ from data_prep.failures import BadInput
 # Click's, which some Typers contain.
 USAGE_ERROR: Any = typer.BadParameter.__mro__[1]
 SETTINGS: dict[str, Any] = {"add_completion": False, "rich_markup_mode": None}
-MOST_WORKERS = 1_024
+_MOST_WORKERS = 1_024
 
 
 def read_path(text: str | Path) -> Path:
@@ -67,7 +67,7 @@ class Group(TyperGroup):
         return super().resolve_command(ctx, args)
 
 
-class TruthChoice(StrEnum):
+class _TruthChoice(StrEnum):
     """The truth that images are scored against."""
 
     coloured = "coloured"
@@ -99,8 +99,8 @@ def worker_count(workers: int | None) -> int | None:
     """Return the value of --workers. Raises BadInput below 1, and for more than any machine has."""
     if workers is not None and workers < 1:
         raise BadInput(f"--workers {workers}: must be at least 1")
-    if workers is not None and workers > MOST_WORKERS:
-        raise BadInput(f"--workers {workers}: too many processes; give at most {MOST_WORKERS}")
+    if workers is not None and workers > _MOST_WORKERS:
+        raise BadInput(f"--workers {workers}: too many processes; give at most {_MOST_WORKERS}")
     return workers
 
 
@@ -250,7 +250,7 @@ RUN_OPTIONS: dict[str, str | OptionSpec] = {  # of `bench.running.protocol.Optio
     "truth": OptionSpec(
         "The true images: in the colours of the objects, or with all faces in grey, where only the "
         "shape counts; see docs/protocol.md. Default: coloured.",
-        kind=TruthChoice | None,
+        kind=_TruthChoice | None,
         convert=lambda value: value and str(value),
     ),
     "methods": "Methods, comma-separated; blank is always measured. images:TREE is one that was "

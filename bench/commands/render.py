@@ -44,12 +44,12 @@ from data_prep.failures import BadInput
 from data_prep.progress import progress
 from data_prep.scene import IMAGE_SIZE
 
-SHEET_SCALE = 2
+_SHEET_SCALE = 2
 CLOUD = "cloud"  # the label of the dots
 
 
 @dataclass(frozen=True)
-class RenderResult:
+class _RenderResult:
     """The result of `bench render`.
 
     Attributes
@@ -71,7 +71,7 @@ class RenderResult:
     notes: Notes
 
 
-def render(clouds: Sequence[Path], options: RenderOptions) -> RenderResult:
+def render(clouds: Sequence[Path], options: RenderOptions) -> _RenderResult:
     """Draw clouds and write an image of each, unless all methods fail.
 
     One method gives its images as they are. Several give a sheet: the points as dots, then a
@@ -107,7 +107,7 @@ def render(clouds: Sequence[Path], options: RenderOptions) -> RenderResult:
         if unusable is None and len(failed[cloud]) < len(drawings):
             write_images(_finished(drawn, options), images[cloud])
             written.add(cloud)
-    return RenderResult(
+    return _RenderResult(
         tuple(image for cloud, image in images.items() if cloud in written),
         tuple(line for cloud in images for line in failed[cloud]),
         len(images) - len(written),
@@ -182,14 +182,14 @@ def _finished(drawn: Mapping[Wanted, Drawn], options: RenderOptions) -> NDArray[
         assert not isinstance(images, BadInput)
         label = visible(drawing.method) if isinstance(drawing, Drawing) else CLOUD
         tiles.append(Tile(label, visible(images.reason) if isinstance(images, Failed) else images))
-    return draw_sheet(tiles, columns_of(len(tiles)), SHEET_SCALE)
+    return draw_sheet(tiles, columns_of(len(tiles)), _SHEET_SCALE)
 
 
 def _budget_ms(text: str | None) -> float | None:
     return None if text is None else budget_ms_of(text)
 
 
-RENDER_OPTIONS: dict[str, str | OptionSpec] = {
+_RENDER_OPTIONS: dict[str, str | OptionSpec] = {
     "method": "Method, see 'bench list'; several, comma-separated, make a sheet. Default: "
     f"{RECOMMENDED}, for any object.",
     "budget": OptionSpec(
@@ -223,7 +223,7 @@ RENDER_OPTIONS: dict[str, str | OptionSpec] = {
 }
 
 
-@options_from_dataclass(RenderOptions, RENDER_OPTIONS)
+@options_from_dataclass(RenderOptions, _RENDER_OPTIONS)
 def render_clouds(
     options: RenderOptions,
     clouds: Annotated[

@@ -34,7 +34,7 @@ from bench.tables.terminal import laid_out, line_width
 from bench.tables.terminal import table as terminal_table
 from data_prep.failures import BadInput, CannotWrite
 
-MOST_SEED = 2**32
+_MOST_SEED = 2**32
 
 
 def merge(
@@ -136,7 +136,7 @@ def check(
         raise BadInput(f"{len(directories)} folders: give one, or several with --claims")
     (directory,) = directories
     if again is not None:
-        _check_again(directory, again, secrets.randbelow(MOST_SEED) if seed is None else seed)
+        _check_again(directory, again, secrets.randbelow(_MOST_SEED) if seed is None else seed)
         return
     if bless:
         for path in checks.bless(directory):

@@ -44,7 +44,7 @@ from data_prep.failures import BadInput
 from data_prep.plugins import announced
 from data_prep.scene import UInt8Images
 
-READ = 8  # images of jobs held in memory, of about 1 MB each
+_READ = 8  # images of jobs held in memory, of about 1 MB each
 
 
 def score(directory: Path, metrics: Sequence[ImageMetric | SetMetric]) -> list[Table]:
@@ -67,7 +67,7 @@ def score_run_of(run: Run, metrics: Sequence[ImageMetric | SetMetric]) -> list[T
             )
     tables = []
     with open_store(run.directory, write=True) as store:
-        images = KeptImages(store)
+        images = _KeptImages(store)
         for metric in metrics:
             if isinstance(metric, SetMetric):
                 rows = _set_rows(run, images, metric)
@@ -78,13 +78,13 @@ def score_run_of(run: Run, metrics: Sequence[ImageMetric | SetMetric]) -> list[T
     return tables
 
 
-class KeptImages:
+class _KeptImages:
     """The images that the complete run in a store has kept, by the names of its jobs."""
 
     def __init__(self, store: Store) -> None:
         self.jobs = [row for row in store.listed() if row.has_images]  # object by object
         self._keys = {row.name: row.key for row in self.jobs}
-        self._read = lru_cache(READ)(lambda key: unpack(store.array(key)))
+        self._read = lru_cache(_READ)(lambda key: unpack(store.array(key)))
 
     def of(self, name: JobName) -> UInt8Images:
         """Return the images [V, H, W, 3] of a job. Raises BadInput where they are gone."""
@@ -95,7 +95,7 @@ class KeptImages:
         return self._read(self._keys[name])
 
 
-def _image_rows(run: Run, images: KeptImages, metric: ImageMetric, store: Store) -> pd.DataFrame:
+def _image_rows(run: Run, images: _KeptImages, metric: ImageMetric, store: Store) -> pd.DataFrame:
     """Return the means over images, and keep the scores in the store of the run.
 
     Skipped where something optional is not installed.
@@ -120,7 +120,7 @@ def digits_of(values: Floats) -> int:
     return 3 if spread == 0 else int(np.clip(2 - np.floor(np.log10(spread)), 0, 6))
 
 
-def scores_of(images: KeptImages, metric: ImageMetric) -> dict[str, Floats]:
+def scores_of(images: _KeptImages, metric: ImageMetric) -> dict[str, Floats]:
     """Return the scores [V] of all jobs with images but the ground truths, by their keys.
 
     Raises BadInput as `score`.
@@ -133,10 +133,10 @@ def scores_of(images: KeptImages, metric: ImageMetric) -> dict[str, Floats]:
     return scores
 
 
-def _set_rows(run: Run, images: KeptImages, metric: SetMetric) -> pd.DataFrame:
+def _set_rows(run: Run, images: _KeptImages, metric: SetMetric) -> pd.DataFrame:
     """Return the rows of Fréchet and kernel distances; skipped where something is not installed."""
     kinds = {metric.id: FRECHET, f"{metric.id}-kernel": KERNEL}
-    features = FeatureDistances(KeptFeatures(images, metric, run.manifest["views"]))
+    features = FeatureDistances(_KeptFeatures(images, metric, run.manifest["views"]))
     try:
         rows = [distance_rows(run, name, kind, features) for name, kind in kinds.items()]
     except WeightsUnavailable as error:
@@ -145,13 +145,13 @@ def _set_rows(run: Run, images: KeptImages, metric: SetMetric) -> pd.DataFrame:
     return pd.concat(rows, ignore_index=True)
 
 
-class KeptFeatures:
+class _KeptFeatures:
     """The features of the images that a run has kept, as `bench.records.frames.Features`.
 
     They are computed on demand, cell by cell; those of the true images are kept.
     """
 
-    def __init__(self, images: KeptImages, metric: SetMetric, views: int) -> None:
+    def __init__(self, images: _KeptImages, metric: SetMetric, views: int) -> None:
         self._images, self._metric, self._views = images, metric, views
         self._true = cache(self._computed)
 

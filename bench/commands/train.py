@@ -53,19 +53,19 @@ TRAIN_OPTIONS: dict[str, str | OptionSpec] = {
     "threads": "CPU threads. Default: PyTorch's choice.",
 }
 VIEWS = "Images of each object."
-START = OptionSpec(
+_START = OptionSpec(
     "Weights to start from: a bundled name, or a file with the grey one beside it. "
     "Default: random weights.",
     convert=expand_file,
 )
-COOLED_OPTIONS: dict[str, str | OptionSpec] = {
+_COOLED_OPTIONS: dict[str, str | OptionSpec] = {
     "augment": "Train on clouds with noise and with fewer points.",
     "cool_down": "Steps at the end over which the learning rate falls to zero.",
     "learning_rate": "Learning rate of Adam.",
 }
-U_NET_OPTIONS: dict[str, str | OptionSpec] = COOLED_OPTIONS | {
+_U_NET_OPTIONS: dict[str, str | OptionSpec] = _COOLED_OPTIONS | {
     "views": VIEWS,
-    "start": START,
+    "start": _START,
     "objective": "Loss: l1, l1-patch, relief, perceptual or pix2pix; see docs/training.md.",
     "warm_up": "Steps at the start in which the patch discriminator only learns (not with l1).",
 }
@@ -82,7 +82,7 @@ U_NET_OPTIONS: dict[str, str | OptionSpec] = COOLED_OPTIONS | {
         "learning_rate": "Learning rate of RMSprop.",
     },
 )
-def autoencoder_command(options: AutoencoderOptions) -> None:
+def _autoencoder_command(options: AutoencoderOptions) -> None:
     """Train the point-cloud autoencoder (paper, section 3.1)."""
     from bench.training.networks import train_autoencoder
 
@@ -109,7 +109,7 @@ def autoencoder_command(options: AutoencoderOptions) -> None:
         "discriminator_lr": "Learning rate of Adam for the discriminator.",
     },
 )
-def gan_command(options: GanOptions) -> None:
+def _gan_command(options: GanOptions) -> None:
     """Train the rendering GAN (paper, section 3.2) on a trained autoencoder."""
     from bench.training.networks import train_gan
 
@@ -120,13 +120,13 @@ def gan_command(options: GanOptions) -> None:
 @options_from_dataclass(
     SplatNetOptions,
     TRAIN_OPTIONS
-    | U_NET_OPTIONS
+    | _U_NET_OPTIONS
     | {
         "network": "Network: tiny, default or points2pix.",
         "colours": "One colour for the image, whatever the shape, or one for each pixel.",
     },
 )
-def splat_net_command(options: SplatNetOptions) -> None:
+def _splat_net_command(options: SplatNetOptions) -> None:
     """Train the U-Net on projected points; write weights in colour and in grey."""
     from bench.training.networks import train_splat_net
 
@@ -137,7 +137,7 @@ def splat_net_command(options: SplatNetOptions) -> None:
 @options_from_dataclass(
     FusedNetOptions,
     TRAIN_OPTIONS
-    | U_NET_OPTIONS
+    | _U_NET_OPTIONS
     | {
         "network": "Network: tiny, default or large, as of splat-net.",
         "meshes": OptionSpec(
@@ -145,11 +145,11 @@ def splat_net_command(options: SplatNetOptions) -> None:
             convert=lambda text: names(text) or (),
             default="denoised-wrap,occupancy-net",
         ),
-        "start": replace(START, help=f"Splat-net's weights. {START.help}"),
+        "start": replace(_START, help=f"Splat-net's weights. {_START.help}"),
         "steps": "Steps in total, with those done before a resume; 0: only compute the meshes.",
     },
 )
-def fused_net_command(options: FusedNetOptions) -> None:
+def _fused_net_command(options: FusedNetOptions) -> None:
     """Train splat-net that also sees meshes; write weights in colour and in grey."""
     from bench.training.networks import train_fused_net
 
@@ -159,9 +159,9 @@ def fused_net_command(options: FusedNetOptions) -> None:
 @app.command("occupancy-net")
 @options_from_dataclass(
     OccupancyNetOptions,
-    TRAIN_OPTIONS | COOLED_OPTIONS,
+    TRAIN_OPTIONS | _COOLED_OPTIONS,
 )
-def occupancy_net_command(options: OccupancyNetOptions) -> None:
+def _occupancy_net_command(options: OccupancyNetOptions) -> None:
     """Train the occupancy network on labelled places; the shapes have to be closed."""
     from bench.training.networks import train_occupancy_net
 
@@ -180,7 +180,7 @@ def occupancy_net_command(options: OccupancyNetOptions) -> None:
     | TRAIN_OPTIONS,
     leave_out=("dataset", "classes", "augment"),
 )
-def decoder_command(options: DecoderOptions) -> None:
+def _decoder_command(options: DecoderOptions) -> None:
     """Train a decoder from codes to clouds, for the suite latent."""
     from bench.training.networks import train_decoder
 

@@ -36,11 +36,11 @@ MOST_KEPT = 40  # images whose activations are kept for the next call, 8 MB each
 MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of ImageNet, red to blue
 C1 = C2 = 1e-6  # keep the quotients of empty channels finite
 TINY = 1e-12  # under the root of the pooling, as in the original
-HANNING = (0.25, 0.5, 0.25)
-TRUNK = TRUNKS["vgg"]
+_HANNING = (0.25, 0.5, 0.25)
+_TRUNK = TRUNKS["vgg"]
 
 
-class Dists:
+class _Dists:
     """VGG16 with L2 pooling and the weights of both terms, on one device, in one precision.
 
     Convolutions keep all digits of the precision on a GPU, too (`learning.exact`).
@@ -59,9 +59,9 @@ class Dists:
             for name, w in read_tensors(path, DISTS).items()
         }
         total = weights["alpha"].sum() + weights["beta"].sum()
-        checkpoint = read_lpips_weights(trunk, "vgg")[TRUNK.name]
+        checkpoint = read_lpips_weights(trunk, "vgg")[_TRUNK.name]
         self._convolutions, channels, side = [], [3], IMAGE_SIZE
-        for i, conv in enumerate(TRUNK.layers):
+        for i, conv in enumerate(_TRUNK.layers):
             kernel, bias = (
                 torch.from_numpy(checkpoint[f"Conv_{i}"][part]).to(device, torch.float64)
                 for part in ("kernel", "bias")
@@ -105,7 +105,7 @@ class Dists:
         )
         stages = [x]
         x = (x - mean) / deviation
-        for conv, convolve in zip(TRUNK.layers, self._convolutions, strict=True):
+        for conv, convolve in zip(_TRUNK.layers, self._convolutions, strict=True):
             x = convolve(pooled(x) if conv.pooled else x)
             if conv.seen:
                 stages.append(x)
@@ -127,7 +127,7 @@ class Dists:
 
 def pooled(x: Tensor) -> Tensor:
     """Return the root of the Hanning-weighted mean square about every second pixel."""
-    window = torch.tensor(HANNING, dtype=x.dtype, device=x.device)
+    window = torch.tensor(_HANNING, dtype=x.dtype, device=x.device)
     kernel = torch.outer(window, window).expand(x.shape[1], 1, 3, 3)
     squares = functional.conv2d(x.square(), kernel, stride=2, padding=1, groups=x.shape[1])
     return squares.add_(TINY).sqrt_()
@@ -164,11 +164,11 @@ def dists(
     if a.shape != b.shape:
         raise ValueError(f"stacks of images must have the same shape, got {a.shape} and {b.shape}")
     for images in (a, b):
-        require_images(images, TRUNK.least)
-    return load_dists(torch.float32 if single else torch.float64, device).distance(a, b)
+        require_images(images, _TRUNK.least)
+    return _load_dists(torch.float32 if single else torch.float64, device).distance(a, b)
 
 
 @functools.lru_cache(maxsize=2)
-def load_dists(dtype: torch.dtype, device: str = "cpu") -> Dists:
-    """Return a `Dists` of the installed weights; the last two are kept. Raises as `dists`."""
-    return Dists(find_dists_weights(), find_lpips_weights("vgg"), dtype, device)
+def _load_dists(dtype: torch.dtype, device: str = "cpu") -> _Dists:
+    """Return a `_Dists` of the installed weights; the last two are kept. Raises as `dists`."""
+    return _Dists(find_dists_weights(), find_lpips_weights("vgg"), dtype, device)

@@ -34,7 +34,7 @@ from data_prep.arrays import Floats
 
 EXACT_OBJECTS = 60  # that the jackknife leaves out one after the other
 GROUPS = 30  # at most, that it leaves out of more objects
-GROUP_SEED = 0
+_GROUP_SEED = 0
 _ROWS = 4096  # taken at a time: little memory
 MOST_KEPT = 2**21  # numbers of the moments that a set may keep: 16 MB
 
@@ -223,7 +223,7 @@ def object_blocks(objects: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.intp]
 
 def _digest(name: Any) -> int:
     """Return a number of 8 bytes that depends on a name and on the seed of the groups."""
-    text = f"{GROUP_SEED} {name}".encode()
+    text = f"{_GROUP_SEED} {name}".encode()
     return int.from_bytes(blake2b(text, digest_size=8).digest(), "big")
 
 

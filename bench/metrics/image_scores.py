@@ -16,7 +16,7 @@ from bench.metrics.structural_similarity import ssim_per_image_and_mask
 from bench.metrics.thin_parts import thin_scores_of
 from bench.metrics.wavelet_similarity import cw_ssim
 
-Score = Callable[[NDArray[np.uint8], NDArray[np.uint8]], NDArray[np.float64]]
+_Score = Callable[[NDArray[np.uint8], NDArray[np.uint8]], NDArray[np.float64]]
 
 
 def _dists(
@@ -29,7 +29,7 @@ def _dists(
 
 
 # Metrics that no suite has: `bench run --metrics` and `bench score` take them of kept images.
-FURTHER_SCORES: Mapping[str, Score] = {
+FURTHER_SCORES: Mapping[str, _Score] = {
     "ms-ssim": ms_ssim,
     "cw-ssim": cw_ssim,
     "flip": flip,
@@ -37,7 +37,7 @@ FURTHER_SCORES: Mapping[str, Score] = {
 }
 
 
-def further_score(metric: str, device: str) -> Score:
+def further_score(metric: str, device: str) -> _Score:
     """Return one of FURTHER_SCORES, its network on a device: "auto", "cpu" or "cuda"."""
     score = FURTHER_SCORES[metric]
     return partial(_dists, device=device) if score is _dists else score

@@ -31,12 +31,12 @@ from learning.exact import exact_inference
 
 BATCH = 10  # images in one call: another number may move a value by rounding (1e-7)
 # Of red, green and blue; in the original they are float32, which shows in the eighth digit.
-SHIFT = np.array([-0.030, -0.088, -0.188], np.float32)
+_SHIFT = np.array([-0.030, -0.088, -0.188], np.float32)
 SCALE = np.array([0.458, 0.448, 0.450], np.float32)
 TINY = 1e-10  # added to lengths, as in the original
 
 
-class Conv(NamedTuple):
+class _Conv(NamedTuple):
     """A convolution with ReLU; `pooled` and `seen` say if pooling precedes and if it counts."""
 
     kernel: int
@@ -46,33 +46,33 @@ class Conv(NamedTuple):
     seen: bool
 
 
-class Trunk(NamedTuple):
+class _Trunk(NamedTuple):
     """The table of a network; pool: (window, stride) of the maximum; least: side of an image."""
 
     name: str
-    layers: tuple[Conv, ...]
+    layers: tuple[_Conv, ...]
     pool: tuple[int, int]
     least: int
 
 
-def _vgg(*, pooled: bool = False, seen: bool = False) -> Conv:
-    return Conv(3, 1, 1, pooled, seen)
+def _vgg(*, pooled: bool = False, seen: bool = False) -> _Conv:
+    return _Conv(3, 1, 1, pooled, seen)
 
 
-TRUNKS: dict[Net, Trunk] = {
-    "alex": Trunk(
+TRUNKS: dict[Net, _Trunk] = {
+    "alex": _Trunk(
         "AlexNet_0",
         (
-            Conv(11, 4, 2, pooled=False, seen=True),
-            Conv(5, 1, 2, pooled=True, seen=True),
-            Conv(3, 1, 1, pooled=True, seen=True),
-            Conv(3, 1, 1, pooled=False, seen=True),
-            Conv(3, 1, 1, pooled=False, seen=True),
+            _Conv(11, 4, 2, pooled=False, seen=True),
+            _Conv(5, 1, 2, pooled=True, seen=True),
+            _Conv(3, 1, 1, pooled=True, seen=True),
+            _Conv(3, 1, 1, pooled=False, seen=True),
+            _Conv(3, 1, 1, pooled=False, seen=True),
         ),
         pool=(3, 2),
         least=31,
     ),
-    "vgg": Trunk(
+    "vgg": _Trunk(
         "VGG16_0",
         (
             *(_vgg(), _vgg(seen=True)),
@@ -88,7 +88,7 @@ TRUNKS: dict[Net, Trunk] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Activations:
+class _Activations:
     """The activations of the network for N images.
 
     layers    activations [N, c, h, w] of five layers, each pixel's of length 1 (or 0)
@@ -135,18 +135,19 @@ class Lpips:
             steps = {"stride": conv.stride, "padding": conv.padding}
             self._convolutions.append(Convolution(kernel, bias, like, dtype, relu=True, **steps))
             side = (side + 2 * conv.padding - conv.kernel) // conv.stride + 1
-        self._last: list[tuple[NDArray[np.uint8], Activations]] = []
+        self._last: list[tuple[NDArray[np.uint8], _Activations]] = []
         heads = range(sum(conv.seen for conv in trunk.layers))
         self._heads = [
             read(f"NetLinLayer_{i}", "Conv_0", "kernel").to(dtype).reshape(1, -1, 1, 1)
             for i in heads
         ]
         self._shift, self._scale = (
-            torch.from_numpy(values).to(device, dtype).reshape(3, 1, 1) for values in (SHIFT, SCALE)
+            torch.from_numpy(values).to(device, dtype).reshape(3, 1, 1)
+            for values in (_SHIFT, SCALE)
         )
 
     @exact_inference()
-    def encode(self, images: NDArray[np.uint8]) -> Activations:
+    def encode(self, images: NDArray[np.uint8]) -> _Activations:
         """Return the activations for images uint8 [N, H, W, 3], N > 0, computed in batches.
 
         What it has seen in the last two stacks is kept: in a run the same true images are compared
@@ -161,7 +162,7 @@ class Lpips:
                 return seen
         parts = [self._see(images[i : i + BATCH]) for i in range(0, len(images), BATCH)]
         *layers, features = (torch.cat(some) for some in zip(*parts, strict=True))
-        self._last = [*self._last[-1:], (images.copy(), Activations(tuple(layers), features))]
+        self._last = [*self._last[-1:], (images.copy(), _Activations(tuple(layers), features))]
         return self._last[-1][1]
 
     def _see(self, images: NDArray[np.uint8]) -> list[Tensor]:
@@ -176,7 +177,7 @@ class Lpips:
         return [*layers, x.mean(dim=(2, 3))]
 
     @exact_inference()
-    def distance(self, a: Activations, b: Activations) -> NDArray[np.float64]:
+    def distance(self, a: _Activations, b: _Activations) -> NDArray[np.float64]:
         """Return LPIPS [N] of N pairs, >= 0; 0 for identical images, symmetric."""
         total = torch.zeros(len(a.features), dtype=torch.float64, device=self.device)
         for head, layer, counterpart in zip(self._heads, a.layers, b.layers, strict=True):

@@ -66,7 +66,7 @@ class Ssim(NamedTuple):
     structure: float
 
 
-class SsimPerImage(NamedTuple):
+class _SsimPerImage(NamedTuple):
     """The fields of `Ssim`, float64 [N] each: means over the windows and channels of one image."""
 
     ssim: Floats
@@ -100,7 +100,7 @@ def ssim(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> Ssim:
     return Ssim(*(float(values.mean()) for values in per_image))
 
 
-def ssim_per_image(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> SsimPerImage:
+def ssim_per_image(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> _SsimPerImage:
     """Return `ssim` of every pair of images, which does not depend on the others."""
     require_images(a, b)
     per_image, _ = _score(a, b, None)
@@ -109,7 +109,7 @@ def ssim_per_image(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> SsimPerImage:
 
 def ssim_per_image_and_mask(
     a: NDArray[np.uint8], b: NDArray[np.uint8], masks: NDArray[np.bool_]
-) -> tuple[SsimPerImage, Floats]:
+) -> tuple[_SsimPerImage, Floats]:
     """Return `ssim_per_image`, and the mean `ssim` [N] of the windows over a mask, from one map.
 
     masks  bool [N, H, W], one per pair, in pixels
@@ -128,7 +128,7 @@ def ssim_per_image_and_mask(
 
 def _score(
     a: NDArray[np.uint8], b: NDArray[np.uint8], masks: NDArray[np.bool_] | None
-) -> tuple[SsimPerImage, Floats]:
+) -> tuple[_SsimPerImage, Floats]:
     n, height, width, channels = a.shape
     size = min(height, width, WINDOW)
     weights = window_weights(size)
@@ -170,7 +170,7 @@ def _score(
         means[i] = sums.sum(axis=0) / windows_per_tile.sum()
         if n_inside:
             over_masks[i] = mask_sums.sum() / n_inside
-    return SsimPerImage(*np.ascontiguousarray(means.T)), over_masks
+    return _SsimPerImage(*np.ascontiguousarray(means.T)), over_masks
 
 
 def _windows_over(masks: NDArray[np.bool_], size: int) -> NDArray[np.bool_]:

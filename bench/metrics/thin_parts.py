@@ -27,14 +27,14 @@ from numpy.typing import NDArray
 
 from bench.metrics.silhouette import Masks, Pairs, foreground
 
-LEAST_GROUP = 8  # pixels
-EVALUATED_WITHIN = 2  # pixels from a thin one
-PRECISION_WITHIN = 4  # pixels from an evaluated one
+_LEAST_GROUP = 8  # pixels
+_EVALUATED_WITHIN = 2  # pixels from a thin one
+_PRECISION_WITHIN = 4  # pixels from an evaluated one
 # The disc of diameter 4 as offsets (row, column) of its 12 pixels from its upper left corner.
 _DISC = tuple((y, x) for y in range(4) for x in range(4) if (y - 1.5) ** 2 + (x - 1.5) ** 2 <= 4)
 
 
-class ThinScores(NamedTuple):
+class _ThinScores(NamedTuple):
     """The scores, float64 [N] each, 0..1, 1 is best; NaN for a share of nothing.
 
     recall     NaN for a true image without thin parts
@@ -45,7 +45,7 @@ class ThinScores(NamedTuple):
     precision: NDArray[np.float64]
 
 
-def thin_scores(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> ThinScores:
+def thin_scores(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> _ThinScores:
     """Return scores of images against the true ones, both uint8 [N, H, W, 3] on white.
 
     Raises as `bench.metrics.silhouette.Pairs`.
@@ -53,19 +53,19 @@ def thin_scores(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> ThinScor
     return thin_scores_of(Pairs(truth, images))
 
 
-def thin_scores_of(pairs: Pairs) -> ThinScores:
+def thin_scores_of(pairs: Pairs) -> _ThinScores:
     """Return `thin_scores` of images whose silhouettes are known."""
     part = _evaluated(pairs.shown)
     recall = np.full(len(part), np.nan)
     precision = np.full(len(part), np.nan)
     thinned = np.flatnonzero(part.any(axis=(1, 2)))
     drawn = pairs.drawn(part)
-    near = _near(part[thinned], PRECISION_WITHIN)
+    near = _near(part[thinned], _PRECISION_WITHIN)
     for i, beside in zip(thinned, drawn[thinned] & near, strict=True):
         recall[i] = drawn[i][part[i]].mean()
         if beside.any():
             precision[i] = pairs.shown[i][beside].mean()
-    return ThinScores(recall, precision)
+    return _ThinScores(recall, precision)
 
 
 def evaluated(truth: NDArray[np.uint8]) -> Masks:
@@ -77,7 +77,7 @@ def evaluated(truth: NDArray[np.uint8]) -> Masks:
 
 
 def _evaluated(shown: Masks) -> Masks:
-    return _near(thin(shown), EVALUATED_WITHIN) & shown
+    return _near(thin(shown), _EVALUATED_WITHIN) & shown
 
 
 def thin(silhouettes: Masks) -> Masks:
@@ -88,7 +88,7 @@ def thin(silhouettes: Masks) -> Masks:
     for mask in lost:
         groups, _ = label(mask, np.ones((3, 3)))  # pixels that touch at a corner are connected
         sizes = np.bincount(groups.ravel())
-        mask &= sizes[groups] >= LEAST_GROUP
+        mask &= sizes[groups] >= _LEAST_GROUP
     return lost
 
 

@@ -32,7 +32,7 @@ from data_prep.arrays import Floats
 LEVELS, ORIENTATIONS = 4, 8
 WINDOW = 7  # coefficients
 K = 1.0
-LEAST_SIDE = 64  # pixels: below, the window is larger than the coarsest level
+_LEAST_SIDE = 64  # pixels: below, the window is larger than the coarsest level
 
 
 def cw_ssim(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> Floats:
@@ -59,8 +59,8 @@ def cw_ssim(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> Floats:
     """
     require_images(a, b)
     height, width = a.shape[1:3]
-    if min(height, width) < LEAST_SIDE or height % 8 or width % 8:
-        raise ValueError(f"sides must be multiples of 8, at least {LEAST_SIDE}, got {a.shape}")
+    if min(height, width) < _LEAST_SIDE or height % 8 or width % 8:
+        raise ValueError(f"sides must be multiples of 8, at least {_LEAST_SIDE}, got {a.shape}")
     filters = _filters(height, width)
     weights = _window_weights(*filters.shape[1:])
     values = np.empty(len(a))

@@ -19,14 +19,14 @@ from data_prep.arrays import Floats32
 from data_prep.failures import BadInput
 from data_prep.files.atomic_write import atomic_write
 
-RECORDS = "records.parquet"
+_RECORDS = "records.parquet"
 ImageKey = tuple[str, int]  # object, view
-IMAGES_AT_ONCE = 2**16  # whose records are in memory, some 20 MB
-SUMMED = (*SCORES, *TIMES)
+_IMAGES_AT_ONCE = 2**16  # whose records are in memory, some 20 MB
+_SUMMED = (*SCORES, *TIMES)
 
 
 def image_frames(
-    jobs: Iterable[tuple[JobName, Result]], most: int = IMAGES_AT_ONCE
+    jobs: Iterable[tuple[JobName, Result]], most: int = _IMAGES_AT_ONCE
 ) -> Iterator[pd.DataFrame]:
     """Yield the records of jobs by view, part by part; a job is never divided.
 
@@ -66,7 +66,7 @@ def _image_frame(names: Sequence[JobName], results: Sequence[Result]) -> pd.Data
     return pd.DataFrame({name: columns[name] for name in COLUMNS}, copy=False)
 
 
-def read_batches(directory: Path, **only: str) -> Iterator[pd.DataFrame]:
+def _read_batches(directory: Path, **only: str) -> Iterator[pd.DataFrame]:
     """Yield the records of a run part by part, sorted by name and view.
 
     `only` gives values of the columns that name a job, as `method="blank"`. Raises BadInput where
@@ -83,14 +83,14 @@ def read_batches(directory: Path, **only: str) -> Iterator[pd.DataFrame]:
 def read_records(directory: Path, columns: Sequence[str] = COLUMNS, **only: str) -> pd.DataFrame:
     """Return the records of a run, or some columns of them, in one frame.
 
-    `only` and BadInput are as in `read_batches`.
+    `only` and BadInput are as in `_read_batches`.
     """
-    parts = [part[list(columns)] for part in read_batches(directory, **only)]
+    parts = [part[list(columns)] for part in _read_batches(directory, **only)]
     frame = pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=list(columns))
     return frame.astype({name: TYPES.get(name, "str") for name in columns})
 
 
-def write_records(directory: Path, store: Store, most: int = IMAGES_AT_ONCE) -> None:
+def write_records(directory: Path, store: Store, most: int = _IMAGES_AT_ONCE) -> None:
     """Write the records of the complete run to `records.parquet`, whole or not at all.
 
     Nothing here reads that file: it is for the scripts of others.
@@ -100,7 +100,7 @@ def write_records(directory: Path, store: Store, most: int = IMAGES_AT_ONCE) -> 
         [(name, kinds.get(name, pa.large_string())) for name in COLUMNS],
         {b"pc2pix_bench_schema": str(RECORDS_VERSION).encode()},
     )
-    with atomic_write(directory / RECORDS) as new, pq.ParquetWriter(new, schema) as writer:
+    with atomic_write(directory / _RECORDS) as new, pq.ParquetWriter(new, schema) as writer:
         for part in image_frames(store.results(), most):
             writer.write_table(pa.Table.from_pandas(part, schema, preserve_index=False))
 
@@ -121,7 +121,7 @@ def read_job_sums(directory: Path) -> pd.DataFrame:
         As `read_records`.
     """
     none = sum_views(pd.DataFrame(columns=COLUMNS))
-    parts = [sum_views(part) for part in read_batches(directory)]
+    parts = [sum_views(part) for part in _read_batches(directory)]
     return pd.concat(parts, ignore_index=True) if parts else none
 
 
@@ -145,7 +145,7 @@ def sum_views(records: pd.DataFrame) -> pd.DataFrame:
     jobs["planned"] = np.bincount(job, minlength=len(jobs))
     jobs["drawn"] = np.bincount(job[records["outcome"] == "ok"], minlength=len(jobs))
     jobs[list(TIMES)] = first[list(TIMES)].to_numpy(np.float64)
-    for name in (name for name in SUMMED if name in records):
+    for name in (name for name in _SUMMED if name in records):
         values = records[name].to_numpy(np.float64)
         known = ~np.isnan(values)
         sums, counts = np.zeros(len(jobs)), np.bincount(job[known], minlength=len(jobs))
@@ -169,7 +169,7 @@ class Features(Protocol):
         ...
 
 
-class StoredFeatures:
+class _StoredFeatures:
     """The features of one extractor in the store of a run; only those asked for are in memory."""
 
     def __init__(self, directory: Path, extractor: str) -> None:
@@ -219,13 +219,13 @@ class StoredFeatures:
         return values
 
 
-def read_features(directory: Path, extractor: str) -> StoredFeatures | None:
+def read_features(directory: Path, extractor: str) -> _StoredFeatures | None:
     """Return the features of one extractor; None where they were not taken.
 
     Raises BadInput for a store that cannot be read.
     """
     with open_store(directory) as store:
-        return StoredFeatures(directory, extractor) if store.has_features(extractor) else None
+        return _StoredFeatures(directory, extractor) if store.has_features(extractor) else None
 
 
 def scored_metrics(directory: Path) -> list[str]:

@@ -59,11 +59,11 @@ SCHEMA: Mapping[str, Any] = {
     },
 }
 # Entries that every run has from its start; all others of `SCHEMA` may be missing.
-NEEDED = (
+_NEEDED = (
     *("schema_version", "protocol", "request", "suite", "dataset", "views", "seed", "device"),
     *("methods", "environment", "command", "started", "finished", "versions", "machine"),
 )
-OF_JOBS = (
+_OF_JOBS = (
     *("shard", "identities", "objectives", "conditions", "objects", "skipped_metrics"),
     *("feature_identity", "planned"),
 )
@@ -73,7 +73,7 @@ _OF_PROCEDURES = {"latent": (), "stability": ("objects",), "speed": ("conditions
 
 def misfit(manifest: Mapping[str, Any]) -> str:
     """Return what a manifest lacks, or the first entry of another type; "" where it fits."""
-    needed = (*NEEDED, *_OF_PROCEDURES.get(str(manifest.get("suite")), OF_JOBS))
+    needed = (*_NEEDED, *_OF_PROCEDURES.get(str(manifest.get("suite")), _OF_JOBS))
     if lacking := [name for name in needed if name not in manifest]:
         return f"no {', '.join(lacking)}"
     return _misfit(manifest, SCHEMA, "") or _out_of_range(manifest)

@@ -28,7 +28,7 @@ MANIFEST = "manifest.json"
 MOST_BYTES = 64 * MIB  # of a manifest: one line an object
 FIXED = ("suite", "dataset", "views", "seed", "device")  # one directory, one value of each
 PROTOCOL = "protocol"  # its version
-SHARD = "shard"  # one value, too; in manifests of suites that can be divided
+_SHARD = "shard"  # one value, too; in manifests of suites that can be divided
 TRUTH = "truth"  # likewise; there only where it is not COLOURED
 CONDITION_IDENTITIES = "condition_identities"  # there only for conditions of other packages
 COLOURED = "coloured"  # the truth without --truth
@@ -97,7 +97,7 @@ def check_directory(directory: Path, manifest: Mapping[str, Any]) -> dict[str, A
     if not _holds_run(directory):
         return {}
     stored = read_manifest(directory)
-    for name in (*FIXED, SHARD, TRUTH):
+    for name in (*FIXED, _SHARD, TRUTH):
         default = COLOURED if name == TRUTH else None
         present, wanted = stored.get(name, default), manifest.get(name, default)
         if present != wanted:

@@ -34,12 +34,12 @@ from data_prep.failures import BadInput, CannotWrite
 from data_prep.files.safe_read import is_regular_file
 
 STORE = "run.sqlite"
-APPLICATION_ID = 0x70633270  # "pc2p", in the header of the file
-STORE_VERSION = 2
+_APPLICATION_ID = 0x70633270  # "pc2p", in the header of the file
+_STORE_VERSION = 2
 PATIENCE_S = 10.0  # for a reader in another process to let go
-MOST_NUMBER = 1e300  # greater ones overflow in sums
+_MOST_NUMBER = 1e300  # greater ones overflow in sums
 MOST_VIEWS = 2**16
-MOST_DECIMALS = 6
+_MOST_DECIMALS = 6
 SCHEMA = """
 CREATE TABLE IF NOT EXISTS job (
     id INTEGER PRIMARY KEY,
@@ -170,11 +170,11 @@ class Store:
         size = 8 * len(OF_VIEWS)
         if not (
             all(isinstance(text, str) for text in (key, suite, reason, notes))
-            and all(t is None or (type(t) is float and abs(t) < MOST_NUMBER) for t in row[4:6])
+            and all(t is None or (type(t) is float and abs(t) < _MOST_NUMBER) for t in row[4:6])
             and isinstance(views, bytes)
             and len(views) % size == 0
             and len(views) <= MOST_VIEWS * size
-            and not (np.abs(np.frombuffer(views, "<f8")) >= MOST_NUMBER).any()
+            and not (np.abs(np.frombuffer(views, "<f8")) >= _MOST_NUMBER).any()
             and checksum == row_checksum(row[:-1])
         ):
             raise DamagedJob(self.path, str(key), "records")
@@ -377,7 +377,7 @@ class Store:
         rows = self._rows("SELECT id, version, about, higher_is_better, decimals, crc FROM metric")
         usable = {}
         for *row, crc in rows:
-            fits = [*map(type, row)] == [str, int, str, int, int] and 0 <= row[4] <= MOST_DECIMALS
+            fits = [*map(type, row)] == [str, int, str, int, int] and 0 <= row[4] <= _MOST_DECIMALS
             if fits and crc == _crc(row):
                 metric_id, version, about, higher, digits = row
                 usable[metric_id] = ScoredMetric(metric_id, version, about, bool(higher), digits)
@@ -430,7 +430,7 @@ class Store:
 
 def _stored_time(seconds: float | None) -> float | None:
     """Return a time as the column keeps it; an author may claim anything."""
-    return None if seconds is None or not abs(seconds) < MOST_NUMBER else float(seconds)
+    return None if seconds is None or not abs(seconds) < _MOST_NUMBER else float(seconds)
 
 
 def row_checksum(row: tuple[Any, ...]) -> str:
@@ -494,8 +494,8 @@ def _connect(path: Path, *, write: bool) -> sqlite3.Connection:
     if write:
         connection = _limited(sqlite3.connect(path, PATIENCE_S, isolation_level=None))
         if not _is_store(path, connection):
-            connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
-            connection.execute(f"PRAGMA user_version = {STORE_VERSION}")
+            connection.execute(f"PRAGMA application_id = {_APPLICATION_ID}")
+            connection.execute(f"PRAGMA user_version = {_STORE_VERSION}")
             connection.executescript(SCHEMA)
         connection.execute("PRAGMA journal_mode = WAL")
         connection.execute("PRAGMA synchronous = FULL")
@@ -532,14 +532,14 @@ def _is_store(path: Path, connection: sqlite3.Connection) -> bool:
         tables = [name for kind, name, _ in kinds if kind == "table"]
         # A view, a trigger or a virtual table may execute anything, and without end.
         others = [name for kind, name, sql in kinds if _is_code(kind, sql)]
-        if others or (tables and application != APPLICATION_ID):
+        if others or (tables and application != _APPLICATION_ID):
             raise BadInput(f"{path}: a database, but not the store of a run; move it away")
-        if version > STORE_VERSION:
+        if version > _STORE_VERSION:
             raise BadInput(
-                f"{path}: store version {version} is newer than {STORE_VERSION}; update "
+                f"{path}: store version {version} is newer than {_STORE_VERSION}; update "
                 "pc2pix-bench"
             )
-        if tables and version < STORE_VERSION:
+        if tables and version < _STORE_VERSION:
             raise BadInput(
                 f"{path}: a store of version 1.0.0 or earlier, which this one does not read; "
                 "start the run again with another --out or --fresh"

@@ -29,9 +29,9 @@ from data_prep.randomness import generator
 from data_prep.rendering.dots import draw_dots
 from data_prep.scene import CLOUD_SIZE, PointCloud, Renderer, UInt8Images, View
 
-Z_UP = (".las", ".laz", ".e57")  # formats of surveys: z is the height
-COLOUR_METHOD = "splat"  # draws the colours of a file
-WHERE_COLOURS = (
+_Z_UP = (".las", ".laz", ".e57")  # formats of surveys: z is the height
+_COLOUR_METHOD = "splat"  # draws the colours of a file
+_WHERE_COLOURS = (
     "a PLY has red, green and blue, a text six columns or r, g and b in its first line, an array "
     "[N, 6]; or draw without --colour file"
 )
@@ -109,7 +109,7 @@ class CloudFile:
             contents = self._on_surface(contents, notes)
             valid = np.isfinite(contents.points).all(axis=1)
         if self.with_colors and contents.colors is None:
-            raise BadInput(f"{self.path}: no colours of its points; {WHERE_COLOURS}")
+            raise BadInput(f"{self.path}: no colours of its points; {_WHERE_COLOURS}")
         notes = [*_unused(contents, self.with_colors), *notes]
         points = upright(contents.points, self.up, self.front)
         kept = np.flatnonzero(valid) if self.drop_invalid else np.arange(len(points))
@@ -122,7 +122,7 @@ class CloudFile:
         cloud = self._scaled(points[kept])
         if (self.drop_far or not far.any()) and looks_like_a_line(cloud):
             notes.append("its points lie on a line; check which columns are x, y and z")
-        if self.up_unknown and (self.path.suffix.lower() in Z_UP or looks_lying(cloud)):
+        if self.up_unknown and (self.path.suffix.lower() in _Z_UP or looks_lying(cloud)):
             notes.append("its z axis seems to point up; give --up z, or --up y if it does not")
         colors = None if contents.colors is None else contents.colors[kept]
         return LoadedCloud(cloud, colors, tuple(f"{self.path}: {note}" for note in notes))
@@ -364,10 +364,10 @@ def _draw(
 
 def check_draws_colours(method_id: str) -> None:
     """Raise BadInput for a method that does not draw the colours of points."""
-    if method_id != COLOUR_METHOD:
+    if method_id != _COLOUR_METHOD:
         raise BadInput(
             f"method '{method_id}' does not draw the colours of a file; give "
-            f"--method {COLOUR_METHOD} alone, or leave out --colour file"
+            f"--method {_COLOUR_METHOD} alone, or leave out --colour file"
         )
 
 

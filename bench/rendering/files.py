@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 
 STILL = ".png"
 MOVING = (".gif", ".webp", ".apng")
-TURN_MS = 3600
-LEAST_MS = 40  # 25 frames a second
-GIF_MS = 10  # a GIF counts in hundredths of a second
-KMEANS_STEPS = 4  # turntable of one chair: 4.8 grey levels off (rms) in place of 5.4
+_TURN_MS = 3600
+_LEAST_MS = 40  # 25 frames a second
+_GIF_MS = 10  # a GIF counts in hundredths of a second
+_KMEANS_STEPS = 4  # turntable of one chair: 4.8 grey levels off (rms) in place of 5.4
 
 
 def moves(path: Path) -> bool:
@@ -43,9 +43,9 @@ def check_opacity(path: Path) -> None:
         )
 
 
-def frame_ms(frames: int) -> int:
-    """Return the milliseconds of a frame, at least LEAST_MS, so that a turn takes about TURN_MS."""
-    return max(LEAST_MS, round(TURN_MS / frames / GIF_MS) * GIF_MS)
+def _frame_ms(frames: int) -> int:
+    """Return the milliseconds of a frame, at least _LEAST_MS, that make a turn of about _TURN_MS."""
+    return max(_LEAST_MS, round(_TURN_MS / frames / _GIF_MS) * _GIF_MS)
 
 
 def write_images(frames: NDArray[np.uint8], path: Path) -> None:
@@ -75,7 +75,7 @@ def write_images(frames: NDArray[np.uint8], path: Path) -> None:
     images = [Image.fromarray(frame) for frame in frames]
     film: dict[str, Any] = {}
     if moves(path):
-        film = {"save_all": True, "duration": frame_ms(len(frames)), "loop": 0}
+        film = {"save_all": True, "duration": _frame_ms(len(frames)), "loop": 0}
     match path.suffix.lower():
         case ".gif":
             images, form = in_one_palette(frames), "GIF"
@@ -114,7 +114,7 @@ def in_one_palette(frames: NDArray[np.uint8]) -> list[Image]:
         # palette; not at all, shades of grey would be lost beside many colours.
         weights = np.sqrt(counts[drawn]).astype(np.int64)
         pool = Image.fromarray(np.repeat(colours[drawn], weights, axis=0)[:, None])
-        chosen = pool.quantize(255, Image.Quantize.MEDIANCUT, kmeans=KMEANS_STEPS).getpalette()
+        chosen = pool.quantize(255, Image.Quantize.MEDIANCUT, kmeans=_KMEANS_STEPS).getpalette()
         colours_chosen = np.array(chosen, np.uint8).reshape(-1, 3)[:255]
         palette[: len(colours_chosen)] = colours_chosen
     _, nearest = cKDTree(palette.astype(float)).query(colours.astype(float))

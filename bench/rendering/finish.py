@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from data_prep.scene import UInt8Images
 
 LEAST_SIZE, MOST_SIZE = 16, 2048
-BACKGROUND = 8 / 255  # less dark is background: networks draw it a little off white
-EDGE_PX = 2  # the smoothed edges of networks; those of meshes take one
+_BACKGROUND = 8 / 255  # less dark is background: networks draw it a little off white
+_EDGE_PX = 2  # the smoothed edges of networks; those of meshes take one
 
 
 def resized(images: NDArray[np.uint8], size: int) -> NDArray[np.uint8]:
@@ -25,7 +25,7 @@ def resized(images: NDArray[np.uint8], size: int) -> NDArray[np.uint8]:
 def without_background(images: UInt8Images, size: int) -> NDArray[np.uint8]:
     """Return images on white, [F, S, S, 3], as RGBA [F, size, size, 4] that are the same on white.
 
-    White is transparent, the object opaque. Within EDGE_PX of the background a pixel is as opaque
+    White is transparent, the object opaque. Within _EDGE_PX of the background a pixel is as opaque
     as it is dark, compared with the object beside it. Its colour is the one that on white gives
     the pixel of the opaque image (of `resized`) again, within a grey level.
     """
@@ -54,12 +54,12 @@ def _darkness(images: NDArray[np.uint8]) -> NDArray[np.float64]:
 def _opacity(image: NDArray[np.uint8]) -> NDArray[np.float64]:
     from scipy.ndimage import maximum_filter, minimum_filter, uniform_filter
 
-    darkness, around = _darkness(image), 2 * EDGE_PX + 1
-    within = minimum_filter(darkness, around) >= BACKGROUND
+    darkness, around = _darkness(image), 2 * _EDGE_PX + 1
+    within = minimum_filter(darkness, around) >= _BACKGROUND
     # The object beside an edge is what is near of its inside; a thin part has none near by, and is
     # measured by its darkest pixel.
     share = uniform_filter(within.astype(float), 2 * around - 1)
     inside = uniform_filter(darkness * within, 2 * around - 1) / np.maximum(share, 1e-9)
     beside = np.where(share > 1e-9, inside, maximum_filter(darkness, around))
-    edge = np.minimum(darkness / np.maximum(beside, BACKGROUND), 1.0)
-    return np.where(within, 1.0, np.where(darkness < BACKGROUND, darkness, edge))
+    edge = np.minimum(darkness / np.maximum(beside, _BACKGROUND), 1.0)
+    return np.where(within, 1.0, np.where(darkness < _BACKGROUND, darkness, edge))

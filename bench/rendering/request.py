@@ -16,8 +16,8 @@ from data_prep.clouds.orientations import upright
 from data_prep.failures import BadInput
 from data_prep.scene import IMAGE_SIZE, View
 
-FRAMES = 36
-MOST_FRAMES = 120  # steps of 3 degrees; a sheet of ten methods takes 300 MB
+_FRAMES = 36
+_MOST_FRAMES = 120  # steps of 3 degrees; a sheet of ten methods takes 300 MB
 MOST_PIXELS = 2**25  # of a turntable of another size: 100 MB, and ten times as many for a GIF
 
 
@@ -82,8 +82,8 @@ def check(options: RenderOptions, out: Path) -> None:
             f"--frames {options.frames}: {out} is one image; give a turntable's name, "
             f"{' or '.join(MOVING)}"
         )
-    if options.frames is not None and not 2 <= options.frames <= MOST_FRAMES:
-        raise BadInput(f"--frames {options.frames}: must be 2 to {MOST_FRAMES}")
+    if options.frames is not None and not 2 <= options.frames <= _MOST_FRAMES:
+        raise BadInput(f"--frames {options.frames}: must be 2 to {_MOST_FRAMES}")
     if options.points is not None and options.points < 1:
         raise BadInput(f"--points {options.points}: must be at least 1")
     _check_finish(options, out, is_turntable)
@@ -97,7 +97,7 @@ def _check_finish(options: RenderOptions, out: Path, is_turntable: bool) -> None
         raise BadInput(f"--size {size}: must be {LEAST_SIZE} to {MOST_SIZE}")
     if size is not None and sheet:
         raise BadInput(f"--size {size}: a sheet of several methods has its own; give one method")
-    frames = (options.frames or FRAMES) if is_turntable else 1
+    frames = (options.frames or _FRAMES) if is_turntable else 1
     if size is not None and frames * size**2 > MOST_PIXELS:
         most = int((MOST_PIXELS / frames) ** 0.5)
         raise BadInput(f"--size {size}: at most {most} with {frames} frames; give less of either")
@@ -115,7 +115,7 @@ def views_of(options: RenderOptions, out: Path) -> tuple[View, ...]:
     first = make_view(options.azimuth, options.elevation)
     if not moves(out):
         return (first,)
-    frames = options.frames or FRAMES
+    frames = options.frames or _FRAMES
     return tuple(
         View(first.azimuth_deg + 360 * i / frames, first.elevation_deg) for i in range(frames)
     )

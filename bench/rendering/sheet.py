@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
 MARGIN = 6
 LABEL_HEIGHT = 18
-LABEL_PX = 13
+_LABEL_PX = 13
 PROBLEM_PX, PROBLEM_HEIGHT = 11, 14  # a line's
 INK, PROBLEM_INK, PROBLEM_GROUND = (40, 40, 40), (150, 30, 30), (250, 243, 240)
-MOST_A_ROW = 5
+_MOST_A_ROW = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,8 +31,8 @@ class Tile:
 
 
 def columns_of(count: int) -> int:
-    """Return the tiles a row: at most MOST_A_ROW, with rows as equally long as possible."""
-    rows = -(-count // MOST_A_ROW)
+    """Return the tiles a row: at most _MOST_A_ROW, with rows as equally long as possible."""
+    rows = -(-count // _MOST_A_ROW)
     return -(-count // max(rows, 1))
 
 
@@ -54,7 +54,7 @@ def draw_sheet(tiles: Sequence[Tile], columns: int, scale: int) -> UInt8Images:
         (MARGIN + i % columns * wide, MARGIN + i // columns * high) for i in range(len(tiles))
     ]
     for tile, (left, top) in zip(tiles, places, strict=True):
-        draw.text((left, top), shortened(tile.label, LABEL_PX, side), INK, _font(LABEL_PX))
+        draw.text((left, top), shortened(tile.label, _LABEL_PX, side), INK, _font(_LABEL_PX))
         if isinstance(tile.images, str):
             low = top + LABEL_HEIGHT
             draw.rectangle((left, low, left + side - 1, low + side - 1), PROBLEM_GROUND)

@@ -54,9 +54,9 @@ from data_prep.failures import BadInput, CannotWrite
 from data_prep.files.atomic_write import write_whole
 
 REPORT = "report.html"
-MOST_LISTED = 200  # failures listed for one reason
+_MOST_LISTED = 200  # failures listed for one reason
 _MARKUP = re.compile(r"`|\*\*|\\(.)")  # what remarks have, and escapes
-NARROW_IN = 4.6  # width of the plot beside the answer
+_NARROW_IN = 4.6  # width of the plot beside the answer
 
 
 def write_report(
@@ -150,7 +150,7 @@ def _plots(made: Outputs, points: pd.DataFrame) -> dict[str, Any]:
     all_failed = _ALL_FAILED if failed else ""
     ceilings = [method for method in manifest["methods"] if role(method) == "ceiling"]
     left_out = f"{_LEFT_OUT} {', '.join(ceilings)}." if ceilings else ""
-    narrow = {"columns": 1, "width_in": NARROW_IN, "panel_in": 2.0}
+    narrow = {"columns": 1, "width_in": _NARROW_IN, "panel_in": 2.0}
     plots = {"first": [], "curves": [], "costs": []}
     if first:
         figure = quality_figure(first, styles, **narrow)
@@ -284,8 +284,8 @@ def failure_groups(records: pd.DataFrame) -> list[dict[str, Any]]:
         items = of_reason.groupby(["method", "condition", "class", "object"], sort=False)
         listed = [("/".join(map(str, name)), _views(g["view"].tolist())) for name, g in items]  # type: ignore[arg-type]
         count = f"{len(of_reason)} images of {len(listed)} clouds"
-        more = max(len(listed) - MOST_LISTED, 0)
-        group = {"reason": reason, "count": count, "failures": listed[:MOST_LISTED], "more": more}
+        more = max(len(listed) - _MOST_LISTED, 0)
+        group = {"reason": reason, "count": count, "failures": listed[:_MOST_LISTED], "more": more}
         groups.append((len(of_reason), group))
     return [group for _, group in sorted(groups, key=lambda pair: -pair[0])]
 

@@ -25,7 +25,7 @@ DPI = 110
 WIDTH_IN, MOST_HIGH_IN = 800 / DPI, 1600 / DPI
 TEXT = 8.0  # points, the smallest in a figure
 # Text of an SVG stays text, its ids are the same every time, and a $ in a name is a $.
-STYLE: dict[Any, Any] = {
+_STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",
     "svg.hashsalt": "pc2pix-bench",
     "text.parse_math": False,
@@ -39,7 +39,7 @@ def drawing() -> Iterator[None]:
     """Set the style of figures; names are drawn as they stand, whatever their characters are."""
     import matplotlib as mpl
 
-    with mpl.rc_context(STYLE), warnings.catch_warnings():
+    with mpl.rc_context(_STYLE), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from font", UserWarning)
         yield
 

@@ -23,7 +23,7 @@ from data_prep.rendering.dots import draw_dots
 from data_prep.scene import View
 
 OBJECTS_SHOWN = 4  # of one class; of several the first of each
-MOST_ACROSS = 8  # methods beside each other; more stand below each other
+_MOST_ACROSS = 8  # methods beside each other; more stand below each other
 MOST_CASES = 240  # images beside truth and cloud: they are most of the file
 EACH = 2  # worst and best records of a method at a condition, while there is room
 CLOUD = "cloud"
@@ -95,7 +95,7 @@ def grids(images: pd.DataFrame, sources: Sources, metric: str) -> list[dict[str,
                 cells.append(_grid_cell(sources, item._replace(method=method), record, metric))
             rows.append(cells)
         down, across = conditions, [CLOUD, "truth", *methods]
-        turned = len(methods) > MOST_ACROSS
+        turned = len(methods) > _MOST_ACROSS
         if turned:
             down, across, rows = across, down, list(zip(*rows, strict=True))
         at = f"View 0: azimuth {view.azimuth_deg:.0f}°, elevation {view.elevation_deg:.0f}°"
@@ -170,17 +170,17 @@ def _drawn(sources: Sources, item: JobName, view: int, description: str) -> tupl
     images = sources.images(item)
     if images is None or view >= len(images):
         return "", f"{description}; the image is no longer there"
-    return data_uri(images[view]), description
+    return _data_uri(images[view]), description
 
 
 def _cloud(sources: Sources, item: JobName, view: View, description: str) -> tuple[str, str]:
     points = sources.points(item)
     if points is None:
         return "", f"{description}; it cannot be made again"
-    return data_uri(draw_dots(points, [view])[0]), description
+    return _data_uri(draw_dots(points, [view])[0]), description
 
 
-def data_uri(image: NDArray[np.uint8]) -> str:
+def _data_uri(image: NDArray[np.uint8]) -> str:
     """Return an image [H, W, 3] as the data URI of a lossless WebP."""
     from PIL import Image
 

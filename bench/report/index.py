@@ -45,13 +45,13 @@ from data_prep.failures import BadInput, CannotWrite
 from data_prep.files.atomic_write import write_whole
 from data_prep.progress import progress
 
-Rankings = Mapping[str, tuple[pd.DataFrame, int | None]]  # by metric
+_Rankings = Mapping[str, tuple[pd.DataFrame, int | None]]  # by metric
 INDEX = "index.html"
-WRITTEN_BY = "pc2pix-bench, index of runs"  # in the head of a page that may be replaced
-HEAD_BYTES = 2_000
-SHORT = 7  # digits of a checksum in a name
+_WRITTEN_BY = "pc2pix-bench, index of runs"  # in the head of a page that may be replaced
+_HEAD_BYTES = 2_000
+_SHORT = 7  # digits of a checksum in a name
 _CHECKSUM = re.compile(r"\b[0-9a-f]{32,}\b")
-LETTERS = (
+_LETTERS = (
     "Values are means over objects and conditions; a failed image is scored as a blank one. "
     "Methods that share a letter are not shown to differ (paired object by object, p below .05 "
     "after correction for all pairs of a column)."
@@ -124,7 +124,7 @@ def _place(folders: Sequence[Path], out: Path | None) -> Path:
         raise BadInput(f"--out {out}: of several runs a folder is needed; give one for {INDEX}")
     if page.exists():
         with page.open("rb") as file:
-            if WRITTEN_BY.encode() not in file.read(HEAD_BYTES):
+            if _WRITTEN_BY.encode() not in file.read(_HEAD_BYTES):
                 raise BadInput(f"{page}: is there, and no index of runs; give another --out")
     return page
 
@@ -147,7 +147,7 @@ def index_html(runs: Sequence[NamedRun]) -> str:
         "index.html.jinja",
         groups=run_groups(runs),
         facts=(("protocol", str(runs[0].run.manifest[PROTOCOL])), ("runs", str(len(runs)))),
-        written_by=WRITTEN_BY,
+        written_by=_WRITTEN_BY,
     )
 
 
@@ -161,7 +161,7 @@ def run_groups(runs: Sequence[NamedRun]) -> list[dict[str, Any]]:
         title = f"{run.run.manifest['dataset']}, against {TRUTHS[run.run.suite.truth]}"
         groups.setdefault(title, []).append(run)
     return [
-        {"title": title, "cards": list(map(_card, of_group)), "board": run_board(of_group)}
+        {"title": title, "cards": list(map(_card, of_group)), "board": _run_board(of_group)}
         for title, of_group in groups.items()
     ]
 
@@ -189,7 +189,7 @@ def _card(named: NamedRun) -> dict[str, Any]:
     return {"name": named.name, "report": named.report, "about": run.suite.about, "facts": facts}
 
 
-def run_board(runs: Sequence[NamedRun]) -> dict[str, Any] | None:
+def _run_board(runs: Sequence[NamedRun]) -> dict[str, Any] | None:
     """Return the leaderboard of runs of one data set and truth; None where none has a value.
 
     Methods have places where every run with values has them: among others a mean of places would
@@ -197,7 +197,7 @@ def run_board(runs: Sequence[NamedRun]) -> dict[str, Any] | None:
     """
     ids: dict[str, str] = {}
     taught: dict[str, BoardCell] = {}
-    groups, notes = [], [LETTERS]
+    groups, notes = [], [_LETTERS]
     for run, names in zip(runs, method_names([run.run.manifest for run in runs]), strict=True):
         metrics = run.run.measured([*dict.fromkeys((*HEADLINE, *run.run.suite.headline))])
         metrics = [metric for metric in metrics if is_mean(metric)]
@@ -240,7 +240,7 @@ def _of_run(
     run: NamedRun,
     names: Mapping[str, str],
     overall: pd.DataFrame,
-    rankings: Rankings,
+    rankings: _Rankings,
 ) -> BoardGroup:
     """Return the columns of a run: its metrics, and the cost of a cloud on its machine."""
     columns = []
@@ -267,7 +267,7 @@ def _of_run(
     return BoardGroup(tuple(columns), run.name, ", ".join(shown), words, run.report)
 
 
-def _missing(run: NamedRun, rankings: Rankings) -> list[str]:
+def _missing(run: NamedRun, rankings: _Rankings) -> list[str]:
     """Return why letters and metrics of the headline are missing in a run."""
     needed = [objects for _, objects in rankings.values() if objects]
     notes = [f"{run.name} has no letters: {too_few(max(needed))}."] if needed else []
@@ -290,7 +290,7 @@ def method_names(manifests: Sequence[Mapping[str, Any]]) -> list[dict[str, str]]
         identities = {run[method] for run in stated if method in run}
         common = set.intersection(*map(set, identities))
         differs = {i: ", ".join(p for p in i if p not in common) for i in identities}
-        short = {i: _CHECKSUM.sub(lambda m: m[0][:SHORT], text) for i, text in differs.items()}
+        short = {i: _CHECKSUM.sub(lambda m: m[0][:_SHORT], text) for i, text in differs.items()}
         for i, text in (short if len({*short.values()}) == len(short) else differs).items():
             suffix = f" ({text or 'identity unknown'})" if len(identities) > 1 else ""
             names[method, i] = method + suffix

@@ -33,11 +33,11 @@ Scale = Literal["linear", "log", "distance"]
 PANEL_IN, ENTRY_IN = 2.5, 0.2  # heights of a panel and of a line of the legend
 LETTERS_PER_INCH, ENTRY_LETTERS = 15, 8  # of a legend, and beside each name
 LONGEST = 24  # letters of a name
-LINEAR = 1  # below it an axis of distances is linear, above it logarithmic
+_LINEAR = 1  # below it an axis of distances is linear, above it logarithmic
 DIRECTIONS = "\N{LEFTWARDS ARROW} worse   better \N{RIGHTWARDS ARROW}"
-WORSE = "worse than a white image"
+_WORSE = "worse than a white image"
 OPTIONAL = {"low": math.nan, "high": math.nan, "kind": "", "hollow": False}  # columns of a point
-BESIDE = (  # places of a label: offset in points of 1/72 inch, alignment
+_BESIDE = (  # places of a label: offset in points of 1/72 inch, alignment
     *((6, 4, "left", "bottom"), (6, -4, "left", "top"), (-6, 4, "right", "bottom")),
     *((-6, -4, "right", "top"), (0, 7, "center", "bottom"), (0, -7, "center", "top")),
     *((7, 0, "left", "center"), (-7, 0, "right", "center")),
@@ -182,8 +182,8 @@ def _name_axes(axis: Any, panel: SweepPanel, fontsize: float) -> None:
     axis.set_ylabel(panel.y_label, fontsize=fontsize)
     axis.set_xscale(panel.x_scale)
     if panel.y_scale == "distance":
-        axis.set_yscale("symlog", linthresh=LINEAR)
-        subs = {"base": 10, "linthresh": LINEAR, "subs": (1, 2, 5)}
+        axis.set_yscale("symlog", linthresh=_LINEAR)
+        subs = {"base": 10, "linthresh": _LINEAR, "subs": (1, 2, 5)}
         axis.yaxis.set_major_locator(SymmetricalLogLocator(**subs))
     else:
         axis.set_yscale(panel.y_scale)
@@ -214,7 +214,7 @@ def _shade_worse(axis: Any, x: Sequence[float], levels: Sequence[float]) -> None
     if not np.isfinite(levels).any():
         return
     limits = {"xlim": axis.get_xlim(), "ylim": axis.get_ylim()}
-    look: dict[str, Any] = {"color": SHADE, "linewidth": 0, "zorder": 0.4, "label": WORSE}
+    look: dict[str, Any] = {"color": SHADE, "linewidth": 0, "zorder": 0.4, "label": _WORSE}
     if np.ptp(levels) < 1e-6:
         axis.axhspan(levels[0], limits["ylim"][0], **look)
     else:
@@ -236,8 +236,8 @@ def _legend(figure: Figure, fontsize: float) -> None:
     for axis in figure.axes:
         handles, labels = axis.get_legend_handles_labels()
         entries = dict(zip(labels, handles, strict=True)) | entries
-    if WORSE in entries:
-        entries[WORSE] = entries.pop(WORSE)  # last
+    if _WORSE in entries:
+        entries[_WORSE] = entries.pop(_WORSE)  # last
     names, (width, height) = list(entries), figure.get_size_inches()
     rows = 1
     for rows in range(1, len(names) + 1):
@@ -392,7 +392,7 @@ def _label_where_free(
         at = (p.cost, p.value), (0, 0), "data", "offset points"
         note = axis.annotate(shortened(p.method), *at, fontsize=fontsize)
         note.set_in_layout(False)
-        for *offset, ha, va in BESIDE:
+        for *offset, ha, va in _BESIDE:
             note.set(position=offset, ha=ha, va=va)
             box = note.get_window_extent(renderer)
             if axis.bbox.count_contains(box.corners()) == 4 and not box.count_overlaps(taken):

@@ -46,10 +46,10 @@ METRICS = (
     *("structure", "ssim", "fd-alexnet", "fid"),
     *FURTHER_METRICS,
 )
-MOST_STEPS = 8  # conditions or classes beside each other in a panel of half the width
-DODGE = 0.44  # of a step, that the methods of one condition take side by side
-PAD = 0.03  # of an axis: the room of a band beyond its first and last step
-OBJECTS_BEYOND = 2
+_MOST_STEPS = 8  # conditions or classes beside each other in a panel of half the width
+_DODGE = 0.44  # of a step, that the methods of one condition take side by side
+_PAD = 0.03  # of an axis: the room of a band beyond its first and last step
+_OBJECTS_BEYOND = 2
 AHEAD = {  # styles of differences
     "b": ("better", MethodStyle(HUES[0], "o", "-")),
     "a": ("worse", MethodStyle(HUES[1], "s", "-")),
@@ -117,12 +117,12 @@ def quality_panel(metric: str, rows: pd.DataFrame, by_class: bool) -> SweepPanel
 
 def quality_figure(shown: Sequence[SweepPanel], styles: Styles, **size: Any) -> Figure:
     """Return the panels of qualities; those with many steps take the whole width."""
-    if any(len(panel.ticks or ()) > MOST_STEPS for panel in shown):
+    if any(len(panel.ticks or ()) > _MOST_STEPS for panel in shown):
         size |= {"columns": 1}
-    figure = sweep_figure(shown, styles, dodge=DODGE, **size)
+    figure = sweep_figure(shown, styles, dodge=_DODGE, **size)
     for axis, panel in zip(figure.axes, shown, strict=True):
         axis.set_xlim(-0.5, max(panel.ticks or (0,)) + 0.5)
-        if len(panel.ticks or ()) > MOST_STEPS:
+        if len(panel.ticks or ()) > _MOST_STEPS:
             axis.tick_params(axis="x", labelrotation=38)
     return figure
 
@@ -167,7 +167,7 @@ def _curve_frame(rows: pd.DataFrame, family: Family) -> pd.DataFrame:
 
 def _bands(family: Family, at: Sequence[float]) -> list[tuple[str, float, float]]:
     """Return where each network was trained; a single value, or the first step, has some width."""
-    pad, bands = PAD * abs(at[-1] - at[0]), []
+    pad, bands = _PAD * abs(at[-1] - at[0]), []
     for method, *ends in family.trained:
         low, high = sorted(place_of(end, family) for end in ends)
         single = low == high
@@ -182,7 +182,7 @@ def family_figure(shown: Sequence[SweepPanel], styles: Styles) -> Figure:
     figure = sweep_figure(shown, styles, columns=columns, panel_in=1.9, sharey="row")
     for axis, panel in zip(figure.axes, shown, strict=True):
         at = list(panel.ticks or ())
-        pad = 2 * PAD * (at[-1] - at[0])
+        pad = 2 * _PAD * (at[-1] - at[0])
         axis.set_xlim(at[0] - pad, at[-1] + pad)  # a falling number of points, too
         if len(at) > 3:
             axis.tick_params(axis="x", labelrotation=60)
@@ -195,7 +195,7 @@ def described(panel: SweepPanel) -> str:
     return " ".join(f"{m}: {', '.join(p['condition'] + ' ' + p['text'])}." for m, p in by_method)
 
 
-def frontier_frame(points: pd.DataFrame) -> pd.DataFrame:
+def _frontier_frame(points: pd.DataFrame) -> pd.DataFrame:
     """Return the points that have a place on axes, which may be logarithmic, and `text` in words.
 
     The points are as `bench.analysis.frontier.places` returns them. The ceiling has no place; a
@@ -235,7 +235,7 @@ def _text(place: Mapping[str, Any]) -> str:
 def cost_figures(points: pd.DataFrame, styles: Styles) -> dict[str, tuple[Figure, str]]:
     """Return a figure of each metric that a method with a cost has a value of, and it in words."""
     figures = {}
-    for metric, of_metric in frontier_frame(points).groupby("metric", sort=False):
+    for metric, of_metric in _frontier_frame(points).groupby("metric", sort=False):
         rivals = of_metric[[not role(method) for method in of_metric["method"]]]
         if not rivals.empty:
             views = int(rivals["views"].iloc[0])
@@ -290,7 +290,7 @@ def write_beyond_figures(
     styles = method_styles(ordered(curves["method"]))
     _save_both(family_figure(family_panels(curves), styles), folder / "beyond")
     conditions = ordered(curves["condition"])
-    write_images(folder / "beyond-pictures.png", artifacts, conditions, OBJECTS_BEYOND)
+    write_images(folder / "beyond-pictures.png", artifacts, conditions, _OBJECTS_BEYOND)
 
 
 def write_class_figures(

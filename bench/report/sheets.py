@@ -33,12 +33,12 @@ if TYPE_CHECKING:
 FAILED = "failed"  # in place of an image
 OBJECTS_SHOWN, CLASSES_SHOWN = 4, 13
 THIN_OF = 8  # the first objects of a run, of which those with most thin parts are shown
-THIN_CONDITIONS = ("2048", "noise-0.05")
+_THIN_CONDITIONS = ("2048", "noise-0.05")
 THIN_TINT = (225, 0, 75)
 LONGEST = 18  # letters of a name
-LETTERS_IN_LINE = 12  # of a title: more are wider than an image
+_LETTERS_IN_LINE = 12  # of a title: more are wider than an image
 LABELS_IN, TITLES_IN, CAPTION_IN = 0.5, 0.4, 0.15
-LEAST_CELL_IN = 0.75  # of an image: fewer objects are shown rather than smaller images
+_LEAST_CELL_IN = 0.75  # of an image: fewer objects are shown rather than smaller images
 
 
 @drawing()
@@ -94,7 +94,9 @@ def image_sheet(
 def _wrapped(name: str) -> str:
     """Return a name on lines that are as wide as an image."""
     lines = map(visible, name.split("\n"))
-    return "\n".join(textwrap.fill(line, LETTERS_IN_LINE, break_long_words=False) for line in lines)
+    return "\n".join(
+        textwrap.fill(line, _LETTERS_IN_LINE, break_long_words=False) for line in lines
+    )
 
 
 def write_images(
@@ -115,7 +117,7 @@ def write_images(
     objects = ordered(name.object for name in artifacts)[:objects_shown]
     if not (down and across and objects):
         return
-    least = min(LEAST_CELL_IN, (WIDTH_IN - LABELS_IN) / (1 + len(across)))
+    least = min(_LEAST_CELL_IN, (WIDTH_IN - LABELS_IN) / (1 + len(across)))
     fitting = int((MOST_HIGH_IN - TITLES_IN) / (least * len(down)) + 1e-9)
     rows = []
     for obj in objects[: max(fitting, 1)]:
@@ -198,7 +200,7 @@ def write_thin_parts(path: Path, artifacts: Mapping[JobName, Artifact]) -> None:
     by_count = sorted(truths, key=lambda truth: -int(counts[truth.object].sum()))
     chosen = [truth for truth in by_count if counts[truth.object].any()][:OBJECTS_SHOWN]
     measured = {name.condition for name in artifacts}
-    conditions = [condition for condition in THIN_CONDITIONS if condition in measured]
+    conditions = [condition for condition in _THIN_CONDITIONS if condition in measured]
     methods = rivals(ordered(name.method for name in artifacts if name.condition))
     if not chosen or not conditions or not methods:
         return

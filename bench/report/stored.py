@@ -19,7 +19,7 @@ from bench.running.protocol import Protocol
 from bench.running.work import cloud_under
 from data_prep.failures import BadInput, StageFailure
 
-CACHED = 32  # images of jobs held in memory, of about 1 MB each
+_CACHED = 32  # images of jobs held in memory, of about 1 MB each
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,8 +36,8 @@ class Sources:
     unseen: str
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "_read", lru_cache(CACHED)(Artifact.read_images))
-        object.__setattr__(self, "_sampled", lru_cache(CACHED)(_sampled))
+        object.__setattr__(self, "_read", lru_cache(_CACHED)(Artifact.read_images))
+        object.__setattr__(self, "_sampled", lru_cache(_CACHED)(_sampled))
 
     def images(self, item: JobName) -> NDArray[np.uint8] | None:
         """Return the images [V, H, W, 3] of a job; None where they are missing or unreadable."""

@@ -18,21 +18,21 @@ INK, PAPER, SOFT, RULE, SHADE = "#000000", "#ffffff", "#535b64", "#d9d6d0", "#f2
 # and shade they have a contrast of 3, enough for lines and markers; words are in ink.
 HUES = ("#2578f5", "#d66920", "#2e8551", "#520066", "#4a3a00", "#e8208f", "#32545c", "#15181b")
 # Forms differ too: a method is never identified by its hue alone.
-MARKERS = ("o", "s", "^", "D", "v", ">", "<", "X")
-DASHES: tuple[Dashes, ...] = (
+_MARKERS = ("o", "s", "^", "D", "v", ">", "<", "X")
+_DASHES: tuple[Dashes, ...] = (
     *("-", (0, (5.5, 2.5)), (0, (2, 2)), (0, (6, 2, 1.2, 2)), (0, (9, 2.5))),
     *((0, (4, 1.2, 1.2, 1.2, 1.2, 1.2)), (0, (0.8, 2.5)), (0, (3, 3.5))),
 )
-FILLS: tuple[Fill, ...] = ("full", "left", "right", "top", "bottom")
-FLOOR_DASHES: tuple[Dashes, ...] = ((0, (6, 3)), (0, (2, 2)))
+_FILLS: tuple[Fill, ...] = ("full", "left", "right", "top", "bottom")
+_FLOOR_DASHES: tuple[Dashes, ...] = ((0, (6, 3)), (0, (2, 2)))
 # The families of most plots: these eight differ in hue, marker and dashes at once.
-COMMON_FAMILIES = (
+_COMMON_FAMILIES = (
     *("surface-apss", "splat-net", "pc2pix", "splat"),
     *("best-reconstruction", "alpha-wrap", "fused-net", "denoised-wrap"),
 )
 # The next ones, in an order that gives the methods of a default run a hue each. Rows that choose a
 # method have a place here so that a new family does not change their style.
-FURTHER_FAMILIES = (
+_FURTHER_FAMILIES = (
     *("best-learned-3d", "poisson", "occupancy-net", "surface-fit", "surface-bpa", "splat-fill"),
 )
 
@@ -59,7 +59,7 @@ def method_styles(methods: Iterable[str]) -> dict[str, MethodStyle]:
     marker, values of a parameter in nothing. Families of other packages follow ours in the order
     of `methods`. Floors are dashed lines.
     """
-    ours = (*COMMON_FAMILIES, *FURTHER_FAMILIES)
+    ours = (*_COMMON_FAMILIES, *_FURTHER_FAMILIES)
     variants: dict[str, list[str]] = {family: [] for family in ours}
     for bundled in BUNDLED:
         variants.setdefault(bundled.family, []).append(bundled.id)
@@ -67,7 +67,7 @@ def method_styles(methods: Iterable[str]) -> dict[str, MethodStyle]:
     styles = {}
     for method in methods:
         if role(method) == "floor":
-            styles[method] = MethodStyle(SOFT, "", FLOOR_DASHES[floors % len(FLOOR_DASHES)])
+            styles[method] = MethodStyle(SOFT, "", _FLOOR_DASHES[floors % len(_FLOOR_DASHES)])
             floors += 1
             continue
         setting = find_setting(method)
@@ -77,11 +77,11 @@ def method_styles(methods: Iterable[str]) -> dict[str, MethodStyle]:
             of_family.append(base)
         number, variant = list(variants).index(family_of(base)), of_family.index(base)
         # A family beyond the eighth shares its marker with one of another hue and other dashes.
-        shifted = number + number // len(MARKERS)
+        shifted = number + number // len(_MARKERS)
         styles[method] = MethodStyle(
             HUES[shifted % len(HUES)],
-            MARKERS[number % len(MARKERS)],
-            DASHES[(shifted + variant) % len(DASHES)],
-            FILLS[variant % len(FILLS)],
+            _MARKERS[number % len(_MARKERS)],
+            _DASHES[(shifted + variant) % len(_DASHES)],
+            _FILLS[variant % len(_FILLS)],
         )
     return styles

@@ -37,7 +37,7 @@ NAMED = 3  # methods named beside each other
 ALIKE = 1.1  # costs that differ by a smaller factor are given as one
 # What the network is, by who is ahead and, where there are too few objects, by the means.
 SHOWN = {"b": "ahead of {}", "a": "behind {}", "tie": "not shown to differ from {}"}
-BY_MEAN = ("behind {} by its mean alone", "ahead of {} by its mean alone")
+_BY_MEAN = ("behind {} by its mean alone", "ahead of {} by its mean alone")
 
 
 class Statement(NamedTuple):
@@ -149,7 +149,7 @@ def _question(cells: Sequence[_Cell], every: Sequence[str]) -> Statement:
         surface = next((m for m in methods if m.startswith("surface-")), None)
         rival = best.by_condition([cell.condition], methods).get(cell.condition, surface)
         if network in methods and rival:
-            by_mean = BY_MEAN[is_better(cell.rows[network], cell.rows[rival])]
+            by_mean = _BY_MEAN[is_better(cell.rows[network], cell.rows[rival])]
             words = SHOWN.get(cell.ahead(rival, network), by_mean)
             by_words.setdefault(words.format(rival), []).append(cell)
     entries = [

@@ -38,15 +38,15 @@ PACKAGES = (
     "pandas",
     "pyarrow",
 )
-TIMEOUT_S = 120
-VECTOR = ("sse4", "avx", "fma", "amx", "asimd", "sve")  # begin the names of such instructions
+_TIMEOUT_S = 120
+_VECTOR = ("sse4", "avx", "fma", "amx", "asimd", "sve")  # begin the names of such instructions
 
 
 def machine_info() -> dict[str, Any]:
     """Return the entries of a manifest on command, time, versions and machine."""
     cpu = _first_processor()
     flags = (cpu.get("flags") or cpu.get("Features") or "").split()
-    vector = " ".join(name for name in flags if name.startswith(VECTOR))
+    vector = " ".join(name for name in flags if name.startswith(_VECTOR))
     memory_b = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     return {
         "command": sys.argv,
@@ -133,11 +133,11 @@ def environment(
             env=os.environ | WORKER_ENVIRONMENT,
             capture_output=True,
             text=True,
-            timeout=TIMEOUT_S,
+            timeout=_TIMEOUT_S,
             check=False,
         )
     except subprocess.TimeoutExpired as error:
-        raise MissingDependency(f"OpenGL did not answer in {TIMEOUT_S} s: {REMEDY}") from error
+        raise MissingDependency(f"OpenGL did not answer in {_TIMEOUT_S} s: {REMEDY}") from error
     lines = done.stdout.strip().splitlines()
     try:
         answer = json.loads(lines[-1])

@@ -30,7 +30,7 @@ from bench.running.work import (
 from data_prep.failures import MissingDependency
 from data_prep.progress import log, progress
 
-REFERENCES_KEPT = 4  # ground truths in memory: the jobs of an object follow each other
+_REFERENCES_KEPT = 4  # ground truths in memory: the jobs of an object follow each other
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +132,7 @@ def do_and_store(
     `jobs` and `left_s` are as in `submit_all`, `start` as in `run_jobs`. Raises MissingDependency
     where going on makes no sense, and BadInput where a ground truth has changed since it was drawn.
     """
-    read = lru_cache(REFERENCES_KEPT)(store.array)
+    read = lru_cache(_REFERENCES_KEPT)(store.array)
 
     def with_reference(job: Job | None) -> Job | None:
         """Return a job with the true images that it is scored against."""

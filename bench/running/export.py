@@ -49,7 +49,7 @@ PAPER = (
     "Atienza_A_Conditional_Generative_Adversarial_Network_for_Rendering_Point_Clouds_"
     "CVPRW_2019_paper.pdf"
 )
-CONTEXT = Path(__file__).with_name("croissant_context.json")  # of the specification
+_CONTEXT = Path(__file__).with_name("croissant_context.json")  # of the specification
 _ABOUT = {
     OBJECTS: "The objects and their meshes.",
     CLOUDS: "The clouds that methods get: float32 coordinates in the unit sphere, +Y up, front -Z.",
@@ -174,7 +174,7 @@ def metadata(
         protocol.suite.truth != COLOURED
     )
     described = {
-        "@context": json.loads(CONTEXT.read_text(encoding="utf-8")),
+        "@context": json.loads(_CONTEXT.read_text(encoding="utf-8")),
         "@type": "sc:Dataset",
         "name": f"pc2pix-bench-{suite}",
         "description": (

@@ -53,8 +53,8 @@ Result = TypeVar("Result")
 TASKS_PER_WORKER = 500  # then a fresh process, which ends every leak
 QUEUED = 2  # tasks for each worker, the one that it does and the next: there may be 10^5 in all
 START_S = 120.0  # for a worker to get ready, on a machine that swaps, too
-MOST_BREAKS = 3  # workers lost before they were ready, one after the other
-MOST_RESTING = 4  # workers, beyond those at work, that wait for further tasks of their company
+_MOST_BREAKS = 3  # workers lost before they were ready, one after the other
+_MOST_RESTING = 4  # workers, beyond those at work, that wait for further tasks of their company
 
 
 def thread_counts(threads: int) -> dict[str, str]:
@@ -228,7 +228,7 @@ class TaskPool(Generic[Task, Result]):
             if worker.company == company:
                 return worker
         companies = {company, *(worker.company for worker in self._workers)}
-        if idle and len(self._workers) >= self._size + min(len(companies) - 1, MOST_RESTING):
+        if idle and len(self._workers) >= self._size + min(len(companies) - 1, _MOST_RESTING):
             self._let_go(idle[0])
         process = WorkerProcess(self._work, self._limits.memory_gib)
         worker = _Worker[Task](process, company, self._clock() + START_S)
@@ -299,8 +299,8 @@ class TaskPool(Generic[Task, Result]):
             self._ended.append((worker.under_way[0], True, replace(reason, taken_s=taken_s)))
             return
         self._queue.extendleft(worker.under_way)
-        self._breaks += MOST_BREAKS if is_late else 1  # a second one that hangs is enough
-        if self._breaks > MOST_BREAKS:
+        self._breaks += _MOST_BREAKS if is_late else 1  # a second one that hangs is enough
+        if self._breaks > _MOST_BREAKS:
             raise BrokenProcessPool(
                 f"workers were lost before they could begin, one after the other ({reason.reason})"
             )

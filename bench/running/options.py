@@ -20,7 +20,7 @@ from data_prep.failures import BadInput
 LOCAL = "local"  # address of a Ray cluster that a run starts on this machine
 # More objects of a class than published datasets have (ShapeNet: 8,509 tables). Procedural classes
 # have no end, and the plan of an object takes 3 ms and 70 kB.
-MOST_OBJECTS = 10_000
+_MOST_OBJECTS = 10_000
 # A job draws all views of an object at once; so many in float32 are half of what a worker may have.
 MOST_VIEWS = 10_000
 RUNS = Path("results/runs")
@@ -100,7 +100,7 @@ class Options:
     def directory(self) -> Path:
         """Return the run's folder."""
         truth = None if self.truth == COLOURED else self.truth
-        return self.out or RUNS / default_name(self.suite, self.dataset, self.shard, truth)
+        return self.out or RUNS / _default_name(self.suite, self.dataset, self.shard, truth)
 
 
 def refuse(suite: str, options: Iterable[tuple[str, object, str]]) -> None:
@@ -120,7 +120,7 @@ def refuse_values(options: Options) -> None:
     Also for `--device cuda` where this machine, which is to draw, has no GPU.
     """
     for name, value, most, remedy in (
-        ("limit", options.limit, MOST_OBJECTS, ", or leave it for all objects of a folder"),
+        ("limit", options.limit, _MOST_OBJECTS, ", or leave it for all objects of a folder"),
         ("views", options.views, MOST_VIEWS, ""),
     ):
         if value is not None and value < 1:
@@ -172,7 +172,7 @@ def workers_of(suite: Suite, options: Options) -> int:
     return options.workers or cores()
 
 
-def default_name(
+def _default_name(
     suite: str, dataset: str, shard: Shard | None = None, truth: Truth | None = None
 ) -> str:
     """Return the name of a run's folder, made of suite, dataset, truth and shard."""

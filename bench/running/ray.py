@@ -34,15 +34,15 @@ from data_prep.failures import BadInput, MissingDependency
 from data_prep.files.checksums import file_sha256
 
 PATIENCE_S = 10.0
-COUNTED_EVERY_S = 5.0  # the CPUs of a cluster
-NODES_PER_JOB = 5  # lost nodes; then it is the job that takes them down
+_COUNTED_EVERY_S = 5.0  # the CPUs of a cluster
+_NODES_PER_JOB = 5  # lost nodes; then it is the job that takes them down
 KEPT = 64  # true images in the object store, and fingerprints: jobs of one object follow each other
-STORE_BYTES = 256 * 2**20  # of the object store of a cluster of our own
+_STORE_BYTES = 256 * 2**20  # of the object store of a cluster of our own
 # Of a GPU, for each job that uses it. On an H200, jobs of 20 images with the networks of metrics
 # give 1,900 images a second with one process, 4,350 with four and 4,680 with sixteen, and each
 # process takes 0.85 GiB of the GPU's memory.
-GPU_SHARE = 0.25
-INSTALL = "Ray is not installed; pip install 'pc2pix-bench[ray]'"
+_GPU_SHARE = 0.25
+_INSTALL = "Ray is not installed; pip install 'pc2pix-bench[ray]'"
 
 
 @dataclass(frozen=True)
@@ -68,8 +68,8 @@ def connected(address: str, workers: int) -> Iterator[Cluster]:
     try:
         import ray
     except ImportError as error:
-        raise MissingDependency(INSTALL) from error
-    local = {"num_cpus": workers, "object_store_memory": STORE_BYTES, "include_dashboard": False}
+        raise MissingDependency(_INSTALL) from error
+    local = {"num_cpus": workers, "object_store_memory": _STORE_BYTES, "include_dashboard": False}
     host, _, port = address.removeprefix("ray://").rpartition(":")
     try:
         if host and port.isdecimal():  # where nobody listens, Ray would ask for minutes
@@ -115,14 +115,14 @@ class RayPool:
         self._cpus, self._counted = cluster.cpus, float("-inf")
         self._message = api.put((requirements(protocol), protocol.suite.limits))
         # Without `max_calls` a process keeps what it has loaded.
-        self._do = api.remote(num_cpus=1, max_retries=NODES_PER_JOB, max_calls=0)(do_on_node)
+        self._do = api.remote(num_cpus=1, max_retries=_NODES_PER_JOB, max_calls=0)(_do_on_node)
         self._put = lru_cache(KEPT)(api.put)
         self._sent: dict[Any, Job] = {}
 
     @property
     def capacity(self) -> int:
         """Return twice the jobs that the workers have in hand: nodes come and go."""
-        if time.monotonic() > self._counted + COUNTED_EVERY_S:  # a question to another process
+        if time.monotonic() > self._counted + _COUNTED_EVERY_S:  # a question to another process
             self._cpus = int(self._ray.cluster_resources().get("CPU", 0))
             self._counted = time.monotonic()
         return QUEUED * max(1, self._cpus)
@@ -130,7 +130,7 @@ class RayPool:
     def submit(self, job: Job) -> None:
         """Start a job."""
         on_gpu = self._all_on_gpu or job.method in self._networks
-        task = self._do.options(num_gpus=GPU_SHARE if on_gpu else 0).remote(
+        task = self._do.options(num_gpus=_GPU_SHARE if on_gpu else 0).remote(
             self._message,
             replace(job, reference=None),
             _fingerprint(job.object),
@@ -166,12 +166,12 @@ class RayPool:
                 "the same packages in the same folders"
             ) from error
         except errors.RayError as error:
-            reason = f"crash: its node was lost {NODES_PER_JOB + 1} times ({type(error).__name__})"
+            reason = f"crash: its node was lost {_NODES_PER_JOB + 1} times ({type(error).__name__})"
             return failed(job, reason)
 
 
 @dataclass(frozen=True)
-class NodeRequirements:
+class _NodeRequirements:
     """The properties that a node shares with the machine that keeps the run."""
 
     values: Mapping[str, Mapping[str, str]]  # versions, checksums, identities, by kind and name
@@ -179,16 +179,16 @@ class NodeRequirements:
     folder: str  # the start of relative paths, where there is such a folder
 
 
-def requirements(protocol: Protocol) -> NodeRequirements:
+def requirements(protocol: Protocol) -> _NodeRequirements:
     """Return the properties of this machine, which all nodes have to share."""
     addresses = [method.address for method in protocol.methods.values()]
     files = [path for _, path in protocol.features]
     values = _properties(protocol.environment, addresses, files, protocol.device)
-    return NodeRequirements(values, protocol.device, str(Path.cwd()))
+    return _NodeRequirements(values, protocol.device, str(Path.cwd()))
 
 
 def mismatch(
-    required: NodeRequirements, probe: Callable[[], Mapping[str, str]] = environment
+    required: _NodeRequirements, probe: Callable[[], Mapping[str, str]] = environment
 ) -> str:
     """Return how this machine fails the requirements, with the remedy; empty where it does not.
 
@@ -236,7 +236,7 @@ class Node:
 
     def __init__(
         self,
-        required: NodeRequirements,
+        required: _NodeRequirements,
         limits: Limits,
         probe: Callable[[], Mapping[str, str]] = environment,
     ) -> None:
@@ -271,8 +271,8 @@ class Node:
 _node: Node | None = None  # of this process, where it is one of Ray's
 
 
-def do_on_node(
-    message: tuple[NodeRequirements, Limits], job: Job, fingerprint: str, reference: bytes | None
+def _do_on_node(
+    message: tuple[_NodeRequirements, Limits], job: Job, fingerprint: str, reference: bytes | None
 ) -> Result:
     """Do a job on the node that this process is; Ray calls this for each task.
 

@@ -53,7 +53,7 @@ Outputs = TypeVar("Outputs")
 Publish = Callable[[Path, dict[str, float]], Outputs]  # of a folder; adds seconds by stage
 # Of an image: it is scored in some 15 ms of a core; its bytes are those of the default suite.
 IMAGE_S, IMAGE_B = 0.015, 7_000
-TRUTH_MS = 5.0  # of a view of the true mesh
+_TRUTH_MS = 5.0  # of a view of the true mesh
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class ProgressReporter(typing.Protocol):
 
 
 # Takes title and number of the jobs to be done.
-Watch = Callable[[str, int], AbstractContextManager[ProgressReporter]]
+_Watch = Callable[[str, int], AbstractContextManager[ProgressReporter]]
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ class RunResult(Generic[Outputs]):
 def run(
     options: Options,
     publish: Publish[Outputs],
-    watch: Watch,
+    watch: _Watch,
     make_budget: Callable[[float | None], Budget] = Budget,
 ) -> RunResult[Outputs]:
     """Carry out a run, or what is left of it, for as long as its budget allows.
@@ -270,7 +270,7 @@ def _do_jobs(
     jobs: typing.Generator[Any, None, None],
     schedule: Schedule,
     snapshot: Callable[[], PartialRun],
-    watch: Watch,
+    watch: _Watch,
 ) -> bool:
     """Do the jobs that are left, and return whether Ctrl-C came in between.
 
@@ -409,7 +409,7 @@ class RunStatus:
         """Return the seconds of a core that a job takes, scores included; None if unknown."""
         views = self.plan.protocol.views
         if method == GROUND_TRUTH:
-            return views * (TRUTH_MS / 1000 + IMAGE_S)
+            return views * (_TRUTH_MS / 1000 + IMAGE_S)
         cost = cost_of(method, costs)
         return None if cost is None else cost.cloud_ms(views) / 1000 + views * IMAGE_S
 

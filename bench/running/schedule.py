@@ -21,12 +21,12 @@ from bench.running.plan import ObjectJobs, Plan
 from data_prep.failures import BadInput
 from data_prep.randomness import generator
 
-UNITS_S = {"s": 1, "m": 60, "h": 3600}
+_UNITS_S = {"s": 1, "m": 60, "h": 3600}
 # Seconds that a run takes beside its jobs: to start the workers and load the weights, and for
 # tables, figures and report at its end, which grow with the objects. From the default suite on two
 # cores, and rather too much than too little.
 START_S, END_S, END_OF_OBJECT_S = 8.0, 12.0, 1.2
-JOB_S = 0.6  # of a worker for a job, in the mean of the default suite
+_JOB_S = 0.6  # of a worker for a job, in the mean of the default suite
 
 
 def seconds_of(text: str, option: str = "--budget") -> float:
@@ -35,7 +35,7 @@ def seconds_of(text: str, option: str = "--budget") -> float:
     Raises BadInput for any other text, and for zero.
     """
     match = re.fullmatch(r"([0-9]{1,9}(?:\.[0-9]{1,9})?)([smh])", text.strip())
-    seconds = float(match[1]) * UNITS_S[match[2]] if match else 0.0
+    seconds = float(match[1]) * _UNITS_S[match[2]] if match else 0.0
     if not seconds:
         raise BadInput(f"{option} {text}: give a time over 0 with its unit, as in 90s, 2m or 1.5h")
     return seconds
@@ -43,7 +43,7 @@ def seconds_of(text: str, option: str = "--budget") -> float:
 
 def guess_s(jobs: int, workers: int) -> float:
     """Return the seconds that an object of so many jobs is expected to take, before any is done."""
-    return jobs * JOB_S / workers
+    return jobs * _JOB_S / workers
 
 
 def end_s(objects: int) -> float:

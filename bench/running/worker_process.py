@@ -28,14 +28,14 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import psutil
 
-WATCH_EVERY_S = 0.1
+_WATCH_EVERY_S = 0.1
 # Beyond the limit on resident memory the kernel refuses writable memory: 16 GiB asked for at once
 # are faster than the watch. On the CPU methods reserve at most 0.1 GiB more than they use; the rest
 # is for what CUDA and plug-ins reserve.
-RESERVED_GIB = 8.0
+_RESERVED_GIB = 8.0
 PATIENCE_S = 10.0  # with a worker that has nothing left to do, or ought to have ended
 TICK_S = 1.0  # a pool looks about so often
-LONGEST_TICK_S = 2.0  # of a process that runs; a longer one was stopped, or the machine slept
+_LONGEST_TICK_S = 2.0  # of a process that runs; a longer one was stopped, or the machine slept
 NO_GUARD = 78  # exit code of a worker whose script starts workers when it is loaded
 SAFE_PATH = "PYTHONSAFEPATH"  # keeps the current folder off the path of imports
 
@@ -53,7 +53,7 @@ def own_python(*arguments: str) -> list[str]:
 class RunningTime:
     """A clock that stands still while this process is stopped, and its workers with it.
 
-    It has to be read every `TICK_S`. What lies beyond `LONGEST_TICK_S` between two readings counts
+    It has to be read every `TICK_S`. What lies beyond `_LONGEST_TICK_S` between two readings counts
     for nothing: a closed lid, SIGSTOP, a frozen container.
     """
 
@@ -63,7 +63,7 @@ class RunningTime:
     def __call__(self) -> float:
         """Return the seconds that this process could run since the clock was made."""
         before, self._last = self._last, time.monotonic()
-        self._seconds += min(self._last - before, LONGEST_TICK_S)
+        self._seconds += min(self._last - before, _LONGEST_TICK_S)
         return self._seconds
 
 
@@ -156,7 +156,7 @@ def _keep(connection: Connection, memory_gib: float) -> None:
     ended, status = 0, signal.SIGTERM.value
     while not ended and signal.sigwait(expected) != signal.SIGTERM:
         ended, status = os.waitpid(worker, os.WNOHANG)
-    end_children()
+    _end_children()
     _end_like(os.waitstatus_to_exitcode(status if ended else signal.SIGTERM.value))
 
 
@@ -185,7 +185,7 @@ def _serve(connection: Connection, memory_gib: float) -> None:
             answer = _answer(work, connection.recv())
             if os.getpid() != worker:
                 os._exit(0)  # a task forked, and its child came back, too: one answer is enough
-            end_children()  # a task's result and memory depend on no other task
+            _end_children()  # a task's result and memory depend on no other task
             try:
                 connection.send(answer)
             except (pickle.PicklingError, TypeError, AttributeError) as error:
@@ -203,14 +203,14 @@ def _answer(work: Callable[[Any], Any], task: object) -> tuple[bool, Any]:
 def _bind(memory_gib: float) -> None:
     """Tie this process to its keeper, and have the kernel bound its memory.
 
-    Allocations beyond the limit and RESERVED_GIB are refused: a MemoryError in Python.
+    Allocations beyond the limit and _RESERVED_GIB are refused: a MemoryError in Python.
     """
     os.dup2(2, 1)  # stdout is for the results of a command: what a method prints goes to stderr
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     _control(PR_SET_PDEATHSIG, signal.SIGKILL)
     _control(PR_SET_CHILD_SUBREAPER, 1)
     _, most = resource.getrlimit(resource.RLIMIT_DATA)
-    wanted = int((memory_gib + RESERVED_GIB) * 2**30)
+    wanted = int((memory_gib + _RESERVED_GIB) * 2**30)
     least = wanted if most == resource.RLIM_INFINITY else min(wanted, most)
     resource.setrlimit(resource.RLIMIT_DATA, (least, most))
 
@@ -219,7 +219,7 @@ def _control(option: int, value: int) -> None:
     ctypes.CDLL(None).prctl(option, value)
 
 
-def end_children() -> None:
+def _end_children() -> None:
     """End all children of this process, and their children."""
     with suppress(ChildProcessError):  # none is left
         while True:  # children of children come up to this process as their parents end
@@ -249,7 +249,7 @@ def watched_memory(keepers: Callable[[], Iterable[int]], limit_gib: float) -> It
     stop = threading.Event()
 
     def watch() -> None:
-        while not stop.wait(WATCH_EVERY_S):
+        while not stop.wait(_WATCH_EVERY_S):
             for keeper, family in _families(keepers()).items():
                 if _exceeds(family, limit_gib * 2**30):
                     killed.add(keeper)

@@ -50,7 +50,7 @@ _LEGEND = (
 )
 
 
-def shown_in_training(family: Family) -> str:
+def _shown_in_training(family: Family) -> str:
     """Return the range that networks were trained on: "splat-net@chair 512 to 2048"."""
     return ", ".join(
         f"{name} {least:g}" + (f" to {most:g}" if most > least else " only")
@@ -113,7 +113,7 @@ def _leads(leads: pd.DataFrame, class_name: str, family: Family) -> Grid:
         before={"first": lambda row: Cell(row["method"]), "second": lambda row: Cell(row["rival"])},
         corner="metric",
         caption=f"lead along {family.axis}, {class_name}",
-        remark=f"In training: {shown_in_training(family)}." if family.trained else "",
+        remark=f"In training: {_shown_in_training(family)}." if family.trained else "",
     )
 
 

@@ -48,7 +48,7 @@ _MARKS = {
 _TOO_FEW = Annotation("too few objects", "{value}{interval} ?")
 # The cell of the second side, by who is ahead.
 _WORDS = {"b": "better", "a": "worse", "tie": "not decided", "unknown": "undecided"}
-HINT = "Intervals: --format md"  # an option of `bench compare`
+_HINT = "Intervals: --format md"  # an option of `bench compare`
 
 
 def differences_table(differences: Differences) -> Table:
@@ -135,7 +135,7 @@ def _measured(row: Row) -> list[str]:
     return [row[name] for name in MEASURED]
 
 
-def comparison_lines(differences: Differences, width: int, hint: str = HINT) -> list[str]:
+def comparison_lines(differences: Differences, width: int, hint: str = _HINT) -> list[str]:
     """Return who is ahead in each cell as lines of at most `width` columns, the verdict last.
 
     Conditions stand side by side, in several parts where they have no room. The verdict ends with

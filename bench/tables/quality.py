@@ -60,10 +60,12 @@ from data_prep.failures import BadInput
 from data_prep.progress import log
 
 HEADLINE = "headline"
-FEWEST_SHOWN = 12  # objects: intervals of fewer are so wide and so uncertain that they mislead here
+_FEWEST_SHOWN = (
+    12  # objects: intervals of fewer are so wide and so uncertain that they mislead here
+)
 FEW = 10  # objects of a class below which its distances are warned of
-IN_A_ROW = 7  # classes side by side, as the paper has them
-DETAIL_REMARK = (
+_IN_A_ROW = 7  # classes side by side, as the paper has them
+_DETAIL_REMARK = (
     "Means are over the images that have a value; where some have none, a line below says why."
 )
 _DEBIASED = (
@@ -92,7 +94,7 @@ def image_table(run: Run, spec: TableSpec, published: Published) -> Table:
 def detail_table(run: Run, spec: TableSpec, published: Published) -> Table:
     """Return the means over images of the suite's detail metrics, which the paper does not have."""
     rows = image_rows(run, run.suite.detail_metrics)
-    return quality_table(spec, annotated(rows, run.manifest, {}), DETAIL_REMARK)
+    return quality_table(spec, annotated(rows, run.manifest, {}), _DETAIL_REMARK)
 
 
 def set_table(run: Run, spec: TableSpec, published: Published) -> Table:
@@ -158,7 +160,7 @@ def headline(run: Run, metrics: Sequence[str] | None = None) -> Table:
     With one class methods are down and conditions across; with several it is the mean over classes.
     Failed images are scored as blank ones, so that all methods have values of the same objects.
     `metrics` are those that the run has while it goes on, by default all. People see intervals from
-    FEWEST_SHOWN objects on; its CSV has them before.
+    _FEWEST_SHOWN objects on; its CSV has them before.
     """
     suite, manifest = run.suite, run.manifest
     wanted = ordered(suite.headline if metrics is None else metrics)
@@ -174,8 +176,8 @@ def headline(run: Run, metrics: Sequence[str] | None = None) -> Table:
     planned = manifest.get("planned", objects)
 
     def layout(frame: pd.DataFrame) -> Iterator[Block]:
-        if objects < FEWEST_SHOWN:
-            yield f"Intervals are shown from {FEWEST_SHOWN} objects on."
+        if objects < _FEWEST_SHOWN:
+            yield f"Intervals are shown from {_FEWEST_SHOWN} objects on."
             frame = frame.assign(ci_low=NAN, ci_high=NAN)
         elif objects < planned:
             yield (
@@ -186,7 +188,7 @@ def headline(run: Run, metrics: Sequence[str] | None = None) -> Table:
         yield from all_methods(frame.assign(failures_as_blank=NAN), _HEADLINE_LEGEND)
 
     title = f"{' and '.join(suite.headline)}: {objects} of {planned} objects"
-    every = with_chosen_rows(annotated(rows, manifest, {}))
+    every = _with_chosen_rows(annotated(rows, manifest, {}))
     table = Table(HEADLINE, title, every, layout, hidden=HIDDEN)
     return of_protocol(table, suite, manifest[PROTOCOL])
 
@@ -250,12 +252,12 @@ def quality_table(spec: TableSpec, rows: pd.DataFrame, remark: str = "") -> Tabl
             yield from _classes_of_the_paper(part)
             yield from all_methods(part)
 
-    frame = with_chosen_rows(rows)
-    told = " ".join(filter(None, [remark, which_are_chosen(frame)]))
+    frame = _with_chosen_rows(rows)
+    told = " ".join(filter(None, [remark, _which_are_chosen(frame)]))
     return Table(spec.name, spec.title, frame, layout, told, hidden=HIDDEN)
 
 
-def with_chosen_rows(rows: pd.DataFrame) -> pd.DataFrame:
+def _with_chosen_rows(rows: pd.DataFrame) -> pd.DataFrame:
     """Return the rows, with those of chosen methods a second time by the name of their row."""
     conditions, methods = ({*rows[name]} for name in ("condition", "method"))
     chosen = {name: row.by_condition(conditions, methods) for name, row in CHOSEN.items()}
@@ -272,7 +274,7 @@ def with_chosen_rows(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(result, columns=rows.columns)
 
 
-def which_are_chosen(rows: pd.DataFrame) -> str:
+def _which_are_chosen(rows: pd.DataFrame) -> str:
     """Return a sentence for each chosen row, on its method at each condition; empty without any."""
     sentences = []
     for name in CHOSEN:
@@ -314,10 +316,10 @@ def _classes_of_the_paper(frame: pd.DataFrame) -> Iterator[Block]:
         f"{_PUBLISHED}"
     )
     classes, rows = ordered(frame["class"]), records(frame)
-    for start in range(0, len(classes), IN_A_ROW):
+    for start in range(0, len(classes), _IN_A_ROW):
         heads = {
             (class_name, method): f"{class_name} {name}"
-            for class_name in classes[start : start + IN_A_ROW]
+            for class_name in classes[start : start + _IN_A_ROW]
             for method, name in {SURFACE: "SR", network: "PC2PIX"}.items()
         }
         yield _with_paper_values("", "class", heads, rows)

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 ANY_WIDTH = 10_000  # columns, more than any line has
-NOTES = 3  # of all grids
-FEWEST_LINES = 10
+_NOTES = 3  # of all grids
+_FEWEST_LINES = 10
 STAR = "* best of those that compete"
 
 
@@ -92,8 +92,8 @@ def grid_lines(grids: Sequence[Grid], width: int, lines: int) -> list[str]:
     shown = [grid for grid in grids if not grid.void]
     cells = [cell for grid in shown for line in grid.lines for cell in line.cells]
     notes = [visible(note) for grid in grids for note in grid.notes]
-    if len(notes) > NOTES:
-        notes[NOTES:] = [f"... {len(notes) - NOTES} more remarks, in the tables"]
+    if len(notes) > _NOTES:
+        notes[_NOTES:] = [f"... {len(notes) - _NOTES} more remarks, in the tables"]
     rows, end = list[str](), list[str]()
     for intervals in (any(cell.interval for cell in cells), False):
         marks = (
@@ -110,7 +110,7 @@ def grid_lines(grids: Sequence[Grid], width: int, lines: int) -> list[str]:
             rows += [_cut(f"{grid.metric}, {better} is better", width), *laid_out(of_grid, width)]
         if len(rows) + len(end) <= lines and all(len(of_grid) == 1 for of_grid in tables):
             break
-    most = max(FEWEST_LINES, lines) - len(end)
+    most = max(_FEWEST_LINES, lines) - len(end)
     if len(rows) > most:
         left = len(rows) - most + 1
         rows[most - 1 :] = [_cut(f"... {left} more lines, in the tables", width)]

@@ -26,7 +26,7 @@ VALIDATION = (100, 8)  # objects, views
 
 
 @dataclass(frozen=True)
-class ConstantScores:
+class _ConstantScores:
     """The mean SSIM of the image on chairs that it was not fitted to, and that of white."""
 
     constant: float
@@ -35,7 +35,7 @@ class ConstantScores:
 
 def train_constant(
     objects: int, views: int, steps: int, seed: int, out: Path = CONSTANT_IMAGE
-) -> ConstantScores:
+) -> _ConstantScores:
     """Fit the image to `objects` of the train split, write it, and return its scores.
 
     The split is procedural; the scores are those on validation.
@@ -51,7 +51,7 @@ def train_constant(
     write_whole(out, buffer.getvalue())
     truth = _images("validation", *VALIDATION)
     white = blank(1)[0]
-    return ConstantScores(*(mean_ssim(truth, chosen) for chosen in (image, white)))
+    return _ConstantScores(*(mean_ssim(truth, chosen) for chosen in (image, white)))
 
 
 def fit(truth: NDArray[np.uint8], steps: int, seed: int) -> NDArray[np.uint8]:

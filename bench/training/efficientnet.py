@@ -31,13 +31,13 @@ WEIGHTS = PackagedFile(
     "579344248a93e23026e6b78f1f6faf0bc1d282386f6c881cdbaacd49cabf77db",
 )
 OFFSET, SCALE = 127.0, 128.0
-EPSILON = 1e-3  # of BatchNorm
+_EPSILON = 1e-3  # of BatchNorm
 STAGES = ((1, 1), (2, 2), (2, 2), (1, 2))  # blocks, stride of the first; those that are compared
 COMPARED = (1, 3, 5)  # blocks whose outputs trainings compare: the first ones of 32, 16 and 8 px
 
 
 @dataclass(frozen=True, eq=False)
-class Layer:
+class _Layer:
     """A convolution with its folded normalisation; ReLU6 follows where it is `active`."""
 
     kernel: Tensor
@@ -89,7 +89,7 @@ class EfficientNet:
         return maps
 
 
-def _block(layers: Iterable[Layer], x: Tensor) -> Tensor:
+def _block(layers: Iterable[_Layer], x: Tensor) -> Tensor:
     """Return an inverted bottleneck of x, with a skip where the shapes are equal."""
     y = x
     for layer in layers:
@@ -105,15 +105,15 @@ def _layer(
     *,
     stride: int = 1,
     active: bool = True,
-) -> Layer:
+) -> _Layer:
     scale, shift, mean, variance = (
         weights[f"{normalisation}.{part}"].double()
         for part in ("weight", "bias", "running_mean", "running_var")
     )
-    scale = scale / torch.sqrt(variance + EPSILON)
+    scale = scale / torch.sqrt(variance + _EPSILON)
     kernel = weights[f"{convolution}.weight"].double() * scale.reshape(-1, 1, 1, 1)
     kernel = kernel.to(dtype, memory_format=torch.channels_last)
-    return Layer(kernel, (shift - mean * scale).to(dtype), stride, active)
+    return _Layer(kernel, (shift - mean * scale).to(dtype), stride, active)
 
 
 @functools.lru_cache(maxsize=1)

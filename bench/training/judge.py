@@ -37,16 +37,16 @@ from learning.training_loop import denormals_flushed, hash_arrays, seeded
 OBJECTS = 48  # a batch is two images of each
 LEARNING_RATE = 2e-3
 WARM_UP = 0.05  # of all steps
-WEIGHT_DECAY = 0.05
-TEMPERATURE = 0.1
-VIEW_WEIGHT = 6.0  # makes the terms of the loss alike in size half-way through the training
-SHAPE_WEIGHT = 0.5
-SHAPE_CELLS = 8  # a side of the grid that describes a cloud
-SHAPE_NUMBERS = 24
+_WEIGHT_DECAY = 0.05
+_TEMPERATURE = 0.1
+_VIEW_WEIGHT = 6.0  # makes the terms of the loss alike in size half-way through the training
+_SHAPE_WEIGHT = 0.5
+_SHAPE_CELLS = 8  # a side of the grid that describes a cloud
+_SHAPE_NUMBERS = 24
 VALIDATION = (100, 8)  # objects, views
-VALIDATIONS = 16  # in a training
-WORST_MERIT = -5.0  # of the scores of a validation: below any
-CHUNK = 250  # objects rendered at a time: colours are let go before they fill the memory
+_VALIDATIONS = 16  # in a training
+_WORST_MERIT = -5.0  # of the scores of a validation: below any
+_CHUNK = 250  # objects rendered at a time: colours are let go before they fill the memory
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ def train_judge(
     network.load_state_dict(trainer.best)
     network.eval()
     return {
-        name: score_judge(network, validation, queries)
+        name: _score_judge(network, validation, queries)
         for name, queries in {
             "true": validation.painted,
             "blurred": blurred(validation.painted, 1.5),
@@ -151,19 +151,19 @@ class _JudgeTrainer(CosineTrainer):
     ) -> None:
         super().__init__(config, team)
         self.validation, self.objects, self.batch = validation, objects, 2 * objects
-        self.score = score or score_judge
+        self.score = score or _score_judge
         # `shape` is an aid to the training only
         self.network, self.shape = seeded(
-            config.seed, lambda: (JudgeNetwork(), nn.Linear(FEATURES, SHAPE_NUMBERS))
+            config.seed, lambda: (JudgeNetwork(), nn.Linear(FEATURES, _SHAPE_NUMBERS))
         )
         self.painted = torch.from_numpy(data.painted)
         self.neutral = torch.from_numpy(data.neutral)
         self.view = torch.from_numpy(view_answers(data.azimuth_deg, data.elevation_deg))
         self.shapes = torch.from_numpy(shape_descriptors(data.clouds))
         parameters = [*self.network.parameters(), *self.shape.parameters()]
-        self.optimizer = torch.optim.AdamW(parameters, LEARNING_RATE, weight_decay=WEIGHT_DECAY)
+        self.optimizer = torch.optim.AdamW(parameters, LEARNING_RATE, weight_decay=_WEIGHT_DECAY)
         self.best = _compact(self.network)
-        self.best_merit = torch.tensor(WORST_MERIT, dtype=torch.float64)
+        self.best_merit = torch.tensor(_WORST_MERIT, dtype=torch.float64)
 
     def parts(self) -> dict[str, Part]:
         return {
@@ -195,7 +195,7 @@ class _JudgeTrainer(CosineTrainer):
         self.minimise(loss, self.optimizer, self.rate(int(self.steps_done)))
         self.steps_done += 1
         step, steps = int(self.steps_done), self.config.steps
-        if step % math.ceil(steps / VALIDATIONS) == 0 or step == steps:
+        if step % math.ceil(steps / _VALIDATIONS) == 0 or step == steps:
             self._validate(f"step {step}/{steps}")
         return {"loss": loss.detach()}
 
@@ -231,8 +231,8 @@ class _JudgeTrainer(CosineTrainer):
         answers = self.network.answers(features)
         return (
             contrast(answers[:, 3:])
-            + VIEW_WEIGHT * functional.smooth_l1_loss(answers[:, :3], view, beta=0.1)
-            + SHAPE_WEIGHT
+            + _VIEW_WEIGHT * functional.smooth_l1_loss(answers[:, :3], view, beta=0.1)
+            + _SHAPE_WEIGHT
             * functional.smooth_l1_loss(self.shape(features), self.shapes[mirrored.long(), rows])
         )
 
@@ -242,7 +242,7 @@ def contrast(codes: Tensor) -> Tensor:
 
     The mean of -log of the share that the partner has among all others, by exp(cosine / 0.1).
     """
-    likeness = codes @ codes.T / TEMPERATURE
+    likeness = codes @ codes.T / _TEMPERATURE
     likeness = likeness.masked_fill(torch.eye(len(codes), dtype=torch.bool), -math.inf)
     return functional.cross_entropy(likeness, torch.arange(len(codes)).roll(len(codes) // 2))
 
@@ -310,21 +310,21 @@ def blurred(grey: NDArray[np.uint8], sigma_px: float) -> NDArray[np.uint8]:
 
 
 def shape_descriptors(clouds: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return rough shapes of clouds [N, P, 3] in the unit sphere: float32 [2, N, SHAPE_NUMBERS].
+    """Return rough shapes of clouds [N, P, 3] in the unit sphere: float32 [2, N, _SHAPE_NUMBERS].
 
     Row 0 is for the objects, row 1 for their mirror images (x to -x). The square root of the share
     of points in each cell of a grid, on its first principal components over all, each with variance
     1; where the objects are fewer than the components, the rest is zero.
     """
-    count, cells = len(clouds), SHAPE_CELLS
+    count, cells = len(clouds), _SHAPE_CELLS
     place = np.clip((clouds + 1) / 2 * cells, 0, cells - 1e-3).astype(int)
     index = (place[..., 0] * cells + place[..., 1]) * cells + place[..., 2]
     grid = np.stack([np.bincount(row, minlength=cells**3) for row in index]) / clouds.shape[1]
     grid = np.sqrt(grid).reshape(count, cells, cells, cells)
     both = np.concatenate([grid, grid[:, ::-1]]).reshape(2 * count, -1)
     left, values, _ = np.linalg.svd(both - both.mean(0), full_matrices=False)
-    kept = min(SHAPE_NUMBERS, int((values > 1e-6 * values[0]).sum()))
-    numbers = np.zeros((2 * count, SHAPE_NUMBERS), np.float32)
+    kept = min(_SHAPE_NUMBERS, int((values > 1e-6 * values[0]).sum()))
+    numbers = np.zeros((2 * count, _SHAPE_NUMBERS), np.float32)
     numbers[:, :kept] = left[:, :kept] * math.sqrt(2 * count)
     return numbers.reshape(2, count, -1)
 
@@ -333,8 +333,8 @@ def judge_data(split: Split, count: int, views: int) -> JudgeData:
     """Return the first `count` chairs of a split of the procedural set, rendered twice."""
     objects = [ProceduralObject("chair", split, i) for i in range(count)]
     painted, neutral, angles, clouds = [], [], [], []
-    for start in range(0, count, CHUNK):
-        chunk = objects[start : start + CHUNK]
+    for start in range(0, count, _CHUNK):
+        chunk = objects[start : start + _CHUNK]
         rendered = training_set(tuple(chunk), views, quiet=not is_first())
         painted.append(greyscale(rendered.images))
         angles.append((rendered.azimuth_deg, rendered.elevation_deg))
@@ -350,7 +350,7 @@ def judge_data(split: Split, count: int, views: int) -> JudgeData:
     )
 
 
-def score_judge(
+def _score_judge(
     network: JudgeNetwork, truth: JudgeData, queries: NDArray[np.uint8] | None = None
 ) -> JudgeScores:
     """Return the scores for `queries`, luma uint8 [N, V, 128, 128]; by default the true ones.

@@ -77,7 +77,7 @@ class GanOptions(TrainingOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class UNetOptions(TrainingOptions):
+class _UNetOptions(TrainingOptions):
     """The options that splat-net and fused-net share.
 
     Attributes
@@ -101,7 +101,7 @@ class UNetOptions(TrainingOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SplatNetOptions(UNetOptions):
+class SplatNetOptions(_UNetOptions):
     """The options of splat-net; see `baselines.splat_net.train.SplatNetConfig`.
 
     Attributes
@@ -118,7 +118,7 @@ class SplatNetOptions(UNetOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class FusedNetOptions(UNetOptions):
+class FusedNetOptions(_UNetOptions):
     """The options of fused-net; see `baselines.fused_net.train.FusedNetConfig`.
 
     Attributes

@@ -29,16 +29,16 @@ from learning.training_loop import denormals_flushed, hash_arrays, seeded
 
 BATCH = 64
 LEARNING_RATE = 2e-3
-AUGMENT_LEVELS = 0.1  # brightness of a training image's object varies by +-10 %
+_AUGMENT_LEVELS = 0.1  # brightness of a training image's object varies by +-10 %
 # Reconstructions and `fd-views-grey` are grey: the class has to be seen without colour, too.
-GREY_SHARE = 0.25
-LUMA = (0.299, 0.587, 0.114)  # Rec. 601
+_GREY_SHARE = 0.25
+_LUMA = (0.299, 0.587, 0.114)  # Rec. 601
 VALIDATION = 40, 8  # objects of a class, views of each
 NO_LABEL = -100  # of the back, for what is no chair
 
 
 @dataclass(frozen=True, eq=False)
-class ViewsScores:
+class _ViewsScores:
     """The network's scores on objects of the validation split.
 
     confusion    int [C, C]: images by true (rows) and answered class
@@ -82,7 +82,7 @@ def train_views(
     out: Path = VIEWS_WEIGHTS,
     validation: tuple[int, int] = VALIDATION,
     folder: Path = Path("training/views"),
-) -> ViewsScores:
+) -> _ViewsScores:
     """Train on `objects` of each class (procedural train split), write the weights, score them.
 
     Adam with a cosine schedule to zero; cross-entropy for class, family and back, squared error for
@@ -156,9 +156,9 @@ def _varied(images: Tensor, rng: torch.Generator) -> Tensor:
     Objects get lighter or darker; the white background stays white.
     """
     ink = 255.0 - images.permute(0, 3, 1, 2).float()
-    grey = torch.rand(len(images), 1, 1, 1, generator=rng) < GREY_SHARE
-    luma = (ink * torch.tensor(LUMA)[:, None, None]).sum(dim=1, keepdim=True)
-    level = 1 + AUGMENT_LEVELS * (2 * torch.rand(len(images), 1, 1, 1, generator=rng) - 1)
+    grey = torch.rand(len(images), 1, 1, 1, generator=rng) < _GREY_SHARE
+    luma = (ink * torch.tensor(_LUMA)[:, None, None]).sum(dim=1, keepdim=True)
+    level = 1 + _AUGMENT_LEVELS * (2 * torch.rand(len(images), 1, 1, 1, generator=rng) - 1)
     return 255.0 - torch.where(grey, luma, ink) * level
 
 
@@ -198,7 +198,7 @@ def _cross_entropy(answers: Tensor, targets: Tensor) -> Tensor:
     return total / (targets != NO_LABEL).sum().clamp(min=1)
 
 
-def _score(network: ViewsNetwork, objects: int, views: int) -> ViewsScores:
+def _score(network: ViewsNetwork, objects: int, views: int) -> _ViewsScores:
     data, true = _labelled(network.labels, "validation", objects, views)
     images = torch.from_numpy(data.images).flatten(0, 1).permute(0, 3, 1, 2)
     with torch.inference_mode():
@@ -210,7 +210,7 @@ def _score(network: ViewsNetwork, objects: int, views: int) -> ViewsScores:
     np.add.at(confusion, (true["class"].numpy(), answers["class"].argmax(axis=1)), 1)
     azimuth_error = azimuth_error_deg(answers["view"], data.azimuth_deg.ravel())
     elevation_error = elevation_error_deg(answers["view"], data.elevation_deg.ravel())
-    return ViewsScores(
+    return _ViewsScores(
         network.labels.classes,
         confusion,
         family=float(right["family"].mean()),

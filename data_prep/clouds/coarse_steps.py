@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 LEAST_SHARE = 0.01  # of the size of the cloud: finer steps are not seen
-MOST_SAMPLED = 4096
+_MOST_SAMPLED = 4096
 FEWEST_POINTS, FEWEST_LEVELS = 64, 3  # the faces of a box have two
 
 
@@ -25,7 +25,7 @@ def note_on_steps(points: NDArray[np.float64]) -> str | None:
     points = points[np.isfinite(points).all(axis=1)]
     if len(points) < FEWEST_POINTS:
         return None
-    points = points[:: -(-len(points) // MOST_SAMPLED)]
+    points = points[:: -(-len(points) // _MOST_SAMPLED)]
     size = float(np.ptp(points, axis=0).max())
     if size == 0:
         return None

@@ -15,12 +15,12 @@ CELLS = 16  # of the grid, along the longest side of a cloud
 LEAST_SHARE = 0.6
 RULES = ((0.001, LEAST_SHARE, 1.0), (0.01, 0.25, 0.15))
 FEW = 64  # points; the second rule's shares hold for fewer, which have gaps everywhere
-SPARSE = 4  # points, the least that the second rule asks of a cell and those around it
+_SPARSE = 4  # points, the least that the second rule asks of a cell and those around it
 # A part of its own has these shares of the points and the size of the largest part: it is large, or
 # it has many points that are not all in one place.
 # All parts together, one behind the other, have the last share of the whole.
 PART_POINTS, PART_SIZE, DENSE_POINTS, DENSE_SIZE = 0.01, 0.1, 0.05, 0.001
-LEAST_FILLED = 0.15
+_LEAST_FILLED = 0.15
 
 
 def far_points(points: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -87,7 +87,7 @@ def _rest(points: NDArray[np.float64]) -> NDArray[np.bool_]:
     grid.flat[used] = count
     around = convolve(grid, block, mode="constant")
     rules = RULES if len(points) >= FEW else RULES[1:] * 2
-    for (crowd, most_size, most_points), fewest in zip(rules, (1, SPARSE), strict=True):
+    for (crowd, most_size, most_points), fewest in zip(rules, (1, _SPARSE), strict=True):
         crowded = (grid > 0) & (around >= max(fewest, crowd * len(points)))
         joined, _ = label(maximum_filter(crowded, 3, mode="constant"), block)
         keeps = _in_parts(np.where(crowded, joined, 0).flat[used], count, lows, highs)
@@ -118,7 +118,7 @@ def _in_parts(
     large = (of_size >= PART_SIZE) & (points >= FEWEST_POINTS)
     large &= of_points >= np.maximum(PART_POINTS, PART_SIZE * of_size)
     keeps = large | ((of_points >= DENSE_POINTS) & (of_size >= DENSE_SIZE))
-    if sizes[keeps].sum() < LEAST_FILLED * _size(lows, highs):  # specks, as z = -9999 of a terrain
+    if sizes[keeps].sum() < _LEAST_FILLED * _size(lows, highs):  # specks, as z = -9999 of a terrain
         keeps[:] = False
     keeps[main] = True
     return np.any([cells for cells, keep in zip(parts, keeps, strict=True) if keep], axis=0)

@@ -24,9 +24,9 @@ from data_prep.files.safe_read import files_below
 from data_prep.scene import CLOUD_SIZE, Mesh, PointCloud, View
 
 # A .ply may be either: it is taken for a mesh. A .txt is more often something to read.
-BARE_SUFFIXES = tuple(suffix for suffix in CLOUD_SUFFIXES if suffix not in (".ply", ".txt"))
-RESOURCES = (*MATERIALS, ".bin")  # of meshes
-SPLIT_NAMES = {"train", "training", "test", "testing", "val", "valid", "validation"}
+_BARE_SUFFIXES = tuple(suffix for suffix in CLOUD_SUFFIXES if suffix not in (".ply", ".txt"))
+_RESOURCES = (*MATERIALS, ".bin")  # of meshes
+_SPLIT_NAMES = {"train", "training", "test", "testing", "val", "valid", "validation"}
 
 
 @dataclass(frozen=True)
@@ -86,13 +86,13 @@ def folder_dataset(spec: str, root: Path) -> Dataset:
     """
     (files, others), kind = files_below(root, SUFFIXES), "meshes"
     make: Callable[[str, str, Path], SceneObject] = MeshFile
-    others = tuple(name for name in others if Path(name).suffix.lower() not in RESOURCES)
+    others = tuple(name for name in others if Path(name).suffix.lower() not in _RESOURCES)
     if not files:
-        (files, others), kind, make = clouds_below(root, BARE_SUFFIXES), "bare clouds", BareCloud
+        (files, others), kind, make = clouds_below(root, _BARE_SUFFIXES), "bare clouds", BareCloud
     if not files:
         raise BadInput(
             f"{root}: no mesh in this folder; expected {', '.join(SUFFIXES)} "
-            f"(or clouds: {', '.join(BARE_SUFFIXES)})"
+            f"(or clouds: {', '.join(_BARE_SUFFIXES)})"
             + (f"; it has {listed(others)}" if others else "")
         )
     nested = tuple(file for file in files if file.parent != root)
@@ -112,10 +112,10 @@ def folder_dataset(spec: str, root: Path) -> Dataset:
 def _splits(root: Path, folders: Sequence[Sequence[str]]) -> list[str]:
     """Return a line about splits in the classes. Raises BadInput where the classes are splits."""
     tops = {folder[0] for folder in folders}
-    if len(tops) > 1 and tops <= SPLIT_NAMES:
+    if len(tops) > 1 and tops <= _SPLIT_NAMES:
         raise BadInput(
             f"{root}: its sub-folders are splits ({', '.join(sorted(tops))}), not classes; give "
             f"one of them, as folder:{root / min(tops)}"
         )
-    mixed = sorted({folder[0] for folder in folders if set(folder[1:]) & SPLIT_NAMES})
+    mixed = sorted({folder[0] for folder in folders if set(folder[1:]) & _SPLIT_NAMES})
     return [f"{listed(mixed)}: objects of all splits are taken together"] if mixed else []

@@ -22,14 +22,14 @@ from data_prep.progress import progress
 from data_prep.randomness import generator
 from data_prep.scene import CLOUD_SIZE, Mesh, Points
 
-QUERIES = 4096  # of an object: half of them near its surface
+_QUERIES = 4096  # of an object: half of them near its surface
 # Standard deviations of the offsets from the surface: about half a pixel of the image, and three.
 NEAR = (0.01, 0.05)
 BALL = 1.05  # radius of the ball of the other half: a little beyond the objects
-BINS = 64  # a side of the grid that finds the faces above a point
+_BINS = 64  # a side of the grid that finds the faces above a point
 # No face of the shapes is parallel to these but by chance: many are to an axis.
 DIRECTIONS = ((0.137, 0.978, 0.157), (0.893, -0.211, 0.398))
-MOST_UNDECIDED = 0.01  # of the points: more, and the mesh has no inside
+_MOST_UNDECIDED = 0.01  # of the points: more, and the mesh has no inside
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +47,7 @@ class OccupancySet:
 
 
 def occupancy_set(
-    objects: Sequence[SceneObject], queries: int = QUERIES, *, quiet: bool = False
+    objects: Sequence[SceneObject], queries: int = _QUERIES, *, quiet: bool = False
 ) -> OccupancySet:
     """Return `make_occupancy_set`; show progress on stderr."""
     with progress("labelling", len(objects), quiet=quiet) as advance:
@@ -93,12 +93,12 @@ def draw_queries(mesh: Mesh, count: int, rng: np.random.Generator) -> Points:
 def labels(mesh: Mesh, points: Points, name: str) -> NDArray[np.bool_]:
     """Return whether points [Q, 3] are inside a mesh: whether its winding number is above zero.
 
-    Raises BadInput where rays in two directions disagree about more than MOST_UNDECIDED of them
+    Raises BadInput where rays in two directions disagree about more than _MOST_UNDECIDED of them
     (the mesh is open), or as many numbers are negative (faces look inwards).
     """
     number, other = (winding_numbers(mesh, points, direction) for direction in DIRECTIONS)
     undecided = np.count_nonzero((number != other) | (number < 0)) / len(points)
-    if undecided > MOST_UNDECIDED:
+    if undecided > _MOST_UNDECIDED:
         raise BadInput(
             f"{name}: inside and outside cannot be told apart at {undecided:.0%} of the points; "
             "train on closed solids whose faces look outwards, like --dataset procedural:widened"
@@ -135,10 +135,10 @@ def winding_numbers(
 def _candidates(corners: Floats, points: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return pairs of a face [F, 3, 3] and a point [Q, 3] that share a bin of the (x, y) plane."""
     low = corners[..., :2].min(axis=(0, 1))
-    scale = BINS / np.maximum(np.ptp(corners[..., :2], axis=(0, 1)), 1e-12)
+    scale = _BINS / np.maximum(np.ptp(corners[..., :2], axis=(0, 1)), 1e-12)
 
     def bins(places: Floats) -> NDArray[np.int64]:
-        return np.clip((places - low) * scale, 0, BINS - 1).astype(np.int64)
+        return np.clip((places - low) * scale, 0, _BINS - 1).astype(np.int64)
 
     first, last = bins(corners[..., :2].min(axis=1)), bins(corners[..., :2].max(axis=1))
     extent = last - first + 1
@@ -147,10 +147,10 @@ def _candidates(corners: Floats, points: Floats) -> tuple[NDArray[np.int64], NDA
         first[face, 0] + number % extent[face, 0],
         first[face, 1] + number // extent[face, 0],
     )
-    cell = column * BINS + row
+    cell = column * _BINS + row
     order = np.argsort(cell, kind="stable")
     face, cell = face[order], cell[order]
-    at = bins(points[:, :2]) @ (BINS, 1)
+    at = bins(points[:, :2]) @ (_BINS, 1)
     start, end = np.searchsorted(cell, at, "left"), np.searchsorted(cell, at, "right")
     query, number = _expanded(end - start)
     return face[start[query] + number], query

@@ -47,14 +47,14 @@ from data_prep.scene import CLOUD_SIZE, Mesh, PointCloud, View
 
 CLOUDS = Path("shape_net_core_uniform_samples_2048")
 RENDERS = Path("shapenet_release/renders")
-SPLIT_SUFFIX = "_exp.json"
-ALL_CLASSES = f"all{SPLIT_SUFFIX}"
+_SPLIT_SUFFIX = "_exp.json"
+_ALL_CLASSES = f"all{_SPLIT_SUFFIX}"
 IMAGES = 20
 VIEWS = "view.txt"
 RADIUS = 0.5  # of the sphere that images show, in the units of the clouds
-MOST_VIEW_BYTES = 2**16  # the original has 20 lines of two numbers
-MOST_SPLIT_BYTES = 64 * MIB  # the original's largest, of 43,783 objects, has 2
-MOST_COLUMNS = 16  # of a line of view.txt
+_MOST_VIEW_BYTES = 2**16  # the original has 20 lines of two numbers
+_MOST_SPLIT_BYTES = 64 * MIB  # the original's largest, of 43,783 objects, has 2
+_MOST_COLUMNS = 16  # of a line of view.txt
 _SPLITS: Sequence[Split] = ("train", "test")
 
 
@@ -176,11 +176,11 @@ def paper_dataset(spec: str, root: Path) -> Dataset:
 
     Raises BadInput where there is no split file, or one cannot be read.
     """
-    files = [path for path in files_in(root, (".json",)) if path.name.endswith(SPLIT_SUFFIX)]
-    files.sort(key=lambda path: path.name == ALL_CLASSES)  # the files of single classes first
+    files = [path for path in files_in(root, (".json",)) if path.name.endswith(_SPLIT_SUFFIX)]
+    files.sort(key=lambda path: path.name == _ALL_CLASSES)  # the files of single classes first
     if not files:
         raise BadInput(
-            f"{root}: no split file here; expected chair{SPLIT_SUFFIX} or {ALL_CLASSES} beside "
+            f"{root}: no split file here; expected chair{_SPLIT_SUFFIX} or {_ALL_CLASSES} beside "
             f"{CLOUDS}/ and {RENDERS.parent}/"
         )
     irregular: list[str] = []
@@ -247,11 +247,11 @@ def read_views(path: Path) -> tuple[View, ...]:
     in the file. Raises BadInput, naming file, line
     and value, for anything but angles, for gaps, and for an empty file.
     """
-    text = read_text(path, MOST_VIEW_BYTES)
+    text = read_text(path, _MOST_VIEW_BYTES)
     views = []
     for number, line in enumerate(text.rstrip().splitlines(), 1):
         fields = line.split()
-        if not 2 <= len(fields) <= MOST_COLUMNS:
+        if not 2 <= len(fields) <= _MOST_COLUMNS:
             raise BadInput(
                 f"{path}: line {number} has {len(fields)} numbers, expected azimuth and elevation; "
                 "a line per image"
@@ -266,7 +266,7 @@ def read_views(path: Path) -> tuple[View, ...]:
     return tuple(views)
 
 
-def read_split(path: Path, most_bytes: int = MOST_SPLIT_BYTES) -> dict[str, PaperClass]:
+def read_split(path: Path, most_bytes: int = _MOST_SPLIT_BYTES) -> dict[str, PaperClass]:
     """Return the classes of a split file such as `chair_exp.json`, by synset ("03001627").
 
     The file holds {synset: {"name": ..., "train": [id, ...], "test": [id, ...]}}. Ids become parts

@@ -62,7 +62,7 @@ _LAYOUTS: Mapping[str, Callable[[Path], bool]] = {
     "shapenet": is_shapenet,
     "modelnet": is_modelnet,
 }
-MOST_LOOKED_INTO = 500  # folders of a level
+_MOST_LOOKED_INTO = 500  # folders of a level
 
 
 def open_dataset(spec: str) -> Dataset:
@@ -167,7 +167,7 @@ def _datasets_at(root: Path, location: str) -> list[str]:
             return [f"{kind}:{part.parent}"]
     level = [root]
     for _ in range(2):
-        level = [inner for folder in level for inner in folders_in(folder)][:MOST_LOOKED_INTO]
+        level = [inner for folder in level for inner in folders_in(folder)][:_MOST_LOOKED_INTO]
         if below := [f"{kind}:{inner}" for inner in level if (kind := _kind_of(inner))]:
             return below
     return []

@@ -36,9 +36,9 @@ from data_prep.files.safe_read import (
     shown,
 )
 
-SYNSET = re.compile("[0-9]{8}")
-SPLIT_FILE = "all.csv"  # id,synsetId,subSynsetId,modelId,split
-TAXONOMY = "taxonomy.json"
+_SYNSET = re.compile("[0-9]{8}")
+_SPLIT_FILE = "all.csv"  # id,synsetId,subSynsetId,modelId,split
+_TAXONOMY = "taxonomy.json"
 MOST_LIST_BYTES = 64 * MIB  # the published all.csv, of 51,300 objects, has 4
 _SPLITS: Mapping[str, Split] = {"train": "train", "val": "validation", "test": "test"}
 
@@ -73,7 +73,7 @@ def is_shapenet(root: Path) -> bool:
 
 def is_synset(folder: Path) -> bool:
     """Return whether a folder is called like a synset and has a model among its first objects."""
-    if not SYNSET.fullmatch(folder.resolve().name):
+    if not _SYNSET.fullmatch(folder.resolve().name):
         return False
     return any(_version_of(obj) for obj in folders_in(folder)[:100])
 
@@ -88,7 +88,7 @@ def shapenet_dataset(spec: str, root: Path) -> Dataset:
 
     Raises BadInput where no synset holds a model, and for lists that cannot be read.
     """
-    synsets = {s.name: _contents(s) for s in folders_in(root) if SYNSET.fullmatch(s.name)}
+    synsets = {s.name: _contents(s) for s in folders_in(root) if _SYNSET.fullmatch(s.name)}
     synsets = {synset: contents for synset, contents in synsets.items() if contents.versions}
     if not synsets:
         raise BadInput(
@@ -122,7 +122,7 @@ def shapenet_dataset(spec: str, root: Path) -> Dataset:
     orientations = (f"{v.name}: {v.orientation.message}" for v in (V1, V2) if v.name in versions)
     return listing.dataset(
         spec,
-        layout if lists is not None else f"{layout}, without {SPLIT_FILE}: one split",
+        layout if lists is not None else f"{layout}, without {_SPLIT_FILE}: one split",
         "; ".join(orientations),
     )
 
@@ -159,7 +159,7 @@ def _shared_ids(synsets: Mapping[str, _Synset], names: Mapping[str, str]) -> lis
 def _taxonomy(root: Path, synsets: Sequence[str]) -> dict[str, str]:
     """Return ShapeNet's names of synsets; "" where taxonomy.json or an entry is missing."""
     names = dict.fromkeys(synsets, "")
-    path = root / TAXONOMY
+    path = root / _TAXONOMY
     if not is_regular_file(path):
         return names
     data = read_file(path, MOST_LIST_BYTES)
@@ -181,7 +181,7 @@ def _split_lists(root: Path, irregular: list[str]) -> dict[str, dict[Split, list
     The first line of a model counts; later ones are appended to `irregular`.
     """
     path = next(
-        (p for p in (root / SPLIT_FILE, root.parent / SPLIT_FILE) if is_regular_file(p)), None
+        (p for p in (root / _SPLIT_FILE, root.parent / _SPLIT_FILE) if is_regular_file(p)), None
     )
     if path is None:
         return None
@@ -207,6 +207,7 @@ def _split_lists(root: Path, irregular: list[str]) -> dict[str, dict[Split, list
         ) from None
     if again:
         irregular.append(
-            f"{SPLIT_FILE}: {len(again)} models are listed twice, the first counts: {listed(again)}"
+            f"{_SPLIT_FILE}: {len(again)} models are listed twice, "
+            f"the first counts: {listed(again)}"
         )
     return lists

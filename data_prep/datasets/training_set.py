@@ -15,7 +15,7 @@ from data_prep.randomness import generator
 from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE, NEUTRAL_GREY, View
 
 BLACK = (0, 0, 0)
-CLOUD_POINTS = 4096  # twice what the encoder reads: each step takes another half
+_CLOUD_POINTS = 4096  # twice what the encoder reads: each step takes another half
 DATA_SEED = 0  # of all trainings
 
 
@@ -109,19 +109,19 @@ def training_set(objects: Sequence[SceneObject], views: int, *, quiet: bool = Fa
 def training_clouds(objects: Sequence[SceneObject], *, quiet: bool = False) -> NDArray[np.float32]:
     """Return clouds float32 [N, M, 3]; show progress on stderr.
 
-    M is CLOUD_POINTS, or less for objects that are smaller clouds themselves. The same objects give
-    the same clouds. Raises BadInput for clouds of several sizes.
+    M is _CLOUD_POINTS, or less for objects that are smaller clouds themselves. The same objects
+    give the same clouds. Raises BadInput for clouds of several sizes.
     """
     clouds: list[NDArray[np.float32]] = []
     with progress("sampling", len(objects), quiet=quiet) as advance:
         for obj in objects:
             rng = generator(DATA_SEED, "training cloud", obj.class_name, obj.object_id)
-            clouds.append(obj.cloud(rng, CLOUD_POINTS).points)
+            clouds.append(obj.cloud(rng, _CLOUD_POINTS).points)
             advance(0)
             if len(clouds[-1]) != len(clouds[0]):
                 raise BadInput(
                     f"{obj.class_name}/{obj.object_id}: {len(clouds[-1])} points, and "
-                    f"{objects[0].object_id} has {len(clouds[0])}, of at most {CLOUD_POINTS} that "
-                    f"are taken; give clouds of one size, or of at least {CLOUD_POINTS} points"
+                    f"{objects[0].object_id} has {len(clouds[0])}, of at most {_CLOUD_POINTS} that "
+                    f"are taken; give clouds of one size, or of at least {_CLOUD_POINTS} points"
                 )
     return np.stack(clouds)

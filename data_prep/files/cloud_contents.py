@@ -30,7 +30,7 @@ AXES = (  # patterns of names of x, y and z; the first that fit count
     (f"{_NUMBERED}0", f"{_NUMBERED}1", f"{_NUMBERED}2"),
     (f"{_NUMBERED}1", f"{_NUMBERED}2", f"{_NUMBERED}3"),
 )
-MOST_OF_16_BITS = 65535.0
+_MOST_OF_16_BITS = 65535.0
 
 CloudPoints = NDArray[np.float64]  # [N, 3]
 PointColors = NDArray[np.uint8]  # [N, 3]
@@ -112,10 +112,10 @@ def colors_of(values: NDArray[np.number], whole: bool = False) -> PointColors:
     if not np.isfinite(values).all() or values.min(initial=0) < 0:
         raise NotACloud("its colours have values below 0 or not finite; give 0 to 255, or 0 to 1")
     largest = float(values.max(initial=0))
-    if largest > MOST_OF_16_BITS:
+    if largest > _MOST_OF_16_BITS:
         raise NotACloud(f"its colours have the value {largest:g}; give 0 to 255, or 0 to 1")
     if largest > 255:
-        values = values * (255 / MOST_OF_16_BITS)
+        values = values * (255 / _MOST_OF_16_BITS)
     elif largest <= 1 and not whole:
         values = values * 255.0
     return np.floor(values + 0.5).astype(np.uint8)

@@ -24,10 +24,10 @@ from data_prep.files.cloud_contents import (
 from data_prep.files.safe_read import MIB, shown
 
 MOST_TEXT_BYTES = 64 * MIB  # 2 million points of the usual length; some 10 s
-MOST_LINE_LENGTH = 2**16
+_MOST_LINE_LENGTH = 2**16
 HEAD = 64  # rows that tell how all are written
 # Columns of colours where no line names them, by the number of columns.
-XYZ_COLOURS = {6: (3, 4, 5), 7: (3, 4, 5)}  # of seven the last is the opacity
+_XYZ_COLOURS = {6: (3, 4, 5), 7: (3, 4, 5)}  # of seven the last is the opacity
 PTS_COLOURS = {6: (3, 4, 5), 7: (4, 5, 6)}  # of seven the fourth is the intensity
 
 _COMMENTS = "#", "//", "%"
@@ -71,7 +71,7 @@ class _Layout:
 def read_text(
     data: bytes,
     with_colors: bool = False,
-    unnamed: Mapping[int, tuple[int, ...]] = XYZ_COLOURS,
+    unnamed: Mapping[int, tuple[int, ...]] = _XYZ_COLOURS,
     parts: bool = False,
 ) -> CloudContents:
     """Return the points of the rows, and how many columns are unused.
@@ -321,7 +321,7 @@ def text_lines(data: bytes, encoding: str = "latin-1") -> Iterator[tuple[int, st
         raise NotACloud(f"{len(data)} bytes of text, at most {MOST_TEXT_BYTES} are read; use NPY")
     file = io.TextIOWrapper(io.BytesIO(data), encoding, errors="replace")
     for number, line in enumerate(file, 1):
-        if len(line) > MOST_LINE_LENGTH:
+        if len(line) > _MOST_LINE_LENGTH:
             raise NotACloud(f"line {number} has {len(line)} characters, more than a row; break it")
         yield number, line
 

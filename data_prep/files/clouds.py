@@ -37,7 +37,7 @@ from data_prep.scene import Points
 
 MOST_BYTES = 256 * MIB  # 22 million points, which take 1.3 GiB of memory and some seconds
 
-PROSE = (".txt", ".csv", ".tsv")  # more often than the others something to read
+_PROSE = (".txt", ".csv", ".tsv")  # more often than the others something to read
 
 
 def load_points(path: Path) -> CloudPoints:
@@ -96,7 +96,7 @@ def clouds_below(
     `files_below`.
     """
     files, others = files_below(root, suffixes or CLOUD_SUFFIXES)
-    clouds = tuple(path for path in files if path.suffix.lower() not in PROSE or _has_rows(path))
+    clouds = tuple(path for path in files if path.suffix.lower() not in _PROSE or _has_rows(path))
     prose = (str(path.relative_to(root)) for path in files if path not in set(clouds))
     return clouds, tuple(sorted((*others, *prose)))
 

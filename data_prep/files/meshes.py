@@ -35,7 +35,7 @@ SUFFIXES = (".ply", ".obj", ".off", ".stl", ".glb", ".gltf")
 MOST_BYTES = 2**30  # of a file, of its resources together, and of the buffer views of a glTF
 MOST_FACES = 50_000_000  # all instances counted
 MOST_PIXELS = 2**26  # of a texture, 8,192 x 8,192; its few bytes become 1.4 GiB on the way
-MOST_ZEROS = 2**24  # numbers that a glTF leaves out, which means zeros
+_MOST_ZEROS = 2**24  # numbers that a glTF leaves out, which means zeros
 
 
 @np.errstate(all="ignore")  # a value beyond float32 is refused as not finite
@@ -211,7 +211,7 @@ def _check_gltf(file: BinaryIO, kind: str) -> None:
     views = sum(view["byteLength"] for view in tree.get("bufferViews", ()))
     empty = (a for a in tree.get("accessors", ()) if "bufferView" not in a)
     zeros = sum(a["count"] * _GLTF_COLUMNS[a["type"]] for a in empty)
-    if not (0 <= views <= MOST_BYTES and 0 <= zeros <= MOST_ZEROS):
+    if not (0 <= views <= MOST_BYTES and 0 <= zeros <= _MOST_ZEROS):
         raise ValueError(f"buffer views of {views} bytes, {zeros} numbers without one")
 
 

@@ -14,12 +14,12 @@ from typing import Any
 from data_prep.failures import BadInput
 
 MIB = 2**20
-MOST_NAME_LENGTH = 200
-MOST_REASON_LENGTH = 120  # of a parser's complaint
+_MOST_NAME_LENGTH = 200
+_MOST_REASON_LENGTH = 120  # of a parser's complaint
 MOST_ENTRIES = 2_000_000  # below a folder: all of Objaverse has 800,000 files
-LEFT_BY_SYSTEMS = ("__macosx", "thumbs.db", "desktop.ini", "icon\r", "@eadir", "#recycle")
-LEFT_BY_SYSTEMS += ("$recycle.bin", "system volume information", "lost+found", "__pycache__")
-LEFT_BY_SYSTEMS += ("@recycle", "#snapshot", "~snapshot")
+_LEFT_BY_SYSTEMS = ("__macosx", "thumbs.db", "desktop.ini", "icon\r", "@eadir", "#recycle")
+_LEFT_BY_SYSTEMS += ("$recycle.bin", "system volume information", "lost+found", "__pycache__")
+_LEFT_BY_SYSTEMS += ("@recycle", "#snapshot", "~snapshot")
 
 
 def is_regular_file(path: Path) -> bool:
@@ -90,7 +90,7 @@ def read_text(path: Path, most_bytes: int) -> str:
 def reason_of(error: Exception) -> str:
     """Return the message of a parser, cut to one short line."""
     lines = str(error).splitlines()
-    return lines[0][:MOST_REASON_LENGTH] if lines else type(error).__name__
+    return lines[0][:_MOST_REASON_LENGTH] if lines else type(error).__name__
 
 
 def shown(value: str | bytes, most: int = 40) -> str:
@@ -119,8 +119,8 @@ def plain_text(value: Any) -> str:
     """
     if not isinstance(value, str):
         raise ValueError(f"{shown(repr(value))} is not a text")
-    if not 1 <= len(value) <= MOST_NAME_LENGTH:
-        raise ValueError(f"{shown(value)} has {len(value)} characters, not 1..{MOST_NAME_LENGTH}")
+    if not 1 <= len(value) <= _MOST_NAME_LENGTH:
+        raise ValueError(f"{shown(value)} has {len(value)} characters, not 1..{_MOST_NAME_LENGTH}")
     if any(unicodedata.category(c).startswith("C") for c in value):
         raise ValueError(f"{shown(ascii(value))} has characters that cannot be seen")
     return value
@@ -133,7 +133,7 @@ def is_disk(folder: Path) -> bool:
 
 def is_hidden(name: str) -> bool:
     """Return whether a file or folder counts as not there: hidden, or left by a system."""
-    return name.startswith((".", "~$")) or name.lower() in LEFT_BY_SYSTEMS
+    return name.startswith((".", "~$")) or name.lower() in _LEFT_BY_SYSTEMS
 
 
 def files_below(root: Path, suffixes: Sequence[str]) -> tuple[tuple[Path, ...], tuple[str, ...]]:

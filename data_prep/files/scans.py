@@ -27,10 +27,10 @@ from data_prep.files.safe_read import MIB, open_file, reason_of
 
 MOST_POINTS = 2**21  # kept; splats, the fastest, take seconds for as many
 MOST_BYTES = 2048 * MIB  # of LAS and LAZ, which are read piece by piece
-MOST_BYTES_AT_ONCE = 512 * MIB  # of E57 and PCD
-MOST_CLAIMED = 2**26  # points that an E57 or PCD may claim: 1.5 GiB of coordinates
-PIECE = 2**20  # points
-RECORD_HEADER_BYTES = 54  # of a variable-length record in LAS
+_MOST_BYTES_AT_ONCE = 512 * MIB  # of E57 and PCD
+_MOST_CLAIMED = 2**26  # points that an E57 or PCD may claim: 1.5 GiB of coordinates
+_PIECE = 2**20  # points
+_RECORD_HEADER_BYTES = 54  # of a variable-length record in LAS
 
 Table = NDArray[np.float64]  # [N, 3], or [N, 6] with colours
 
@@ -40,8 +40,8 @@ class ScanLimits:
     """Limits of what is read of a scan: points kept, claimed by a file, and read at a time."""
 
     kept: int = MOST_POINTS
-    claimed: int = MOST_CLAIMED
-    piece: int = PIECE
+    claimed: int = _MOST_CLAIMED
+    piece: int = _PIECE
 
     def stride(self, count: int) -> int:
         """Return the step at which so many points are thinned."""
@@ -107,7 +107,7 @@ def _check_records(file: BinaryIO) -> None:
     # laspy takes memory for as many as the header says, whatever the size of the file.
     head = file.read(104)
     count, size = int.from_bytes(head[100:], "little"), os.fstat(file.fileno()).st_size
-    if count * RECORD_HEADER_BYTES > size:
+    if count * _RECORD_HEADER_BYTES > size:
         raise ValueError(f"{count} records in {size} bytes")
     file.seek(0)
 
@@ -141,7 +141,7 @@ def _read_pcd(path: Path, limits: ScanLimits, with_colors: bool) -> tuple[Table,
     from pypcd4.pypcd4 import PointCloud
 
     claimed = 0
-    with open_file(path, MOST_BYTES_AT_ONCE) as file:
+    with open_file(path, _MOST_BYTES_AT_ONCE) as file:
         for line in file:
             if line.startswith(b"POINTS"):
                 claimed = int(line.split()[1])
@@ -172,7 +172,7 @@ def _cut_short(path: Path, claimed: int, count: int) -> BadInput:
 _READERS: Mapping[str, tuple[int, Callable[[Path, ScanLimits, bool], Any]]] = {
     ".las": (MOST_BYTES, _read_las),
     ".laz": (MOST_BYTES, _read_las),
-    ".e57": (MOST_BYTES_AT_ONCE, _read_e57),
-    ".pcd": (MOST_BYTES_AT_ONCE, _read_pcd),
+    ".e57": (_MOST_BYTES_AT_ONCE, _read_e57),
+    ".pcd": (_MOST_BYTES_AT_ONCE, _read_pcd),
 }
 SCAN_SUFFIXES = tuple(_READERS)

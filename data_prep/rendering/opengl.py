@@ -31,7 +31,7 @@ from data_prep.rendering.camera import CAMERA_DISTANCE, FIELD_OF_VIEW_RAD, camer
 from data_prep.scene import IMAGE_SIZE, Mesh, View
 
 VERSION = 1  # raise when a change here changes a pixel: finished work is then done again
-SHADERS = Path(__file__).parent  # mesh.vert and mesh.frag
+_SHADERS = Path(__file__).parent  # mesh.vert and mesh.frag
 SAMPLES = 4  # a pixel
 # Reconstructions may leave the unit sphere; parts outside this range are cut off.
 NEAR, FAR = 0.05 * CAMERA_DISTANCE, 2.5 * CAMERA_DISTANCE
@@ -262,8 +262,8 @@ def _set_up(gl: Any, egl: Any, shaders: Any, platform: Any) -> _Context:
         gl.glEnableVertexAttribArray(attribute)
 
     program = shaders.compileProgram(
-        shaders.compileShader((SHADERS / "mesh.vert").read_text(), gl.GL_VERTEX_SHADER),
-        shaders.compileShader((SHADERS / "mesh.frag").read_text(), gl.GL_FRAGMENT_SHADER),
+        shaders.compileShader((_SHADERS / "mesh.vert").read_text(), gl.GL_VERTEX_SHADER),
+        shaders.compileShader((_SHADERS / "mesh.frag").read_text(), gl.GL_FRAGMENT_SHADER),
     )
     gl.glUseProgram(program)
     projection = gl.glGetUniformLocation(program, "camera_to_clip")

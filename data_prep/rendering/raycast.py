@@ -23,7 +23,7 @@ from data_prep.scene import IMAGE_SIZE, Mesh, View
 
 GAMMA = 2.2
 WHITE = 255
-BOX_VERTICES = 128
+_BOX_VERTICES = 128
 ALL = slice(None)
 # Where OpenGL takes the 4 samples of a pixel, as (column, row from the top): the standard pattern
 # of hardware and of Mesa's llvmpipe (lp_sample_pos_4x), which OpenGL counts from below.
@@ -158,12 +158,12 @@ def _rays(samples: NDArray[np.float64], size: int) -> NDArray[np.float32]:
 
 
 def _corners(vertices: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Return the corners [N, 3] of boxes around each run of BOX_VERTICES vertices [V, 3].
+    """Return the corners [N, 3] of boxes around each run of _BOX_VERTICES vertices [V, 3].
 
     Vertices that follow each other mostly lie close together. Where they do not, the boxes are
     large, and some rays are cast in vain.
     """
-    runs = np.arange(0, len(vertices), BOX_VERTICES)
+    runs = np.arange(0, len(vertices), _BOX_VERTICES)
     ends = [bound.reduceat(vertices, runs).T for bound in (np.minimum, np.maximum)]
     x, y, z = np.array(ends, dtype=np.float64).transpose(1, 0, 2)
     corners = np.broadcast_arrays(x[:, None, None], y[None, :, None], z[None, None])

@@ -29,15 +29,15 @@ from data_prep.shapes.solids import Color, Part, join, signed_volume
 
 PLAIN = 0.2  # of the shapes are as their class draws them
 ATTEMPTS = 20
-FLATTEST = 0.04  # smallest over largest extent of what is no thin class of its own
-LEAST_STRETCH = 0.15  # of the mean: below it space is folded, or nearly so
+_FLATTEST = 0.04  # smallest over largest extent of what is no thin class of its own
+_LEAST_STRETCH = 0.15  # of the mean: below it space is folded, or nearly so
 EDGE = 0.3  # longest edge of a face that is deformed, in half extents
-LARGEST_PART = 0.35  # of the surface, of a part that may be left out
-LONG = 4.0  # longest over second extent of a part that may become thicker
-COLOUR_SOURCES = {"kept": 0.4, "material": 0.35, "any": 0.25}
+_LARGEST_PART = 0.35  # of the surface, of a part that may be left out
+_LONG = 4.0  # longest over second extent of a part that may become thicker
+_COLOUR_SOURCES = {"kept": 0.4, "material": 0.35, "any": 0.25}
 # Half of the mesh files that people have carry one colour or none, which no class draws. Without
 # them a network paints whatever it is given.
-PAINTS = {"by part": 0.45, "one colour": 0.15, "none": 0.4}
+_PAINTS = {"by part": 0.45, "one colour": 0.15, "none": 0.4}
 
 Split = Callable[[Floats, NDArray[np.int32], float], Any]  # (vertices, faces) of a mesh
 
@@ -51,8 +51,8 @@ def draw_widened(shapes: ShapeClass, rng: np.random.Generator) -> tuple[Mesh, in
 
     A draw is rejected where it is flat (smallest extent below FLATTEST of the largest, and below
     half of what it was), where a part has no positive volume, and where the deformation stretches
-    space somewhere by less than LEAST_STRETCH of its mean (folds, turns inside out). After ATTEMPTS
-    rejected ones the shape is taken as the class draws it.
+    space somewhere by less than _LEAST_STRETCH of its mean (folds, turns inside out). After
+    ATTEMPTS rejected ones the shape is taken as the class draws it.
     """
     for rejected in range(ATTEMPTS):
         try:
@@ -76,10 +76,10 @@ def varied_parts(shapes: ShapeClass, rng: np.random.Generator) -> list[Part]:
     exchanged = shapes.name == "chair" and chance(rng, 0.3)
     parts = exchanged_chair(rng) if exchanged else list(shapes.draw(rng).parts)
     if chance(rng, 0.3):
-        parts = without_some(parts, rng)
+        parts = _without_some(parts, rng)
     if chance(rng, 0.5):
         parts = thickened(parts, np.exp(uniform(rng, (-0.5, 0.7))))
-    return recoloured(parts, rng)
+    return _recoloured(parts, rng)
 
 
 def exchanged_chair(rng: np.random.Generator) -> list[Part]:
@@ -105,13 +105,13 @@ def exchanged_chair(rng: np.random.Generator) -> list[Part]:
     ]
 
 
-def without_some(parts: Sequence[Part], rng: np.random.Generator) -> list[Part]:
+def _without_some(parts: Sequence[Part], rng: np.random.Generator) -> list[Part]:
     """Return the parts without one to three small ones, but never without all.
 
-    Small are parts of less than LARGEST_PART of the surface.
+    Small are parts of less than _LARGEST_PART of the surface.
     """
     areas = np.array([_area(part) for part in parts])
-    small = np.flatnonzero(areas < LARGEST_PART * areas.sum())
+    small = np.flatnonzero(areas < _LARGEST_PART * areas.sum())
     count = min(int(rng.integers(1, 4)), len(small), len(parts) - 1)
     gone = set(rng.choice(small, count, replace=False).tolist()) if count else set()
     return [part for i, part in enumerate(parts) if i not in gone]
@@ -123,7 +123,7 @@ def thickened(parts: Sequence[Part], factor: float) -> list[Part]:
     for part in parts:
         centre = part.vertices.mean(axis=0)
         _, extents, axes = np.linalg.svd(part.vertices - centre, full_matrices=False)
-        if extents[0] < LONG * extents[1]:
+        if extents[0] < _LONG * extents[1]:
             changed.append(part)
             continue
         along = np.outer(axes[0], axes[0])
@@ -132,14 +132,14 @@ def thickened(parts: Sequence[Part], factor: float) -> list[Part]:
     return changed
 
 
-def recoloured(parts: Sequence[Part], rng: np.random.Generator) -> list[Part]:
+def _recoloured(parts: Sequence[Part], rng: np.random.Generator) -> list[Part]:
     """Return each colour as it is, of another material, or any; equal colours stay equal."""
     new = {color: _recolour(color, rng) for color in dict.fromkeys(part.color for part in parts)}
     return [replace(part, color=new[part.color]) for part in parts]
 
 
 def _recolour(color: Color, rng: np.random.Generator) -> Color:
-    match pick(rng, COLOUR_SOURCES):
+    match pick(rng, _COLOUR_SOURCES):
         case "material":
             return shade(rng, pick(rng, dict.fromkeys(MATERIALS, 1.0)))
         case "any":
@@ -157,7 +157,7 @@ def painted(mesh: Mesh, rng: np.random.Generator) -> Mesh:
 
     Grey is the colour of files without colours.
     """
-    match pick(rng, PAINTS):
+    match pick(rng, _PAINTS):
         case "one colour":
             return in_one_colour(mesh, _any(rng))
         case "none":
@@ -179,7 +179,7 @@ def deformed(
     fine = [split((p.vertices - centre) / half, p.faces, EDGE) for p in parts]
     if (
         deformation.smallest_stretch(np.concatenate([triangles[0] for triangles in fine]))
-        < LEAST_STRETCH
+        < _LEAST_STRETCH
     ):
         raise Degenerate("folded")
     bent = [
@@ -188,7 +188,7 @@ def deformed(
     ]
     if not all(signed_volume(part.vertices, part.faces) > 0 for part in bent):
         raise Degenerate("inside out")
-    if _flatness(bent) < min(FLATTEST, _flatness(parts) / 2):
+    if _flatness(bent) < min(_FLATTEST, _flatness(parts) / 2):
         raise Degenerate("flat")
     return bent
 

@@ -18,13 +18,13 @@ from data_prep.arrays import Floats
 from data_prep.shapes.random_choices import chance, pick, uniform
 from data_prep.shapes.solids import Part, loft, polygon, rounded, signed_volume
 
-Level = tuple[float, float]  # distance from the end of a solid, length drawn in there
+_Level = tuple[float, float]  # distance from the end of a solid, length drawn in there
 
 # How the ends of a solid are worked. All lengths are shares of its narrowest width.
 ENDS = {"plain": 0.15, "bevel": 0.25, "round": 0.2, "recess": 0.2, "raised": 0.1, "frame": 0.1}
 CORNERS = {0: 0.35, 1: 0.25, 3: 0.4}  # steps of the curves at the corners of a block: sharp, cut
 LEAST_KEPT = 0.4  # of the volume of a solid: what loses more stays as it was
-THINNEST = 1e-3  # width over length of a solid that is worked
+_THINNEST = 1e-3  # width over length of a solid that is worked
 
 
 def carved(part: Part, rng: np.random.Generator) -> list[Part]:
@@ -40,7 +40,7 @@ def carved(part: Part, rng: np.random.Generator) -> list[Part]:
     if block:
         rings = _seen_along_one_axis(rings, rng)
     width = _width(rings)
-    if width < THINNEST * np.ptp(part.vertices, axis=0).max():
+    if width < _THINNEST * np.ptp(part.vertices, axis=0).max():
         return [part]
     carving = _block if block else _column if count == 2 else _bar
     worked = loft(carving(rings, width, rng), part.color)
@@ -140,12 +140,12 @@ def _bar(rings: Floats, width: float, rng: np.random.Generator) -> Floats:
     return np.array(bevelled)
 
 
-def _levels(length: float, width: float, rng: np.random.Generator) -> list[Level]:
+def _levels(length: float, width: float, rng: np.random.Generator) -> list[_Level]:
     """Return levels from one end to the other: place as a share of the length, and inset."""
     first = _end(length, width, rng)
     last = first if chance(rng, 0.5) else _end(length, width, rng)
     low, high = max(at for at, _ in first), length - max(at for at, _ in last)
-    grooves: list[Level] = []
+    grooves: list[_Level] = []
     count = int(rng.integers(1, 5)) if chance(rng, 0.3) else 0
     pitch, depth = (high - low) / (count + 1), uniform(rng, (0.02, 0.12)) * width
     half = uniform(rng, (0.05, 0.35)) * pitch
@@ -160,7 +160,7 @@ def _levels(length: float, width: float, rng: np.random.Generator) -> list[Level
     return [(at / length, inset) for at, inset in levels]
 
 
-def _end(length: float, width: float, rng: np.random.Generator) -> list[Level]:
+def _end(length: float, width: float, rng: np.random.Generator) -> list[_Level]:
     """Return the levels of an end, from the sides of the solid to the middle of its cap."""
     size = min(length, width)
     bevel = uniform(rng, (0.06, 0.42)) * size

@@ -33,11 +33,11 @@ from data_prep.shapes.solids import (
 
 Form = Callable[[np.random.Generator, Color], list[Part]]
 
-ARRANGEMENTS = {"stacked": 0.3, "beside": 0.2, "mirrored": 0.3, "grown": 0.2}
+_ARRANGEMENTS = {"stacked": 0.3, "beside": 0.2, "mirrored": 0.3, "grown": 0.2}
 COUNTS = {1: 0.3, 2: 0.24, 3: 0.18, 4: 0.12, 5: 0.08, 6: 0.08}
 
 
-def superellipsoid(rng: np.random.Generator, color: Color) -> list[Part]:
+def _superellipsoid(rng: np.random.Generator, color: Color) -> list[Part]:
     """Return a body between box and ball, or pinched, of many facets or few."""
     around, upward = (float(np.exp(uniform(rng, (-2.0, 0.25)))) for _ in range(2))
     fine = chance(rng, 0.6)
@@ -103,7 +103,7 @@ def _section(rng: np.random.Generator) -> Floats:
     return section
 
 
-def faceted(rng: np.random.Generator, color: Color) -> list[Part]:
+def _faceted(rng: np.random.Generator, color: Color) -> list[Part]:
     """Return the convex hull of random points, on a ball or in a box, often with a mirror image."""
     points = rng.normal(size=(int(rng.integers(8, 40)), 3))
     if chance(rng, 0.6):
@@ -153,7 +153,7 @@ def plate(rng: np.random.Generator, color: Color) -> list[Part]:
     return [sheet(2, sides, (-depth / 2, depth / 2), color)]
 
 
-def turned_shape(rng: np.random.Generator, color: Color) -> list[Part]:
+def _turned_shape(rng: np.random.Generator, color: Color) -> list[Part]:
     """Return a shape turned about the vertical, with sharp rims and steps."""
     count = int(rng.integers(3, 8))
     heights = np.cumsum(rng.uniform(0.1, 1.0, count))
@@ -183,12 +183,12 @@ def pipe(rng: np.random.Generator, color: Color) -> list[Part]:
 
 
 FORMS: dict[Form, float] = {
-    superellipsoid: 0.22,
+    _superellipsoid: 0.22,
     body: 0.22,
-    faceted: 0.1,
+    _faceted: 0.1,
     panelled: 0.22,
     plate: 0.1,
-    turned_shape: 0.09,
+    _turned_shape: 0.09,
     pipe: 0.05,
 }
 
@@ -199,7 +199,7 @@ def free_form(rng: np.random.Generator) -> list[Part]:
     colors = [shade(rng, material) for material in materials]
     count = pick(rng, COUNTS)
     forms = [_standing(rng, colors[i % len(colors)]) for i in range(count)]
-    arrangement = pick(rng, ARRANGEMENTS)
+    arrangement = pick(rng, _ARRANGEMENTS)
     combined = forms[0]
     for form in forms[1:]:
         combined = _added(combined, form, arrangement, rng)

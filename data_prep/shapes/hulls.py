@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from data_prep.shapes.solids import Color, Part, loft, polygon, prism, sections
 
 # An aerofoil's outline as (fraction of the chord, fraction of the thickness), sharp at both ends.
-AEROFOIL = np.array([(0, 0), (0.25, 0.5), (0.7, 0.34), (1, 0), (0.7, -0.34), (0.25, -0.5)])
+_AEROFOIL = np.array([(0, 0), (0.25, 0.5), (0.7, 0.34), (1, 0), (0.7, -0.34), (0.25, -0.5)])
 
 
 def spindle(stations: ArrayLike, color: Color, *, x: float = 0.0, sides: int = 12) -> Part:
@@ -32,9 +32,9 @@ def blade(stations: ArrayLike, color: Color, *, upright: bool = False) -> Part:
     upright   the thickness is measured along x (a fin), otherwise along y (a wing)
     """
     given = np.asarray(stations, dtype=np.float64)
-    rings = np.repeat(given[:, None, :3], len(AEROFOIL), axis=1)
-    rings[..., 2] += given[:, 3:4] * AEROFOIL[:, 0]
-    rings[..., 0 if upright else 1] += given[:, 4:5] * AEROFOIL[:, 1]
+    rings = np.repeat(given[:, None, :3], len(_AEROFOIL), axis=1)
+    rings[..., 2] += given[:, 3:4] * _AEROFOIL[:, 0]
+    rings[..., 0 if upright else 1] += given[:, 4:5] * _AEROFOIL[:, 1]
     return loft(rings, color)
 
 

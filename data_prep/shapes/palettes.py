@@ -12,10 +12,10 @@ import numpy as np
 from data_prep.shapes.random_choices import pick
 from data_prep.shapes.solids import Color
 
-Palette = Mapping[str, Sequence[Color]]
+_Palette = Mapping[str, Sequence[Color]]
 
 LIGHTEST = 230
-MATERIALS: Palette = {
+MATERIALS: _Palette = {
     "wood": (
         (214, 178, 130),
         (193, 154, 107),
@@ -60,7 +60,7 @@ MATERIALS: Palette = {
     ),
     "brass": ((176, 142, 82), (150, 118, 66)),
 }
-AIRPLANE: Palette = {
+AIRPLANE: _Palette = {
     "white": ((224, 225, 228), (214, 216, 220), (222, 220, 212)),
     "grey": ((176, 180, 186), (150, 155, 162), (196, 199, 203)),
     "livery": (
@@ -86,13 +86,13 @@ AIRPLANE: Palette = {
     ),
     "stealth": ((58, 61, 66), (76, 80, 86), (44, 46, 52)),
 }
-BENCH: Palette = {"stone": ((206, 202, 194), (164, 160, 152), (122, 120, 116))}
-CABINET: Palette = {
+BENCH: _Palette = {"stone": ((206, 202, 194), (164, 160, 152), (122, 120, 116))}
+CABINET: _Palette = {
     "stone": ((58, 58, 60), (120, 116, 110), (186, 182, 174), (214, 210, 202)),
     "glass": ((150, 178, 188), (122, 146, 158), (178, 200, 206)),
     "steel": ((150, 152, 150), (176, 172, 158), (96, 100, 104), (58, 60, 64)),
 }
-CAR: Palette = {
+CAR: _Palette = {
     "leather": ((156, 108, 70), (196, 172, 138), (120, 34, 34), (64, 62, 62)),
     "glass": ((40, 50, 62), (32, 40, 52), (64, 80, 96)),
     "tyre": ((26, 26, 28), (34, 34, 35)),
@@ -100,7 +100,7 @@ CAR: Palette = {
     "headlight": ((226, 222, 200), (208, 214, 220)),
     "taillight": ((176, 30, 30),),
 }
-CAR_PAINTS: Palette = {
+CAR_PAINTS: _Palette = {
     "white": ((222, 223, 222), (214, 212, 204)),
     "silver": ((172, 176, 180), (150, 155, 160)),
     "dark": ((46, 48, 54), (72, 77, 84), (34, 44, 70)),
@@ -109,7 +109,7 @@ CAR_PAINTS: Palette = {
     "green": ((38, 96, 70), (92, 116, 78)),
     "bright": ((226, 182, 40), (224, 112, 36), (122, 180, 60), (44, 160, 186)),
 }
-DISPLAY_CASES: Palette = {
+DISPLAY_CASES: _Palette = {
     "black": ((36, 36, 38), (26, 26, 28), (50, 50, 53)),
     "silver": ((176, 178, 182), (198, 200, 202), (140, 143, 148)),
     "white": ((222, 222, 218), (208, 206, 200)),
@@ -117,13 +117,13 @@ DISPLAY_CASES: Palette = {
     "grey": ((96, 98, 102), (122, 124, 128)),
     "enamel": ((150, 60, 44), (206, 196, 174), (60, 60, 64), (120, 150, 140)),
 }
-DISPLAY_SCREENS: Palette = {
+DISPLAY_SCREENS: _Palette = {
     "off": ((26, 28, 32), (38, 41, 47), (20, 22, 27)),
     "glare": ((74, 88, 102), (98, 114, 128), (58, 70, 80)),
     "lit": ((66, 118, 178), (120, 172, 200), (170, 206, 212), (88, 140, 96), (42, 74, 126)),
     "tube": ((58, 66, 62), (74, 84, 80), (48, 52, 56), (96, 106, 104)),
 }
-LAMP: Palette = {
+LAMP: _Palette = {
     "linen": ((226, 216, 192), (214, 198, 160), (228, 224, 214), (196, 180, 148)),
     "dyed": ((150, 44, 40), (58, 84, 70), (52, 66, 104), (190, 110, 50), (40, 38, 40)),
     "milk-glass": ((228, 226, 216), (226, 216, 182), (220, 222, 226)),
@@ -141,7 +141,7 @@ LAMP: Palette = {
     "galvanised": ((150, 156, 160), (128, 132, 136), (176, 180, 182)),
     **{name: MATERIALS[name] for name in ("wood", "dark-metal", "chrome", "paint", "plastic")},
 }
-LOUDSPEAKER: Palette = {
+LOUDSPEAKER: _Palette = {
     "wood": MATERIALS["wood"],
     "black": ((36, 36, 38), (48, 48, 50), (28, 28, 30), (60, 58, 58)),
     "gloss": ((220, 218, 214), (176, 178, 180), (120, 122, 126), (120, 36, 34), (52, 70, 104)),
@@ -156,14 +156,14 @@ LOUDSPEAKER: Palette = {
         (146, 62, 54),
     ),
 }
-LOUDSPEAKER_CONES: Palette = {
+LOUDSPEAKER_CONES: _Palette = {
     "paper": ((62, 60, 60), (84, 82, 80), (48, 48, 52)),
     "kevlar": ((206, 178, 78), (214, 170, 60)),
     "metal": ((176, 180, 186), (150, 154, 160)),
     "white": ((222, 220, 214),),
     "copper": ((178, 110, 70),),
 }
-RIFLE: Palette = {
+RIFLE: _Palette = {
     "polymer": ((34, 34, 36), (52, 52, 54), (44, 46, 48)),
     "olive": ((78, 84, 56), (96, 98, 70), (64, 74, 54)),
     "tan": ((176, 150, 108), (150, 128, 94)),
@@ -171,12 +171,12 @@ RIFLE: Palette = {
     "steel": ((146, 150, 154), (122, 126, 130)),
     "walnut": ((108, 66, 38), (134, 84, 46), (84, 52, 34), (156, 104, 58)),
 }
-TABLE: Palette = {
+TABLE: _Palette = {
     **{name: MATERIALS[name] for name in ("wood", "paint")},
     "glass": ((172, 200, 202), (146, 176, 184), (190, 206, 204)),
     "stone": ((208, 202, 192), (128, 126, 122), (66, 66, 70)),
 }
-TELEPHONE: Palette = {
+TELEPHONE: _Palette = {
     "black": ((34, 34, 37), (24, 24, 27), (50, 51, 55)),
     "silver": ((180, 184, 190), (152, 156, 162), (202, 204, 208)),
     "white": ((224, 224, 222), (214, 212, 206)),
@@ -194,7 +194,7 @@ TELEPHONE: Palette = {
     "lit": ((112, 148, 186), (150, 176, 200), (86, 112, 156), (140, 164, 124)),
     "wood": MATERIALS["wood"],
 }
-VESSEL: Palette = {
+VESSEL: _Palette = {
     "rubber": ((196, 54, 46), (214, 108, 46), (96, 100, 106)),
     "ship-hull": ((42, 44, 50), (40, 70, 124), (130, 44, 40), (44, 88, 74)),
     "deck": ((120, 70, 56), (96, 110, 92), (120, 122, 122)),
@@ -226,13 +226,13 @@ def shade(rng: np.random.Generator, material: str | Sequence[Color]) -> Color:
     return red, green, blue
 
 
-def shades(rng: np.random.Generator, palette: Palette, *names: str) -> list[Color]:
+def shades(rng: np.random.Generator, palette: _Palette, *names: str) -> list[Color]:
     """Return a colour of each of these entries of a palette, varied."""
     return [shade(rng, palette[name]) for name in names]
 
 
 def shade_of(
-    rng: np.random.Generator, weights: Mapping[str, float], palette: Palette = MATERIALS
+    rng: np.random.Generator, weights: Mapping[str, float], palette: _Palette = MATERIALS
 ) -> Color:
     """Return a colour of one of the entries of a palette, as often as its weight says, varied."""
     return shade(rng, palette[pick(rng, weights)])

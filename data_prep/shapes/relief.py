@@ -32,7 +32,7 @@ from data_prep.shapes.solids import Color, join
 KINDS = {"carved": 0.275, "free": 0.3, "widened": 0.425}
 MOST_FACES = 6000  # of a mesh: more take too long to render
 # Of the shapes that are not neutral grey. Few colours that are drawn evenly are light or dark.
-EXTREME_COLOURS = {"kept": 0.68, "light": 0.16, "dark": 0.16}
+_EXTREME_COLOURS = {"kept": 0.68, "light": 0.16, "dark": 0.16}
 
 
 class _FastDeformation(Deformation):
@@ -90,7 +90,7 @@ def _with_extreme_colours(mesh: Mesh, rng: np.random.Generator) -> Mesh:
     """Return the mesh as it is, or, where it is not neutral grey, in one light or dark colour."""
     if (mesh.face_colors == NEUTRAL_GREY).all():
         return mesh
-    match pick(rng, EXTREME_COLOURS):
+    match pick(rng, _EXTREME_COLOURS):
         case "light":
             return in_one_colour(mesh, _tinted(rng, (200.0, 222.0), 8.0))
         case "dark":

@@ -136,7 +136,7 @@ def check_views(name: str) -> Passed:
     return Passed("as many as asked for, the same each time")
 
 
-def check_truth(name: str) -> Passed:
+def _check_truth(name: str) -> Passed:
     """Check the true images of each object."""
     objects, images = _sample(_dataset(name)), []
     for obj in objects:
@@ -156,7 +156,7 @@ def check_truth(name: str) -> Passed:
     return Passed(f"{len(images)} of {len(objects)} objects have true images")
 
 
-def check_both(name: str) -> Passed:
+def _check_both(name: str) -> Passed:
     """Compare `cloud_and_truth` with `cloud` and `truth`."""
     objects = [obj for obj in _sample(_dataset(name)) if obj.has_truth]
     for obj in objects[:OF_A_CLASS]:
@@ -174,6 +174,6 @@ FIRST = (
     CheckStep("pickling", check_pickling, in_command=True),
     CheckStep("clouds", check_clouds),
     CheckStep("views", check_views, in_command=True),
-    CheckStep("truth", check_truth),
-    CheckStep("cloud and truth", check_both),
+    CheckStep("truth", _check_truth),
+    CheckStep("cloud and truth", _check_both),
 )

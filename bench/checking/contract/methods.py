@@ -29,7 +29,7 @@ LIMITS = Limits(time_s=20.0, memory_gib=4.0)
 VIEWS = (View(30.0, 20.0), View(-60.0, -10.0), View(120.0, 35.0))
 TURN = tuple(View(18.0 * i - 180, (-30.0, 0.0, 30.0)[i % 3]) for i in range(20))  # as in a run
 BATCHES = (1, 3)  # views a call, beside all 20
-EXTREMES: dict[str, Perturbation] = {
+_EXTREMES: dict[str, Perturbation] = {
     "no points": Count(0),
     "one point": Count(1),
     "three points": Count(3),
@@ -45,17 +45,17 @@ NOT_FINITE: dict[str, Perturbation] = {  # a run gives no method such points
     "a point at infinity": FirstPoint(float("inf")),
 }
 # Code that copies or shows a whole cloud reads all its fields.
-COPYING = ("dataclasses", "data_prep.scene", "copy")
+_COPYING = ("dataclasses", "data_prep.scene", "copy")
 
 
-class WatchedCloud(PointCloud):
+class _WatchedCloud(PointCloud):
     """A cloud that notices whether its source is read."""
 
     source_is_read = False
 
     def __getattribute__(self, name: str) -> Any:
         """Return the attribute, and note a read of the source."""
-        if name == "source" and sys._getframe(1).f_globals.get("__name__") not in COPYING:
+        if name == "source" and sys._getframe(1).f_globals.get("__name__") not in _COPYING:
             object.__setattr__(self, "source_is_read", True)
         return super().__getattribute__(name)
 
@@ -114,12 +114,12 @@ def check_images(name: str) -> Passed:
     method, renderer, rng = _method(name), _renderer(name), generator("contract")
     cloud = seen_by(method, _cloud())
     if not method.sees_mesh:
-        cloud = WatchedCloud(cloud.points)
+        cloud = _WatchedCloud(cloud.points)
     before = cloud.points.copy()
     try:
         images = renderer.draw(renderer.prepare(cloud, rng), VIEWS, rng)
     finally:
-        if isinstance(cloud, WatchedCloud) and cloud.source_is_read:
+        if isinstance(cloud, _WatchedCloud) and cloud.source_is_read:
             raise ContractViolation(
                 "cloud.source is read, which is None in a run; only a ceiling may look at the "
                 "mesh: Method(..., sees_mesh=True)"
@@ -137,7 +137,7 @@ def check_images(name: str) -> Passed:
     return Passed(f"{list(images.shape)} float32 in {images.min():.2f} .. {images.max():.2f}")
 
 
-def check_no_views(name: str) -> Passed:
+def _check_no_views(name: str) -> Passed:
     """Draw no views."""
     images = _renderer(name).draw(_prepared(name), (), generator("contract"))
     if np.shape(images) != (0, IMAGE_SIZE, IMAGE_SIZE, 3):
@@ -206,9 +206,9 @@ def check_inputs(name: str) -> Passed:
     return Passed("the images depend on the cloud")
 
 
-def check_extreme(name: str, extreme: str) -> Passed:
+def _check_extreme(name: str, extreme: str) -> Passed:
     """Check that an extreme cloud is drawn, or refused by the name of a stage."""
-    cloud = (EXTREMES | NOT_FINITE)[extreme].apply(_cloud(), generator("contract", extreme))
+    cloud = (_EXTREMES | NOT_FINITE)[extreme].apply(_cloud(), generator("contract", extreme))
     method, renderer = _method(name), _renderer(name)
     cloud = seen_by(method, cloud)
     rng = generator("contract", "method")
@@ -225,7 +225,7 @@ def check_extreme(name: str, extreme: str) -> Passed:
     return Passed("drawn")
 
 
-def check_cost(name: str) -> Passed:
+def _check_cost(name: str) -> Passed:
     """Measure the time and memory of a cloud with as many views as in a run."""
     start = time.perf_counter()
     _drawn(name, _prepared(name), len(TURN))
@@ -245,12 +245,12 @@ def apart(first: NDArray[Any], second: NDArray[Any]) -> str:
 FIRST = (
     CheckStep("loading", check_loading),
     CheckStep("images", check_images),
-    CheckStep("no views", check_no_views, blocks=False),  # no run asks for none
+    CheckStep("no views", _check_no_views, blocks=False),  # no run asks for none
     CheckStep("batches", check_batches),
     CheckStep("inputs", check_inputs),
 )
 LAST = (
-    *(CheckStep(cloud, partial(check_extreme, extreme=cloud)) for cloud in EXTREMES),
-    CheckStep("cost", check_cost),
-    *(CheckStep(c, partial(check_extreme, extreme=c), blocks=False) for c in NOT_FINITE),
+    *(CheckStep(cloud, partial(_check_extreme, extreme=cloud)) for cloud in _EXTREMES),
+    CheckStep("cost", _check_cost),
+    *(CheckStep(c, partial(_check_extreme, extreme=c), blocks=False) for c in NOT_FINITE),
 )

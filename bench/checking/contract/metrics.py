@@ -77,7 +77,7 @@ def check_images(name: str) -> Passed:
     return Passed(f"{list(values.shape)}, finite")
 
 
-def check_white(name: str) -> Passed:
+def _check_white(name: str) -> Passed:
     """Measure white images, which stand in for failed ones."""
     white = np.full_like(_true_images(0), 255)
     values = _values(name, _true_images(0), white)
@@ -138,7 +138,7 @@ def check_features(name: str) -> Passed:
 _step = partial(CheckStep, in_command=True)  # `bench score` calls a metric in its own process
 _OF_BOTH = (
     _step("images", check_images),
-    _step("white images", check_white),
+    _step("white images", _check_white),
     _step("batches", check_batches),
 )
 OF_IMAGES = (*_OF_BOTH, _step("identical images", check_scores))

@@ -31,12 +31,12 @@ from bench.checking.contract.targets import (
 from bench.running.isolation import TASKS_PER_WORKER, WORKER_ENVIRONMENT, thread_counts
 from data_prep.clouds.conditions import Condition
 
-TOTAL_S = 60.0
-CLOSING_S = 3.0  # of TOTAL_S, for workers that end
+_TOTAL_S = 60.0
+_CLOSING_S = 3.0  # of _TOTAL_S, for workers that end
 CALLS, CALLS_S = 8, 5.0  # fewer for slow plug-ins
 # Memory that a worker may keep of each call, to stay within its limit until it is replaced.
-KEPT_MIB = LIMITS.memory_gib * 2**10 / TASKS_PER_WORKER
-GROWN_MIB = 512.0  # is enough to see that memory grows
+_KEPT_MIB = LIMITS.memory_gib * 2**10 / TASKS_PER_WORKER
+_GROWN_MIB = 512.0  # is enough to see that memory grows
 WARM_UP = 3  # calls after which memory has settled
 
 
@@ -99,19 +99,19 @@ def check_identity(name: str) -> Passed:
     return _kind(name).check_identity(name)
 
 
-def use_first(name: str, order: Sequence[int] = (1, 0)) -> Passed:
+def _use_first(name: str, order: Sequence[int] = (1, 0)) -> Passed:
     """Use a plug-in for the first time, in the opposite order of the other process."""
     kind = _kind(name)
     results = {number: kind.use(name, number) for number in order}
     return Passed("", (kind.facts(name), [results[number] for number in (0, 1)]))
 
 
-def check_elsewhere(name: str, elsewhere: Any) -> Passed:
+def _check_elsewhere(name: str, elsewhere: Any) -> Passed:
     """Compare with the evidence of the first use in another process, on two threads.
 
     `elsewhere` is a text, the reason, where there is none.
     """
-    kind, (facts, results) = _kind(name), use_first(name, (0, 1)).evidence
+    kind, (facts, results) = _kind(name), _use_first(name, (0, 1)).evidence
     if isinstance(elsewhere, str):
         raise ContractViolation(f"works here, but not in another process: {elsewhere}")
     for what, fact in facts.items():
@@ -146,16 +146,16 @@ def check_repeatable(name: str) -> Passed:
 def check_calls(name: str) -> Passed:
     """Use the plug-in often, then as at first, and check memory and results."""
     kind, start = _kind(name), time.perf_counter()
-    first, resident = kind.use(name, 0), [resident_mib()]
+    first, resident = kind.use(name, 0), [_resident_mib()]
     for call in range(CALLS):
         kind.use(name, 1 + call)
-        resident.append(resident_mib())
-        if resident[-1] - resident[0] > GROWN_MIB:
+        resident.append(_resident_mib())
+        if resident[-1] - resident[0] > _GROWN_MIB:
             break
         if call >= 2 and time.perf_counter() - start > CALLS_S:
             break
-    growth = growth_mib(resident)
-    if growth > KEPT_MIB:
+    growth = _growth_mib(resident)
+    if growth > _KEPT_MIB:
         raise ContractViolation(
             f"{growth:.0f} MiB more with every call; {TASKS_PER_WORKER} of them exceed "
             f"{LIMITS.memory_gib:g} GiB"
@@ -168,13 +168,13 @@ def check_calls(name: str) -> Passed:
     return Passed(f"{others} others between change nothing; memory grows by {growth:.1f} MiB")
 
 
-def growth_mib(resident: Sequence[float]) -> float:
+def _growth_mib(resident: Sequence[float]) -> float:
     """Return the median growth of memory from one measurement to the next, once it has settled."""
     settled = resident[WARM_UP:] if len(resident) > WARM_UP + 1 else resident
     return statistics.median(b - a for a, b in pairwise(settled))
 
 
-def resident_mib() -> float:
+def _resident_mib() -> float:
     """Return the resident memory of this process, after a garbage collection."""
     import psutil
 
@@ -182,12 +182,12 @@ def resident_mib() -> float:
     return psutil.Process().memory_info().rss / 2**20
 
 
-IMPORT = CheckStep("import", check_import, in_command=True)
-FIRST_USE = CheckStep("first use", use_first)
-FIRST_STEPS = [IMPORT, CheckStep("identity", check_identity, in_command=True), FIRST_USE]
+_IMPORT = CheckStep("import", check_import, in_command=True)
+_FIRST_USE = CheckStep("first use", _use_first)
+_FIRST_STEPS = [_IMPORT, CheckStep("identity", check_identity, in_command=True), _FIRST_USE]
 # The two processes differ in threads, hash seed and order of work, which results may not depend on.
-FIRST_ENVIRONMENT = WORKER_ENVIRONMENT | thread_counts(2) | {"PYTHONHASHSEED": "2"}
-SECOND_ENVIRONMENT = WORKER_ENVIRONMENT | {"PYTHONHASHSEED": "1"}
+_FIRST_ENVIRONMENT = WORKER_ENVIRONMENT | thread_counts(2) | {"PYTHONHASHSEED": "2"}
+_SECOND_ENVIRONMENT = WORKER_ENVIRONMENT | {"PYTHONHASHSEED": "1"}
 
 
 def steps_of(kind: type, elsewhere: Any) -> list[CheckStep]:
@@ -197,37 +197,37 @@ def steps_of(kind: type, elsewhere: Any) -> list[CheckStep]:
     return [
         *KINDS[kind].first,
         step("calls", check_calls),
-        step("another process", partial(check_elsewhere, elsewhere=elsewhere)),
+        step("another process", partial(_check_elsewhere, elsewhere=elsewhere)),
         step("repeatable", check_repeatable),
         *KINDS[kind].last,
     ]
 
 
 def plugin_findings(
-    name: str, limits: Limits = LIMITS, total_s: float = TOTAL_S
+    name: str, limits: Limits = LIMITS, total_s: float = _TOTAL_S
 ) -> Iterator[Finding]:
     """Yield all findings about a method, metric, dataset or condition.
 
     `limits` are those of a step. Raises BadInput for an unknown name.
     """
     check_name(name)
-    until = time.monotonic() + total_s - CLOSING_S
+    until = time.monotonic() + total_s - _CLOSING_S
     reports: list[Report] = []
     kind, evidence = None, None
-    for report in perform(name, FIRST_STEPS, limits, until, FIRST_ENVIRONMENT):
+    for report in perform(name, _FIRST_STEPS, limits, until, _FIRST_ENVIRONMENT):
         reports.append(report)
-        if report.step == FIRST_USE:
+        if report.step == _FIRST_USE:
             evidence = report.evidence if report.finding.ok else report.finding.text
-        if report.step != FIRST_USE or report.is_last:  # else the next steps tell it
+        if report.step != _FIRST_USE or report.is_last:  # else the next steps tell it
             yield report.finding
-        if report.step == IMPORT and (kind := report.evidence) is None:
+        if report.step == _IMPORT and (kind := report.evidence) is None:
             break
     if not reports:  # a machine so busy that no worker could begin
         yield Finding(False, "not tested", f"all of it: {total_s:g} s are over")
         return
     steps = [] if kind is None else steps_of(kind, evidence)
     if not reports[-1].is_last:
-        for report in perform(name, steps, limits, until, SECOND_ENVIRONMENT):
+        for report in perform(name, steps, limits, until, _SECOND_ENVIRONMENT):
             reports.append(report)
             yield report.finding
     performed = {report.step.subject for report in reports}

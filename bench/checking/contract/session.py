@@ -24,8 +24,8 @@ from bench.checking.contract.findings import ContractViolation, Finding
 from bench.running.isolation import TaskPool, WorkerFailure
 from data_prep.failures import BadInput, MissingDependency
 
-EXIT_STATUS = 86  # of a worker in which the plug-in has called os._exit(0)
-MOST_DEATHS = 3
+_EXIT_STATUS = 86  # of a worker in which the plug-in has called os._exit(0)
+_MOST_DEATHS = 3
 MOST_SHOWN = 60  # characters of an output
 
 
@@ -54,7 +54,7 @@ class CheckStep:
     blocks: bool = True
 
 
-class StepTask(NamedTuple):
+class _StepTask(NamedTuple):
     """A step of the test of a plug-in, and the moment at which its worker is ended."""
 
     step: CheckStep
@@ -86,38 +86,38 @@ def perform(
 ) -> Iterator[Report]:
     """Yield the report of each step, in their order; one worker serves as long as it lives.
 
-    It ends after a last step, after MOST_DEATHS workers, and at the moment `until` of the monotonic
-    clock.
+    It ends after a last step, after _MOST_DEATHS workers, and at the moment `until` of the
+    monotonic clock.
     """
     deaths = 0
     with tempfile.TemporaryDirectory(prefix=".bench-test-") as temporary:
         around = {**environment, "TMPDIR": temporary}
         with closing(TaskPool(execute, 1, limits, around)) as pool:
             for step in steps:
-                pool.submit(StepTask(step, name, until))
+                pool.submit(_StepTask(step, name, until))
                 try:
                     ((_, result),) = pool.wait_any()
                 except BrokenProcessPool as error:
-                    result, deaths = WorkerFailure("crash", str(error)), MOST_DEATHS
+                    result, deaths = WorkerFailure("crash", str(error)), _MOST_DEATHS
                 if isinstance(result, WorkerFailure):
                     if time.monotonic() >= until:
                         return
                     result, deaths = _report_of_death(step, result), deaths + 1
                 yield result
-                if result.is_last or deaths >= MOST_DEATHS:
+                if result.is_last or deaths >= _MOST_DEATHS:
                     return
 
 
 def _report_of_death(step: CheckStep, lost: WorkerFailure) -> Report:
     """Return the report of a step whose worker was killed or has died."""
     reason = lost.reason
-    if f"exit code {EXIT_STATUS})" in reason:
+    if f"exit code {_EXIT_STATUS})" in reason:
         reason = "crash: os._exit(0) was called"
     finding = Finding(False, step.subject, reason, step.blocks)
     return Report(step, finding, is_last=lost.kind == "timeout")
 
 
-def execute(task: StepTask) -> Report:
+def execute(task: _StepTask) -> Report:
     """Carry out a step, in a worker."""
     _mark_exits()
     folder = Path.cwd()
@@ -131,7 +131,7 @@ def execute(task: StepTask) -> Report:
     return replace(report, printed="".join(printed))
 
 
-def _checked(task: StepTask) -> Report:
+def _checked(task: _StepTask) -> Report:
     step, evidence, blocks = task.step, None, task.step.blocks
     try:
         passed = step.check(task.name)
@@ -156,7 +156,7 @@ def _mark_exits() -> None:
     leave, worker = os._exit, os.getpid()
 
     def leave_marked(status: int) -> None:
-        leave(EXIT_STATUS if status == 0 and os.getpid() == worker else status)
+        leave(_EXIT_STATUS if status == 0 and os.getpid() == worker else status)
 
     os._exit = leave_marked  # type: ignore[assignment]
 

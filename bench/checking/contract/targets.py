@@ -38,7 +38,7 @@ HEAVY = (
     *("torch", "scipy", "pandas", "skimage", "matplotlib", "trimesh", "pymeshlab", "open3d"),
     *("sklearn", "tensorflow", "jax", "numba", "cv2"),
 )
-SLOW_IMPORT_S = 2.0
+_SLOW_IMPORT_S = 2.0
 _OURS = {condition.id: condition for condition in CONDITIONS}
 
 
@@ -50,12 +50,12 @@ class DatasetSource:
     open: Callable[[], Dataset]
 
 
-Target: TypeAlias = Method | ImageMetric | SetMetric | DatasetSource | Condition
+_Target: TypeAlias = Method | ImageMetric | SetMetric | DatasetSource | Condition
 
 
-def kind_of(target: Target) -> type:
-    """Return the type of a plug-in, one of the types of `Target`."""
-    return next(kind for kind in get_args(Target) if isinstance(target, kind))
+def kind_of(target: _Target) -> type:
+    """Return the type of a plug-in, one of the types of `_Target`."""
+    return next(kind for kind in get_args(_Target) if isinstance(target, kind))
 
 
 def check_name(name: str) -> None:
@@ -77,7 +77,7 @@ def check_name(name: str) -> None:
 
 
 @cache
-def find_target(name: str) -> Target:
+def find_target(name: str) -> _Target:
     """Return the plug-in of this name, loaded once a process; errors of its module go on."""
     if is_dataset(name):
         if (kind := name.partition(":")[0]) in reader_ids():
@@ -94,7 +94,7 @@ def find_target(name: str) -> Target:
     return find_method(name)
 
 
-def _of_module(name: str) -> Target:
+def _of_module(name: str) -> _Target:
     """Return the plug-in "MODULE:NAME[:FOLDER]" of a module in the current folder or path."""
     module, _, rest = name.partition(":")
     path, _, folder = rest.partition(":")
@@ -129,7 +129,7 @@ def check_import(name: str) -> Passed:
             blocks=False,
             evidence=kind,
         )
-    if seconds > SLOW_IMPORT_S:
+    if seconds > _SLOW_IMPORT_S:
         raise ContractViolation(
             f"takes {seconds:.1f} s; do the work where it is needed", blocks=False, evidence=kind
         )

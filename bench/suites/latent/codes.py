@@ -43,7 +43,7 @@ Measured = dict[str, dict[str, float]]  # values by metric, of each path or code
 # --- figures --------------------------------------------------------------------------------------
 
 
-class StripTile(NamedTuple):
+class _StripTile(NamedTuple):
     """A cloud [N, 3] above an image uint8 [128, 128, 3] and perhaps the true one, with a title."""
 
     title: str
@@ -52,10 +52,10 @@ class StripTile(NamedTuple):
     truth: NDArray[np.uint8] | None = None
 
 
-Strip = tuple[str, Sequence[StripTile]]  # the label and the tiles of one path or sum
+_Strip = tuple[str, Sequence[_StripTile]]  # the label and the tiles of one path or sum
 
 
-def strips_figure(strips: Sequence[Strip], view: View) -> Figure:
+def strips_figure(strips: Sequence[_Strip], view: View) -> Figure:
     """Return rows of clouds, images, and true images if any, for each strip.
 
     All strips have the titles of the first.
@@ -148,7 +148,7 @@ def load_network(method: str, device: str, view: View) -> LatentNetwork:
     return LatentNetwork(method, renderer, decoder.to(renderer.device), sha256, view)
 
 
-def sample_chair(
+def _sample_chair(
     chair: SpecifiedChair, view: View, seed: int
 ) -> tuple[PointCloud, NDArray[np.uint8]]:
     """Return the cloud [2048, 3] of a chair, and its true image uint8 [128, 128, 3]."""
@@ -199,10 +199,10 @@ PATH_REMARK = (
 
 def walk(
     network: LatentNetwork, classifier: ViewsNetwork, pair: ChairPair, seed: int, positions: int
-) -> tuple[Measured, Strip]:
+) -> tuple[Measured, _Strip]:
     """Return the values of a path between two chairs with its baselines, and its strip."""
     chairs = (pair.start, pair.end)
-    ends = [sample_chair(chair, network.view, seed) for chair in chairs]
+    ends = [_sample_chair(chair, network.view, seed) for chair in chairs]
     start, end = (
         network.encode(chair.id, cloud) for chair, (cloud, _) in zip(chairs, ends, strict=True)
     )
@@ -227,10 +227,10 @@ def walk(
         TRUTH: _confidence(classifier, true_images),
     }
     between = [
-        StripTile(f"{i}/{positions - 1}", cloud, image)
+        _StripTile(f"{i}/{positions - 1}", cloud, image)
         for i, (cloud, image) in enumerate(zip(clouds, images, strict=True))
     ]
-    first, last = (StripTile("original", cloud.points, image) for cloud, image in ends)
+    first, last = (_StripTile("original", cloud.points, image) for cloud, image in ends)
     label = f"{pair.start.spec.family}\nto {pair.end.spec.family}"
     return measured, (label, [first, *between, last])
 
@@ -291,10 +291,10 @@ SUM_REMARK = (
 
 def add_up(
     network: LatentNetwork, triple: Triple, train: Tensor, seed: int
-) -> tuple[Measured, Strip]:
+) -> tuple[Measured, _Strip]:
     """Return the values of A - B + C with its baselines, and its strip; `train` is [N, d]."""
     chairs = (triple.a, triple.b, triple.c, triple.d)
-    sampled = [sample_chair(chair, network.view, seed) for chair in chairs]
+    sampled = [_sample_chair(chair, network.view, seed) for chair in chairs]
     a, b, c, d = (
         network.encode(chair.id, cloud) for chair, (cloud, _) in zip(chairs, sampled, strict=True)
     )
@@ -321,9 +321,9 @@ def add_up(
     terms = torch.cat([a, b, c])
     true = [image for _, image in sampled[:3]]
     shown = zip(("A", "− B", "+ C"), network.decode(terms), network.draw(terms), true, strict=True)
-    tiles = list(starmap(StripTile, shown))
-    tiles.append(StripTile("= A − B + C", clouds[0], images[0]))
-    tiles.append(StripTile("D by its code", clouds[-1], images[-1], true_image))
+    tiles = list(starmap(_StripTile, shown))
+    tiles.append(_StripTile("= A − B + C", clouds[0], images[0]))
+    tiles.append(_StripTile("D by its code", clouds[-1], images[-1], true_image))
     return measured, (triple.change, tiles)
 
 

@@ -58,7 +58,7 @@ from data_prep.scene import View
 
 
 @dataclass(frozen=True)
-class LatentSuite(Procedure):
+class _LatentSuite(Procedure):
     """Paths between codes and sums of codes of networks: pc2pix with any weights."""
 
     pairs: int = 50  # of test chairs of different structural families, joined by a path
@@ -69,13 +69,13 @@ class LatentSuite(Procedure):
     shown: int = 5  # pairs and triples in the figures
 
 
-LATENT = LatentSuite(**vars(suites.LATENT))
+LATENT = _LatentSuite(**vars(suites.LATENT))
 VIEW = View(30.0, 20.0)  # of all images
 
 
 def run(
     options: Options,
-    suite: LatentSuite = LATENT,
+    suite: _LatentSuite = LATENT,
     environment: Callable[[], Mapping[str, str]] = environment,
 ) -> SuiteRun:
     """Carry out the suite; `environment` describes the drivers that images depend on.
@@ -128,7 +128,7 @@ def _measure(
     pairs: Sequence[ChairPair],
     triples: Sequence[Triple],
     seed: int,
-    suite: LatentSuite,
+    suite: _LatentSuite,
     _: Store,
 ) -> SuiteRun:
     """Measure everything, and return it with the single values behind the means."""

@@ -32,7 +32,7 @@ from data_prep.files.safe_read import MIB, read_file
 from data_prep.randomness import generator
 from data_prep.scene import PointCloud, Renderer, View
 
-Returned = TypeVar("Returned")
+_Returned = TypeVar("_Returned")
 
 
 LIMITS = Limits(time_s=600.0, memory_gib=8.0)
@@ -72,7 +72,7 @@ SPEED = SpeedSuite(**vars(suites.SPEED))
 FORM = 1  # of the files; part of their keys
 MOST_BYTES = 64 * MIB
 
-Stage = Literal["load", "prepare", "draw"]
+_Stage = Literal["load", "prepare", "draw"]
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class TimingSample:
 
     cloud: str  # its object, "chair/test-0000"; empty for "load", which needs none
     round: int  # 0 for the first call of its kind in its process, cold; from 1 on warm
-    stage: Stage
+    stage: _Stage
     views: int  # drawn in the call; 0 for other stages
     wall_s: float  # seconds by the clock
     core_s: float  # seconds of processor time of the whole process, all threads together
@@ -185,7 +185,7 @@ def finish_gpu(modules: Mapping[str, Any] = sys.modules) -> None:
         torch.cuda.synchronize()
 
 
-CLOCK = Clock(time.perf_counter, time.process_time, finish_gpu)
+_CLOCK = Clock(time.perf_counter, time.process_time, finish_gpu)
 
 
 def peak_mib() -> float | None:
@@ -209,7 +209,7 @@ def measure(unit: Unit, peak_mib: Callable[[], float | None] = peak_mib) -> Meas
     idle_mib = peak_mib()
     method = find_method(unit.method)
     samples, failures = take_samples(
-        method, lambda: method.load(unit.device), subjects, unit.suite, CLOCK
+        method, lambda: method.load(unit.device), subjects, unit.suite, _CLOCK
     )
     elsewhere_s = (_busy_s() - busy) - (time.process_time() - cpu_start)
     torch = sys.modules.get("torch")
@@ -313,13 +313,13 @@ def _left_out_if_failed(
 
 
 def _timed(
-    call: Callable[[], Returned],
+    call: Callable[[], _Returned],
     clock: Clock,
     cloud: str,
     number: int,
-    stage: Stage,
+    stage: _Stage,
     views: int = 0,
-) -> tuple[Returned, TimingSample]:
+) -> tuple[_Returned, TimingSample]:
     clock.finish()
     core, wall = clock.core(), clock.wall()
     value = call()

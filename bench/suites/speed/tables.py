@@ -23,14 +23,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-PAPER_CLASS = "all"  # the paper gives one number for its 13 classes
+_PAPER_CLASS = "all"  # the paper gives one number for its 13 classes
 Paper = Mapping[tuple[str, str, str, str], float]  # by class, metric, condition and method
-SETTING = ["condition", "threads"]
-WHERE = ["method", *SETTING]  # columns that identify a measurement
+_SETTING = ["condition", "threads"]
+WHERE = ["method", *_SETTING]  # columns that identify a measurement
 
 
 MS = 1000.0
-UNITS = ("ms", "core-ms")  # by the clock, and of processor time
+_UNITS = ("ms", "core-ms")  # by the clock, and of processor time
 
 Statistics = dict[str, tuple[float, int]]  # by metric: a value, and of how many samples
 
@@ -66,9 +66,9 @@ def summarise(measurement: Measurement) -> Statistics:
         values[f"{name}-p95-ms"] = _percentile(share * warm["wall_s"], 95.0)
         values[f"{name}-core-ms"] = _percentile(share * warm["core_s"])
     for name, views in (*((f"picture-of-{v}", v) for v in (1, batch)), ("further-view", None)):
-        for unit in UNITS:
+        for unit in _UNITS:
             if views is None:
-                cost = further_view(values, unit, batch)
+                cost = _further_view(values, unit, batch)
             else:
                 (cost,) = costs(values, unit, batch, [views])
             n = values[f"draw-{views or batch}-ms"][1]
@@ -90,11 +90,11 @@ def costs(values: Statistics, unit: str, batch: int, views: ArrayLike) -> Floats
     """
     prepare, single, share = _parts(values, unit, batch)
     count = np.asarray(views, float)
-    within = single + (count - 1) * further_view(values, unit, batch)
+    within = single + (count - 1) * _further_view(values, unit, batch)
     return (prepare + np.where(count < batch, within, count * share)) / count
 
 
-def further_view(values: Statistics, unit: str, batch: int) -> float:
+def _further_view(values: Statistics, unit: str, batch: int) -> float:
     """Return the cost of each view more in a call, up to a batch; NaN where unknown."""
     prepare, single, share = _parts(values, unit, batch)
     further = single if batch == 1 else (share * batch - single) / (batch - 1)
@@ -144,7 +144,7 @@ def speed_rows(
                 values[f"picture-of-{views}-speedup"] = other / value, n
         for metric, (value, n) in values.items():
             published = metric.replace(f"picture-of-{m.views}-", "picture-")
-            key = (PAPER_CLASS, published, m.condition, m.method)
+            key = (_PAPER_CLASS, published, m.condition, m.method)
             rows.append(
                 {
                     "suite": suite.id,
@@ -202,7 +202,7 @@ def speed_table(
         for condition in ordered(rows["condition"]):
             yield f"An image at {markdown.cell(condition)}, its cloud's preparation included, ms:"
             yield _claim(value, condition, batch, suite, noisy, paper)
-        for (condition, threads), chosen in rows.groupby(SETTING, sort=False):
+        for (condition, threads), chosen in rows.groupby(_SETTING, sort=False):
             yield f"## {markdown.cell(str(condition))}, {_threads(threads)}"
             yield from _times_of(chosen, batch, noisy)
         if noisy:
@@ -248,7 +248,7 @@ def _claim(
     lines = []
     for method in ordered(value.index.get_level_values("method")):
         ours, faster = (
-            paper.get((PAPER_CLASS, metric, condition, method))
+            paper.get((_PAPER_CLASS, metric, condition, method))
             for metric in ("picture-ms", "picture-speedup")
         )
         published = Cell("-")
@@ -298,7 +298,7 @@ def amortised_rows(measurements: Sequence[Measurement], suite: SpeedSuite) -> pd
     rows = []
     for m in measurements:
         values = summarise(m)
-        wall, core = (costs(values, unit, m.views, suite.amortised) for unit in UNITS)
+        wall, core = (costs(values, unit, m.views, suite.amortised) for unit in _UNITS)
         if np.isfinite([wall, core]).all():
             where = suite.id, m.method, m.condition, m.threads
             rows += [(*where, *row) for row in zip(suite.amortised, wall, core, strict=True)]
@@ -313,7 +313,7 @@ def amortised_table(rows: pd.DataFrame, suite: SpeedSuite, batch: int) -> Table:
             f"Milliseconds an image: prepare / views + draw, in calls of up to {batch} views; in "
             "bold the cheapest that looks at the cloud alone."
         )
-        for (condition, threads), chosen in rows.groupby(SETTING, sort=False):
+        for (condition, threads), chosen in rows.groupby(_SETTING, sort=False):
             yield f"## {markdown.cell(str(condition))}, {_threads(threads)}"
             wide = chosen.pivot(index="method", columns="views", values="wall_ms")
             rivals = [method for method in wide.index if not find_method(method).role]

@@ -32,7 +32,7 @@ ROUNDED = ("float16", "millimetres")
 # A unit more or less in the last place moves images by up to 1e-4 grey levels in the mean. Where a
 # ball finds another face, and in the codes of pc2pix, it makes more of a difference: means of 0.01
 # to 0.14 grey levels. Half a level would be another surface.
-LAST_BIT = 0.5
+_LAST_BIT = 0.5
 
 
 @dataclass(frozen=True)
@@ -103,13 +103,13 @@ _HARDLY_A_CLOUD = Either(
 _WRONG_NORMALS = Changes(1.0, "ten neighbours are fewer places, and normals go wrong")
 _OFF = Fails("encode: the code lies ")
 _INSIDE = Either((Draws(), _SOME_BLANK), "a camera may stand inside the surface")
-_NEARLY = Agrees(LAST_BIT)
+_NEARLY = Agrees(_LAST_BIT)
 _WITHOUT_A_POINT = Agrees(0.1)  # the far point is left out
 
-Statements = dict[str, Expectation]  # by cases, several with spaces between; the last one counts
+_Statements = dict[str, Expectation]  # by cases, several with spaces between; the last one counts
 
 
-def _at_least(count: int, what: str) -> Statements:
+def _at_least(count: int, what: str) -> _Statements:
     return {f"{n}-points": Fails(f"input: {n} points; {what} need") for n in range(count)}
 
 
@@ -117,8 +117,8 @@ def _slow(why: str) -> Either:
     return Either((Fails("timeout: ", "contained"), Draws()), why)
 
 
-_FINITE_ONLY: Statements = {_NOT_FINITE: Fails("input: 1 of 2048 points are not finite")}
-_MESH_OF_THE_POINTS: Statements = {  # ball pivoting, and methods built on it
+_FINITE_ONLY: _Statements = {_NOT_FINITE: Fails("input: 1 of 2048 points are not finite")}
+_MESH_OF_THE_POINTS: _Statements = {  # ball pivoting, and methods built on it
     **_at_least(5, "normals"),
     **_FINITE_ONLY,
     _MANY: _slow("ball pivoting takes minutes"),
@@ -129,7 +129,7 @@ _MESH_OF_THE_POINTS: Statements = {  # ball pivoting, and methods built on it
     _CHAOTIC: _CHAOS,
     "last-bit": _NEARLY,
 }
-_PC2PIX: Statements = {
+_PC2PIX: _Statements = {
     "0-points": Fails("encode: the cloud is empty"),
     _NOT_FINITE: Fails("encode: the cloud has non-finite points"),
     f"{_FAR} {_LARGE} {_SHIFTS} {_NOISIEST}": _OFF,
@@ -139,21 +139,21 @@ _PC2PIX: Statements = {
     "turned": Changes(1.0, "the network knows chairs in one pose only"),
     "last-bit": _NEARLY,
 }
-_POINTS: Statements = {  # methods that draw the points themselves
+_POINTS: _Statements = {  # methods that draw the points themselves
     **_FINITE_ONLY,
     "0-points": Fails("input: no points"),
     # One of 2,048 points is out of sight: its disc has 9 of 16,384 pixels, of up to 165 levels.
     _FAR: Agrees(0.1),
     f"{_SMALL} {_LARGE}": _UNIT,
 }
-_SPLAT_NET: Statements = {
+_SPLAT_NET: _Statements = {
     **_POINTS,
     _SHIFTS: Either((_UNIT, _SOME_BLANK), "what it draws where it sees nothing is left open"),
     _NOISIEST: _FEW_IN_SIGHT,
     # The points look as before, but for rounding, which bfloat16 shows more.
     "turned": Agrees(0.02),
 }
-_USED_POINTS: Statements = {  # methods that take each point once, sorted, in sight
+_USED_POINTS: _Statements = {  # methods that take each point once, sorted, in sight
     **_at_least(5, "surfaces"),
     **_FINITE_ONLY,
     f"all-equal int {_LARGE} {_SHIFTS}": Fails(r"input: \d+ of \d+ points are different"),
@@ -162,11 +162,11 @@ _USED_POINTS: Statements = {  # methods that take each point once, sorted, in si
     _NOISIEST: _FEW_IN_SIGHT,
 }
 # Rounding decides where the ball gets in; its grid is not turned; one point less may open a gap.
-_WRAP: Statements = {**_USED_POINTS, f"float16 turned millimetres {_FAR}": Agrees(2.0)}
+_WRAP: _Statements = {**_USED_POINTS, f"float16 turned millimetres {_FAR}": Agrees(2.0)}
 # A mesh that cannot be made is left out. A turn changes the mesh of occupancy-net by more than a
 # grey level, and the points, which turn with the cloud, make up for some of it.
 _FUSED_NET = _SPLAT_NET | {"turned": Changes(0.5, "occupancy-net's planes are not turned")}
-_STATED: Mapping[str, Statements] = {
+_STATED: Mapping[str, _Statements] = {
     "surface-apss": {
         **_at_least(5, "normals"),
         **_FINITE_ONLY,

@@ -46,7 +46,7 @@ LIMITS = Limits(time_s=60.0, memory_gib=4.0)
 
 
 @dataclass(frozen=True)
-class StabilitySuite(Procedure):
+class _StabilitySuite(Procedure):
     """A suite of extreme inputs with expected outcomes of methods."""
 
     class_name: str = "chair"  # of the one procedural test object
@@ -54,12 +54,12 @@ class StabilitySuite(Procedure):
     limits: Limits = LIMITS  # of a method on a case
 
 
-STABILITY = StabilitySuite(**vars(suites.STABILITY))
-CASES_VERSION = 1  # raise when a perturbation of `data_prep.clouds.extremes` changes a cloud
+STABILITY = _StabilitySuite(**vars(suites.STABILITY))
+_CASES_VERSION = 1  # raise when a perturbation of `data_prep.clouds.extremes` changes a cloud
 
 
-def stability_jobs(
-    suite: StabilitySuite,
+def _stability_jobs(
+    suite: _StabilitySuite,
     methods: Sequence[str],
     seed: int,
     device: str,
@@ -73,7 +73,7 @@ def stability_jobs(
     jobs = []
     for method in methods:
         common = [
-            *(suite.id, RECORDS_VERSION, CASES_VERSION, obj.fingerprint(), seed, method),
+            *(suite.id, RECORDS_VERSION, _CASES_VERSION, obj.fingerprint(), seed, method),
             *(sorted(environment.items()), method_identity(find_method(method), device)),
         ]
         for case in CASES:
@@ -100,7 +100,7 @@ def stability_jobs(
     return jobs
 
 
-def run(options: Options, suite: StabilitySuite = STABILITY) -> SuiteRun:
+def run(options: Options, suite: _StabilitySuite = STABILITY) -> SuiteRun:
     """Carry out the suite, or the rest of a run that was stopped.
 
     Raises BadInput for options that the user has to fix.
@@ -119,7 +119,7 @@ def run(options: Options, suite: StabilitySuite = STABILITY) -> SuiteRun:
         )
     options = replace(options, methods=methods)
     workers, machine = options.workers or cores(), environment()
-    jobs = stability_jobs(suite, methods, options.seed or 0, options.device, machine)
+    jobs = _stability_jobs(suite, methods, options.seed or 0, options.device, machine)
     manifest = suite_manifest(
         options,
         suite,
@@ -133,7 +133,7 @@ def run(options: Options, suite: StabilitySuite = STABILITY) -> SuiteRun:
 
 
 def _draw_all(
-    suite: StabilitySuite,
+    suite: _StabilitySuite,
     jobs: Sequence[Job],
     methods: Sequence[str],
     options: Options,
@@ -158,8 +158,8 @@ def _draw_all(
     return SuiteRun(
         (table, Table("observations", "", pd.DataFrame(observations), digits=".6g")),
         {
-            table.name: matrix_figure(outcomes, table.title),
-            "extremes": extremes_figure([case.id for case in CASES], shown, images),
+            table.name: _matrix_figure(outcomes, table.title),
+            "extremes": _extremes_figure([case.id for case in CASES], shown, images),
         },
         printed=[
             markdown.table(grid([*KINDS], [[str(counts.get(kind, 0)) for kind in KINDS]])),
@@ -195,7 +195,7 @@ MISSING = 225  # grey
 
 
 @drawing()
-def matrix_figure(outcomes: pd.DataFrame, title: str) -> Figure:
+def _matrix_figure(outcomes: pd.DataFrame, title: str) -> Figure:
     """Return cases down and methods across, coloured by kind; white for no case."""
     from matplotlib import patches
 
@@ -229,7 +229,7 @@ def matrix_figure(outcomes: pd.DataFrame, title: str) -> Figure:
 
 
 @drawing()
-def extremes_figure(
+def _extremes_figure(
     cases: Sequence[str],
     methods: Sequence[str],
     images: Mapping[tuple[str, str], NDArray[np.uint8]],

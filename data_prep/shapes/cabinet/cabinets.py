@@ -22,14 +22,14 @@ from data_prep.shapes.random_choices import chance, pick, uniform
 from data_prep.shapes.solids import Color, Part, box, rectangle, slab, tube
 
 # Ranges of width, height, depth (metres), rows and columns of drawers.
-CHESTS = {
+_CHESTS = {
     "dresser": ((0.85, 1.50), (0.70, 1.00), (0.40, 0.55), (3, 4), (2, 3)),
     "tallboy": ((0.50, 0.85), (0.95, 1.45), (0.38, 0.50), (4, 6), (1, 1)),
     "bedside": ((0.38, 0.55), (0.42, 0.66), (0.36, 0.46), (1, 3), (1, 1)),
     "filing": ((0.38, 0.48), (0.66, 1.40), (0.45, 0.65), (2, 4), (1, 1)),
 }
-CHEST_WEIGHTS = {"dresser": 0.32, "tallboy": 0.28, "bedside": 0.25, "filing": 0.15}
-MATERIAL_WEIGHTS = {
+_CHEST_WEIGHTS = {"dresser": 0.32, "tallboy": 0.28, "bedside": 0.25, "filing": 0.15}
+_MATERIAL_WEIGHTS = {
     "chest": {"wood": 0.78, "lacquer": 0.22},
     "sideboard": {"wood": 0.72, "lacquer": 0.28},
     "wardrobe": {"wood": 0.58, "lacquer": 0.42},
@@ -39,7 +39,7 @@ MATERIAL_WEIGHTS = {
 
 
 def _body_color(rng: np.random.Generator, family: str) -> Color:
-    return shade_of(rng, MATERIAL_WEIGHTS[family])
+    return shade_of(rng, _MATERIAL_WEIGHTS[family])
 
 
 def _top(
@@ -53,8 +53,8 @@ def _top(
 
 def chest(rng: np.random.Generator) -> list[Part]:
     """Return drawers from the floor up: a dresser, tallboy, bedside chest or filing cabinet."""
-    kind = pick(rng, CHEST_WEIGHTS)
-    widths, heights, depths, row_range, column_range = CHESTS[kind]
+    kind = pick(rng, _CHEST_WEIGHTS)
+    widths, heights, depths, row_range, column_range = _CHESTS[kind]
     width, height, depth = uniform(rng, widths), uniform(rng, heights), uniform(rng, depths)
     rows = int(rng.integers(row_range[0], row_range[1] + 1))
     columns = int(rng.integers(column_range[0], column_range[1] + 1))

@@ -11,7 +11,7 @@ from data_prep.shapes.palettes import CABINET, shade
 from data_prep.shapes.random_choices import chance, pick, uniform
 from data_prep.shapes.solids import Part, box, fillet, moved, rectangle, slab, tube, turned
 
-KICK = 0.10  # height of the recessed plinth
+_KICK = 0.10  # height of the recessed plinth
 
 
 def kitchen(rng: np.random.Generator) -> list[Part]:
@@ -57,7 +57,7 @@ def kitchen(rng: np.random.Generator) -> list[Part]:
     elif kind == "tall":
         top, x = uniform(rng, (1.95, 2.20)), side * (length / 2 + unit / 2 - 0.01)
         parts.append(box((x, top / 2, 0), (unit, top, depth), body))
-        field = Field(x - unit / 2, x + unit / 2, KICK, top - 0.01, -depth / 2)
+        field = Field(x - unit / 2, x + unit / 2, _KICK, top - 0.01, -depth / 2)
         below, above = field.split([1], [1, uniform(rng, (1.0, 1.8))])
         parts += doors(finish, below, 1) + doors(finish, above, 1)
     return parts
@@ -75,10 +75,12 @@ def _run(
     `hidden` metres of the front stay closed: at the +X end, or at the other where it is negative.
     """
     length, height, depth = size
-    kick = box((0, KICK / 2 + 0.01, 0.05), (length - 0.03, KICK + 0.02, depth - 0.12), finish.seam)
-    body = box((0, (KICK + height) / 2, 0), (length, height - KICK, depth), finish.body)
+    kick = box(
+        (0, _KICK / 2 + 0.01, 0.05), (length - 0.03, _KICK + 0.02, depth - 0.12), finish.seam
+    )
+    body = box((0, (_KICK + height) / 2, 0), (length, height - _KICK, depth), finish.body)
     x_low, x_high = -length / 2 + max(0.0, -hidden), length / 2 - max(0.0, hidden)
-    whole = Field(x_low, x_high, KICK, height - 0.015, -depth / 2)
+    whole = Field(x_low, x_high, _KICK, height - 0.015, -depth / 2)
     parts = [kick, body]
     for field in whole.split([1] * units, [1]):
         what = pick(rng, {"doors": 0.5, "drawers": 0.3, "both": 0.2})

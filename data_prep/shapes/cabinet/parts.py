@@ -21,8 +21,8 @@ from data_prep.shapes.palettes import shade, shade_of
 from data_prep.shapes.random_choices import pick, uniform
 from data_prep.shapes.solids import Color, Part, box, rectangle, slab, sweep
 
-Handle = Literal["knob", "bar", "pull", "none"]
-Leaf = Literal["flat", "framed", "raised"]
+_Handle = Literal["knob", "bar", "pull", "none"]
+_Leaf = Literal["flat", "framed", "raised"]
 Stand = Literal["plinth", "legs", "blocks", "sled"]
 
 
@@ -39,8 +39,8 @@ class Finish:
     front: Color
     seam: Color
     trim: Color
-    leaf: Leaf
-    handle: Handle
+    leaf: _Leaf
+    handle: _Handle
     layer: float
 
 

@@ -14,7 +14,7 @@ from data_prep.shapes.palettes import CAR, CAR_PAINTS, shade, shade_of
 from data_prep.shapes.random_choices import uniform
 from data_prep.shapes.solids import Color
 
-Range = tuple[float, float]
+_Range = tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -29,15 +29,15 @@ class Proportions:
     clearance              from the road to the sills, metres
     """
 
-    length: Range
-    width: Range
-    height: Range
-    belt: Range
-    cowl: Range
-    roof: tuple[Range, Range]
-    tail: Range
-    wheel: Range
-    clearance: Range
+    length: _Range
+    width: _Range
+    height: _Range
+    belt: _Range
+    cowl: _Range
+    roof: tuple[_Range, _Range]
+    tail: _Range
+    wheel: _Range
+    clearance: _Range
 
 
 PROPORTIONS = {
@@ -70,7 +70,7 @@ PROPORTIONS = {
         *(((0.44, 0.47), (0.62, 0.68)), (0.70, 0.76), (0.30, 0.35), (0.14, 0.19)),
     ),
 }
-PAINT_WEIGHTS = {
+_PAINT_WEIGHTS = {
     "sedan": {
         "silver": 0.30,
         "dark": 0.28,
@@ -145,7 +145,7 @@ def draw_car(rng: np.random.Generator, family: str) -> tuple[Car, Cabin]:
         wheel=wheel,
         arch=arch,
         axles=(front - length / 2, rear - length / 2),
-        paint=shade_of(rng, PAINT_WEIGHTS[family], CAR_PAINTS),
+        paint=shade_of(rng, _PAINT_WEIGHTS[family], CAR_PAINTS),
         glass=shade(rng, CAR["glass"]),
         tyre=shade(rng, CAR["tyre"]),
         hub=shade(rng, CAR["hub"]),

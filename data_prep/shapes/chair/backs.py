@@ -22,7 +22,7 @@ from data_prep.shapes.solids import (
     tube,
 )
 
-RIB = 0.06  # m, height of top rails and rungs
+_RIB = 0.06  # m, height of top rails and rungs
 
 
 def back_parts(spec: ChairSpec, layout: Layout) -> list[Part]:
@@ -37,7 +37,7 @@ def back_parts(spec: ChairSpec, layout: Layout) -> list[Part]:
         "curved": _curved,
     }[spec.back]
     upright = build(spec, layout)
-    if has_posts(spec) and spec.family not in ("sled", "cantilever", "pedestal"):
+    if _has_posts(spec) and spec.family not in ("sled", "cantilever", "pedestal"):
         x = layout.post[0]
         section = bar_section(spec, spec.leg_m)
         head = section * (0.8 if spec.leg_taper < 0.8 else 1.0)
@@ -51,7 +51,7 @@ def back_parts(spec: ChairSpec, layout: Layout) -> list[Part]:
     return parts
 
 
-def has_posts(spec: ChairSpec) -> bool:
+def _has_posts(spec: ChairSpec) -> bool:
     """Return whether the back hangs between two posts.
 
     The frame of a sled or cantilever lends them.
@@ -70,7 +70,7 @@ def _foot(layout: Layout) -> float:
 
 def _solid(spec: ChairSpec, layout: Layout) -> list[Part]:
     high = spec.back_height_m
-    if has_posts(spec) and spec.family != "pedestal":
+    if _has_posts(spec) and spec.family != "pedestal":
         half = layout.post[0]
         low, high = spec.gap_m, high - 0.012
         thickness, radius = min(spec.back_thickness_m, 0.7 * spec.leg_m), 0.004
@@ -88,17 +88,17 @@ def _solid(spec: ChairSpec, layout: Layout) -> list[Part]:
 
 def _slatted(spec: ChairSpec, layout: Layout) -> list[Part]:
     high, deep = spec.back_height_m, spec.bar_m
-    posts = has_posts(spec)
+    posts = _has_posts(spec)
     half = layout.post[0] if posts else 0.97 * _half_width(spec, layout)
     foot = _foot(layout)
-    parts = [box((0, high - RIB / 2 - 0.01, 0), (2 * half, RIB, 1.3 * deep), spec.back_color)]
+    parts = [box((0, high - _RIB / 2 - 0.01, 0), (2 * half, _RIB, 1.3 * deep), spec.back_color)]
     if posts and spec.gap_m > 0.08:
         foot = min(spec.gap_m, 0.3 * high)
-        parts.append(box((0, foot, 0), (2 * half, 0.6 * RIB, 1.3 * deep), spec.back_color))
+        parts.append(box((0, foot, 0), (2 * half, 0.6 * _RIB, 1.3 * deep), spec.back_color))
     width = min(2.2 * deep, 1.1 * half / spec.bars)
     edge = half * (1 - 1 / (spec.bars + 1) * 1.6) if posts else half - width / 2 - 0.004
     for x in np.linspace(-edge, edge, spec.bars):
-        height = high - RIB / 2 - foot
+        height = high - _RIB / 2 - foot
         parts.append(box((x, foot + height / 2, 0), (width, height, 0.7 * deep), spec.back_color))
     return parts
 
@@ -107,20 +107,20 @@ def _spindle(spec: ChairSpec, layout: Layout) -> list[Part]:
     high, radius = spec.back_height_m, 0.42 * spec.bar_m
     if spec.posts:
         half = layout.post[0]
-        crest = box((0, high - RIB / 2 - 0.01, 0), (2 * half, RIB, 0.02), spec.back_color)
+        crest = box((0, high - _RIB / 2 - 0.01, 0), (2 * half, _RIB, 0.02), spec.back_color)
         clear = half - spec.leg_m / 2
         feet = heads = np.linspace(-clear, clear, spec.bars + 2)[1:-1]
         sag = np.zeros(spec.bars)
     else:
         half = _half_width(spec, layout)
-        crest = curved_panel(half + 0.03, 0.45, 0.024, high - RIB, high, spec.back_color)
+        crest = curved_panel(half + 0.03, 0.45, 0.024, high - _RIB, high, spec.back_color)
         feet = np.linspace(-0.82 * half, 0.82 * half, spec.bars)
         heads = np.linspace(-half, half, spec.bars)
         arc = (half + 0.03) / math.sin(0.45)
         sag = np.sqrt(arc**2 - heads**2) - arc
     parts = [crest]
     for foot, head, z in zip(feet, heads, sag, strict=True):
-        path = (foot, _foot(layout), 0.0), (head, high - RIB / 2, z)
+        path = (foot, _foot(layout), 0.0), (head, high - _RIB / 2, z)
         parts.append(tube(path, radius, spec.back_color, sides=6))
     return parts
 
@@ -129,10 +129,10 @@ def _ladder(spec: ChairSpec, layout: Layout) -> list[Part]:
     half, angle, high = layout.post[0], 0.25, spec.back_height_m
     thickness = 0.7 * spec.bar_m
     sag = half / math.sin(angle) * (1 - math.cos(angle))
-    lowest = min(spec.gap_m, 0.35 * high) + RIB / 2
+    lowest = min(spec.gap_m, 0.35 * high) + _RIB / 2
     parts = []
-    for y in np.linspace(lowest, high - RIB / 2 - 0.012, spec.bars):
-        rung = min(RIB, 0.7 * (high - lowest) / spec.bars) / 2
+    for y in np.linspace(lowest, high - _RIB / 2 - 0.012, spec.bars):
+        rung = min(_RIB, 0.7 * (high - lowest) / spec.bars) / 2
         bent = curved_panel(half, angle, thickness, y - rung, y + rung, spec.back_color, steps=6)
         parts.append(moved(bent, (0, 0, sag)))
     return parts
@@ -149,7 +149,7 @@ def curve(spec: ChairSpec, layout: Layout) -> tuple[float, float]:
 
 def _curved(spec: ChairSpec, layout: Layout) -> list[Part]:
     high, thickness, color = spec.back_height_m, spec.back_thickness_m, spec.back_color
-    if has_posts(spec) and spec.family != "pedestal":
+    if _has_posts(spec) and spec.family != "pedestal":
         half, angle = layout.post[0], min(spec.bend_rad, 0.55)
         sag = half / math.sin(angle) * (1 - math.cos(angle))
         panel = curved_panel(
@@ -183,7 +183,7 @@ def arm_parts(spec: ChairSpec, layout: Layout) -> list[Part]:
     if spec.family == "pedestal":
         return [part for side in (-1.0, 1.0) for part in _side_arm(spec, layout, side)]
     x, z = layout.post[0], 0.0
-    if spec.back == "curved" and not has_posts(spec):
+    if spec.back == "curved" and not _has_posts(spec):
         x, angle = curve(spec, layout)
         z = x / math.sin(angle) * (math.cos(angle) - 1)
     start = layout.from_back((x, spec.arm_height_m / math.cos(layout.tilt_rad), z))

@@ -26,10 +26,10 @@ def chair(rng: np.random.Generator) -> Mesh:
 
 def build_chair(spec: ChairSpec) -> Mesh:
     """Return the chair of a description, normalised; equal descriptions give equal meshes."""
-    return normalise(join(chair_parts(spec)))
+    return normalise(join(_chair_parts(spec)))
 
 
-def chair_parts(spec: ChairSpec) -> list[Part]:
+def _chair_parts(spec: ChairSpec) -> list[Part]:
     """Return the watertight solids that a chair is made of, in metres above the floor."""
     if spec.family == "armchair":
         return armchair_parts(spec)
@@ -44,4 +44,4 @@ def chair_parts(spec: ChairSpec) -> list[Part]:
 
 def chair_of(rng: np.random.Generator, family: Family) -> list[Part]:
     """Return the solids of a random chair of this family."""
-    return chair_parts(draw_spec_of(rng, family))
+    return _chair_parts(draw_spec_of(rng, family))

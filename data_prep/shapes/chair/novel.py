@@ -31,7 +31,7 @@ from data_prep.shapes.solids import (
 )
 
 FRAME = {"wood": 0.5, "dark-metal": 0.25, "chrome": 0.25}
-BOARD = {"wood": 0.6, "paint": 0.25, "lacquer": 0.15}
+_BOARD = {"wood": 0.6, "paint": 0.25, "lacquer": 0.15}
 CLOTH = {"upholstery": 0.5, "office-fabric": 0.2, "leather": 0.2, "plastic": 0.1}
 SIDES = (-1.0, 1.0)
 
@@ -105,7 +105,7 @@ def director(rng: np.random.Generator) -> list[Part]:
 
 def zigzag(rng: np.random.Generator) -> list[Part]:
     """Return four boards: on the floor, up to the front, the seat, the back."""
-    color = shade_of(rng, BOARD)
+    color = shade_of(rng, _BOARD)
     width, board = uniform(rng, (0.36, 0.46)), uniform(rng, (0.022, 0.040))
     seat, depth = uniform(rng, (0.40, 0.47)), uniform(rng, (0.36, 0.46))
     back, rake = uniform(rng, (0.28, 0.46)), math.radians(uniform(rng, (0, 12)))
@@ -121,7 +121,7 @@ def zigzag(rng: np.random.Generator) -> list[Part]:
 
 def boards(rng: np.random.Generator) -> list[Part]:
     """Return two boards from the floor to the arms, with the seat and the back between them."""
-    outside = shade_of(rng, BOARD)
+    outside = shade_of(rng, _BOARD)
     inside = outside if chance(rng, 0.5) else shade_of(rng, CLOTH)
     half, board = uniform(rng, (0.22, 0.30)), uniform(rng, (0.020, 0.045))
     seat, depth = uniform(rng, (0.34, 0.46)), uniform(rng, (0.44, 0.58))

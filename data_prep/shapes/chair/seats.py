@@ -13,9 +13,9 @@ from data_prep.shapes.chair.spec import ChairSpec
 from data_prep.shapes.solids import Part, polygon, rectangle, rim, rounded, slab
 
 # Families whose cushion is let into a frame of rails; elsewhere the whole seat is upholstered.
-FRAMED = ("four-leg", "rocker")
+_FRAMED = ("four-leg", "rocker")
 # Faces of a leg and of the seat it is sunk into must not lie in one plane (they would flicker).
-CLEAR_M = 0.006
+_CLEAR_M = 0.006
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ def lay_out(spec: ChairSpec) -> Layout:
     """Return the layout that a description implies."""
     width, depth, leg = spec.seat_width_m, spec.seat_depth_m, spec.leg_m
     rear = width * (spec.rear if spec.seat == "trapezoid" else 1.0)
-    margin = leg / 2 + CLEAR_M
+    margin = leg / 2 + _CLEAR_M
     if spec.seat == "round":
         outline = polygon(20, 0.5) * (width, depth)
         post = (0.66 * width / 2, 0.74 * depth / 2 - margin)
@@ -73,7 +73,7 @@ def lay_out(spec: ChairSpec) -> Layout:
     if spec.family in ("sled", "cantilever"):  # the frame's tubes run along the edge of the seat
         post = (width / 2 + 0.2 * leg, depth / 2 - 0.05)
     thickness = spec.seat_thickness_m
-    if spec.cushion and spec.family not in FRAMED:
+    if spec.cushion and spec.family not in _FRAMED:
         thickness += spec.cushion_m / 2
     return Layout(
         outline=outline,
@@ -102,7 +102,7 @@ def seat_parts(spec: ChairSpec, layout: Layout) -> list[Part]:
             return [plate]
         rails = rim(0.93 * outline, bottom - 0.05, bottom + 0.004, 0.018, spec.frame_color)
         return [plate, rails]
-    if spec.family not in FRAMED:
+    if spec.family not in _FRAMED:
         bevel = 0.35 * (top - bottom)
         centre, height = (0.0, layout.middle, 0.0), top - bottom
         return [slab(unit, centre, (size[0], height, size[1]), spec.seat_color, bevel=bevel)]

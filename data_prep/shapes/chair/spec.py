@@ -18,9 +18,9 @@ Family = Literal[
     "four-leg", "pedestal", "sled", "rocker", "cantilever", "armchair", "stool", "bar-stool"
 ]
 Back = Literal["none", "solid", "slatted", "spindle", "ladder", "curved"]
-Seat = Literal["square", "rounded", "round", "trapezoid"]
-Base = Literal["legs", "star-5", "star-4", "disc"]
-Stretchers = Literal["none", "sides", "h", "box"]
+_Seat = Literal["square", "rounded", "round", "trapezoid"]
+_Base = Literal["legs", "star-5", "star-4", "disc"]
+_Stretchers = Literal["none", "sides", "h", "box"]
 
 BACKS: tuple[Back, ...] = get_args(Back)
 
@@ -49,10 +49,10 @@ class ChairSpec:
 
     family: Family
     back: Back
-    seat: Seat
-    base: Base
+    seat: _Seat
+    base: _Base
     legs: int
-    stretchers: Stretchers
+    stretchers: _Stretchers
     round_legs: bool
     posts: bool
     cushion: bool
@@ -93,7 +93,7 @@ FAMILY_WEIGHTS: dict[Family, float] = {
     "stool": 0.07,
     "bar-stool": 0.09,
 }
-BACK_WEIGHTS: dict[Family, dict[Back, float]] = {
+_BACK_WEIGHTS: dict[Family, dict[Back, float]] = {
     "four-leg": {"solid": 0.25, "slatted": 0.22, "spindle": 0.17, "ladder": 0.20, "curved": 0.16},
     "pedestal": {"solid": 0.55, "curved": 0.45},
     "sled": {"solid": 0.45, "curved": 0.30, "ladder": 0.15, "slatted": 0.10},
@@ -103,7 +103,7 @@ BACK_WEIGHTS: dict[Family, dict[Back, float]] = {
     "stool": {"none": 1.0},
     "bar-stool": {"none": 0.40, "solid": 0.20, "curved": 0.25, "ladder": 0.15},
 }
-SEAT_WEIGHTS: dict[Family, dict[Seat, float]] = {
+_SEAT_WEIGHTS: dict[Family, dict[_Seat, float]] = {
     "four-leg": {"square": 0.35, "rounded": 0.25, "trapezoid": 0.30, "round": 0.10},
     "pedestal": {"square": 0.25, "rounded": 0.50, "round": 0.25},
     "sled": {"square": 0.50, "rounded": 0.50},
@@ -113,18 +113,23 @@ SEAT_WEIGHTS: dict[Family, dict[Seat, float]] = {
     "stool": {"round": 0.50, "square": 0.30, "rounded": 0.20},
     "bar-stool": {"round": 0.45, "rounded": 0.30, "square": 0.25},
 }
-BASE_WEIGHTS: dict[Family, dict[Base, float]] = {
+_BASE_WEIGHTS: dict[Family, dict[_Base, float]] = {
     "pedestal": {"star-5": 0.60, "star-4": 0.22, "disc": 0.18},
     "bar-stool": {"legs": 0.60, "disc": 0.40},
 }
-STRETCHER_WEIGHTS: dict[Family, dict[Stretchers, float]] = {
+_STRETCHER_WEIGHTS: dict[Family, dict[_Stretchers, float]] = {
     "four-leg": {"none": 0.40, "sides": 0.15, "h": 0.25, "box": 0.20},
     "rocker": {"none": 0.20, "sides": 0.20, "h": 0.60},
     "stool": {"none": 0.40, "box": 0.60},
     "bar-stool": {"box": 1.0},
 }
-ARM_CHANCE: dict[Family, float] = {"four-leg": 0.25, "pedestal": 0.45, "sled": 0.30, "rocker": 0.75}
-CUSHION_CHANCE: dict[Family, float] = {
+_ARM_CHANCE: dict[Family, float] = {
+    "four-leg": 0.25,
+    "pedestal": 0.45,
+    "sled": 0.30,
+    "rocker": 0.75,
+}
+_CUSHION_CHANCE: dict[Family, float] = {
     "four-leg": 0.30,
     "pedestal": 0.50,
     "sled": 0.40,
@@ -134,8 +139,8 @@ CUSHION_CHANCE: dict[Family, float] = {
     "stool": 0.30,
     "bar-stool": 0.45,
 }
-APRON_CHANCE: dict[Family, float] = {"four-leg": 0.45, "stool": 0.35}
-POST_CHANCE: dict[Back, float] = {
+_APRON_CHANCE: dict[Family, float] = {"four-leg": 0.45, "stool": 0.35}
+_POST_CHANCE: dict[Back, float] = {
     "solid": 0.55,
     "slatted": 0.75,
     "spindle": 0.35,
@@ -179,7 +184,7 @@ PROPORTIONS: dict[Family, Proportions] = {
     ),
 }
 
-FRAME_WEIGHTS: dict[Family, dict[str, float]] = {
+_FRAME_WEIGHTS: dict[Family, dict[str, float]] = {
     "four-leg": {"wood": 0.75, "paint": 0.17, "dark-metal": 0.08},
     "pedestal": {"dark-metal": 0.75, "chrome": 0.25},
     "sled": {"chrome": 0.75, "dark-metal": 0.25},
@@ -191,7 +196,7 @@ FRAME_WEIGHTS: dict[Family, dict[str, float]] = {
 }
 # The seat's material; "frame" repeats the frame's colour. The second table holds where the seat is
 # upholstered and the first one names hard materials.
-SEAT_COLOR_WEIGHTS: dict[Family, dict[str, float]] = {
+_SEAT_COLOR_WEIGHTS: dict[Family, dict[str, float]] = {
     "four-leg": {"frame": 0.60, "upholstery": 0.20, "leather": 0.10, "wood": 0.10},
     "pedestal": {"office-fabric": 0.75, "leather": 0.25},
     "sled": {"leather": 0.55, "plastic": 0.25, "wood": 0.20},
@@ -201,7 +206,7 @@ SEAT_COLOR_WEIGHTS: dict[Family, dict[str, float]] = {
     "stool": {"frame": 0.60, "wood": 0.15, "plastic": 0.25},
     "bar-stool": {"plastic": 0.60, "leather": 0.40},
 }
-CUSHION_COLOR_WEIGHTS: dict[Family, dict[str, float]] = {
+_CUSHION_COLOR_WEIGHTS: dict[Family, dict[str, float]] = {
     "four-leg": {"upholstery": 0.70, "leather": 0.30},
     "rocker": {"upholstery": 1.0},
     "sled": {"leather": 1.0},
@@ -209,7 +214,7 @@ CUSHION_COLOR_WEIGHTS: dict[Family, dict[str, float]] = {
     "stool": {"upholstery": 0.50, "leather": 0.50},
 }
 # How often the back has the seat's colour; otherwise it has the frame's.
-BACK_LIKE_SEAT: dict[Back, float] = {
+_BACK_LIKE_SEAT: dict[Back, float] = {
     "none": 1.0,
     "solid": 0.80,
     "curved": 0.80,
@@ -226,27 +231,27 @@ def draw_chair_spec(rng: np.random.Generator) -> ChairSpec:
 
 def draw_spec_of(rng: np.random.Generator, family: Family) -> ChairSpec:
     """Return a chair of this family at random."""
-    back = pick(rng, BACK_WEIGHTS[family])
-    seat = pick(rng, SEAT_WEIGHTS[family])
-    base: Base = pick(rng, BASE_WEIGHTS[family]) if family in BASE_WEIGHTS else "legs"
-    stretchers: Stretchers = (
-        pick(rng, STRETCHER_WEIGHTS[family]) if family in STRETCHER_WEIGHTS else "none"
+    back = pick(rng, _BACK_WEIGHTS[family])
+    seat = pick(rng, _SEAT_WEIGHTS[family])
+    base: _Base = pick(rng, _BASE_WEIGHTS[family]) if family in _BASE_WEIGHTS else "legs"
+    stretchers: _Stretchers = (
+        pick(rng, _STRETCHER_WEIGHTS[family]) if family in _STRETCHER_WEIGHTS else "none"
     )
     legs = 3 if family == "stool" and seat == "round" and chance(rng, 0.5) else 4
-    cushion = chance(rng, CUSHION_CHANCE[family])
-    apron = chance(rng, APRON_CHANCE.get(family, 0.0))
-    posts = chance(rng, POST_CHANCE.get(back, 0.0))
-    arms = chance(rng, ARM_CHANCE.get(family, 0.0)) and seat != "round"
+    cushion = chance(rng, _CUSHION_CHANCE[family])
+    apron = chance(rng, _APRON_CHANCE.get(family, 0.0))
+    posts = chance(rng, _POST_CHANCE.get(back, 0.0))
+    arms = chance(rng, _ARM_CHANCE.get(family, 0.0)) and seat != "round"
 
     # A disc is cast or spun: a bar stool on one is never of wood.
-    metal = FRAME_WEIGHTS["pedestal"] if base == "disc" else FRAME_WEIGHTS[family]
+    metal = _FRAME_WEIGHTS["pedestal"] if base == "disc" else _FRAME_WEIGHTS[family]
     frame_color = shade_of(rng, metal)
-    if cushion and family in CUSHION_COLOR_WEIGHTS:
-        seat_material = pick(rng, CUSHION_COLOR_WEIGHTS[family])
+    if cushion and family in _CUSHION_COLOR_WEIGHTS:
+        seat_material = pick(rng, _CUSHION_COLOR_WEIGHTS[family])
     else:
-        seat_material = pick(rng, SEAT_COLOR_WEIGHTS[family])
+        seat_material = pick(rng, _SEAT_COLOR_WEIGHTS[family])
     seat_color = frame_color if seat_material == "frame" else shade(rng, seat_material)
-    back_color = seat_color if chance(rng, BACK_LIKE_SEAT[back]) else frame_color
+    back_color = seat_color if chance(rng, _BACK_LIKE_SEAT[back]) else frame_color
     if family == "armchair":
         back_color = seat_color if chance(rng, 0.75) else shade(rng, "upholstery")
 

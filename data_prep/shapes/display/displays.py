@@ -32,9 +32,9 @@ from data_prep.shapes.solids import (
     turned,
 )
 
-OFFICE = {"black": 0.60, "silver": 0.18, "grey": 0.10, "white": 0.07, "beige": 0.05}
-LIVING = {"black": 0.72, "silver": 0.18, "grey": 0.10}
-SCREEN_ON = {"off": 0.48, "glare": 0.24, "lit": 0.28}
+_OFFICE = {"black": 0.60, "silver": 0.18, "grey": 0.10, "white": 0.07, "beige": 0.05}
+_LIVING = {"black": 0.72, "silver": 0.18, "grey": 0.10}
+_SCREEN_ON = {"off": 0.48, "glare": 0.24, "lit": 0.28}
 
 
 def _monitor_head(rng: np.random.Generator) -> Head:
@@ -62,7 +62,7 @@ def _stood(head_parts: list[Part], y: float, tilt_rad: float, under: list[Part])
 def monitor(rng: np.random.Generator) -> list[Part]:
     """Return a flat or curved head on a column and a foot."""
     head = _monitor_head(rng)
-    look = draw_look(rng, OFFICE, SCREEN_ON)
+    look = draw_look(rng, _OFFICE, _SCREEN_ON)
     portrait = chance(rng, 0.06)
     tilt = math.radians(uniform(rng, (0.0, 12.0)))
     curved = head.width > 2 * head.height and chance(rng, 0.7)
@@ -92,7 +92,7 @@ def television(rng: np.random.Generator) -> list[Part]:
     """Return a wide head on a pedestal, on two feet or on a wall."""
     width = uniform(rng, (0.75, 1.50))
     height = width * uniform(rng, (0.56, 0.62))
-    look = draw_look(rng, LIVING, SCREEN_ON)
+    look = draw_look(rng, _LIVING, _SCREEN_ON)
     chin = uniform(rng, (0.03, 0.09)) * width if chance(rng, 0.35) else 0.0
     head = Head(
         width=width,
@@ -145,7 +145,7 @@ def all_in_one(rng: np.random.Generator) -> list[Part]:
     """Return a computer behind its screen: a thin case with a chin, on a bent sheet of metal."""
     width = uniform(rng, (0.46, 0.66))
     height = width * uniform(rng, (0.60, 0.66))
-    look = draw_look(rng, {"silver": 0.62, "white": 0.26, "black": 0.12}, SCREEN_ON)
+    look = draw_look(rng, {"silver": 0.62, "white": 0.26, "black": 0.12}, _SCREEN_ON)
     look = replace(look, stand=look.case)
     head = Head(
         width=width,
@@ -183,7 +183,7 @@ def monitor_pair(rng: np.random.Generator) -> list[Part]:
     head = replace(_monitor_head(rng), bulge_share=0.45)
     if head.width > 1.8 * head.height:
         head = replace(head, width=1.7 * head.height)
-    look = draw_look(rng, OFFICE, SCREEN_ON)
+    look = draw_look(rng, _OFFICE, _SCREEN_ON)
     yaw = math.radians(uniform(rng, (4.0, 22.0)))
     top = uniform(rng, (0.018, 0.030))
     y = uniform(rng, (0.10, 0.18)) + head.height / 2

@@ -25,12 +25,12 @@ from data_prep.shapes.solids import (
     tube,
 )
 
-TUBE_LIT = {"tube": 0.60, "off": 0.15, "lit": 0.25}
+_TUBE_LIT = {"tube": 0.60, "off": 0.15, "lit": 0.25}
 
 
 def tube_monitor(rng: np.random.Generator) -> list[Part]:
     """Return a computer's tube on a swivel foot, or a television's without one."""
-    look = draw_look(rng, {"beige": 0.52, "grey": 0.16, "black": 0.22, "white": 0.10}, TUBE_LIT)
+    look = draw_look(rng, {"beige": 0.52, "grey": 0.16, "black": 0.22, "white": 0.10}, _TUBE_LIT)
     width = uniform(rng, (0.34, 0.46))
     height = width * uniform(rng, (0.80, 0.94))
     depth = width * uniform(rng, (0.85, 1.08))

@@ -31,7 +31,7 @@ from data_prep.shapes.solids import (
     tube,
 )
 
-FLOOR_KINDS = {"shaded": 0.32, "tripod": 0.16, "torchiere": 0.20, "arc": 0.20, "lantern": 0.12}
+_FLOOR_KINDS = {"shaded": 0.32, "tripod": 0.16, "torchiere": 0.20, "arc": 0.20, "lantern": 0.12}
 
 
 def _disc(radius: float, height: float, color: Color) -> Part:
@@ -89,7 +89,7 @@ def bedside(rng: np.random.Generator) -> list[Part]:
 
 def floor(rng: np.random.Generator) -> list[Part]:
     """Return a lamp as tall as a person: shade on pole or tripod, bowl, bow, or paper lantern."""
-    kind = pick(rng, FLOOR_KINDS)
+    kind = pick(rng, _FLOOR_KINDS)
     height = uniform(rng, (1.05, 1.55))
     metal, pole = tint(rng, METAL), uniform(rng, (0.010, 0.020))
     if kind == "arc":

@@ -21,14 +21,14 @@ from data_prep.shapes.solids import (
     turned,
 )
 
-IRON = {"cast-iron": 0.85, "galvanised": 0.15}
+_IRON = {"cast-iron": 0.85, "galvanised": 0.15}
 
 
 def lamp_post(rng: np.random.Generator) -> list[Part]:
     """Return a pole with a lantern, with globes, or with flat heads on long arms."""
     head = pick(rng, {"cobra": 0.36, "lantern": 0.34, "globes": 0.30})
     height = uniform(rng, (3.0, 4.6)) + (1.6 if head == "cobra" else 0.0)
-    metal = tint(rng, {"galvanised": 0.8, "cast-iron": 0.2} if head == "cobra" else IRON)
+    metal = tint(rng, {"galvanised": 0.8, "cast-iron": 0.2} if head == "cobra" else _IRON)
     glass = tint(rng, {"milk-glass": 0.75, "amber": 0.25})
     foot, thin = uniform(rng, (0.08, 0.12)), uniform(rng, (0.045, 0.06))
     plinth = uniform(rng, (0.3, 0.8))

@@ -17,7 +17,7 @@ from data_prep.shapes.solids import Color, Part
 
 Place = tuple[float, float, float]
 
-CONE_WEIGHTS = {"paper": 0.50, "metal": 0.22, "kevlar": 0.12, "white": 0.08, "copper": 0.08}
+_CONE_WEIGHTS = {"paper": 0.50, "metal": 0.22, "kevlar": 0.12, "white": 0.08, "copper": 0.08}
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Drivers:
 
 def draw_drivers(rng: np.random.Generator, cabinet: Color, woofers: int) -> Drivers:
     """Return drivers for a cabinet of this colour; its baffle is black, or of the same colour."""
-    cone = shade_of(rng, CONE_WEIGHTS, LOUDSPEAKER_CONES)
+    cone = shade_of(rng, _CONE_WEIGHTS, LOUDSPEAKER_CONES)
     ring = shade(rng, LOUDSPEAKER["rubber"])
     baffle = (
         cabinet if chance(rng, 0.45) else shade(rng, ((40, 40, 42), (54, 54, 56), (30, 30, 32)))

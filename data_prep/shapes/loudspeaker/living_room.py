@@ -24,7 +24,7 @@ from data_prep.shapes.solids import (
     slab,
 )
 
-CABINET_WEIGHTS = {
+_CABINET_WEIGHTS = {
     "bookshelf": {"wood": 0.48, "black": 0.37, "gloss": 0.15},
     "tower": {"wood": 0.45, "black": 0.38, "gloss": 0.17},
     "stand": {"wood": 0.50, "black": 0.35, "gloss": 0.15},
@@ -36,7 +36,7 @@ CABINET_WEIGHTS = {
 
 def cabinet_color(rng: np.random.Generator, family: str) -> Color:
     """Return veneer, black or painted, as often as in the family."""
-    return shade_of(rng, CABINET_WEIGHTS[family], LOUDSPEAKER)
+    return shade_of(rng, _CABINET_WEIGHTS[family], LOUDSPEAKER)
 
 
 def cabinet(plan: Floats, size: tuple[float, float, float], low: float, color: Color) -> Part:

@@ -30,7 +30,7 @@ from data_prep.shapes.solids import (
 )
 
 SECTION = rounded(rectangle(1.0, 1.0), 0.2, steps=1)  # a square without its corners
-KNOB = rounded(rectangle(0.018, 0.018), 0.005, steps=1)
+_KNOB = rounded(rectangle(0.018, 0.018), 0.005, steps=1)
 
 
 tint = partial(shade_of, palette=RIFLE)
@@ -105,7 +105,7 @@ def scope(y: float, floor_y: float, rear_z: float, length: float, color: Color) 
         z = rear_z - share * length
         parts.append(box((0, (y + floor_y) / 2, z), (0.014, y - floor_y, 0.022), color))
     middle = rear_z - 0.48 * length
-    knob = post((0, y, middle), (0, y + 0.026, middle), KNOB, KNOB, color)
+    knob = post((0, y, middle), (0, y + 0.026, middle), _KNOB, _KNOB, color)
     return [*parts, knob]
 
 

@@ -17,10 +17,10 @@ from data_prep.shapes.palettes import shade, shade_of
 from data_prep.shapes.random_choices import chance, pick, uniform
 from data_prep.shapes.solids import Color, Part, polygon, rectangle, rounded
 
-SUNK = 0.012  # m, by which a cushion sinks into what it lies on
+_SUNK = 0.012  # m, by which a cushion sinks into what it lies on
 
 # What a family is covered with, as weights.
-COVERS: dict[str, dict[str, float]] = {
+_COVERS: dict[str, dict[str, float]] = {
     "box-arm": {"upholstery": 0.62, "leather": 0.28, "office-fabric": 0.10},
     "rolled-arm": {"upholstery": 0.38, "leather": 0.62},
     "sectional": {"upholstery": 0.60, "leather": 0.28, "office-fabric": 0.12},
@@ -71,7 +71,7 @@ class SofaSpec:
     @property
     def sitting(self) -> float:
         """Return the height of the seat."""
-        return self.deck + self.thick - SUNK
+        return self.deck + self.thick - _SUNK
 
     def back_front(self, y: float) -> float:
         """Return z of the back's front at a height."""
@@ -88,7 +88,7 @@ def draw_sofa_spec(rng: np.random.Generator, family: str) -> SofaSpec:
     deck = uniform(rng, (0.25, 0.32))
     thick = uniform(rng, (0.10, 0.19))
     sitting = deck + thick
-    body = shade_of(rng, COVERS[family])
+    body = shade_of(rng, _COVERS[family])
     return SofaSpec(
         seats=seats,
         seat=seat,
@@ -125,7 +125,7 @@ def seat_cushions(
     width = (x[1] - x[0]) / count
     soft = 0.32 * spec.thick
     size = (width - 0.008, spec.thick, z[1] - z[0])
-    y = spec.deck - SUNK + spec.thick / 2
+    y = spec.deck - _SUNK + spec.thick / 2
     centres = [(x[0] + (k + 0.5) * width, y, (z[0] + z[1]) / 2) for k in range(count)]
     return [cushion(centre, size, spec.cushions, soft=soft, corner=0.07) for centre in centres]
 

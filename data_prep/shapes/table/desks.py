@@ -11,7 +11,7 @@ from data_prep.shapes.palettes import shade, shade_of
 from data_prep.shapes.random_choices import chance, pick, uniform
 from data_prep.shapes.solids import Color, Part, box, post, rectangle, rounded, sheet, slab
 
-PROUD = 0.014  # m, by which fronts and handles stand out of what carries them
+_PROUD = 0.014  # m, by which fronts and handles stand out of what carries them
 
 
 def _plate(
@@ -32,9 +32,9 @@ def _drawers(
     middle, width = (x[0] + x[1]) / 2, x[1] - x[0] - 2 * gap
     for row in range(rows):
         at = y[0] + gap / 2 + (row + 0.5) * height
-        parts.append(box((middle, at, z), (width, height - gap, 2 * PROUD), color))
-        grip = (0.32 * width, 0.020, 3 * PROUD)
-        parts.append(box((middle, at + 0.1 * height, z - PROUD), grip, handle))
+        parts.append(box((middle, at, z), (width, height - gap, 2 * _PROUD), color))
+        grip = (0.32 * width, 0.020, 3 * _PROUD)
+        parts.append(box((middle, at + 0.1 * height, z - _PROUD), grip, handle))
     return parts
 
 

@@ -14,7 +14,7 @@ CLOTH = 0.008  # thickness of a sail, in lengths of the hull
 # Corners of a sail's section, on its two sides, at its ends and its middle. The fan that caps the
 # first and the last section begins in the middle: from an end it would have a face without area.
 SIDES = ((5, 4), (0, 3), (1, 2))
-SHARES = np.linspace(0.0, 1.0, 5)  # of a sail's height, at its sections
+_SHARES = np.linspace(0.0, 1.0, 5)  # of a sail's height, at its sections
 
 
 def house(
@@ -61,10 +61,10 @@ def fore_and_aft_sail(low: ArrayLike, high: ArrayLike, belly: float, color: Colo
     """
     edges = np.asarray([low, high], dtype=np.float64)
     points = np.zeros((5, 3, 3))
-    for ring, share in zip(points, SHARES, strict=True):
+    for ring, share in zip(points, _SHARES, strict=True):
         front, rear = edges[0] + share * (edges[1] - edges[0])
         ring[:, 1:] = [front + along * (rear - front) for along in (0.0, 0.4, 1.0)]
-    points[:, 1, 0] = [belly * math.sin(math.pi * share) for share in SHARES]
+    points[:, 1, 0] = [belly * math.sin(math.pi * share) for share in _SHARES]
     return _sail(points, (CLOTH / 2, 0.0, 0.0), color)
 
 
@@ -73,7 +73,7 @@ def square_sail(
 ) -> Part:
     """Return a sail across the ship between two heights, blown `belly` forward in its middle."""
     points = np.zeros((5, 3, 3))
-    for ring, share in zip(points, SHARES, strict=True):
+    for ring, share in zip(points, _SHARES, strict=True):
         half = half_widths[0] + share * (half_widths[1] - half_widths[0])
         ring[:, 0] = (-half, 0.0, half)
         ring[:, 1] = y[0] + share * (y[1] - y[0])
