@@ -44,7 +44,7 @@ def check_opacity(path: Path) -> None:
 
 
 def _frame_ms(frames: int) -> int:
-    """Return the milliseconds of a frame, at least _LEAST_MS, that make a turn of about _TURN_MS."""
+    """Return the milliseconds of a frame, at least _LEAST_MS: a turn takes about _TURN_MS."""
     return max(_LEAST_MS, round(_TURN_MS / frames / _GIF_MS) * _GIF_MS)
 
 
