@@ -5,24 +5,16 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import fields
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from bench.catalogue.chosen import budget_ms_of
 from bench.catalogue.method import allow_modules
-from bench.catalogue.methods import RECOMMENDED
-from bench.commands.options import (
-    DEVICE,
-    Device,
-    OptionSpec,
-    options_from_dataclass,
-    path_argument,
-)
+from bench.commands.options import OptionSpec, options_from_dataclass, path_argument
 from bench.rendering.batch import image_of_cloud, images_of_clouds
 from bench.rendering.cloud import (
     CloudFile,
@@ -48,21 +40,13 @@ _SHEET_SCALE = 2
 CLOUD = "cloud"  # the label of the dots
 
 
-@dataclass(frozen=True)
-class _RenderResult:
+class _RenderResult(NamedTuple):
     """The result of `bench render`.
 
-    Attributes
-    ----------
-    images : tuple of Path
-        The images that were written.
-    failed : tuple of str
-        A line for each cloud that cannot be used, and for each method that failed.
-    without_image : int
-        Number of clouds that have no image: not usable, or all methods failed.
-    notes : tuple of str
-        A line for each part of a file that is not used, for the method that a budget
-        chose, and for methods that know chairs only.
+    images         that were written
+    failed         a line for each cloud that cannot be used, and for each method that failed
+    without_image  number of clouds that are not usable, or whose methods all failed
+    notes          lines on parts of files that are not used, and on the methods
     """
 
     images: tuple[Path, ...]
@@ -185,45 +169,9 @@ def _finished(drawn: Mapping[Wanted, Drawn], options: RenderOptions) -> NDArray[
     return draw_sheet(tiles, columns_of(len(tiles)), _SHEET_SCALE)
 
 
-def _budget_ms(text: str | None) -> float | None:
-    return None if text is None else budget_ms_of(text)
-
-
-_RENDER_OPTIONS: dict[str, str | OptionSpec] = {
-    "method": "Method, see 'bench list'; several, comma-separated, make a sheet. Default: "
-    f"{RECOMMENDED}, for any object.",
-    "budget": OptionSpec(
-        "Time for one image of a new cloud, which chooses the method by measured costs and scores. "
-        "Default: no limit.",
-        metavar="50ms|0.2s",
-        kind=str | None,
-        convert=_budget_ms,
-    ),
-    "out": OptionSpec(
-        "Image file, .png; or a turntable, .gif, .webp, .apng; of several clouds a folder, where "
-        "images are replaced. Default: beside the cloud, with its name and .png.",
-        flag="--out -o",
-    ),
-    "azimuth": "Azimuth in degrees; 0 is the front.",
-    "elevation": "Elevation in degrees, -90 to 90; 0 is level.",
-    "frames": "Images of a turntable, from the azimuth all around. Default: 36.",
-    "size": "Width and height in pixels, 16 to 2048, resampled. Default: 128, as drawn.",
-    "background": "White, or transparent pixels (.png, .apng or .webp).",
-    "colour": "The method's colours; those that a network invents; or, with --method splat, those "
-    "of the file.",
-    "up": "Axis of the file that points up, -x to z; z for most scans. Default: y.",
-    "front": "Axis of the file to the front. Default: -z, or -y where z is up.",
-    "points": "Points at most, chosen at random. Default: all; 2048 of the surface of a mesh.",
-    "drop_invalid": "Leave out points that are not finite, and print how many. Default: refuse "
-    "them.",
-    "drop_far": "Leave out points far from all others, and print how many. Default: draw them, "
-    "and print it.",
-    "device": OptionSpec(DEVICE, kind=Device),
-    "as_is": "Keep scale and place. Default: move the cloud into the unit sphere.",
-}
-
-
-@options_from_dataclass(RenderOptions, _RENDER_OPTIONS)
+@options_from_dataclass(
+    RenderOptions, {option.name: OptionSpec(**option.metadata) for option in fields(RenderOptions)}
+)
 def render_clouds(
     options: RenderOptions,
     clouds: Annotated[

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
+from bench.catalogue.chosen import budget_ms_of
+from bench.catalogue.methods import RECOMMENDED
 from bench.rendering.choice import methods_to_draw, note_on_budget, note_on_chairs
 from bench.rendering.cloud import CloudFile, Notes, check_draws_colours, make_view
 from bench.rendering.files import MOVING, check_opacity, moves
@@ -18,55 +20,79 @@ from data_prep.scene import IMAGE_SIZE, View
 
 _FRAMES = 36
 _MOST_FRAMES = 120  # steps of 3 degrees; a sheet of ten methods takes 300 MB
-MOST_PIXELS = 2**25  # of a turntable of another size: 100 MB, and ten times as many for a GIF
+_MOST_PIXELS = 2**25  # of a turntable of another size: 100 MB, and ten times as many for a GIF
+
+
+def _option(default: Any, help: str, **parts: Any) -> Any:
+    """Return a field with the parts of its option, `bench.commands.options.OptionSpec`."""
+    return field(default=default, metadata={"help": help, **parts})
 
 
 @dataclass(frozen=True)
 class RenderOptions:
-    """The options of `bench render`.
+    """The options of `bench render`, each with its help."""
 
-    Attributes
-    ----------
-    method : tuple of str
-        Methods; several make a sheet. None: one within the budget, or the recommended one.
-    out : Path or None
-        An image, or a turntable by its name; None: beside the cloud, with its name and .png. Of
-        several clouds the folder of the images.
-    azimuth, elevation : float
-        Degrees.
-    frames : int or None
-        Images of a turntable, which begins at the azimuth and goes all around; None: FRAMES.
-    size : int or None
-        Width and height of the image in pixels; None: as drawn.
-    background : str
-        "white", or "transparent" for an image with an opacity.
-    colour : str
-        "method" for the method's colours, "invented" for those that a network makes up, or "file"
-        for points in the colours of the file.
-    budget : float or None
-        Most milliseconds for one image of a new cloud, which choose the method.
-    up : str or None
-        As in `bench.rendering.cloud.CloudFile`; None: y, and a note where z looks right.
-    front, points, drop_invalid, drop_far, as_is
-        See `bench.rendering.cloud.CloudFile`.
-    """
-
-    method: tuple[str, ...] | None = None
-    out: Path | None = None
-    azimuth: float = 30.0
-    elevation: float = 20.0
-    frames: int | None = None
-    size: int | None = None
-    background: Literal["white", "transparent"] = "white"
-    colour: Literal["method", "invented", "file"] = "method"
-    budget: float | None = None
-    up: str | None = None
-    front: str | None = None
-    points: int | None = None
-    drop_invalid: bool = False
-    drop_far: bool = False
-    device: str = "auto"
-    as_is: bool = False
+    method: tuple[str, ...] | None = _option(
+        None,
+        "Method, see 'bench list'; several, comma-separated, make a sheet. Default: "
+        f"{RECOMMENDED}, for any object.",
+    )
+    budget: float | None = _option(  # in milliseconds
+        None,
+        "Time for one image of a new cloud, which chooses the method by measured costs and scores. "
+        "Default: no limit.",
+        metavar="50ms|0.2s",
+        kind=str | None,
+        convert=lambda text: None if text is None else budget_ms_of(text),
+    )
+    out: Path | None = _option(  # noqa: RUF009
+        None,
+        "Image file, .png; or a turntable, .gif, .webp, .apng; of several clouds a folder, where "
+        "images are replaced. Default: beside the cloud, with its name and .png.",
+        flag="--out -o",
+    )
+    azimuth: float = _option(30.0, "Azimuth in degrees; 0 is the front.")
+    elevation: float = _option(20.0, "Elevation in degrees, -90 to 90; 0 is level.")
+    frames: int | None = _option(
+        None, f"Images of a turntable, from the azimuth all around. Default: {_FRAMES}."
+    )
+    size: int | None = _option(
+        None,
+        f"Width and height in pixels, {LEAST_SIZE} to {MOST_SIZE}, resampled. Default: "
+        f"{IMAGE_SIZE}, as drawn.",
+    )
+    background: Literal["white", "transparent"] = _option(
+        "white", "White, or transparent pixels (.png, .apng or .webp)."
+    )
+    colour: Literal["method", "invented", "file"] = _option(
+        "method",
+        "The method's colours; those that a network invents; or, with --method splat, those of the "
+        "file.",
+    )
+    up: str | None = _option(
+        None, "Axis of the file that points up, -x to z; z for most scans. Default: y."
+    )
+    front: str | None = _option(
+        None, "Axis of the file to the front. Default: -z, or -y where z is up."
+    )
+    points: int | None = _option(
+        None, "Points at most, chosen at random. Default: all; 2048 of the surface of a mesh."
+    )
+    drop_invalid: bool = _option(
+        False,
+        "Leave out points that are not finite, and print how many. Default: refuse them.",
+    )
+    drop_far: bool = _option(
+        False,
+        "Leave out points far from all others, and print how many. Default: draw them, and print "
+        "it.",
+    )
+    device: Literal["auto", "cpu", "cuda"] = _option(
+        "auto", "Where networks run; auto: on a GPU if there is one."
+    )
+    as_is: bool = _option(
+        False, "Keep scale and place. Default: move the cloud into the unit sphere."
+    )
 
     @property
     def methods(self) -> tuple[str, ...]:
@@ -77,37 +103,42 @@ class RenderOptions:
 def check(options: RenderOptions, out: Path) -> None:
     """Raise BadInput for options that are wrong whatever the file holds and the methods do."""
     is_turntable = moves(out)  # raises BadInput for the name of another kind of file
-    if options.frames is not None and not is_turntable:
-        raise BadInput(
-            f"--frames {options.frames}: {out} is one image; give a turntable's name, "
-            f"{' or '.join(MOVING)}"
-        )
-    if options.frames is not None and not 2 <= options.frames <= _MOST_FRAMES:
-        raise BadInput(f"--frames {options.frames}: must be 2 to {_MOST_FRAMES}")
-    if options.points is not None and options.points < 1:
-        raise BadInput(f"--points {options.points}: must be at least 1")
-    _check_finish(options, out, is_turntable)
-    upright(np.empty((0, 3)), options.up or "y", options.front)
-
-
-def _check_finish(options: RenderOptions, out: Path, is_turntable: bool) -> None:
-    """Raise BadInput for a size, a background or colours that these images cannot have."""
-    size, sheet = options.size, len(options.methods) > 1
-    if size is not None and not LEAST_SIZE <= size <= MOST_SIZE:
-        raise BadInput(f"--size {size}: must be {LEAST_SIZE} to {MOST_SIZE}")
-    if size is not None and sheet:
-        raise BadInput(f"--size {size}: a sheet of several methods has its own; give one method")
-    frames = (options.frames or _FRAMES) if is_turntable else 1
-    if size is not None and frames * size**2 > MOST_PIXELS:
-        most = int((MOST_PIXELS / frames) ** 0.5)
-        raise BadInput(f"--size {size}: at most {most} with {frames} frames; give less of either")
-    if options.background == "transparent":
+    size, frames, points = options.size, options.frames, options.points
+    shown = max(1, frames or _FRAMES) if is_turntable else 1
+    sheet, transparent = len(options.methods) > 1, options.background == "transparent"
+    for wrong, text in (
+        (
+            frames is not None and not is_turntable,
+            f"--frames {frames}: {out} is one image; give a turntable's name, "
+            f"{' or '.join(MOVING)}",
+        ),
+        (
+            frames is not None and not 2 <= frames <= _MOST_FRAMES,
+            f"--frames {frames}: must be 2 to {_MOST_FRAMES}",
+        ),
+        (points is not None and points < 1, f"--points {points}: must be at least 1"),
+        (
+            size is not None and not LEAST_SIZE <= size <= MOST_SIZE,
+            f"--size {size}: must be {LEAST_SIZE} to {MOST_SIZE}",
+        ),
+        (
+            size is not None and sheet,
+            f"--size {size}: a sheet of several methods has its own; give one method",
+        ),
+        (
+            size is not None and shown * size**2 > _MOST_PIXELS,
+            f"--size {size}: at most {int((_MOST_PIXELS / shown) ** 0.5)} with {shown} frames; "
+            "give less of either",
+        ),
+        (transparent and sheet, "--background transparent: a sheet is white; give one method"),
+    ):
+        if wrong:
+            raise BadInput(text)
+    if transparent:
         check_opacity(out)
-        if sheet:
-            raise BadInput("--background transparent: a sheet is white; give one method")
-    if options.colour == "file":
-        for method in options.methods:
-            check_draws_colours(method)
+    for method in options.methods if options.colour == "file" else ():
+        check_draws_colours(method)
+    upright(np.empty((0, 3)), options.up or "y", options.front)
 
 
 def views_of(options: RenderOptions, out: Path) -> tuple[View, ...]:
