@@ -1,4 +1,4 @@
-"""Generated inputs for every method and metric: a value, an invariant, or a named failure in time.
+"""Generated clouds for every method: images, the same again, or a named failure in time.
 
 Methods draw in a worker, so that a crash, a hang and too much memory are failures with a name, too.
 For a longer search raise EXAMPLES; pytest's `--hypothesis-seed` repeats one.
@@ -7,7 +7,6 @@ For a longer search raise EXAMPLES; pytest's `--hypothesis-seed` repeats one.
 from __future__ import annotations
 
 import math
-import warnings
 from contextlib import closing
 
 import numpy as np
@@ -16,9 +15,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from bench.catalogue.methods import find_method
-from bench.catalogue.metrics import JUDGE, metric_facts
-from bench.catalogue.metrics import METRICS as TABLE
-from bench.metrics.inception_weights import WeightsUnavailable
 from bench.running.isolation import TaskPool
 from bench.running.work import checked_images, draw, load_renderer, reason_of
 from bench.suites.stability.cases import CASES
@@ -29,13 +25,6 @@ from data_prep.datasets.registry import ProceduralObject
 from data_prep.failures import StageFailure
 from data_prep.randomness import generator
 from data_prep.scene import CLOUD_SIZE, PointCloud, View
-from tests.bench.metrics.metrics_by_id import (
-    ANGLES,
-    METRICS,
-    OF_FEATURES,
-    extractor,
-    rounding_of_frechet,
-)
 
 EXAMPLES = 25  # for each method and metric
 GENERATED = settings(  # what takes too long is ended by the worker's limit, or by pytest's
@@ -94,41 +83,6 @@ def many_rows(draw, columns, most, dtype="float32"):
             kind, step = draw(st.sampled_from(CHANGES)), draw(st.sampled_from(STEPS))
             rows = changed(rows, kind, draw(NUMBERS), column, step)
     return rows
-
-
-@st.composite
-def many_images(draw, shape):
-    """Images filled by bytes or by noise, with rectangles."""
-    filling = draw(st.sampled_from((b"\xff", b"\0")) | st.binary(min_size=1, max_size=12))
-    images = np.resize(np.frombuffer(filling, np.uint8), shape)
-    if draw(st.integers(0, 2)) == 0:
-        rng = np.random.default_rng(draw(st.integers(0, 2**16)))
-        images = rng.integers(0, 256, shape, dtype=np.uint8)
-    for _ in range(draw(st.integers(0, 3))):
-        top, left = draw(st.integers(0, 127)), draw(st.integers(0, 127))
-        height, width = draw(st.integers(1, 128)), draw(st.integers(1, 8))
-        images[:, top : top + height, left : left + width] = draw(st.integers(0, 255))
-    return images
-
-
-@st.composite
-def arrays_for(draw, metric):
-    """The two arrays of a metric."""
-    if metric in ANGLES:
-        answers = draw(many_rows(4, 8).filter(lambda rows: np.isfinite(rows).all()))
-        return answers, np.full(len(answers), draw(st.floats(-1e6, 1e6)))
-    if metric == "frechet-distance":
-        columns = draw(st.sampled_from((1, 2, 3, 8, 64)))
-        rows = many_rows(columns, 257, draw(st.sampled_from(("float16", "float32", "float64"))))
-        return draw(rows), draw(rows)
-    sides = st.tuples(st.integers(1, 70), st.integers(1, 70))
-    size = draw(st.just((128, 128)) | st.just((128, 128)) | sides)
-    count, other = draw(st.tuples(*[st.sampled_from((1, 1, 1, 2, 3, 0, 12))] * 2))
-    counts = count, other if draw(st.integers(0, 2)) == 0 else count
-    return tuple(draw(many_images((n, *size, 3))) for n in counts)
-
-
-# --- methods --------------------------------------------------------------------------------------
 
 
 class Strict:
@@ -206,58 +160,3 @@ def test_methods(pool, method, data):
     pool.submit((method, points, views, order_is_free))
     ((_, problem),) = pool.wait_any()  # or the failure of the worker
     assert problem == ""
-
-
-# --- metrics --------------------------------------------------------------------------------------
-
-# Silhouettes are drawn by the contrast of the true image.
-DIRECTED = ("ssim-object", "silhouette-iou", "thin-recall", "thin-precision", JUDGE, *ANGLES)
-DISTANCES = ("lpips", "dists", "flip", "frechet-distance", *OF_FEATURES)
-IN_RANGE = {m.id: (m.low, m.high) for m in TABLE.values()} | {
-    JUDGE: (1.0, 1.0),
-    ANGLES[0]: (0.0, 180.0),
-}
-
-
-def rounding(metric, first, second):
-    """Return how far rounding may move a value; networks compute in float32."""
-    if metric in OF_FEATURES:
-        first, second = extractor(metric)(first), extractor(metric)(second)
-    if metric in OF_FEATURES or metric == "frechet-distance":
-        return 2 * rounding_of_frechet(first, second)
-    return 0.01 if metric == "psnr" else 1e-5  # the largest PSNR has two digits
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("metric", METRICS)
-@GENERATED
-@given(data=st.data())
-def test_metrics(metric, data):
-    """A value in its range, the best of identical inputs, the same in either order, no warning."""
-    first, second = data.draw(arrays_for(metric))
-    function = METRICS[metric]
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", RuntimeWarning)
-        try:
-            values = np.atleast_1d(function(first, second))
-            reverse = values if metric in DIRECTED else np.atleast_1d(function(second, first))
-            same = np.atleast_1d(function(first, first.copy()))
-        except WeightsUnavailable as error:
-            pytest.skip(str(error))
-        except ValueError as error:
-            said = str(error)
-            assert said
-            return
-    low, high = IN_RANGE.get(metric, (0.0, math.inf))
-    within = rounding(metric, first, second)
-    undefined = bool(metric_facts(metric).undefined)
-    nothing = np.isnan(values) & undefined
-    assert (nothing | ((values >= low - within) & (values <= high + within))).all(), values
-    np.testing.assert_allclose(reverse, values, rtol=0, atol=within)
-    if metric in (JUDGE, *ANGLES):
-        return
-    best = 0.0 if metric in DISTANCES else high
-    if metric == "psnr":  # one level of one channel
-        best = 20 * math.log10(255) + 10 * math.log10(first[0].size)
-    same = same[~np.isnan(same)] if undefined else same
-    np.testing.assert_allclose(same, best, rtol=0, atol=rounding(metric, first, first))
