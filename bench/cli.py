@@ -19,7 +19,7 @@ from typing import Annotated, Any
 
 import typer
 
-from bench.commands.options import SETTINGS, USAGE_ERROR, Group
+from bench.commands.options import SETTINGS, USAGE_ERROR, Group, plain_message
 
 COMMANDS = {  # name: module and name in it, first line of its help
     "run": ("run:run", "Run a suite, or go on with a stopped run; print its tables."),
@@ -132,9 +132,10 @@ def _refused(error: Any) -> typer.Exit:
     if line := instead_of("option", option):
         print(f"bench: {line}", file=sys.stderr)
         return typer.Exit(2)
-    # Some Typers pass on what pydantic puts before the message of a ValueError.
-    message = error.format_message().rstrip(".").replace("Value error, ", "")
-    print(f"bench: {visible(message)}; see '{command} --help'", file=sys.stderr)
+    print(
+        f"bench: {visible(plain_message(error.format_message()))}; see '{command} --help'",
+        file=sys.stderr,
+    )
     return typer.Exit(2)
 
 

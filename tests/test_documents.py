@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -22,7 +21,6 @@ from bench.catalogue.suites import SUITES
 from bench.cli import app
 from data_prep.clouds.conditions import CONDITIONS
 from tests.test_shown_commands import BLOCK, shown, typed
-from tests.test_shown_commands import PAGES as RUN
 
 REPOSITORY = Path(__file__).parents[1]
 DOCS = REPOSITORY / "docs"
@@ -39,7 +37,6 @@ COMMANDS = [  # of whole pages, then of those on parts that the reader writes
     for page in (README, TUTORIAL, EXTENDING)
     for i, command in enumerate(map(typed, shown(page)))
 ]
-COMPARED = {*RUN, DOCS / "compare.md"}  # the latter by tests/bench/tables/test_verdict.py
 GITHUB = MarkdownIt("gfm-like", {"linkify": False})
 
 
@@ -47,17 +44,7 @@ def blocks(page: Path, language: str) -> list[str]:
     return [text for kind, text in BLOCK.findall(page.read_text()) if kind == language]
 
 
-# What begins a line of a block: a command, a comment, lines left out, or a line that goes on.
-COMMAND = re.compile(r"(bench|cd|make|pip|python|ray|torchrun|\.) |#|…|$| ")
 MODULE = re.compile(r"python -m ((?:studies|tests|bench)\.[\w.]+\w)")
-
-
-@pytest.mark.parametrize("page", [README, *sorted(DOCS.glob("*.md"))], ids=lambda page: page.stem)
-def test_what_commands_print_is_compared(page):
-    """A block without a language has commands only, and a `text` block is an output."""
-    lines = "".join(blocks(page, "")).splitlines()
-    assert [line for line in lines if not COMMAND.match(line)] == []
-    assert page in COMPARED or blocks(page, "text") == []
 
 
 @pytest.mark.parametrize("page", sorted({*PAGES} - {HISTORY}), ids=lambda page: page.stem)
@@ -86,55 +73,32 @@ def rendered(page: Path) -> tuple[Token, ...]:
     return tuple(t for token in tokens for t in (token, *(token.children or ())))
 
 
-def text_of(token: Token) -> str:
-    return "".join(child.content for child in token.children or ())
-
-
 @cache
 def anchors(page: Path) -> frozenset[str]:
     """Return the anchors of the headings of a page, as GitHub and MyST make them."""
     tokens = rendered(page)
-    titles = [text_of(b) for a, b in pairwise(tokens) if a.type == "heading_open"]
     seen: Counter[str] = Counter()
     names = []
-    for title in titles:
+    for title in (b for a, b in pairwise(tokens) if a.type == "heading_open"):
+        title = "".join(child.content for child in title.children or ())
         slug = re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-")
         names.append(f"{slug}-{seen[slug]}" if seen[slug] else slug)
         seen[slug] += 1
     return frozenset(names)
 
 
-def targets(page: Path) -> Iterator[str]:
-    for token in rendered(page):
-        target = token.attrs.get("href") or token.attrs.get("src")
-        if target:
-            yield str(target)
-
-
-def dead_links(page: Path) -> list[str]:
-    """Return the links and images of a page that lead to no file or to no heading of it."""
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_links_lead_to_a_file_and_a_heading_of_it(page):
     dead = []
-    for target in targets(page):
+    for token in rendered(page):
+        target = str(token.attrs.get("href") or token.attrs.get("src") or "")
         name, _, anchor = target.partition("#")
         place = page if not name else page.parent / name
-        if target.startswith(("http://", "https://")):
+        if not target or target.startswith(("http://", "https://")):
             continue
         if not place.exists() or (anchor and anchor not in anchors(place.resolve())):
             dead.append(target)
-    return dead
-
-
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_links_lead_somewhere(page):
-    assert dead_links(page) == []
-
-
-def test_dead_links_are_found(tmp_path):
-    page = tmp_path / "page.md"
-    page.write_text(
-        "# A `b` c\n\n# A b c\n\n[1](#a-b-c) [2](#a-b-c-1) [3](#gone) [4](gone.md) [5](page.md#a)\n"
-    )
-    assert dead_links(page) == ["#gone", "gone.md", "page.md#a"]
+    assert dead == []
 
 
 @pytest.mark.parametrize(("command", "known"), COMMANDS)
@@ -160,20 +124,13 @@ def test_the_page_shows_parts_of_the_examples():
         assert code in files
 
 
-def example(name: str) -> Any:
-    """Return what the one Python block of docs/extending.md that defines a name gives it."""
-    (code,) = (code for code in blocks(EXTENDING, "python") if f"\n{name} = " in code)
-    names: dict[str, object] = {"__name__": "example"}
-    exec(compile(code, EXTENDING.name, "exec"), names)
-    return names[name]
-
-
 def test_the_suite_of_its_section():
-    suite = example("SUITE")
+    (code,) = (code for code in blocks(EXTENDING, "python") if "\nSUITE = " in code)
+    names: dict[str, Any] = {"__name__": "example"}
+    exec(compile(code, EXTENDING.name, "exec"), names)
+    suite = names["SUITE"]
     assert suite.id not in {known.id for known in SUITES}
     for method in suite.methods:
         find_method(method)
     for condition in suite.conditions:
         find(condition, CONDITIONS, "condition")
-    for table in suite.tables:
-        assert "Table" not in table.title  # of the paper

@@ -13,7 +13,7 @@ import typer
 from bench.catalogue.images import address_of
 from bench.catalogue.lookup import instead_of, unknown
 from bench.catalogue.suites import SUITES
-from bench.commands.options import USAGE_ERROR, read_path
+from bench.commands.options import USAGE_ERROR, plain_message, read_path
 from bench.records.record import SCHEMA_VERSION
 from bench.records.run_folder import load_manifest
 from bench.running.options import REPEATED, Options
@@ -148,7 +148,7 @@ def _check(path: Path, context: typer.Context, name: str, option: Any, value: An
     try:
         option.process_value(context, value)
     except USAGE_ERROR as error:
-        raise BadInput(f"{where}: {error.message.rstrip('.')}") from error
+        raise BadInput(f"{where}: {plain_message(error.message)}") from error
 
 
 ConfigOption = Annotated[

@@ -24,6 +24,11 @@ SETTINGS: dict[str, Any] = {"add_completion": False, "rich_markup_mode": None}
 _MOST_WORKERS = 1_024
 
 
+def plain_message(text: str) -> str:
+    """Return the message of a usage error without pydantic's words, which some Typers pass on."""
+    return text.rstrip(".").replace("Value error, ", "")
+
+
 def read_path(text: str | Path) -> Path:
     """Return a path of the command line with the home folder in place of ~.
 

@@ -17,61 +17,9 @@ import pytest
 
 from bench.cli import _interrupt_handler
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
-from learning.weights import file_sha256
-from pc2pix import weights as weight_files
 
-from .builders import SUITE, drop_features, write_run
+from .builders import drop_features
 from .conftest import BENCH
-
-RUN = ("run", "--suite", SUITE)
-
-
-@pytest.fixture
-def no_machine(no_machine, monkeypatch, tmp_path):
-    """Have the default folder of runs in `tmp_path`, too."""
-    monkeypatch.chdir(tmp_path)
-
-
-def test_datasets_that_are_refused_by_name(refused, no_machine, tmp_path):
-    (tmp_path / "sofa").mkdir()
-    (tmp_path / "sofa" / "one.obj").touch()
-    for folder, message in (
-        (f"{tmp_path}", f"folder:{tmp_path}: no class 'chair' (a sub-folder of that name); found "),
-        (f"{tmp_path}/a\nb\x1b[2J\u202e", f"{tmp_path}/a\\nb\\x1b[2J\\u202e: no such folder; "),
-    ):
-        said = refused(*RUN, "--methods", "blank", "--dataset", f"folder:{folder}")
-        assert said.startswith(message)
-
-
-def test_weights_that_cannot_be_used(refused, no_machine, tiny_weights, tmp_path, monkeypatch):
-    path = tmp_path / "chair.safetensors"
-    path.write_bytes(tiny_weights.read_bytes()[:-1])
-    monkeypatch.setattr(weight_files, "FOLDER", tmp_path)
-    monkeypatch.setitem(weight_files.BUNDLED, "chair", "0" * 64)
-    for arguments, message in (
-        (("--methods", f"pc2pix@{path}", "--fresh"), f"{path}: not a whole safetensors file ("),
-        (("--methods", "blank", "--inception-weights", path), f"{path}: sha256 "),
-        (("--methods", "pc2pix"), f"{path}: sha256 {file_sha256(path)} is not the expected 00"),
-    ):
-        assert refused(*RUN, *arguments).startswith(message)
-    assert list(tmp_path.iterdir()) == [path]
-
-
-def test_folders_of_other_runs_and_other_things(refused, no_machine, tmp_path):
-    run, thesis = tmp_path / "run", tmp_path / "thesis"
-    write_run(run, objects=["chair/a", "chair/b"], methods=["blank"], conditions=["2048"])
-    thesis.mkdir()
-    (thesis / "chapter1.tex").touch()
-    before = sorted(tmp_path.rglob("*"))
-    of_seed_3 = ("--methods", "blank", "--views", "2", "--device", "cpu", "--seed", "3")
-    said = refused(*RUN, *of_seed_3, "--out", run)
-    assert said.startswith(f"{run}: holds a run of seed 0, not 3; ")
-    for fresh in ((), ("--fresh",)):
-        for place in (thesis, thesis / "chapter1.tex"):
-            said = refused(*RUN, "--methods", "blank", "--out", place, *fresh)
-            assert said.startswith(f"{place}: ")
-    assert sorted(tmp_path.rglob("*")) == before
-
 
 HEAVY = """
 import sys

@@ -159,9 +159,3 @@ def test_a_terminal_gets_no_orders_from_names(tmp_path, command, monkeypatch):
             assert status == 0
             assert (shown in out) or (format_ == "json" and r"\u001b" in out)
             assert terminal == out.replace("\n", "").isprintable()
-
-
-def test_more_workers_than_any_machine_has_are_refused(refused):
-    assert refused("run", "--suite", "chair-robustness", "--workers", "100000") == (
-        "--workers 100000: too many processes; give at most 1024"
-    )

@@ -15,7 +15,6 @@ from bench.catalogue.chosen import (
     measured_methods,
 )
 from bench.catalogue.methods import COST_VARIANTS, METHODS, find_method
-from data_prep.failures import BadInput
 
 DOCS = Path(__file__).parents[3] / "results" / "docs"
 TABLE = measured_methods()
@@ -73,12 +72,6 @@ def test_a_budget_buys_the_best_score(budget_ms, method):
     assert best_within(budget_ms).method == method
 
 
-def test_a_budget_below_the_cheapest_names_it_and_its_cost():
-    message = "budget 6.5ms: the cheapest method is splat-net@tiny-grey with 7.7 ms for one image"
-    with pytest.raises(BadInput, match=f"{message}; give at least 7.7ms"):
-        best_within(6.5)
-
-
 @pytest.mark.parametrize(
     ("text", "budget_ms"), [("50ms", 50.0), ("0.2s", 200.0), (" 2s ", 2000.0), ("7.5ms", 7.5)]
 )
@@ -86,19 +79,7 @@ def test_a_budget_is_a_time(text, budget_ms):
     assert budget_ms_of(text) == budget_ms
 
 
-@pytest.mark.parametrize("text", ["", "50", "ms", "0ms", "-5ms", "1e3ms", "5 ms", "infs", "1h"])
-def test_what_is_no_time_is_refused(text):
-    with pytest.raises(BadInput, match="give a time over 0 with its unit, as in 50ms"):
-        budget_ms_of(text)
-
-
 def test_a_method_without_a_line_costs_as_its_family():
     costs = {"pc2pix": MeasuredMethod("pc2pix", 20.0, 5.0, None)}
     assert cost_of("pc2pix@all", costs) == cost_of("pc2pix", costs) == costs["pc2pix"]
     assert cost_of("surface-fit", costs) is None
-
-
-def test_the_method_that_chose_says_what_does_now():
-    for name in ("auto", "auto@50ms"):
-        with pytest.raises(BadInput, match=r"'bench render --budget 50ms' chooses by time"):
-            find_method(name)

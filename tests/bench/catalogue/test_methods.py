@@ -108,27 +108,6 @@ def test_the_renderer_has_its_parameter_set_within_the_bounds(parameter):
             find_method(f"{parameter.method}@{parameter.name}={value:g}")
 
 
-@pytest.mark.parametrize(
-    ("method", "message"),
-    [
-        *(
-            (f"splat@spread={text}", rf"spread must be a number from 0.1 to 10, not '{text}'")
-            for text in ("", "x", "nan", "inf", "1e9", "-1")
-        ),
-        (
-            "surface-apss@resolution=64.5",
-            r"resolution must be a whole number from 10 to 400, not '64.5'",
-        ),
-        ("splat@size=1", r"unknown variant 'splat@size=1': there are .*splat@spread="),
-        ("nothing@spread=1", r"unknown variant .*splat@spread="),
-        ("pc2pix@width=2", r"unknown variant .*splat@spread="),
-    ],
-)
-def test_what_is_no_parameter_or_value_is_refused_by_name(method, message):
-    with pytest.raises(BadInput, match=message):
-        find_method(method)
-
-
 def test_cost_variants_are_found_but_no_methods_of_the_list():
     for variant in COST_VARIANTS:
         assert find_method(variant.id) is variant

@@ -1,4 +1,4 @@
-"""`bench add` refuses what it cannot join, and a method that does not keep its contract."""
+"""`bench add`: its options, and a method that does not keep its contract."""
 
 from __future__ import annotations
 
@@ -60,37 +60,6 @@ def test_the_options_are_those_of_the_run(tmp_path):
     assert (options.truth, options.views, options.limit, options.workers) == ("grey", 3, 2, 2)
     assert options.directory == tmp_path
     assert options.same_objects
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        (None, "run: no such folder; give a run's folder"),
-        ({"finished": None}, "the run is not finished; start it again with its command"),
-        (
-            {"suite": "stability"},
-            "a run of the suite stability; use 'bench run --suite stability --methods splat "
-            "--out run'",
-        ),
-        ({"request": None}, "manifest.json: not a manifest (request is None, no object)"),
-    ],
-)
-def test_what_is_no_finished_run_is_refused(refused, folder, changes, message):
-    if changes is not None:
-        Path("run").mkdir()
-        write_manifest(Path("run"), make_manifest(**changes))
-    before = sorted(folder.rglob("*"))
-    assert message in refused("add", "splat", "run")
-    assert sorted(folder.rglob("*")) == before
-
-
-def test_a_file_of_options_executes_no_module(refused, folder):
-    Path("run.toml").write_text('methods = ["too_small:Small"]\n')
-    words = ("run", "--suite", "chair-robustness", "--limit", "1", "--views", "1", "--out", "run")
-    said = refused(*words, "--config", "run.toml")
-    assert "too_small:Small: is of a module, which only a command line that names it" in said
-    assert not Path("executed").exists()
-    assert not Path("run").exists()
 
 
 @pytest.mark.slow

@@ -97,20 +97,6 @@ def test_dry_run_of_a_download_fetches_nothing(command, no_cache, no_machine):
     assert list(no_cache.iterdir()) == []
 
 
-@pytest.mark.usefixtures("same_machine")
-def test_dry_run_refuses_a_folder_of_another_run(copied, command, arguments):
-    other = copied.parent / "other"
-    other.mkdir()
-    (other / "mine").write_text("")
-    for message, more in (
-        ("holds a run of seed 0, not 1", ("--out", copied, "--seed", "1")),
-        ("not empty and not a run", ("--out", other)),
-        ("not empty and not a run", ("--out", other, "--fresh")),
-    ):
-        status, _, err = command(*arguments, "--dry-run", *more)
-        assert (status, err.count(message)) == (2, 1)
-
-
 def test_jobs_of_an_object_that_cannot_be_drawn_are_done(tmp_path, no_machine):
     options = Options(SUITE, methods=("blank",), conditions=("2048",), limit=3, out=tmp_path)
     protocol = Protocol.from_options(options)

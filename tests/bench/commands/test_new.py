@@ -13,14 +13,6 @@ from data_prep.failures import CannotWrite
 REPOSITORY = Path(__file__).parents[3]
 
 
-def test_a_folder_that_is_there_is_left_alone(command, tmp_path):
-    for folder in (tmp_path / "empty", tmp_path / "link"):
-        folder.mkdir() if folder.name == "empty" else folder.symlink_to("nowhere")
-        status, _, errors = command("new", "method", "mine", "--out", folder)
-        assert (status, errors) == (2, f"bench: {folder}: is there already; give another --out\n")
-    assert sorted(path.name for path in tmp_path.rglob("*")) == ["empty", "link"]
-
-
 def test_nothing_is_left_of_a_package_that_cannot_be_written(tmp_path):
     with pytest.raises(CannotWrite, match="no/such/mine: cannot be made"):
         write_package(PluginKind.method, "mine", tmp_path / "no" / "such" / "mine")

@@ -2,17 +2,70 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 
 import pytest
 import torch
 
+from bench.catalogue.method import ALLOWED
 from bench.metrics import inception_weights
+from bench.records.run_folder import set_aside, write_manifest
+from bench.running.options import Options
+from data_prep.datasets.protocol_version import PROTOCOL_VERSION
+from learning.weights import file_sha256
+from pc2pix import weights as weight_files
 
-from ..builders import write_run
+from ..builders import make_manifest, write_run
 
+OLDER, NEWER = PROTOCOL_VERSION - 1, PROTOCOL_VERSION + 1
 ROBUSTNESS = "run --suite chair-robustness"
-CASES = {
+# What lies in the folder where the command lines are typed: files and their text.
+FILES = {
+    "meshes/sofa/one.obj": "",
+    "thesis/chapter1.tex": "",
+    "cloud.xyz": "0 0 0\n1 0 0\n",
+    "foreign.py": "from pathlib import Path\nPath('executed').touch()\n",
+    "module.toml": 'methods = ["foreign:METHOD"]\n',
+    "misspelt.toml": "metods = 3",
+    "nested.toml": "config = 'b.toml'",
+    "gone.toml": "until_decided = true",
+    "text.toml": "limit = 'x'",
+    "true.toml": "limit = true",
+    "half.toml": "views = 1.5",
+    "one.toml": "fresh = 1",
+    "gpu.toml": "device = 'gpu'",
+    "xml.toml": "format = 'xml'",
+    "yaml.toml": "suite: x",
+    "unknown.toml": "suite = 'no-such-suite'\ndry-run = true\n",
+    "brace.json": "{",
+    "list.json": "[]",
+    "empty.json": "{}",
+}
+REQUEST = Options("chair-robustness", seed=7, limit=5).request
+
+
+def repeated(*numbers, **changes):
+    """Return the manifest of a run with some of five chairs, to be repeated."""
+    objects = [f"chair/test-{number:04d}" for number in numbers]
+    return {"request": REQUEST, "objects": objects, "planned": 5} | changes
+
+
+# Folders of runs that have a manifest alone: what is other than in that of a finished run.
+MANIFESTS = {
+    "unfinished": {"finished": None},
+    "of-stability": {"suite": "stability"},
+    "of-rounding": {"suite": "rounding"},
+    "of-gray": {"truth": "gray"},
+    "no-request": {"request": None},
+    "protocol-0": repeated(0, 1, protocol=0),
+    "schema-4": repeated(0, 1, schema_version=4),
+    "others": repeated(0, 2),
+    "shard": repeated(1, shard="2/2"),
+}
+OTHERS = "finish it with its command, bring its dataset back as it was, or give another --limit"
+SPREAD = "spread must be a number from 0.1 to 10, not"
+CASES: dict[str, str] = {
     # --- words of the command line
     "--foo": "No such option: --foo; see 'bench --help'",
     "run": "Missing option '--suite'; see 'bench run --help'",
@@ -95,6 +148,114 @@ CASES = {
     "new method 3d-hull": "Python cannot import a module '3d_hull'",
     "new method lambda": "Python cannot import a module 'lambda'",
     "new metric numpy": "'numpy' means something else already",
+    # --- names with a near one, variants, and names that are gone
+    f"{ROBUSTNESS} --methods surface": "unknown method 'surface': did you mean 'surface-fit'? ",
+    f"{ROBUSTNESS} --methods Blank": "unknown method 'Blank': did you mean 'blank'? there are pc2",
+    f"{ROBUSTNESS} --methods nosuch": "unknown method 'nosuch': there are pc2pix, ",
+    **{
+        f"{ROBUSTNESS} --methods splat@spread={text}": f"{SPREAD} '{text}'"
+        for text in ("", "x", "nan", "inf", "1e9", "-1")
+    },
+    f"{ROBUSTNESS} --methods surface-apss@resolution=64.5": "resolution must be a whole number fr",
+    f"{ROBUSTNESS} --methods splat@size=1": "unknown variant 'splat@size=1': there are surface-",
+    f"{ROBUSTNESS} --methods nothing@spread=1": "unknown variant 'nothing@spread=1': there are ",
+    f"{ROBUSTNESS} --methods pc2pix@width=2": "unknown variant 'pc2pix@width=2': there are ",
+    "plan x": "command 'plan' went with version 2.0: 'bench run --dry-run' says jobs, disk and tim",
+    f"{ROBUSTNESS} --open": "option 'run --open' went with version 2.0: the path of the page is ",
+    "run --suite rounding": "suite 'rounding' went with version 2.0: the case last-bit of ",
+    f"{ROBUSTNESS} --methods pgr@width=2": "method 'pgr@width=2' went with version 2.0: use denoi",
+    f"{ROBUSTNESS} --conditions 512-random": "condition '512-random' went with version 2.0: use 5",
+    f"{ROBUSTNESS} --metrics fd-effnet": "metric 'fd-effnet' went with version 2.0: use fd-alex",
+    "render cloud.xyz --method auto@50ms": "'bench render --budget 50ms' chooses by time",
+    "table of-rounding": "of-rounding: suite 'rounding' went with version 2.0: ",
+    "compare newer --methods splat,blank": f"newer: of protocol {NEWER}, ",
+    "table of-gray": "unknown truth 'gray': did you mean 'grey'? there are coloured, grey",
+    # --- budgets
+    **{
+        f"render cloud.xyz --budget='{text}'": "give a time over 0 with its unit, as in 50ms"
+        for text in ("", "50", "ms", "0ms", "-5ms", "1e3ms", "5 ms", "infs", "1h")
+    },
+    "render cloud.xyz --budget 6.5ms": "budget 6.5ms: the cheapest method is splat-net@tiny-grey "
+    "with 7.7 ms for one image; give at least 7.7ms",
+    f"{ROBUSTNESS} --workers 100000": "--workers 100000: too many processes; give at most 1024",
+    # --- data, weights and folders of something else
+    f"{ROBUSTNESS} --dataset folder:meshes": "folder:meshes: no class 'chair' (a sub-folder of tha",
+    f"{ROBUSTNESS} --dataset 'folder:a\nb\x1b[2J\u202e'": "a\\nb\\x1b[2J\\u202e: no such folder; ",
+    f"{ROBUSTNESS} --methods pc2pix@chair.safetensors --fresh": "chair.safetensors: not a whole sa",
+    f"{ROBUSTNESS} --inception-weights chair.safetensors": "chair.safetensors: sha256 ",
+    f"{ROBUSTNESS} --methods blank --out thesis": "thesis: not empty and not a run; ",
+    f"{ROBUSTNESS} --methods blank --out thesis --dry-run": "thesis: not empty and not a run; ",
+    f"{ROBUSTNESS} --methods blank --out thesis --fresh": "thesis: not empty and not a run; ",
+    f"{ROBUSTNESS} --methods blank --out thesis/chapter1.tex": "thesis/chapter1.tex: ",
+    f"{ROBUSTNESS} --methods blank --views 2 --seed 3 --out run": "run: holds a run of seed 0, not",
+    f"{ROBUSTNESS} --methods blank --views 2 --seed 3 --out run --dry-run": "run of seed 0, not 3;",
+    "new method mine --out thesis": "thesis: is there already; give another --out",
+    "new method mine --out no/such/mine": "no/such/mine: cannot be made (No such file or direct",
+    # --- runs that a command cannot use
+    "add splat gone": "gone: no such folder; give a run's folder",
+    "add splat unfinished": "the run is not finished; start it again with its command",
+    "add splat of-stability": "a run of the suite stability; use 'bench run --suite stability "
+    "--methods splat --out of-stability'",
+    "add splat no-request": "manifest.json: not a manifest (request is None, no object)",
+    "compare run --methods splat,true-mesh --metric flip": "run: is not scored by flip; run 'bench "
+    "score run --metrics flip' first",
+    "recommend run --budget-ms 9 --metric flip": "run: is not scored by flip; run 'bench score run",
+    "compare run --methods splat,true-mesh --metric kd-effnet": "metric 'kd-effnet' went with ",
+    "compare run --methods splat,true-mesh --metric unheard-of": "--metric unheard-of: cannot be c",
+    "recommend run": "nothing to go by; give --budget-ms, --min-ssim, or both",
+    "recommend run --budget-ms 9 --metric fd-views": "--metric fd-views: cannot judge here; ",
+    "recommend run --budget-ms 1 --condition 256": "--condition 256: not in this run; ",
+    "score run --metrics fid": "run: fid: not measured, not here; start the run again so, which ta",
+    "score run --metrics kid": "run: fid: not measured, not here; start the run again so, which ta",
+    "score run": "no installed package adds a metric; give --metrics ms-ssim,cw-ssim,flip,dists, o",
+    # --- files of options, and manifests to repeat
+    f"{ROBUSTNESS} --config module.toml": "foreign:METHOD: is of a module, which only a command li",
+    "run --config misspelt.toml": "unknown option 'metods': did you mean 'methods'",
+    "run --config nested.toml": "unknown option 'config'",
+    "run --config gone.toml": "option 'run --until-decided' went with version 2.0: ",
+    "run --config text.toml": "text.toml: limit = 'x': ",
+    "run --config true.toml": "true.toml: limit = True: give text, a whole number or a list",
+    "run --config half.toml": "half.toml: views = 1.5: give text, a whole number or a list",
+    "run --config one.toml": "one.toml: fresh = 1: give true or false",
+    "run --config gpu.toml": "gpu.toml: device = 'gpu': 'gpu' is not one of 'auto', ",
+    "run --config xml.toml": "xml.toml: format = 'xml': 'xml' is not one of ",
+    "run --config yaml.toml": "yaml.toml: cannot be read (",
+    "run --config unknown.toml --no-dry-run": "unknown suite 'no-such-suite'",
+    "run --config brace.json": "brace.json: not a manifest (",
+    "run --config list.json": "list.json: not a manifest (",
+    "run --config empty.json": "empty.json: not a manifest (",
+    "run --config absent.toml": "absent.toml: ",
+    "run --config protocol-0/manifest.json": "that made it, or give the manifest.json of a run, or",
+    "run --config schema-4/manifest.json": "a run of version 1.0.0 or earlier (schema 4, this one ",
+    "run --config others/manifest.json --dry-run": "the 2 objects of that run are "
+    f"not the 2 that options can choose now; {OTHERS}",
+    "run --config shard/manifest.json --dry-run": "the 1 objects of that run are not the 2 that op",
+    f"{ROBUSTNESS} --out=~nobody-of-this-name/y": "~nobody-of-this-name/y: no such user; give the ",
+    # --- trainings
+    "train splat-net --network huge": "--network: unknown 'huge'; choose one of tiny, default, poi",
+    "train splat-net --objective l2": "objective: unknown 'l2'; choose one of l1, l1-patch",
+    "train fused-net --meshes poisson": "--meshes: meshes of poisson; choose from denoised-wrap, ",
+    "train fused-net --network huge": "--network: unknown 'huge'; choose one of tiny, default, poi",
+    "train fused-net --start nosuch": "weights: 'nosuch' is neither a bundled name",
+    "train splat-net --start chair --network tiny": "--start chair: is of widths (16, 32, 64, 128",
+    "train splat-net --batch 7": "batch 7: 2 views of a cloud are drawn together; use a multiple o",
+    "train splat-net --views 1": "1 views of an object: at least 2 are drawn together; render more",
+}
+CASES |= {
+    line.replace("OTHER", other): f"{other}: of protocol {version}, this version has protocol "
+    f"{PROTOCOL_VERSION} ('bench --protocol'); {release}, or run again with another --out "
+    for other, version, release in (
+        ("older", OLDER, "check out the release that made it"),
+        ("newer", NEWER, "update pc2pix-bench"),
+    )
+    for line in (
+        *("table OTHER", "report OTHER", "check OTHER", "check OTHER --bless"),
+        *("check run OTHER --claims", "recommend OTHER --budget-ms 100", "report run OTHER"),
+        *("score OTHER --metrics ms-ssim", "compare run OTHER", "compare OTHER run"),
+        "merge OTHER --out whole",
+        *(f"{ROBUSTNESS} --methods splat --out OTHER", f"{ROBUSTNESS} --dry-run --out OTHER"),
+        "run --suite stability --methods splat --out OTHER",
+    )
 }
 WITHOUT_GPU = [
     f"{ROBUSTNESS} --methods splat",
@@ -106,14 +267,39 @@ WITHOUT_GPU = [
 ]
 
 
+def tree(folder):
+    """Return all files below, with their times and sizes."""
+    return {path: path.lstat()[6:9:2] for path in folder.rglob("*")}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, tiny_weights):
+    """Return the folder with FILES, MANIFESTS, and runs of this, an older and a newer protocol."""
+    folder = tmp_path_factory.mktemp("here")
+    for name, text in FILES.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text)
+    (folder / "chair.safetensors").write_bytes(tiny_weights.read_bytes()[:-1])
+    for name, changes in MANIFESTS.items():
+        (folder / name).mkdir()
+        write_manifest(folder / name, make_manifest(**changes))
+    for name, version in (("run", PROTOCOL_VERSION), ("older", OLDER), ("newer", NEWER)):
+        run = write_run(folder / name)
+        manifest = json.loads((run / "manifest.json").read_text())
+        write_manifest(run, manifest | {"protocol": version})
+    return folder
+
+
 @pytest.fixture
-def refused_here(refused, no_machine, tmp_path, monkeypatch):
-    """Return the one line of a command line that is refused in an empty folder."""
-    monkeypatch.chdir(tmp_path)
+def refused_here(refused, no_machine, folder, monkeypatch):
+    """Return the one line of a command line that is refused in the folder."""
+    monkeypatch.chdir(folder)
+    monkeypatch.setenv(ALLOWED, "")
 
     def run(line):
+        before = tree(folder)
         said = refused(*shlex.split(line))
-        assert list(tmp_path.iterdir()) == []
+        assert tree(folder) == before
         return said
 
     return run
@@ -121,7 +307,22 @@ def refused_here(refused, no_machine, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(("line", "says"), CASES.items())
 def test_one_line_says_why_and_nothing_is_written(refused_here, line, says):
+    if line.startswith("train splat-net") or line.startswith("train fused-net"):
+        line += " --objects 1 --steps 1 --out trained"
     assert says in refused_here(line)
+
+
+def test_bundled_weights_that_were_altered(refused_here, folder, monkeypatch):
+    monkeypatch.setattr(weight_files, "FOLDER", folder)
+    monkeypatch.setitem(weight_files.BUNDLED, "chair", "0" * 64)
+    path = folder / "chair.safetensors"
+    expected = f"{path}: sha256 {file_sha256(path)} is not the expected 00"
+    assert refused_here(f"{ROBUSTNESS} --methods pc2pix").startswith(expected)
+
+
+def test_fresh_renames_a_run_of_another_protocol(tmp_path):
+    write_manifest(tmp_path, make_manifest(protocol=OLDER))
+    assert set_aside(tmp_path) == tmp_path.with_name(f"{tmp_path.name}.old-1")
 
 
 DOWNLOAD = "--inception-weights download"
@@ -143,13 +344,6 @@ def test_a_request_for_fid_that_cannot_be_met_fails_before_the_first_job(
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
     monkeypatch.setattr(inception_weights, "WEIGHTS_URL", "file:/no/such/weights.pth")
     assert refused_here(line).startswith(says)
-
-
-def test_fid_of_a_run_without_it_is_refused_with_the_cause(refused, tmp_path):
-    run = write_run(tmp_path / "run")
-    for metric in ("fid", "kid"):
-        said = refused("score", run, "--metrics", metric)
-        assert said == f"{run}: fid: not measured, not here; start the run again so, which takes it"
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="needs a machine without a GPU")

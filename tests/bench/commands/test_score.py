@@ -240,23 +240,6 @@ def test_scores_are_kept_for_comparisons_recommendations_and_the_report(copied, 
     assert "dark-percent" in (copied / "report.html").read_text()
 
 
-def test_a_metric_that_a_run_was_not_scored_by_is_refused_with_the_command(copied, command):
-    methods = ("--methods", "splat,true-mesh")
-    missing = f"bench: {copied}: is not scored by flip; run 'bench score {copied} --metrics flip'"
-    for arguments in (("compare", copied, *methods), ("recommend", copied, "--budget-ms", "9")):
-        status, _, err = command(*arguments, "--metric", "flip")
-        assert (status, err) == (2, f"{missing} first\n")
-    status, _, err = command("compare", copied, *methods, "--metric", "kd-effnet")
-    assert (status, err) == (
-        2,
-        "bench: metric 'kd-effnet' went with version 2.0: use kd-alexnet, of another network of "
-        "photographs\n",
-    )
-    status, _, err = command("compare", copied, *methods, "--metric", "unheard-of")
-    assert status == 2
-    assert err.startswith("bench: --metric unheard-of: cannot be compared here; there are ssim-")
-
-
 def test_scores_of_a_run_that_has_changed_are_refused(copied, capsys):
     """A job that is done again has no score; nor does one whose score was altered."""
     score(copied, [DARK])

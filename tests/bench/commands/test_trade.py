@@ -122,13 +122,6 @@ def test_surely_is_said_of_the_method_that_is(tmp_path, command):
     [
         (("--budget-ms", "10", "--views", "1"), 1, " 375 [375, 375]  375\n"),
         (("--min-ssim", "1"), 1, "none good enough, best by ssim  splat "),
-        ((), 2, "bench: nothing to go by; give --budget-ms, --min-ssim, or both\n"),
-        (("--budget-ms", "9", "--metric", "fd-views"), 2, "--metric fd-views: cannot judge here; "),
-        (
-            ("--budget-ms", "1", "--condition", "256"),
-            2,
-            "bench: --condition 256: not in this run; ",
-        ),
     ],
 )
 def test_a_request_that_no_method_meets_or_that_has_no_sense(

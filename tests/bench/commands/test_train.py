@@ -115,31 +115,6 @@ def test_splat_net_from_the_command_line_to_a_method(command, tmp_path):
     assert found.card["start"] == file_sha256(out / "weights.safetensors")
 
 
-@pytest.mark.parametrize(
-    ("options", "problem"),
-    [
-        ("splat-net --network huge", "--network: unknown 'huge'; choose one of tiny, default, poi"),
-        ("splat-net --objective l2", "objective: unknown 'l2'; choose one of l1, l1-patch"),
-        ("splat-net --start chair --network tiny", "--start chair: is of widths (16, 32, 64, 128"),
-        (
-            "splat-net --batch 7",
-            "batch 7: 2 views of a cloud are drawn together; use a multiple of",
-        ),
-        ("splat-net --views 1", "1 views of an object: at least 2 are drawn together; render more"),
-        ("fused-net --meshes poisson", "--meshes: meshes of poisson; choose from denoised-wrap, "),
-        ("fused-net --network huge", "--network: unknown 'huge'; choose one of tiny, default, poi"),
-        ("fused-net --start nosuch", "weights: 'nosuch' is neither a bundled name"),
-    ],
-)
-def test_nonsense_is_refused(command, tmp_path, options, problem):
-    out = tmp_path / "x"
-    few = ("--objects", "1", "--steps", "1", "--out", str(out))
-    status, said, err = command("train", *options.split(), *few)
-    assert (status, said) == (2, "")
-    assert f"bench: {problem}" in err.splitlines()[-1]
-    assert not (out / "weights.safetensors").exists()
-
-
 def test_fused_net_from_the_command_line_to_a_method(command, tmp_path):
     """The meshes alone, then steps that start from splat-net; both files are methods."""
     out = tmp_path / "trained"
