@@ -47,39 +47,6 @@ def page(asked, old="what stood here\n"):
 
 
 @pytest.mark.parametrize(
-    ("asked", "lines"),
-    [
-        (
-            "frontier.csv rows=method:splat,pc2pix columns=metric:ssim",
-            [
-                "| method | ssim |",
-                "|---|---:|",
-                "| splat | below white .600 [.500, .700] |",
-                "| pc2pix | frontier .800 [.700, .900] |",
-            ],
-        ),
-        (
-            "values.csv rows=method:splat*metric:ssim columns=condition:2048,512 "
-            "marks=verdicts.csv;class:all",
-            [
-                "| method |  | 2,048 points | 512 of 2,048 points |",
-                "|---|---|---:|---:|",
-                "| splat | ssim | better .812 [.801, .823] | worse .700 |",
-            ],
-        ),
-        (
-            "costs.csv rows=method:pc2pix columns=condition:2048 show=cost_ms",
-            ["| method | 2,048 points |", "|---|---:|", "| pc2pix | 21.3 |"],
-        ),
-    ],
-)
-def test_tables_are_filled(numbers, asked, lines):
-    expected = page(asked, "".join(f"{line}\n" for line in lines))
-    assert filled(page(asked), "x.md", numbers) == expected
-    assert filled(expected, "x.md", numbers) == expected
-
-
-@pytest.mark.parametrize(
     ("text", "message"),
     [
         (page("gone.csv rows=method:a columns=condition:b"), "x.md:3: .*gone.csv"),

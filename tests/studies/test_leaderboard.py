@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from studies.leaderboard import ResultGroup, board, fragment, show
+from studies.leaderboard import ResultGroup, board, show
 
 VALUES = {  # ssim-object and lpips
     "splat": (0.4, 0.4),
@@ -80,12 +80,3 @@ def test_the_front_page_alone_has_it_at_its_mark_or_above_the_first_section(mark
     other = ["# Other\n\n## Part\n"]
     show(None, "report", other)
     assert other == ["# Other\n\n## Part\n"]
-
-
-def test_it_is_made_of_the_results_of_the_project_and_loads_nothing():
-    html = fragment()
-    assert html.count("<tr") > 12
-    assert not re.search(r"(src|href)=", html)
-    assert '<span class="name">fused-net@grey</span> <small>recommended</small>' in html
-    places = [row["place"] for row in board()["rows"] if not row["reference"]]
-    assert places == [*range(1, len(places) + 1)]

@@ -1,26 +1,20 @@
 from __future__ import annotations
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from bench.catalogue.metrics import IMAGE_METRICS
-from bench.checking.tolerances import tolerance
 from bench.metrics.image_scores import scores
 from data_prep.rendering.opengl import render
 from data_prep.scene import PointCloud
-from studies.images import METRICS, make_scene, turned
+from studies.images import make_scene, turned
 from studies.noise_floor import (
-    CEILING,
-    DRIVERS,
-    HEADINGS,
     ONE_IN,
     ROUNDING,
     TURN,
     means,
     moves_of_chairs,
     nudged,
-    to_markdown,
 )
 
 
@@ -61,16 +55,3 @@ def test_moves_of_white_images_are_those_of_the_truth() -> None:
         assert by == pytest.approx(after - before, abs=1e-12)
         assert by != 0
     assert (result[result["change"] == ROUNDING]["ssim"] == 0).all()  # it sees no cloud
-
-
-def test_the_page_sets_the_largest_move_beside_what_is_allowed() -> None:
-    """What one driver draws both sides of is left out."""
-    cells = pd.DataFrame(0.5, ["splat", CEILING], [*METRICS])
-    moves = {source: pd.DataFrame(0.001, cells.index, cells.columns) for source in HEADINGS}
-    moves[DRIVERS[1]].loc["splat", "ssim"] = 0.002
-    text = to_markdown(cells, moves, objects=2, views=3, seeds=4, condition="512")
-    assert "--chairs 2 --views 3 --seeds 4 --condition 512\n" in text
-    allowed = tolerance("splat", "ssim").absolute
-    numbers = f"0.001 | 0.002 | 0.001 | {allowed:.2g} | {0.002 / allowed:.2f}"
-    assert f"| splat | ssim | 0.5 | {numbers} |" in text.splitlines()
-    assert f"| {CEILING} | ssim |" not in text

@@ -9,8 +9,3 @@ def test_the_page_is_what_the_code_says():
     """Run python -m studies.python_names where this fails."""
     text = PAGE.read_text(encoding="utf-8")
     assert filled(text) == text
-
-
-def test_a_stale_signature_is_written_anew():
-    text = PAGE.read_text(encoding="utf-8")
-    assert filled(text.replace("View(azimuth_deg: float, ", "View(")) == text

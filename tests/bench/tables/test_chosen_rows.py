@@ -18,7 +18,6 @@ from bench.records.frames import read_records
 from bench.tables.build import tables
 from bench.tables.differences import differences_table
 from bench.tables.quality import headline
-from data_prep.failures import BadInput
 
 from ..builders import rows_of, write_run
 
@@ -116,15 +115,6 @@ def test_it_is_compared_by_its_name(directory):
     assert found.remarks == (
         "`best-reconstruction` is `denoised-wrap` at 2048, `surface-apss` at 512.",
     )
-
-
-def test_without_two_reconstructions_there_is_none(choice, tmp_path):
-    directory = write_run(tmp_path / "run", methods=["surface-apss", "splat", "blank"])
-    rows = rows_of(*tables(read_run(directory)))
-    assert all(row.method != BEST_RECONSTRUCTION for row in rows)
-    message = "best-reconstruction: cannot be compared here; there are surface-apss"
-    with pytest.raises(BadInput, match=message):
-        methods_of_run(directory, ["best-reconstruction", "splat"], None)
 
 
 def test_an_added_method_is_compared_with_the_best_by_each_metric(directory):

@@ -19,7 +19,6 @@ from bench.tables.quality import class_remark, class_table
 from ..builders import (
     FeaturesAtHand,
     feature_index,
-    left_out_kernel_distances,
     make_failed,
     make_record,
     rows_of,
@@ -97,37 +96,6 @@ def cell(made, **at):
     return row
 
 
-def test_the_rows_that_there_are():
-    made = table()
-    assert made.name == "table5_classes"
-    assert {row.metric for row in rows_of(made)} == set(SUITE.class_metrics)
-    assert {row.class_name for row in rows_of(made)} == {"lamp", "car", "average"}
-    assert len(rows_of(made)) == len(SUITE.class_metrics) * 3 * 3
-    first = [row.class_name for row in rows_of(made) if row.metric == "ssim"]
-    assert first[-3:] == ["average"] * 3
-    papers = {
-        (row.class_name, row.metric, row.condition, row.method): row.paper
-        for row in rows_of(made)
-        if math.isfinite(row.paper)
-    }
-    assert papers == PUBLISHED
-
-
-def test_kernel_distances_of_a_class():
-    index, values = random_features()
-    truth, drawn = (
-        values[chosen(index, m, "car")].astype(float) for m in (GROUND_TRUTH, "pc2pix@all")
-    )
-    objects = np.array([obj for obj, _ in images("car")])
-    row = cell(table(), method="pc2pix@all", class_name="car", metric="kd-views")
-    value = kernel_distance(drawn, truth)
-    _, leave_one_out = left_out_kernel_distances(drawn, truth, objects, objects)
-    # the same numbers in another order of operations
-    assert row.value == row.failures_as_blank == pytest.approx(value, rel=1e-9)
-    interval = jackknife_interval(value, [leave_one_out])
-    assert (row.ci_low, row.ci_high) == pytest.approx(interval, rel=1e-9)
-
-
 def test_confidence_is_that_of_each_records_own_image():
     """Softmax of the first two features, 1 / (1 + exp(other - own)), in whatever order they are."""
     index, values = random_features()
@@ -164,16 +132,6 @@ def test_failed_images_have_no_confidence_and_count_as_blank():
     own[2:4] = blank[2:4]
     assert row.failures_as_blank == pytest.approx(kernel_distance(own, truth), rel=1e-9)
     assert row.note == "2 x timeout: 3 s"
-
-
-def test_the_average_is_over_classes():
-    made = table()
-    for metric in ("ssim", "class-confidence", "fd-views", "kd-views"):
-        at = {"method": "surface-apss", "metric": metric}
-        lamp, car, average = (cell(made, class_name=k, **at) for k in ("lamp", "car", "average"))
-        assert average.value == pytest.approx((lamp.value + car.value) / 2, rel=1e-12)
-        assert average.failures_as_blank == pytest.approx(average.value, rel=1e-12)
-        assert (average.n_ok, average.n) == (14, 14)
 
 
 def test_the_intervals_of_averages():

@@ -98,15 +98,6 @@ def test_no_value_on_either_side():
     assert lines(rows[:1])[-1] == nothing
 
 
-def test_classes_are_blocks():
-    classes = [*better(**{"class": "bench"}, objects=9), *better(**{"class": "sofa"}, objects=8)]
-    shown = lines(classes)
-    assert shown[0] == "splat-net against poisson on 17 objects, paired"
-    assert [line.split()[0] for line in shown if line.endswith("noise 5 %")] == ["bench", "sofa"]
-    whole = [*classes, *better(**{"class": "all"}, objects=17)]
-    assert lines(whole)[0] == shown[0]
-
-
 def test_all_objects_and_the_classes_have_a_sentence_each():
     classes = [
         make_difference("lpips", "2048", -0.1, ahead, **{"class": name})

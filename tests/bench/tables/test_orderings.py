@@ -21,7 +21,6 @@ from bench.metrics.frechet import (
     left_out_distances,
 )
 from bench.records.record import GROUND_TRUTH
-from bench.tables.orderings import orderings_table
 from bench.tables.published import published
 
 from ..builders import FeaturesAtHand, feature_index, make_record, scored_records, to_frame
@@ -103,17 +102,6 @@ def test_the_average():
     assert found.objects == 12
 
 
-def test_the_average_of_the_classes_that_have_a_value():
-    """Value, interval and both sides are of the same classes."""
-    without = records()
-    without.loc[without["class"] == "lamp", "ssim"] = math.nan
-    found = row(of_run(without), "average")
-    assert found.difference.value == pytest.approx((0.105 + 0) / 2, abs=1e-12)
-    assert found.network - found.surface == pytest.approx(found.difference.value, abs=1e-12)
-    differences = [np.array(LEADS[k], float) for k in ("car", "vessel")]
-    assert found.difference[1:] == pytest.approx(interval_of_means(differences), abs=1e-12)
-
-
 def test_an_object_without_a_value_leaves_the_average_an_interval():
     without = records()
     without.loc[(without["class"] == "lamp") & (without["object"] == "a"), "ssim"] = math.nan
@@ -166,21 +154,6 @@ ROWS = (
     ordering("vessel", "fd-views", (-3.25, NAN, NAN), 24.4),
     ordering("average", "fd-views", (8.4, 1.0, 15.0), 57.2),
 )
-
-
-def test_verdicts_stand_beside_the_leads():
-    made = orderings_table(SPEC, "s", ROWS)
-    counts, leads = made.grids()
-    cells = {line.name: line.cells for line in leads.lines}
-    assert list(cells) == ["car", "lamp", "vessel", "average"]
-    assert [of[3].value for of in cells.values()] == [20.0, None, -3.25, 8.4]
-    assert [(of[2].mark, of[2].gap) for of in cells.values()] == [
-        ("reproduced", ""), ("", "opposite"), ("", ""), ("reproduced", ""),
-    ]  # fmt: skip
-    found = {line.name: [cell.text for cell in line.cells] for line in counts.lines}
-    assert found["ssim"][:2] == ["1", "1"]
-    assert found["fd-views"][:2] == ["1", "0"]
-    assert "| lamp | 4 | -60.5 | ≈+0.10 [+0.05, +0.15] *opposite* |" in made.to_markdown()
 
 
 @pytest.mark.parametrize("gone", ["surface-apss", "pc2pix@all"])

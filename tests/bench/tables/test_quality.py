@@ -17,7 +17,6 @@ from bench.catalogue.metrics import JUDGE
 from bench.catalogue.suites import SUITES, TableSpec
 from bench.metrics import frechet_distance
 from bench.records.record import GROUND_TRUTH
-from bench.records.run_folder import write_manifest
 from bench.tables.build import tables, write_outputs
 from bench.tables.quality import (
     best_printed,
@@ -26,7 +25,6 @@ from bench.tables.quality import (
     recognition_table,
     set_table,
 )
-from data_prep.failures import BadInput
 
 from ..builders import (
     SKIPPED_FID,
@@ -35,7 +33,6 @@ from ..builders import (
     feature_index,
     frechet_interval,
     make_failed,
-    make_manifest,
     make_record,
     read_all,
     rows_of,
@@ -107,14 +104,6 @@ def test_a_cell_without_any_image():
     assert np.isnan([row.value, row.ci_low, row.ci_high]).all()
     assert (row.n_ok, row.n, row.failures_as_blank) == (0, 4, 0.25)
     assert row.note == "4 x timeout: 3 s"
-
-
-def test_missing_images_without_a_blank_one():
-    missing = make_failed(obj="b", reason="input: no faces"), make_failed("blank", obj="b")
-    records = [make_record(obj="a"), make_record("blank", obj="a", ssim=0.1), *missing]
-    row = cell(worked_table(records), method="splat", metric="ssim")
-    assert (row.value, row.failures_as_blank, row.n_ok, row.n) == (0.5, 0.5, 1, 2)
-    assert row.note == "1 x input: no faces"
 
 
 THIN = [  # of b's images one has no thin part, and c has none at all
@@ -239,15 +228,6 @@ def test_too_few_to_find_anything(images, why):
     assert f"* splat: {why}" in table.to_markdown().splitlines()
 
 
-def test_without_a_judge_the_table_says_why():
-    why = "skipped: weights; 'bench train judge' makes them"
-    table = controls([make_record()], None, why)
-    assert [(row.metric, row.note) for row in rows_of(table)] == [
-        (metric, why) for metric in SUITE.control_metrics
-    ]
-    assert np.isnan([row.value for row in rows_of(table)]).all()
-
-
 IMAGES = [(obj, view) for obj in "abcd" for view in (0, 1)]
 RNG = np.random.default_rng(3)
 FEATURES = {
@@ -315,24 +295,6 @@ def test_fewer_than_two_images_have_no_distance(there):
     assert (row.n_ok, row.n, row.note) == (there, 8, "fewer than two images")
 
 
-def markdown_records():
-    values = {
-        ("surface-apss", "2048"): (0.25, 0.75), ("surface-apss", "512"): (0.5, 0.5),
-        ("pc2pix", "2048"): (0.125, 0.125),
-        ("blank", "2048"): (0.0, 0.0), ("blank", "512"): (0.0, 0.0),
-    }  # fmt: skip
-    made = [make_failed("pc2pix", "512", obj, reason="a|b") for obj in "ab"]
-    for at, of in values.items():
-        made += [make_record(*at, obj, ssim=value) for obj, value in zip("ab", of, strict=True)]
-    return made
-
-
-def markdown_table(records, published=None, **manifest):
-    frame = to_frame(records).iloc[::-1]  # surface-apss first, 512 before 2048
-    run = scored_records(frame, replace(SUITE, image_metrics=("ssim",)), **manifest)
-    return image_table(run, PAPER_LAYOUT, published or {})
-
-
 def test_markdown_of_names_from_a_file_system():
     """A class, a method and a reason that would each break out of their place."""
     odd = {"class_name": "x\n# y|z", "method": "pc2pix@`<b>`\x1b[2J.safetensors"}
@@ -376,23 +338,6 @@ def test_tables_are_made_with_one_thread(tmp_path):
     with threadpool_limits(2):
         tables(replace(run, features=run.features | {"fd-views": watched}))
     assert set(threads) == {1}
-
-
-def test_a_run_of_an_unknown_suite(tmp_path):
-    write_manifest(tmp_path, make_manifest(suite="chairs"))
-    with pytest.raises(BadInput, match="unknown suite 'chairs': did you mean 'chair-robustness'"):
-        read_run(tmp_path)
-
-
-def test_tables_say_what_weights_were_trained_with():
-    table = markdown_table(markdown_records(), objectives={"pc2pix": "paired"})
-    objectives = {row.method: row.objective for row in rows_of(table)}
-    assert objectives == {"surface-apss": "", "pc2pix": "paired", "blank": ""}
-    trained_on = {row.method: row.trained_on for row in rows_of(table)}
-    assert trained_on == {"surface-apss": "nothing", "pc2pix": "chairs", "blank": "nothing"}
-    assert "`pc2pix`: trained on chairs, with `paired`.  \n" in table.to_markdown()
-    _, *lines = table.to_csv().splitlines()
-    assert all(line.endswith(",chairs,paired") == (",pc2pix," in line) for line in lines)
 
 
 def test_without_the_package_lpips_and_its_distances_are_skipped(tmp_path):

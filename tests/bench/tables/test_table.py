@@ -16,7 +16,7 @@ from bench.tables.grid import (
     shown,
 )
 from bench.tables.markdown import document
-from bench.tables.table import Table, table_files
+from bench.tables.table import Table
 
 COLUMNS = ["class", "method", "condition", "value", "n", "aside"]
 FRAME = pd.DataFrame(
@@ -76,14 +76,6 @@ def test_csv_and_rows_of_a_frame():
     assert Table("t", "T", FRAME[["n", "value"]]).to_csv().splitlines()[1] == "2,0.500000"
 
 
-def test_a_table_without_a_layout_is_for_scripts_alone():
-    table = Table("t", "T", FRAME)
-    assert list(table_files([table])) == ["t.csv"]
-    assert table.grids() == ()
-    table = Table("t", "T", FRAME, lambda frame: [f"{len(frame)} rows"])
-    assert table_files([table])["t.md"] == "# T\n\n3 rows\n"
-
-
 def test_marks_in_both_renderers():
     behind = Annotation("behind", "*{value}{interval}*", against=True)
     cells = [
@@ -98,10 +90,6 @@ def test_marks_in_both_renderers():
     assert [cell.gap for cell in cells] == [
         *("", "behind", "3 of 4 images; 0.1 with blank ones for the others", "0 of 4 images"),
     ]
-
-
-def test_what_was_not_measured_is_its_notes_alone():
-    assert document([grid(["a"], [["x"]], notes=("skipped: why",), void=True)]) == "skipped: why\n"
 
 
 @pytest.mark.parametrize(

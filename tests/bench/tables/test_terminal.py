@@ -48,23 +48,6 @@ def test_with_intervals_where_there_is_room():
     ]
 
 
-def test_both_ends_of_an_interval_stand_there():
-    """An interval has two sides: the wider half on both would reach where no value can be."""
-    cells = {
-        "skewed": value(0.258, -0.246, 0.321),
-        "bounded": value(0.996, 0.770, 1.0),
-        "db": value(21.5, 9.75, 30.0, digits=2),
-        "none": Cell("0.500", 0.5),
-    }
-    made = grid("ssim", lambda name, _: cells[name], tuple(cells), ("2048",))
-    assert [line.split(maxsplit=1)[1] for line in grid_lines([made], 80, 40)[2:6]] == [
-        "0.258 [-.246, .321]",
-        "0.996 [.770, 1.000]",
-        "21.50 [9.75, 30.00]",
-        "0.500",
-    ]
-
-
 def test_what_has_no_room_is_left_out_by_and_by():
     narrow = grid_lines(grids(), 80, 40)
     assert narrow[4].split() == ["splat-net", *["*0.812"] * 5]
@@ -73,14 +56,6 @@ def test_what_has_no_room_is_left_out_by_and_by():
     shortest = grid_lines(grids(many), 60, 20)
     assert len(shortest) == 20
     assert shortest[-1] == "... 45 more lines, in the tables"
-
-
-@pytest.mark.parametrize("width", [40, 30])
-def test_narrower_than_its_columns(width):
-    shown = grid_lines(grids(), width, 80)
-    assert max(map(len, shown)) <= width
-    found = [word for line in shown for word in line.split() if word in CONDITIONS]
-    assert found == [*CONDITIONS, *CONDITIONS]
 
 
 def test_missing_values_notes_and_metrics_that_were_not_measured():
