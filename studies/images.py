@@ -21,7 +21,7 @@ from bench.metrics.frechet import frechet_distance
 from bench.metrics.image_scores import scores
 from bench.metrics.kernel_distance import kernel_distance
 from bench.metrics.lpips_network import Lpips
-from bench.metrics.lpips_weights import find_lpips_weights
+from bench.metrics.packaged_weights import find_lpips_weights
 from data_prep.clouds.conditions import CONDITIONS
 from data_prep.clouds.sampling import random_views, sample_surface
 from data_prep.datasets.registry import ProceduralObject

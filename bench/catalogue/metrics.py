@@ -18,7 +18,7 @@ from bench.catalogue.loaders import GPU, chosen_device
 from bench.catalogue.lookup import find
 from bench.judges import JUDGE_WEIGHTS, VIEWS_WEIGHTS
 from bench.metrics.inception_weights import WeightsUnavailable, find_weights
-from bench.metrics.lpips_weights import find_lpips_weights
+from bench.metrics.packaged_weights import find_lpips_weights
 
 if TYPE_CHECKING:  # `bench list` answers at once
     import numpy as np

@@ -22,7 +22,7 @@ from bench.catalogue.plugins import plugin_problems
 from bench.checking.contract.findings import Finding, is_blocked
 from bench.commands.contract import printed
 from bench.metrics.flip import flip_module
-from bench.metrics.learned_weights import find_dists_weights
+from bench.metrics.packaged_weights import find_dists_weights
 from bench.running.environment import PACKAGES, cores, environment
 from bench.running.worker_process import own_python
 from data_prep.failures import BadInput, MissingDependency

@@ -24,9 +24,14 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
-from bench.metrics.learned_weights import DISTS, find_dists_weights, read_tensors
 from bench.metrics.lpips_network import TRUNKS, require_images
-from bench.metrics.lpips_weights import find_lpips_weights, read_lpips_weights
+from bench.metrics.packaged_weights import (
+    DISTS,
+    find_dists_weights,
+    find_lpips_weights,
+    read_lpips_weights,
+    read_tensors,
+)
 from data_prep.scene import IMAGE_SIZE
 from learning.convolution import Convolution
 from learning.exact import exact_inference

@@ -12,13 +12,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import Distribution, distribution
 from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.metrics.inception_weights import WeightsUnavailable
+from bench.metrics.packaged_weights import require_version
 from bench.metrics.structural_similarity import require_images
 from data_prep.arrays import Floats
 
@@ -27,19 +28,15 @@ REMEDY = f"run 'pip install --no-deps {PACKAGE}=={VERSION}'"
 
 
 def flip_module(
-    installed: Callable[[str], str] = version, load: Callable[[str], ModuleType] = import_module
+    find_distribution: Callable[[str], Distribution] = distribution,
+    load: Callable[[str], ModuleType] = import_module,
 ) -> ModuleType:
     """Return the module of the package.
 
-    `installed` returns the version of a package, `load` imports. Raises WeightsUnavailable, with
-    the remedy, where the package is absent, has another version or cannot be imported.
+    Raises WeightsUnavailable, with the remedy, where the package is absent, has another version or
+    cannot be imported.
     """
-    try:
-        present = installed(PACKAGE)
-    except PackageNotFoundError as error:
-        raise WeightsUnavailable(f"the package {PACKAGE} is not installed; {REMEDY}") from error
-    if present != VERSION:
-        raise WeightsUnavailable(f"{PACKAGE} {present} is installed, expected {VERSION}; {REMEDY}")
+    require_version(PACKAGE, VERSION, REMEDY, find_distribution)
     try:
         return load("flip_evaluator")
     except ImportError as error:  # built for another Python or C library

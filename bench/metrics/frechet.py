@@ -102,7 +102,7 @@ def centred(features: NDArray[Any]) -> Centred:
 
     Raises as `frechet_distance` does.
     """
-    return _centred(_of_set(features))
+    return _centred(checked_set(features))
 
 
 def moments(features: NDArray[Any]) -> Moments:
@@ -163,7 +163,7 @@ class JackknifeMoments:
 
         Raises as `frechet_distance`, and ValueError for groups that are not [n].
         """
-        self._features = _of_set(features)
+        self._features = checked_set(features)
         self.groups = np.asarray(groups)
         n = len(self._features)
         if self.groups.shape != (n,):
@@ -309,7 +309,7 @@ def moments_without_each(
     return down(0, count, rows(0, 0))
 
 
-def _of_set(features: NDArray[Any]) -> NDArray[Any]:
+def checked_set(features: NDArray[Any]) -> NDArray[Any]:
     """Return the features after checks; they have at least two rows."""
     features = checked_features(features)
     if len(features) < 2:

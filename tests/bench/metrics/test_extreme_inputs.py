@@ -1,12 +1,11 @@
-"""Metrics at the edges of their domain: closed forms, invariants and refusals by name.
+"""Every metric at the edges of its domain: closed forms, invariants and refusals by name.
 
-Comparisons with other implementations, and cases in which those say the same, are in the tests of
-each metric. NumPy's warnings are errors (pyproject.toml).
+Comparisons with other implementations are in the tests of each metric. NumPy's warnings are errors
+(pyproject.toml).
 
 Tolerances, with U = 2^-53: a mean over the 118 x 118 windows of three channels is off by SUMS at
-most, sums of at most 576 x 3 values of at most 1, and of 25 tiles. A moment of one window of noise
-is a sum of 11 sums of 11 products of at most 255^2, off by 22 U of that; four moments over the
-least of the divisors, C3, by ONE_WINDOW. FLIP and the networks compute in float32.
+most, sums of at most 576 x 3 values of at most 1, and of 25 tiles. FLIP and the networks compute in
+float32.
 """
 
 from __future__ import annotations
@@ -20,31 +19,25 @@ import pytest
 
 from bench.catalogue.metrics import JUDGE
 from bench.judges.answers import azimuth_error_deg, elevation_error_deg
-from bench.metrics.dists import BATCH as DISTS_BATCH
 from bench.metrics.dists import dists
 from bench.metrics.frechet import TooFewSamples
 from bench.metrics.inception_weights import WeightsUnavailable
-from bench.metrics.lpips_network import BATCH as LPIPS_BATCH
+from bench.metrics.kernel_distance import kernel_distance
 from bench.metrics.lpips_network import lpips
 from bench.metrics.silhouette import contrast, foreground, object_boxes
 from bench.metrics.thin_parts import evaluated
 
 from .metrics_by_id import METRICS, OF_FEATURES, SSIM, extractor, rounding_of_frechet
 
-# By the protocol, not the code's own.
-C1, C2, C3 = 2.55**2, 7.65**2, 7.65**2 / 2
-WINDOW, SIGMA, WINDOWS = 11, 1.5, 118**2
+C1 = 2.55**2  # by the protocol, not the code's own
 U = 2.0**-53
 SUMS = (576 * 3 + 25) * U
-ONE_WINDOW = 4 * 22 * U * 255**2 / C3
 BANDS = 1e-9  # those of a flat image err by 1e-12 of 255, beside K = 1
 FLIP_IN_FLOAT32 = 1e-6
 FEATURES_IN_FLOAT32 = 1e-4  # sums of up to 864 products a layer, of features up to some 10
 CODE_LENGTH = 18 * 2.0**-24  # half of the 32 roundings of a sum of squares, a root, a quotient
 COARSEST = 0.2363 / (0.0448 + 0.2856 + 0.3001 + 0.2363)  # weight of the fourth scale of MS-SSIM
-FLIP_WHITE_BLACK = (
-    0.967388  # of every pixel, printed by the tool `flip` of the package, version 1.7
-)
+FLIP_WHITE_BLACK = 0.967388  # of every pixel, printed by the tool `flip` of the package, 1.7
 THIN = ("thin-recall", "thin-precision")
 SSIMS = (*SSIM, "ssim-object")
 NETWORKS = {
@@ -56,7 +49,7 @@ NETWORKS = {
 # Of one array: silhouettes and thin parts.
 OF_ONE = (foreground, contrast, object_boxes, evaluated)
 PARTS = {f"{f.__name__} of one": lambda a, b, f=f: f(a) for f in OF_ONE}
-FUNCTIONS = METRICS | NETWORKS | PARTS
+FUNCTIONS = METRICS | NETWORKS | PARTS | {"kernel-distance": kernel_distance}
 
 
 def flat(level, count=1, side=128):
@@ -71,11 +64,6 @@ def painted(level, rows, columns, ground=255):
     image = flat(ground)
     image[:, rows, columns] = level
     return image
-
-
-def speck(ground, level, at):
-    """A flat image with one pixel: (64, 64) is in 121 windows of SSIM, the corner (0, 0) in one."""
-    return painted(level, at, at, ground)
 
 
 def leg(level=80, rows=slice(40, 80), columns=slice(60, 63)):
@@ -100,37 +88,6 @@ def boxes():
 
 def luminance(p, q):
     return (2 * p * q + C1) / (p * p + q * q + C1)
-
-
-def window(size):
-    offsets = np.arange(size, dtype=np.longdouble) - np.longdouble(size - 1) / 2
-    weights = np.exp(-(offsets[:, None] ** 2 + offsets**2) / (2 * (SIGMA * size / WINDOW) ** 2))
-    return weights / weights.sum()
-
-
-def of_speck(p, q, at):
-    """SSIM and its components in the windows that have one pixel q among p, against flat ones.
-
-    Mean p + (q - p) w, variance (q - p)^2 w (1 - w); against a flat window the structure is C3/C3.
-    """
-    weights = window(WINDOW).astype(float)
-    weights = weights[:1, :1] if at == 0 else weights
-    mean, variance = p + (q - p) * weights, (q - p) ** 2 * weights * (1 - weights)
-    light, contrast = luminance(p, mean), C2 / (variance + C2)
-    return {"ssim": light * contrast, "luminance": light, "contrast": contrast}
-
-
-def of_one_window(a, b):
-    """SSIM and its components of images of a single window, from the definition."""
-    weights = window(a.shape[1])[..., None]
-    x, y = a[0].astype(np.longdouble), b[0].astype(np.longdouble)
-    mean_x, mean_y = ((weights * z).sum((0, 1)) for z in (x, y))
-    x, y = x - mean_x, y - mean_y
-    var_x, var_y, cov = ((weights * z).sum((0, 1)) for z in (x * x, y * y, x * y))
-    root, light = np.sqrt(var_x * var_y), luminance(mean_x, mean_y)
-    contrast, structure = (2 * root + C2) / (var_x + var_y + C2), (cov + C3) / (root + C3)
-    values = (light * contrast * structure, light, contrast, structure)
-    return {n: float(v.mean()) for n, v in zip(SSIM, values, strict=True)}
 
 
 def computed(metric, *arrays):
@@ -158,51 +115,6 @@ def test_flat_images(pair):
     assert_values("ssim-object", *images, math.nan if pair[1] == 218 else luminance(*pair), SUMS)
     for metric in THIN:
         assert_values(metric, *images, math.nan)
-
-
-@pytest.mark.parametrize("at", [64, 0])
-@pytest.mark.parametrize(("p", "q"), [(255, 254), (255, 0), (0, 1), (0, 255), (128, 127)])
-def test_one_pixel(p, q, at):
-    """The corner pixel, one level off, moves the mean by 1.3e-12, five times SUMS and more."""
-    parts = of_speck(p, q, at)
-    for metric, values in parts.items():
-        expected = 1.0 + float((values - 1.0).sum()) / WINDOWS
-        assert_values(metric, flat(p), speck(p, q, at), expected, SUMS)
-    assert_values("structure", flat(p), speck(p, q, at), 1.0)
-    # On white only the windows with a drawn pixel count; another ground fills the frame.
-    of_object, within = expected_of_object(p, q, parts["ssim"])
-    assert_values("ssim-object", flat(p), speck(p, q, at), of_object, within)
-    if (p, q) == (255, 0):
-        assert_values("ssim-object", speck(p, q, at), flat(p), of_object, within)
-
-
-def expected_of_object(p, q, ssim):
-    if p < 255:
-        return 1.0 + float((ssim - 1.0).sum()) / WINDOWS, SUMS
-    return (float(ssim.mean()), ONE_WINDOW) if q == 0 else (math.nan, 0.0)
-
-
-@pytest.mark.parametrize("side", [1, 7, 8, 11])
-def test_small_images_have_one_window(side):
-    a, b = noise(side, side), noise(side + 100, side)
-    expected = of_one_window(a, b)
-    for metric, value in expected.items():
-        assert_values(metric, a, b, value, ONE_WINDOW)
-    assert_values("ssim-object", a, b, expected["ssim"], ONE_WINDOW)
-    assert_values("ms-ssim", a, b, max(expected["ssim"], 0.0), ONE_WINDOW)  # of one scale
-
-
-def test_strips_and_negatives():
-    for cut in ((slice(None), slice(1)), (slice(None), slice(None), slice(1))):
-        a, b = noise(3, 30)[cut], noise(4, 30)[cut]  # windows of one pixel: luminance
-        expected = luminance(a.astype(float), b.astype(float)).mean()
-        for metric in SSIM:
-            of_metric = expected if metric in ("ssim", "luminance") else 1.0
-            assert_values(metric, a, b, of_metric, SUMS)
-    a = noise(2, WINDOW)
-    assert_values("contrast", a, 255 - a, 1.0, ONE_WINDOW)
-    assert_values("structure", a, 255 - a, of_one_window(a, 255 - a)["structure"], ONE_WINDOW)
-    assert_values("ms-ssim", a, 255 - a, 0.0)  # the structure of its one scale is negative
 
 
 WHITE, BLACK, LEG = flat(255), flat(0), leg()
@@ -253,10 +165,11 @@ VALUES = [  # metrics, images, value, tolerance
     ("cw-ssim", (stripes(0), stripes(1)), 1.0, 1e-3),
     ("cw-ssim", (stripes(0), stripes(16)), 1.0, 1e-3),
     ("ms-ssim", (stripes(0), stripes(16)), 0.0, 0.0),  # structure is negative
+    ("ms-ssim", (noise(2, 11), 255 - noise(2, 11)), 0.0, 0.0),  # in the one scale of small images
     *((m, (flat(0, 0), flat(0, 0)), 1.0, 0.0) for m in (*THIN, "silhouette-iou", JUDGE)),  # none
-    *((m, (x, x), 0.0, 0.0) for m in DISTANCES for x in (noise(1), LEG, WHITE, BLACK)),
+    *((m, (x[:, 40:80, 40:80],) * 2, 0.0, 0.0) for m in DISTANCES for x in (noise(1), LEG, BLACK)),
     # Codes of length 1, and finite angles.
-    *((JUDGE, (x, x), 1.0, CODE_LENGTH) for x in (BLACK, WHITE, LEG, noise(5), speck(255, 0, 0))),
+    *((JUDGE, (x, x), 1.0, CODE_LENGTH) for x in (BLACK, WHITE, LEG, noise(5))),
 ]
 
 
@@ -274,6 +187,16 @@ OF_DISTANCES = ("lpips", "lpips of vgg", "dists")
 EVERY = (*SSIM, "psnr", *OF_PIXELS, *OF_OBJECTS, *BY_NETWORKS, "fd-alexnet", *OF_DISTANCES)
 CHANNELS_4 = np.zeros((2, 128, 128, 4), np.uint8)
 SIZES = (BLACK[:, :64], BLACK[:, :, :64], BLACK[..., :1], BLACK[0])  # that the judges do not take
+X = np.random.default_rng(1).standard_normal((8, 4))
+OF_SETS = ("frechet-distance", "kernel-distance")
+
+
+def with_one(features, value):
+    features = features.copy()
+    features[3, 2] = value
+    return features
+
+
 REFUSED = [  # metrics, images, part of the message
     *((EVERY, x, "images must be uint8") for x in NOT_UINT8),
     *((PARTS, x, f"must be uint8 (range 0..255), got {x[0].dtype}") for x in NOT_UINT8[:3]),
@@ -297,14 +220,27 @@ REFUSED = [  # metrics, images, part of the message
     (("lpips",), (BLACK[:, :30],) * 2, "of 31 x 31 pixels or more"),
     (("lpips of vgg", "dists"), (BLACK[:, :, :15],) * 2, "of 16 x 16 pixels or more"),
     (("lpips of squeeze",), (BLACK, BLACK), "alex or vgg, got 'squeeze'"),
+    (OF_SETS, (X[:0], X), "at least 2 samples, got float64 [0, 4]"),
+    (OF_SETS, (X, X[:1]), "at least 2 samples, got float64 [1, 4]"),
+    (OF_SETS, (X * 1e200, X * 1e200), "no finite covariance; scale them down"),
+    (OF_SETS, (X.astype(complex), X), "features must be real numbers, got complex128"),
+    (OF_SETS, (X > 0, X > 0), "features must be real numbers, got bool"),
+    (OF_SETS, (X.astype(str), X), "features must be real numbers, got <U"),
+    (OF_SETS, (X[:, 0], X), "features must be [n, d], got float64 [8]"),
+    (OF_SETS, (X[:, :0], X[:, :0]), "features must be [n, d], got float64 [8, 0]"),
+    (OF_SETS, (X[:, :3], X[:, :2]), "sets of 3 and 2 features"),
+    (OF_SETS, (with_one(X, np.nan), X), "1 of 32 feature values are not finite"),
+    (OF_SETS, (X, with_one(X.astype("f2"), -np.inf)), "1 of 32 feature values are not finite"),
+    (OF_SETS, (X, X.astype("g") * np.longdouble("1e400")), "32 of 32 feature values are not"),
 ]
 
 
 @pytest.mark.parametrize(("metrics", "images", "says"), REFUSED)
 def test_refused_images(metrics, images, says):
     for metric in dict.fromkeys(metrics):
-        with pytest.raises(ValueError, match=re.escape(says)):
+        with pytest.raises(ValueError, match=re.escape(says)) as caught:
             computed(metric, *images)
+        assert caught.type is (TooFewSamples if "samples" in says else ValueError)
 
 
 # Sums of up to 4,608 products of float64 in another order; of float32 for FLIP.
@@ -315,8 +251,9 @@ DIRECTED = ("ssim-object", "silhouette-iou", *THIN)
 
 @pytest.mark.parametrize("metric", [*SSIM, "psnr", "ms-ssim", *OF_OBJECTS, *COMPANY])
 def test_neither_company_nor_sides_nor_strides_matter(metric):
-    truth = np.concatenate([boxes()[:2], LEG, WHITE])[:, 32:96, 32:96]
-    drawn = np.concatenate([noise(1), boxes()[2:3], MOVED, BLACK])[:, 32:96, 32:96]
+    part = slice(32, 96, 2 if metric in NETWORKS else 1)  # few pixels of what takes long
+    truth = np.concatenate([boxes()[:2], LEG, WHITE])[:, part, part]
+    drawn = np.concatenate([noise(1), boxes()[2:3], MOVED, BLACK])[:, part, part]
     close = {"rtol": 0, "atol": COMPANY.get(metric, 0.0)}
     together = computed(metric, truth, drawn)
     assert len(set(together.tolist())) > 2
@@ -329,22 +266,15 @@ def test_neither_company_nor_sides_nor_strides_matter(metric):
     np.testing.assert_array_equal(computed(metric, *mirrored), computed(metric, *copies))
 
 
-@pytest.mark.parametrize(("metric", "batch"), [("lpips", LPIPS_BATCH), ("dists", DISTS_BATCH)])
-def test_more_images_than_a_batch_none_and_true_images_that_change(metric, batch):
-    distance = NETWORKS[f"{metric} in float64"]
-    a, b = (
-        np.random.default_rng(seed).integers(0, 256, (batch + 2, 32, 32, 3), np.uint8)
-        for seed in (6, 7)
-    )
-    together = distance(a, b)
-    np.testing.assert_allclose(distance(a[batch:], b[batch:]), together[batch:], rtol=1e-12)
-    assert distance(a[:0], b[:0]).shape == (0,)
-    # What is kept of the images of the last call is not taken for those of this one.
-    few, before = a[:2], distance(a[:2], b[:2])
-    few[0, 0, 0] ^= 255
-    changed = distance(few, b[:2])
+@pytest.mark.parametrize("metric", ["lpips in float64", "dists in float64"])
+def test_what_is_kept_of_the_last_images_is_not_taken_for_others(metric):
+    images = np.random.default_rng(6).integers(0, 256, (2, 32, 32, 3), np.uint8)
+    before = computed(metric, images, images[::-1])
+    assert computed(metric, images[:0], images[:0]).shape == (0,)
+    images[0, 0, 0] ^= 255
+    changed = computed(metric, images, images[::-1])
     assert changed[0] != before[0]
-    np.testing.assert_array_equal(changed, distance(few.copy(), b[:2].copy()))
+    np.testing.assert_array_equal(changed, computed(metric, images.copy(), images[::-1].copy()))
 
 
 # --- features of images ---------------------------------------------------------------------------
@@ -406,6 +336,7 @@ ANSWERS = {  # answers, true angles, expected errors of the azimuth and of the e
     "undecided": (np.zeros((2, 3), np.float32), [30, -120], [30, 120], [30, 120]),
     "tiny": (answers([90], length=1e-40), [90], [0], None),
     "huge": (answers([45], length=1e38), [45], [0], None),
+    "float16": (answers([45], 20, dtype=np.float16), [20], [25], [0]),  # equal sine and cosine
     "ends of elevation": (answers([0, 0], 40), [40, -40], None, [0, 80]),
     "NaN": (np.full((2, 3), NAN, np.float32), [0, 30], [NAN, NAN], [NAN, NAN]),
     "none": (np.empty((0, 3), np.float32), [], [], []),
@@ -421,11 +352,3 @@ def test_errors_of_angles(name):
     if elevation is not None:
         actual = elevation_error_deg(given, np.array(asked, float))
         np.testing.assert_array_equal(actual, elevation)
-
-
-def test_answers_in_float16():
-    """Sine and cosine are off by 2^-11 of themselves."""
-    given, asked = answers([30], 20, dtype=np.float16), np.array([20.0])
-    off = math.degrees(2.0**-11)
-    assert azimuth_error_deg(given, asked) == pytest.approx([10.0], rel=0, abs=off)
-    assert elevation_error_deg(given, asked).tolist() == [0.0]

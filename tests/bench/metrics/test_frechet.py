@@ -1,4 +1,4 @@
-"""Fréchet distances: values, extremes and refusals, and their intervals."""
+"""Fréchet distances: values, extremes and intervals; refusals are in `test_extreme_inputs`."""
 
 from __future__ import annotations
 
@@ -107,7 +107,6 @@ PLAIN_ROUNDING = rounding_of_frechet(X, Y)
 IN_3, ALSO_IN_3 = normal(4, 50, 3), 2 * normal(5, 60, 3)
 AXES = np.linalg.qr(normal(9, 40, 40))[0]
 TURN = np.linalg.qr(normal(9, 8, 8))[0]
-SPREAD = 10.0 ** np.arange(-8, 9)  # deviations
 CENTRED = normal(0, 20, 256) - normal(0, 20, 256).mean(axis=0)
 U = 2.0**-53
 
@@ -137,34 +136,17 @@ def of_two_rows(x, y):
     return shift_and_traces(x, y) - 2 * abs(a @ b)
 
 
-def whole_numbers(shift):
-    """Two sets of rows with exact sums and means, even far from 0."""
-    x, y = np.random.default_rng(3).integers(-50, 50, (2, 32, 8)).astype(float)
-    return x + shift, y + shift
-
-
-def of_the_rest(x):
-    """The distance of x to each of its rows twice: S2 = c S1, c = 2 (n - 1) / (2 n - 1)."""
-    n = len(x)
-    return traces(x, x) / 2 * (1 - np.sqrt(2 * (n - 1) / (2 * n - 1))) ** 2
-
-
 VALUES = {  # two sets, the distance, and the tolerance where it is not that of rounding
     "two rows": (X[:2], Y[:2], of_two_rows(X[:2], Y[:2])),
-    "two rows of one feature": (X[:2, :1], Y[:2, :1], on_a_line(X[:2, :1], Y[:2, :1])),
     "one feature": (X[:, :1], 3 + 5 * Y[:, :1], on_a_line(X[:, :1], 3 + 5 * Y[:, :1])),
     "fewer rows than features": (CENTRED, 3 * CENTRED, 2 * traces(CENTRED, CENTRED)),
     "identical": (CENTRED, CENTRED, 0.0),
-    "identical, another order": (X, np.random.default_rng(1).permutation(X), 0.0),
     "another order": (X[::-1], Y, PLAIN),
     "swapped": (Y, X, PLAIN),
-    "every row twice": (X, np.repeat(X, 2, axis=0), of_the_rest(X)),
-    "constant": (np.full((10, 3), 2.0), np.full((4, 3), 5.0), 27.0, 0.0),
     # Means of n equal values are off by n U of them, and so are the deviations.
     "tenths": (np.full((7, 3), 0.1), np.full((13, 3), 0.1), 0.0, 12 * (13 * U * 0.1) ** 2),
     "constant, normal": (np.full((9, 8), 2.0), X, shift_and_traces(np.full((9, 8), 2.0), X)),
     "diagonal": (diagonal(np.arange(1.0, 9)), diagonal(np.arange(8.0, 0, -1), 0.5), 2.0 + 168),
-    "all magnitudes": (diagonal(SPREAD), diagonal(2 * SPREAD), (SPREAD**2).sum()),
     "3 of 40": (  # eigenvalues of a product that is not symmetric err more than singular values
         *(IN_3 @ AXES[:3], ALSO_IN_3 @ AXES[:3], by_eigenvalues(IN_3, ALSO_IN_3)),
         10 * ROUNDING * traces(IN_3, ALSO_IN_3),
@@ -178,17 +160,12 @@ VALUES = {  # two sets, the distance, and the tolerance where it is not that of 
         f"times {scale:g}": (X * scale, Y * scale, PLAIN * scale**2, PLAIN_ROUNDING * scale**2)
         for scale in (1e8, 1e-8, 1e149)
     },
-    # Powers of two round nothing.
-    "times 2^30": (X * 2.0**30, Y * 2.0**30, PLAIN * 2.0**60, 0.0),
-    "times 2^-30": (X * 2.0**-30, Y * 2.0**-30, PLAIN * 2.0**-60, 0.0),
     "largest": (np.full((4, 3), 1e150), np.full((5, 3), -1e150), 1.2e301, ROUNDING * 1.2e301),
     "squares underflow": (X * 1e-200, Y * 1e-200, 0.0, 0.0),
-    "subnormal": (X * 1e-310, Y * 1e-310, 0.0, 0.0),
     "one of 1e100": (
         *(np.append(X[:9, :1], [[1e100]], axis=0), Y[:10, :1]),
         on_a_line(np.append(X[:9, :1], [[1e100]], axis=0), Y[:10, :1]),
     ),
-    "whole numbers at 1e8": (*whole_numbers(1e8), frechet_distance(*whole_numbers(0)), 0.0),
     "float16": (
         *(X.astype("f2"), Y.astype("f2")),
         frechet_distance(X.astype("f2").astype(float), Y.astype("f2").astype(float)),
@@ -221,36 +198,6 @@ def test_features_far_from_0():
     move = 2 * 41 * U * 2.0**27 * np.sqrt(8 * 40 / 39)
     within = 2 * np.sqrt(PLAIN) * move + move**2
     assert frechet_distance(X + 1e8, Y + 1e8) == pytest.approx(PLAIN, rel=0, abs=within)
-
-
-def with_value(x, value):
-    x = x.copy()
-    x[3, 2] = value
-    return x
-
-
-@pytest.mark.parametrize(
-    ("x", "y", "error", "says"),
-    [
-        (X[:0], Y, TooFewSamples, "[0, 8]"),
-        (X, Y[:1], TooFewSamples, "[1, 8]"),
-        (X * 1e200, Y * 1e200, ValueError, "no finite covariance; scale them down"),
-        (X.astype(complex), Y, ValueError, "features must be real numbers, got complex128"),
-        (X > 0, Y > 0, ValueError, "features must be real numbers, got bool"),
-        (X.astype(str), Y, ValueError, "features must be real numbers, got <U"),
-        (X[:, 0], Y, ValueError, "features must be [n, d], got float64 [40]"),
-        (X[:, :0], Y[:, :0], ValueError, "features must be [n, d], got float64 [40, 0]"),
-        (X[:, :4], Y[:, :5], ValueError, "sets of 4 and 5 features"),
-        (with_value(X, np.nan), Y, ValueError, "1 of 320 feature values are not finite"),
-        (X, with_value(Y, np.inf), ValueError, "1 of 320 feature values are not finite"),
-        (X, with_value(Y.astype("f2"), -np.inf), ValueError, "1 of 320 feature values are not"),
-        (X, Y.astype("g") * np.longdouble("1e400"), ValueError, "320 of 320 feature values are"),
-    ],
-)
-def test_refused_features(x, y, error, says):
-    with pytest.raises(ValueError, match=re.escape(says)) as caught:
-        frechet_distance(x, y)
-    assert caught.type is error
 
 
 # --- intervals ------------------------------------------------------------------------------------
@@ -295,19 +242,6 @@ def test_distances_share_what_they_may(shape, gone):
     assert leave_one_out(x, y, *names).tolist() == actual.tolist()
 
 
-@pytest.mark.parametrize("count", [2, 3, 8, 13])
-def test_what_is_left_without_each_block(count):
-    """However many halves there are, and whatever the order of the rows."""
-    x, groups = views_of_objects(0, 13, 4, d=5)
-    member = np.random.default_rng(1).permutation(groups % count)
-    leave_one_out = JackknifeMoments(x, groups)
-    leave_one_out.without_blocks(groups % count, count)  # what is kept of these is not of others
-    for block, left in zip(range(count), leave_one_out.without_blocks(member, count), strict=True):
-        rest = x[member != block]
-        assert left.mean == pytest.approx(rest.mean(axis=0), rel=1e-13, abs=1e-13)
-        assert left.factor.T @ left.factor == pytest.approx(np.cov(rest.T), rel=1e-12)
-
-
 @pytest.mark.parametrize(
     ("objects", "blocks"), [(0, 0), (1, 1), (60, 60), (61, 21), (90, 30), (91, 23), (1357, 30)]
 )
@@ -339,14 +273,19 @@ def test_groups_of_objects_are_left_out():
 
 # views of an object, features and rows of a part: rows wait until there are 1,024 of a group
 @pytest.mark.parametrize(
-    ("views", "d", "part"), [(2, 6, 50), (3, 64, 7), (2, 300, 1000), (300, 3, 997), (300, 1, 997)]
+    ("views", "d", "part", "far"),
+    [
+        *((2, 6, 50, 0), (3, 64, 7, 0), (2, 300, 1000, 0), (300, 3, 997, 0), (300, 1, 997, 0)),
+        (30, 6, 50, 1e6),  # sums of squares would leave 4 of 16 digits
+    ],
 )
-def test_streamed_groups_have_the_distances_of_their_definition(views, d, part):
-    x, groups = views_of_objects(0, 13, views, d)
-    y, _ = views_of_objects(1, 13, views, d, offset=0.3)
+def test_streamed_groups_have_the_distances_of_their_definition(views, d, part, far):
+    x, groups = views_of_objects(0, 13, views, d, far)
+    y, _ = views_of_objects(1, 13, views, d, far + 0.3)
     block = (5 * groups) % 4
     kept = groups != 2  # a method that failed on an object
-    sets = (x[kept].astype(np.float32), block[kept]), (y.astype(np.float32), block)
+    dtype = np.float64 if far else np.float32
+    sets = (x[kept].astype(dtype), block[kept]), (y.astype(dtype), block)
     streams = []
     for features, member in sets:
         streams.append(GroupedMoments(4))
@@ -354,7 +293,8 @@ def test_streamed_groups_have_the_distances_of_their_definition(views, d, part):
             streams[-1].add(features[start : start + part], member[start : start + part])
     value, without = grouped_distances(*streams)
     (drawn, in_drawn), (true, in_true) = sets
-    close = ROUNDING * traces(drawn.astype(float), true.astype(float))
+    # far away the features themselves have a rounding of 1e6 * 2^-53 = 1e-10
+    close = max(ROUNDING, far * 1e-15) * traces(drawn.astype(float), true.astype(float))
     assert value == pytest.approx(frechet_distance(drawn, true), rel=0, abs=close)
     expected = by_leaving_out(drawn, true, in_drawn, in_true)
     assert without == pytest.approx(expected, rel=0, abs=close)
@@ -375,33 +315,6 @@ def test_rows_that_come_after_a_distance_are_in_the_next_one():
         assert without == pytest.approx(exact, rel=0, abs=close)
 
 
-def test_streams_far_from_the_origin_do_not_cancel():
-    """A mean of 1e6 with a spread of 1: sums of squares would leave 4 of 16 digits."""
-    x, y = normal(5, 400, 6) + 1e6, 1.5 * normal(6, 400, 6) + 1e6
-    streams = [GroupedMoments(2), GroupedMoments(2)]
-    for stream, features in zip(streams, (x, y), strict=True):
-        for rows in np.array_split(np.arange(400), 57):
-            stream.add(features[rows], rows % 2)
-    value, _ = grouped_distances(*streams)
-    # the features themselves have a rounding of 1e6 * 2^-53 = 1e-10
-    assert value == pytest.approx(frechet_distance(x - 1e6, y - 1e6), rel=1e-8)
-    with pytest.raises(ValueError, match="12 of 12 feature values are not finite"):
-        streams[0].add(np.full((2, 6), np.inf), np.array([0, 1]))
-
-
-def test_groups_that_leave_too_little_have_no_distances():
-    x = normal(0, 10, 3)
-    lonely, others = GroupedMoments(2), GroupedMoments(2)
-    lonely.add(x, np.arange(10) // 9)  # without group 0 a single row would be left
-    others.add(x, np.arange(10) % 2)
-    value, without = grouped_distances(lonely, others)
-    assert value <= ROUNDING * traces(x, x)
-    assert np.isnan(without).all()
-    assert len(without) == 2
-    with pytest.raises(TooFewSamples):
-        GroupedMoments(2).whole()
-
-
 @pytest.mark.parametrize("d", [4, 40])
 def test_identical_sets_and_objects_that_leave_too_little(d):
     x, groups = views_of_objects(0, 8, 3, d)
@@ -409,11 +322,19 @@ def test_identical_sets_and_objects_that_leave_too_little(d):
     x, others = x[:10], np.repeat(np.arange(5), 2)
     lonely = np.arange(10) // 9  # without object 0 a single row would be left
     assert np.isnan(leave_one_out(x, x, lonely, others)).all()
+    streams = GroupedMoments(2), GroupedMoments(2)
+    for stream, of_rows in zip(streams, (lonely, others % 2), strict=True):
+        stream.add(x, of_rows)
+    value, without = grouped_distances(*streams)
+    assert value <= ROUNDING * traces(x, x)
+    assert (len(without), np.isnan(without).all()) == (2, True)
 
 
 def test_groups_have_to_fit():
     x, groups = views_of_objects(0, 4, 3, d=4)
     with pytest.raises(ValueError, match=re.escape("12 rows need groups of shape [12], got [11]")):
         JackknifeMoments(x, groups[:-1])
+    with pytest.raises(ValueError, match="8 of 8 feature values are not finite"):
+        GroupedMoments(2).add(np.full((2, 4), np.inf), np.array([0, 1]))
     with pytest.raises(TooFewSamples):
-        JackknifeMoments(x[:1], groups[:1])
+        GroupedMoments(2).whole()

@@ -1,23 +1,17 @@
+"""The network behind FID: conformance vectors, its resizing, and the images that it refuses."""
+
 from __future__ import annotations
 
 import hashlib
 import json
 import re
-import subprocess
-import sys
-import urllib.error
-from io import BytesIO
-from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 import torch.nn.functional as F
 
-from bench.metrics import inception_weights
-from bench.metrics.inception import FidInception, inception_features, load_inception
-from bench.metrics.inception_weights import WeightsUnavailable, find_weights
-from data_prep.failures import BadInput
+from bench.metrics.inception import FidInception, inception_features
 
 from .reference import REFERENCE
 
@@ -101,7 +95,7 @@ def test_every_stage_conforms_in_float64(model, reference):
         assert off(actual, reference[name][:1]) < FLOAT64, name
 
 
-@pytest.mark.parametrize("size", [2, 128, 299, 640])
+@pytest.mark.parametrize("size", [2, 128, 640])
 def test_resize_agrees_with_interpolation_on_a_grid(model, size):
     """Return the value by TensorFlow 1: read at multiples of the ratio, the last pixel held."""
     image = np.random.default_rng(0).integers(0, 256, (size, size), dtype=np.uint8)
@@ -118,14 +112,9 @@ def test_resize_agrees_with_interpolation_on_a_grid(model, size):
     np.testing.assert_allclose(actual, expected, rtol=0, atol=0.03)
 
 
-@pytest.fixture(scope="module")
-def image():
+def test_is_frozen_and_looks_at_each_image_alone(model):
     image = np.random.default_rng(0).integers(0, 256, (1, 75, 90, 3), dtype=np.uint8)
     image.flags.writeable = False
-    return image
-
-
-def test_is_frozen_and_looks_at_each_image_alone(model, image):
     before = inception_features(model, image)
     assert np.all(before >= 0)  # means of ReLUs
     model.train()
@@ -157,107 +146,3 @@ def test_names_the_images_it_refuses(model, shape, dtype, planes):
     ):
         with pytest.raises(ValueError, match=re.escape(f"{stack.dtype} {list(stack.shape)}")):
             ask()
-
-
-@pytest.fixture(scope="module")
-def weights(model):
-    """A file with the published keys; its checksum stands in for the published one."""
-    buffer = BytesIO()
-    torch.save(model.state_dict(), buffer)
-    return buffer.getvalue()
-
-
-@pytest.fixture
-def published(weights, monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    return tmp_path / "cache" / "pc2pix-bench" / inception_weights.WEIGHTS_NAME
-
-
-@pytest.fixture
-def find(weights):
-    """Return `find_weights` for this file, with the network's answer: bytes, or None for none."""
-    sha256 = hashlib.sha256(weights).hexdigest()
-
-    def find(chosen, answer=None, requests=None):
-        def open_url(url, timeout):
-            if requests is not None:
-                requests.append((url, timeout))
-            if answer is None:
-                raise urllib.error.URLError("no route to host")
-            return BytesIO(answer)
-
-        return find_weights(chosen, sha256, open_url)
-
-    return find
-
-
-def test_a_given_file_is_verified_and_loaded(model, weights, published, find, tmp_path, image):
-    path = tmp_path / "weights.pth"
-    path.write_bytes(weights)
-    assert find(str(path)) == path
-    loaded = load_inception(path, hashlib.sha256(weights).hexdigest())
-    features = inception_features(loaded, image)
-    assert off(features, inception_features(model, image)) < FLOAT32  # another memory layout
-    assert not published.exists()
-    path.write_bytes(weights[:-1])
-    with pytest.raises(BadInput, match="sha256"):
-        find(str(path))
-
-
-def test_refuses_another_file_before_unpickling_it(tmp_path):
-    path = tmp_path / "other.pth"
-    path.write_bytes(b"anything")  # which torch.load would refuse with another message
-    with pytest.raises(BadInput) as caught:
-        load_inception(path)
-    message = str(caught.value)
-    published = "6726825d0af5f729cebd5821db510b11b1cfad8faad88a03f1befd49fb9129b2"
-    digest = hashlib.sha256(b"anything").hexdigest()
-    assert all(p in message for p in (str(path), digest, published, inception_weights.WEIGHTS_URL))
-    assert "\n" not in message
-    with pytest.raises(BadInput, match="missing"):
-        load_inception(tmp_path / "missing.pth")
-
-
-def test_fetches_once_then_reads_the_cache(weights, published, find):
-    requests = []
-    assert find("download", weights, requests) == published
-    assert requests == [(inception_weights.WEIGHTS_URL, inception_weights.DOWNLOAD_TIMEOUT_S)]
-    assert [path.name for path in published.parent.iterdir()] == [published.name]
-    assert find("download") == published
-    assert find(None) == published
-    published.write_bytes(weights[:-1])  # a damaged one is fetched anew, where that is asked for
-    with pytest.raises(WeightsUnavailable, match="no weights"):
-        find(None)
-    assert find("download", weights).read_bytes() == weights
-
-
-@pytest.mark.usefixtures("published")
-def test_says_how_to_get_the_weights_and_asks_the_network_on_request_only(find):
-    requests = []
-    with pytest.raises(WeightsUnavailable, match="--inception-weights download"):
-        find(None, None, requests)
-    assert requests == []
-
-
-@pytest.mark.parametrize(
-    ("answer", "message"),
-    [
-        (None, "no route to host"),
-        (b"<html>Please log in</html>", "26 bytes"),
-        ("weights", "cannot be kept"),
-    ],
-)
-def test_keeps_nothing_of_a_download_that_fails(weights, published, find, answer, message):
-    if answer == "weights":
-        published.parent.parent.write_bytes(b"")  # a file where the folder should be
-        answer = weights
-    with pytest.raises(BadInput, match=message) as caught:
-        find("download", answer)
-    remedy = f"fetch {inception_weights.WEIGHTS_URL} yourself and give --inception-weights PATH"
-    assert remedy in str(caught.value)
-    assert not published.exists()
-
-
-def test_weights_are_found_without_torch():
-    code = "import sys, bench.metrics.inception_weights as _; sys.exit('torch' in sys.modules)"
-    subprocess.run([sys.executable, "-c", code], check=True, cwd=Path(__file__).parents[3])

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from bench.training.efficientnet import WEIGHTS, EfficientNet, load_efficientnet
-from tests.bench.metrics.test_lpips import disc, noise
+from tests.bench.metrics.test_similarities import disc, noise
 
 # Lengths of the four maps, and sums of their channels 5. By the network as modules of PyTorch from
 # the table of the paper, in float64, on 2026-11-27; its 1,280 means were those of the code of the

@@ -1,0 +1,240 @@
+"""PSNR, MS-SSIM, CW-SSIM, FLIP, DISTS and LPIPS by published values, conformance vectors and other
+implementations; closed forms, invariants and refusals are in `test_extreme_inputs`."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+
+import numpy as np
+import pytest
+import torch
+from skimage.io import imread
+from skimage.metrics import peak_signal_noise_ratio
+
+from bench.metrics import psnr
+from bench.metrics.dists import dists, pooled
+from bench.metrics.flip import flip
+from bench.metrics.image_scores import scores
+from bench.metrics.lpips_network import Lpips, lpips
+from bench.metrics.multiscale_similarity import WEIGHTS, ms_ssim, scale_weights
+from bench.metrics.packaged_weights import CHECKPOINTS, find_lpips_weights
+from bench.metrics.structural_similarity import ssim_per_image
+from bench.metrics.wavelet_similarity import cw_ssim
+
+from .reference import REFERENCE
+
+
+def pattern(side, phase=0.0, gain=1.0):
+    """Return a coloured pattern of slow and fast waves, uint8 [1, side, side, 3]."""
+    y, x = np.mgrid[:side, :side] * (2 * np.pi / side)
+    channels = [
+        120 + gain * (60 * np.sin(3 * x + k + phase) * np.cos(2 * y) + 50 * np.sin(11 * y + 7 * x))
+        for k in range(3)
+    ]
+    return np.clip(np.stack(channels, axis=-1), 0, 255).round().astype(np.uint8)[None]
+
+
+def disc(radius, value, column=64):
+    rows, columns = np.mgrid[:128, :128]
+    image = np.full((128, 128, 3), 255, np.uint8)
+    image[(rows - 64) ** 2 + (columns - column) ** 2 <= radius**2] = value
+    return image
+
+
+def noise(seed, *shape):
+    return np.random.default_rng(seed).integers(0, 256, shape, dtype=np.uint8)
+
+
+# --- PSNR -----------------------------------------------------------------------------------------
+
+# The sum of squares is a whole number and exact; a quotient, a logarithm and a product round, each
+# by at most 2 units of 2^-53 of values up to 100, here and in scikit-image.
+PSNR_ROUNDING = 12 * 100 * 2.0**-53
+
+
+def test_psnr_agrees_with_scikit_image():
+    rng = np.random.default_rng(0)
+    a = rng.integers(0, 256, (6, 40, 30, 3), np.uint8)
+    b = a.copy()
+    for i, share in enumerate((1.0, 0.5, 0.1, 0.03, 0.01, 0.003)):
+        at = rng.random(a[i].shape) < share
+        b[i][at] = rng.integers(0, 256, at.sum(), np.uint8)
+    expected = [peak_signal_noise_ratio(x, y, data_range=255) for x, y in zip(a, b, strict=True)]
+    np.testing.assert_allclose(psnr(a, b), expected, rtol=0, atol=PSNR_ROUNDING)
+
+
+def test_psnr_of_identical_images_is_that_of_one_level_in_one_channel():
+    a = np.random.default_rng(1).integers(1, 255, (3, 128, 128, 3), np.uint8)
+    b = a.copy()
+    b[1:, 70, 20, 1] += 1
+    b[2, 0, 0, 0] -= 1
+    most = 20 * math.log10(255) + 10 * math.log10(128 * 128 * 3)
+    expected = [most, most, most - 10 * math.log10(2)]
+    np.testing.assert_allclose(psnr(a, b), expected, rtol=0, atol=PSNR_ROUNDING)
+    np.testing.assert_array_equal(scores(a, b)["psnr"], psnr(a, b))
+
+
+# --- MS-SSIM and CW-SSIM --------------------------------------------------------------------------
+
+PAIRS = {
+    "phase": lambda side: (pattern(side), pattern(side, 0.3)),
+    "contrast": lambda side: (pattern(side), pattern(side, 0.0, 0.6)),
+    "both": lambda side: (pattern(side, 0.1, 0.8), pattern(side, 0.4, 1.1)),
+}
+# By PyTorch Toolbox for Image Quality Assessment 0.1.16 in float64, 2026-11-25. MS-SSIM: of 192 px
+# with five scales, by MS_SSIM(test_y_channel=False), whose powers add up to 1.0001. CW-SSIM: of 128
+# px, the mean over channels of CW_SSIM(channels=1, test_y_channel=False, K=4**6), whose filters are
+# in float32 and read from tables of 1,024 steps.
+PUBLISHED = {
+    "phase": (0.98293666, 0.99804225),
+    "contrast": (0.88731718, 0.89398827),
+    "both": (0.93680192, 0.95390588),
+}
+
+
+@pytest.mark.parametrize("name", PAIRS)
+def test_published_values_of_ms_ssim_and_cw_ssim(name):
+    multiscale, wavelet = PUBLISHED[name]
+    expected = pytest.approx(multiscale ** (1 / sum(WEIGHTS)), abs=1e-6)
+    assert ms_ssim(*PAIRS[name](192))[0] == expected
+    assert cw_ssim(*PAIRS[name](128))[0] == pytest.approx(wavelet, abs=2e-6)
+
+
+@pytest.mark.parametrize(
+    ("side", "scales"), [(1, 1), (21, 1), (22, 2), (87, 3), (88, 4), (128, 4), (176, 5), (999, 5)]
+)
+def test_as_many_scales_as_have_a_whole_window(side, scales):
+    weights = scale_weights(side)
+    assert len(weights) == scales
+    assert sum(weights) == pytest.approx(1, abs=1e-15)
+    assert np.divide(weights, WEIGHTS[:scales]) == pytest.approx(1 / sum(WEIGHTS[:scales]))
+
+
+def test_ms_ssim_of_one_scale_is_ssim():
+    for a, b in (pattern(21), pattern(21, 0.3)), (pattern(9), pattern(9, 0.0, 0.6)):
+        assert ms_ssim(a, b) == pytest.approx(ssim_per_image(a, b).ssim, abs=1e-12)
+
+
+def test_a_small_shift_costs_cw_ssim_a_tenth_of_what_it_costs_ssim():
+    """Stripes 4 px wide lose their structure, and their outline in the wavelets next to nothing."""
+    image = disc(30, 80)[None]
+    image[:, 40:88, 40:88:8] = 255
+    moved = np.roll(image, 1, axis=2)
+    lost = 1 - cw_ssim(image, moved)[0], 1 - ssim_per_image(image, moved).ssim[0]
+    assert 0 < 10 * lost[0] < lost[1]
+
+
+@pytest.mark.parametrize("faint", [0.3, 0.5])
+def test_cw_ssim_of_a_fainter_wave_has_a_closed_form(faint):
+    """Amplitudes A and f A of one wave: (2 f g + K) / ((1 + f^2) g + K) with g in each orientation,
+    which is 2 f / (1 + f^2) where K is small beside g, and 1 where an orientation has nothing."""
+    waves = [
+        np.round(127 + gain * 100 * np.cos(2 * np.pi * np.arange(128) / 32)) for gain in (1, faint)
+    ]
+    a, b = (np.broadcast_to(w[:, None], (1, 128, 128, 3)).astype(np.uint8) for w in waves)
+    # Of 8 orientations b the response is |cos(pi b / 8)|^7 of the largest, on one of both sides.
+    largest = 2 * 2**7 * 5040 / np.sqrt(8 * 87178291200)  # 7! and 14!
+    gains = [(largest * abs(np.cos(np.pi * b / 8)) ** 7 * 50) ** 2 for b in range(8)]
+    expected = np.mean([(2 * faint * g + 1) / ((1 + faint**2) * g + 1) for g in gains])
+    assert cw_ssim(a, b)[0] == pytest.approx(expected, abs=2e-3)  # levels are rounded by half a one
+
+
+# --- FLIP -----------------------------------------------------------------------------------------
+
+
+def test_flip_is_the_mean_of_the_map_of_its_package():
+    """At 67 pixels per degree; the package's own mean is a sum of float32, off by 1e-4 at most."""
+    evaluate = pytest.importorskip("flip_evaluator").evaluate
+    truth = np.stack([disc(30, 80), disc(30, 80, column=80)])
+    drawn = np.stack([disc(30, 120), disc(28, 80)])
+    for value, a, b in zip(flip(truth, drawn), truth / 255, drawn / 255, strict=True):
+        images = a.astype(np.float32), b.astype(np.float32)
+        _, mean, settings = evaluate(*images, "LDR", applyMagma=False)
+        assert settings["ppd"] == pytest.approx(67.0206, abs=1e-4)
+        assert value == pytest.approx(mean, abs=1e-4)
+        near, _, _ = evaluate(*images, "LDR", applyMagma=False, parameters={"ppd": 67.0206})
+        assert value == pytest.approx(near.mean(dtype=np.float64), abs=1e-5)
+
+
+# --- DISTS and LPIPS ------------------------------------------------------------------------------
+
+RAMP = np.tile(np.arange(128, dtype=np.uint8) * 2, (128, 1))
+WHITE, GREY = disc(0, 255), disc(30, 150)
+STACKED = np.stack([RAMP, RAMP.T, 255 - RAMP], 2)
+IMAGES = {
+    "white/white": (WHITE, WHITE),
+    "white/black": (WHITE, np.zeros_like(WHITE)),
+    "disc 30 grey 150/same moved 3 right": (GREY, disc(30, 150, column=67)),
+    "disc 30 grey 150/white": (GREY, WHITE),
+    "disc 30 grey 150/disc 30 (200,80,40)": (GREY, disc(30, (200, 80, 40))),
+    "noise 0/noise 1": (noise(0, 128, 128, 3), noise(1, 128, 128, 3)),
+    "ramp/transposed ramp": (STACKED, STACKED.transpose(1, 0, 2)),
+    "ramp/noise 2": (STACKED, noise(2, 128, 128, 3)),
+}
+# By DISTS_pytorch 0.1 itself in float64 on the same weights, on 2026-11-25.
+DISTS = {
+    "white/black": 0.373687821513,
+    "disc 30 grey 150/white": 0.378907931251,
+    "ramp/noise 2": 0.507081203432,
+}
+
+
+@pytest.mark.parametrize(("single", "tolerance"), [(False, 1e-7), (True, 1e-5)])
+def test_dists_are_those_of_the_published_code(single, tolerance):
+    pairs = np.stack([IMAGES[name] for name in DISTS], axis=1)
+    assert dists(*pairs, single=single) == pytest.approx([*DISTS.values()], rel=0, abs=tolerance)
+
+
+def test_pooling_by_hand():
+    """One pixel of 4: a quarter of it counts half, beside it an eighth of 16, at a corner 1/16."""
+    image = torch.zeros(1, 1, 4, 4, dtype=torch.float64)
+    image[0, 0, 1, 2] = 4.0
+    expected = torch.tensor([[0.0, 2.0], [0.0, 2.0]], dtype=torch.float64).sqrt()
+    torch.testing.assert_close(pooled(image)[0, 0], expected, rtol=0, atol=1e-6)
+
+
+@pytest.fixture(scope="module")
+def reference():
+    return json.loads((REFERENCE / "lpips_reference.json").read_text())
+
+
+NETS = {"alex": "alexnet", "vgg": "vgg16"}  # and their names in the reference
+
+
+# As the reference states: float64 on the float32 weights, and what float32 leaves of it.
+@pytest.mark.parametrize(("single", "tolerance"), [(False, 1e-9), (True, 1e-5)])
+@pytest.mark.parametrize("net", NETS)
+def test_lpips_conforms_to_its_reference(reference, net, single, tolerance):
+    assert CHECKPOINTS[net].sha256 == reference["checkpoints"][NETS[net]]
+    dtype = torch.float32 if single else torch.float64
+    network = Lpips(find_lpips_weights(net), net, dtype)
+    cases = {case["case"]: case for case in reference["cases"]}
+    assert [*cases] == [*IMAGES]
+    for name in list(cases)[:: 1 if net == "alex" or single else 3]:  # the slow one of four
+        case, (a, b) = cases[name], IMAGES[name]
+        assert [hashlib.sha256(x.tobytes()).hexdigest() for x in (a, b)] == case["sha256"]
+        actual = lpips(a[None], b[None], net, single=single)
+        assert actual.dtype == np.float64
+        assert actual[0] == pytest.approx(case[f"lpips_{NETS[net]}"], rel=0, abs=tolerance)
+        (features,) = network.encode(a[None]).features.numpy()
+        stated = case[f"features_{NETS[net]}"]
+        assert len(features) == stated["dim"]
+        assert features[:5] == pytest.approx(stated["first5"], rel=0, abs=tolerance)
+        assert np.linalg.norm(features) == pytest.approx(stated["norm"], rel=tolerance)
+
+
+@pytest.mark.parametrize("net", NETS)
+def test_lpips_of_the_published_pair_and_of_the_smallest_images(reference, net):
+    ref, near, far = (
+        imread(REFERENCE / "lpips" / f"ex_{name}.png")[None, ..., :3]
+        for name in ("ref", "p1", "p0")
+    )
+    actual = [float(lpips(ref, other, net, single=True)[0]) for other in (far, near)]
+    if net == "alex":
+        assert [round(value, 3) for value in actual] == reference["published"]["alexnet"]
+    reproduced = reference["published_reproduced_float32"][NETS[net]]
+    assert [round(value, 4) for value in actual] == reproduced
+    side = {"alex": 31, "vgg": 16}[net]
+    assert 0 < lpips(noise(0, 1, side, side, 3), noise(1, 1, side, side, 3), net)[0] < 2
