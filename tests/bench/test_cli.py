@@ -9,56 +9,32 @@ import shutil
 import signal
 import subprocess
 import sys
-from importlib.metadata import version
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from bench.cli import _interrupt_handler
-from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 
 from .builders import drop_features
 from .conftest import BENCH
 
-HEAVY = """
-import sys
-from bench.cli import main
-try:
-    main()
-finally:
-    print(*({"torch", "numpy", "pandas", "scipy", "matplotlib", "rich"} & set(sys.modules)),
-          file=sys.stderr)
-"""
 
-
-@pytest.mark.parametrize("argument", ["list", "--help"])
-def test_simple_questions_load_no_heavy_package(argument):
-    done = subprocess.run(
-        [sys.executable, "-c", HEAVY, argument], capture_output=True, text=True, check=True
-    )
-    assert done.stderr == "\n"
-    assert "chair" in done.stdout or "Usage" in done.stdout
-
-
-def test_the_version_of_the_protocol_is_printed_with_what_changed(command):
-    status, out, err = command("--protocol")
-    versions = [int(line.partition(": ")[0]) for line in out.splitlines()]
-    assert (status, err) == (0, "")
-    assert versions == list(range(PROTOCOL_VERSION, 0, -1))
-
-
-def test_the_version_is_that_of_the_package(command):
-    assert command("--version") == (0, f"pc2pix-bench {version('pc2pix-bench')}\n", "")
-
-
-def test_help_names_all_commands(command):
-    status, out, err = command("--help")
-    assert (status, err) == (0, "")
-    names = "run list table report check compare recommend merge score render data "
-    trained = "autoencoder gan decoder splat-net views judge constant"
-    for text, expected in ((out, names + "train doctor"), (command("train", "--help")[1], trained)):
-        assert all(f"\n  {name} " in text for name in expected.split())
+def test_simple_questions_load_no_heavy_package():
+    """Both are asked in one process."""
+    code = """if True:
+        import sys
+        from bench.cli import main
+        for question in ("--help", "list"):
+            try:
+                main([question])
+            except SystemExit:
+                heavy = {"torch", "numpy", "pandas", "scipy", "matplotlib", "rich"}
+                print(*(heavy & set(sys.modules)), file=sys.stderr)
+    """
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stderr == "\n\n"
+    assert "chair" in done.stdout
 
 
 def test_table_makes_the_same_bytes_again_from_the_store(finished, copied, command):
@@ -94,39 +70,26 @@ def test_tables_for_scripts(finished, copied, command):
         assert row["value"] is None if np.isnan(value) else abs(row["value"] - value) < 1e-6
 
 
-@pytest.mark.parametrize("buffered", [True, False])
-def test_nobody_reads_the_output(buffered):
+def test_nobody_reads_the_output():
     """`bench list | true` prints no traceback, and ends as if killed by SIGPIPE."""
     read, write = os.pipe()
     os.close(read)
-    environment = os.environ | {"PYTHONUNBUFFERED": "" if buffered else "1"}
     with os.fdopen(write) as closed:
-        done = subprocess.run(
-            [*BENCH, "list"], stdout=closed, stderr=subprocess.PIPE, check=False, env=environment
-        )
+        done = subprocess.run([*BENCH, "list"], stdout=closed, stderr=subprocess.PIPE, check=False)
     assert (done.returncode, done.stderr) == (141, b"")
 
 
-@pytest.mark.parametrize(
-    ("encoding", "shown"),
-    [
-        ("ascii", rb"St\xfchle \u2013 3.png"),
-        ("cp1252", b"St\xfchle \x96 3.png"),
-        ("latin-1", b"St\xfchle \\u2013 3.png"),
-        ("utf-8", "Stühle – 3.png".encode()),
-    ],
-)
-def test_a_terminal_that_cannot_show_a_character(tmp_path, encoding, shown):
+def test_a_terminal_that_cannot_show_a_character(tmp_path):
     """The image is written, and no traceback follows."""
     (tmp_path / "Stühle – 3.xyz").write_text("0 0 0\n1 0 0\n0 1 0\n0 0 1\n" * 20)
     done = subprocess.run(
         [*BENCH, "render", "Stühle – 3.xyz", "--method", "splat"],
         cwd=tmp_path,
-        env=os.environ | {"PYTHONIOENCODING": encoding},
+        env=os.environ | {"PYTHONIOENCODING": "latin-1"},
         capture_output=True,
         check=False,
     )
-    assert (done.returncode, done.stdout) == (0, shown + b"\n"), done.stderr
+    assert (done.returncode, done.stdout) == (0, b"St\xfchle \\u2013 3.png\n"), done.stderr
     assert (tmp_path / "Stühle – 3.png").exists()
 
 
@@ -154,19 +117,13 @@ def test_a_script_without_a_main_guard_is_told_so(tmp_path):
     assert (done.returncode, sorted(done.stdout)) == (0, sorted("(0, 0) (1, 1) (2, 2)\n"))
 
 
-@pytest.mark.parametrize("backend", ["module://matplotlib_inline.backend_inline", "nonsense"])
-@pytest.mark.parametrize("code", [BENCH[-1], "import studies.figures, matplotlib.figure"])
-def test_figures_need_no_backend_that_a_notebook_names(copied, code, backend):
+def test_figures_need_no_backend_that_a_notebook_names(copied):
     """`!bench report DIR` in a notebook whose packages are not those of `bench`."""
     (copied / "report.html").unlink()
-    done = subprocess.run(
-        [sys.executable, "-c", code, "report", copied],
-        env=os.environ | {"MPLBACKEND": backend},
-        capture_output=True,
-        text=True,
-    )
+    command, environment = [*BENCH, "report", copied], os.environ | {"MPLBACKEND": "nonsense"}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert (copied / "report.html").exists() == (code == BENCH[-1])
+    assert (copied / "report.html").exists()
 
 
 def test_an_impatient_user_interrupts_once():

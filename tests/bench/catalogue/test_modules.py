@@ -40,22 +40,10 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.mark.parametrize(
-    ("name", "is_one"),
-    [
-        ("mine:METHOD", True),
-        ("package.mine:Outer.METHOD", True),
-        ("splat", False),
-        ("splat-net@a:b", False),
-        ("images:folder", False),
-        ("mine:METHOD:PATH", False),
-        ("mine:", False),
-        ("my-module:METHOD", False),
-        ("mine:METHOD,other:METHOD", False),
-    ],
-)
-def test_the_form_of_a_name(name, is_one):
-    assert is_module_name(name) == is_one
+def test_the_form_of_a_name():
+    assert all(map(is_module_name, ("mine:METHOD", "package.mine:Outer.METHOD")))
+    others = ("splat", "splat-net@a:b", "images:folder", "mine:METHOD:PATH", "mine:")
+    assert not any(map(is_module_name, (*others, "my-module:METHOD", "mine:METHOD,other:METHOD")))
 
 
 def test_nothing_is_executed_that_no_command_has_named(folder):
@@ -92,20 +80,16 @@ def test_a_class_is_instantiated_in_each_worker(folder):
         (METHOD, "GONE", "has no 'GONE'"),
         ("1 / 0", "A", r"cannot be loaded \(ZeroDivisionError: division by zero\); 'bench test"),
         ("exit(3)", "B", r"cannot be loaded \(SystemExit: 3\)"),
+        (None, "METHOD", "no module 'refused_method' in this folder or among the"),
     ],
 )
 def test_a_module_that_has_no_method_is_refused(folder, text, name, message):
     module = f"refused_{name.lower()}"
-    (folder / f"{module}.py").write_text(text)
+    if text is not None:
+        (folder / f"{module}.py").write_text(text)
     allow_modules([f"{module}:{name}"])
     with pytest.raises(BadInput, match=message):
         find_method(f"{module}:{name}")
-
-
-def test_a_module_that_is_not_there_is_refused(folder):
-    allow_modules(["not_there_at_all:METHOD"])
-    with pytest.raises(BadInput, match="no module 'not_there_at_all' in this folder or among the"):
-        find_method("not_there_at_all:METHOD")
 
 
 def test_the_source_is_the_module_and_what_it_imports_from_its_folder(folder, monkeypatch):
@@ -147,6 +131,4 @@ def test_the_source_is_the_module_and_what_it_imports_from_its_folder(folder, mo
 
 
 def test_an_installed_module_is_known_by_its_own_files_alone():
-    names = {file.name for file in source_files("typer.main")}
-    assert "main.py" in names
     assert {file.parts[-2] for file in source_files("threadpoolctl")} == {"site-packages"}

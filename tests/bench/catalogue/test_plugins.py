@@ -134,23 +134,19 @@ OURS = "pc2pix-bench uses that id itself; rename it in that package"
         ("metric", "a/b", KEBAB),
         ("metric", "ssim", OURS),
         ("metric", "twice", "there can be one of that id; rename or remove the others"),
+        ("method", "twice", "there can be one of that id; rename or remove the others"),
     ],
 )
 def test_what_a_package_announces_and_has_not_is_refused_by_name(stranger, kind, id_, problem):
     with pytest.raises(BadInput) as error:
         FIND[kind](id_)
     message = str(error.value)
-    assert message.startswith(f"{kind} '{id_}' of stranger: {problem}")
+    owners = "second and of stranger" if (kind, id_) == ("method", "twice") else "stranger"
+    assert message.startswith(f"{kind} '{id_}' of {owners}: {problem}")
     remedies = "; fix or remove that package", "; rename it in that package", "the others"
     assert message.endswith(remedies)
     with pytest.raises(BadInput, match=f"unknown {kind} 'goods': "):
         FIND[kind]("goods")
-
-
-def test_two_packages_of_one_id_are_both_named(stranger):
-    problem = "method 'twice' of second and of stranger: there can be one of that id; "
-    with pytest.raises(BadInput, match=f"^{problem}rename or remove the others$"):
-        find_method("twice")
 
 
 def test_without_other_packages_there_are_ours_only(no_stranger):

@@ -20,7 +20,6 @@ from bench.catalogue.suites import (
     truth_entry,
     with_truth,
 )
-from data_prep.failures import BadInput
 
 METRICS = {
     "images": "image_metrics",
@@ -74,12 +73,6 @@ def test_no_method_that_joins_makes_up_colours_and_none_comes_twice():
         assert len(set(methods)) == len(methods)
 
 
-@pytest.mark.parametrize("suite", SUITES, ids=lambda suite: suite.id)
-def test_every_suite_is_in_colours(suite):
-    assert with_truth(suite, None) is with_truth(suite, "coloured") is suite
-    assert truth_entry(suite) == {}
-
-
 def test_methods_of_colours_and_the_twin_of_the_ceiling_are_left_out_with_reasons():
     methods = (
         *("splat-net@chair", "splat-net@grey", "true-mesh", "true-mesh@grey"),
@@ -123,10 +116,7 @@ def test_no_table_in_grey_is_one_of_the_papers():
 def test_a_manifest_names_a_truth_in_grey():
     chosen = with_truth(CLASSES, "grey")
     assert truth_entry(chosen) == {"truth": "grey"}
+    assert truth_entry(CLASSES) == {}
+    assert with_truth(CLASSES, None) is with_truth(CLASSES, "coloured") is CLASSES
     assert stored_suite({"suite": CLASSES.id, "truth": "grey"}) == chosen
     assert stored_suite({"suite": CLASSES.id}) is CLASSES
-
-
-def test_truths_that_there_are_not():
-    with pytest.raises(BadInput, match="unknown truth 'gray'"):
-        stored_suite({"suite": CLASSES.id, "truth": "gray"})

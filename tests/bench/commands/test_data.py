@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import re
 import shutil
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
 
@@ -20,7 +21,6 @@ from data_prep.files.clouds import save_ply
 from ...data_prep.dataset_trees import write_obj, write_paper_tree
 
 CHAIR = "03001627"
-SHARED = Path(__file__).parents[4] / "shared" / "meshes"
 
 
 @pytest.fixture(scope="module")
@@ -51,17 +51,16 @@ def test_a_run_on_the_tree_is_the_run_on_its_source(tree, tmp_path, no_machine, 
 
 def test_a_regular_tree(tree, command):
     status, out, _ = command("data", "inspect", tree, "--workers", "1")
-    assert status == 0
-    lines = out.splitlines()
-    assert lines[:5] == [
+    *lines, angles, use = out.splitlines()
+    assert (status, use) == (0, f"use          --dataset paper:{tree}")
+    assert angles.startswith("angles       9")
+    assert lines == [
         "layout       the paper's clouds and images, split by chair_exp.json",
         "orientation  +Z up, front +X: (x, y, z) becomes (-y, z, -x), twice as large",
         "class        chair: train 0, test 2",
         "class        all: train 0, test 2",
         "read         2 objects",
     ]
-    assert lines[5].startswith("angles       9")
-    assert lines[6:] == [f"use          --dataset paper:{tree}"]
 
 
 def test_an_irregular_tree(copied):
@@ -91,48 +90,45 @@ def test_angles_in_the_other_sense(copied):
     assert line.endswith("(the other sense, turned by 0 degrees)")
 
 
-def test_a_folder(tmp_path, command):
+def mesh(path):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_obj(path)
+
+
+def test_a_folder_of_meshes_with_what_is_none(tmp_path, command):
+    folder = tmp_path / "my meshes"
     for name in "abc":
-        write_obj(tmp_path / "my meshes" / "chair" / f"{name}.obj")
-    (tmp_path / "my meshes" / "chair" / "bad.ply").write_text("nonsense")
-    status, out, _ = command("data", "inspect", tmp_path / "my meshes", "--workers", "1")
+        mesh(folder / "chair" / f"{name}.obj")
+    (folder / "chair" / "bad.ply").write_text("nonsense")
+    save_ply(np.eye(3, dtype=np.float32), folder / "chair" / "bare.ply")
+    status, out, _ = command("data", "inspect", folder, "--workers", "1")
     assert status == 1
     *lines, irregular, use = out.splitlines()
     assert lines == [
         "layout       a folder of meshes, sub-folders are classes",
         "orientation  +Y up, front -Z: taken as it is",
-        "class        chair: objects 4",
-        "class        all: objects 4",
+        "class        chair: objects 5",
+        "class        all: objects 5",
         "splits       none: all objects are taken",
-        "read         4 objects",
+        "read         5 objects",
     ]
-    assert irregular.startswith("IRREGULAR    1 of 4 read: it cannot be used (first chair/bad.ply")
-    assert use == f"use          --dataset 'folder:{tmp_path / 'my meshes'}'"
+    assert irregular.startswith("IRREGULAR    2 of 5 read: it cannot be used (first chair/bad.ply")
+    assert use == f"use          --dataset 'folder:{folder}'"
 
 
-@pytest.mark.parametrize("suffix", ["ply", "npy"])
-def test_a_folder_of_clouds_is_nothing_irregular_but_for_bench_render(tmp_path, command, suffix):
+def test_a_folder_of_clouds_is_nothing_irregular_but_for_bench_render(tmp_path, command):
     points = np.eye(3, dtype=np.float32)
-    for name in "ab":
-        path = tmp_path / f"{name}.{suffix}"
-        save_ply(points, path) if suffix == "ply" else np.save(path, points)
-    status, out, _ = command("data", "inspect", tmp_path, "--workers", "1")
-    assert status == 0
-    assert out.splitlines()[-2:] == [
-        "clouds       points without faces: they can be drawn, not scored",
-        "use          bench render FILE",
-    ]
-
-
-def test_a_cloud_among_meshes_is_irregular(tmp_path, command):
-    write_obj(tmp_path / "a.obj")
-    save_ply(np.eye(3, dtype=np.float32), tmp_path / "b.ply")
-    status, out, _ = command("data", "inspect", tmp_path, "--workers", "1")
-    assert status == 1
-    *_, irregular, use = out.splitlines()
-    assert irregular.startswith("IRREGULAR    1 of 2 read: it cannot be used (first ")
-    assert irregular.endswith("b.ply: the mesh has no faces; a bare point cloud cannot be scored)")
-    assert use == f"use          --dataset folder:{tmp_path}"
+    for write in (
+        partial(save_ply, points, tmp_path / "a.ply"),
+        partial(np.save, tmp_path / "b", points),
+    ):
+        write()
+        status, out, _ = command("data", "inspect", tmp_path, "--workers", "1")
+        assert status == 0
+        assert out.splitlines()[-2:] == [
+            "clouds       points without faces: they can be drawn, not scored",
+            "use          bench render FILE",
+        ]
 
 
 def test_the_embedded_set(command):
@@ -178,30 +174,20 @@ def test_the_list_of_real_meshes():
         assert all(row[field] for field in ("repository", "path", "licence"))
 
 
-@pytest.mark.skipif(not SHARED.is_dir(), reason="the real meshes are not here")
-def test_the_real_meshes_are_those_of_the_list():
-    found = verify(SHARED)
-    assert found == Verification((), (), (), 107)
-
-
 def test_what_is_far_off_and_sets_the_scale_is_named_by_inspect_and_by_a_run(
     command, tmp_path, no_machine
 ):
-    """The mesh has a face without area 40 times farther out; the clouds have one far point."""
-    rng, folder, clouds = np.random.default_rng(0), tmp_path / "meshes", tmp_path / "clouds"
-    (folder / "chair").mkdir(parents=True)
-    clouds.mkdir()
-    write_obj(folder / "chair" / "good.obj")
-    text = (folder / "chair" / "good.obj").read_text()
+    """The mesh has a face without area 40 times farther out; the cloud has one far point."""
+    folder, clouds = tmp_path / "meshes", tmp_path / "clouds"
+    mesh(folder / "chair" / "odd.obj")
+    text = (folder / "chair" / "odd.obj").read_text()
     (folder / "chair" / "odd.obj").write_text(f"{text}v 40 0 0\nf -1 -1 -1\n")
-    points = np.vstack([rng.uniform(-1, 1, (300, 3)), [[40, 0, 0]]])
-    np.save(clouds / "odd.npy", points)
-    (tmp_path / "ply").mkdir()  # PLY may have meshes, too
-    save_ply(points.astype(np.float32), tmp_path / "ply" / "odd.ply")
+    clouds.mkdir()
+    points = np.random.default_rng(0).uniform(-1, 1, (300, 3))
+    save_ply(np.vstack([points, [[40, 0, 0]]]).astype(np.float32), clouds / "odd.ply")
     for place, name, use in (
         (folder, "chair/odd.obj", f"--dataset folder:{folder}"),
-        (clouds, "odd.npy", "bench render FILE"),
-        (tmp_path / "ply", "odd.ply", "bench render FILE"),
+        (clouds, "odd.ply", "bench render FILE"),
     ):
         status, out, _ = command("data", "inspect", place, "--workers", "1")
         assert status == 1

@@ -60,20 +60,9 @@ def test_dry_run_of_a_new_run_prints_all_and_writes_nothing(
 
 
 @pytest.mark.usefixtures("same_machine")
-def test_dry_run_of_a_finished_run_leaves_it_as_it_is(copied, command, arguments):
-    before = tree(copied)
-    dry = (*arguments, "--dry-run", "--out", copied)
-    status, out, _ = command(*dry)
-    assert status == 0
-    assert "jobs: 0 to do, 21 done" in out
-    _, out, _ = command(*dry, "--fresh")
-    assert "jobs: 21 to do, 0 done" in out
-    assert "the run there would be renamed" in out
-    assert tree(copied) == before
-
-
-@pytest.mark.usefixtures("same_machine")
-def test_dry_run_counts_what_is_left_and_takes_the_disk_of_the_folder(copied, command, arguments):
+def test_dry_run_counts_what_is_left_takes_the_disk_of_the_folder_and_leaves_it(
+    copied, command, arguments
+):
     with read_store(copied) as store:
         jobs = [job for job in store.listed() if job.name.method == "splat"]  # 3 objects x 2
     with closing(sqlite3.connect(copied / STORE)) as connection, connection:
@@ -81,9 +70,13 @@ def test_dry_run_counts_what_is_left_and_takes_the_disk_of_the_folder(copied, co
     with (copied / STORE).open("ab") as file:
         file.truncate(18_000_000)  # as if the 18 jobs that are there had a megabyte each
     before = tree(copied)
-    _, out, _ = command(*arguments, "--dry-run", "--out", copied)
+    dry = (*arguments, "--dry-run", "--out", copied)
+    _, out, _ = command(*dry)
     assert "jobs: 3 to do, 18 done\n" in out
     assert out.endswith("\ndisk: about 3 MB\n")
+    _, out, _ = command(*dry, "--fresh")
+    assert "jobs: 21 to do, 0 done" in out
+    assert "the run there would be renamed" in out
     assert tree(copied) == before  # the store is not repaired
 
 

@@ -7,9 +7,9 @@ import sqlite3
 import sys
 from contextlib import closing
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from bench.analysis.scored_run import read_run
@@ -52,31 +52,33 @@ def made(function, id_="made", higher=True):
         (lambda truth, drawn: 1.0, r"gives \(\) values, 1 finite, for 2 images"),
         (lambda truth, drawn: [1.0, np.nan], r"gives \(2,\) values, 1 finite, for 2 images"),
         (lambda truth, drawn: np.ones((2, 1)), r"gives \(2, 1\) values, 2 finite, for 2 imag"),
+        (lambda truth, drawn: [np.inf] * 2, "for 2 images; they are identical to the true ones"),
+        (lambda images: 1 / 0, "ZeroDivisionError: division by zero"),
+        (lambda images: np.ones(2), r"gives features \[2\], 2 finite, for 2 images"),
+        (lambda images: np.ones((2, 0)), r"gives features \[2, 0\], 0 finite, for 2 images"),
+        (lambda images: np.ones((1, 4)), r"gives features \[1, 4\], 4 finite, for 2 images"),
+        (lambda images: np.full((2, 2), np.nan), r"gives features \[2, 2\], 0 finite, for 2"),
     ],
 )
-def test_a_metric_that_gives_no_scores_is_named(function, message):
-    with pytest.raises(BadInput, match=f"metric 'made': {message}.*fix that package"):
-        checked_scores(made(function), TWO, TWO)
+def test_a_metric_that_gives_no_values_is_named(function, message):
+    if function.__code__.co_argcount == 2:
+        call = partial(checked_scores, made(function), TWO, TWO)
+    else:
+        call = partial(checked_features, of_set(function), TWO)
+    with pytest.raises(BadInput, match=f"made': .*{message}.*fix that package"):
+        call()
 
 
-def test_no_finite_value_of_identical_images(capsys):
-    """Images of `true-mesh` are identical; the output of the metric is no part of the tables."""
+def test_true_and_drawn_images_in_their_order_and_output_on_stderr(capsys):
+    """The output of a metric is no part of the tables."""
 
-    def decibels(truth, drawn):
+    def difference(truth, drawn):
         print("measuring")
-        return np.full(len(drawn), np.inf)
+        return truth[:, 0, 0, 0] - 2.0 * drawn[:, 0, 0, 0]
 
-    with pytest.raises(BadInput, match=r"for 2 images; they are identical to the true ones; fix"):
-        checked_scores(made(decibels), TWO, TWO)
-    with pytest.raises(BadInput, match=r"for 2 images; fix that package \('bench test made'\)"):
-        checked_scores(made(decibels), TWO, TWO + 1)
-    assert capsys.readouterr() == ("", "measuring\nmeasuring\n")
-
-
-def test_true_and_drawn_images_in_their_order():
-    metric = made(lambda truth, drawn: truth[:, 0, 0, 0] - 2.0 * drawn[:, 0, 0, 0])
-    found = checked_scores(metric, TWO + 9, TWO + 2)
-    assert (found.dtype, found.tolist()) == (np.float64, [5, 5])
+    scores = checked_scores(made(difference), TWO + 9, TWO + 2)
+    assert (scores.dtype, scores.tolist()) == (np.float64, [5, 5])
+    assert capsys.readouterr() == ("", "measuring\n")
 
 
 @pytest.mark.usefixtures("few_objects")
@@ -90,10 +92,6 @@ def test_every_image_counts_where_it_belongs(copied):
     assert value["splat", "noise-0.10"] > value["splat", "2048"] > 0
     assert table.title == (
         "dark-share, version 7: made up (higher is better); against the true mesh in its colours"
-    )
-    written = pd.read_csv(copied / "tables" / "metric_dark-share.csv")
-    assert written["value"].tolist() == pytest.approx(
-        [row.value for row in rows_of(table)], abs=1e-6
     )
     assert all(row.ci_low <= row.value <= row.ci_high for row in rows_of(table))
 
@@ -155,30 +153,12 @@ def test_a_run_takes_metrics_on_request(arguments, copied, command):
     assert "0 jobs done" in err
     assert ",flip,0.000000," in out  # of true-mesh
     assert (copied / "tables" / "metric_flip.csv").is_file()
-    page = (copied / "report.html").read_text()
-    assert "difference seen when flipping between both images" in page
-    assert "ssim at four scales" in page
     assert read_config(copied / "manifest.json")["metrics"] == asked
     assert (copied / "records.parquet").read_bytes() == records
 
 
 def of_set(function, id_="fd-made"):
     return SetMetric(id_, function, 3, "made up")
-
-
-@pytest.mark.parametrize(
-    ("function", "message"),
-    [
-        (lambda images: 1 / 0, "ZeroDivisionError: division by zero"),
-        (lambda images: np.ones(2), r"gives features \[2\], 2 finite, for 2 images"),
-        (lambda images: np.ones((2, 0)), r"gives features \[2, 0\], 0 finite, for 2 images"),
-        (lambda images: np.ones((1, 4)), r"gives features \[1, 4\], 4 finite, for 2 images"),
-        (lambda images: np.full((2, 2), np.nan), r"gives features \[2, 2\], 0 finite, for 2"),
-    ],
-)
-def test_an_extractor_that_gives_no_features_is_named(function, message):
-    with pytest.raises(BadInput, match=f"metric 'fd-made': {message}.*fix that package"):
-        checked_features(of_set(function), TWO)
 
 
 @pytest.mark.usefixtures("few_objects")
@@ -204,9 +184,6 @@ def test_distances_of_an_extractor_are_those_of_its_features(copied):
     found = value["fd-made-kernel", "splat", "noise-0.10"]
     assert found == pytest.approx(kernel_distance(drawn, true), rel=1e-9)
     assert value["fd-made", "true-mesh", "2048"] == pytest.approx(0, abs=1e-9)
-    assert table.title == (
-        "fd-made, version 3: made up (lower is better); against the true mesh in its colours"
-    )
 
 
 DARK = made(
@@ -229,15 +206,9 @@ def test_scores_are_kept_for_comparisons_recommendations_and_the_report(copied, 
     status, out, _ = command("recommend", copied, *budget)
     assert status == 0
     # The untrained generator leaves no pixel white: more than any other method that competes.
-    best = max(row.value for row in rows_of(table) if row.method not in ("true-mesh", "blank"))
-    assert best == 100
-    digits = digits_of(read_scores(copied, "dark-percent")[1]["value"].to_numpy())
-    assert f"tiny.safetensors {best:.{digits}f} " in " ".join(out.split())
+    assert "tiny.safetensors 100" in " ".join(out.split())
     again = make_outputs(read_run(copied))  # of the report
     assert [t.to_csv() for t in again.tables if t.name == table.name] == [table.to_csv()]
-    status, _, _ = command("report", copied)
-    assert status == 0
-    assert "dark-percent" in (copied / "report.html").read_text()
 
 
 def test_scores_of_a_run_that_has_changed_are_refused(copied, capsys):
@@ -266,10 +237,7 @@ def test_scores_of_a_run_that_has_changed_are_refused(copied, capsys):
         read_scores(copied, "dark-percent")
 
 
-@pytest.mark.parametrize(
-    ("values", "digits"),
-    [([0.0, 20.0], 1), ([0.4, 0.6], 3), ([1e5, 3e5], 0), ([1e-9, 3e-9], 6), ([7.0, 7.0], 3)],
-)
-def test_three_digits_of_the_spread_are_printed(values, digits):
+def test_three_digits_of_the_spread_are_printed():
     """The standard deviations are 10, 0.1, 1e5, 1e-9 and 0."""
-    assert digits_of(np.array([*values, np.nan])) == digits
+    values = ([0.0, 20.0], [0.4, 0.6], [1e5, 3e5], [1e-9, 3e-9], [7.0, 7.0])
+    assert [digits_of(np.array([*two, np.nan])) for two in values] == [1, 3, 0, 6, 3]

@@ -78,7 +78,7 @@ def test_on_a_terminal_the_table_is_drawn(monkeypatch, capsys, terminal, live):
 
 
 def test_no_wider_and_longer_than_the_terminal(monkeypatch):
-    rows = [make_row(f"method-{i}", condition=f"c-{j}") for i in range(60) for j in range(9)]
+    rows = [make_row(f"method-{i}", condition=f"c-{j}") for i in range(50) for j in range(3)]
     made = value_table(*rows, spec=TableSpec("images", "headline", "ssim: 1 of 9 objects"))
     for columns, width in ((20, 20), (60, 60), (100, 100), (500, 100)):
         monkeypatch.setenv("COLUMNS", str(columns))

@@ -1,0 +1,211 @@
+"""Small runs of the suites, what parts of them leave out, and `bench recommend`."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+
+import pandas as pd
+import pytest
+import torch
+import trimesh
+
+import bench.analysis.scored_run
+import bench.catalogue.metrics
+import bench.running.run
+from bench.analysis.scored_run import read_run
+from bench.catalogue.methods import find_setting
+from bench.catalogue.suites import SUITES
+from bench.commands.publish import run_suite
+from bench.judges.views import Labels, ViewsNetwork, to_file
+from bench.records.run_folder import read_manifest
+from bench.running.options import Options
+from bench.tables.build import make_outputs
+from data_prep.failures import BadInput
+from data_prep.randomness import generator
+from data_prep.shapes.catalogue import CLASSES
+from pc2pix import weights as weight_files
+
+from ..builders import drop_features, read_all, write_all, write_run
+
+ROBUSTNESS, TRADE, THIRTEEN, BEYOND = (suite.id for suite in SUITES)
+CONDITIONS = ["512", "2048", "noise-0.05", "noise-0.20", "missing-0.50"]
+
+
+def test_values_of_a_parameter_rise():
+    """The figure of speed-accuracy joins them in this order."""
+    values: dict[str, list[float]] = {}
+    for method in SUITES[1].methods:
+        if (setting := find_setting(method)) is not None:
+            values.setdefault(setting.parameter.method, []).append(setting.value)
+    assert {*values} == {"surface-apss", "surface-bpa", "poisson", "denoised-wrap", "splat"}
+    assert all(len(of_method) >= 3 for of_method in values.values())
+    assert all(of_method == sorted(of_method) for of_method in values.values())
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Return a folder of three chairs, two chairs called tables, and a class of no table."""
+    root = tmp_path_factory.mktemp("meshes")
+    names = [f"chair/{i}" for i in range(3)] + ["table/0", "table/1", "spoon/0"]
+    for number, name in enumerate(names):
+        mesh = CLASSES["chair"].draw(generator("class run", number)).mesh()
+        (root / name).parent.mkdir(exist_ok=True)
+        trimesh.Trimesh(mesh.vertices, mesh.faces).export(root / f"{name}.ply")
+    return root
+
+
+IN_ALL = {"headline", "table_ssim", "table_frechet", "table_detail"}
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("no_machine")
+@pytest.mark.parametrize(
+    ("suite", "methods", "options", "done", "tables", "figures"),
+    [
+        (
+            *(TRADE, "splat@spread=2,splat,pc2pix@TINY,blank"),
+            *({"conditions": ("2048", "512"), "limit": 2}, 16),
+            *(IN_ALL | {"frontier", "points"}, 12),
+        ),
+        (
+            *(THIRTEEN, "surface-apss,pc2pix@TINY,true-mesh,blank"),
+            *({"dataset": "folder:FOLDER", "workers": 1}, 25),
+            *(IN_ALL - {"table_frechet"} | {"table5_classes", "table5_orderings"}, 3),
+        ),
+        (
+            *(BEYOND, "splat,blank"),
+            *({"conditions": ("2048", "outliers-0.10", "missing-0.50"), "limit": 1}, 5),
+            *(IN_ALL, 3),
+        ),
+    ],
+)
+def test_a_run_leaves_its_tables_and_figures(
+    folder, tmp_path, tiny_weights, monkeypatch, suite, methods, options, done, tables, figures
+):
+    """A suite that compares times has one worker."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))  # no weights for fid
+    torch.manual_seed(0)
+    network = ViewsNetwork(Labels(("chair", "table"), ("chair/stool",), ("none",)))
+    (tmp_path / "views.safetensors").write_bytes(to_file(network))
+    for module in (bench.catalogue.metrics, bench.analysis.scored_run):
+        monkeypatch.setattr(module, "VIEWS_WEIGHTS", tmp_path / "views.safetensors")
+    if "dataset" in options:
+        options = options | {"dataset": f"folder:{folder}"}
+    names = tuple(methods.replace("TINY", str(tiny_weights)).split(","))
+    finished = run_suite(Options(suite, methods=names, views=2, out=tmp_path / "run", **options))
+    out = finished.directory
+    assert (finished.done, finished.failed) == (done, 0)
+    assert read_manifest(out)["workers"] == 1 or suite == BEYOND
+    found = {path.name for path in (out / "tables").iterdir()}
+    assert found == {f"{name}.{kind}" for name in tables for kind in ("csv", "md")}
+    assert len([*(out / "figures").iterdir()]) == figures
+    if suite == THIRTEEN:
+        values = pd.read_csv(out / "tables" / "table5_classes.csv")
+        values = values.set_index(["metric", "class", "method"])
+        assert values.loc[("class-confidence", "chair", "true-mesh"), "n"] == 6
+        assert values.loc[("ssim", "average", "true-mesh"), "value"] == 1
+        assert values.loc[("fd-views", "average", "true-mesh"), "value"] < 1e-6
+
+
+def test_answers_of_other_weights_are_not_asked(tmp_path):
+    """The features of the run are of no weights that its manifest names."""
+    scored = read_run(write_run(tmp_path, suite=THIRTEEN))
+    assert scored.skipped["class-confidence"] == (
+        "skipped: the features are not of the bundled weights of fd-views; start the run again"
+    )
+
+
+def test_what_is_left_out_is_named_and_what_cannot_be_run_is_refused(
+    folder, tmp_path, monkeypatch, capsys, no_machine
+):
+    def stop(*arguments):
+        raise BadInput("far enough")
+
+    monkeypatch.setattr(bench.running.run, "do_and_store", stop)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))  # no weights for fid
+    spoons = tmp_path / "spoons"
+    shutil.copytree(folder / "spoon", spoons / "spoon")
+    with pytest.raises(BadInput, match="far enough"):
+        run_suite(Options(THIRTEEN, f"folder:{folder}", methods=("splat",), out=tmp_path / "run"))
+    assert capsys.readouterr().err == (
+        f"folder:{folder}: no airplane, bench, cabinet, car, display, lamp, loudspeaker, rifle, "
+        "sofa, telephone, vessel; left out\n"
+    )
+    monkeypatch.setattr(weight_files, "FOLDER", tmp_path)  # without weights
+    for dataset, method, message in (
+        (spoons, "splat", r"no class 'airplane' .*found spoon"),
+        (spoons / "spoon", "splat", "thirteen-classes compares classes, and this dataset has none"),
+        (folder, "pc2pix@all", r"weights: 'all' is neither|all.safetensors: the bundled"),
+    ):
+        out = tmp_path / "x"
+        with pytest.raises(BadInput, match=message):
+            run_suite(Options(THIRTEEN, f"folder:{dataset}", methods=(method,), out=out))
+        assert not out.exists()
+
+
+def test_runs_without_families_two_methods_or_features_have_less(tmp_path):
+    methods = ["splat", "blank"]
+    few = write_run(tmp_path / "a", suite=BEYOND, methods=methods, conditions=CONDITIONS)
+    drop_features(few, "fd-views")
+    outputs = make_outputs(read_run(few))
+    assert outputs.condition_sweep is None
+    assert {*outputs.curves["metric"]} == {"ssim", "lpips", "silhouette-iou"}
+    assert outputs.curves.groupby(["family", "metric", "method"]).ngroups == 3 * 2 * 3
+
+    no_family = write_run(tmp_path / "b", suite=BEYOND, conditions=["2048", "density-3"])
+    outputs = make_outputs(read_run(no_family))
+    assert (len(outputs.curves), outputs.condition_sweep) == (0, None)
+
+    trade = write_run(tmp_path / "c", suite=TRADE)
+    drop_features(trade, "fd-views")
+    frontier, _ = make_outputs(read_run(trade)).frontier_tables
+    metrics = frontier.frame["metric"].unique().tolist()
+    assert metrics == ["ssim-object", "lpips", "ssim", "structure", "silhouette-iou"]
+
+
+SURELY = ["surely", "good", "enough", "by", "ssim", "poisson"]
+
+
+@pytest.mark.usefixtures("few_objects")
+def test_surely_is_said_of_the_method_that_is(tmp_path, command):
+    """The cheap one is good enough on average, the expensive one for certain."""
+    directory = write_run(tmp_path, methods=["splat", "poisson", "blank"], conditions=["2048"])
+    certain, scores = {"ssim": 0.9, "prepare_s": 2.0}, {"a": 0.3, "b": 0.5, "c": 0.7}
+    records = [
+        replace(r, **(certain if r.method == "poisson" else {"ssim": scores[r.object]}))
+        for r in read_all(directory)
+    ]
+    write_all(directory, records)
+    average = ["good", "enough", "on", "average", "by", "ssim", "splat"]
+    for least, choices in (("0.45", [average, SURELY]), ("0.8", [SURELY])):
+        status, out, _ = command("recommend", directory, "--min-ssim", least)
+        _, _, heads, *lines = out.splitlines()
+        assert status == 0
+        # The metrics of the headline come first.
+        assert heads.split()[3:6] == ["ssim-object", "lpips", "ssim"]
+        assert len(lines) == len(choices)
+        for line, choice in zip(lines, choices, strict=True):
+            assert line.split()[1 : 1 + len(choice)] == choice
+    full = ("--min-ssim", "0.45", "--budget-ms", "600", "--condition", "2048", "--metric", "ssim")
+    _, out, _ = command("recommend", directory, *full)
+    head, _, heads, best, short, sure, _, *remarks = out.splitlines()
+    assert "it is not known what ran beside it" in head
+    assert best.split()[1:5] == ["best", "by", "ssim", "splat"]
+    assert "surely" not in short
+    assert sure.split()[1 : 1 + len(SURELY)] == SURELY
+    assert remarks[-1] == "2048, surely good enough by ssim: over the budget."
+
+
+@pytest.mark.usefixtures("few_objects")
+def test_a_request_that_no_method_meets(tmp_path, command):
+    """Every method takes 250 ms a cloud and 125 ms a view."""
+    run = write_run(tmp_path, suite=TRADE)
+    for arguments, message in (
+        (("--budget-ms", "10", "--views", "1"), " 375 [375, 375]  375\n"),
+        (("--min-ssim", "1"), "none good enough, best by ssim  splat "),
+    ):
+        status, out, _ = command("recommend", run, *arguments)
+        assert status == 1
+        assert message in out
+        assert "true-mesh" not in out
