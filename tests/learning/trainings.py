@@ -2,33 +2,43 @@
 
 from __future__ import annotations
 
+import atexit
+import functools
+import os
+import shutil
+import tempfile
 from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 
+from baselines.fused_net import weights as fused_net
 from baselines.fused_net.data import FusedSet
 from baselines.fused_net.train import FusedNetConfig, train_fused_net
+from baselines.occupancy_net import weights as occupancy_net
 from baselines.occupancy_net.network import OccupancyConfig
 from baselines.occupancy_net.train import OccupancyNetConfig, train_occupancy_net
+from baselines.splat_net import weights as splat_net
 from baselines.splat_net.network import NetworkConfig
 from baselines.splat_net.train import SplatNetConfig, train_splat_net
-from bench.judges.views import Labels
+from bench.judges.judge import JudgeNetwork, load_judge_network
+from bench.judges.views import Labels, ViewsNetwork, load_views_network, to_file
 from bench.training import judge as train_judge
 from bench.training import views as train_views
 from data_prep.datasets.occupancy_set import OccupancySet
 from data_prep.datasets.training_set import SurfaceSet, TrainingSet
 from learning import training_loop
 from learning.training_loop import Cadence, seeded
+from learning.weights import write_atomically
+from pc2pix import weights as pc2pix
 from pc2pix.model import ModelConfig, build_encoder
 from pc2pix.train_autoencoder import AutoencoderConfig, train_autoencoder
 from pc2pix.train_decoder import DecoderConfig, train_decoder
 from pc2pix.train_gan import GanConfig, train_gan
 from pc2pix.training_data import AutoencoderData, GanData
-from pc2pix.weights import load_weights
-
-from .weight_files import whole
 
 CADENCE = Cadence(log=1, sheet=4, checkpoint=2)
 TINY = ModelConfig(width=0.0625, latent_dim=4)
@@ -78,7 +88,7 @@ def start_gan(out_dir, on_progress, **changes):
 def start_decoder(out_dir, on_progress, **changes):
     path = out_dir.with_suffix(".safetensors")
     path.write_bytes(whole("pc2pix"))
-    weights = load_weights(path)
+    weights = pc2pix.load_weights(path)
     defaults = {"weights": weights.sha256, "model": TINY, "batch": 2, "cadence": CADENCE}
     data = AutoencoderData(make_clouds(points=2100))
     config = DecoderConfig(**defaults | changes)
@@ -141,10 +151,6 @@ def start_views(out_dir, on_progress, **changes):
         return training_loop.run(trainer, config, "data", out_dir, on_progress)
 
 
-def ignore(report):
-    pass
-
-
 @dataclass(frozen=True)
 class Training:
     """A small training: `start` goes on where one has been in the folder.
@@ -159,7 +165,7 @@ class Training:
     sheet: tuple[int, int] | None = (3 * 128, 2 * 128)
     lengthens: bool = True
 
-    def __call__(self, out_dir, steps, on_progress=ignore, **changes):
+    def __call__(self, out_dir, steps, on_progress=lambda report: None, **changes):
         return self.start(out_dir, on_progress, steps=steps, **self.changes | changes)
 
 
@@ -178,3 +184,83 @@ TRAININGS = {
     "judge": Training(start_judge, "judge", {}, sheet=None, lengthens=False),
     "views": Training(start_views, "views", {}, sheet=None, lengthens=False),
 }
+
+
+@functools.cache
+def trained(name):
+    """Return the checkpoint of one step, made once a process."""
+    folder = Path(tempfile.mkdtemp())
+    atexit.register(shutil.rmtree, folder)
+    return TRAININGS[name](folder / "run", 1)
+
+
+def load_decoder(path):
+    """Load `path`, which may be anything, from where a decoder has to stand."""
+    weights = path.with_name("of-decoder.safetensors")
+    weights.write_bytes(whole("pc2pix"))
+    pc2pix.decoder_path(weights).unlink(missing_ok=True)
+    if os.path.lexists(path):
+        path.rename(pc2pix.decoder_path(weights))
+    return pc2pix.load_decoder(weights, pc2pix.load_weights(weights))
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Weights of one kind.
+
+    training  that they are exported of; "" for networks that measure, which have no such file
+    write     writes a file that is whole, of a checkpoint and to a path
+    tensor    the name of one; it has one dimension
+    model     the key of the header that says how the network looks; "" if there is none
+    reported  how a refusal begins after the path of the file; "" if each has a text of its own
+    """
+
+    training: str
+    write: Any
+    load: Any
+    tensor: str
+    model: str = ""
+    reported: str = ""
+
+
+def write_judge(_, path):
+    write_atomically(path, JudgeNetwork().state_dict(), {})
+
+
+def write_views(_, path):
+    path.write_bytes(to_file(ViewsNetwork(Labels(("car",), ("car/van",), ("ladder",)))))
+
+
+KINDS = {
+    "pc2pix": Kind("gan", pc2pix.export, pc2pix.load_weights, "code_mean", "model"),
+    "decoder": Kind("decoder", pc2pix.export_decoder, load_decoder, "layers.0.bias", "model"),
+    "splat-net": Kind(
+        "splat-net", partial(splat_net.export, head="colour"), splat_net.load_weights, "last.bias",
+        "network",
+    ),
+    "fused-net": Kind(
+        "fused-net", partial(splat_net.export, head="colour", kind="fused-net"),
+        fused_net.load_weights, "last.bias", "network",
+    ),
+    "occupancy-net": Kind(
+        "occupancy-net", occupancy_net.export, occupancy_net.load_weights, "answer.bias", "network"
+    ),
+    "judge": Kind(
+        "", write_judge, load_judge_network, "view.bias",
+        reported="not the weights of the judge network (",
+    ),
+    "views": Kind(
+        "", write_views, load_views_network, "heads.view.bias", "labels",
+        "not the weights of fd-views (",
+    ),
+}  # fmt: skip
+
+
+@functools.cache
+def whole(name):
+    """Return the content of a file that its loader takes."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "w.safetensors"
+        kind = KINDS[name]
+        kind.write(trained(kind.training) if kind.training else None, path)
+        return path.read_bytes()

@@ -7,10 +7,19 @@ from pc2pix.weights import export
 from tests.learning.trainings import TRAININGS, make_set
 
 
+def many_objects():
+    """More objects than a code has numbers: the codes of fewer lie on a plane."""
+    return gan_set(12)
+
+
+def gan_set(objects=3):
+    seen = make_set(objects)
+    return GanData(seen.images, seen.azimuth_deg, seen.elevation_deg, seen.clouds)
+
+
 @pytest.fixture(scope="session")
 def gan_data():
-    seen = make_set()
-    return GanData(seen.images, seen.azimuth_deg, seen.elevation_deg, seen.clouds)
+    return gan_set()
 
 
 @pytest.fixture(scope="session")

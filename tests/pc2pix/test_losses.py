@@ -94,8 +94,7 @@ CONDITION = Conditioning(torch.zeros(2, 3), torch.full((2, 1), 0.5), torch.full(
 
 
 def test_losses_stay_finite_for_certain_judgements():
-    sure = judgement(200, 0, 0.5)
-    objective = OBJECTIVES["acgan-paper"]
+    sure, objective = judgement(200, 0, 0.5), OBJECTIVES["acgan-paper"]
     assert generator_loss(sure, CONDITION, objective).total.item() == 0
     wrong = discriminator_loss(sure, sure, CONDITION, CONDITION, objective)
     assert wrong.total.item() == 200
@@ -121,9 +120,7 @@ def test_objectives_weigh_as_their_source_says(name, code_term, weight):
 def test_reconstruction_error_counts_the_object_three_times():
     real = torch.ones(1, 3, 32, 32)
     real[:, 0, :16] = -1  # the upper half is the object: cyan
-    drawn = real.clone()
-    structure = STRUCTURE_WEIGHT * (1 - structural_similarity((drawn + 1) / 2, (real + 1) / 2))
-    assert abs(reconstruction_error(drawn, real) - structure) < 1e-6
+    assert abs(reconstruction_error(real, real)) < 1e-6
     for half, weight in ((slice(0, 16), FOREGROUND_WEIGHT), (slice(16, 32), 1.0)):
         drawn = real.clone()
         drawn[:, 1, half] -= 0.5  # a quarter of the scale, in a third of the channels
@@ -134,10 +131,8 @@ def test_reconstruction_error_counts_the_object_three_times():
 
 def test_sine_and_cosine_have_no_jump_at_the_back_and_an_error_of_their_own():
     front, left, back = torch.tensor([[0.5]]), torch.tensor([[0.75]]), torch.tensor([[1.0]])
-    torch.testing.assert_close(sine_cosine(front), torch.tensor([[0.0, 1.0]]))
-    torch.testing.assert_close(sine_cosine(left), torch.tensor([[1.0, 0.0]]), atol=1e-6, rtol=0)
-    torch.testing.assert_close(sine_cosine(back), sine_cosine(1 - back), atol=1e-6, rtol=0)
-    scalar = azimuth_error(front, left)
-    assert abs(scalar.item() - math.pi / 2) < 1e-6
-    pair = azimuth_error(torch.tensor([[0.0, 1.0]]), left)  # judged in front, is at the side
-    assert abs(pair.item() - 1) < 1e-6
+    for azimuth, expected in ((front, [[0.0, 1.0]]), (left, [[1.0, 0.0]]), (back, [[0.0, -1.0]])):
+        torch.testing.assert_close(sine_cosine(azimuth), torch.tensor(expected), atol=1e-6, rtol=0)
+    assert azimuth_error(front, left).item() == pytest.approx(math.pi / 2, abs=1e-6)
+    # judged in front, is at the side
+    assert azimuth_error(torch.tensor([[0.0, 1.0]]), left).item() == pytest.approx(1, abs=1e-6)

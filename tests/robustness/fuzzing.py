@@ -171,7 +171,7 @@ def npy(array: np.ndarray) -> bytes:
 
 def weights() -> bytes:
     """Return untrained weights of pc2pix, a sixteenth of the paper's width."""
-    from tests.learning.weight_files import whole  # loads torch
+    from tests.learning.trainings import whole  # loads torch
 
     return whole("pc2pix")
 

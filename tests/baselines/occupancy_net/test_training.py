@@ -39,25 +39,6 @@ def test_batches_are_mirrored_together_and_degraded_as_splat_net_s():
     assert torch.equal(points, places[:, :1].expand(-1, 2048, -1))
 
 
-def test_it_learns_which_half_is_inside():
-    """Places at random are inside where x > 0; mirrored batches would make this a coin flip, so
-    they are put back."""
-
-    class Upright(_OccupancyTrainer):
-        def _draw_batch(self):
-            points, places, _inside = super()._draw_batch()
-            return points, places, (places[..., 0] > 0).float()
-
-    config = OccupancyNetConfig(
-        network=SMALL_OCCUPANCY, batch=4, steps=150, cool_down=2, learning_rate=1e-2
-    )
-    trainer = Upright(make_occupancy(), config, CPU)
-    losses = [trainer.take_step() for _ in range(150)]
-    assert abs(losses[0]["occupancy"] - np.log(2)) < 0.1
-    assert losses[-1]["occupancy"] < 0.2
-    assert losses[-1]["wrong"] < 0.06
-
-
 def test_the_loss_is_the_cross_entropy_of_the_labels_of_the_network_before_the_step():
     trainer = build(make_occupancy(), batch=3)
     network = trainer.network

@@ -83,28 +83,22 @@ def test_only_the_judge_of_pix2pix_sees_colours(name):
     torch.manual_seed(0)
     objective = OBJECTIVES[name]
     judge = PatchJudge(objective.judged_channels).eval()
-    colour, other, grey = (
-        torch.rand(2, 3, 32, 32),
-        torch.rand(2, 3, 32, 32),
-        torch.rand(2, 1, 32, 32),
-    )
-    same = torch.equal(judge(objective.judged(colour, grey)), judge(objective.judged(other, grey)))
-    assert same == (name != "pix2pix")
-    colour.requires_grad_(True)
-    grey.requires_grad_(True)
-    judge(objective.judged(colour, grey)).sum().backward()
-    assert grey.grad is not None
-    assert grey.grad.abs().sum() > 0
-    assert (colour.grad is None) == (name != "pix2pix")
+    colour, other = torch.rand(2, 2, 3, 32, 32)
+    grey = torch.rand(2, 1, 32, 32).requires_grad_()
+    colour = colour.clone().requires_grad_()
+    answer, elsewhere = (judge(objective.judged(image, grey)) for image in (colour, other))
+    assert torch.equal(answer, elsewhere) == (name != "pix2pix")
+    taught = torch.autograd.grad(answer.sum(), [grey, colour], allow_unused=True)
+    assert taught[0].abs().sum() > 0
+    assert (taught[1] is None) == (name != "pix2pix")
 
 
-@pytest.mark.parametrize("size", [32, 64, 128])
-def test_patches_of_a_judge(size):
+def test_patches_of_a_judge():
     torch.manual_seed(0)
     judge = PatchJudge(4).eval()
-    images = torch.rand(2, 4, size, size)
+    images = torch.rand(2, 4, 64, 64)
     actual = judge(images)
-    assert actual.shape == (2, 1, size // 8, size // 8)
+    assert actual.shape == (2, 1, 8, 8)
     # what a patch sees: 22 px of the three halvings, and 16 more of the last kernel
     images[:, :, 40:] = 0.5
     assert torch.equal(judge(images)[:, :, 0], actual[:, :, 0])
@@ -126,22 +120,18 @@ def shaded(tilt_deg: float) -> float:
     return NEUTRAL * math.cos(math.radians(tilt_deg)) ** (1 / 2.2)
 
 
-def test_tilt_error_of_planes_is_nearly_the_difference_of_their_angles() -> None:
+@pytest.mark.parametrize(("true", "drawn"), [(20.0, 40.0), (60.0, 80.0)])
+def test_tilt_error_of_planes_is_nearly_the_difference_of_their_angles(true, drawn):
     whole = torch.ones(1, 1, 8, 8, dtype=torch.float64)
-    for true, drawn in ((20.0, 40.0), (40.0, 60.0), (60.0, 80.0)):
-        error = tilt_error(whole * shaded(drawn), whole * shaded(true), whole).item()
-        # sqrt(1 - cos t) = sqrt(2) sin(t / 2), whose slope falls from .0123 to .0087 a degree
-        # between 0 and 90 degrees
-        assert 0.0087 < error / 20 < 0.0124
-        assert error == pytest.approx(
-            abs(
-                math.sqrt(1 - math.cos(math.radians(drawn)) + 0.01)
-                - math.sqrt(1 - math.cos(math.radians(true)) + 0.01)
-            )
-        )
+    error = tilt_error(whole * shaded(drawn), whole * shaded(true), whole).item()
+    # sqrt(1 - cos t) = sqrt(2) sin(t / 2), whose slope falls from .0123 to .0087 a degree
+    # between 0 and 90 degrees
+    assert 0.0087 < error / 20 < 0.0124
+    tilts = (math.sqrt(1 - math.cos(math.radians(t)) + 0.01) for t in (drawn, true))
+    assert error == pytest.approx(next(tilts) - next(tilts))
 
 
-def test_a_crease_that_is_missing_counts_where_brightness_hardly_does() -> None:
+def test_a_crease_that_is_missing_counts_where_brightness_hardly_does():
     whole = torch.ones(1, 1, 4, 8, dtype=torch.float64)
     true = whole * shaded(0)
     true[..., 4:] = shaded(30)
@@ -151,7 +141,7 @@ def test_a_crease_that_is_missing_counts_where_brightness_hardly_does() -> None:
     assert tilt_error(flat, true, whole).item() == pytest.approx(step / 2 + step / 7)
 
 
-def test_tilts_are_compared_in_pixels_that_are_covered_whole() -> None:
+def test_tilts_are_compared_in_pixels_that_are_covered_whole():
     coverage = torch.ones(1, 1, 4, 4, dtype=torch.float64)
     coverage[..., 2:] = 0.5
     true, drawn = coverage * shaded(10), coverage * shaded(10)
@@ -160,7 +150,7 @@ def test_tilts_are_compared_in_pixels_that_are_covered_whole() -> None:
     assert tilt_error(drawn, true, torch.zeros_like(coverage)) == 0
 
 
-def test_features_are_compared_by_their_directions() -> None:
+def test_features_are_compared_by_their_directions():
     """One map turns by an angle between the images, the other is the same whatever its length."""
 
     def maps(images: torch.Tensor) -> list[torch.Tensor]:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 import torch
+import trimesh
 
 from baselines.fused_net.train import FusedNetConfig
 from baselines.occupancy_net.train import OccupancyNetConfig
@@ -64,21 +65,13 @@ def test_defaults_are_those_of_the_configuration(kind, config):
 
 
 @pytest.mark.parametrize(
-    ("text", "classes"),
-    [("chair", ("chair",)), ("chair,sofa", ("chair", "sofa")), ("all", ())],
+    ("text", "found"), [("b", "b0 b1"), ("b,a", "b0 b1 a0 a1"), ("all", "a0 a1 b0 b1")]
 )
-def test_classes_to_train_on(text, classes):
-    assert TRAIN_OPTIONS["classes"].convert(text) == classes
-
-
-@pytest.mark.parametrize(
-    ("classes", "found"),
-    [(("b",), "b0 b1"), (("b", "a"), "b0 b1 a0 a1"), ((), "a0 a1 b0 b1")],
-)
-def test_objects_of_each_class_are_taken(tmp_path, classes, found):
+def test_objects_of_each_class_are_taken(tmp_path, text, found):
     for place in ("a/0.ply", "a/1.ply", "a/2.ply", "b/0.ply", "b/1.ply"):
         (tmp_path / place).parent.mkdir(exist_ok=True)
         (tmp_path / place).touch()
+    classes = TRAIN_OPTIONS["classes"].convert(text)
     options = training_options.TrainingOptions(
         dataset=f"folder:{tmp_path}", classes=classes, objects=2, steps=1, out=tmp_path
     )
@@ -86,70 +79,58 @@ def test_objects_of_each_class_are_taken(tmp_path, classes, found):
     assert [o.class_name + o.object_id.removesuffix(".ply") for o in objects] == found.split()
 
 
-def test_splat_net_from_the_command_line_to_a_method(command, tmp_path):
-    """Two steps on two chairs; both files are methods, and a longer command goes on."""
+def trained(command, tmp_path, name, *options):
+    """Train on two chairs by the command; return the file that it names."""
     out = tmp_path / "trained"
-    options = ("--objects", "2", "--views", "2", "--network", "tiny", "--batch", "4")
-    options = (*options, "--cool-down", "1", "--out", str(out))
-    status, said, err = command("train", "splat-net", *options, "--steps", "2")
-    assert (status, said) == (0, f"{out / 'weights.safetensors'}\n"), err
-    status, _, err = command("train", "splat-net", *options, "--steps", "3")
+    status, said, err = command("train", name, *options, "--objects", "2", "--out", str(out))
     assert status == 0, err
-    for name, heads in (("weights", ("grey", "albedo")), ("weights-grey", ("grey",))):
-        method = find_method(f"splat-net@{out / name}.safetensors")
-        renderer = method.load("cpu")
-        network = renderer.weights.network
-        assert network.config.heads == heads
-        # two discs, the farthest, three densities; tiny has neither normals nor flattened points
-        assert network.config.inputs.channels == 6
-        assert renderer.weights.card["steps"] == 3
-        assert renderer.weights.card["learning_rates"] == "0.002"  # the last step is at full rate
-        assert method.identity().endswith(renderer.weights.sha256)
+    return Path(said.strip())
 
-    # and from its weights another goes on
-    start = ("--start", str(out / "weights.safetensors"))
-    further = (*options[:-1], str(tmp_path / "further"))
-    status, said, err = command("train", "splat-net", *further, *start, "--steps", "1")
-    assert status == 0, err
-    found = load_weights(said.strip())
-    assert found.card["start"] == file_sha256(out / "weights.safetensors")
+
+def test_splat_net_from_the_command_line_to_a_method(command, tmp_path):
+    """Both files are methods, and from their weights another training starts."""
+    options = ("--views", "2", "--network", "tiny", "--batch", "4", "--cool-down", "1")
+    file = trained(command, tmp_path, "splat-net", *options, "--steps", "2")
+    assert file == tmp_path / "trained" / "weights.safetensors"
+    for name, heads in (("weights", ("grey", "albedo")), ("weights-grey", ("grey",))):
+        method = find_method(f"splat-net@{file.with_name(name)}.safetensors")
+        weights = method.load("cpu").weights
+        assert weights.network.config.heads == heads
+        # two discs, the farthest, three densities; tiny has neither normals nor flattened points
+        assert weights.network.config.inputs.channels == 6
+        assert weights.card["steps"] == 2
+        assert weights.card["learning_rates"] == "0.002"  # the last step is at full rate
+        assert method.identity().endswith(weights.sha256)
+    (tmp_path / "further").mkdir()
+    options = (*options, "--start", str(file), "--steps", "1")
+    found = load_weights(trained(command, tmp_path / "further", "splat-net", *options))
+    assert found.card["start"] == file_sha256(file)
 
 
 def test_fused_net_from_the_command_line_to_a_method(command, tmp_path):
-    """The meshes alone, then steps that start from splat-net; both files are methods."""
-    out = tmp_path / "trained"
-    options = ("--objects", "2", "--views", "2", "--batch", "4", "--cool-down", "1")
-    options = (*options, "--meshes", "denoised-wrap", "--out", str(out))
+    """The meshes alone, then a step that starts from splat-net; both files are methods."""
+    options = ("--views", "2", "--batch", "4", "--cool-down", "1", "--meshes", "denoised-wrap")
     clean = (*options, "--no-augment")
-    status, said, err = command("train", "fused-net", *clean, "--steps", "0")
-    assert (status, said) == (0, f"{out / 'maps'}\n"), err
-    (kept,) = (out / "maps").iterdir()
+    maps = trained(command, tmp_path, "fused-net", *clean, "--steps", "0")
+    (kept,) = maps.iterdir()
     written = kept.stat().st_mtime_ns
-    steps = ("--start", "all", "--steps", "1")
-    status, said, err = command("train", "fused-net", *clean, *steps)
-    assert (status, said) == (0, f"{out / 'weights.safetensors'}\n"), err
+    file = trained(command, tmp_path, "fused-net", *clean, "--start", "all", "--steps", "1")
     assert kept.stat().st_mtime_ns == written
     for name, heads in (("weights", ("grey", "albedo")), ("weights-grey", ("grey",))):
-        method = find_method(f"fused-net@{out / name}.safetensors")
+        method = find_method(f"fused-net@{file.with_name(name)}.safetensors")
         renderer = method.load("cpu")
         assert renderer.weights.network.config.heads == heads
         assert tuple(renderer.methods) == ("denoised-wrap",)
         assert renderer.weights.card["occupancy"] == ""
         assert renderer.weights.sha256 in method.identity()
         assert method.identity().endswith(find_method("occupancy-net").identity())
-    # other meshes than those that are kept
-    status, said, err = command("train", "fused-net", *options, "--steps", "0")
-    assert (status, said) == (2, "")
-    assert "are of other clouds, views, meshes or weights" in err.splitlines()[-1]
 
 
 def test_the_gan_goes_on_from_weights_to_a_method(command, tmp_path):
-    out = tmp_path / "trained"
-    options = ("--objects", "2", "--views", "1", "--batch", "2", "--steps", "1", "--out", str(out))
-    options = ("--start", "chair", "--objective", "acgan-paper", "--warm-up", "1", *options)
-    status, said, err = command("train", "gan", *options)
-    assert (status, said) == (0, f"{out / 'weights.safetensors'}\n"), err
-    weights = find_method(f"pc2pix@{out / 'weights.safetensors'}").load("cpu").weights
+    options = ("--views", "1", "--batch", "2", "--steps", "1", "--warm-up", "1")
+    options = (*options, "--start", "chair", "--objective", "acgan-paper")
+    file = trained(command, tmp_path, "gan", *options)
+    weights = find_method(f"pc2pix@{file}").load("cpu").weights
     started = load_gan_weights("chair")
     assert weights.card["start"] == started.sha256
     assert weights.card["model"] == started.card["model"]  # the azimuth is not the default's
@@ -158,25 +139,43 @@ def test_the_gan_goes_on_from_weights_to_a_method(command, tmp_path):
 
 
 def test_occupancy_net_from_the_command_line_to_a_method(command, tmp_path):
-    out = tmp_path / "trained"
-    options = ("--objects", "2", "--batch", "2", "--steps", "2", "--cool-down", "1")
-    status, said, err = command("train", "occupancy-net", *options, "--out", str(out))
-    assert (status, said) == (0, f"{out / 'weights.safetensors'}\n"), err
-    method = find_method(f"occupancy-net@{out / 'weights.safetensors'}")
+    options = ("--batch", "2", "--steps", "1", "--cool-down", "1")
+    file = trained(command, tmp_path, "occupancy-net", *options)
+    method = find_method(f"occupancy-net@{file}")
     weights = method.load("cpu").weights
     assert weights.card["learning_rates"] == "0.001"  # the last step is at full rate
     assert method.identity().endswith(weights.sha256)
 
 
-def test_occupancy_net_is_not_trained_on_sheets(command, tmp_path):
-    sheet = "ply\nformat ascii 1.0\nelement vertex 3\n"
-    sheet += "".join(f"property float {axis}\n" for axis in "xyz")
-    sheet += "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
-    (tmp_path / "chair").mkdir()
-    (tmp_path / "chair" / "0.ply").write_text(f"{sheet}0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n")
-    options = ("--dataset", f"folder:{tmp_path}", "--steps", "1", "--out", str(tmp_path / "x"))
-    status, said, err = command("train", "occupancy-net", *options)
+@pytest.mark.parametrize(
+    ("options", "problem"),
+    [
+        ("splat-net --network huge", "--network: unknown 'huge'; choose one of tiny, default, poi"),
+        ("splat-net --objective l2", "objective: unknown 'l2'; choose one of l1, l1-patch"),
+        ("splat-net --start chair --network tiny", "--start chair: is of widths (16, 32, 64, 128"),
+        ("splat-net --batch 7", "batch 7: 2 views of a cloud are drawn together; use a multiple"),
+        ("splat-net --views 1", "1 views of an object: at least 2 are drawn together; render more"),
+        ("fused-net --meshes poisson", "--meshes: meshes of poisson; choose from denoised-wrap, "),
+        ("fused-net --network huge", "--network: unknown 'huge'; choose one of tiny, default, poi"),
+        ("fused-net --start nosuch", "weights: 'nosuch' is neither a bundled name"),
+        ("occupancy-net --dataset folder:sheet", "inside and outside cannot be told apart at"),
+        ("constant --views 0", "--views 0: must be at least 1"),
+        ("views --epochs -1", "--epochs -1: must be at least 1"),
+        ("judge --objects 47", "--objects 47 --views 16 --steps 3000: give at least 48"),
+        ("judge --objects 48 --views 1", "--objects 48 --views 1 "),
+    ],
+)
+def test_nonsense_is_refused(command, tmp_path, monkeypatch, options, problem):
+    monkeypatch.chdir(tmp_path)
+    name, *given = options.split()
+    if "folder:sheet" in given:  # a triangle, which has no inside
+        (tmp_path / "sheet" / "chair").mkdir(parents=True)
+        triangle = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+        triangle.export(tmp_path / "sheet" / "chair" / "0.ply")
+    if name.endswith("-net"):
+        given = ("--objects", "1", "--steps", "1", "--out", "x", *given)
+    status, said, err = command("train", name, *given)
     assert (status, said) == (2, "")
-    last = err.splitlines()[-1]
-    assert last.startswith("bench: chair/0")
-    assert "inside and outside cannot be told apart at" in last
+    assert problem in err.splitlines()[-1]
+    assert err.splitlines()[-1].startswith("bench: ")
+    assert not list(tmp_path.glob("**/weights.safetensors"))

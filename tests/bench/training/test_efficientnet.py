@@ -5,7 +5,11 @@ from __future__ import annotations
 import pytest
 import torch
 
+from baselines.splat_net.losses import OBJECTIVES
+from bench.metrics.inception_weights import WeightsUnavailable
 from bench.training.efficientnet import WEIGHTS, EfficientNet, load_efficientnet
+from bench.training.networks import compared_features
+from data_prep.failures import BadInput
 from tests.bench.metrics.test_similarities import disc, noise
 
 # Lengths of the four maps, and sums of their channels 5. By the network as modules of PyTorch from
@@ -43,17 +47,25 @@ def test_first_maps(name):
         torch.testing.assert_close(single.double(), exact, rtol=0, atol=1e-3)
 
 
-def test_images_of_any_sides_have_gradients():
-    """After the stem and its ReLU6, and the first block of each of three stages of stride 2."""
-    pixels = torch.from_numpy(noise(3, 2, 64, 96, 3)).permute(0, 3, 1, 2).double().requires_grad_()
-    maps = EfficientNet(WEIGHTS.find(), torch.float64).first_maps(pixels)
-    assert [tuple(m.shape[1:]) for m in maps] == [
-        *((32, 32, 48), (24, 16, 24), (40, 8, 12), (80, 4, 6))
-    ]
-    (gradient,) = torch.autograd.grad(maps[-1].sum(), pixels)
+def test_gradients_reach_the_images():
+    pixels = torch.from_numpy(noise(3, 1, 64, 96, 3)).permute(0, 3, 1, 2).double().requires_grad_()
+    network = EfficientNet(WEIGHTS.find(), torch.float64)
+    (gradient,) = torch.autograd.grad(network.first_maps(pixels)[-1].sum(), pixels)
     moved = torch.zeros_like(pixels)
     moved[0, 1, 30, 40] = 1e-3
-    network = EfficientNet(WEIGHTS.find(), torch.float64)
     with torch.no_grad():
         up, down = (network.first_maps(pixels + sign * moved)[-1].sum() for sign in (1, -1))
     assert float(gradient[0, 1, 30, 40]) == pytest.approx(float(up - down) / 2e-3, rel=1e-5)
+
+
+def test_only_an_objective_that_compares_features_asks_for_their_weights():
+    def absent():
+        raise WeightsUnavailable("the package efficientnet is not installed; install it")
+
+    for name in (*OBJECTIVES.keys() - {"perceptual"}, "unknown"):
+        assert compared_features(name, absent) is None
+    with pytest.raises(BadInput, match=r"--objective perceptual: the package .* install it"):
+        compared_features("perceptual", absent)
+    maps = compared_features("perceptual")(torch.full((2, 3, 128, 128), 255.0))
+    sizes = [(2, 32, 64, 64), (2, 24, 32, 32), (2, 40, 16, 16), (2, 80, 8, 8)]
+    assert [tuple(found.shape) for found in maps] == sizes

@@ -12,7 +12,6 @@ from bench.training import views as training
 from bench.training.views import NO_LABEL, labels, train_views
 from data_prep.datasets import procedural as dataset_procedural
 from data_prep.datasets.registry import ProceduralObject
-from data_prep.failures import BadInput
 from data_prep.randomness import generator
 from data_prep.shapes.catalogue import CLASSES
 from data_prep.shapes.chair.spec import draw_chair_spec
@@ -38,19 +37,16 @@ def two_classes(monkeypatch):
 
 
 def test_answers_belong_to_the_objects_that_are_shown(two_classes):
-    message = labels()
-    assert message.classes == ("block", "chair")
-    assert message.families[:3] == ("block/flat", "block/cubic", "chair/four-leg")
-    assert len(message.families) == 2 + len(two_classes["chair"].families)
-    for index in range(4):
-        key = ("procedural", "chair", "train", index)
-        spec = draw_chair_spec(generator(*key))
-        found = training._answers(message, ProceduralObject("chair", "train", index))
-        assert found[0] == 1
-        assert message.families[found[1]] == f"chair/{spec.family}"
-        assert message.backs[found[2]] == spec.back
+    known = labels()
+    assert known.classes == ("block", "chair")
+    assert known.families[:3] == ("block/flat", "block/cubic", "chair/four-leg")
+    for index in range(3):
+        spec = draw_chair_spec(generator("procedural", "chair", "train", index))
+        family, back = known.families.index(f"chair/{spec.family}"), known.backs.index(spec.back)
+        found = training._answers(known, ProceduralObject("chair", "train", index))
+        assert found == (1, family, back)
         drawn = block(generator("procedural", "block", "validation", index))
-        found = training._answers(message, ProceduralObject("block", "validation", index))
+        found = training._answers(known, ProceduralObject("block", "validation", index))
         assert found == (0, 0 if drawn.family == "flat" else 1, NO_LABEL)
 
 
@@ -86,7 +82,6 @@ def test_a_short_training(two_classes, tmp_path, capsys, monkeypatch):
     out, folder = tmp_path / "views.safetensors", tmp_path / "training"
     scores = train_views(16, 2, 10, 0, out, validation=(5, 3), folder=folder)
     assert "views: step 80/80, loss " in capsys.readouterr().err
-    assert scores.classes == ("block", "chair")
     assert scores.confusion.sum(axis=1).tolist() == [15, 15]
     assert scores.confusion.diagonal().sum() >= 27  # by chance 15, with a deviation of 2.7
     network = load_views_network(out)
@@ -107,13 +102,6 @@ def test_the_rates_fall_along_half_a_cosine():
     found = [trainer.rate(done) for done in range(50)]
     expected = training.LEARNING_RATE * (1 + np.cos(np.pi * np.arange(50) / 50)) / 2
     np.testing.assert_allclose(found, expected, rtol=1e-12)
-
-
-@pytest.mark.parametrize("wrong", [{"objects": 0}, {"views": 0}, {"epochs": -1}])
-def test_nothing_to_train_on(wrong):
-    ((name, value),) = wrong.items()
-    with pytest.raises(BadInput, match=f"^--{name} {value}: must be at least 1$"):
-        train_views(**({"objects": 1, "views": 1, "epochs": 1, "seed": 0} | wrong))
 
 
 def test_scores_of_a_network_that_always_answers_the_same(two_classes):

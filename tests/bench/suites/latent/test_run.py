@@ -35,7 +35,7 @@ from data_prep.scene import View
 from learning import checkpoint
 from learning.weights import file_sha256
 from pc2pix.weights import decoder_path, load_weights
-from tests.learning.weight_files import whole
+from tests.learning.trainings import whole
 
 SMALL = replace(LATENT, pairs=3, triples=3, pool=60, neighbours=5, positions=4, shown=2)
 
