@@ -240,6 +240,10 @@ CASES: dict[str, str] = {
     "train splat-net --start chair --network tiny": "--start chair: is of widths (16, 32, 64, 128",
     "train splat-net --batch 7": "batch 7: 2 views of a cloud are drawn together; use a multiple o",
     "train splat-net --views 1": "1 views of an object: at least 2 are drawn together; render more",
+    "train constant --views 0": "--views 0: must be at least 1",
+    "train views --epochs -1": "--epochs -1: must be at least 1",
+    "train judge --objects 47": "--objects 47 --views 16 --steps 3000: give at least 48 objects",
+    "train judge --objects 48 --views 1": "--objects 48 --views 1 --steps 3000: give at least 48 o",
 }
 CASES |= {
     line.replace("OTHER", other): f"{other}: of protocol {version}, this version has protocol "
