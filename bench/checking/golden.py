@@ -14,10 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
-from bench.analysis.paper import PAPER_METHODS, PAPER_NETWORK
 from bench.analysis.scored_run import Run, read_run
 from bench.catalogue.methods import role
 from bench.catalogue.suites import STABILITY
@@ -106,7 +104,7 @@ def _check_values(directory: Path, manifest: dict[str, Any]) -> CheckResult:
     if whole:
         compared, moved = _compare_means(own_tables, manifest, expected)
         regressions += moved
-    remarks = _against_paper(own_tables)
+    remarks: list[str] = []
     moved_objects: tuple[GoldenDeviation, ...] = ()
     if objects is not None:
         if not whole:
@@ -300,26 +298,3 @@ def _rows(own_tables: Iterable[Table]) -> list[dict[str, Any]]:
 
 def _cell(row: Mapping[str, Any]) -> tuple[Any, ...]:
     return tuple(row[name] for name in CELL)
-
-
-def _against_paper(own_tables: list[Table]) -> list[str]:
-    """Return a line for each metric of the paper: in how many cells the same method is ahead.
-
-    The values themselves are no criterion, as the paper has other data and other weights.
-    """
-    rows = {_cell(row): row for row in _rows(own_tables)}
-    sr, network, *_ = PAPER_METHODS  # the bundled default; the others are variants
-    if any(method == PAPER_NETWORK for method, *_ in rows):  # of all classes
-        network = PAPER_NETWORK
-    same: dict[str, list[bool]] = {}
-    for (method, condition, class_name, metric), ours in rows.items():
-        other = rows.get((network, condition, class_name, metric))
-        if method != sr or other is None:
-            continue
-        ahead, ahead_in_paper = (ours[name] - other[name] for name in ("value", "paper"))
-        if math.isfinite(ahead) and math.isfinite(ahead_in_paper):
-            same.setdefault(metric, []).append(np.sign(ahead) == np.sign(ahead_in_paper))
-    return [
-        f"paper: {metric}: the same method is ahead in {sum(agree)} of {len(agree)} cells"
-        for metric, agree in same.items()
-    ]

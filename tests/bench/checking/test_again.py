@@ -88,19 +88,12 @@ def no_score(result, arrays):
     return with_scores(result, lpips=result.of_views["lpips"] * [1.0, np.nan]), arrays
 
 
-def test_an_honest_run_is_equal_and_nothing_is_written(finished, same_machine, command):
-    folder = finished[0]
-    before = tree(folder)
-    status, out, err = command("check", folder, "--again", "0.1", "--seed", "3")
-    assert (status, out) == (0, "2 of 18 jobs computed again: all equal\n")
-    assert err.startswith("jobs drawn by --seed 3\n")
-    assert tree(folder) == before
-
-
-def test_all_jobs_are_computed_again(finished, again):
+def test_all_jobs_of_an_honest_run_are_equal_and_nothing_is_written(finished, again):
+    before = tree(finished[0])
     result = again(finished[0])
     assert result.differing == ()
     assert (result.computed, result.total, result.same_environment) == (18, 18, True)
+    assert tree(finished[0]) == before
 
 
 @pytest.mark.parametrize(

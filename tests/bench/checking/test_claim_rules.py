@@ -179,17 +179,6 @@ def test_verdicts_are_corrected_for_their_number():
     assert corrected([findings[0], ClaimFinding("x", "")]) == ["supported", "not testable here"]
 
 
-def test_smaller_distances_are_ahead_and_the_stand_in_is_named():
-    distances = {"surface-apss": 20.0, "pc2pix": 5.0}
-    (finding,) = rules.ordering(scored(comparison(fd_views=distances)), "network")
-    assert finding.verdict == "supported"
-    assert finding.numbers.startswith("fd-views 5.0, SR 20.0; ahead by +15.0 [")
-    assert finding.reason == "fd-views stands in for fid"
-    run = scored(comparison(fd_views=distances, fid={"surface-apss": 5.0, "pc2pix": 20.0}))
-    (finding,) = rules.ordering(run, "network")
-    assert finding.verdict == "contradicted"
-
-
 def test_every_network_is_judged():
     run = scored(
         comparison(ssim={"surface-apss": 0.6, "pc2pix": 0.7, "pc2pix@acgan": 0.5, "splat": 0.9})
@@ -275,22 +264,6 @@ def test_what_shows_nothing_is_not_robust(change, verdict, why):
         rules.steady(replace(run, retrieval={}), "ssim", ("512",))
 
 
-def test_distances_lose_by_growing():
-    floors = {"pc2pix": 0.6, "constant": 0.2, "blank": 0.2}
-    distances = {"pc2pix": 0.3, "constant": 0.6, "blank": 0.6}
-    run = scored(
-        *(
-            comparison(c, fid={"surface-apss": sr, "pc2pix": own}, ssim=floors, lpips=distances)
-            for c, sr, own in (("2048", 90.0, 30.0), ("512", 180.0, 37.0))
-        ),
-        retrieval={("pc2pix", "512"): np.ones(4)},
-    )
-    (finding,) = rules.steady(run, "fid", ("512",))
-    assert (finding.verdict, finding.reason) == ("supported", "")
-    assert "512: loses +7.0 [+7.0, +7.0], SR +90.0" in finding.numbers
-    assert verdicts(rules.degrades(run, "fid", ("512",))) == ["supported"]
-
-
 def test_above_blank():
     fd = {"surface-apss": 20.0, "pc2pix": 5.0, "blank": 50.0}
     for network, verdict in ((0.8, "supported"), (0.6, "contradicted")):
@@ -334,16 +307,6 @@ def test_classes(class_name, ahead, metric, verdict):
         assert finding.objects == 8
     with pytest.raises(MissingEvidence, match="no lamp at 2048"):
         rules.ordering(run, "surface", class_name="lamp")
-
-
-def test_no_interval_is_no_verdict():
-    alone = distance("fd-views", 5.0, 5.0)
-    sr = distance("fd-views", 20.0, 20.0)
-    run = scored(comparison(class_name="car", fd_views={"surface-apss": sr, "pc2pix@all": alone}))
-    for ahead in ("network", "undecided"):
-        (finding,) = rules.ordering(run, ahead, class_name="car")
-        assert finding.verdict == "not testable here"
-        assert finding.why.startswith("too few objects for an interval")
 
 
 def test_other_methods_than_the_network_and_surface_reconstruction():

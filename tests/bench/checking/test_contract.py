@@ -112,16 +112,6 @@ def test_a_class_of_the_current_folder(tmp_path):
     assert printed.startswith("warn stdout: first use: 26 bytes: 'points: 2048'; ")
 
 
-@pytest.mark.slow
-def test_what_exits_does_not_pass(tmp_path):
-    done = bench("test", f"{MODULE}:EXITS", cwd=tmp_path)
-    assert done.returncode == 1
-    assert "FAIL images: SystemExit(0): raise an exception, do not end the process" in done.stdout
-    last = done.stdout.splitlines()[-1]
-    assert " block a run (images, " in last
-    assert last.endswith(f"; next: mend what FAIL says, then bench test {MODULE}:EXITS")
-
-
 def test_a_machine_on_which_no_worker_begins_is_a_finding():
     (finding,) = plugin_findings(f"{MODULE}:Plain", Limits(60.0, 4.0), 3.0)
     assert finding == Finding(False, "not tested", "all of it: 3 s are over")

@@ -11,16 +11,14 @@ from bench.catalogue.chosen import BEST_RECONSTRUCTION
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import FLOORS
 from bench.catalogue.suites import SUITES, with_truth
-from bench.checking.golden import CheckResult, bless, check, golden_lines
+from bench.checking.golden import CheckResult, check, golden_lines
 from bench.checking.tolerances import JUDGED, OF_CLASSES, RECONSTRUCTION, RENDERING, tolerance
 from bench.records.run_folder import read_manifest, write_manifest
 from bench.tables.build import tables, write_outputs
 from bench.tables.grid import records
-from bench.tables.published import golden, golden_name, published
+from bench.tables.published import golden, golden_name
 
-from .. import builders
 from ..builders import SUITE, overwrite, write_run
-from .conftest import be_default
 
 HEADLINE = ("ssim-object", "lpips")
 SSIM, DETAIL = SUITES[0].image_metrics, SUITES[0].detail_metrics
@@ -343,18 +341,6 @@ def test_without_golden_values_by_object_the_run_has_to_be_whole(tmp_path, run, 
     assert "no golden values for this protocol: objects 2 (golden: 3); " in said
 
 
-def test_bless_says_where_and_replaces_what_was_golden(run, results, command):
-    alter_records(run, "ssim", lambda values: values + 0.25)
-    write_outputs(read_run(run))
-    mean, by_object = check(run).regressions
-    assert "+-" in mean
-    assert "3 of 3 objects moved" in by_object
-    names = (f"{SUITE}.csv", *(f"{SUITE}-objects.{end}" for end in ("csv", "png", "json")))
-    said = "".join(f"golden values written to {results}/golden/{name}\n" for name in names)
-    assert command("check", "--bless", run) == (0, said, "")
-    assert check(run).regressions == ()
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -373,44 +359,3 @@ def test_bless_needs_the_whole_default_run(tmp_path, run, results, refused, chan
         f"run 'bench run --suite {SUITE}' and give its folder"
     )
     assert {path: path.read_bytes() for path in results.glob("golden/*")} == before
-
-
-def test_fid_is_never_golden(tmp_path, results, monkeypatch):
-    monkeypatch.setattr(builders, "EXTRACTORS", (*builders.EXTRACTORS, "fid"))
-    directory = write_run(tmp_path / "run", skipped_metrics={})
-    assert "fid" in read_run(directory).features
-    bless(directory)
-    assert "fid" not in set(golden(SUITE)["metric"])
-    assert check(directory).regressions == ()
-
-
-def test_published_values_are_those_of_the_paper():
-    values = published(SUITE)
-    assert len(values) == 5 * 5 * 2  # metrics x conditions x approaches
-    assert values["chair", "ssim", "noise-0.10", "surface-apss"] == 0.30
-    assert values["chair", "fid", "2048", "pc2pix"] == 31.5
-    assert published("another-suite") == {}
-
-
-def test_remarks_say_which_approach_is_ahead(tmp_path, results, command, monkeypatch):
-    paper = results / "paper" / f"{SUITE}.csv"
-    paper.parent.mkdir(parents=True)
-    paper.write_text(
-        "table,class,metric,condition,method,value\n"
-        "3,chair,ssim,2048,surface-apss,0.9\n"
-        "3,chair,ssim,2048,pc2pix,0.1\n"
-        "3,chair,ssim,512,surface-apss,0.1\n"
-        "3,chair,ssim,512,pc2pix,0.9\n"
-        "3,chair,contrast,512,pc2pix,0.9\n"
-    )
-    methods = ["surface-apss", "pc2pix", "blank"]
-    be_default(monkeypatch, methods=methods)
-    directory = write_run(tmp_path / "run", methods=methods)
-    for condition in ("2048", "512"):
-        alter_records(directory, "ssim", lambda values: 0.8, "surface-apss", condition)
-        alter_records(directory, "ssim", lambda values: 0.3, "pc2pix", condition)
-    write_outputs(read_run(directory))
-    bless(directory)
-    status, out, _ = command("check", directory)
-    assert status == 0  # the paper is no criterion
-    assert out.splitlines()[0] == "paper: ssim: the same method is ahead in 1 of 2 cells"
