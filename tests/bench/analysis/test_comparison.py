@@ -28,7 +28,6 @@ from bench.records.record import GROUND_TRUTH
 from ..builders import (
     FeaturesAtHand,
     feature_index,
-    frechet_interval,
     make_failed,
     make_record,
     scored_records,
@@ -112,14 +111,6 @@ def test_objects_without_true_images_are_left_out():
     assert compare(scored_records(to_frame(lost)), ["ssim"]).empty
 
 
-def test_rows_are_by_condition_class_and_method():
-    frame = to_frame(records())
-    others = frame.assign(condition="512"), frame.assign(**{"class": "car"})
-    made = compare(scored_records(pd.concat([frame, *others])), ["ssim"], methods=["splat"])
-    cells = made[["condition", "class", "method"]].to_numpy().tolist()
-    assert cells == [[*c, "splat"] for c in (("2048", "car"), ("2048", "chair"), ("512", "chair"))]
-
-
 def test_who_could_be_chosen():
     methods = ["splat", "true-mesh", "pc2pix@gone.safetensors", "constant", "poisson", "blank"]
     assert candidates(methods) == ["splat", "pc2pix@gone.safetensors", "poisson"]
@@ -156,15 +147,6 @@ def distances(without="", objects=OBJECTS):
     return {row["method"]: row for row in compared.to_dict("records")}
 
 
-def test_distances_are_those_of_the_tables():
-    for method, found in distances().items():
-        x, y = FEATURES[method], FEATURES[GROUND_TRUTH]
-        assert found["value"] == frechet_distance(x, y)
-        # the same sums in another order, a distance of some 1
-        expected = frechet_interval(x, y, SHOWN, SHOWN)
-        np.testing.assert_allclose((found["ci_low"], found["ci_high"]), expected, atol=1e-12)
-
-
 def test_the_distance_of_failed_images_is_that_of_blank_ones():
     mixed = np.where((SHOWN == "c")[:, None], FEATURES["blank"], FEATURES["splat"])
     found = distances(without="c")["splat"]["value"]
@@ -191,13 +173,6 @@ def test_a_lead_in_distance_is_the_jackknife_of_the_difference():
     ends = (found.value - reach, found.value + reach)
     assert (found.low, found.high) == pytest.approx(ends, abs=1e-9)
     assert better_by([b], [a]).value == -found.value
-
-
-def test_a_single_object_gives_a_distance_without_an_interval():
-    made = distances(objects="a")["splat"]
-    assert np.isfinite(made["value"])
-    assert np.isnan([made["ci_low"], made["ci_high"]]).all()
-    assert np.isnan(better_by([made], [made]).estimate()[1:]).all()
 
 
 def scores(metric, **of_methods):
@@ -233,15 +208,6 @@ def test_classes_are_pooled_object_by_object():
     assert splat["cost_ms"] == 21.0  # of 21, 21 and 43
     assert (splat["n_ok"], splat["n"]) == (6, 6)
     assert pooled(chairs).empty
-
-
-def test_no_distance_of_classes_together():
-    """Sets of different classes have no distance of their own."""
-    chairs, sofas = (
-        comparison({"splat": (1, 1, (3.0, 4.0))}, "fd-views", class_name=name)
-        for name in ("chair", "sofa")
-    )
-    assert pooled(pd.concat([chairs, sofas])).empty
 
 
 def test_the_mean_over_conditions_is_of_objects_that_all_have():

@@ -16,7 +16,6 @@ from bench.analysis.condition_sweep import (
     condition_curves,
     condition_leads,
     crossings,
-    pairs_among,
     sign_changes,
     who_is_ahead,
 )
@@ -51,22 +50,6 @@ def along(family, curves, spread=0.0, **changes):
         )
         for x, condition in FAMILY[family].steps
     )
-
-
-@pytest.mark.parametrize(
-    ("values", "expected"),
-    [
-        ([3, -1, -1], [(0, 0.75)]),
-        ([1, 0, 0, -1], [(0, 1.0)]),  # of a stretch at 0 its beginning
-        ([1, 0, 1], []),  # touched
-        ([0, -1, -1], []),  # begins at 0: nobody was ahead
-        ([1, NAN, -1], []),  # nothing is known of what lies between
-        ([NAN, 1, -1], [(1, 1.5)]),
-        ([], []),
-    ],
-)
-def test_sign_changes_by_hand(values, expected):
-    assert sign_changes(range(len(values)), values) == expected
 
 
 @settings(deadline=None, derandomize=True)
@@ -161,19 +144,6 @@ def test_who_is_ahead_and_where_that_changes(family, differences, ahead, crossov
     assert len(found) == len(crossovers)
     for one, expected in zip(found, crossovers, strict=True):
         assert one == pytest.approx(expected, rel=1e-12, abs=1e-15, nan_ok=True)
-
-
-def test_pairs():
-    assert pairs_among(["surface-apss", "pc2pix", "splat-net", "splat", "blank"]) == [
-        ("splat-net", "surface-apss"),
-        ("pc2pix", "surface-apss"),
-        ("splat-net", "pc2pix"),
-    ]
-    assert pairs_among(["pc2pix@a.safetensors", "surface-apss@resolution=25", "pc2pix"]) == [
-        ("pc2pix@a.safetensors", "surface-apss@resolution=25"),
-        ("pc2pix", "surface-apss@resolution=25"),
-    ]
-    assert pairs_among(["splat", "surface-fit", "pc2pix"]) == []
 
 
 def test_every_family_that_the_conditions_make_up():

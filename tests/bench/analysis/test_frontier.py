@@ -61,17 +61,6 @@ def test_verdicts_with_twenty_views():
     assert made["method"].tolist() == list(FIELD)
 
 
-def test_the_frontier_depends_on_the_number_of_views():
-    # ms: splat 2, pc2pix 35, poisson 101, ...
-    one = verdicts(places(comparison(FIELD), 1))
-    assert one["poisson"] == ("dominated", "pc2pix")
-    assert one["surface-bpa"] == ("dominated", "pc2pix")
-    # ms: poisson 1100, apss 2000, pc2pix 25010
-    many = verdicts(places(comparison(FIELD), 1000))
-    assert many["surface-apss"] == ("frontier", "")
-    assert many["pc2pix"] == ("tied", "surface-apss")
-
-
 @pytest.mark.parametrize(
     ("metric", "methods", "expected"),
     [
@@ -149,14 +138,6 @@ def test_what_fewer_points_lose_and_save():
     assert less["lost"] == pytest.approx((0.1 + 0.3 + 0.2 + 0.0) / 4, abs=1e-15)
     expected = mean_interval(np.array(FIELD["splat"][2]) - np.array(fewer["splat"][2]))
     assert (less["lost_ci_low"], less["lost_ci_high"]) == expected
-
-
-def test_without_the_same_objects_at_full_size_nothing_is_said():
-    few = comparison(FIELD, condition="512")
-    assert thinned(few, 20).empty
-    other = comparison(FIELD)
-    other["objects"] = [tuple("efgh")] * len(other)
-    assert thinned(pd.concat([other, few]), 20)["points"].tolist() == [2048] * 7
 
 
 def test_a_claimed_cost_has_no_part_in_the_frontier():

@@ -17,7 +17,6 @@ from bench.records.run_folder import read_manifest, write_manifest
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 
 from ..builders import overwrite, write_run
-from ..conftest import on_terminal
 from .comparisons import comparison, row_of
 
 
@@ -175,36 +174,6 @@ def test_objects_without_a_value_are_left_out_and_counted(command, two_runs):
         ]
         assert values == pytest.approx([0.4, 0.7, 0.3, 0.3, 0.3])
         assert int(row["objects"]) == objects - 1
-
-
-def test_help_names_the_metrics_that_are_compared(command, two_runs):
-    first, second = two_runs
-    assert command("compare", first, second)[0] == 0
-    compared = [row["metric"] for row in rows_of(second / "comparisons" / "first-second")]
-    assert list(dict.fromkeys(compared)) == ["ssim-object", "lpips"]
-    _, out, _ = command("compare", "--help")
-    assert "Default: ssim-object, lpips." in " ".join(out.split())
-
-
-def test_formats_that_are_asked_for(command, two_runs):
-    asked = ("compare", two_runs[0], "--methods", "blank,splat", "--format")
-    text = command(*asked, "text")[1]
-    assert text.startswith("splat against blank on 3 objects (chair), paired\n")
-    _, out, _ = command(*asked, "csv")
-    folder = two_runs[0] / "comparisons" / "blank-splat"
-    assert out == (folder / "differences.csv").read_text()
-    (table,) = json.loads(command(*asked, "json")[1])
-    assert [row["metric"] for row in table["rows"]] == [row["metric"] for row in rows_of(folder)]
-
-
-@pytest.mark.parametrize("columns", [80, 20])
-def test_a_terminal_is_answered_in_text(two_runs, columns):
-    """The verdict is the last line, and no line is wider than the terminal."""
-    printed = on_terminal(columns, "compare", two_runs[0], "--methods", "blank,splat")
-    assert max(map(len, printed)) <= columns
-    words = " ".join(" ".join(printed).split())
-    assert words.startswith("splat against blank on 3 objects (chair), paired ")
-    assert words.endswith(" 3 objects decide nothing here: at least 8 are needed.")
 
 
 @pytest.mark.parametrize(

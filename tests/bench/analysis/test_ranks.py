@@ -109,14 +109,6 @@ def test_places_are_averaged_over_columns_and_equal_ones_shared():
     )
 
 
-def test_digits_that_are_noise_decide_no_place():
-    """Values .234 and .226 print like the .23 of surface-apss, which has two decimals by lpips."""
-    columns = [("lpips", {"wraps": 0.226, "paper": 0.231, "splats": 0.234})]
-    ids = {"wraps": "splat-net", "paper": "surface-apss", "splats": "splat"}
-    places = mean_places(columns, ids)
-    assert places == {"wraps": 1.5, "paper": 2, "splats": 2.5}
-
-
 def test_a_place_among_fewer_methods_is_stretched_to_all():
     columns = [("lpips", {"a": 0.1, "b": 0.2, "c": 0.3}), ("lpips", {"a": 0.2, "d": 0.1})]
     assert mean_places(columns, {m: m for m in "abcd"}) == pytest.approx(

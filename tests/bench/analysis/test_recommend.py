@@ -105,31 +105,10 @@ def test_the_cheapest_that_is_good_enough(min_ssim, expected):
     assert met == (expected[0][0] != NOT_ENOUGH)
 
 
-def test_both_limits_have_to_be_met_by_one_method():
-    choices, met = chosen(Requirements(20, budget_ms=130, min_ssim=0.65))
-    assert choices == [(BEST, "poisson"), (NEXT, "splat"), (SURE, "pc2pix")]  # of 210 ms
-    assert not met
-    assert chosen(Requirements(20, budget_ms=250, min_ssim=0.65))[1]
-
-
-def of_two_metrics(lpips):
-    """FIELD with a second metric: lpips by method, the same of all four objects."""
-    scores = {m: (*FIELD[m][:2], (value,) * 4) for m, value in lpips.items()}
-    return pd.concat([comparison(FIELD), comparison(scores, "lpips")])
-
-
 LPIPS = {
     **{"poisson": 0.3, "splat": 0.5, "pc2pix": 0.2, "surface-apss": 0.4, "alpha-wrap": 0.1},
     **{"true-mesh": 0.0, "constant": 0.1, "blank": 0.6},
 }
-
-
-def test_each_metric_judges_alone():
-    choices, met = recommend(Requirements(20, 10_000), of_two_metrics(LPIPS), ("ssim", "lpips"))
-    best = choices[choices["choice"] == BEST]
-    assert best["metric"].tolist() == ["ssim", "lpips"]
-    assert best["method"].tolist() == ["surface-apss", "pc2pix"]
-    assert met
 
 
 def test_what_is_below_a_white_image_is_no_choice():
@@ -141,13 +120,6 @@ def test_what_is_below_a_white_image_is_no_choice():
     assert not met
     expected = [(BEST, "poisson"), (ENOUGH, "poisson"), (SURE, "pc2pix")]
     assert chosen(Requirements(20, 130, 0.5), white) == (expected, True)
-
-
-def test_a_white_image_is_better_by_one_metric_alone():
-    both = of_two_metrics(LPIPS | {"splat": 0.7})
-    choices, met = chosen(Requirements(20, 25), both, ("ssim", "lpips"))
-    assert choices == [(BEST, "splat"), (NO_BEST, "poisson")]
-    assert not met
 
 
 @pytest.mark.parametrize(

@@ -134,17 +134,6 @@ def test_tables_are_sorted_by_value(open_page):
     assert table.locator("[aria-sort]").count() == 1
 
 
-def test_names_lead_to_the_glossary(open_page):
-    page = open_page()
-    page.locator(".answer a.term", has_text="splat").first.click()
-    meaning = page.locator("#meaning dt", has_text="splat").first
-    assert meaning.is_visible()  # its list was folded
-    page.wait_for_function(  # it is scrolled to
-        "element => element.getBoundingClientRect().top < innerHeight",
-        arg=meaning.element_handle(),
-    )
-
-
 def tab_into(page, selector):
     for _ in range(60):
         page.keyboard.press("Tab")
@@ -187,12 +176,6 @@ def test_axe_finds_nothing(open_page, request, written, scheme, viewport):
     assert "color-contrast" in {rule["id"] for rule in found["passes"]}  # it was looked at
 
 
-def test_one_gets_from_the_index_to_a_report(open_page, index):
-    page = open_page(index)
-    page.get_by_role("heading", name="ラン").get_by_role("link").click()
-    assert page.locator("h1").inner_text() == "chair-robustness"
-
-
 def board_column(page, number):
     board = page.locator("table.board").first
     cells = board.locator(f"tbody tr:visible > :nth-child({number})")
@@ -224,22 +207,3 @@ def test_without_scripts_all_is_there(open_page):
     summary = page.locator("#tables details.more summary").first
     summary.click()
     assert page.locator("#tables details.more table").first.is_visible()
-
-
-def test_print_opens_what_is_folded(open_page):
-    page = open_page(color_scheme="dark")
-    page.emulate_media(media="print")
-    assert not page.locator(".filter").is_visible()
-    assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
-    folded = page.locator("details:not([open])").count()
-    assert folded > 3
-    page.evaluate("window.dispatchEvent(new Event('beforeprint'))")
-    assert page.locator("main details:not([open])").count() == 0
-    cut = page.evaluate(
-        "[...document.querySelectorAll('.scroll')].filter(e =>"
-        " getComputedStyle(e).overflowX !== 'visible' || e.scrollWidth > e.clientWidth + 1).length"
-    )
-    assert cut == 0
-    page.evaluate("window.dispatchEvent(new Event('afterprint'))")
-    assert page.locator("details:not([open])").count() == folded
-    assert re.match(rb"%PDF-", page.pdf(prefer_css_page_size=True))

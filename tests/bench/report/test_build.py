@@ -35,7 +35,7 @@ from bench.records.job import pack
 from bench.records.record import GROUND_TRUTH
 from bench.records.run_folder import open_folder, read_manifest, write_manifest
 from bench.records.store import STORE
-from bench.report.build import read_page, write_report
+from bench.report.build import write_report
 from bench.running.run import RunResult
 from bench.tables.build import make_outputs
 from bench.tables.grid import shown as as_shown
@@ -169,17 +169,6 @@ def test_costs_are_the_records_times(of_random_values, document):
     assert marks == {method: [] for method in lines} | {better: ["frontier"]}
 
 
-def test_head_counts_images(document):
-    line = document.one("p", class_="line").text
-    assert line == "4 chairs × 2 views · 4 methods · true mesh in its colours"
-    facts = document.one("dl", class_="facts")
-    by_term = {d.one("dt").text: d.one("dd").text for d in facts.all("div")}
-    assert by_term["finished"] == "2026-01-01 00:00:00 UTC"
-    assert by_term["images"] == "58 ok, 6 failed"
-    command = "bench run --suite chair-robustness --out 'my run'"
-    assert document.one("pre", class_="command").text == command
-
-
 def test_failures_are_listed_with_their_reasons(document):
     groups = [
         (d.one("h3").text, d.one("summary").one("span").text, [i.text for i in d.all("li")])
@@ -250,22 +239,6 @@ def test_names_and_reasons_are_only_shown(tmp_path):
     assert "name\\u202ereversed" in text
 
 
-def test_a_method_whose_images_all_failed_is_not_left_out_of_a_plot_in_silence(tmp_path):
-    remark = "Where a method has no point, all its images failed."
-    run = write_run(tmp_path, objects=["chair/a"], methods=["splat", "blank"])
-    assert remark not in read_page(make_outputs(read_run(run)))["curves_remark"]
-    write_all(
-        run,
-        [
-            make_failed("splat", "512", "a", r.view)
-            if (r.method, r.condition) == ("splat", "512")
-            else r
-            for r in read_all(run)
-        ],
-    )
-    assert remark in read_page(make_outputs(read_run(run)))["curves_remark"]
-
-
 def test_the_same_run_gives_the_same_bytes(finished, tmp_path):
     first = write_report(make_outputs(read_run(finished[0])), tmp_path / "a.html").read_bytes()
     elsewhere = shutil.copytree(finished[0], tmp_path / "elsewhere")
@@ -334,20 +307,6 @@ def test_missing_images_are_named_and_the_rest_is_there(copied):
     lacking = [e.attributes["aria-label"] for e in document.all("span", class_="lacking")]
     assert "the truth, chair test-0000; the image is no longer there" in lacking
     assert number_tables(document)["ssim, chair (higher is better)"][1]["splat"]
-
-
-def test_an_unreadable_image_is_a_missing_one(copied):
-    keys = [_stored(copied, "splat", "2048", f"test-{index:04d}")[0] for index in range(3)]
-    damage_images(copied, keys[:1])
-    with open_folder(copied) as store:  # as a writer with a fault would leave them
-        for key, content in zip(keys[1:], (b"no archive", b"PK\x03\x04" + bytes(40)), strict=True):
-            arrays = store.arrays(key) | {"images": content}
-            store.append(replace(store.result(key), arrays=arrays))
-    text = report_of(copied)
-    for index in range(3):
-        shown = _grid_images(text, index)
-        assert shown["2048"]["splat"] is None
-        assert shown["noise-0.10"]["splat"] is not None
 
 
 def test_clouds_of_a_dataset_that_has_gone_are_named_as_missing(copied, tmp_path):

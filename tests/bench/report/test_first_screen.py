@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
-import pytest
 from builders import make_failed, read_all, value_frame, value_row, write_all, write_run
 from report_parser import parse
 
@@ -72,11 +71,6 @@ def test_a_failed_image_and_a_missing_value_are_named():
     assert made["failed"]
 
 
-def test_without_a_value_there_is_no_headline():
-    assert table_of() is None
-    assert table_of(row("splat", "lpips", "2048", NAN, note="skipped: weights")) is None
-
-
 def page_of(directory):
     page = read_page(make_outputs(read_run(directory)))
     return page, parse(rendered("report.html.jinja", **page))
@@ -92,32 +86,6 @@ def test_a_run_whose_images_all_failed_says_so(tmp_path):
     jobs = document.one("p", class_="jobs is-missing").text
     assert jobs.endswith(" failed")
     assert not jobs.endswith(" 0 failed")
-
-
-def test_methods_that_failed_everywhere_are_left_out_of_the_answer(tmp_path):
-    run = write_run(tmp_path / "run", methods=["splat", "pc2pix", "blank"])
-    failed = [
-        make_failed(r.method, r.condition, r.object, r.view) if r.method == "pc2pix" else r
-        for r in read_all(run)
-    ]
-    write_all(run, failed)
-    page, document = page_of(run)
-    assert page["answer"][0].term == "One method"
-    assert page["answer"][0].entries[0][0] == ("splat",)
-    assert "pc2pix" in document.one("table", class_="numbers compact").text
-
-
-@pytest.mark.parametrize(
-    ("methods", "term"),
-    [
-        (["splat", "blank"], "One method"),
-        (["blank"], "No answer"),
-        (["true-mesh", "blank"], "No answer"),
-    ],
-)
-def test_a_run_without_two_methods_compares_nothing(tmp_path, methods, term):
-    page, _ = page_of(write_run(tmp_path / "run", methods=methods))
-    assert page["answer"][0].term == term
 
 
 def test_a_run_without_a_headline_metric_is_judged_by_the_other(tmp_path):

@@ -5,8 +5,7 @@ from itertools import product
 import pytest
 from builders import make_failed, make_record, to_frame
 
-from bench.report.build import failure_groups
-from bench.report.images import EACH, MOST_CASES, extremes, shown_objects
+from bench.report.images import EACH, MOST_CASES, extremes
 
 
 def frame(scores, method="splat", condition="2048", class_name="chair", metric="ssim"):
@@ -75,19 +74,3 @@ def test_their_number_is_bounded(methods, classes):
     chosen = extremes(to_frame(records), "ssim")
     assert 2 * methods * 3 <= len(chosen) <= max(MOST_CASES, 2 * EACH * methods * 3)
     assert len(chosen) <= MOST_CASES
-
-
-def test_objects_are_the_first_that_have_images():
-    records = [make_failed(obj="a"), *frame({(obj, 0): 0.5 for obj in "gfedcb"})]
-    assert shown_objects(to_frame(records)) == [("chair", obj) for obj in "bcde"]
-    records += frame({("z", 0): 0.5}, class_name="lamp")
-    assert shown_objects(to_frame(records)) == [("chair", "b"), ("lamp", "z")]
-
-
-def test_failures_beyond_the_list_are_counted():
-    records = [make_failed(obj=f"o{i:03d}", view=2) for i in range(203)]
-    (group,) = failure_groups(to_frame(records))
-    assert (group["count"], len(group["failures"]), group["more"]) == (
-        *("203 images of 203 clouds", 200, 3),
-    )
-    assert group["failures"][0] == ("splat/2048/chair/o000", "view 2")

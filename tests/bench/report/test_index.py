@@ -12,7 +12,7 @@ import pytest
 from builders import make_failed, read_all, write_all, write_run
 
 from bench.analysis.scored_run import read_run
-from bench.report.index import NamedRun, index_html, method_names, run_groups, write_index
+from bench.report.index import NamedRun, index_html, run_groups, write_index
 
 CHAIRS = [f"chair/{i:02d}" for i in range(12)]
 METHODS = ["splat", "pc2pix", "pc2pix@all", "surface-apss", "true-mesh", "blank"]
@@ -127,31 +127,6 @@ def test_failed_images_are_counted_and_scored_as_blank(tmp_path):
     assert ("failed", "2 of 12 images") in group["cards"][0]["facts"]
 
 
-def test_what_a_run_does_not_have_is_named(tmp_path):
-    run = write_run(tmp_path / "run", **FEW)
-    write_all(run, [replace(record, lpips=None) for record in read_all(run)])
-    failed = write_run(tmp_path / "failed", **FEW)
-    write_all(failed, [make_failed(r.method, r.condition, r.object, r.view) for r in read_all(run)])
-    (group,) = run_groups(named(run, failed))
-    assert [card["name"] for card in group["cards"]] == ["run", "failed"]
-    notes = " ".join(group["board"]["notes"])
-    assert "run has no lpips: " in notes
-    assert "failed has no scored image." in notes
-    assert [g.name for _, g in group["board"]["groups"]] == ["run", ""]
-    assert sorted(filter(None, places(group["board"]).values())) == [1, 2]  # of the run with values
-    assert run_groups(named(failed))[0]["board"] is None
-    assert '<table class="board">' not in index_html(named(failed))
-
-
-def test_one_method_has_no_place(tmp_path):
-    run = write_run(tmp_path / "run", **FEW | {"methods": ["splat", "blank"]})
-    (group,) = run_groups(named(run))
-    assert places(group["board"]) == {"splat": None, "blank": None}
-    assert (
-        "No places: fewer than two methods have values in every column." in group["board"]["notes"]
-    )
-
-
 def test_other_weights_of_an_id_are_another_method(tmp_path):
     def drawn_with(weights, scipy):
         stated = {"pc2pix": [2, f"scipy {scipy}, weights {weights}", "cpu"]}
@@ -164,24 +139,6 @@ def test_other_weights_of_an_id_are_another_method(tmp_path):
     assert [*places(group["board"])] == [
         *("splat", "pc2pix (weights 1111111)", "pc2pix (weights 2222222)", "blank")
     ]
-
-
-def test_methods_are_told_apart_by_what_differs():
-    def names(*stated):
-        manifests = [
-            {"methods": ["m"], "identities": {"m": of} if of else {}, "versions": {"torch": "2.1"}}
-            for of in stated
-        ]
-        return [of_run["m"] for of_run in method_names(manifests)]
-
-    assert names([1, "", "cpu"], [1, "", "cuda"]) == ["m", "m"]
-    assert names([1, "torch 2.1, weights x", "cpu"], [1, "weights x", "cpu"]) == ["m", "m"]
-    assert names([1, "", "cpu"], [2, "", "cpu"]) == ["m (version 1)", "m (version 2)"]
-    assert names([1, "1.4", "cpu"], [1, "1.5", "cpu"]) == ["m (1.4)", "m (1.5)"]
-    assert names(None, None) == ["m", "m"]
-    assert names(None, [1, "", "cpu"]) == ["m (identity unknown)", "m (version 1)"]
-    long = names([1, f"weights {'a' * 64}", "cpu"], [1, f"weights {'a' * 63}b", "cpu"])
-    assert len(set(long)) == 2  # although they begin alike
 
 
 @pytest.fixture(scope="module")

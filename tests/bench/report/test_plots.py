@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from importlib import resources
-from itertools import combinations
 
 import matplotlib as mpl
 import numpy as np
@@ -111,18 +109,6 @@ def test_better_is_up_and_what_is_worse_than_a_white_image_is_shaded(metric, bla
     assert shaded(axis) == pytest.approx(sorted((bottom, blank)))
 
 
-def test_several_classes_stand_side_by_side_each_above_its_own_white_image():
-    values = (("splat", "a", 0.5), ("splat", "b", 0.6), ("blank", "a", 0.2), ("blank", "b", 0.4))
-    rows = [row(method, "2048", v, class_name=name) for method, name, v in values]
-    (axis,) = drawn(*rows).axes
-    assert axis.get_title() == "ssim (higher is better), 2,048 points"
-    assert [text.get_text() for text in axis.get_xticklabels()] == ["a", "b"]
-    assert line_of(axis, "splat").get_linestyle() == "None"  # classes have no order
-    (level,) = (c for c in axis.collections if c.get_label() == "worse than a white image")
-    tops = {y for _, y in level.get_paths()[0].vertices if y != axis.get_ylim()[0]}
-    assert tops == {0.2, 0.4}
-
-
 def test_a_point_without_failed_images_is_hollow_and_says_of_how_many_it_is():
     failed = value_row("splat", 0.5, "512", n_ok=1, n=4, failures_as_blank=0.45)
     rows = (row("splat", "2048", 0.8), failed, row("blank", "2048", 0.4))
@@ -131,44 +117,6 @@ def test_a_point_without_failed_images_is_hollow_and_says_of_how_many_it_is():
     assert [y for line in outlines for y in line.get_ydata()] == [0.5]
     assert axis.get_xlabel() == "hollow: failed images are left out"
     assert "splat: 2048 0.800, 512 0.500 (1 of 4 images)." in described(panels_of(*rows)[0])
-
-
-def test_colours_differ_for_the_colour_blind():
-    """Colours are 20 apart in CIE 1976 L*a*b*, simulated by Machado et al. 2009 (severity 1)."""
-    sheet = resources.files("bench.report").joinpath("assets", "report.css").read_text()
-    schemes = zip(*re.findall(r"--hue-\d: light-dark\((#\w+), (#\w+)\)", sheet), strict=True)
-    for scheme in schemes:
-        hues = [np.array(mpl.colors.to_rgb(colour)) for colour in scheme]
-        assert len(hues) == 8
-        for seen in (np.eye(3), DEUTERANOPIA, PROTANOPIA):
-            labs = [lab(seen @ linear(hue)) for hue in hues]
-            apart = [np.linalg.norm(a - b) for a, b in combinations(labs, 2)]
-            assert min(apart) > 20
-
-
-DEUTERANOPIA = np.array([
-    [0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413],
-    [-0.011820, 0.042940, 0.968881],
-])  # fmt: skip
-PROTANOPIA = np.array([
-    [0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216],
-    [-0.003882, -0.048116, 1.051998],
-])  # fmt: skip
-
-
-def linear(srgb):
-    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
-
-
-def lab(rgb):
-    """CIE 1976 L*a*b* of linear sRGB, white D65."""
-    to_xyz = np.array([
-        [0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750],
-        [0.0193339, 0.1191920, 0.9503041],
-    ])  # fmt: skip
-    t = to_xyz @ rgb.clip(0, 1) / [0.95047, 1, 1.08883]
-    f = np.where(t > 0.008856, np.cbrt(t), 7.787 * t + 16 / 116)
-    return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
 
 
 def test_plots_take_their_colours_from_the_page_and_share_no_id():
@@ -242,17 +190,6 @@ def test_a_parameter_is_a_line_and_the_frontier_a_step_to_the_edge():
         assert line_of(axis, label).get_ydata() == [value, value]
     drawn = np.concatenate([np.atleast_1d(line.get_ydata()) for line in axis.lines])
     assert drawn.max() < 0.9  # the ceiling is not drawn
-
-
-def test_names_stand_beside_points_where_they_cover_nothing_and_all_in_the_legend():
-    axis = frontier_axis(placed())
-    boxes = [text.get_window_extent() for text in axis.texts]
-    assert not any(a.overlaps(b) for a, b in combinations(boxes, 2))
-    assert {"splat", "surface-apss"} <= {text.get_text() for text in axis.texts}
-    (names,) = axis.figure.legends
-    legend = {text.get_text() for text in names.get_texts()}
-    assert {m for m, *_ in SHOWN if "=" not in m and m != "true-mesh"} < legend
-    assert not any("=" in name for name in legend)
 
 
 def test_what_is_below_a_white_image_is_hollow():
@@ -336,12 +273,6 @@ def test_costs_say_who_is_at_the_frontier_and_of_how_many_images(values, images,
     assert table.lines[1].cells[0].beside == "800 + 100 × 2"
 
 
-def test_without_times_there_is_no_cost():
-    made = comparison(dict.fromkeys(METHODS, (np.nan, np.nan)), QUALITIES)
-    assert costs_of(made) == {}
-    assert cost_grid(made, "ssim", 2, Verdicts(made)) is None
-
-
 IN_FAMILIES = ("surface-apss", "splat-net@chair", "pc2pix", "true-mesh", "constant", "blank")
 
 
@@ -392,16 +323,6 @@ def test_bands_are_what_networks_were_shown():
     assert bands(outliers)[0] == pytest.approx((-0.003, 0.003))
 
 
-def test_steps_without_value_or_interval():
-    nan = float("nan")
-    curve = curve_of(FAMILIES[1], "splat", (0.9, nan, 0.5, 0.5, 0.5), reach=(0.125, 0.25))
-    curve.loc[0, ["ci_low", "ci_high"]] = nan
-    (axis,) = family_figure(family_panels(curve), method_styles(["splat"])).axes
-    missing = [False, True, False, False, False]
-    assert np.isnan(line_of(axis, "splat").get_ydata()).tolist() == missing
-    assert intervals_of(axis, "splat") == [(0.375, 0.75)] * 3
-
-
 @pytest.mark.parametrize(("metric", "better"), [("ssim-object", 0.1), ("lpips", -0.1)])
 def test_better_is_to_the_right_on_every_axis(metric, better):
     rows = [make_difference(metric, "2048", better), make_difference(metric, "512", -better)]
@@ -412,7 +333,3 @@ def test_better_is_to_the_right_on_every_axis(metric, better):
     assert to_screen((better, 0))[0] > to_screen((0, 0))[0] > to_screen((-better, 0))[0]
     drawn = [x for line in axis.lines[:-1] for x in line.get_xdata()]
     assert sorted(drawn) == pytest.approx([-0.1, 0.1])
-
-
-def test_without_a_difference_there_is_no_figure():
-    assert differences_figure(make_differences([make_difference("lpips", "512", NAN)])) is None

@@ -5,22 +5,17 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
-import pandas as pd
-import pytest
 from harness_objects import Tetrahedron
-from PIL import Image
 
 from bench.analysis.paper import AVERAGE
-from bench.catalogue.conditions import FAMILIES
 from bench.catalogue.suites import TableSpec
 from bench.metrics.structural_similarity import ssim_per_image
 from bench.records.record import GROUND_TRUTH
 from bench.records.stored_artifacts import Artifact
-from bench.report.run_figures import write_beyond_figures, write_class_figures, write_figures
+from bench.report.run_figures import write_class_figures, write_figures
 from bench.report.sheets import THIN_TINT
 from bench.tables.published import published
 
-from ..analysis.comparisons import curve_of
 from ..builders import make_job, make_truth, store_images, value_row, value_table
 
 NAN = float("nan")
@@ -88,28 +83,6 @@ def test_the_sheet_of_thin_parts(drawn, tmp_path):
     assert part.sum() == 40 * 3 + part[:23].sum()
     assert part[:23].sum() < 12
     assert np.array_equal(drawn_by_splat, true // 2)
-
-
-@pytest.mark.parametrize(
-    ("tables", "methods", "names"),
-    [([], (), []), (CURVES, ("true-mesh", "blank"), ["robustness.png", "robustness.svg"])],
-)
-def test_without_a_rival_there_is_no_grid(drawn, tmp_path, tables, methods, names):
-    jobs = [make_truth(), *(make_job(method=method) for method in methods)]
-    drawn(write_figures, tables, jobs=jobs)
-    assert sorted(path.name for path in tmp_path.glob("figures/*")) == names
-
-
-@pytest.mark.parametrize("methods", [("splat", "blank"), ("blank",)])
-def test_the_files_of_families(drawn, tmp_path, methods):
-    family = FAMILIES[3]
-    curves = pd.concat(curve_of(family, m, [0.5] * len(family.steps)) for m in methods)
-    jobs = [make_truth(), *(make_job(None, m, c) for m in methods for c in family.conditions[:2])]
-    # of floors alone there are no images
-    expected = {"beyond.png", "beyond.svg", *["beyond-pictures.png"] * ("splat" in methods)}
-    assert set(drawn(write_beyond_figures, curves, jobs=jobs)) == expected
-    with Image.open(tmp_path / "figures" / "beyond.png") as plot:
-        assert plot.width == 800
 
 
 def figures_of_classes(drawn, rows, jobs, headline=()):
@@ -189,10 +162,3 @@ def test_sr_against_the_network_by_class(drawn):
     assert [[x for x, _ in s] for s in segments if len(s) == 2] == [[15.0, 30.0]]
     figure = figures_of_classes(drawn, [*ROWS, row("fid", "pc2pix@all", "car", 40.0)], make_jobs())
     assert figure["table5.svg"].axes[0].get_title() == "here: fid (lower is better)"
-
-
-def test_what_a_run_lacks_has_no_figure(drawn, tmp_path):
-    jobs = make_jobs(methods=("surface-apss", "splat"))
-    assert figures_of_classes(drawn, ROWS, [job for job in jobs if not job.condition]) == {}
-    assert not (tmp_path / "figures").exists()
-    assert list(figures_of_classes(drawn, ROWS, jobs)) == ["classes.png"]
