@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import io
 import json
 import pickle
 from pathlib import Path
@@ -15,7 +14,6 @@ from data_prep.datasets.registry import ProceduralObject, open_dataset, recognis
 from data_prep.failures import BadInput
 from data_prep.files.clouds import save_ply
 from data_prep.randomness import generator
-from data_prep.rendering.images import read_image
 from data_prep.scene import PointCloud, View
 from tests.data_prep.dataset_trees import write_paper_object, write_paper_split
 
@@ -70,52 +68,6 @@ def test_where_clouds_and_cameras_stand(tmp_path: Path) -> None:
     assert found == [(0, 10), (-90, 0), (90, 0), (10, -5), (90, 3), (-180, 40)]
 
 
-def test_transparent_pixels_are_white(tmp_path: Path) -> None:
-    obj = tree(tmp_path, "a")
-    rgba = np.zeros((128, 128, 4), np.uint8)
-    rgba[0, 0] = (200, 100, 0, 255)
-    rgba[0, 1] = (200, 103, 0, 128)
-    rgba[0, 2] = (0, 0, 0, 1)
-    path = renders(tmp_path) / "render_0_128.png"
-    Image.fromarray(rgba).save(path)
-    image = obj.truth(VIEWS[:1])[0]
-    # 200 * 128/255 + 255 * 127/255 = 227.39, 103 -> 178.70, 0 -> 127; 0 at 1/255 -> 254.
-    assert image[0, :4].tolist() == [[200, 100, 0], [227, 179, 127], [254] * 3, [255] * 3]
-    assert read_image(path)[1] == "RGBA"
-
-
-@pytest.mark.parametrize("mode", ["RGB", "L", "LA", "P"])
-def test_other_modes(tmp_path: Path, mode: str) -> None:
-    path = tmp_path / "a.png"
-    Image.new("RGB", (128, 128), (102, 102, 102)).convert(mode).save(path)
-    image, found = read_image(path)
-    assert (found, np.unique(image).tolist()) == (mode, [102])  # which the palette of P has
-
-
-@pytest.mark.parametrize(
-    ("make", "problem"),
-    [
-        (lambda p: Image.new("RGBA", (224, 224)).save(p, "PNG"), "224 x 224 pixels of mode RGBA"),
-        (lambda p: Image.new("I;16", (128, 128)).save(p, "PNG"), "128 x 128 pixels of mode I;16"),
-        (lambda p: Image.new("RGB", (128, 128)).save(p, "JPEG"), "not a readable PNG"),
-        (lambda p: p.write_bytes(b"\x89PNG\r\n\x1a\n" + b"x" * 99), "not a readable PNG"),
-        (lambda p: p.write_bytes(png(IMAGES[0])[:9000]), "not a readable PNG"),
-        (lambda p: None, "no such file"),
-    ],
-)
-def test_images_that_cannot_be_used(tmp_path: Path, make, problem: str) -> None:
-    path = tmp_path / "a.png"
-    make(path)
-    with pytest.raises(BadInput, match=problem):
-        read_image(path)
-
-
-def png(image: np.ndarray) -> bytes:
-    file = io.BytesIO()
-    Image.fromarray(image).save(file, "PNG")
-    return file.getvalue()
-
-
 def test_splits_and_classes(tmp_path: Path) -> None:
     tree(tmp_path, "b", "stühle 椅子", train=("c",))
     split = {
@@ -158,16 +110,6 @@ def test_files_without_a_split(tmp_path: Path) -> None:
     )
     (tmp_path / "chair_exp.json").unlink()
     assert recognised(str(tmp_path)) == f"paper:{tmp_path}"
-    with pytest.raises(BadInput, match=r"no split file here; expected chair_exp\.json or all_exp"):
-        open_dataset(f"paper:{tmp_path}")
-
-
-def test_a_missing_image_counts_where_it_is_asked_for(tmp_path: Path) -> None:
-    obj = tree(tmp_path, "a")
-    (renders(tmp_path) / "render_7_128.png").unlink()
-    assert np.array_equal(obj.truth(VIEWS[:7]), IMAGES[:7])
-    with pytest.raises(BadInput, match=r"render_7_128\.png: no such file"):
-        obj.truth(VIEWS[:8])
 
 
 def test_cameras_and_clouds_that_cannot_be_used(tmp_path: Path) -> None:
@@ -182,6 +124,12 @@ def test_cameras_and_clouds_that_cannot_be_used(tmp_path: Path) -> None:
         assert len(views) == 20  # stand-ins: the run goes on, and this object fails with the reason
         with pytest.raises(BadInput, match=problem):
             obj.truth(views)
+    (renders(tmp_path) / "view.txt").write_text("1 2\n" * 20)
+    (renders(tmp_path) / "render_7_128.png").unlink()  # counts where it is asked for
+    views = obj.views(8, RNG)
+    assert np.array_equal(obj.truth(views[:7]), IMAGES[:7])
+    with pytest.raises(BadInput, match=r"render_7_128\.png: no such file"):
+        obj.truth(views)
     for points, problem in (
         (CLOUD.points[:2047], "2047 points, expected 2048"),
         (np.full((2048, 3), np.nan, np.float32), "points that are not finite"),

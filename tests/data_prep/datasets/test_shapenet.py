@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -77,20 +78,12 @@ def test_classes_and_materials(tmp_path: Path) -> None:
     )
     assert np.array_equal(found[0], expected[0])
     assert np.array_equal(found[1], expected[1])
-    with pytest.raises(BadInput, match="no class 'sofa'"):
-        dataset.objects("sofa", None, 0)
 
 
 def test_textures_lie_beside_the_folder_of_the_mesh(tmp_path: Path) -> None:
     path = v2(tmp_path, CHAIR, A)
     text = path.read_text().replace("mtllib", "vt 0.5 0.5\nmtllib")
-    lines = [
-        "f " + " ".join(f"{corner}/1" for corner in line.split()[1:])
-        if line.startswith("f ")
-        else line
-        for line in text.splitlines()
-    ]
-    path.write_text("\n".join(lines))
+    path.write_text(re.sub(r"^f (\d+) (\d+) (\d+)$", r"f \1/1 \2/1 \3/1", text, flags=re.M))
     path.with_suffix(".mtl").write_text(
         "".join(f"newmtl m{i}\nmap_Kd ../images/t.png\n" for i in range(3))
     )
@@ -135,30 +128,6 @@ def test_splits(tmp_path: Path, place: str) -> None:
     gone = dataset.objects("chair", None, 0)[1]
     with pytest.raises(BadInput, match="no such file"):
         gone.load()
-
-
-FIELDS = "id,synsetId,subSynsetId,modelId,split\n"
-NO_TAXONOMY = "not the taxonomy of ShapeNet"
-
-
-@pytest.mark.parametrize(
-    ("name", "content", "problem"),
-    [
-        ("all.csv", "a,b\n1,2\n", "not the split list of ShapeNet"),
-        ("all.csv", f"{FIELDS}1,{CHAIR},x,..,test\n", "is a path"),
-        ("all.csv", f"{FIELDS}1,{CHAIR},x,a\u202e,test\n", "cannot be seen"),
-        ("all.csv", f"{FIELDS}1,{CHAIR},x,a,tset\n", "'tset' is no split"),
-        ("all.csv", f"{FIELDS}1,{CHAIR}\n", "not the split list"),
-        ("taxonomy.json", "{", NO_TAXONOMY),
-        ("taxonomy.json", "[1]", NO_TAXONOMY),
-        ("taxonomy.json", '[{"synsetId": "03001627"}]', NO_TAXONOMY),
-    ],
-)
-def test_lists_that_cannot_be_used(tmp_path: Path, name: str, content: str, problem: str) -> None:
-    v1(tmp_path, CHAIR, "a")
-    (tmp_path / name).write_text(content)
-    with pytest.raises(BadInput, match=problem):
-        open_dataset(f"shapenet:{tmp_path}")
 
 
 def test_versions_side_by_side_and_shared_ids(tmp_path: Path) -> None:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 import io
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +17,7 @@ from PIL import Image
 from data_prep.clouds.orientations import OURS
 from data_prep.datasets.registry import open_dataset
 from data_prep.datasets.stored_meshes import MeshFile, PlacedMesh
+from data_prep.files.meshes import LOADER_VERSION
 from data_prep.randomness import generator
 from data_prep.scene import NEUTRAL_GREY, View
 
@@ -162,15 +165,37 @@ def test_a_file_behind_a_mesh_changes_its_fingerprint(tmp_path, case, placed):
     assert obj.fingerprint() == fingerprints[1]
 
 
-def test_a_file_that_is_not_behind_it_does_not(tmp_path: Path) -> None:
-    """Finished work of a plain mesh stays: this fingerprint is in the keys of its jobs."""
-    (tmp_path / "a.obj").write_text(f"mtllib gone.mtl\n{OBJ}f 1 2 3\n")
-    plain = "e653"
+def test_the_fingerprint_is_that_of_the_contents_and_of_companions(tmp_path: Path) -> None:
+    def digest(*contents: bytes) -> str:
+        return hashlib.sha256(
+            b"".join((f"loader {LOADER_VERSION}".encode(), *contents))
+        ).hexdigest()
+
     obj = MeshFile("c", "a.obj", tmp_path / "a.obj")
-    assert obj.fingerprint()[:4] == plain
-    (tmp_path / "other.mtl").write_text("newmtl m\nKd 1 0 0\n")
+    assert obj.fingerprint() == "unreadable: no such file"
+    # Finished work of a plain mesh stays: this fingerprint is in the keys of its jobs.
+    text = f"mtllib gone.mtl\n{OBJ}f 1 2 3\n"
+    obj.path.write_text(text)
+    assert obj.fingerprint()[:4] == "e653"
+    # Nor do other objects' files count, nor companions that are no files.
+    (tmp_path / "ab.mtl").write_text("newmtl m\nKd 1 0 0\n")
     (tmp_path / "b.png").write_bytes(png(1))
-    assert obj.fingerprint()[:4] == plain
+    (tmp_path / "a.textures").mkdir()
+    os.mkfifo(tmp_path / "a.pipe")  # whose reader would wait for ever
+    (tmp_path / "a.zero").symlink_to("/dev/zero")
+    (tmp_path / "a.loop").symlink_to("a.loop")
+    assert obj.fingerprint() == digest(text.encode())
+    twin = MeshFile("d", "b.obj", tmp_path / "b.obj")
+    twin.path.write_text(text)
+    (tmp_path / "b.png").unlink()
+    assert twin.fingerprint() == obj.fingerprint()
+    Path(os.fsdecode(os.fsencode(tmp_path) + b"/a.\xff")).write_bytes(b"x")
+    assert obj.fingerprint() == digest(text.encode(), b"a.\xff", b"x")
+    for name in ("a.mtl", "a.obj"):
+        with (tmp_path / name).open("wb") as file:
+            file.truncate(2**40)  # sparse: what is too large takes no time
+        assert obj.fingerprint().startswith("unreadable: 1099511627776 bytes, and at most")
+        (tmp_path / name).write_bytes(b"v")
 
 
 PLACES = ["0 0 0", "1 0 0", "1 1 0", "0 1 0", "0 0 1"]

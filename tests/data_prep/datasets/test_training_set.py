@@ -78,9 +78,7 @@ def test_coverage_of_a_square_across_the_view() -> None:
 
 
 def test_grey_is_the_object_in_neutral_grey(made: TrainingSet) -> None:
-    calls = []
-    surfaces = add_surfaces(made, OBJECTS, on_progress=lambda: calls.append(1))
-    assert len(calls) == len(OBJECTS)
+    surfaces = add_surfaces(made, OBJECTS)
     assert surfaces.seen is made
     assert surfaces.coverage.shape == surfaces.grey.shape == (3, 2, 128, 128)
     assert surfaces.coverage.dtype == surfaces.grey.dtype == np.uint8

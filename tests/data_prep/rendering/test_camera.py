@@ -20,13 +20,7 @@ EPS = float(np.finfo(np.float64).eps)
 POSE = 16 * EPS
 # Pixels: coordinates of order 10 times 232 over a depth of 3 or more, from entries as above.
 PIXELS = 1000 * POSE
-AZIMUTHS = (-180, -33.3, 0, 90)
-VIEWS = [View(a, e) for a in AZIMUTHS for e in (-90, -40, 12.5, 90)]
-
-
-@pytest.fixture(params=VIEWS, ids=lambda v: f"{v.azimuth_deg}/{v.elevation_deg}")
-def view(request: pytest.FixtureRequest) -> View:
-    return request.param
+VIEWS = [View(a, e) for a in (-180, -33.3, 0, 90) for e in (-90, -40, 12.5, 90)]
 
 
 def looking_at_the_origin(view: View) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -53,6 +47,7 @@ def test_lens_of_the_original() -> None:
     assert math.degrees(FIELD_OF_VIEW_RAD) == pytest.approx(30.84, abs=0.005)  # two digits given
 
 
+@pytest.mark.parametrize("view", VIEWS, ids=str)
 def test_pose_is_rigid_and_looks_at_the_origin_from_distance_4(view: View) -> None:
     pose = camera_to_world(view)
     assert pose.dtype == np.float64
@@ -100,17 +95,6 @@ def test_projection_agrees_with_look_at_and_a_pinhole(view: View) -> None:
     np.testing.assert_allclose(depth, -z, rtol=0, atol=100 * POSE)
     np.testing.assert_allclose(pixels[:, 0], 64 + 232 * x / -z, rtol=0, atol=PIXELS)
     np.testing.assert_allclose(pixels[:, 1], 64 - 232 * y / -z, rtol=0, atol=PIXELS)
-
-
-@pytest.mark.parametrize(("azimuth", "pole"), [(30, -90), (-120, 90)])
-def test_poles_continue_their_neighbourhood(azimuth: float, pole: float) -> None:
-    at = camera_to_world(View(azimuth, pole))
-    for step_deg in (1e-3, 1e-9):
-        near = camera_to_world(View(azimuth, pole - math.copysign(step_deg, pole)))
-        # A turn by s moves unit vectors by 2 sin(s / 2) at most, the camera by 4 times that.
-        moved = 2 * math.sin(math.radians(step_deg) / 2)
-        assert np.abs(near[:3, :3] - at[:3, :3]).max() <= moved + POSE
-        assert np.abs(near[:3, 3] - at[:3, 3]).max() <= 4 * (moved + POSE)
 
 
 def test_azimuth_is_periodic() -> None:

@@ -1,14 +1,16 @@
-"""Checks that every procedural class has to pass (test_catalogue), and measures of solids."""
+"""Objects drawn at random by family, checks that every class has to pass, measures of solids."""
 
 from __future__ import annotations
 
+import functools
 import itertools
-import math
 from collections.abc import Sequence
 
 import numpy as np
 import trimesh
 
+from data_prep.shapes.catalogue import FAMILIES, NOVEL_FAMILIES
+from data_prep.shapes.shape_class import Drawn
 from data_prep.shapes.solids import Part
 
 GREY = (120, 121, 122)
@@ -17,9 +19,17 @@ GREY = (120, 121, 122)
 EXACT = 1e-12
 
 
-def polygon_area(sides: int, radius: float) -> float:
-    """Of the regular polygon whose corners lie at this radius."""
-    return sides / 2 * radius**2 * math.sin(2 * math.pi / sides)
+NOVEL = {f"novel {name}": families for name, families in NOVEL_FAMILIES.items()}
+
+
+@functools.cache
+def of_each_family(name: str, seed: int = 4, count: int = 2) -> dict[str, list[Drawn]]:
+    """That many objects of each family of a class; read only."""
+    rng = np.random.default_rng(seed)
+    return {
+        family: [Drawn(family, tuple(build(rng))) for _ in range(count)]
+        for family, (_, build) in (FAMILIES | NOVEL)[name].items()
+    }
 
 
 def unsound(parts: Sequence[Part]) -> list[int]:

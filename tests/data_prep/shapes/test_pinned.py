@@ -13,7 +13,7 @@ import pytest
 from data_prep.randomness import generator
 from data_prep.shapes.catalogue import CLASSES, FAMILIES
 from data_prep.shapes.shape_class import Drawn
-from tests.data_prep.shapes.samples import of_each_family
+from tests.data_prep.shapes.solid_checks import of_each_family
 
 OF_A_SPLIT, OF_A_FAMILY = 25, 8
 # The last bits of sine, cosine and matrix products depend on the processor, so meshes are not
