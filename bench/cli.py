@@ -82,7 +82,6 @@ class Commands(Group):
     def invoke(self, ctx: Any) -> Any:
         """Run the command."""
         # Typer catches interrupts and broken pipes around `app()`: they are handled within it.
-        from bench.tables.markdown import visible
         from data_prep.failures import BadInput
         from learning.divergence import TrainingDiverged
 
@@ -91,52 +90,47 @@ class Commands(Group):
             sys.stdout.flush()
             return result
         except BadInput as error:
-            print(f"bench: {visible(str(error))}", file=sys.stderr)
-            raise typer.Exit(2) from error
+            raise _ended(str(error)) from error
         except TrainingDiverged as error:
-            print(f"bench: {visible(str(error))}; a lower learning rate may help", file=sys.stderr)
-            raise typer.Exit(1) from error
+            raise _ended(f"{error}; a lower learning rate may help", 1) from error
         except USAGE_ERROR as error:  # an unknown command or option, or a wrong value
             raise _refused(error) from error
         except SystemExit as error:  # no command ends so, but the code of a package may
-            print(
-                f"bench: an installed package has called exit({error.code}); 'bench test NAME' "
-                "with its methods, metrics, datasets and conditions says which",
-                file=sys.stderr,
-            )
-            raise typer.Exit(1) from error
+            raise _ended(
+                f"an installed package has called exit({error.code}); 'bench test NAME' with its "
+                "methods, metrics, datasets and conditions says which",
+                1,
+            ) from error
         except KeyboardInterrupt as error:
             resumes = ctx.invoked_subcommand in ("run", "train")
-            hint = "; the same command goes on from here" if resumes else ""
-            print(f"bench: interrupted{hint}", file=sys.stderr)
             # Python hands Ctrl-C back to the kernel when it ends: another one would kill it.
             signal.signal(signal.SIGINT, signal.SIG_IGN)
-            raise typer.Exit(130) from error
+            hint = "; the same command goes on from here" * resumes
+            raise _ended(f"interrupted{hint}", 130) from error
         except BrokenPipeError as error:
             for stream in (sys.stdout, sys.stderr):  # Python flushes them when it ends
                 os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
             raise typer.Exit(141) from error  # as other programs end that SIGPIPE kills
         except OSError as error:  # a full disk, a folder that may not be written
-            message = visible(str(error))
-            print(f"bench: {message}; fix this, and the same command goes on", file=sys.stderr)
-            raise typer.Exit(2) from error
+            raise _ended(f"{error}; fix this, and the same command goes on") from error
+
+
+def _ended(text: str, status: int = 2) -> typer.Exit:
+    """Print why a command ends as one line, and return the exit."""
+    from bench.tables.markdown import visible
+
+    print(f"bench: {visible(text)}", file=sys.stderr)
+    return typer.Exit(status)
 
 
 def _refused(error: Any) -> typer.Exit:
-    """Print a usage error as one line, and return the exit with status 2."""
+    """Return the exit of a usage error."""
     from bench.catalogue.lookup import instead_of
-    from bench.tables.markdown import visible
 
     command = error.ctx.command_path if error.ctx else "bench"
     option = f"{command.removeprefix('bench ')} {getattr(error, 'option_name', '')}"
-    if line := instead_of("option", option):
-        print(f"bench: {line}", file=sys.stderr)
-        return typer.Exit(2)
-    print(
-        f"bench: {visible(plain_message(error.format_message()))}; see '{command} --help'",
-        file=sys.stderr,
-    )
-    return typer.Exit(2)
+    message = plain_message(error.format_message())
+    return _ended(instead_of("option", option) or f"{message}; see '{command} --help'")
 
 
 app = typer.Typer(

@@ -34,7 +34,15 @@ def read_config(path: Path) -> dict[str, Any]:
     A list becomes text separated by commas, as on the command line. Raises BadInput for a file that
     cannot be read, is not TOML, or is a JSON file but no manifest that this version can repeat.
     """
-    values = repeated_request(path) if path.suffix == ".json" else _toml(path)
+    if path.suffix == ".json":
+        values = repeated_request(path)
+    else:
+        try:
+            values = tomllib.loads(read_text(path, 4 * MIB))
+        except BadInput:
+            raise
+        except ValueError as error:
+            raise BadInput(f"{path}: cannot be read ({error}); give a TOML file") from error
     return {
         name.replace("-", "_"): ",".join(map(str, value)) if isinstance(value, list) else value
         for name, value in values.items()
@@ -44,9 +52,8 @@ def read_config(path: Path) -> dict[str, Any]:
 def refuse_other_objects(options: Options, path: Path | None) -> None:
     """Raise BadInput where a run is to be repeated and would have other objects.
 
-    Options choose the first objects of each class, or a shard. The complete objects of a stopped
-    run may be others, and the dataset may have changed. Other options of the command line are not
-    refused.
+    Options choose the first objects of each class, or a shard; the complete objects of a stopped
+    run may be others, and the dataset may have changed. Other options of the command line pass.
     """
     if path is None or path.suffix != ".json" or options.suite not in JOB_SUITES:
         return
@@ -64,15 +71,6 @@ def refuse_other_objects(options: Options, path: Path | None) -> None:
             f"{len(names)} that options can choose now; finish it with its command, bring its "
             "dataset back as it was, or give another --limit"
         )
-
-
-def _toml(path: Path) -> Mapping[str, Any]:
-    try:
-        return tomllib.loads(read_text(path, 4 * MIB))
-    except ValueError as error:
-        if isinstance(error, BadInput):
-            raise
-        raise BadInput(f"{path}: cannot be read ({error}); give a TOML file") from error
 
 
 def _manifest(path: Path) -> Mapping[str, Any]:

@@ -1,7 +1,4 @@
-"""`bench data`: inspection of a dataset, check of its files, and export of a run's inputs.
-
-`inspect` lists folders in full, and reads the files of some objects of each class.
-"""
+"""`bench data`: inspection of a dataset, check of its files, and export of a run's inputs."""
 
 from __future__ import annotations
 
@@ -9,9 +6,9 @@ import csv
 import shlex
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
 from pathlib import Path, PurePosixPath
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 import typer
@@ -60,18 +57,11 @@ _INDIFFERENCE = 0.01
 _UNUSABLE = "it cannot be used"
 
 
-@dataclass(frozen=True)
-class _Inspection:
+class _Inspection(NamedTuple):
     """A report on a dataset.
 
-    Attributes
-    ----------
-    spec : str
-        The dataset as `bench run` takes it.
-    lines, irregular : tuple of str
-        Lines of the report, and of it the irregularities.
-    clouds : bool
-        Whether all objects that were read are clouds without a mesh, which cannot be scored.
+    spec    the dataset as `bench run` takes it
+    clouds  whether all objects that were read are clouds without a mesh, which cannot be scored
     """
 
     spec: str
@@ -80,18 +70,12 @@ class _Inspection:
     clouds: bool = False
 
 
-@dataclass(frozen=True)
-class _ObjectReport:
+class _ObjectReport(NamedTuple):
     """The findings on an object.
 
-    Attributes
-    ----------
-    problems : tuple
-        Kind and place of each problem.
-    agreement : tuple of float or None
-        The share of its points on its silhouettes, for each reading of the angles.
-    bare : bool
-        Whether it is a cloud without a mesh.
+    problems   kind and place of each
+    agreement  the share of its points on its silhouettes, for each reading of the angles
+    bare       whether it is a cloud without a mesh
     """
 
     problems: tuple[tuple[str, str], ...]
@@ -171,11 +155,10 @@ def _sample(dataset: Dataset, sample: int) -> list[SceneObject]:
 
 def _examine(obj: SceneObject) -> _ObjectReport:
     if isinstance(obj, PaperObject):
-        problems = tuple(find_problems(obj))
-        try:
-            return _ObjectReport(problems, tuple(agreement(obj)))
-        except BadInput:  # a problem already
-            return _ObjectReport(problems)
+        shares = None
+        with suppress(BadInput):  # a problem already
+            shares = tuple(agreement(obj))
+        return _ObjectReport(tuple(find_problems(obj)), shares)
     try:
         small = note_on_scale(obj.cloud(generator("inspect")).points)
     except MissingDependency:
@@ -196,11 +179,11 @@ def _grouped(reports: Mapping[str, _ObjectReport]) -> list[str]:
     for name, report in sorted(reports.items()):
         for kind, place in report.problems:
             groups.setdefault(kind, {}).setdefault(name, place)
-    lines = []
-    for kind, places in groups.items():
-        name, place = next(iter(places.items()))
-        lines.append(f"{len(places)} of {len(reports)} read: {kind} (first {name}: {place})")
-    return lines
+    firsts = {kind: ": ".join(next(iter(places.items()))) for kind, places in groups.items()}
+    return [
+        f"{len(groups[kind])} of {len(reports)} read: {kind} (first {first})"
+        for kind, first in firsts.items()
+    ]
 
 
 def _without_images(dataset: Dataset) -> list[str]:
@@ -235,27 +218,12 @@ def _fit(reports: Mapping[str, _ObjectReport]) -> tuple[list[str], list[str]]:
     return [f"angles       {message}; {against}"], []
 
 
-@dataclass(frozen=True)
-class Verification:
-    """The files of a folder that differ from its list, and the number of the others."""
-
-    missing: tuple[str, ...]
-    changed: tuple[str, ...]
-    further: tuple[str, ...]
-    same: int
-
-    @property
-    def differing(self) -> list[tuple[str, str]]:
-        """Return kind and name of each file that differs."""
-        kinds = ("MISSING", self.missing), ("CHANGED", self.changed), ("FURTHER", self.further)
-        return [(kind, name) for kind, names in kinds for name in names]
-
-
-def verify(folder: Path, listing: Path = REAL_MESHES) -> Verification:
+def verify(folder: Path, listing: Path = REAL_MESHES) -> tuple[int, list[tuple[str, str]]]:
     """Compare the files of a folder with a list of files and checksums.
 
-    The list of an export is its own; others are compared with the real meshes. Raises BadInput for
-    a missing folder or list.
+    The list of an export is its own; others are compared with the real meshes. Return the number of
+    files that are those of the list, and kind and name of each that differs. Raises BadInput for a
+    missing folder or list.
     """
     if not folder.is_dir():
         raise BadInput(f"{folder}: no such folder; give that of the meshes, or an export")
@@ -272,20 +240,19 @@ def verify(folder: Path, listing: Path = REAL_MESHES) -> Verification:
         with listing.open(encoding="utf-8", newline="") as file:
             wanted = {row["file"]: row["sha256"] for row in csv.DictReader(file)}
         suffixes = SUFFIXES
-    classes = {PurePosixPath(name).parts[0] for name in wanted}
     files = {
         path.relative_to(folder).as_posix(): path
-        for name in sorted(classes)
+        for name in sorted({PurePosixPath(name).parts[0] for name in wanted})
         for path in _files_at(folder / name, suffixes)
     }
     common = wanted.keys() & files.keys()
-    changed = sorted(name for name in common if file_sha256(files[name]) != wanted[name])
-    return Verification(
-        missing=tuple(sorted(wanted.keys() - files.keys())),
-        changed=tuple(changed),
-        further=tuple(sorted(files.keys() - wanted.keys())),
-        same=len(common) - len(changed),
-    )
+    kinds = {
+        "MISSING": wanted.keys() - files.keys(),
+        "CHANGED": {name for name in common if file_sha256(files[name]) != wanted[name]},
+        "FURTHER": files.keys() - wanted.keys(),
+    }
+    differing = [(kind, name) for kind, names in kinds.items() for name in sorted(names)]
+    return len(common) - len(kinds["CHANGED"]), differing
 
 
 def _files_at(place: Path, suffixes: Sequence[str]) -> tuple[Path, ...]:
@@ -327,9 +294,8 @@ def _verify_data(
     ],
 ) -> None:
     """Check that a folder is a whole export, or has the real meshes of the docs. Exit 1 if not."""
-    verification = verify(folder)
-    print(f"{verification.same} files are those of the list")
-    differing = verification.differing
+    same, differing = verify(folder)
+    print(f"{same} files are those of the list")
     for kind, name in differing:
         print(f"{kind:<8} {visible(name)}")
     if differing:

@@ -5,12 +5,11 @@ from __future__ import annotations
 import keyword
 import shutil
 import tempfile
-from dataclasses import dataclass
 from enum import StrEnum
 from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import typer
 
@@ -28,18 +27,12 @@ class PluginKind(StrEnum):
     dataset = "dataset"
 
 
-@dataclass(frozen=True)
-class _Template:
+class _Template(NamedTuple):
     """A package in `examples`.
 
-    Attributes
-    ----------
-    id : str
-        Id of its plug-in, which becomes the new one, in kebab-case; its module has underscores.
-    tested : str
-        Names in the module that `bench test` takes.
-    further : tuple of str
-        Files beside README.md, pyproject.toml, the module and its test.
+    id       of its plug-in, which becomes the new one, in kebab-case; its module has underscores
+    tested   names in the module that `bench test` takes
+    further  files beside README.md, pyproject.toml, the module and its test
     """
 
     id: str
@@ -82,18 +75,18 @@ def _check_id(kind: PluginKind, id_: str) -> None:
     """Raise BadInput for an id that no plug-in can have, or whose module would not be found."""
     module = _module_of(id_)
     if not is_id(id_):
-        raise BadInput(
-            f"{id_}: an id is kebab-case (a-z, 0-9 and single hyphens), as in my-{kind}; give "
-            "another NAME"
-        )
-    if id_ in OUR_IDS[kind]:
-        raise BadInput(f"{id_}: pc2pix-bench uses that id itself; give another NAME")
-    if id_ in announced(kind):
-        raise BadInput(f"{id_}: an installed package has that id; give another NAME")
-    if not module.isidentifier() or keyword.iskeyword(module):
-        raise BadInput(f"{id_}: Python cannot import a module '{module}'; give another NAME")
-    if module == "images" or find_spec(module) is not None:  # "images:TREE" names a folder
-        raise BadInput(f"{id_}: '{module}' means something else already; give another NAME")
+        problem = f"an id is kebab-case (a-z, 0-9 and single hyphens), as in my-{kind}"
+    elif id_ in OUR_IDS[kind]:
+        problem = "pc2pix-bench uses that id itself"
+    elif id_ in announced(kind):
+        problem = "an installed package has that id"
+    elif not module.isidentifier() or keyword.iskeyword(module):
+        problem = f"Python cannot import a module '{module}'"
+    elif module == "images" or find_spec(module) is not None:  # "images:TREE" names a folder
+        problem = f"'{module}' means something else already"
+    else:
+        return
+    raise BadInput(f"{id_}: {problem}; give another NAME")
 
 
 def write_package(kind: PluginKind, id_: str, folder: Path) -> list[str]:

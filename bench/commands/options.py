@@ -102,10 +102,9 @@ def names(text: str | None) -> tuple[str, ...] | None:
 
 def worker_count(workers: int | None) -> int | None:
     """Return the value of --workers. Raises BadInput below 1, and for more than any machine has."""
-    if workers is not None and workers < 1:
-        raise BadInput(f"--workers {workers}: must be at least 1")
-    if workers is not None and workers > _MOST_WORKERS:
-        raise BadInput(f"--workers {workers}: too many processes; give at most {_MOST_WORKERS}")
+    if workers is not None and not 1 <= workers <= _MOST_WORKERS:
+        most = f"too many processes; give at most {_MOST_WORKERS}"
+        raise BadInput(f"--workers {workers}: {'must be at least 1' if workers < 1 else most}")
     return workers
 
 
@@ -135,16 +134,10 @@ WorkersOption = Annotated[
 class OptionSpec:
     """The parts of an option that the field of its dataclass does not have.
 
-    Attributes
-    ----------
-    flag : str or None
-        Name of the option where it differs from the field's.
-    kind : type or None
-        Type of the value on the command line where it differs from the field's.
-    convert : callable or None
-        Returns the value of the field for one of the command line.
-    default
-        Default on the command line where it differs from the field's.
+    flag     name of the option where it differs from the field's
+    kind     type of the value on the command line where it differs from the field's
+    convert  returns the value of the field for one of the command line
+    default  on the command line where it differs from the field's
     """
 
     help: str | None = None
@@ -162,15 +155,8 @@ def options_from_dataclass(
 
     The command takes the dataclass as its first argument; its other parameters become options
     after those of the dataclass. Types and defaults are those of the dataclass. A tuple of names is
-    given as comma-separated text.
-
-    Parameters
-    ----------
-    kind : dataclass
-    specs : mapping
-        By field, in the order of the help: the help text of the option, or an `OptionSpec`.
-    leave_out : tuple of str
-        Fields in `specs` without an option.
+    given as comma-separated text. `specs` has the help text of an option, or an `OptionSpec`, by
+    field, in the order of the help; those in `leave_out` have no option.
     """
     hints, defaults = get_type_hints(kind), {field.name: field.default for field in fields(kind)}
     options = {

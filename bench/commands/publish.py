@@ -13,10 +13,9 @@ from bench.analysis.scored_run import read_run
 from bench.catalogue.metrics import metrics_device
 from bench.catalogue.plugins import ImageMetric, SetMetric, find_metric
 from bench.catalogue.suites import Suite
-from bench.commands.live import LiveTable
 from bench.commands.options import Format
 from bench.commands.score import score_run_of
-from bench.commands.terminal import Terminal, shown
+from bench.commands.terminal import LiveTable, Terminal, shown
 from bench.records.job import JobName
 from bench.records.run_folder import read_finished, read_manifest
 from bench.records.stored_artifacts import Artifact, StoredArtifacts

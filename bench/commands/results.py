@@ -6,7 +6,7 @@ import secrets
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import pandas as pd
 import typer
@@ -27,14 +27,21 @@ from bench.analysis.scored_run import Run, read_run
 from bench.catalogue.metrics import declared_metric
 from bench.catalogue.suites import TRUTHS
 from bench.commands.options import FormatOption, RunDirectory, names, path_argument, path_option
+from bench.records.run_folder import read_manifest
 from bench.tables.build import how_timed
 from bench.tables.grid import FEWER, MOVED, Cell, measured, number, records
 from bench.tables.markdown import visible
 from bench.tables.terminal import laid_out, line_width
 from bench.tables.terminal import table as terminal_table
 from data_prep.failures import BadInput, CannotWrite
+from data_prep.scene import IMAGE_SIZE
+
+if TYPE_CHECKING:
+    from bench.checking.objects import GoldenDeviation
 
 _MOST_SEED = 2**32
+_MOST_MOVED = 8  # objects of the sheet
+_ACROSS = 4  # tiles of it: two objects in a row
 
 
 def merge(
@@ -121,7 +128,6 @@ def check(
 ) -> None:
     """Compare a run with the golden values, or with itself. Exit 0 if all agree, else 1."""
     from bench.checking import golden as checks
-    from bench.commands.golden_deviation import write_deviations
 
     if again is not None and (bless or claims):
         raise BadInput("--again: compares a run with itself; leave --bless and --claims")
@@ -156,7 +162,7 @@ def check(
         )
     print(f"{verdict.compared} golden values compared, {len(verdict.regressions)} regressions")
     try:
-        drawn = write_deviations(directory, verdict.moved)
+        drawn = _write_deviations(directory, verdict.moved)
     except CannotWrite as error:  # the verdict counts also where the folder is read-only
         drawn = None
         print(f"bench: {error}", file=sys.stderr)
@@ -164,6 +170,47 @@ def check(
         print(f"the objects that moved most: {drawn}")
     if verdict.regressions:
         raise typer.Exit(1)
+
+
+def _write_deviations(directory: Path, moved: Sequence[GoldenDeviation]) -> Path | None:
+    """Draw the objects that moved most beside their golden thumbnails into a run's folder.
+
+    The image is of the first view. Among the metrics of an object with a method at a condition, the
+    one that moved most counts. Without any object an old file is removed. Raises CannotWrite.
+    """
+    from bench.checking.objects import StoredImages, golden_thumbnails
+    from bench.checking.objects import number as rounded
+    from bench.checking.thumbnails import SIDE
+    from bench.rendering.files import write_images
+    from bench.rendering.sheet import Tile, draw_sheet
+    from bench.report.figure import FIGURES
+    from bench.tables.published import golden_name
+
+    path = directory / FIGURES / "moved.png"
+    worst: dict[object, GoldenDeviation] = {}
+    for deviation in sorted(moved, key=lambda deviation: -deviation.excess):
+        worst.setdefault(deviation.item, deviation)
+    if not worst:
+        try:
+            path.unlink(missing_ok=True)
+        except OSError as error:
+            raise CannotWrite(f"{path}: cannot be removed ({error.strerror}); remove it") from error
+        return None
+    stored = StoredImages(directory)
+    thumbnails = golden_thumbnails(golden_name(read_manifest(directory)))
+    tiles, times = [], IMAGE_SIZE // SIDE
+    for deviation in list(worst.values())[:_MOST_MOVED]:
+        images = stored.images(deviation.item)
+        method, condition, *obj = deviation.item
+        drawn = "no image" if images is None else images[:1]
+        tiles.append(
+            Tile(f"{'/'.join(obj)}: {deviation.metric} {rounded(deviation.actual)}", drawn)
+        )
+        before = f"golden {rounded(deviation.golden)}, {method}, {condition}"
+        thumbnail = thumbnails[deviation.line].repeat(times, axis=0).repeat(times, axis=1)
+        tiles.append(Tile(before, thumbnail[None]))
+    write_images(draw_sheet(tiles, min(_ACROSS, len(tiles)), scale=2), path)
+    return path
 
 
 def _check_again(directory: Path, share: float, seed: int) -> None:

@@ -100,8 +100,12 @@ def _image_rows(run: Run, images: _KeptImages, metric: ImageMetric, store: Store
 
     Skipped where something optional is not installed.
     """
+    scores: dict[str, Floats] = {}
     try:
-        scores = scores_of(images, metric)
+        # Object by object: a network need not look at the true images again for each method.
+        for key, name, _ in images.jobs:
+            if name.method != GROUND_TRUTH and key not in scores:
+                scores[key] = checked_scores(metric, images.of(name.truth), images.of(name))
     except WeightsUnavailable as error:
         skipped = {metric.id: f"skipped: {error}"}
         declare_metric(metric.id, metric.higher_is_better, digits_of(np.empty(0)))
@@ -120,19 +124,6 @@ def digits_of(values: Floats) -> int:
     return 3 if spread == 0 else int(np.clip(2 - np.floor(np.log10(spread)), 0, 6))
 
 
-def scores_of(images: _KeptImages, metric: ImageMetric) -> dict[str, Floats]:
-    """Return the scores [V] of all jobs with images but the ground truths, by their keys.
-
-    Raises BadInput as `score`.
-    """
-    scores: dict[str, Floats] = {}
-    # Object by object: a network need not look at the true images again for each method.
-    for key, name, _ in images.jobs:
-        if name.method != GROUND_TRUTH and key not in scores:
-            scores[key] = checked_scores(metric, images.of(name.truth), images.of(name))
-    return scores
-
-
 def _set_rows(run: Run, images: _KeptImages, metric: SetMetric) -> pd.DataFrame:
     """Return the rows of Fréchet and kernel distances; skipped where something is not installed."""
     kinds = {metric.id: FRECHET, f"{metric.id}-kernel": KERNEL}
@@ -146,10 +137,7 @@ def _set_rows(run: Run, images: _KeptImages, metric: SetMetric) -> pd.DataFrame:
 
 
 class _KeptFeatures:
-    """The features of the images that a run has kept, as `bench.records.frames.Features`.
-
-    They are computed on demand, cell by cell; those of the true images are kept.
-    """
+    """The features of kept images (`bench.records.frames.Features`); of true ones in memory."""
 
     def __init__(self, images: _KeptImages, metric: SetMetric, views: int) -> None:
         self._images, self._metric, self._views = images, metric, views
@@ -195,8 +183,7 @@ def _call(
 def checked_features(metric: SetMetric, images: UInt8Images) -> Floats:
     """Return features [V, d] of images [V, H, W, 3]. Raises BadInput where the metric has none."""
     values = _call(metric, metric.features, images)
-    shaped = values.ndim == 2 and len(values) == len(images) and values.shape[1] > 0
-    if not shaped or not np.isfinite(values).all():
+    if values.ndim != 2 or not values.shape[1] or not _finite_for(values, images):
         raise BadInput(
             f"metric '{metric.id}': gives features {list(values.shape)}, "
             f"{np.isfinite(values).sum()} finite, for {len(images)} images; fix that package"
@@ -207,7 +194,7 @@ def checked_features(metric: SetMetric, images: UInt8Images) -> Floats:
 def checked_scores(metric: ImageMetric, truth: UInt8Images, drawn: UInt8Images) -> Floats:
     """Return scores [V] of images [V, H, W, 3]. Raises BadInput where the metric has none."""
     values = _call(metric, metric.score, truth, drawn)
-    if values.shape != (len(drawn),) or not np.isfinite(values).all():
+    if values.ndim != 1 or not _finite_for(values, drawn):
         like_truth = "; they are identical to the true ones" * np.array_equal(truth, drawn)
         raise BadInput(
             f"metric '{metric.id}': gives {values.shape} values, "
@@ -215,6 +202,10 @@ def checked_scores(metric: ImageMetric, truth: UInt8Images, drawn: UInt8Images) 
             f"package ('bench test {metric.id}')"
         )
     return values
+
+
+def _finite_for(values: Floats, images: UInt8Images) -> bool:
+    return len(values) == len(images) and bool(np.isfinite(values).all())
 
 
 def score_run(

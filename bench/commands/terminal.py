@@ -6,10 +6,17 @@ import shutil
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
-from types import TracebackType
+from typing import Any
 
+import pandas as pd
+
+from bench.analysis.scored_run import Run, full_frame, unmeasured
+from bench.catalogue.metrics import is_mean
+from bench.catalogue.suites import stored_suite
+from bench.records.frames import sum_views
 from bench.running.run import PartialRun
-from bench.tables.table import TABLES, Table
+from bench.tables.quality import headline
+from bench.tables.table import TABLES, Table, write_tables
 from bench.tables.terminal import grid_lines, laid_out, terminal_width
 from data_prep.progress import is_live, log, progress
 
@@ -24,18 +31,30 @@ def shown(table: Table, lines: int = MOST_LINES) -> list[str]:
     return [*title, *grid_lines(table.grids(), width, lines - len(title))]
 
 
+class LiveTable:
+    """The headline table of a run, from the jobs of the objects that are complete."""
+
+    def __init__(self) -> None:
+        self._jobs: dict[str, pd.DataFrame] = {}  # by object
+
+    def table(self, snapshot: PartialRun) -> Table:
+        """Write the table of the complete objects into the folder of tables, and return it."""
+        manifest, suite = snapshot.manifest, stored_suite(snapshot.manifest)
+        means = [metric for metric in suite.headline if is_mean(metric)]
+        for name in [name for name in manifest["objects"] if name not in self._jobs]:
+            self._jobs[name] = sum_views(snapshot.read_records(name))
+        jobs = full_frame(pd.concat(self._jobs.values()), manifest)
+        skipped = unmeasured(jobs, manifest.get("skipped_metrics", {}))
+        table = headline(Run(snapshot.directory, suite, manifest, jobs, skipped=skipped), means)
+        write_tables(snapshot.directory, [table])
+        return table
+
+
 class Terminal(AbstractContextManager["Terminal"]):
     """A progress reporter of a run (`bench.running.run.ProgressReporter`).
 
-    The headline table is made again as objects are completed, unless that would take more than a
-    fiftieth of the time.
-
-    Parameters
-    ----------
-    make : callable
-        Returns the headline table of the complete objects.
-    title, total
-        Text before the bar, and number of jobs.
+    The headline table, which `make` returns of the complete objects, is made again as objects are
+    completed, unless that would take more than a fiftieth of the time.
     """
 
     def __init__(self, make: Callable[[PartialRun], Table], title: str, total: int) -> None:
@@ -50,12 +69,7 @@ class Terminal(AbstractContextManager["Terminal"]):
         self._advance = self._around.enter_context(bar)
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: Any) -> None:
         self._around.close()
 
     def on_jobs_done(self, ended: int, failed: int) -> None:

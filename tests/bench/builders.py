@@ -23,8 +23,7 @@ from bench.analysis.scores import HIDDEN, NOTHING, VALUE_COLUMNS
 from bench.catalogue.methods import FLOORS
 from bench.catalogue.metrics import IMAGE_METRICS, column
 from bench.catalogue.suites import SUITES, Suite, TableSpec
-from bench.commands.live import LiveTable
-from bench.commands.terminal import Terminal
+from bench.commands.terminal import LiveTable, Terminal
 from bench.metrics.frechet import (
     JackknifeMoments,
     frechet_distance,

@@ -41,8 +41,7 @@ import bench.running.protocol
 import bench.running.run
 from bench.analysis.scored_run import read_run
 from bench.catalogue.suites import Limits
-from bench.commands.live import LiveTable
-from bench.commands.terminal import Terminal
+from bench.commands.terminal import LiveTable, Terminal
 from bench.judges import views as _loaded_before_forks  # noqa: F401
 from bench.records.job import Job, Result
 from bench.records.run_folder import open_folder, read_manifest, read_store

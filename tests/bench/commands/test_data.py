@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.commands.data import REAL_MESHES, Verification, inspect, verify
+from bench.commands.data import REAL_MESHES, inspect, verify
 from bench.commands.publish import run_suite
 from bench.running.options import Options
 from data_prep.datasets.registry import ProceduralObject
@@ -153,7 +153,10 @@ def meshes(tmp_path) -> Path:
 
 def test_a_folder_is_compared_with_the_list(meshes):
     found = verify(meshes / "set", meshes / "list.csv")
-    assert found == Verification(("lamp/d.ply",), ("car/b.ply",), ("lamp/c.obj",), 1)
+    assert found == (
+        1,
+        [("MISSING", "lamp/d.ply"), ("CHANGED", "car/b.ply"), ("FURTHER", "lamp/c.obj")],
+    )
 
 
 def test_verify_prints_the_files_that_differ(meshes, command):
