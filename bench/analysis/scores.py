@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from bench.analysis.comparison import NAN
 from bench.analysis.distances import CellKey, FeatureDistances, SetDistance, set_distance
@@ -169,22 +170,62 @@ def recognition_rows(run: Run) -> pd.DataFrame:
     Angles are medians over images of the error in degrees, with intervals by a bootstrap over
     objects; retrieval is a share of images.
     """
-    answers, values = run.features.get(JUDGE), []
+    answers, metrics, values = run.features.get(JUDGE), run.suite.control_metrics, []
     galleries: dict[str, judge.Gallery] = {}
     for cell in run.cells:
         if answers is None:
-            reason = _skipped(run.skipped.get(JUDGE, ""))
-            values += [(cell, metric, reason) for metric in run.suite.control_metrics]
-            continue
-        if cell[2] not in galleries:
-            galleries = {cell[2]: true_gallery(answers, cell[2])}  # of one class at a time
-        columns = ("object", "view", "azimuth_deg", "elevation_deg", "outcome")
-        images = read_records(run.directory, columns, **dict(zip(JOB[:3], cell, strict=True)))
-        for metric in run.suite.control_metrics:
-            values.append(
-                (cell, metric, _recognised(metric, cell, images, answers, galleries[cell[2]]))
-            )
+            of_metrics = [_skipped(run.skipped.get(JUDGE, ""))] * len(metrics)
+        else:
+            if cell[2] not in galleries:
+                galleries = {cell[2]: true_gallery(answers, cell[2])}  # of one class at a time
+            columns = ("object", "view", "azimuth_deg", "elevation_deg", "outcome")
+            images = read_records(run.directory, columns, **dict(zip(JOB[:3], cell, strict=True)))
+            of_metrics = _recognised(metrics, cell, images, answers, galleries[cell[2]])
+        values += zip([cell] * len(metrics), metrics, of_metrics, strict=True)
     return _frame(run, values)
+
+
+def _recognised(
+    metrics: Sequence[str],
+    cell: CellKey,
+    images: pd.DataFrame,
+    answers: FeatureDistances,
+    gallery: judge.Gallery,
+) -> list[dict[str, Any]]:
+    """Return what is recognised in a cell, by metric. `images` are its records."""
+    nothing = {"retrieval": why} if (why := judge.why_no_retrieval(gallery)) else {}
+    drawn, failed = (images[images["outcome"] == outcome] for outcome in ("ok", "failed"))
+    if drawn.empty:
+        return [{"note": nothing.get(metric, "no images")} for metric in metrics]
+    # Under the same condition, though a blank image does not depend on it: it may be missing or
+    # failed under another.
+    of_blank = (FLOOR, *cell[1:])
+    known = set(answers.images(*of_blank)) if len(failed) else set()
+    failed = failed[[image in known for image in _image_keys(failed)]]
+    parts = [
+        (rows, answers.of(*place, _image_keys(rows)))
+        for place, rows in ((cell, drawn), (of_blank, failed))
+        if len(rows)
+    ]
+    objects, of_metrics = drawn["object"].to_numpy(), []
+    for metric in metrics:
+        if metric in nothing:
+            of_metrics.append({"note": nothing[metric]})
+            continue
+        with_blank = np.concatenate([_per_image(metric, gallery, *part) for part in parts])
+        values = with_blank[: len(drawn)]
+        if metric == "retrieval":
+            per_object = np.asarray(pd.Series(values).groupby(objects).mean(), np.float64)
+            low, high = clipped(mean_interval(per_object), value_range(metric))
+            middle = np.mean
+        else:
+            low, high = median_interval(values, objects)
+            middle = np.median
+        value, as_blank = float(middle(values)), float(middle(with_blank))
+        of_metrics.append(
+            {"value": value, "ci_low": low, "ci_high": high, "failures_as_blank": as_blank}
+        )
+    return of_metrics
 
 
 def _image_keys(records: pd.DataFrame) -> list[ImageKey]:
@@ -192,56 +233,15 @@ def _image_keys(records: pd.DataFrame) -> list[ImageKey]:
     return list(zip(records["object"].tolist(), records["view"].tolist(), strict=True))
 
 
-def _recognised(
-    metric: str,
-    cell: CellKey,
-    images: pd.DataFrame,
-    answers: FeatureDistances,
-    gallery: judge.Gallery,
-) -> dict[str, Any]:
-    """Return what is recognised in a cell. `images` are its records."""
-    if metric == "retrieval" and (why := judge.why_no_retrieval(gallery)):
-        return {"note": why}
-    exists = images["outcome"] == "ok"
-    if not exists.any():
-        return {"note": "no images"}
-    values = _per_image(metric, cell, images[exists], answers, gallery)
-    # Under the same condition, though a blank image does not depend on it: it may be missing or
-    # failed under another.
-    of_blank = (FLOOR, *cell[1:])
-    failed = images[images["outcome"] == "failed"]
-    known = set(answers.images(*of_blank)) if len(failed) else set()
-    failed = failed[[image in known for image in _image_keys(failed)]]
-    with_blank = np.concatenate([values, _per_image(metric, of_blank, failed, answers, gallery)])
-    objects = images["object"][exists].to_numpy()
-    if metric == "retrieval":
-        per_object = np.asarray(pd.Series(values).groupby(objects).mean(), np.float64)
-        low, high = clipped(mean_interval(per_object), value_range(metric))
-        middle = np.mean
-    else:
-        low, high = median_interval(values, objects)
-        middle = np.median
-    value, as_blank = float(middle(values)), float(middle(with_blank))
-    return {"value": value, "ci_low": low, "ci_high": high, "failures_as_blank": as_blank}
-
-
 def _per_image(
-    metric: str,
-    cell: CellKey,
-    records: pd.DataFrame,
-    answers: FeatureDistances,
-    gallery: judge.Gallery,
+    metric: str, gallery: judge.Gallery, records: pd.DataFrame, answered: NDArray[Any]
 ) -> Floats:
     """Return the error or the hit of each record's image, in their order."""
-    if records.empty:
-        return np.empty(0)
-    images = _image_keys(records)
-    answered = answers.of(*cell, images)
     if metric == "azimuth-error-deg":
         return judge.azimuth_error_deg(answered, records["azimuth_deg"].to_numpy())
     if metric == "elevation-error-deg":
         return judge.elevation_error_deg(answered, records["elevation_deg"].to_numpy())
-    return judge.found(gallery, answered, images)
+    return judge.found(gallery, answered, _image_keys(records))
 
 
 def class_rows(run: Run, metrics: Sequence[str]) -> pd.DataFrame:
