@@ -14,12 +14,13 @@ from bench.catalogue.methods import FLOOR, known_method
 from bench.catalogue.metrics import KERNEL_METRICS
 from bench.metrics.frechet import (
     EXACT_OBJECTS,
+    GroupedMoments,
     JackknifeMoments,
     centred_to_frechet,
+    grouped_distances,
     left_out_distances,
     object_blocks,
 )
-from bench.metrics.grouped_moments import GroupedMoments, grouped_distances
 from bench.metrics.kernel_distance import KernelSet, kernel_distances
 from bench.records.frames import Features, ImageKey
 from bench.records.record import GROUND_TRUTH

@@ -141,30 +141,11 @@ def pooled(x: Tensor) -> Tensor:
 def dists(
     a: NDArray[np.uint8], b: NDArray[np.uint8], *, single: bool = False, device: str = "cpu"
 ) -> NDArray[np.float64]:
-    """Return DISTS of pairs of images; lower is better.
+    """Return DISTS [N] >= 0 of pairs of images uint8 [N, H, W, 3]; lower is better; symmetric.
 
-    Parameters
-    ----------
-    a, b : uint8 array, [N, H, W, 3]
-        Images and their counterparts, with sides from 16 px.
-    single : bool
-        Compute the activations in float32, as `bench score` does: twice as fast, the same to 1e-5.
-    device : str
-        PyTorch's name of the device, "cpu" or "cuda" for example.
-
-    Returns
-    -------
-    float64 array, [N]
-        Distance of each pair, >= 0; 0 for identical images, symmetric.
-
-    Raises
-    ------
-    ValueError
-        For arrays that are not uint8 [N, H, W, 3] or differ in shape, and for too small images.
-    WeightsUnavailable
-        Where a package with the weights is not installed.
-    BadInput
-        Where a file of it is not the published one.
+    0 for identical images; sides are from 16 px. `single` computes the activations in float32, as
+    `bench score` does: twice as fast, the same to 1e-5. `device` is PyTorch's name. Raises as
+    `bench.metrics.lpips`.
     """
     if a.shape != b.shape:
         raise ValueError(f"stacks of images must have the same shape, got {a.shape} and {b.shape}")

@@ -44,27 +44,11 @@ def flip_module(
 
 
 def flip(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> Floats:
-    """Return the mean FLIP error of images against the true ones; lower is better.
+    """Return the mean FLIP error [N], 0..1, of sRGB images against true ones, uint8 [N, H, W, 3].
 
-    A value does not depend on the other images.
-
-    Parameters
-    ----------
-    truth, images : uint8 array, [N, H, W, 3]
-        True images and images of them, in sRGB.
-
-    Returns
-    -------
-    float64 array, [N]
-        Means over pixels, 0..1, of errors in float32; 0 for identical images. Symmetric.
-
-    Raises
-    ------
-    ValueError
-        Where an array is not uint8 or not [N, H, W, 3], where the shapes differ, and where there is
-        nothing to compare (a dimension of 0).
-    WeightsUnavailable
-        Where the package is absent, has another version or cannot be imported.
+    Lower is better; 0 for identical images, symmetric. Errors are in float32; a value does not
+    depend on the other images. Raises as `bench.metrics.structural_similarity.ssim` and
+    `flip_module`.
     """
     require_images(truth, images)
     if truth.shape[-1] != 3:

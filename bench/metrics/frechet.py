@@ -15,15 +15,15 @@ of the singular values of A B'. Their rounding is 1e-16 of the largest one, wher
 root of eigenvalues is 1e-8 of it. Where there are more samples than features, A stands for the
 triangular factor of its QR decomposition.
 
-Moments in that form can be merged (`merged`), exactly and in any order, so that features may come
+Moments in that form can be merged (`_merged`), exactly and in any order, so that features may come
 in blocks and the memory that they take is that of one block and of d x d numbers. Of more than
 EXACT_OBJECTS objects the jackknife leaves out groups of them, whose moments are made so
-(`bench.metrics.grouped_moments`): neither its cost nor its memory grows with the objects.
+(`GroupedMoments`): neither its cost nor its memory grows with the objects.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from hashlib import blake2b
 from typing import Any, NamedTuple
 
@@ -36,7 +36,9 @@ EXACT_OBJECTS = 60  # that the jackknife leaves out one after the other
 GROUPS = 30  # at most, that it leaves out of more objects
 _GROUP_SEED = 0
 _ROWS = 4096  # taken at a time: little memory
-MOST_KEPT = 2**21  # numbers of the moments that a set may keep: 16 MB
+_MOST_KEPT = 2**21  # numbers of the moments that a set may keep: 16 MB
+_WAITING = 1024  # rows of a group that are kept as they are before they become moments
+_PANEL = 32  # columns that LAPACK reduces at a time
 
 
 class TooFewSamples(ValueError):
@@ -105,16 +107,7 @@ def centred(features: NDArray[Any]) -> Centred:
     return _centred(checked_set(features))
 
 
-def moments(features: NDArray[Any]) -> Moments:
-    """Return the moments of rows [n, d], n >= 0, of any real dtype.
-
-    Raises ValueError where the array is not [n, d] with d > 0, and where values are not finite or
-    their squares overflow.
-    """
-    return _moments(checked_features(features))
-
-
-def merged(a: Moments, b: Moments) -> Moments:
+def _merged(a: Moments, b: Moments) -> Moments:
     """Return the moments of the rows of both: exact, whatever the counts; no rows change nothing.
 
     The pairwise update of Chan, Golub and LeVeque 1983 on factors instead of covariances: below
@@ -169,36 +162,168 @@ class JackknifeMoments:
         if self.groups.shape != (n,):
             raise ValueError(f"{n} rows need groups of shape [{n}], got {list(self.groups.shape)}")
         self.whole = _centred(self._features)
-        self._kept: tuple[bytes, list[Centred]] | None = None
+        self._kept: tuple[bytes, GroupedMoments] | None = None
 
     @property
     def has_rows(self) -> bool:
         """Return whether the factor of the whole set is its rows, not that of a decomposition."""
         return len(self.whole.factor) == len(self._features)
 
-    def without_each(self, member: NDArray[np.intp], count: int) -> Iterator[Centred]:
-        """Yield the moments without each block's rows, in the order of blocks 0 .. count - 1.
+    def without_blocks(self, member: NDArray[np.intp], count: int) -> Iterable[Centred]:
+        """Return the moments without each block's rows, in the order of blocks 0 .. count - 1.
 
         member  [n], the block of each row; a block may have none here
 
-        Halves are added to what is outside them, their halves to that, down to the single blocks:
-        nothing is ever taken off again, which would cancel, a row is looked at log2(count) times,
-        and as many moments are held at a time. Raises TooFewSamples: fewer than two rows left.
+        They are kept for the next call with the same blocks where they are small. Raises
+        TooFewSamples: fewer than two rows left.
         """
-        order = np.argsort(member, kind="stable")
-        ends = np.searchsorted(member[order], np.arange(count + 1))
-        return moments_without_each(
-            count, lambda low, high: _moments(self._features, order[ends[low] : ends[high]])
-        )
-
-    def without_blocks(self, member: NDArray[np.intp], count: int) -> Iterable[Centred]:
-        """Return the moments of `without_each`, kept for the next call with the same blocks."""
-        if count * self.whole.factor.size > MOST_KEPT:  # too large to keep
-            return self.without_each(member, count)
         blocks = member.tobytes()
         if self._kept is None or self._kept[0] != blocks:
-            self._kept = blocks, list(self.without_each(member, count))
-        return self._kept[1]
+            self._kept = blocks, GroupedMoments(count)
+            self._kept[1].add(self._features, member)
+        return self._kept[1].without_each()
+
+
+class GroupedMoments:
+    """A feature set that comes in parts, and of which groups of objects can be left out.
+
+    Rows wait as they come, float32 say, until a group has _WAITING of them, or as many as features.
+    Then they are merged into its moments.
+    """
+
+    def __init__(self, count: int) -> None:
+        """Take the number of groups."""
+        self._waiting: list[list[NDArray[Any]]] = [[] for _ in range(count)]
+        self._moments: list[Moments | None] = [None] * count
+        self._merged: dict[tuple[int, int], Moments] = {}  # of consecutive groups
+        self._whole: Centred | None = None
+        self._kept: list[Centred] | None = None
+
+    def add(self, features: NDArray[Any], groups: NDArray[np.intp]) -> None:
+        """Add rows [n, d] of the groups [n]. Raises ValueError as `frechet_distance`."""
+        features = _checked_features(features)
+        self._merged, self._whole, self._kept = {}, None, None
+        order = np.argsort(groups, kind="stable")
+        present, starts = np.unique(groups[order], return_index=True)
+        for group, rows in zip(present.tolist(), np.split(order, starts[1:]), strict=True):
+            waiting = self._waiting[group]
+            waiting.append(features[rows])
+            if sum(map(len, waiting)) > max(_WAITING, features.shape[1]):
+                self._group(group)
+
+    def whole(self) -> Centred:
+        """Return the moments of all rows, kept for the next call.
+
+        Raises TooFewSamples: fewer than two rows.
+        """
+        if self._whole is None:
+            self._whole = _to_centred(self._between(0, len(self)))
+        return self._whole
+
+    def __len__(self) -> int:
+        """Return the number of groups."""
+        return len(self._moments)
+
+    def without_each(self) -> Iterable[Centred]:
+        """Return the moments without each group, kept for the next call where they are small.
+
+        Raises TooFewSamples: fewer than two rows left.
+        """
+        if self._kept is not None:
+            return self._kept
+        without = self._down(0, len(self), self._between(0, 0))
+        if self._are_small():
+            without = self._kept = list(without)
+            self._merged = {}
+        return without
+
+    def _down(self, low: int, high: int, outside: Moments) -> Iterator[Centred]:
+        """Yield the moments without each group low .. high - 1, from those of what is outside them.
+
+        Halves are added to what is outside them, their halves to that, down to the single groups:
+        nothing is ever taken off again, which would cancel, a row is looked at log2(groups) times,
+        and as many moments are held at a time.
+        """
+        if high - low == 1:
+            yield _to_centred(outside)
+            return
+        middle = (low + high) // 2
+        for half, other in (((low, middle), (middle, high)), ((middle, high), (low, middle))):
+            yield from self._down(*half, _merged_triangles(outside, self._between(*other)))
+
+    def _are_small(self) -> bool:
+        return len(self) * self._width() ** 2 <= _MOST_KEPT
+
+    def _between(self, low: int, high: int) -> Moments:
+        """Return the moments of groups low .. high - 1, kept where they are small."""
+        if high - low < 2:
+            return self._group(low) if low < high else _no_rows(self._width())
+        if (low, high) in self._merged:
+            return self._merged[low, high]
+        middle = (low + high) // 2
+        rows = _merged_triangles(self._between(low, middle), self._between(middle, high))
+        if self._are_small():  # large ones are merged anew
+            self._merged[low, high] = rows
+        return rows
+
+    def _group(self, group: int) -> Moments:
+        """Return the moments of a group. More rows than features do not wait any longer."""
+        known, waiting = self._moments[group], self._waiting[group]
+        if not waiting:
+            return known or _no_rows(self._width())
+        fresh = _moments(np.concatenate(waiting))
+        rows = _merged(known, fresh) if known else fresh
+        if rows.n > rows.mean.size:
+            self._moments[group] = rows
+            waiting.clear()
+        return rows
+
+    def _width(self) -> int:
+        """Return the number of features, which any group with rows tells."""
+        widths = [m.mean.size for m in self._moments if m]
+        widths += [waiting[0].shape[1] for waiting in self._waiting if waiting]
+        return widths[0] if widths else 0
+
+
+def grouped_distances(a: GroupedMoments, b: GroupedMoments) -> tuple[float, Floats]:
+    """Return the distance of two sets, and the distances [g] without each of their groups.
+
+    These are all NaN where a group leaves fewer than two rows of a set. Raises TooFewSamples where
+    a set has fewer.
+    """
+    value = centred_to_frechet(a.whole(), b.whole())
+    try:
+        pairs = zip(a.without_each(), b.without_each(), strict=True)
+        return value, np.array([centred_to_frechet(*pair) for pair in pairs])
+    except TooFewSamples:
+        return value, np.full(len(a), np.nan)
+
+
+def _merged_triangles(a: Moments, b: Moments) -> Moments:
+    """Return `_merged(a, b)`, up to three times as fast where a root is a triangle of d rows."""
+    if not _is_triangle(a.root):
+        a, b = b, a
+    if not _is_triangle(a.root):
+        return _merged(a, b)
+    from scipy.linalg.lapack import dtpqrt  # a moment to import, which most commands need not
+
+    d = a.mean.size
+    share = b.n / (a.n + b.n)
+    shift = b.mean - a.mean
+    rows, between = b.root, np.sqrt(a.n * share) * shift[None]
+    triangular = d if _is_triangle(rows) else 0  # rows of which LAPACK knows that they are one
+    if not triangular:
+        rows = np.concatenate([rows, between])
+    root, *_ = dtpqrt(triangular, min(_PANEL, d), a.root, rows)
+    if triangular:
+        root, *_ = dtpqrt(0, min(_PANEL, d), root, between)
+    return Moments(a.n + b.n, a.mean + share * shift, np.ascontiguousarray(root))
+
+
+def _is_triangle(root: Floats) -> bool:
+    from scipy.linalg import bandwidth
+
+    return root.shape[0] == root.shape[1] > 1 and bandwidth(root)[0] == 0
 
 
 def object_blocks(objects: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.intp]]:
@@ -241,7 +366,7 @@ def left_out_distances(a: JackknifeMoments, b: JackknifeMoments) -> Floats:
     try:
         if a.has_rows and b.has_rows:
             return _leave_out_rows(a.whole, b.whole, in_a, in_b, count)
-        pairs = zip(a.without_each(in_a, count), b.without_blocks(in_b, count), strict=True)
+        pairs = zip(a.without_blocks(in_a, count), b.without_blocks(in_b, count), strict=True)
         return np.array([centred_to_frechet(*pair) for pair in pairs])
     except TooFewSamples:
         return np.full(count, np.nan)
@@ -288,37 +413,16 @@ def _growth(kept: NDArray[np.bool_]) -> float:
     return float(np.sqrt((len(kept) - 1) / (kept.sum() - 1)))
 
 
-def moments_without_each(
-    count: int,
-    rows: Callable[[int, int], Moments],
-    merge: Callable[[Moments, Moments], Moments] = merged,
-) -> Iterator[Centred]:
-    """Yield the moments without each of some blocks; `rows` gives those of blocks low .. high - 1.
-
-    Halves are added to what is outside them, see `JackknifeMoments.without_each`.
-    """
-
-    def down(low: int, high: int, outside: Moments) -> Iterator[Centred]:
-        if high - low == 1:
-            yield to_centred(outside)
-            return
-        middle = (low + high) // 2
-        yield from down(low, middle, merge(outside, rows(middle, high)))
-        yield from down(middle, high, merge(outside, rows(low, middle)))
-
-    return down(0, count, rows(0, 0))
-
-
 def checked_set(features: NDArray[Any]) -> NDArray[Any]:
     """Return the features after checks; they have at least two rows."""
-    features = checked_features(features)
+    features = _checked_features(features)
     if len(features) < 2:
         shape = f"{features.dtype} {list(features.shape)}"
         raise TooFewSamples(f"a covariance needs at least 2 samples, got {shape}")
     return features
 
 
-def checked_features(features: NDArray[Any]) -> NDArray[Any]:
+def _checked_features(features: NDArray[Any]) -> NDArray[Any]:
     """Return the features after checks, in a type that float64 can hold."""
     features = np.asarray(features)
     shape = f"{features.dtype} {list(features.shape)}"
@@ -342,33 +446,32 @@ def _centred(features: NDArray[Any]) -> Centred:
     """Return the centred moments; the rows are the factor unless they outnumber the features."""
     n, d = features.shape
     if n > d:
-        return to_centred(_moments(features))
+        return _to_centred(_moments(features))
     rows = features.astype(np.float64)
     mean = rows.mean(axis=0)
     return Centred(mean, (rows - mean) / np.sqrt(n - 1))
 
 
-def to_centred(moments: Moments) -> Centred:
+def _to_centred(moments: Moments) -> Centred:
     """Return the moments of a set. Raises TooFewSamples for fewer than two rows."""
     if moments.n < 2:
         raise TooFewSamples(f"a covariance needs at least 2 samples, got {moments.n}")
     return Centred(moments.mean, moments.root / np.sqrt(moments.n - 1))
 
 
-def _moments(features: NDArray[Any], rows: NDArray[np.intp] | None = None) -> Moments:
-    """Return the moments of the given rows, or of all, in float64, some at a time."""
-    n, d = features.shape if rows is None else (len(rows), features.shape[1])
-    whole = Moments(0, np.zeros(d), np.empty((0, d)))
+def _moments(features: NDArray[Any]) -> Moments:
+    """Return the moments of rows [n, d] in float64, some at a time."""
+    n, d = features.shape
+    whole = _no_rows(d)
     size = max(_ROWS, 4 * d)
     for start in range(0, n, size):
-        part = slice(start, start + size)
-        chosen = features[part if rows is None else rows[part]].astype(np.float64)
+        chosen = features[start : start + size].astype(np.float64)
         mean = chosen.mean(axis=0)
-        whole = merged(whole, Moments(len(chosen), mean, chosen - mean))
+        whole = _merged(whole, Moments(len(chosen), mean, chosen - mean))
     return whole._replace(root=_triangle(whole.root))
 
 
-def no_rows(d: int) -> Moments:
+def _no_rows(d: int) -> Moments:
     """Return the moments of no rows of d features."""
     return Moments(0, np.zeros(d), np.empty((0, d)))
 

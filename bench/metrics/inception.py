@@ -34,25 +34,22 @@ FEATURES = 2048
 _INPUT_SIZE = 299
 
 
-# --- the network as a table -----------------------------------------------------------------------
-
-
 class _Conv(NamedTuple):
     """A convolution without bias, batch norm (eps 1e-3), ReLU; its name is in the state dict."""
 
     name: str
     out: int
     kernel: tuple[int, int]
-    stride: int = 1
-    padded: bool = True  # 'same'; convolutions of stride 2 never are
+    stride: int
+    padded: bool  # 'same'
 
 
 class _Branch(NamedTuple):
     """A pool (or none), a chain of convolutions, and a fork whose prongs are concatenated."""
 
-    chain: tuple[_Conv, ...] = ()
-    fork: tuple[_Conv, ...] = ()
-    pool: str = "none"  # "none", "average" (3, stride 1), "max" (3, stride 1), "reduce" (max 3, 2)
+    pool: str  # "" or one of `_pool`
+    chain: tuple[_Conv, ...]
+    fork: tuple[_Conv, ...]
 
 
 class _Mixed(NamedTuple):
@@ -62,118 +59,87 @@ class _Mixed(NamedTuple):
     branches: tuple[_Branch, ...]
 
 
-def _half(name: str, out: int) -> _Conv:
-    return _Conv(name, out, (3, 3), stride=2, padded=False)
+def _conv(text: str) -> _Conv:
+    """Return the convolution of "name channels height x width", with "half" or "valid" behind."""
+    name, out, kernel, *kind = text.split()
+    height, width = map(int, kernel.split("x"))
+    return _Conv(name, int(out), (height, width), 2 if kind == ["half"] else 1, not kind)
+
+
+def _mixed(name: str, table: str) -> _Mixed:
+    """Return the block of a table: a branch a line, "pool: conv, conv / prong, prong"."""
+    branches = []
+    for line in table.strip().splitlines():
+        pool, _, units = line.strip().rpartition(":")
+        chain, fork = (
+            tuple(_conv(unit) for unit in part.split(",") if unit.strip())
+            for part in units.partition("/")[::2]
+        )
+        branches.append(_Branch(pool, chain, fork))
+    return _Mixed(name, tuple(branches))
 
 
 def _mixed_35(name: str, pooled: int) -> _Mixed:
-    return _Mixed(
-        name,
-        (
-            _Branch((_Conv("branch1x1", 64, (1, 1)),)),
-            _Branch((_Conv("branch5x5_1", 48, (1, 1)), _Conv("branch5x5_2", 64, (5, 5)))),
-            _Branch(
-                (
-                    _Conv("branch3x3dbl_1", 64, (1, 1)),
-                    _Conv("branch3x3dbl_2", 96, (3, 3)),
-                    _Conv("branch3x3dbl_3", 96, (3, 3)),
-                )
-            ),
-            _Branch((_Conv("branch_pool", pooled, (1, 1)),), pool="average"),
-        ),
-    )
+    table = """
+        branch1x1 64 1x1
+        branch5x5_1 48 1x1, branch5x5_2 64 5x5
+        branch3x3dbl_1 64 1x1, branch3x3dbl_2 96 3x3, branch3x3dbl_3 96 3x3
+        average: branch_pool {} 1x1"""
+    return _mixed(name, table.format(pooled))
 
 
 def _mixed_17(name: str, inner: int) -> _Mixed:
-    return _Mixed(
-        name,
-        (
-            _Branch((_Conv("branch1x1", 192, (1, 1)),)),
-            _Branch(
-                (
-                    _Conv("branch7x7_1", inner, (1, 1)),
-                    _Conv("branch7x7_2", inner, (1, 7)),
-                    _Conv("branch7x7_3", 192, (7, 1)),
-                )
-            ),
-            _Branch(
-                (
-                    _Conv("branch7x7dbl_1", inner, (1, 1)),
-                    _Conv("branch7x7dbl_2", inner, (7, 1)),
-                    _Conv("branch7x7dbl_3", inner, (1, 7)),
-                    _Conv("branch7x7dbl_4", inner, (7, 1)),
-                    _Conv("branch7x7dbl_5", 192, (1, 7)),
-                )
-            ),
-            _Branch((_Conv("branch_pool", 192, (1, 1)),), pool="average"),
-        ),
-    )
+    table = """
+        branch1x1 192 1x1
+        branch7x7_1 {0} 1x1, branch7x7_2 {0} 1x7, branch7x7_3 192 7x1
+        branch7x7dbl_1 {0} 1x1, branch7x7dbl_2 {0} 7x1, branch7x7dbl_3 {0} 1x7,\
+            branch7x7dbl_4 {0} 7x1, branch7x7dbl_5 192 1x7
+        average: branch_pool 192 1x1"""
+    return _mixed(name, table.format(inner))
 
 
 def _mixed_8(name: str, pool: str) -> _Mixed:
-    return _Mixed(
-        name,
-        (
-            _Branch((_Conv("branch1x1", 320, (1, 1)),)),
-            _Branch(
-                (_Conv("branch3x3_1", 384, (1, 1)),),
-                fork=(_Conv("branch3x3_2a", 384, (1, 3)), _Conv("branch3x3_2b", 384, (3, 1))),
-            ),
-            _Branch(
-                (_Conv("branch3x3dbl_1", 448, (1, 1)), _Conv("branch3x3dbl_2", 384, (3, 3))),
-                fork=(_Conv("branch3x3dbl_3a", 384, (1, 3)), _Conv("branch3x3dbl_3b", 384, (3, 1))),
-            ),
-            _Branch((_Conv("branch_pool", 192, (1, 1)),), pool=pool),
-        ),
-    )
+    table = """
+        branch1x1 320 1x1
+        branch3x3_1 384 1x1 / branch3x3_2a 384 1x3, branch3x3_2b 384 3x1
+        branch3x3dbl_1 448 1x1, branch3x3dbl_2 384 3x3\
+            / branch3x3dbl_3a 384 1x3, branch3x3dbl_3b 384 3x1
+        {}: branch_pool 192 1x1"""
+    return _mixed(name, table.format(pool))
 
 
 _REDUCE = "reduce"
 
 # Sizes in comments: of the output, for the input of 299 x 299.
 _NETWORK: tuple[_Conv | _Mixed | str, ...] = (
-    _half("Conv2d_1a_3x3", 32),  # 149
-    _Conv("Conv2d_2a_3x3", 32, (3, 3), padded=False),  # 147
-    _Conv("Conv2d_2b_3x3", 64, (3, 3)),
+    _conv("Conv2d_1a_3x3 32 3x3 half"),  # 149
+    _conv("Conv2d_2a_3x3 32 3x3 valid"),  # 147
+    _conv("Conv2d_2b_3x3 64 3x3"),
     _REDUCE,  # 73
-    _Conv("Conv2d_3b_1x1", 80, (1, 1)),
-    _Conv("Conv2d_4a_3x3", 192, (3, 3), padded=False),  # 71
+    _conv("Conv2d_3b_1x1 80 1x1"),
+    _conv("Conv2d_4a_3x3 192 3x3 valid"),  # 71
     _REDUCE,  # 35
     _mixed_35("Mixed_5b", pooled=32),  # 256 channels
     _mixed_35("Mixed_5c", pooled=64),  # 288
     _mixed_35("Mixed_5d", pooled=64),
-    _Mixed(  # 17, 768 channels
+    _mixed(  # 17, 768 channels
         "Mixed_6a",
-        (
-            _Branch((_half("branch3x3", 384),)),
-            _Branch(
-                (
-                    _Conv("branch3x3dbl_1", 64, (1, 1)),
-                    _Conv("branch3x3dbl_2", 96, (3, 3)),
-                    _half("branch3x3dbl_3", 96),
-                )
-            ),
-            _Branch(pool=_REDUCE),
-        ),
+        """
+        branch3x3 384 3x3 half
+        branch3x3dbl_1 64 1x1, branch3x3dbl_2 96 3x3, branch3x3dbl_3 96 3x3 half
+        reduce:""",
     ),
     _mixed_17("Mixed_6b", inner=128),
     _mixed_17("Mixed_6c", inner=160),
     _mixed_17("Mixed_6d", inner=160),
     _mixed_17("Mixed_6e", inner=192),
-    _Mixed(  # 8, 1,280 channels
+    _mixed(  # 8, 1,280 channels
         "Mixed_7a",
-        (
-            _Branch((_Conv("branch3x3_1", 192, (1, 1)), _half("branch3x3_2", 320))),
-            _Branch(
-                (
-                    _Conv("branch7x7x3_1", 192, (1, 1)),
-                    _Conv("branch7x7x3_2", 192, (1, 7)),
-                    _Conv("branch7x7x3_3", 192, (7, 1)),
-                    _half("branch7x7x3_4", 192),
-                )
-            ),
-            _Branch(pool=_REDUCE),
-        ),
+        """
+        branch3x3_1 192 1x1, branch3x3_2 320 3x3 half
+        branch7x7x3_1 192 1x1, branch7x7x3_2 192 1x7, branch7x7x3_3 192 7x1,\
+            branch7x7x3_4 192 3x3 half
+        reduce:""",
     ),
     _mixed_8("Mixed_7b", pool="average"),  # 2,048 channels
     _mixed_8("Mixed_7c", pool="max"),

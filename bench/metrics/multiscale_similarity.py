@@ -35,26 +35,11 @@ WEIGHTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)  # from the finest scale to t
 
 
 def ms_ssim(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> Floats:
-    """Return the multi-scale structural similarity of pairs of images; higher is better; symmetric.
+    """Return the similarity [N], 0..1, of pairs of images uint8 [N, H, W, C]; symmetric.
 
-    The module's docstring states the variant. A value does not depend on the other images.
-
-    Parameters
-    ----------
-    a, b : uint8 array, [N, H, W, C]
-        Images and their counterparts.
-
-    Returns
-    -------
-    float64 array, [N]
-        Similarity, 0..1; 1 for identical images, and 0 where a scale of one is inverse to that of
-        the other. Of images of one colour only the luminance counts.
-
-    Raises
-    ------
-    ValueError
-        Where an array is not uint8 or not [N, H, W, C], where the shapes differ, and where there is
-        nothing to compare (a dimension of 0).
+    1 for identical images, and 0 where a scale of one is inverse to that of the other. Of images of
+    one colour only the luminance counts. A value does not depend on the other images. Raises as
+    `bench.metrics.structural_similarity.ssim`.
     """
     require_images(a, b)
     weights = scale_weights(min(a.shape[1:3]))

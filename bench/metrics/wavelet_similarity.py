@@ -36,26 +36,11 @@ _LEAST_SIDE = 64  # pixels: below, the window is larger than the coarsest level
 
 
 def cw_ssim(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> Floats:
-    """Return the complex-wavelet structural similarity of pairs; higher is better; symmetric.
+    """Return the similarity [N], 0..1, of pairs of images uint8 [N, H, W, C]; symmetric.
 
-    The module's docstring states the variant. A value does not depend on the other images.
-
-    Parameters
-    ----------
-    a, b : uint8 array, [N, H, W, C]
-        Images and their counterparts; both sides are multiples of 8 and at least 64.
-
-    Returns
-    -------
-    float64 array, [N]
-        Similarity, 0..1; 1 for identical images, and for any two of one colour each, whose bands
-        are empty.
-
-    Raises
-    ------
-    ValueError
-        Where an array is not uint8 or not [N, H, W, C], where the shapes differ, where there is
-        nothing to compare (a dimension of 0), and for other sides.
+    1 for identical images, and for any two of one colour each, whose bands are empty. A value does
+    not depend on the other images. Raises as `bench.metrics.structural_similarity.ssim`, and
+    ValueError for sides that are not multiples of 8 or below 64.
     """
     require_images(a, b)
     height, width = a.shape[1:3]

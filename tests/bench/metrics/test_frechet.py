@@ -12,12 +12,13 @@ from bench.metrics import frechet_distance
 from bench.metrics.frechet import (
     EXACT_OBJECTS,
     GROUPS,
+    GroupedMoments,
     JackknifeMoments,
     TooFewSamples,
+    grouped_distances,
     left_out_distances,
     object_blocks,
 )
-from bench.metrics.grouped_moments import GroupedMoments, grouped_distances
 
 from .metrics_by_id import rounding_of_frechet
 from .reference import reference_cases
