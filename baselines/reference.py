@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from data_prep.datasets.grey import grey
+from data_prep.datasets.objects import grey
 from data_prep.failures import StageFailure
 from data_prep.rendering.images import blank, to_float
 from data_prep.rendering.opengl import render

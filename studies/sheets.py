@@ -27,8 +27,7 @@ from bench.report.figure import save
 from bench.report.sheets import THIN_OF, image_sheet, thin_cut
 from bench.running.work import load_renderer
 from data_prep.clouds.conditions import CONDITIONS
-from data_prep.datasets.grey import GreyObject
-from data_prep.datasets.objects import SceneObject
+from data_prep.datasets.objects import GreyObject, SceneObject
 from data_prep.datasets.registry import open_dataset
 from data_prep.randomness import generator
 from data_prep.rendering.dots import draw_dots

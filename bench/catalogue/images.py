@@ -35,8 +35,7 @@ from data_prep.files.safe_read import (
     shown,
 )
 from data_prep.plugins import is_id
-from data_prep.rendering.images import to_float
-from data_prep.rendering.opaque_images import check_opaque_png, read_opaque_png
+from data_prep.rendering.images import check_opaque_png, read_opaque_png, to_float
 from data_prep.scene import CloudOrigin, Images, PointCloud, UInt8Images, View
 
 if TYPE_CHECKING:  # it reads clouds of all formats, which tables need not

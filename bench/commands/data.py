@@ -36,8 +36,7 @@ from data_prep.clouds.far_points import note_on_scale
 from data_prep.datasets.dataset import Dataset, listed
 from data_prep.datasets.exported import COLUMNS, METADATA, listed_files
 from data_prep.datasets.objects import SceneObject
-from data_prep.datasets.paper import VIEWS, PaperObject
-from data_prep.datasets.paper_checks import READINGS, agreement, find_problems
+from data_prep.datasets.paper import READINGS, VIEWS, PaperObject, agreement, find_problems
 from data_prep.datasets.registry import BareCloud, is_dataset, open_dataset, recognised
 from data_prep.datasets.stored_meshes import MeshFile
 from data_prep.failures import BadInput, MissingDependency, NoFaces

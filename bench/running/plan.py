@@ -16,8 +16,7 @@ from bench.records.record import GROUND_TRUTH, RECORDS_VERSION
 from bench.running.protocol import Protocol, name_of
 from data_prep.clouds.conditions import Condition, Unchanged
 from data_prep.datasets.exported import UNPERTURBED, ExportedObject
-from data_prep.datasets.grey import GreyObject
-from data_prep.datasets.objects import MeshObject, SceneObject
+from data_prep.datasets.objects import GreyObject, MeshObject, SceneObject
 from data_prep.datasets.registry import PROCEDURAL_VERSION
 from data_prep.failures import BadInput
 from data_prep.randomness import generator

@@ -24,7 +24,7 @@ from bench.judges import JUDGE_WEIGHTS
 from bench.judges.answers import azimuth_error_deg, elevation_error_deg, found, gallery
 from bench.judges.judge import FEATURES, JudgeNetwork, darkness, greyscale, judge
 from bench.training.classifier import CosineTrainer, JudgeConfig, view_answers
-from data_prep.datasets.grey import GreyObject
+from data_prep.datasets.objects import GreyObject
 from data_prep.datasets.registry import ProceduralObject, Split
 from data_prep.datasets.training_set import training_set
 from data_prep.failures import BadInput

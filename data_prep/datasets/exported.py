@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from data_prep.clouds.conditions import RandomSubset
 from data_prep.clouds.orientations import OURS
 from data_prep.datasets.dataset import Dataset, DatasetListing
-from data_prep.datasets.grey import is_grey
+from data_prep.datasets.objects import StoredCloud, is_grey
 from data_prep.datasets.protocol_version import refuse_other_version
 from data_prep.failures import BadInput
 from data_prep.files.checksums import file_sha256
@@ -61,7 +61,7 @@ class StoredFile:
 
 
 @dataclass(frozen=True)
-class ExportedObject:
+class ExportedObject(StoredCloud):
     """An object of an export.
 
     mesh    None where the object was exported without one
@@ -74,11 +74,6 @@ class ExportedObject:
     mesh: StoredFile | None
     clouds: tuple[tuple[str, StoredFile], ...]
     images: tuple[tuple[View, StoredFile], ...]
-
-    @property
-    def has_truth(self) -> bool:
-        """Return True: the images are exported."""
-        return True
 
     @property
     def exported_views(self) -> tuple[View, ...]:
@@ -145,12 +140,6 @@ class ExportedObject:
         """Return the images of these views. Raises BadInput where one cannot be read."""
         files = dict(self.images)
         return np.stack([read_image(files[view].checked())[0] for view in views])
-
-    def cloud_and_truth(
-        self, rng: np.random.Generator, views: Sequence[View]
-    ) -> tuple[PointCloud, NDArray[np.uint8]]:
-        """Return the exported cloud and images."""
-        return self.cloud(rng), self.truth(views)
 
 
 def is_exported(root: Path) -> bool:

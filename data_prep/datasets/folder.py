@@ -14,7 +14,7 @@ from data_prep.clouds.normalise import normalise_points
 from data_prep.clouds.orientations import OURS
 from data_prep.clouds.sampling import random_views
 from data_prep.datasets.dataset import Dataset, DatasetListing, listed
-from data_prep.datasets.objects import SceneObject
+from data_prep.datasets.objects import SceneObject, StoredCloud
 from data_prep.datasets.stored_meshes import MATERIALS, MeshFile
 from data_prep.failures import BadInput
 from data_prep.files.checksums import fingerprint_of
@@ -30,7 +30,7 @@ _SPLIT_NAMES = {"train", "training", "test", "testing", "val", "valid", "validat
 
 
 @dataclass(frozen=True)
-class BareCloud:
+class BareCloud(StoredCloud):
     """A cloud without mesh or images: it can be drawn, but there is nothing to score against."""
 
     class_name: str
@@ -69,12 +69,6 @@ class BareCloud:
     def truth(self, views: Sequence[View]) -> NDArray[np.uint8]:
         """Raise BadInput: a bare cloud has no true images."""
         raise BadInput(f"{self.path}: a bare cloud has no true images; draw it with bench render")
-
-    def cloud_and_truth(
-        self, rng: np.random.Generator, views: Sequence[View]
-    ) -> tuple[PointCloud, NDArray[np.uint8]]:
-        """Raise BadInput: a bare cloud has no true images."""
-        return self.cloud(rng), self.truth(views)
 
 
 def folder_dataset(spec: str, root: Path) -> Dataset:

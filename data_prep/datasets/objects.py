@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from data_prep.clouds.sampling import random_views, sample_surface
-from data_prep.scene import CLOUD_SIZE, Mesh, PointCloud, View
+from data_prep.scene import CLOUD_SIZE, NEUTRAL_GREY, Mesh, PointCloud, View, in_one_colour
 
 Split = Literal["train", "validation", "test", "sealed", "novel-families"]
 
@@ -115,3 +116,64 @@ class MeshObject(ABC):
 
         mesh = self.load()
         return sample_surface(mesh, rng), render(mesh, views)
+
+
+class StoredCloud(ABC):
+    """An object with a cloud of its own, in a file."""
+
+    @property
+    def has_truth(self) -> bool:
+        """Return True: the object has images, too."""
+        return True
+
+    @abstractmethod
+    def cloud(self, rng: np.random.Generator, count: int = CLOUD_SIZE) -> PointCloud:
+        """Return the cloud, or a random subset of `count` of its points."""
+
+    @abstractmethod
+    def truth(self, views: Sequence[View]) -> NDArray[np.uint8]:
+        """Return the images of these views. Raises BadInput where one cannot be read."""
+
+    def cloud_and_truth(
+        self, rng: np.random.Generator, views: Sequence[View]
+    ) -> tuple[PointCloud, NDArray[np.uint8]]:
+        """Return the results of both."""
+        return self.cloud(rng), self.truth(views)
+
+
+def grey(mesh: Mesh) -> Mesh:
+    """Return the mesh with all faces in NEUTRAL_GREY."""
+    return in_one_colour(mesh, NEUTRAL_GREY)
+
+
+def is_grey(mesh: Mesh) -> bool:
+    """Return whether all faces of a mesh are in NEUTRAL_GREY."""
+    return bool((mesh.face_colors[:, :3] == NEUTRAL_GREY).all())
+
+
+@dataclass(frozen=True)
+class GreyObject(MeshObject):
+    """An object in neutral grey, with the names of the original.
+
+    Equal names give the same views and, by the same random numbers, the same points.
+    """
+
+    original: SceneObject
+
+    @property
+    def class_name(self) -> str:
+        """Return the class of the original."""
+        return self.original.class_name
+
+    @property
+    def object_id(self) -> str:
+        """Return the id of the original."""
+        return self.original.object_id
+
+    def fingerprint(self) -> str:
+        """Return a text that differs from the fingerprint of the original."""
+        return f"unpainted {self.original.fingerprint()}"  # part of the keys of finished work
+
+    def load(self) -> Mesh:
+        """Return the mesh of the original in grey."""
+        return grey(self.original.load())

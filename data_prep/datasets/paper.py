@@ -26,8 +26,9 @@ from numpy.typing import NDArray
 
 from data_prep.clouds.conditions import RandomSubset
 from data_prep.clouds.orientations import PAPER
+from data_prep.clouds.sampling import AZIMUTH_RANGE_DEG, ELEVATION_RANGE_DEG
 from data_prep.datasets.dataset import Dataset, differences, listed
-from data_prep.datasets.objects import SceneObject, Split
+from data_prep.datasets.objects import SceneObject, Split, StoredCloud
 from data_prep.datasets.synsets import class_names
 from data_prep.failures import BadInput
 from data_prep.files.checksums import fingerprint_of
@@ -42,8 +43,10 @@ from data_prep.files.safe_read import (
     read_text,
     shown,
 )
+from data_prep.randomness import generator
+from data_prep.rendering.camera import project
 from data_prep.rendering.images import read_image
-from data_prep.scene import CLOUD_SIZE, Mesh, PointCloud, View
+from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE, Mesh, PointCloud, View
 
 CLOUDS = Path("shape_net_core_uniform_samples_2048")
 RENDERS = Path("shapenet_release/renders")
@@ -59,7 +62,7 @@ _SPLITS: Sequence[Split] = ("train", "test")
 
 
 @dataclass(frozen=True)
-class PaperObject:
+class PaperObject(StoredCloud):
     """A cloud with 20 images and their cameras, without a mesh.
 
     An object is used as a whole: where the cloud, the cameras or a requested image is missing or
@@ -70,11 +73,6 @@ class PaperObject:
     object_id: str
     cloud_file: Path
     renders: Path
-
-    @property
-    def has_truth(self) -> bool:
-        """Return True: the object has images."""
-        return True
 
     def fingerprint(self) -> str:
         """Return a checksum of the cloud, the cameras and the images."""
@@ -144,12 +142,6 @@ class PaperObject:
         if self.cameras(len(views)) != tuple(views):
             raise BadInput(f"{self.renders / VIEWS}: has changed since the run began; start again")
         return np.stack([read_image(path)[0] for path in self.image_files()[: len(views)]])
-
-    def cloud_and_truth(
-        self, rng: np.random.Generator, views: Sequence[View]
-    ) -> tuple[PointCloud, NDArray[np.uint8]]:
-        """Return the cloud and the first images."""
-        return self.cloud(rng), self.truth(views)
 
     def _resources(self) -> Iterator[Path]:
         for path in (self.renders / VIEWS, *self.image_files()):
@@ -327,3 +319,75 @@ def _first_double(names: Sequence[str]) -> str | None:
             return name
         seen.add(name)
     return None
+
+
+# --- what `bench data inspect` tells of the files -------------------------------------------------
+
+_WHITE = 250  # of 255: a channel below it belongs to the object
+# How the angles of view.txt might be meant: turned by quarters, and in either sense. The first is
+# the one that is taken here.
+READINGS = tuple((sense, turn) for sense in (1, -1) for turn in (0, 90, 180, 270))
+
+
+def find_problems(obj: PaperObject) -> Iterator[tuple[str, str]]:
+    """Yield each problem and its place: ("an image of mode RGB, not RGBA", "render_3_128.png")."""
+    try:
+        obj.cloud(generator("examine"))
+    except BadInput as error:
+        yield "the cloud cannot be used", _without_path(error, str(obj.cloud_file))
+    view_file = obj.renders / VIEWS
+    try:
+        views = read_views(view_file)
+    except BadInput as error:
+        yield "the cameras cannot be read", _without_path(error, str(view_file))
+    else:
+        if len(views) != IMAGES:
+            yield f"{VIEWS} has not {IMAGES} lines", f"{len(views)} lines"
+        low, high = AZIMUTH_RANGE_DEG
+        least, most = ELEVATION_RANGE_DEG
+        beyond = [
+            view
+            for view in views
+            if not (low <= view.azimuth_deg <= high and least <= view.elevation_deg <= most)
+        ]
+        if beyond:
+            yield "angles beyond 180 and 40 degrees", f"{len(beyond)} views"
+    for path in obj.image_files():
+        try:
+            _, mode = read_image(path)
+        except BadInput as error:
+            yield "an image cannot be used", _without_path(error, str(path.parent) + "/")
+        else:
+            if mode != "RGBA":
+                yield f"an image of mode {mode}, not RGBA", path.name
+
+
+def agreement(obj: PaperObject) -> NDArray[np.float64]:
+    """Return the share of points that fall on the object in its images, for each reading.
+
+    The result has a value for each of READINGS, the mean over all views.
+
+    Raises BadInput where the object cannot be used.
+    """
+    cloud, views = obj.cloud(generator("examine")), obj.cameras(IMAGES)
+    on_object = np.asarray((obj.truth(views) < _WHITE).any(axis=3))
+    return np.array([_share(cloud, views, on_object, *reading) for reading in READINGS])
+
+
+def _share(
+    cloud: PointCloud, views: Sequence[View], on_object: NDArray[np.bool_], sense: int, turn: int
+) -> float:
+    hits = []
+    for view, mask in zip(views, on_object, strict=True):
+        read = View(sense * view.azimuth_deg + turn, view.elevation_deg)
+        pixels, _ = project(cloud.points, read)
+        column, row = np.floor(np.clip(pixels, -1, IMAGE_SIZE)).astype(int).T
+        inside = (column >= 0) & (column < IMAGE_SIZE) & (row >= 0) & (row < IMAGE_SIZE)
+        hit = np.zeros(len(cloud), bool)
+        hit[inside] = mask[row[inside], column[inside]]
+        hits.append(hit.mean())
+    return float(np.mean(hits))
+
+
+def _without_path(error: BadInput, path: str) -> str:
+    return str(error).removeprefix(path).removeprefix(": ")

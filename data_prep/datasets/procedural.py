@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
+from importlib import import_module
+from typing import ClassVar
 
 import numpy as np
 
@@ -52,16 +55,18 @@ class ProceduralObject(MeshObject):
 
 
 @dataclass(frozen=True)
-class WidenedObject(MeshObject):
-    """Object `index` of the shapes for training that vary more than a class (`augmentation`)."""
+class _ForTraining(MeshObject):
+    """Object `index` of shapes that only trainings see."""
 
     class_name: str
     index: int
+    kind: ClassVar[str]
+    draw: ClassVar[str]  # module and function, which are loaded where an object is drawn
 
     @property
     def object_id(self) -> str:
         """Return an id such as "widened-00007"."""
-        return f"widened-{self.index:05d}"
+        return f"{self.kind}-{self.index:05d}"
 
     def fingerprint(self) -> str:
         """Return class, number and version of the procedure."""
@@ -69,64 +74,36 @@ class WidenedObject(MeshObject):
 
     def random_numbers(self) -> np.random.Generator:
         """Return a new stream of the random numbers that decide the object."""
-        return generator("procedural", self.class_name, "widened", self.index)
+        return generator("procedural", self.class_name, self.kind, self.index)
 
     def load(self) -> Mesh:
         """Draw the object."""
-        from data_prep.shapes.augmentation import draw_widened
-
-        return draw_widened(CLASSES[self.class_name], self.random_numbers())[0]
-
-
-@dataclass(frozen=True)
-class ReliefObject(MeshObject):
-    """Object `index` of the shapes for training that have relief (`data_prep.shapes.relief`)."""
-
-    class_name: str
-    index: int
-
-    @property
-    def object_id(self) -> str:
-        """Return an id such as "relief-00007"."""
-        return f"relief-{self.index:05d}"
-
-    def fingerprint(self) -> str:
-        """Return class, number and version of the procedure."""
-        return f"procedural-{PROCEDURAL_VERSION}/{self.class_name}/{self.object_id}"
-
-    def random_numbers(self) -> np.random.Generator:
-        """Return a new stream of the random numbers that decide the object."""
-        return generator("procedural", self.class_name, "relief", self.index)
-
-    def load(self) -> Mesh:
-        """Draw the object."""
-        from data_prep.shapes.relief import draw_relief
-
-        return draw_relief(CLASSES[self.class_name], self.random_numbers())[0]
+        module, _, function = self.draw.partition(".")
+        draw = getattr(import_module(f"data_prep.shapes.{module}"), function)
+        return draw(CLASSES[self.class_name], self.random_numbers())[0]
 
 
-def _widened(class_name: str, split: Split, index: int) -> MeshObject:
-    """Return a widened object of the train split, or an object of `procedural` of another split."""
+class WidenedObject(_ForTraining):
+    """An object of the shapes that vary more than a class (`data_prep.shapes.augmentation`)."""
+
+    kind, draw = "widened", "augmentation.draw_widened"
+
+
+class ReliefObject(_ForTraining):
+    """An object of the shapes that have relief (`data_prep.shapes.relief`)."""
+
+    kind, draw = "relief", "relief.draw_relief"
+
+
+def _drawn(of_train: type[_ForTraining], class_name: str, split: Split, index: int) -> MeshObject:
     if split == "train":
-        return WidenedObject(class_name, index)
+        return of_train(class_name, index)
     return ProceduralObject(class_name, split, index)
 
 
-def _relief(class_name: str, split: Split, index: int) -> MeshObject:
-    """Return an object with relief of the train split, or one of `procedural` of another split."""
-    if split == "train":
-        return ReliefObject(class_name, index)
-    return ProceduralObject(class_name, split, index)
-
-
-def relief_dataset(spec: str) -> Dataset:
-    """Return all classes of the catalogue with a train split with relief, which is measured."""
-    return replace(procedural_dataset(spec, "train"), infinite=_relief)
-
-
-def widened_dataset(spec: str) -> Dataset:
-    """Return all classes of the catalogue with a widened train split, which is measured."""
-    return replace(procedural_dataset(spec, "train"), infinite=_widened)
+def training_dataset(spec: str, of_train: type[_ForTraining]) -> Dataset:
+    """Return all classes of the catalogue with a train split of that kind, which is measured."""
+    return replace(procedural_dataset(spec, "train"), infinite=partial(_drawn, of_train))
 
 
 def procedural_dataset(spec: str, measured: Split) -> Dataset:

@@ -15,9 +15,10 @@ from data_prep.datasets.paper import PaperObject, is_paper, paper_dataset
 from data_prep.datasets.procedural import (
     PROCEDURAL_VERSION,
     ProceduralObject,
+    ReliefObject,
+    WidenedObject,
     procedural_dataset,
-    relief_dataset,
-    widened_dataset,
+    training_dataset,
 )
 from data_prep.datasets.shapenet import is_shapenet, is_synset, shapenet_dataset
 from data_prep.datasets.stored_meshes import MeshFile, PlacedMesh
@@ -46,8 +47,8 @@ _EMBEDDED: Mapping[str, Callable[[str], Dataset]] = {
     "procedural:validation": partial(procedural_dataset, measured="validation"),
     "procedural:sealed": partial(procedural_dataset, measured="sealed"),
     "procedural:novel-families": partial(procedural_dataset, measured="novel-families"),
-    "procedural:widened": widened_dataset,
-    "procedural:relief": relief_dataset,
+    "procedural:widened": partial(training_dataset, of_train=WidenedObject),
+    "procedural:relief": partial(training_dataset, of_train=ReliefObject),
 }
 _STORED: Mapping[str, Callable[[str, Path], Dataset]] = {
     "folder": folder_dataset,

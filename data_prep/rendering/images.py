@@ -1,33 +1,34 @@
-"""Images as float32 in [0, 1] and as uint8, and true images from untrusted PNG files."""
+"""Images as float32 in [0, 1] and as uint8, and images from untrusted PNG files.
+
+Nothing is unpacked before the header has said how much there is.
+"""
 
 from __future__ import annotations
 
+import struct
 import warnings
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from data_prep.failures import BadInput
-from data_prep.files.safe_read import MIB, open_file
-from data_prep.scene import IMAGE_SIZE, Images
+from data_prep.files.safe_read import MIB, open_file, reason_of
+from data_prep.scene import IMAGE_SIZE, Images, UInt8Images
 
 MOST_BYTES = 4 * MIB  # of a PNG; 128 x 128 RGBA without compression are 64 KiB
 _MODES = ("RGBA", "RGB", "LA", "L", "P")  # 8 bits a channel
+_SIGNATURE = b"\x89PNG\r\n\x1a\n\x00\x00\x00\x0dIHDR"
+_HEADER = struct.Struct(">IIBB")  # width, height, bits and type of colour
+_GREY, _RGB = 0, 2  # types of colour
+_KINDS = {3: "a palette", 4: "grey with alpha", 6: "RGB with alpha"}
 
 
 def to_uint8(images: Images) -> NDArray[np.uint8]:
-    """Convert images to 8 bits, rounded half up as in the original's PNG writer.
+    """Convert float32 images in [0, 1] to uint8, rounded half up as in the original's PNG writer.
 
-    Parameters
-    ----------
-    images : float32 array
-        Values in [0, 1]; others are clipped. The caller has to check for NaN.
-
-    Returns
-    -------
-    uint8 array
-        Values in 0..255, in the same shape.
+    Other values are clipped; the caller has to check for NaN.
     """
     return np.floor(np.clip(images, 0.0, 1.0) * np.float32(255.0) + np.float32(0.5)).astype(
         np.uint8
@@ -55,46 +56,78 @@ def blank(count: int) -> NDArray[np.uint8]:
     return np.full((count, IMAGE_SIZE, IMAGE_SIZE, 3), 255, dtype=np.uint8)
 
 
-def read_image(path: Path) -> tuple[NDArray[np.uint8], str]:
-    """Read a PNG of the size of the benchmark and put it on white.
+class _Decoded(NamedTuple):
+    """A PNG: its size and mode, whether it has a transparent colour, and RGBA [H, W, 4].
 
-    Alpha is composited as in the original (roatienza/pc2pix@46795a46, loader.py): colour times
-    alpha plus white times one minus alpha, rounded half up.
-
-    Parameters
-    ----------
-    path : Path
-        PNG of IMAGE_SIZE x IMAGE_SIZE pixels with 8 bits a channel.
-
-    Returns
-    -------
-    image : uint8 array [IMAGE_SIZE, IMAGE_SIZE, 3]
-        Colours on white.
-    mode : str
-        Mode of the file, such as "RGBA".
-
-    Raises
-    ------
-    BadInput
-        If the file is no PNG, is cut short, or has another size or more bits; names the file.
+    Only pixels of the benchmark's size with 8 bits a channel are decoded.
     """
+
+    size: tuple[int, int]
+    mode: str
+    transparent: bool
+    rgba: NDArray[np.uint8] | None
+
+
+def _decoded(path: Path, remedy: str) -> _Decoded:
     from PIL import Image
 
     with open_file(path, MOST_BYTES) as file, warnings.catch_warnings():
         warnings.simplefilter("error")  # of images that decompress to a huge size
         try:
             with Image.open(file, formats=("PNG",)) as image:
-                size, mode = image.size, image.mode
-                if size == (IMAGE_SIZE, IMAGE_SIZE) and mode in _MODES:
-                    rgba = np.asarray(image.convert("RGBA"), np.float64)
-                else:
-                    rgba = None
+                usable = image.size == (IMAGE_SIZE, IMAGE_SIZE) and image.mode in _MODES
+                rgba = np.asarray(image.convert("RGBA"), np.uint8) if usable else None
+                return _Decoded(image.size, image.mode, "transparency" in image.info, rgba)
         except Exception as error:  # Pillow lets through any error of its parsers
-            raise BadInput(f"{path}: not a readable PNG ({error}); fetch it again") from error
-    if rgba is None:
+            raise BadInput(f"{path}: not a readable PNG ({reason_of(error)}); {remedy}") from error
+
+
+def read_image(path: Path) -> tuple[UInt8Images, str]:
+    """Return a PNG of the size of the benchmark on white [IMAGE_SIZE, IMAGE_SIZE, 3], and its mode.
+
+    Alpha is composited as in the original (roatienza/pc2pix@46795a46, loader.py): colour times
+    alpha plus white times one minus alpha, rounded half up. Raises BadInput, naming the file, if it
+    is no PNG, is cut short, or has another size or more bits.
+    """
+    image = _decoded(path, "fetch it again")
+    if image.rgba is None:
         raise BadInput(
-            f"{path}: {size[0]} x {size[1]} pixels of mode {mode}, expected {IMAGE_SIZE} x "
-            f"{IMAGE_SIZE} of 8 bits a channel; scale or convert it"
+            f"{path}: {image.size[0]} x {image.size[1]} pixels of mode {image.mode}, expected "
+            f"{IMAGE_SIZE} x {IMAGE_SIZE} of 8 bits a channel; scale or convert it"
         )
+    rgba = image.rgba.astype(np.float64)
     alpha = rgba[..., 3:] / 255.0
-    return np.floor(rgba[..., :3] * alpha + 255.0 * (1.0 - alpha) + 0.5).astype(np.uint8), mode
+    white = np.floor(rgba[..., :3] * alpha + 255.0 * (1.0 - alpha) + 0.5)
+    return white.astype(np.uint8), image.mode
+
+
+def check_opaque_png(path: Path) -> None:
+    """Raise BadInput unless the header is of a PNG of the benchmark's size, 8-bit RGB or grey."""
+    with open_file(path, MOST_BYTES) as file:
+        start = file.read(len(_SIGNATURE) + _HEADER.size)
+    if len(start) < len(_SIGNATURE) + _HEADER.size or not start.startswith(_SIGNATURE):
+        raise BadInput(f"{path}: not a PNG; write it again")
+    width, height, bits, kind = _HEADER.unpack(start[len(_SIGNATURE) :])
+    if (width, height) != (IMAGE_SIZE, IMAGE_SIZE):
+        raise BadInput(
+            f"{path}: {width} x {height} pixels, expected {IMAGE_SIZE} x {IMAGE_SIZE}; draw it in "
+            "that size"
+        )
+    if bits != 8 or kind not in (_GREY, _RGB):
+        raise BadInput(
+            f"{path}: {bits} bits a channel, {_KINDS.get(kind, 'grey or RGB')}; expected 8-bit RGB "
+            "or grey without alpha; convert it"
+        )
+
+
+def read_opaque_png(path: Path) -> UInt8Images:
+    """Return a method's image in a PNG [IMAGE_SIZE, IMAGE_SIZE, 3]; grey has three equal channels.
+
+    Raises BadInput as `check_opaque_png`, and for damaged files and transparent colours.
+    """
+    check_opaque_png(path)
+    image = _decoded(path, "write it again")
+    # The file may be another one by now.
+    if image.rgba is None or image.mode not in ("RGB", "L") or image.transparent:
+        raise BadInput(f"{path}: has a transparent colour; write it as 8-bit RGB or grey")
+    return image.rgba[..., :3]

@@ -5,7 +5,7 @@ import pytest
 
 from baselines.reference import Blank, TrueMesh
 from data_prep.clouds.conditions import CONDITIONS
-from data_prep.datasets.grey import grey
+from data_prep.datasets.objects import grey
 from data_prep.failures import StageFailure
 from data_prep.rendering.images import blank, to_uint8
 from data_prep.rendering.opengl import render

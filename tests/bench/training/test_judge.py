@@ -25,7 +25,7 @@ from bench.training.judge import (
     shape_descriptors,
     train_judge,
 )
-from data_prep.datasets.grey import GreyObject
+from data_prep.datasets.objects import GreyObject
 from data_prep.datasets.registry import ProceduralObject
 from data_prep.rendering.opengl import render
 from data_prep.scene import View

@@ -17,7 +17,7 @@ import data_prep
 from data_prep.clouds.orientations import PAPER
 from data_prep.datasets import procedural, registry
 from data_prep.datasets.folder import BareCloud
-from data_prep.datasets.grey import GreyObject
+from data_prep.datasets.objects import GreyObject
 from data_prep.datasets.protocol_version import CHANGES, PROTOCOL_VERSION
 from data_prep.datasets.registry import (
     Dataset,

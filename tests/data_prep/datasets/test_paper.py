@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from data_prep.datasets.paper import PaperObject
-from data_prep.datasets.paper_checks import READINGS, agreement, find_problems
+from data_prep.datasets.paper import READINGS, PaperObject, agreement, find_problems
 from data_prep.datasets.registry import ProceduralObject, open_dataset, recognised
 from data_prep.failures import BadInput
 from data_prep.files.clouds import save_ply

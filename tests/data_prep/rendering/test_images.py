@@ -14,8 +14,14 @@ import pytest
 from PIL import Image
 
 from data_prep.failures import BadInput
-from data_prep.rendering.images import blank, read_image, to_float, to_uint8
-from data_prep.rendering.opaque_images import check_opaque_png, read_opaque_png
+from data_prep.rendering.images import (
+    blank,
+    check_opaque_png,
+    read_image,
+    read_opaque_png,
+    to_float,
+    to_uint8,
+)
 
 LEVELS = np.arange(256, dtype=np.uint8)
 PIXELS = np.random.default_rng(0).integers(0, 256, (128, 128, 3), np.uint8)
