@@ -265,30 +265,23 @@ class ImageTree:
 
         It is empty where there are none. Images beyond the views of the run are not counted.
         """
-        wanted = {_base("", obj.class_name, obj.object_id) for obj in objects}
-        leading = {str(parent) for name in wanted for parent in PurePosixPath(name).parents}
-        others: list[str] = []
-        for folder in folders_in(self.root):
-            if folder.name in conditions:
-                others += self._others(folder, "", wanted, leading)
-            else:
-                others.append(folder.name)
+        wanted = {_base(c, obj.class_name, obj.object_id) for obj in objects for c in conditions}
+        above = {str(parent) for name in wanted for parent in PurePosixPath(name).parents}
+        others = list(self._others("", wanted, above))
         if not others:
             return ""
         more = f" and {len(others) - MOST_NAMED} more" if len(others) > MOST_NAMED else ""
         named = ", ".join(map(shown, others[:MOST_NAMED]))
         return f"{self.claims.name}: the run has no use for {named}{more} in {self.root}"
 
-    def _others(
-        self, condition: Path, at: str, wanted: Collection[str], leading: Collection[str]
-    ) -> Iterator[str]:
-        """Yield the folders and arrays below `at` of a condition that are not of these objects."""
-        for path in (*folders_in(condition / at), *files_in(condition / at, (".npz",))):
+    def _others(self, at: str, wanted: Collection[str], above: Collection[str]) -> Iterator[str]:
+        """Yield the folders and arrays at a place that are not of these objects."""
+        for path in (*folders_in(self.root / at), *files_in(self.root / at, (".npz",))):
             name = str(PurePosixPath(at) / path.name)
-            if name in leading and path.suffix != ".npz":
-                yield from self._others(condition, name, wanted, leading)
+            if name in above and path.suffix != ".npz":
+                yield from self._others(name, wanted, above)
             elif name not in wanted:
-                yield f"{condition.name}/{name}"
+                yield name
 
     def _images(self, condition: str, obj: ExportedObject, count: int) -> dict[str, Path]:
         """Return those of the first `count` images of a cloud that are there, by their names."""

@@ -6,7 +6,7 @@ import sqlite3
 from collections import Counter
 from collections.abc import Iterable
 from contextlib import closing, suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, make_dataclass, replace
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -71,33 +71,8 @@ def left_out_kernel_distances(x, y, groups_x, groups_y):
     return kernel_distances(*sets)
 
 
-@dataclass(frozen=True)
-class Record:
-    """One image, as a line of `records.parquet`."""
-
-    suite: str
-    method: str
-    condition: str
-    class_name: str
-    object: str
-    view: int
-    azimuth_deg: float
-    elevation_deg: float
-    outcome: str
-    reason: str
-    notes: str
-    ssim: float | None = None
-    luminance: float | None = None
-    contrast: float | None = None
-    structure: float | None = None
-    psnr: float | None = None
-    ssim_object: float | None = None
-    silhouette_iou: float | None = None
-    thin_recall: float | None = None
-    thin_precision: float | None = None
-    lpips: float | None = None
-    prepare_s: float | None = None
-    draw_s: float | None = None
+_FIELDS = [("class_name" if name == "class" else name, Any, None) for name in COLUMNS]
+Record: Any = make_dataclass("Record", _FIELDS, frozen=True)  # a line of `records.parquet`
 
 
 def with_scores(result: Result, **scores) -> Result:

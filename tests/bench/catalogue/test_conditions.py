@@ -20,9 +20,8 @@ from data_prep.scene import CLOUD_SIZE
 from learning.clouds import MAX_NOISE, POINTS_SEEN
 
 
-@pytest.mark.parametrize(
-    ("condition", "words", "brief"),
-    [
+def test_conditions_in_words():
+    for condition, words, brief in (
         ("2048", "2,048 points", "2,048"),
         ("512", "512 of 2,048 points", "512"),
         ("noise-0.10", "noise 10 % of the radius", "noise 10 %"),
@@ -30,11 +29,9 @@ from learning.clouds import MAX_NOISE, POINTS_SEEN
         ("missing-0.50", "50 % missing on one side", "missing 50 %"),
         ("density-10", "1,024 points, 10 times as dense at one end", "density 10 : 1"),
         ("of-a-plug-in", "of-a-plug-in", "of-a-plug-in"),
-    ],
-)
-def test_conditions_in_words(condition, words, brief):
-    name = condition_name(condition)
-    assert (name.words, name.brief) == (words, brief)
+    ):
+        name = condition_name(condition)
+        assert (name.words, name.brief) == (words, brief)
 
 
 def test_conditions_of_a_kind_stand_together():

@@ -109,40 +109,27 @@ BROKEN = Method("broken", lambda device: None, NO_WEIGHTS, version=1, source="")
     ("broken", "status", "line"),
     [
         (
-            {"load_library": partial(load_all_but, "libOpenGL.so.0")},
-            1,
-            "FAIL libOpenGL.so.0: missing (needed): apt-get install libopengl0\n",
-        ),
-        (
             {"load_library": partial(load_all_but, "libusb-1.0.so.0")},
-            0,
-            "ok   libusb-1.0.so.0: missing (optional, for Open3D): apt-get ",
+            *(0, "ok   libusb-1.0.so.0: missing (optional, for Open3D): apt-get "),
         ),
         (
             {"version": raises(PackageNotFoundError())},
-            1,
-            "FAIL pyrender: not installed: run 'bench doctor --install'\n",
+            *(1, "FAIL pyrender: not installed: run 'bench doctor --install'\n"),
         ),
-        (
-            {"methods": [BROKEN]},
-            1,
-            "FAIL method broken: chair.safetensors: missing; reinstall\n",
-        ),
+        ({"methods": [BROKEN]}, 1, "FAIL method broken: chair.safetensors: missing; reinstall\n"),
         (
             {"weights": dict.fromkeys(WEIGHTS, raises(BadInput("alexnet.ckpt: sha256 0")))},
-            1,
-            "FAIL metric fd-alexnet: alexnet.ckpt: sha256 0\n",
+            *(1, "FAIL metric fd-alexnet: alexnet.ckpt: sha256 0\n"),
         ),
         (
             {"flip": raises(WeightsUnavailable("the package is not installed; run x"))},
-            0,
-            "ok   metric flip: skipped in runs: the package is not installed; run x\n",
+            *(0, "ok   metric flip: skipped in runs: the package is not installed; run x\n"),
         ),
     ],
 )
 def test_a_machine_that_lacks_something(capsys, broken, status, line):
-    found, out = outcome(capsys, verbose=True, **broken)
-    assert found == status
+    ended, out = outcome(capsys, verbose=True, **broken)
+    assert ended == status
     assert line in out
 
 
