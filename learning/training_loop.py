@@ -9,17 +9,16 @@ processes).
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import json
 import math
 import sys
 import time
 from collections import deque
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Protocol, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import torch
@@ -28,28 +27,17 @@ from torch import Tensor
 
 from data_prep.failures import BadInput, MissingDependency
 from learning import checkpoint, loss_log
+from learning.configuration import Cadence
 from learning.divergence import DivergenceDetector, TrainingDiverged
-from learning.processes import ONE, Processes, connect, local_rank
+from learning.processes import Processes, connect, local_rank
+from learning.trainer import NetworkTrainer
 from learning.weights import understanding_header
 
-Precision = Literal["float32", "bfloat16"]
 _Built = TypeVar("_Built")
 _RATE_WINDOW_S = 60.0
 _MAY_CHANGE_ON_RESUME = ("steps", "cadence")
 FULL_RATE = "checkpoint-full-rate.safetensors"  # of the last step before the learning rate falls
 RANDOM = "random"  # where a trainer's state holds the state of its random generator
-
-
-@dataclass(frozen=True)
-class Cadence:
-    """The intervals, in steps, at which something is written."""
-
-    log: int = 10
-    sheet: int = 500
-    checkpoint: int = 500
-
-
-DEFAULT_CADENCE = Cadence()
 
 
 @dataclass(frozen=True)
@@ -71,47 +59,6 @@ class StepReport:
 OnProgress = Callable[[StepReport], None]
 
 
-class Trainer(Protocol):
-    """The protocol of one kind of training, as the loop sees it."""
-
-    kind: str
-    batch: int
-
-    def take_step(self) -> dict[str, Tensor]:
-        """Take one step of optimisation and return the losses by name.
-
-        They are detached scalars of one device, under the same names in every step. To read a value
-        would wait for the device: the loop does, and only for what is logged.
-        """
-        ...
-
-    def state(self) -> dict[str, Tensor]:
-        """Return all that the next step depends on; under RANDOM what draws its batches."""
-        ...
-
-    def restore(self, state: Mapping[str, Tensor]) -> None:
-        """Restore what `state` has returned."""
-        ...
-
-    def independent_steps(self, steps: int) -> int | None:
-        """Return how many of `steps` steps are the same in a training of any length; None: all.
-
-        A learning rate that falls at the end depends on where the end is.
-        """
-        ...
-
-    def learning_rates(self, steps: int) -> str:
-        """Return the rates of the first `steps` steps, in words for the card of the weights."""
-        ...
-
-    def sheet(self) -> NDArray[np.uint8] | None:
-        """Return an image [H, W, 3] of the training's progress; None for none.
-
-        Must not change the state.
-        """
-        ...
-
-
 @contextmanager
 def denormals_flushed() -> Generator[None]:
     """Count denormal numbers as zeros inside.
@@ -129,51 +76,50 @@ def denormals_flushed() -> Generator[None]:
 
 @denormals_flushed()
 def train(
-    build: Callable[[torch.device, Processes], Trainer],
+    kind: Callable[..., NetworkTrainer],
+    learned: Any,
     config: Any,
-    arrays: Sequence[NDArray[Any]],
     out_dir: Path,
-    device: str,
-    on_progress: OnProgress,
+    *,
+    device: str = "cpu",
+    on_progress: OnProgress = lambda report: None,
+    **further: Any,
 ) -> Path:
-    """Train what `build` returns on a device, with all processes; return the checkpoint's path.
+    """Train to `config.steps`, continuing a run in `out_dir`, and return the checkpoint's path.
 
-    `arrays` are the data, by which a later start knows them again. Raises as `prepare_device`,
-    `learning.processes.connect` and `run`.
+    Under `torchrun` all processes train together, each with `config.batch` images a step.
+
+    kind     the class of the trainer, which takes `learned`, `config`, device, processes, `further`
+    learned  what is learned from (see `NetworkTrainer`)
+
+    Raises as `prepare_device`, `learning.processes.connect` and `run`.
     """
-    data_hash = hash_arrays(*arrays)
     torch_device = prepare_device(device)
-    processes = connect(torch_device)
-    trainer = build(torch_device, processes)
-    return run(trainer, config, data_hash, out_dir, on_progress, processes)
+    trainer = kind(learned, config, torch_device, connect(torch_device), **further)
+    return run(trainer, out_dir, on_progress)
 
 
-def run(
-    trainer: Trainer,
-    config: Any,
-    data_hash: str,
-    out_dir: Path,
-    on_progress: OnProgress,
-    processes: Processes = ONE,
-) -> Path:
-    """Train to `config.steps` and return the path of the checkpoint.
+def run(trainer: NetworkTrainer, out_dir: Path, on_progress: OnProgress) -> Path:
+    """Train to the steps of the configuration and return the path of the checkpoint.
 
-    Continues from a checkpoint in `out_dir`. Where `config.steps` has changed, the result is that
-    of a training of that length from the beginning: a checkpoint whose last steps depend on the old
-    length is replaced by the one that was kept from before them (FULL_RATE).
+    Continues from a checkpoint in `out_dir`. Where the number of steps has changed, the result is
+    that of a training of that length from the beginning: a checkpoint whose last steps depend on
+    the old length is replaced by the one that was kept from before them (FULL_RATE).
 
     Raises BadInput where the checkpoint belongs to another configuration, other data or another
     number of processes, has more steps, or is past the steps that both lengths have in common and
     no earlier one was kept; TrainingDiverged on NaN, infinity or a loss that explodes. Of several
     processes all call this, and the first one writes and reports.
     """
+    config, processes = trainer.config, trainer.processes
     path, losses_csv = out_dir / checkpoint.FILE_NAME, out_dir / loss_log.FILE_NAME
     for file in (path, losses_csv):
         if file.exists() and not file.is_file():  # a pipe would be waited for
             raise BadInput(f"{file}: no regular file; remove it, or use another output directory")
     # as a checkpoint gives it back: in JSON tuples are lists
-    identity = json.loads(json.dumps({**dataclasses.asdict(config), "data": data_hash}))
-    first = _resume(trainer, identity, path, processes) if path.is_file() else 0
+    stated = dataclasses.asdict(config) | {"data": trainer.fingerprint()}
+    identity = json.loads(json.dumps(stated))
+    first = _resume(trainer, identity, path) if path.is_file() else 0
     if processes.average({"first": first})["first"] != first:
         raise BadInput(
             f"{path}: not all processes find the same checkpoint there (process {processes.rank}: "
@@ -213,11 +159,14 @@ def run(
             if log:
                 log.add(step, losses)
                 images = trainer.batch * processes.count
-                on_progress(_report(step, config.steps, losses, rate.steps_per_s(), images))
+                speed = rate.steps_per_s()
+                left = config.steps - step
+                pace = (speed * images, left / speed) if speed else (None, None)
+                on_progress(StepReport(step, config.steps, losses, *pace))
             if problem := detector.add(losses):
                 raise diverged(step, problem)
         if saves:
-            state = _whole_state(trainer, processes)
+            state = _whole_state(trainer)
             bad = not checkpoint.all_finite(state.values())
             if processes.average({"bad": float(bad)})["bad"] > 0:
                 raise diverged(step, "a weight is NaN or infinite")
@@ -245,23 +194,9 @@ def _read(unread: list[dict[str, Tensor]], processes: Processes) -> list[dict[st
     return [dict(zip(unread[0], row, strict=True)) for row in rows]
 
 
-def _report(
-    step: int, steps: int, losses: Mapping[str, float], steps_per_s: float | None, batch: int
-) -> StepReport:
-    if steps_per_s is None:
-        return StepReport(step, steps, losses, images_per_s=None, seconds_left=None)
-    return StepReport(
-        step,
-        steps,
-        losses,
-        images_per_s=steps_per_s * batch,
-        seconds_left=(steps - step) / steps_per_s,
-    )
-
-
-def _resume(trainer: Trainer, identity: Mapping[str, Any], path: Path, processes: Processes) -> int:
+def _resume(trainer: NetworkTrainer, identity: Mapping[str, Any], path: Path) -> int:
     """Restore the trainer from `path` or its kept copy, and return the steps it has taken."""
-    state, step, planned = _load(trainer, identity, path, processes)
+    state, step, planned = _load(trainer, identity, path)
     steps = identity["steps"]
     independent = [trainer.independent_steps(length) for length in (planned, steps)]
     common = min((count for count in independent if count is not None), default=step)
@@ -273,7 +208,7 @@ def _resume(trainer: Trainer, identity: Mapping[str, Any], path: Path, processes
         )
         kept = path.with_name(FULL_RATE)
         if kept.is_file():
-            state, step, _ = _load(trainer, identity, kept, processes)
+            state, step, _ = _load(trainer, identity, kept)
         if step > common:
             raise BadInput(problem)
     if step > steps:
@@ -286,13 +221,14 @@ def _resume(trainer: Trainer, identity: Mapping[str, Any], path: Path, processes
 
 
 def _load(
-    trainer: Trainer, identity: Mapping[str, Any], path: Path, processes: Processes
+    trainer: NetworkTrainer, identity: Mapping[str, Any], path: Path
 ) -> tuple[dict[str, Tensor], int, int]:
     """Return this process's state, the steps taken and the steps planned, of a checkpoint.
 
     Raises BadInput where it is not of this training.
     """
     state, step, config = checkpoint.load(path, trainer.kind)
+    processes = trainer.processes
     for key in identity.keys() - set(_MAY_CHANGE_ON_RESUME):
         if config.get(key) != identity[key]:
             raise BadInput(
@@ -311,26 +247,17 @@ def _load(
         return state, step, int(config["steps"])
 
 
-def _whole_state(trainer: Trainer, processes: Processes) -> dict[str, Tensor]:
+def _whole_state(trainer: NetworkTrainer) -> dict[str, Tensor]:
     """Return the trainer's state and the random states of the other processes."""
     state = trainer.state()
-    if processes.count > 1:
-        _, *others = processes.gather(state[RANDOM])
+    if trainer.processes.count > 1:
+        _, *others = trainer.processes.gather(state[RANDOM])
         state |= {_random_of(rank): other for rank, other in enumerate(others, start=1)}
     return state
 
 
 def _random_of(rank: int) -> str:
     return f"{RANDOM}-{rank}"
-
-
-def hash_arrays(*arrays: NDArray[Any]) -> str:
-    """Return a fingerprint of training data, so that a run is not continued on other data."""
-    digest = hashlib.sha256()
-    for array in arrays:
-        digest.update(f"{array.dtype}{array.shape}".encode())
-        digest.update(np.ascontiguousarray(array).data)
-    return digest.hexdigest()
 
 
 def seeded(seed: int, build: Callable[[], _Built]) -> _Built:

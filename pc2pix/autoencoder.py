@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from data_prep.scene import CLOUD_SIZE
-from pc2pix.model_config import PAPER, ModelConfig, initialise
+from pc2pix.model_config import PAPER, ModelConfig
 
 _BRANCH_CHANNELS = 64
 _BRANCH_DILATIONS = (1, 2, 4, 8)
@@ -22,6 +22,15 @@ _ENCODER_STAGES = 4  # 2048, 1024, 512, 256 positions
 _LAST_CHANNELS = 32
 _DECODER_CHANNELS = 1024
 _POINT_CHANNELS = (64, 128, 256)  # PointNet, at every width
+
+
+def initialise(network: nn.Module) -> None:
+    """Set Glorot-uniform kernels and zero biases, the initial state of the original (Keras)."""
+    for module in network.modules():
+        if isinstance(module, nn.Conv1d | nn.Conv2d | nn.Linear):
+            nn.init.xavier_uniform_(module.weight)
+            assert module.bias is not None
+            nn.init.zeros_(module.bias)
 
 
 class _NormConv1d(nn.Module):

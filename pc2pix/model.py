@@ -22,8 +22,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from pc2pix.autoencoder import Decoder, Encoder, PointNet, build_encoder
-from pc2pix.model_config import LITE, PAPER, ModelConfig, initialise
+from pc2pix.autoencoder import Decoder, Encoder, PointNet, build_encoder, initialise
+from pc2pix.model_config import LITE, PAPER, ModelConfig
 
 __all__ = [
     "LITE",

@@ -1,11 +1,9 @@
-"""The configuration of the networks of pc2pix, and the initial state of their weights."""
+"""The configuration of the networks of pc2pix."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Literal
-
-from torch import nn
 
 EncoderKind = Literal["paper", "pointnet"]
 AzimuthKind = Literal["scalar", "sine-cosine"]
@@ -61,12 +59,3 @@ class ModelConfig:
 
 PAPER = ModelConfig()
 LITE = ModelConfig(width=0.25)
-
-
-def initialise(network: nn.Module) -> None:
-    """Set Glorot-uniform kernels and zero biases, the initial state of the original (Keras)."""
-    for module in network.modules():
-        if isinstance(module, nn.Conv1d | nn.Conv2d | nn.Linear):
-            nn.init.xavier_uniform_(module.weight)
-            assert module.bias is not None
-            nn.init.zeros_(module.bias)

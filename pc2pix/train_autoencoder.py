@@ -9,9 +9,8 @@ learn the one order it has seen. PointNet, which is ours, is fed fewer points, f
 
 from __future__ import annotations
 
-import functools
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -22,52 +21,16 @@ from data_prep.rendering.camera import project
 from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE, View
 from learning import checkpoint, training_loop
 from learning.clouds import draw_points
-from learning.processes import ONE, Processes
-from learning.trainer import NetworkTrainer, Part
+from learning.trainer import NetworkTrainer
 from pc2pix.augment import degrade, take_evenly
 from pc2pix.losses import chamfer
-from pc2pix.model import LITE, Decoder, Encoder, ModelConfig, PointNet, build_encoder
+from pc2pix.model import Decoder, Encoder, ModelConfig, PointNet, build_encoder
+from pc2pix.training_configs import AutoencoderConfig
 from pc2pix.training_data import AutoencoderData
 
 KIND = "autoencoder"
 SHEET_CLOUDS = 8
 _SHEET_VIEW = View(azimuth_deg=30.0, elevation_deg=20.0)
-
-
-@dataclass(frozen=True)
-class AutoencoderConfig:
-    """The configuration, with the original's defaults but for width and number of steps.
-
-    steps      the original trains 600 passes over each cloud (101,640 steps for its chairs)
-    precision  bfloat16 is mixed precision: weights, BN statistics and the loss stay float32
-    """
-
-    model: ModelConfig = LITE
-    steps: int = 10_000
-    batch: int = 32
-    learning_rate: float = 1e-4
-    augment: bool = False
-    precision: training_loop.Precision = "float32"
-    seed: int = 0
-    cadence: training_loop.Cadence = training_loop.DEFAULT_CADENCE
-
-
-def train_autoencoder(
-    data: AutoencoderData,
-    config: AutoencoderConfig,
-    out_dir: Path,
-    *,
-    device: str = "cpu",
-    on_progress: training_loop.OnProgress = lambda report: None,
-) -> Path:
-    """Train to `config.steps`, continuing a run in `out_dir`, and return the checkpoint's path.
-
-    Under `torchrun` all processes train together, each with `config.batch` clouds a step. Raises
-    BadInput where `out_dir` holds a run of another configuration or other data, and
-    TrainingDiverged where a loss stops being finite or explodes.
-    """
-    build = functools.partial(_AutoencoderTrainer, data, config)
-    return training_loop.train(build, config, [data.clouds], out_dir, device, on_progress)
 
 
 def load_encoder(path: Path) -> Encoder | PointNet:
@@ -78,26 +41,23 @@ def load_encoder(path: Path) -> Encoder | PointNet:
     return encoder.eval()
 
 
-class _AutoencoderTrainer(NetworkTrainer):
+class AutoencoderTrainer(NetworkTrainer):
+    """The trainer of encoder and decoder, on `AutoencoderData`."""
+
     kind = KIND
+    parts = ("encoder", "decoder", "optimizer", "random")
     kept = ()
     config: AutoencoderConfig
 
-    def __init__(
-        self,
-        data: AutoencoderData,
-        config: AutoencoderConfig,
-        device: torch.device,
-        processes: Processes = ONE,
-    ) -> None:
-        super().__init__(config, device, processes)
+    def __init__(self, data: AutoencoderData, config: AutoencoderConfig, *place: Any) -> None:
+        super().__init__(data, config, *place)
         self.batch = config.batch
         self.clouds = torch.from_numpy(data.clouds)
         self.encoder, self.decoder = training_loop.seeded(
             config.seed, lambda: (build_encoder(config.model), Decoder(config.model))
         )
-        self.encoder.to(device)
-        self.decoder.to(device)
+        self.encoder.to(self.device)
+        self.decoder.to(self.device)
         # Keras' RMSprop: rho 0.9 and epsilon 1e-7 (PyTorch's defaults are 0.99 and 1e-8)
         self.optimizer = torch.optim.RMSprop(
             [*self.encoder.parameters(), *self.decoder.parameters()],
@@ -117,6 +77,7 @@ class _AutoencoderTrainer(NetworkTrainer):
         return fed.to(self.device), whole.to(self.device)
 
     def take_step(self) -> dict[str, Tensor]:
+        """Take a step of both networks and return the loss."""
         fed, whole = self._draw_batch()
         self.encoder.train()
         self.decoder.train()
@@ -126,15 +87,8 @@ class _AutoencoderTrainer(NetworkTrainer):
         self.minimise(loss, self.optimizer)
         return {"chamfer": loss.detach()}
 
-    def parts(self) -> dict[str, Part]:
-        return {
-            "encoder": self.encoder,
-            "decoder": self.decoder,
-            "optimizer": self.optimizer,
-            "random": self.random,
-        }
-
     def learning_rates(self, steps: int) -> str:
+        """Return the constant rate."""
         return f"{self.config.learning_rate:g}"
 
     @torch.no_grad()

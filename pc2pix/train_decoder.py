@@ -8,10 +8,8 @@ but Adam: nothing here has to follow the original.
 
 from __future__ import annotations
 
-import functools
 import math
-from dataclasses import dataclass
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -21,11 +19,11 @@ from torch import Tensor
 from data_prep.scene import CLOUD_SIZE
 from learning import training_loop
 from learning.clouds import draw_points
-from learning.processes import ONE, Processes
-from learning.trainer import NetworkTrainer, Part
+from learning.trainer import NetworkTrainer
 from pc2pix.losses import chamfer
-from pc2pix.model import Decoder, ModelConfig
+from pc2pix.model import Decoder
 from pc2pix.train_autoencoder import SHEET_CLOUDS, dots_of
+from pc2pix.training_configs import DecoderConfig
 from pc2pix.training_data import AutoencoderData
 from pc2pix.weights import DECODER, Weights
 
@@ -33,58 +31,18 @@ KIND = DECODER
 _DECAY_STEPS = 500
 
 
-@dataclass(frozen=True)
-class DecoderConfig:
-    """The configuration of a decoder's training.
+class DecoderTrainer(NetworkTrainer):
+    """The trainer of a decoder of `weights`, on `AutoencoderData`."""
 
-    weights        sha256 of the weights whose encoder it belongs to
-    learning_rate  of Adam at first; at step t it is divided by sqrt(1 + t / _DECAY_STEPS), which
-                   does not depend on how many steps there will be
-    precision      bfloat16 is mixed precision: weights and the loss stay float32
-    """
-
-    weights: str
-    model: ModelConfig
-    steps: int = 3000
-    batch: int = 32
-    learning_rate: float = 2e-3
-    precision: training_loop.Precision = "float32"
-    seed: int = 0
-    cadence: training_loop.Cadence = training_loop.DEFAULT_CADENCE
-
-
-def train_decoder(
-    data: AutoencoderData,
-    weights: Weights,
-    config: DecoderConfig,
-    out_dir: Path,
-    *,
-    device: str = "cpu",
-    on_progress: training_loop.OnProgress = lambda report: None,
-) -> Path:
-    """Train to `config.steps`, continuing a run in `out_dir`, and return the checkpoint's path.
-
-    Under `torchrun` all processes train together, each with `config.batch` clouds a step. Raises
-    BadInput where `out_dir` holds a run of another configuration, other weights or other data, and
-    TrainingDiverged where a loss stops being finite.
-    """
-    build = functools.partial(_DecoderTrainer, data, weights, config)
-    return training_loop.train(build, config, [data.clouds], out_dir, device, on_progress)
-
-
-class _DecoderTrainer(NetworkTrainer):
     kind = KIND
+    parts = ("decoder", "adam", "random")
     config: DecoderConfig
 
     def __init__(
-        self,
-        data: AutoencoderData,
-        weights: Weights,
-        config: DecoderConfig,
-        device: torch.device,
-        processes: Processes = ONE,
+        self, data: AutoencoderData, config: DecoderConfig, *place: Any, weights: Weights
     ) -> None:
-        super().__init__(config, device, processes)
+        super().__init__(data, config, *place)
+        device = self.device
         self.batch = config.batch
         self.clouds = torch.from_numpy(data.clouds)
         self.encoder = weights.encoder.to(device)
@@ -98,6 +56,7 @@ class _DecoderTrainer(NetworkTrainer):
         return (self.encoder(clouds.to(self.device)) - self.mean) / self.std
 
     def take_step(self) -> dict[str, Tensor]:
+        """Take a step of the decoder and return the loss."""
         which = torch.randint(len(self.clouds), (self.batch,), generator=self.random)
         # another half of the points in another order each time: the code of a shape varies a little
         clouds = draw_points(self.clouds[which], CLOUD_SIZE, self.random)
@@ -110,10 +69,8 @@ class _DecoderTrainer(NetworkTrainer):
         self.steps_done += 1
         return {"chamfer": loss.detach()}
 
-    def parts(self) -> dict[str, Part]:
-        return {"decoder": self.decoder, "adam": self.adam, "random": self.random}
-
     def learning_rates(self, steps: int) -> str:
+        """Return the whole schedule as a formula."""
         return f"{self.config.learning_rate:g} / sqrt(1 + t / {_DECAY_STEPS}) after t steps"
 
     @torch.no_grad()

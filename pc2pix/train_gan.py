@@ -23,11 +23,9 @@ Departures from roatienza/pc2pix@23b7b46d, each for a reason:
 
 from __future__ import annotations
 
-import copy
-import functools
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -36,13 +34,10 @@ from torch import Tensor
 
 from data_prep.failures import BadInput
 from learning import training_loop
-from learning.averaging import update
 from learning.clouds import draw_points
-from learning.processes import ONE, Processes
-from learning.trainer import NetworkTrainer, Part
+from learning.trainer import NetworkTrainer, averaged, update
 from pc2pix.augment import PLAIN_POINTS, Scene, degrade, mirror, take_evenly
 from pc2pix.autoencoder import decorrelated
-from pc2pix.gan_config import GanConfig
 from pc2pix.losses import (
     OBJECTIVES,
     Conditioning,
@@ -61,6 +56,7 @@ from pc2pix.model import (
     channels_last,
     take_scaled_codes,
 )
+from pc2pix.training_configs import GanConfig
 from pc2pix.training_data import GanData
 from pc2pix.weights import GAN, Weights
 
@@ -73,35 +69,6 @@ _MIN_CODE_STD = 1e-6
 _MIN_CODE_SHARE = 1e-3
 
 
-def train_gan(
-    data: GanData,
-    encoder: Encoder | PointNet,
-    config: GanConfig,
-    out_dir: Path,
-    *,
-    start: Weights | None = None,
-    device: str = "cpu",
-    on_progress: training_loop.OnProgress = lambda report: None,
-) -> Path:
-    """Train to `config.steps`, continuing a run in `out_dir`, and return the checkpoint's path.
-
-    `encoder` is frozen, or with `paired` where training starts; it is stored in the checkpoint,
-    which is all that export needs. `start` has the generator that belongs to it. Under `torchrun`
-    all processes train together, each with `config.batch` images a step (`learning.processes`).
-    Raises BadInput where `out_dir` holds a run of another configuration, encoder or data, and
-    TrainingDiverged where a loss stops being finite or explodes.
-    """
-    if replace(encoder.config, azimuth=config.model.azimuth) != config.model:
-        raise BadInput(
-            f"encoder: its configuration is {encoder.config}, the GAN's {config.model}; "
-            "train both with the same width and latent_dim"
-        )
-    arrays = [data.images, data.azimuth_deg, data.elevation_deg, data.clouds]
-    arrays += [tensor.cpu().numpy() for tensor in encoder.state_dict().values()]
-    build = functools.partial(_GanTrainer, data, encoder, config, start=start)
-    return training_loop.train(build, config, arrays, out_dir, device, on_progress)
-
-
 @torch.no_grad()
 def encode_clouds(
     encoder: Encoder | PointNet, clouds: NDArray[np.float32], device: torch.device
@@ -112,21 +79,36 @@ def encode_clouds(
     return torch.cat([encoder(batch.to(device)).cpu() for batch in batches])
 
 
-class _GanTrainer(NetworkTrainer):
+class GanTrainer(NetworkTrainer):
+    """The trainer of generator and discriminator, on `GanData` and an encoder.
+
+    The encoder is frozen, or with `paired` where training starts; it is stored in the checkpoint,
+    which is all that export needs. `start` has the generator that belongs to it.
+
+    Raises BadInput where encoder and configuration do not go together.
+    """
+
     kind = KIND
+    parts = (
+        "drawing", "discriminator", "average", "generator_adam", "discriminator_adam", "random",
+    )  # fmt: skip
+    kept = ("code_mean", "code_std", "steps_done")  # the codes' statistics, for the export
     config: GanConfig
 
     def __init__(
         self,
-        data: GanData,
-        encoder: Encoder | PointNet,
+        learned: tuple[GanData, Encoder | PointNet],
         config: GanConfig,
-        device: torch.device,
-        processes: Processes = ONE,
-        *,
+        *place: Any,
         start: Weights | None = None,
     ) -> None:
-        super().__init__(config, device, processes)
+        super().__init__(learned, config, *place)
+        (data, encoder), device = learned, self.device
+        if replace(encoder.config, azimuth=config.model.azimuth) != config.model:
+            raise BadInput(
+                f"encoder: its configuration is {encoder.config}, the GAN's {config.model}; "
+                "train both with the same width and latent_dim"
+            )
         self.batch = config.batch
         self.objective = OBJECTIVES[config.objective]
         self.paired = self.objective.reconstruction_weight > 0
@@ -159,7 +141,7 @@ class _GanTrainer(NetworkTrainer):
             torch.nn.init.zeros_(self.generator.dense.weight[:, :NOISE_DIM])
         self.encoder.requires_grad_(self.paired)
         self.drawing = torch.nn.ModuleDict({"generator": self.generator, "encoder": self.encoder})
-        self.average = copy.deepcopy(self.drawing).eval().requires_grad_(False)
+        self.average = averaged(self.drawing)
         betas = (0.5, 0.999)
         self.generator_adam = torch.optim.Adam(
             [p for p in self.drawing.parameters() if p.requires_grad],
@@ -170,20 +152,6 @@ class _GanTrainer(NetworkTrainer):
         self.discriminator_adam = torch.optim.Adam(
             self.discriminator.parameters(), lr=config.discriminator_lr, betas=betas, fused=True
         )
-
-    def parts(self) -> dict[str, Part]:
-        return {
-            "drawing": self.drawing,
-            "discriminator": self.discriminator,
-            "average": self.average,
-            "generator_adam": self.generator_adam,
-            "discriminator_adam": self.discriminator_adam,
-            "random": self.random,
-        }
-
-    def state(self) -> dict[str, Tensor]:
-        """Return the state with the statistics of the codes, so that export needs no more."""
-        return super().state() | {"code_mean": self.code_mean, "code_std": self.code_std}
 
     def _images(self, objects: Tensor, views: Tensor) -> Tensor:
         """Return real images [B, 3, 128, 128] in [-1, 1], channels last."""
@@ -219,10 +187,12 @@ class _GanTrainer(NetworkTrainer):
         return noise.to(self.device), Conditioning(*(part.to(self.device) for part in parts))
 
     def take_step(self) -> dict[str, Tensor]:
+        """Take a step of both networks, or in the warm-up of one, and return the losses."""
         self.generator.train()
         self.discriminator.train()
         losses = self._take_paired_step() if self.paired else self._take_papers_step()
-        self._update_average()
+        self.steps_done += 1
+        update(self.average, self.drawing, self.config.ema_decay, int(self.steps_done))
         return losses
 
     def _take_papers_step(self) -> dict[str, Tensor]:
@@ -314,11 +284,8 @@ class _GanTrainer(NetworkTrainer):
         rate = self.config.generator_lr * (_WARM_UP_RATE if warm else 1.0)
         self.minimise(total, self.generator_adam, rate)
 
-    def _update_average(self) -> None:
-        self.steps_done += 1
-        update(self.average, self.drawing, self.config.ema_decay, int(self.steps_done))
-
     def learning_rates(self, steps: int) -> str:
+        """Return the rates of both networks in words."""
         config = self.config
         rate, warm = config.generator_lr, min(config.warm_up, steps)
         warm_rate = _WARM_UP_RATE * rate if self.paired else 0.0

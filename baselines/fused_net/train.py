@@ -6,84 +6,43 @@ points, as in the training of splat-net: a cloud that is filled up would have ot
 
 from __future__ import annotations
 
-import functools
-from dataclasses import dataclass
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from baselines.fused_net.config import FusedNetConfig
 from baselines.fused_net.data import FusedSet, decode, mirror
-from baselines.fused_net.weights import KIND, check_meshes
-from baselines.splat_net.losses import FeatureMaps, Truth
-from baselines.splat_net.points2pix import Network
+from baselines.fused_net.weights import KIND
+from baselines.splat_net.losses import Truth
 from baselines.splat_net.train import (
     VIEWS_TOGETHER,
     Seen,
-    SplatNetConfig,
     SplatNetTrainer,
-    surface_arrays,
 )
-from learning import training_loop
-from learning.processes import ONE, Processes
+from data_prep.datasets.training_set import SurfaceSet
 
 
-@dataclass(frozen=True)
-class FusedNetConfig(SplatNetConfig):
-    """The configuration of a training; the meshes are among the inputs of the network.
+class FusedNetTrainer(SplatNetTrainer):
+    """The trainer of fused-net, on a `FusedSet`."""
 
-    occupancy  checksum of the weights of occupancy-net that make its meshes; "" without these
-    """
-
-    steps: int = 4000
-    learning_rate: float = 1e-3
-    occupancy: str = ""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_meshes(self.network.inputs.meshes, "meshes")
-
-
-def train_fused_net(
-    data: FusedSet,
-    config: FusedNetConfig,
-    out_dir: Path,
-    *,
-    start: Network | None = None,
-    features: FeatureMaps | None = None,
-    device: str = "cpu",
-    on_progress: training_loop.OnProgress = lambda report: None,
-) -> Path:
-    """Train to `config.steps`, continuing a run in `out_dir`, and return the checkpoint's path.
-
-    Arguments and errors are those of `baselines.splat_net.train.train_splat_net`.
-    """
-    arrays = [*surface_arrays(data.surfaces), data.counts, data.noise, data.maps]
-    build = functools.partial(_FusedNetTrainer, data, config, start=start, features=features)
-    return training_loop.train(build, config, arrays, out_dir, device, on_progress)
-
-
-class _FusedNetTrainer(SplatNetTrainer):
     kind = KIND
 
-    def __init__(
-        self,
-        data: FusedSet,
-        config: FusedNetConfig,
-        device: torch.device,
-        processes: Processes = ONE,
-        start: Network | None = None,
-        features: FeatureMaps | None = None,
-    ) -> None:
-        super().__init__(data.surfaces, config, device, processes, start, features)
+    def __init__(self, learned: FusedSet, config: FusedNetConfig, *place: Any, **more: Any) -> None:
+        super().__init__(learned, config, *place, **more)
+        data = learned
         self.maps = data.maps
         self.counts = torch.from_numpy(data.counts)
         self.noise = torch.from_numpy(data.noise)
         most = (self.counts == self.counts.max()).nonzero()[:, 0]
         count = min(len(self.shown), len(most))
         self.shown = most[torch.arange(count) * len(most) // count]
+
+    def surfaces(self) -> SurfaceSet:
+        """Return the images of the objects, and their clouds."""
+        return self.learned.surfaces
 
     def _draw_batch(self) -> tuple[Seen, Truth, Tensor]:
         """Return the network's input, the truth, and the noise of the clouds [B], for B views."""

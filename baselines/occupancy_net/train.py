@@ -6,10 +6,7 @@ entropy of the labels.
 
 from __future__ import annotations
 
-import copy
-import functools
-from dataclasses import dataclass
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -17,101 +14,43 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
+from baselines.occupancy_net.config import OccupancyNetConfig
 from baselines.occupancy_net.network import (
-    DEFAULT,
     HALF_EXTENT,
-    OccupancyConfig,
     OccupancyNet,
 )
 from baselines.occupancy_net.weights import KIND
 from data_prep.datasets.occupancy_set import OccupancySet
 from learning import training_loop
-from learning.averaging import update
 from learning.clouds import degrade
-from learning.processes import ONE, Processes
-from learning.trainer import CooledTrainer, Part
+from learning.trainer import CooledTrainer
 
 PLACES = 2048  # of an object in a step
 SHEET_CLOUDS, SHEET_CELLS = 8, 64
 
 
-@dataclass(frozen=True)
-class OccupancyNetConfig:
-    """The configuration of a training.
+class OccupancyNetTrainer(CooledTrainer):
+    """The trainer of occupancy-net, on an `OccupancySet`."""
 
-    cool_down  last steps, over which the learning rate falls to nothing
-    batch      clouds a step
-    augment    fewer points and noise; without it every cloud is seen whole and clean
-    """
-
-    network: OccupancyConfig = DEFAULT
-    steps: int = 8000
-    cool_down: int = 3000
-    batch: int = 6
-    augment: bool = True
-    learning_rate: float = 1e-3
-    ema_decay: float = 0.998
-    precision: training_loop.Precision = "float32"
-    seed: int = 0
-    cadence: training_loop.Cadence = training_loop.DEFAULT_CADENCE
-
-
-def train_occupancy_net(
-    data: OccupancySet,
-    config: OccupancyNetConfig,
-    out_dir: Path,
-    *,
-    device: str = "cpu",
-    on_progress: training_loop.OnProgress = lambda report: None,
-) -> Path:
-    """Train to `config.steps`, continuing a run in `out_dir`, and return the checkpoint's path.
-
-    Raises BadInput where `out_dir` holds a run of another configuration or other data;
-    TrainingDiverged where a loss stops being finite.
-    """
-    build = functools.partial(_OccupancyTrainer, data, config)
-    arrays = [data.clouds, data.queries, data.inside]
-    return training_loop.train(build, config, arrays, out_dir, device, on_progress)
-
-
-class _OccupancyTrainer(CooledTrainer):
     kind = KIND
+    parts = ("network", "average", "adam", "random")
     config: OccupancyNetConfig
 
-    def __init__(
-        self,
-        data: OccupancySet,
-        config: OccupancyNetConfig,
-        device: torch.device,
-        processes: Processes = ONE,
-    ) -> None:
-        super().__init__(config, device, processes)
-        self.batch = config.batch
+    def __init__(self, data: OccupancySet, config: OccupancyNetConfig, *place: Any) -> None:
+        super().__init__(data, config, *place)
         self.clouds = torch.from_numpy(data.clouds)
         self.queries = torch.from_numpy(data.queries)
         self.inside = torch.from_numpy(data.inside)
-        network = training_loop.seeded(config.seed, lambda: OccupancyNet(config.network))
-        self.network = network.to(device)
-        self.average = copy.deepcopy(self.network).eval().requires_grad_(False)
-        self.adam = torch.optim.Adam(self.network.parameters(), lr=config.learning_rate, fused=True)
-
-    def parts(self) -> dict[str, Part]:
-        return {
-            "network": self.network,
-            "average": self.average,
-            "adam": self.adam,
-            "random": self.random,
-        }
+        self.build(training_loop.seeded(config.seed, lambda: OccupancyNet(config.network)))
 
     def take_step(self) -> dict[str, Tensor]:
+        """Take a step and return the loss, and the share of places on the wrong side."""
         points, places, inside = self._draw_batch()
         with self.autocast():
             logits = self.network(points, places)
         loss = functional.binary_cross_entropy_with_logits(logits.float(), inside)
         wrong = ((logits > 0) != (inside > 0)).float().mean()
-        self.minimise(loss, self.adam, self.rate(int(self.steps_done)))
-        self.steps_done += 1
-        update(self.average, self.network, self.config.ema_decay, int(self.steps_done))
+        self.learn(loss)
         return {"occupancy": loss.detach(), "wrong": wrong}
 
     @torch.no_grad()

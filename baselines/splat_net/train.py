@@ -7,12 +7,9 @@ over the last `cool_down` steps. Projection stays in float32 whatever the precis
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 import functools
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +17,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from baselines.splat_net.config import VIEWS_TOGETHER, SplatNetConfig
 from baselines.splat_net.losses import (
     COVERAGE_WEIGHT,
     GREY_WEIGHT,
@@ -33,7 +31,7 @@ from baselines.splat_net.losses import (
     judge_error,
     tilt_error,
 )
-from baselines.splat_net.network import COLOUR_HEADS, DEFAULT, NetworkConfig, composite
+from baselines.splat_net.network import COLOUR_HEADS, composite
 from baselines.splat_net.points2pix import Network, build
 from baselines.splat_net.projection import Projection, cameras
 from baselines.splat_net.surfels import find_surfels, stack
@@ -42,116 +40,43 @@ from data_prep.datasets.training_set import SurfaceSet
 from data_prep.failures import BadInput
 from data_prep.scene import View
 from learning import training_loop
-from learning.averaging import take_statistics, update
 from learning.clouds import MAX_NOISE, degrade
-from learning.processes import ONE, Processes
-from learning.trainer import CooledTrainer, Part
+from learning.trainer import CooledTrainer, take_statistics
 
 Seen = tuple[Tensor, Tensor]  # channels [B, C, S, S], and points [B, 3, N] as the camera sees them
-VIEWS_TOGETHER = 2  # of a cloud, in a step
 SHEET_CLOUDS = 8
 
 
-@dataclass(frozen=True)
-class SplatNetConfig:
-    """The configuration of a training.
-
-    objective  a key of `baselines.splat_net.losses.OBJECTIVES`
-    warm_up    steps in which the judge of patches learns and its verdict does not count
-    cool_down  last steps, over which the learning rate falls to nothing, and networks normalise as
-               they will when they draw (`learning.averaging.take_statistics`)
-    batch      images a step, a multiple of VIEWS_TOGETHER
-    augment    fewer points and noise; without it every cloud is seen whole and clean
-    start      checksums of the weights that training starts from; None where they are random
-    """
-
-    network: NetworkConfig = DEFAULT
-    objective: str = "l1"
-    steps: int = 8000
-    warm_up: int = 0
-    cool_down: int = 2000
-    batch: int = 24
-    augment: bool = True
-    learning_rate: float = 2e-3
-    judge_lr: float = 4e-4
-    ema_decay: float = 0.998
-    precision: training_loop.Precision = "float32"
-    seed: int = 0
-    start: str | None = None
-    cadence: training_loop.Cadence = training_loop.DEFAULT_CADENCE
-
-    def __post_init__(self) -> None:
-        if self.objective not in OBJECTIVES:
-            raise BadInput(
-                f"objective: unknown {self.objective!r}; choose one of {', '.join(OBJECTIVES)}"
-            )
-        if self.batch % VIEWS_TOGETHER or self.batch < VIEWS_TOGETHER:
-            raise BadInput(
-                f"batch {self.batch}: {VIEWS_TOGETHER} views of a cloud are drawn together; use a "
-                f"multiple of {VIEWS_TOGETHER}"
-            )
-        if self.network.heads not in COLOUR_HEADS.values():
-            raise BadInput(
-                f"heads {self.network.heads}: colours and grey are trained at once; use "
-                + " or ".join(map(str, COLOUR_HEADS.values()))
-            )
-
-
-def train_splat_net(
-    data: SurfaceSet,
-    config: SplatNetConfig,
-    out_dir: Path,
-    *,
-    start: Network | None = None,
-    features: FeatureMaps | None = None,
-    device: str = "cpu",
-    on_progress: training_loop.OnProgress = lambda report: None,
-) -> Path:
-    """Train to `config.steps`, continuing a run in `out_dir`, and return the checkpoint's path.
+class SplatNetTrainer(CooledTrainer):
+    """The trainer of splat-net, on a `SurfaceSet`; fused-net's draws its batches from other clouds.
 
     start     a network of `config.network` whose weights training starts from, where
               `config.start` names them
     features  maps that the objective compares, where it compares some
 
-    Raises BadInput where `out_dir` holds a run of another configuration or other data, or objects
-    have fewer than VIEWS_TOGETHER views; TrainingDiverged where a loss stops being finite.
-    """
-    build = functools.partial(SplatNetTrainer, data, config, start=start, features=features)
-    return training_loop.train(build, config, surface_arrays(data), out_dir, device, on_progress)
-
-
-def surface_arrays(data: SurfaceSet) -> list[NDArray[Any]]:
-    """Return the arrays of a set, by which a later start knows it again.
-
     Raises BadInput where objects have fewer than VIEWS_TOGETHER views.
     """
-    seen = data.seen
-    if seen.azimuth_deg.shape[1] < VIEWS_TOGETHER:
-        raise BadInput(
-            f"{seen.azimuth_deg.shape[1]} views of an object: at least {VIEWS_TOGETHER} are "
-            "drawn together; render more"
-        )
-    arrays = [seen.images, seen.azimuth_deg, seen.elevation_deg, seen.clouds]
-    return [*arrays, data.coverage, data.grey]
-
-
-class SplatNetTrainer(CooledTrainer):
-    """The trainer of splat-net; fused-net's draws its batches from other clouds."""
 
     kind = KIND
+    parts = ("network", "judge", "average", "adam", "judge_adam", "random")
     config: SplatNetConfig
 
     def __init__(
         self,
-        data: SurfaceSet,
+        learned: Any,
         config: SplatNetConfig,
-        device: torch.device,
-        processes: Processes = ONE,
+        *place: Any,
         start: Network | None = None,
         features: FeatureMaps | None = None,
     ) -> None:
-        super().__init__(config, device, processes)
-        self.data, self.batch = data, config.batch
+        super().__init__(learned, config, *place)
+        self.data = data = self.surfaces()
+        views = data.seen.azimuth_deg.shape[1]
+        if views < VIEWS_TOGETHER:
+            raise BadInput(
+                f"{views} views of an object: at least {VIEWS_TOGETHER} are drawn together; render "
+                "more"
+            )
         self.features = features
         self.objective = OBJECTIVES[config.objective]
         # Then the image in colour teaches the colour alone, and the grey one everything else.
@@ -163,11 +88,10 @@ class SplatNetTrainer(CooledTrainer):
         )
         if start is not None:
             network.load_state_dict(start.state_dict())
-        self.network, self.judge = network.to(device), judge.to(device)
-        for part in (self.network, self.judge):
+        self.judge = judge.to(self.device)
+        for part in (network, self.judge):
             part.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-        self.average = copy.deepcopy(self.network).eval().requires_grad_(False)
-        self.adam = torch.optim.Adam(self.network.parameters(), lr=config.learning_rate, fused=True)
+        self.build(network)
         self.judge_adam = torch.optim.Adam(
             self.judge.parameters(), lr=config.judge_lr, betas=(0.5, 0.999), fused=True
         )
@@ -175,22 +99,15 @@ class SplatNetTrainer(CooledTrainer):
         count = min(SHEET_CLOUDS, len(self.clouds))
         self.shown = torch.arange(count) * len(self.clouds) // count  # objects of the sheets
 
-    def parts(self) -> dict[str, Part]:
-        """Return networks, optimisers and the random generator."""
-        return {
-            "network": self.network,
-            "judge": self.judge,
-            "average": self.average,
-            "adam": self.adam,
-            "judge_adam": self.judge_adam,
-            "random": self.random,
-        }
+    def surfaces(self) -> SurfaceSet:
+        """Return the images of what is learned from."""
+        return self.learned
 
     def take_step(self) -> dict[str, Tensor]:
         """Take a step of the network and of its judge, and return the terms of the loss."""
         self.network.train()
         self.judge.train()
-        if self.steps_left() <= self.config.cool_down:
+        if self.config.steps - int(self.steps_done) <= self.config.cool_down:
             take_statistics(self.network, self.average)
         seen, truth, noise = self._draw_batch()
         with self.autocast():
@@ -222,9 +139,7 @@ class SplatNetTrainer(CooledTrainer):
             clean, noisy = self.objective.patch_weight
             weight = clean + (noisy - clean) * noise.to(self.device) / MAX_NOISE
             total = total + (weight * patches).mean()
-        self.minimise(total, self.adam, self.rate(int(self.steps_done)))
-        self.steps_done += 1
-        update(self.average, self.network, self.config.ema_decay, int(self.steps_done))
+        self.learn(total)
         return {name: value.detach() for name, value in terms.items()}
 
     def _images(self, output: Tensor) -> tuple[Tensor, Tensor]:

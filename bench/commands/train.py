@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -19,14 +19,7 @@ from bench.commands.options import (
     options_from_dataclass,
     path_option,
 )
-from bench.training.options import (
-    AutoencoderOptions,
-    DecoderOptions,
-    FusedNetOptions,
-    GanOptions,
-    OccupancyNetOptions,
-    SplatNetOptions,
-)
+from bench.training.options import OPTIONS
 
 app = typer.Typer(cls=Group, help="Train the networks.", **SETTINGS)
 Seed = Annotated[int, typer.Option(help="Seed of initial weights and batches.")]
@@ -70,121 +63,95 @@ _U_NET_OPTIONS: dict[str, str | OptionSpec] = _COOLED_OPTIONS | {
     "warm_up": "Steps at the start in which the patch discriminator only learns (not with l1).",
 }
 
-
-@app.command("autoencoder")
-@options_from_dataclass(
-    AutoencoderOptions,
-    TRAIN_OPTIONS
-    | {
-        "width": "Channels: as in the paper, or a quarter as many (lite).",
-        "encoder": "Encoder: the paper's, or one that does not depend on the order of points.",
-        "latent_dim": OptionSpec("Length of the code, in numbers.", flag="--latent"),
-        "learning_rate": "Learning rate of RMSprop.",
-    },
-)
-def _autoencoder_command(options: AutoencoderOptions) -> None:
-    """Train the point-cloud autoencoder (paper, section 3.1)."""
-    from bench.training.networks import train_autoencoder
-
-    print_once(train_autoencoder(options))
-
-
-@app.command("gan")
-@options_from_dataclass(
-    GanOptions,
-    {"autoencoder": "Checkpoint of the trained autoencoder."}
-    | TRAIN_OPTIONS
-    | {
-        "views": VIEWS,
-        "objective": "Loss: acgan-code, acgan-paper or paired; see docs/training.md.",
-        "azimuth": "Input of the azimuth: one number, as in the paper, or sine and cosine.",
-        "start": OptionSpec(
-            "Weights to start from, instead of an autoencoder: a bundled name, or a file. "
-            "Default: random weights.",
-            convert=expand_file,
-        ),
-        "warm_up": "Steps at the start without the discriminator (paired), or that train it alone "
-        "(with --start).",
-        "generator_lr": "Learning rate of Adam.",
-        "discriminator_lr": "Learning rate of Adam for the discriminator.",
-    },
-)
-def _gan_command(options: GanOptions) -> None:
-    """Train the rendering GAN (paper, section 3.2) on a trained autoencoder."""
-    from bench.training.networks import train_gan
-
-    print_once(train_gan(options))
-
-
-@app.command("splat-net")
-@options_from_dataclass(
-    SplatNetOptions,
-    TRAIN_OPTIONS
-    | _U_NET_OPTIONS
-    | {
-        "network": "Network: tiny, default or points2pix.",
-        "colours": "One colour for the image, whatever the shape, or one for each pixel.",
-    },
-)
-def _splat_net_command(options: SplatNetOptions) -> None:
-    """Train the U-Net on projected points; write weights in colour and in grey."""
-    from bench.training.networks import train_splat_net
-
-    print_once(train_splat_net(options))
-
-
-@app.command("fused-net")
-@options_from_dataclass(
-    FusedNetOptions,
-    TRAIN_OPTIONS
-    | _U_NET_OPTIONS
-    | {
-        "network": "Network: tiny, default or large, as of splat-net.",
-        "meshes": OptionSpec(
-            "Methods whose meshes it sees, comma-separated: denoised-wrap, occupancy-net.",
-            convert=lambda text: names(text) or (),
-            default="denoised-wrap,occupancy-net",
-        ),
-        "start": replace(_START, help=f"Splat-net's weights. {_START.help}"),
-        "steps": "Steps in total, with those done before a resume; 0: only compute the meshes.",
-    },
-)
-def _fused_net_command(options: FusedNetOptions) -> None:
-    """Train splat-net that also sees meshes; write weights in colour and in grey."""
-    from bench.training.networks import train_fused_net
-
-    print_once(train_fused_net(options))
+# By training: the help of its command, and its options in their order.
+TRAININGS: dict[str, tuple[str, dict[str, str | OptionSpec]]] = {
+    "autoencoder": (
+        "Train the point-cloud autoencoder (paper, section 3.1).",
+        TRAIN_OPTIONS
+        | {
+            "width": "Channels: as in the paper, or a quarter as many (lite).",
+            "encoder": "Encoder: the paper's, or one that does not depend on the order of points.",
+            "latent_dim": OptionSpec("Length of the code, in numbers.", flag="--latent"),
+            "learning_rate": "Learning rate of RMSprop.",
+        },
+    ),
+    "gan": (
+        "Train the rendering GAN (paper, section 3.2) on a trained autoencoder.",
+        {"autoencoder": "Checkpoint of the trained autoencoder."}
+        | TRAIN_OPTIONS
+        | {
+            "views": VIEWS,
+            "objective": "Loss: acgan-code, acgan-paper or paired; see docs/training.md.",
+            "azimuth": "Input of the azimuth: one number, as in the paper, or sine and cosine.",
+            "start": OptionSpec(
+                "Weights to start from, instead of an autoencoder: a bundled name, or a file. "
+                "Default: random weights.",
+                convert=expand_file,
+            ),
+            "warm_up": "Steps at the start without the discriminator (paired), or that train it "
+            "alone (with --start).",
+            "generator_lr": "Learning rate of Adam.",
+            "discriminator_lr": "Learning rate of Adam for the discriminator.",
+        },
+    ),
+    "splat-net": (
+        "Train the U-Net on projected points; write weights in colour and in grey.",
+        TRAIN_OPTIONS
+        | _U_NET_OPTIONS
+        | {
+            "network": "Network: tiny, default or points2pix.",
+            "colours": "One colour for the image, whatever the shape, or one for each pixel.",
+        },
+    ),
+    "fused-net": (
+        "Train splat-net that also sees meshes; write weights in colour and in grey.",
+        TRAIN_OPTIONS
+        | _U_NET_OPTIONS
+        | {
+            "network": "Network: tiny, default or large, as of splat-net.",
+            "meshes": OptionSpec(
+                "Methods whose meshes it sees, comma-separated: denoised-wrap, occupancy-net.",
+                convert=lambda text: names(text) or (),
+                default="denoised-wrap,occupancy-net",
+            ),
+            "start": replace(_START, help=f"Splat-net's weights. {_START.help}"),
+            "steps": "Steps in total, with those done before a resume; 0: only compute the meshes.",
+        },
+    ),
+    "occupancy-net": (
+        "Train the occupancy network on labelled places; the shapes have to be closed.",
+        TRAIN_OPTIONS | _COOLED_OPTIONS,
+    ),
+    "decoder": (
+        "Train a decoder from codes to clouds, for the suite latent.",
+        {
+            "weights": OptionSpec(
+                "Weights of the encoder: a bundled name, or a file. The decoder is written beside "
+                "it.",
+                convert=expand_file,
+            )
+        }
+        | {
+            name: spec
+            for name, spec in TRAIN_OPTIONS.items()
+            if name not in ("dataset", "classes", "augment")
+        },
+    ),
+}
 
 
-@app.command("occupancy-net")
-@options_from_dataclass(
-    OccupancyNetOptions,
-    TRAIN_OPTIONS | _COOLED_OPTIONS,
-)
-def _occupancy_net_command(options: OccupancyNetOptions) -> None:
-    """Train the occupancy network on labelled places; the shapes have to be closed."""
-    from bench.training.networks import train_occupancy_net
+def _add_command(name: str, summary: str, specs: dict[str, str | OptionSpec]) -> None:
+    def run(options: Any) -> None:
+        from bench.training.networks import train
 
-    print_once(train_occupancy_net(options))
+        print_once(train(name, options))
+
+    run.__doc__ = summary
+    app.command(name)(options_from_dataclass(OPTIONS[name], specs)(run))
 
 
-@app.command("decoder")
-@options_from_dataclass(
-    DecoderOptions,
-    {
-        "weights": OptionSpec(
-            "Weights of the encoder: a bundled name, or a file. The decoder is written beside it.",
-            convert=expand_file,
-        )
-    }
-    | TRAIN_OPTIONS,
-    leave_out=("dataset", "classes", "augment"),
-)
-def _decoder_command(options: DecoderOptions) -> None:
-    """Train a decoder from codes to clouds, for the suite latent."""
-    from bench.training.networks import train_decoder
-
-    print_once(train_decoder(options))
+for _name, (_summary, _specs) in TRAININGS.items():
+    _add_command(_name, _summary, _specs)
 
 
 @app.command("views")

@@ -5,16 +5,18 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
 from bench.judges.answers import ELEVATION_UNIT_DEG
-from learning.processes import ONE, Processes, is_first
+from learning.configuration import DEFAULT_CADENCE, Cadence
+from learning.processes import connect, is_first
 from learning.progress import training_progress
-from learning.trainer import NetworkTrainer
-from learning.training_loop import DEFAULT_CADENCE, Cadence, run
+from learning.trainer import CPU, NetworkTrainer
+from learning.training_loop import run
 
 
 @dataclass(frozen=True)
@@ -36,8 +38,9 @@ class CosineTrainer(NetworkTrainer):
     kept = ("order", "steps_done")
     config: JudgeConfig
 
-    def __init__(self, config: JudgeConfig, team: Processes = ONE) -> None:
-        super().__init__(config, torch.device("cpu"), team)
+    def __init__(self, learned: Any, config: JudgeConfig, batch: int) -> None:
+        super().__init__(learned, config, CPU, connect(CPU))
+        self.batch = batch
         self.order = torch.empty(0, dtype=torch.long)
 
     def independent_steps(self, steps: int) -> int:
@@ -52,13 +55,13 @@ class CosineTrainer(NetworkTrainer):
         """Return the learning rate of the step after `done` steps."""
         return self.peak * (1 + math.cos(math.pi * done / self.config.steps)) / 2
 
-    def train(self, data_hash: str, folder: Path) -> None:
+    def train(self, folder: Path) -> None:
         """Take all steps, of which a training in `folder` may have taken some.
 
         Raises as `learning.training_loop.run`.
         """
         with training_progress(self.kind, quiet=not is_first()) as show:
-            run(self, self.config, data_hash, folder, show, self.processes)
+            run(self, folder, show)
 
 
 def view_answers(

@@ -30,9 +30,8 @@ from data_prep.datasets.training_set import training_set
 from data_prep.failures import BadInput
 from data_prep.files.atomic_write import write_whole
 from learning import checkpoint
-from learning.processes import ONE, Processes, connect, is_first
-from learning.trainer import Part
-from learning.training_loop import denormals_flushed, hash_arrays, seeded
+from learning.processes import is_first
+from learning.training_loop import denormals_flushed, seeded
 
 OBJECTS = 48  # a batch is two images of each
 LEARNING_RATE = 2e-3
@@ -113,11 +112,10 @@ def train_judge(
             f"--objects {objects} --views {views} --steps {steps}: "
             f"give at least {sizes.batch} objects, 2 views and 1 step"
         )
-    team = connect(torch.device("cpu"))
     data = judge_data("train", objects, views)
     validation = judge_data("validation", *sizes.validation)
-    trainer = _JudgeTrainer(data, validation, JudgeConfig(steps, seed), team, sizes.batch)
-    trainer.train(hash_arrays(*vars(data).values()), folder)
+    trainer = JudgeTrainer(data, JudgeConfig(steps, seed), validation, sizes.batch)
+    trainer.train(folder)
     if is_first():
         write_whole(out, save(trainer.best))
     network = JudgeNetwork()
@@ -133,24 +131,24 @@ def train_judge(
     }
 
 
-class _JudgeTrainer(CosineTrainer):
+class JudgeTrainer(CosineTrainer):
     """The state that a step changes, and the weights whose validation was best so far."""
 
     kind = "judge"
     peak = LEARNING_RATE
+    parts = ("network", "shape", "optimizer", "random")
     kept = ("best_merit", "order", "steps_done")
 
     def __init__(
         self,
         data: JudgeData,
-        validation: JudgeData,
         config: JudgeConfig,
-        team: Processes = ONE,
+        validation: JudgeData,
         objects: int = OBJECTS,
         score: Callable[[JudgeNetwork, JudgeData], JudgeScores] | None = None,
     ) -> None:
-        super().__init__(config, team)
-        self.validation, self.objects, self.batch = validation, objects, 2 * objects
+        super().__init__(data, config, batch=2 * objects)
+        self.validation, self.objects = validation, objects
         self.score = score or _score_judge
         # `shape` is an aid to the training only
         self.network, self.shape = seeded(
@@ -165,28 +163,24 @@ class _JudgeTrainer(CosineTrainer):
         self.best = _compact(self.network)
         self.best_merit = torch.tensor(_WORST_MERIT, dtype=torch.float64)
 
-    def parts(self) -> dict[str, Part]:
-        return {
-            "network": self.network,
-            "shape": self.shape,
-            "optimizer": self.optimizer,
-            "random": self.random,
-        }
-
     def state(self) -> dict[str, Tensor]:
+        """Return the state with the best weights."""
         return super().state() | {f"best.{name}": value for name, value in self.best.items()}
 
     def restore(self, state: Mapping[str, Tensor]) -> None:
+        """Restore what `state` has returned."""
         super().restore(state)
         self.best = checkpoint.sub_state(state, "best")
 
     def learning_rates(self, steps: int) -> str:
+        """Return the whole schedule in words."""
         return f"{super().learning_rates(steps)}, rising over the first {self._warm_up()}"
 
     def _warm_up(self) -> int:
         return max(1, round(WARM_UP * self.config.steps))
 
     def rate(self, done: int) -> float:
+        """Return the learning rate of the step after `done` steps."""
         return min(self.peak * ((done + 1) / self._warm_up()), super().rate(done))
 
     def take_step(self) -> dict[str, Tensor]:

@@ -6,36 +6,28 @@ Each goes on with the training that is in its folder.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 import torch
 
-from baselines.fused_net import train as fused_net
+from baselines.fused_net.config import FusedNetConfig
 from baselines.fused_net.data import FOLDER, fused_set, occupancy_weights
-from baselines.fused_net.weights import KIND as FUSED_NET
+from baselines.fused_net.train import FusedNetTrainer
 from baselines.fused_net.weights import check_meshes
-from baselines.occupancy_net import train as occupancy_net
 from baselines.occupancy_net import weights as occupancy_net_weights
-from baselines.splat_net import train as splat_net
+from baselines.occupancy_net.config import OccupancyNetConfig
+from baselines.occupancy_net.train import OccupancyNetTrainer
 from baselines.splat_net import weights as splat_net_weights
+from baselines.splat_net.config import SplatNetConfig
 from baselines.splat_net.losses import OBJECTIVES, FeatureMaps
 from baselines.splat_net.network import COLOUR_HEADS, NETWORKS, Material, NetworkConfig
 from baselines.splat_net.start import grey_beside, read_start
+from baselines.splat_net.train import SplatNetTrainer
 from bench.metrics.inception_weights import WeightsUnavailable
 from bench.training import efficientnet
-from bench.training.options import (
-    DEFAULT_OBJECTS,
-    AutoencoderOptions,
-    DecoderOptions,
-    FusedNetOptions,
-    GanOptions,
-    OccupancyNetOptions,
-    SplatNetOptions,
-    TrainingOptions,
-)
+from bench.training.options import DEFAULT_OBJECTS
 from data_prep.datasets.occupancy_set import occupancy_set
 from data_prep.datasets.registry import ProceduralObject, SceneObject, open_dataset
 from data_prep.datasets.training_set import (
@@ -46,94 +38,71 @@ from data_prep.datasets.training_set import (
 )
 from data_prep.failures import BadInput
 from data_prep.progress import progress
+from learning import training_loop
 from learning.processes import is_first
 from learning.progress import training_progress
-from learning.training_loop import OnProgress
-from pc2pix import train_autoencoder as autoencoder
-from pc2pix import train_decoder as decoder
-from pc2pix import train_gan as gan
+from learning.trainer import NetworkTrainer
 from pc2pix.model import LITE, PAPER
+from pc2pix.train_autoencoder import AutoencoderTrainer, load_encoder
+from pc2pix.train_decoder import DecoderTrainer
+from pc2pix.train_gan import GanTrainer
+from pc2pix.training_configs import AutoencoderConfig, DecoderConfig, GanConfig
+from pc2pix.training_data import AutoencoderData, GanData
 from pc2pix.weights import decoder_path, export, export_decoder, load_weights
 
 Config = TypeVar("Config")
 
 
-def train_autoencoder(options: AutoencoderOptions) -> Path:
-    """Train the point-cloud autoencoder; return its checkpoint."""
-    _set_threads(options)
+def train(name: str, options: Any) -> Path:
+    """Train a network with options of `bench.training.options.OPTIONS`; return its file.
+
+    That is the file of exported weights; of the autoencoder it is the checkpoint, and of a decoder
+    it stands beside the weights that it belongs to. Beside those of splat-net and fused-net in
+    colour stand those in grey; fused-net with no steps returns the folder of its maps.
+    """
+    if options.threads is not None:
+        torch.set_num_threads(options.threads)
+    return _TRAININGS[name](options)
+
+
+def _autoencoder(options: Any) -> Path:
+    sizes = {"encoder": options.encoder, "latent_dim": options.latent_dim}
+    model = replace({"lite": LITE, "paper": PAPER}[options.width], **sizes)
     clouds = training_clouds(training_objects(options), quiet=not is_first())
-    model = replace(
-        {"lite": LITE, "paper": PAPER}[options.width],
-        encoder=options.encoder,
-        latent_dim=options.latent_dim,
-    )
-    config = _config(autoencoder.AutoencoderConfig, options, model=model)
-    data = autoencoder.AutoencoderData(clouds)
-    with _progress("autoencoder") as show:
-        return autoencoder.train_autoencoder(
-            data, config, options.out, device=options.device, on_progress=show
-        )
+    config = _config(AutoencoderConfig, options, model=model)
+    return _train(AutoencoderTrainer, AutoencoderData(clouds), config, options)
 
 
-def train_gan(options: GanOptions) -> Path:
-    """Train the rendering GAN on a trained autoencoder; return the exported weights file."""
-    _set_threads(options)
+def _gan(options: Any) -> Path:
     start = None if options.start is None else load_weights(options.start)
     if start is None:
-        encoder = autoencoder.load_encoder(options.autoencoder)
+        encoder = load_encoder(options.autoencoder)
         model = replace(encoder.config, azimuth=options.azimuth)
     else:
         encoder, model = start.encoder, start.generator.config
-    config = _config(gan.GanConfig, options, model=model, start=start.sha256 if start else None)
+    config = _config(GanConfig, options, model=model, start=start.sha256 if start else None)
     views = training_set(training_objects(options), options.views, quiet=not is_first())
-    data = gan.GanData(views.images, views.azimuth_deg, views.elevation_deg, views.clouds)
-    with _progress("gan") as show:
-        checkpoint = gan.train_gan(
-            data,
-            encoder,
-            config,
-            options.out,
-            start=start,
-            device=options.device,
-            on_progress=show,
-        )
-    weights = options.out / "weights.safetensors"
-    if is_first():
-        export(checkpoint, weights)
-    return weights
+    learned = GanData(**vars(views)), encoder
+    checkpoint = _train(GanTrainer, learned, config, options, start=start)
+    return _exported(checkpoint, options.out / "weights.safetensors", export)
 
 
-def train_splat_net(options: SplatNetOptions) -> Path:
-    """Train splat-net; return the exported weights file, beside which `weights-grey` stands."""
-    _set_threads(options)
+def _splat_net(options: Any) -> Path:
     features = compared_features(options.objective)
     network = _find_network(options.network)
     if network.body == "splat-net":
         network = replace(network, heads=COLOUR_HEADS[options.colours])
     start = read_start(options.start, network, options.seed) if options.start else None
     config = _config(
-        splat_net.SplatNetConfig, options, network=network, start=start.sha256 if start else None
+        SplatNetConfig, options, network=network, start=start.sha256 if start else None
     )
     data = _surfaces(training_objects(options), options.views)
-    with _progress("splat-net") as show:
-        checkpoint = splat_net.train_splat_net(
-            data,
-            config,
-            options.out,
-            start=start.network if start else None,
-            features=features,
-            device=options.device,
-            on_progress=show,
-        )
-    return _export_both(checkpoint, options.out, network, splat_net_weights.KIND)
+    more = {"start": start.network if start else None, "features": features}
+    checkpoint = _train(SplatNetTrainer, data, config, options, **more)
+    return _export_both(checkpoint, options.out, network, SplatNetTrainer.kind)
 
 
-def train_fused_net(options: FusedNetOptions) -> Path:
-    """Train fused-net; return the exported weights file, beside which `weights-grey` stands.
-
-    With no steps return the folder of the maps, which a later start takes from there.
-    """
-    _set_threads(options)
+def _fused_net(options: Any) -> Path:
     check_meshes(options.meshes, "--meshes")
     features = compared_features(options.objective)
     network = _find_network(options.network)
@@ -141,7 +110,7 @@ def train_fused_net(options: FusedNetOptions) -> Path:
     network = replace(network, inputs=inputs, heads=COLOUR_HEADS["image"])
     start = read_start(options.start, network, options.seed) if options.start else None
     config = _config(
-        fused_net.FusedNetConfig,
+        FusedNetConfig,
         options,
         network=network,
         start=start.sha256 if start else None,
@@ -160,62 +129,59 @@ def train_fused_net(options: FusedNetOptions) -> Path:
         )
     if not options.steps:
         return options.out / FOLDER
-    with _progress("fused-net") as show:
-        checkpoint = fused_net.train_fused_net(
-            data,
-            config,
-            options.out,
-            start=start.network if start else None,
-            features=features,
-            device=options.device,
-            on_progress=show,
-        )
-    return _export_both(checkpoint, options.out, network, FUSED_NET)
+    more = {"start": start.network if start else None, "features": features}
+    checkpoint = _train(FusedNetTrainer, data, config, options, **more)
+    return _export_both(checkpoint, options.out, network, FusedNetTrainer.kind)
 
 
-def train_occupancy_net(options: OccupancyNetOptions) -> Path:
-    """Train occupancy-net; return the exported weights file."""
-    _set_threads(options)
+def _occupancy_net(options: Any) -> Path:
     data = occupancy_set(training_objects(options), quiet=not is_first())
-    config = _config(occupancy_net.OccupancyNetConfig, options)
-    with _progress("occupancy-net") as show:
-        checkpoint = occupancy_net.train_occupancy_net(
-            data, config, options.out, device=options.device, on_progress=show
-        )
-    weights = options.out / "weights.safetensors"
-    if is_first():
-        occupancy_net_weights.export(checkpoint, weights)
-    return weights
+    config = _config(OccupancyNetConfig, options)
+    checkpoint = _train(OccupancyNetTrainer, data, config, options)
+    return _exported(checkpoint, options.out / "weights.safetensors", occupancy_net_weights.export)
 
 
-def train_decoder(options: DecoderOptions) -> Path:
-    """Train a decoder for the encoder of `weights`; return its file, which stands beside them.
-
-    The data are the procedural train chairs. Raises BadInput where the weights cannot be used or a
-    number is not positive.
-    """
+def _decoder(options: Any) -> Path:
+    """Train on the procedural train chairs."""
     count = DEFAULT_OBJECTS if options.objects is None else options.objects
     for name, value in (("objects", count), ("steps", options.steps), ("batch", options.batch)):
         if value < 1:
             raise BadInput(f"--{name} {value}: must be at least 1")
-    _set_threads(options)
     weights = load_weights(options.weights)
     objects = tuple(ProceduralObject("chair", "train", i) for i in range(count))
-    data = autoencoder.AutoencoderData(training_clouds(objects, quiet=not is_first()))
-    config = _config(
-        decoder.DecoderConfig, options, weights=weights.sha256, model=weights.encoder.config
-    )
-    with _progress("decoder") as show:
-        checkpoint = decoder.train_decoder(
-            data, weights, config, options.out, device=options.device, on_progress=show
+    data = AutoencoderData(training_clouds(objects, quiet=not is_first()))
+    config = _config(DecoderConfig, options, weights=weights.sha256, model=weights.encoder.config)
+    checkpoint = _train(DecoderTrainer, data, config, options, weights=weights)
+    return _exported(checkpoint, decoder_path(options.weights), export_decoder)
+
+
+_TRAININGS = {
+    "autoencoder": _autoencoder,
+    "gan": _gan,
+    "splat-net": _splat_net,
+    "fused-net": _fused_net,
+    "occupancy-net": _occupancy_net,
+    "decoder": _decoder,
+}
+
+
+def _train(
+    kind: type[NetworkTrainer], learned: Any, config: Any, options: Any, **further: Any
+) -> Path:
+    """Train and return the checkpoint; show progress on stderr."""
+    with training_progress(kind.kind, quiet=not is_first()) as show:
+        return training_loop.train(
+            kind,
+            learned,
+            config,
+            options.out,
+            device=options.device,
+            on_progress=show,
+            **further,
         )
-    path = decoder_path(options.weights)
-    if is_first():
-        export_decoder(checkpoint, path)
-    return path
 
 
-def training_objects(options: TrainingOptions) -> tuple[SceneObject, ...]:
+def training_objects(options: Any) -> tuple[SceneObject, ...]:
     """Return the objects to train on, class by class. Raises BadInput where there are none."""
     dataset = open_dataset(options.dataset)
     objects = tuple(
@@ -259,6 +225,12 @@ def _surfaces(objects: Sequence[SceneObject], views: int) -> SurfaceSet:
         return add_surfaces(seen, objects, lambda: advance(0))
 
 
+def _exported(checkpoint: Path, weights: Path, write: Callable[[Path, Path], str]) -> Path:
+    if is_first():
+        write(checkpoint, weights)
+    return weights
+
+
 def _export_both(checkpoint: Path, out: Path, network: NetworkConfig, kind: str) -> Path:
     """Write the weights in colour, and in grey beside them; return the file in colour."""
     weights = out / "weights.safetensors"
@@ -269,17 +241,8 @@ def _export_both(checkpoint: Path, out: Path, network: NetworkConfig, kind: str)
     return weights
 
 
-def _config(kind: Callable[..., Config], options: TrainingOptions, **further: Any) -> Config:
+def _config(kind: Callable[..., Config], options: Any, **further: Any) -> Config:
     """Return a configuration of `further` fields and of those that it shares with the options."""
     names = {field.name for field in fields(kind)}  # type: ignore[arg-type]
     shared = {name: value for name, value in vars(options).items() if name in names}
     return kind(**shared | further)
-
-
-def _progress(title: str) -> AbstractContextManager[OnProgress]:
-    return training_progress(title, quiet=not is_first())
-
-
-def _set_threads(options: TrainingOptions) -> None:
-    if options.threads is not None:
-        torch.set_num_threads(options.threads)

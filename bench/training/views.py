@@ -23,9 +23,8 @@ from data_prep.files.atomic_write import write_whole
 from data_prep.randomness import generator
 from data_prep.shapes.catalogue import CLASSES
 from data_prep.shapes.chair.spec import BACKS, draw_chair_spec
-from learning.processes import ONE, Processes, connect, is_first
-from learning.trainer import Part
-from learning.training_loop import denormals_flushed, hash_arrays, seeded
+from learning.processes import is_first
+from learning.training_loop import denormals_flushed, seeded
 
 BATCH = 64
 LEARNING_RATE = 2e-3
@@ -93,45 +92,38 @@ def train_views(
     for name, value in (("objects", objects), ("views", views), ("epochs", epochs)):
         if value < 1:
             raise BadInput(f"--{name} {value}: must be at least 1")
-    team = connect(torch.device("cpu"))
     known = labels()
     data, answers = _labelled(known, "train", objects, views)
-    images = torch.from_numpy(data.images).flatten(0, 1)
-    config = JudgeConfig(epochs * math.ceil(len(images) / BATCH), seed)
-    trainer = _ViewsTrainer(known, images, answers, config, team, BATCH)
-    trainer.train(
-        hash_arrays(data.images, *(answer.numpy() for answer in answers.values())), folder
-    )
+    steps = epochs * math.ceil(data.images[..., 0, 0, 0].size / BATCH)
+    trainer = ViewsTrainer((data.images, answers), JudgeConfig(steps, seed), known, BATCH)
+    trainer.train(folder)
     if is_first():
         write_whole(out, to_file(trainer.network))
     return _score(trainer.network.eval(), *validation)
 
 
-class _ViewsTrainer(CosineTrainer):
-    """The state that a step changes: images [N, H, W, 3], all once in an epoch."""
+class ViewsTrainer(CosineTrainer):
+    """The state that a step changes: images uint8 [N, V, H, W, 3] and answers, once in an epoch."""
 
     kind = "views"
     peak = LEARNING_RATE
+    parts = ("network", "optimizer", "random")
 
     def __init__(
         self,
-        known: Labels,
-        images: Tensor,
-        answers: dict[str, Tensor],
+        learned: tuple[NDArray[np.uint8], dict[str, Tensor]],
         config: JudgeConfig,
-        team: Processes = ONE,
+        known: Labels,
         batch: int = BATCH,
     ) -> None:
-        super().__init__(config, team)
-        self.batch = batch
-        self.images, self.answers = images, answers
+        super().__init__(learned, config, batch)
+        images, self.answers = learned
+        self.images = torch.from_numpy(images).flatten(0, 1)
         self.network = seeded(config.seed, lambda: ViewsNetwork(known))
         self.optimizer = torch.optim.Adam(self.network.parameters(), lr=LEARNING_RATE)
 
-    def parts(self) -> dict[str, Part]:
-        return {"network": self.network, "optimizer": self.optimizer, "random": self.random}
-
     def take_step(self) -> dict[str, Tensor]:
+        """Take a step on the next images and return the loss."""
         if not len(self.order):
             self.order = torch.randperm(len(self.images), generator=self.random)
         rows, self.order = self.order[: self.batch], self.order[self.batch :]

@@ -8,11 +8,11 @@ import torch
 from torch import nn
 
 from learning import loss_log
-from learning.averaging import update
 from learning.clouds import add_noise, draw_points
 from learning.divergence import FACTOR, FIRST, WINDOW, DivergenceDetector
 from learning.image_losses import structural_similarity
 from learning.loss_log import LossLog, read_losses, write_loss_curves
+from learning.trainer import update
 
 
 def build(value):

@@ -13,9 +13,9 @@ from safetensors.torch import save_file
 
 from data_prep.failures import BadInput
 from learning import checkpoint, training_loop
+from learning.configuration import Cadence
 from learning.divergence import TrainingDiverged
-from learning.trainer import CooledTrainer
-from learning.training_loop import Cadence
+from learning.trainer import CooledTrainer, NetworkTrainer, hash_arrays
 
 CADENCE = Cadence(log=1, sheet=100, checkpoint=2)
 
@@ -32,31 +32,24 @@ class Config:
     steps: int
     part: Part = field(default_factory=Part)
     rate: float = 0.1
+    seed: int = 0
     cadence: Cadence = CADENCE
 
 
-class Counter:
+class Counter(NetworkTrainer):
     """A training whose state is how many steps it has taken."""
 
     kind = "counter"
     batch = 1
+    parts = ("random",)
 
-    def __init__(self, losses=None):
-        self.count = torch.zeros((), dtype=torch.int64)
+    def __init__(self, config, losses=None, data=0):
+        super().__init__(np.array(data), config)
         self.losses = losses or {}
 
     def take_step(self):
-        self.count += 1
-        return {"loss": torch.tensor(self.losses.get(int(self.count), 1.0))}
-
-    def state(self):
-        return {"count": self.count.clone(), training_loop.RANDOM: torch.Generator().get_state()}
-
-    def restore(self, state):
-        self.count = state["count"].clone()
-
-    def independent_steps(self, steps) -> int | None:
-        return None
+        self.steps_done += 1
+        return {"loss": torch.tensor(self.losses.get(int(self.steps_done), 1.0))}
 
     def learning_rates(self, steps):
         return "none"
@@ -66,33 +59,27 @@ class Counter:
 
 
 class Annealed(Counter):
-    """A training whose state is the sum of its rates, which fall over the last three steps."""
+    """A training whose state has the sum of its rates, which fall over the last three steps."""
+
+    kept = ("steps_done", "total")
 
     def __init__(self, config):
-        super().__init__()
-        self.config = config
+        super().__init__(config)
         self.total = torch.zeros((), dtype=torch.float64)
 
     def take_step(self):
-        self.total += min(1.0, (self.config.steps - int(self.count)) / 3)
+        self.total += min(1.0, (self.config.steps - int(self.steps_done)) / 3)
         super().take_step()
         return {"loss": self.total.clone()}
-
-    def state(self):
-        return super().state() | {"total": self.total.clone()}
-
-    def restore(self, state):
-        super().restore(state)
-        self.total = state["total"].clone()
 
     def independent_steps(self, steps):
         return max(0, steps - 3)
 
 
-def start(out_dir, config, trainer=None, data="data"):
-    trainer = trainer or Counter()
+def start(out_dir, config, trainer=None, **more):
+    trainer = trainer or Counter(config, **more)
     reports = []
-    path = training_loop.run(trainer, config, data, out_dir, reports.append)
+    path = training_loop.run(trainer, out_dir, reports.append)
     return [report.step for report in reports], checkpoint.load(path, "counter")
 
 
@@ -100,7 +87,7 @@ def test_a_run_goes_on_where_it_was_and_is_not_given_for_a_shorter_one(tmp_path)
     """The configuration has tuples, which JSON gives back as lists."""
     assert start(tmp_path, Config(steps=3))[0] == [1, 2, 3]
     steps, (state, step, _) = start(tmp_path, Config(steps=5))
-    assert (steps, step, int(state["count"])) == ([4, 5], 5, 5)
+    assert (steps, step, int(state["steps_done"])) == ([4, 5], 5, 5)
     assert start(tmp_path, Config(steps=6, cadence=Cadence(1, 9, 9)))[0] == [6]
     with pytest.raises(BadInput, match=r"has 6 steps already, and 4 are asked for; give --steps 6"):
         start(tmp_path, Config(steps=4))
@@ -134,7 +121,7 @@ def test_a_run_of_another_length_is_one_of_that_length_from_the_beginning(
 
     config = Config(steps=8, cadence=Cadence(log=1, sheet=100, checkpoint=1))
     with contextlib.suppress(Stopped):
-        training_loop.run(Annealed(config), config, "data", cut, stop)
+        training_loop.run(Annealed(config), cut, stop)
     if length < 8 and stopped > length - 3:
         before = (cut / checkpoint.FILE_NAME).read_bytes()
         message = (
@@ -190,9 +177,9 @@ def test_a_checkpoint_whose_header_is_damaged(tmp_path, changes):
 @pytest.mark.parametrize(
     ("config", "data", "message"),
     [
-        (Config(steps=5, part=Part(widths=(1, 3))), "data", r"part = .*\[1, 2\].*\[1, 3\]"),
-        (Config(steps=5, rate=0.2), "data", r"rate = 0\.1, asked for 0\.2; use the same value or"),
-        (Config(steps=5), "others", "data = 'data', asked for 'others'"),
+        (Config(steps=5, part=Part(widths=(1, 3))), 0, r"part = .*\[1, 2\].*\[1, 3\]"),
+        (Config(steps=5, rate=0.2), 0, r"rate = 0\.1, asked for 0\.2; use the same value or"),
+        (Config(steps=5), 1, "data = '[0-9a-f]{64}', asked for '[0-9a-f]{64}'"),
     ],
 )
 def test_another_run_is_not_continued(tmp_path, config, data, message):
@@ -218,20 +205,21 @@ def test_losses_are_read_when_they_are_logged_or_a_checkpoint_is_written(
 ):
     """The step that is named is the one that was wrong, and nothing after it is saved."""
     value = math.inf if cadence.log > 1 else math.nan
-    trainer = Counter({4: value})
+    config = Config(steps=9, cadence=cadence)
+    trainer = Counter(config, {4: value})
     with pytest.raises(TrainingDiverged, match=f"^step 4: loss is {value}; {good}"):
-        start(tmp_path, Config(steps=9, cadence=cadence), trainer)
-    assert trainer.count == stopped
+        start(tmp_path, config, trainer)
+    assert trainer.steps_done == stopped
     path = tmp_path / checkpoint.FILE_NAME
     assert not path.exists() or checkpoint.load(path, "counter")[1] == 3
 
 
 def test_an_explosion_stops_a_resumed_training(tmp_path):
     losses = dict.fromkeys(range(25, 41), 1e4)
-    start(tmp_path, Config(steps=22), Counter(losses))
+    start(tmp_path, Config(steps=22), losses=losses)
     message = r"step 25: loss is 1e\+04, 10000 times what it was; last good checkpoint: step 24,"
     with pytest.raises(TrainingDiverged, match=message):
-        start(tmp_path, Config(steps=40), Counter(losses))
+        start(tmp_path, Config(steps=40), losses=losses)
     assert math.isfinite(float((tmp_path / "losses.csv").read_text().split(",")[-1]))
 
 
@@ -246,12 +234,12 @@ def test_seeding_leaves_the_global_generator_alone():
 
 def test_fingerprints_of_data():
     a = np.arange(6, dtype=np.float32)
-    known = training_loop.hash_arrays(a, a)
-    assert training_loop.hash_arrays(a.copy(), a) == known
+    known = hash_arrays(a, a)
+    assert hash_arrays(a.copy(), a) == known
     different = [(a,), (a, a, a), (a, a + 1), (a.reshape(2, 3), a), (a.astype(np.int32), a)]
-    assert len({known, *(training_loop.hash_arrays(*d) for d in different)}) == 6
+    assert len({known, *(hash_arrays(*d) for d in different)}) == 6
     wide = np.arange(12, dtype=np.float32)[::2]
-    assert training_loop.hash_arrays(wide) == training_loop.hash_arrays(wide.copy())
+    assert hash_arrays(wide) == hash_arrays(wide.copy())
 
 
 @dataclass(frozen=True)
@@ -266,13 +254,13 @@ class Cooled:
 
 def test_the_rate_falls_in_equal_steps_and_the_last_step_has_one():
     """Of 4 steps of cooling down the first has the whole rate, the last a quarter: none has 0."""
-    trainer = CooledTrainer(Cooled(steps=8, cool_down=4), torch.device("cpu"))
+    trainer = CooledTrainer(None, Cooled(steps=8, cool_down=4))
     rates = [trainer.rate(done) for done in range(8)]
     assert rates == pytest.approx([0.8] * 5 + [0.6, 0.4, 0.2])
     assert trainer.learning_rates(8) == "0.8 up to step 5, then falling linearly to 0.2 at step 8"
     assert trainer.learning_rates(5) == "0.8"
-    short = CooledTrainer(Cooled(steps=2, cool_down=4), torch.device("cpu"))
+    short = CooledTrainer(None, Cooled(steps=2, cool_down=4))
     expected = "falling linearly from 0.4 at step 1 to 0.2 at step 2"
     assert short.learning_rates(2) == expected
-    constant = CooledTrainer(Cooled(steps=3, cool_down=0), torch.device("cpu"))
+    constant = CooledTrainer(None, Cooled(steps=3, cool_down=0))
     assert [constant.rate(done) for done in range(3)] == [0.8] * 3

@@ -7,7 +7,8 @@ import functools
 import os
 import shutil
 import tempfile
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,28 +17,35 @@ import numpy as np
 import torch
 
 from baselines.fused_net import weights as fused_net
+from baselines.fused_net.config import FusedNetConfig
 from baselines.fused_net.data import FusedSet
-from baselines.fused_net.train import FusedNetConfig, train_fused_net
+from baselines.fused_net.train import FusedNetTrainer
 from baselines.occupancy_net import weights as occupancy_net
+from baselines.occupancy_net.config import OccupancyNetConfig
 from baselines.occupancy_net.network import OccupancyConfig
-from baselines.occupancy_net.train import OccupancyNetConfig, train_occupancy_net
+from baselines.occupancy_net.train import OccupancyNetTrainer
 from baselines.splat_net import weights as splat_net
+from baselines.splat_net.config import SplatNetConfig
 from baselines.splat_net.network import NetworkConfig
-from baselines.splat_net.train import SplatNetConfig, train_splat_net
+from baselines.splat_net.train import SplatNetTrainer
 from bench.judges.judge import JudgeNetwork, load_judge_network
 from bench.judges.views import Labels, ViewsNetwork, load_views_network, to_file
-from bench.training import judge as train_judge
-from bench.training import views as train_views
+from bench.training.classifier import CosineTrainer, JudgeConfig
+from bench.training.judge import JudgeData, JudgeTrainer
+from bench.training.views import NO_LABEL, ViewsTrainer
 from data_prep.datasets.occupancy_set import OccupancySet
 from data_prep.datasets.training_set import SurfaceSet, TrainingSet
 from learning import checkpoint, training_loop
-from learning.training_loop import Cadence, seeded
+from learning.configuration import Cadence
+from learning.trainer import NetworkTrainer
+from learning.training_loop import seeded
 from learning.weights import write_atomically
 from pc2pix import weights as pc2pix
 from pc2pix.model import ModelConfig, build_encoder
-from pc2pix.train_autoencoder import AutoencoderConfig, train_autoencoder
-from pc2pix.train_decoder import DecoderConfig, train_decoder
-from pc2pix.train_gan import GanConfig, train_gan
+from pc2pix.train_autoencoder import AutoencoderTrainer
+from pc2pix.train_decoder import DecoderTrainer
+from pc2pix.train_gan import GanTrainer
+from pc2pix.training_configs import AutoencoderConfig, DecoderConfig, GanConfig
 from pc2pix.training_data import AutoencoderData, GanData
 
 CADENCE = Cadence(log=1, sheet=4, checkpoint=2)
@@ -71,34 +79,26 @@ def make_surfaces(objects=3, views=2):
     return SurfaceSet(make_set(objects, views), coverage, grey)
 
 
-def start_autoencoder(out_dir, on_progress, **changes):
-    config = AutoencoderConfig(**{"model": TINY, "batch": 2, "cadence": CADENCE} | changes)
-    data = AutoencoderData(make_clouds(points=2100))
-    return train_autoencoder(data, config, out_dir, on_progress=on_progress)
+def autoencoder_parts(_):
+    return AutoencoderData(make_clouds(points=2100)), {"model": TINY, "batch": 2}, {}
 
 
-def start_gan(out_dir, on_progress, **changes):
-    config = GanConfig(**{"model": TINY, "batch": 2, "cadence": CADENCE} | changes)
+def gan_parts(_, model=TINY):
     seen = make_set()
     data = GanData(seen.images, seen.azimuth_deg, seen.elevation_deg, seen.clouds)
-    encoder = seeded(0, lambda: build_encoder(config.model))
-    return train_gan(data, encoder, config, out_dir, on_progress=on_progress)
+    return (data, seeded(0, lambda: build_encoder(model))), {"model": model, "batch": 2}, {}
 
 
-def start_decoder(out_dir, on_progress, **changes):
+def decoder_parts(out_dir):
     path = out_dir.with_suffix(".safetensors")
     path.write_bytes(whole("pc2pix"))
     weights = pc2pix.load_weights(path)
-    defaults = {"weights": weights.sha256, "model": TINY, "batch": 2, "cadence": CADENCE}
-    data = AutoencoderData(make_clouds(points=2100))
-    config = DecoderConfig(**defaults | changes)
-    return train_decoder(data, weights, config, out_dir, on_progress=on_progress)
+    fields = {"weights": weights.sha256, "model": TINY, "batch": 2}
+    return AutoencoderData(make_clouds(points=2100)), fields, {"weights": weights}
 
 
-def start_splat_net(out_dir, on_progress, **changes):
-    defaults = {"network": SMALL, "batch": 4, "cool_down": 2, "cadence": CADENCE}
-    config = SplatNetConfig(**defaults | changes)
-    return train_splat_net(make_surfaces(), config, out_dir, on_progress=on_progress)
+def splat_net_parts(_):
+    return make_surfaces(), {"network": SMALL, "batch": 4, "cool_down": 2}, {}
 
 
 def make_fused(objects=3, views=2):
@@ -110,10 +110,8 @@ def make_fused(objects=3, views=2):
     return FusedSet(make_surfaces(objects, views), counts, noise, maps)
 
 
-def start_fused_net(out_dir, on_progress, **changes):
-    defaults = {"network": SMALL_FUSED, "batch": 4, "cool_down": 2, "cadence": CADENCE}
-    config = FusedNetConfig(**defaults | changes)
-    return train_fused_net(make_fused(), config, out_dir, on_progress=on_progress)
+def fused_net_parts(_):
+    return make_fused(), {"network": SMALL_FUSED, "batch": 4, "cool_down": 2}, {}
 
 
 def make_occupancy(objects=3, queries=60):
@@ -122,68 +120,79 @@ def make_occupancy(objects=3, queries=60):
     return OccupancySet(make_clouds(objects), places, places[..., 0] > 0)
 
 
-def start_occupancy_net(out_dir, on_progress, **changes):
-    defaults = {"network": SMALL_OCCUPANCY, "batch": 2, "cool_down": 2, "cadence": CADENCE}
-    config = OccupancyNetConfig(**defaults | changes)
-    return train_occupancy_net(make_occupancy(), config, out_dir, on_progress=on_progress)
+def occupancy_net_parts(_):
+    return make_occupancy(), {"network": SMALL_OCCUPANCY, "batch": 2, "cool_down": 2}, {}
 
 
-def start_judge(out_dir, on_progress, **changes):
-    config = train_judge.JudgeConfig(**{"seed": 0, "cadence": CADENCE} | changes)
+def judge_parts(_):
     rng = np.random.default_rng(3)
     painted, neutral = rng.integers(0, 256, (2, 4, 2, 128, 128), dtype=np.uint8)
     angles = rng.uniform(-40, 40, (2, 4, 2))
-    data = train_judge.JudgeData(painted, neutral, *angles, make_clouds(4))
-    with training_loop.denormals_flushed():
-        trainer = train_judge._JudgeTrainer(data, data, config, objects=3)
-        return training_loop.run(trainer, config, "data", out_dir, on_progress)
+    data = JudgeData(painted, neutral, *angles, make_clouds(4))
+    return data, {"seed": 0}, {"validation": data, "objects": 3}
 
 
-def start_views(out_dir, on_progress, **changes):
-    config = train_views.JudgeConfig(**{"seed": 0, "cadence": CADENCE} | changes)
+def views_parts(_):
     labels = Labels(("lamp", "car"), ("lamp/desk", "car/van"), ("ladder",))
-    images = torch.from_numpy(make_set(objects=5).images).flatten(0, 1)
     answers = {name: torch.arange(10) % 2 for name in ("class", "family")}
-    answers |= {"back": torch.full((10,), train_views.NO_LABEL), "view": torch.zeros(10, 3)}
-    with training_loop.denormals_flushed():
-        # an epoch is of two batches and a half
-        trainer = train_views._ViewsTrainer(labels, images, answers, config, batch=4)
-        return training_loop.run(trainer, config, "data", out_dir, on_progress)
+    answers |= {"back": torch.full((10,), NO_LABEL), "view": torch.zeros(10, 3)}
+    learned = make_set(objects=5).images, answers
+    return learned, {"seed": 0}, {"known": labels, "batch": 4}  # an epoch is of two and a half
 
 
 @dataclass(frozen=True)
 class Training:
-    """A small training: `start` goes on where one has been in the folder.
+    """A small training: it goes on where one has been in the folder.
 
+    parts    of a folder: what is learned from, fields of the configuration, further arguments
     sheet    size of its image in pixels; None where it has none
     lengthens  whether one of more steps begins in the same way
     """
 
-    start: Any
-    kind: str
-    changes: dict[str, Any]
+    trainer: type[NetworkTrainer]
+    config: type[Any]
+    parts: Callable[[Path], tuple[Any, dict[str, Any], dict[str, Any]]]
+    changes: dict[str, Any] = field(default_factory=dict)
     sheet: tuple[int, int] | None = (3 * 128, 2 * 128)
     lengthens: bool = True
 
+    @property
+    def kind(self):
+        return self.trainer.kind
+
     def __call__(self, out_dir, steps, on_progress=lambda report: None, **changes):
-        return self.start(out_dir, on_progress, steps=steps, **self.changes | changes)
+        learned, fields, further = self.parts(out_dir)
+        stated = {"steps": steps, "cadence": CADENCE} | fields | self.changes | changes
+        config = self.config(**stated)
+        if issubclass(self.trainer, CosineTrainer):  # which knows its device
+            with training_loop.denormals_flushed():
+                return training_loop.run(
+                    self.trainer(learned, config, **further), out_dir, on_progress
+                )
+        return training_loop.train(
+            self.trainer, learned, config, out_dir, on_progress=on_progress, **further
+        )
 
 
 TRAININGS = {
-    "autoencoder": Training(start_autoencoder, "autoencoder", {}),
-    "gan": Training(start_gan, "gan", {"augment": True}),
+    "autoencoder": Training(AutoencoderTrainer, AutoencoderConfig, autoencoder_parts),
+    "gan": Training(GanTrainer, GanConfig, gan_parts, {"augment": True}),
     "gan-paired": Training(
-        start_gan, "gan", {"model": PAIRED, "objective": "paired", "warm_up": 1}
+        GanTrainer, GanConfig, partial(gan_parts, model=PAIRED),
+        {"objective": "paired", "warm_up": 1},
     ),
-    "decoder": Training(start_decoder, "decoder", {}),
+    "decoder": Training(DecoderTrainer, DecoderConfig, decoder_parts),
     "splat-net": Training(
-        start_splat_net, "splat-net", {"objective": "l1-patch", "warm_up": 1}, (3 * 128, 3 * 128)
+        SplatNetTrainer, SplatNetConfig, splat_net_parts, {"objective": "l1-patch", "warm_up": 1},
+        (3 * 128, 3 * 128),
     ),
-    "fused-net": Training(start_fused_net, "fused-net", {}, (2 * 128, 3 * 128)),
-    "occupancy-net": Training(start_occupancy_net, "occupancy-net", {}, (3 * 128, 2 * 128)),
-    "judge": Training(start_judge, "judge", {}, sheet=None, lengthens=False),
-    "views": Training(start_views, "views", {}, sheet=None, lengthens=False),
-}
+    "fused-net": Training(
+        FusedNetTrainer, FusedNetConfig, fused_net_parts, sheet=(2 * 128, 3 * 128)
+    ),
+    "occupancy-net": Training(OccupancyNetTrainer, OccupancyNetConfig, occupancy_net_parts),
+    "judge": Training(JudgeTrainer, JudgeConfig, judge_parts, sheet=None, lengthens=False),
+    "views": Training(ViewsTrainer, JudgeConfig, views_parts, sheet=None, lengthens=False),
+}  # fmt: skip
 
 
 @functools.cache

@@ -10,8 +10,8 @@ from pathlib import Path
 import torch
 from safetensors.torch import save_file
 
-from bench.training.networks import train_decoder
-from bench.training.options import DecoderOptions
+from bench.training.networks import train
+from bench.training.options import OPTIONS
 from learning import processes, training_loop
 from learning.training_loop import seeded
 from pc2pix.weights import export
@@ -43,7 +43,7 @@ def start_decoder(folder):
     replaced = []
     replace = os.replace
     os.replace = lambda old, new: (replaced.append(Path(new).name), replace(old, new))
-    options = DecoderOptions(
+    options = OPTIONS["decoder"](
         weights=str(folder / "weights.safetensors"),
         objects=2,
         steps=2,
@@ -51,7 +51,7 @@ def start_decoder(folder):
         threads=1,
         out=folder / "decoder",
     )
-    train_decoder(options)
+    train("decoder", options)
     os.replace = replace
     return replaced
 
@@ -60,10 +60,10 @@ def keep_states(folder):
     """Have every process write its trainer's state after each training."""
     run = training_loop.run
 
-    def run_and_keep(trainer, config, data_hash, out_dir, on_progress, team):
-        path = run(trainer, config, data_hash, out_dir, on_progress, team)
+    def run_and_keep(trainer, out_dir, on_progress):
+        path = run(trainer, out_dir, on_progress)
         plain = {key: value.detach().contiguous() for key, value in trainer.state().items()}
-        save_file(plain, folder / f"{out_dir.name}-{team.rank}.safetensors")
+        save_file(plain, folder / f"{out_dir.name}-{trainer.processes.rank}.safetensors")
         return path
 
     training_loop.run = run_and_keep

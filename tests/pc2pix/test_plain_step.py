@@ -15,7 +15,8 @@ from torch.nn.functional import binary_cross_entropy_with_logits, l1_loss
 
 from learning.training_loop import seeded
 from pc2pix.model import Encoder
-from pc2pix.train_gan import GanConfig, _GanTrainer
+from pc2pix.train_gan import GanTrainer
+from pc2pix.training_configs import GanConfig
 from tests.learning.trainings import TINY
 
 from .conftest import many_objects
@@ -44,7 +45,7 @@ def test_the_losses_and_gradients_are_those_of_a_plain_step():
     torch.manual_seed(0)
     config = GanConfig(model=TINY, batch=3, generator_lr=0.0, discriminator_lr=0.0)
     encoder = seeded(0, lambda: Encoder(TINY))
-    ours = _GanTrainer(many_objects(), encoder, config, torch.device("cpu"))
+    ours = GanTrainer((many_objects(), encoder), config)
     for module in ours.discriminator.modules():
         if hasattr(module, "u"):  # where power iteration ends
             module.u.copy_(torch.linalg.svd(module.weight.detach().flatten(1))[0][:, 0])

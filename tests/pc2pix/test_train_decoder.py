@@ -11,7 +11,8 @@ from data_prep.failures import BadInput
 from learning import checkpoint
 from pc2pix.losses import chamfer
 from pc2pix.model import Decoder
-from pc2pix.train_decoder import DecoderConfig, _DecoderTrainer
+from pc2pix.train_decoder import DecoderTrainer
+from pc2pix.training_configs import DecoderConfig
 from pc2pix.training_data import AutoencoderData
 from pc2pix.weights import (
     BUNDLED_DECODERS,
@@ -27,7 +28,7 @@ def trainer(weights):
     """Return the trainer on one cloud of exactly 2,048 points: only their order is drawn."""
     data = AutoencoderData(make_clouds(1))
     config = DecoderConfig(weights=weights.sha256, model=weights.encoder.config, batch=1)
-    return _DecoderTrainer(data, weights, config, torch.device("cpu"))
+    return DecoderTrainer(data, config, weights=weights)
 
 
 def test_the_loss_is_chamfer_of_whitened_codes_and_falls_and_the_encoder_stays(weights_file):

@@ -10,11 +10,13 @@ import torch
 
 from data_prep.failures import BadInput
 from learning import checkpoint
-from learning.training_loop import TrainingDiverged, seeded
-from pc2pix import train_autoencoder, train_gan
+from learning.divergence import TrainingDiverged
+from learning.training_loop import seeded, train
+from pc2pix import train_gan
 from pc2pix.model import Encoder, build_encoder
-from pc2pix.train_autoencoder import AutoencoderConfig
-from pc2pix.train_gan import GanConfig, _GanTrainer
+from pc2pix.train_autoencoder import AutoencoderTrainer
+from pc2pix.train_gan import GanTrainer
+from pc2pix.training_configs import AutoencoderConfig, GanConfig
 from pc2pix.training_data import AutoencoderData
 from pc2pix.weights import export, load_weights
 from tests.learning.trainings import PAIRED, TINY, TRAININGS, make_clouds
@@ -25,7 +27,7 @@ from .conftest import many_objects
 def test_non_finite_weights_are_never_saved(tmp_path):
     config = AutoencoderConfig(model=TINY, steps=1, batch=2, learning_rate=math.inf)
     with pytest.raises(TrainingDiverged, match=r"step 1: a weight is NaN.*no checkpoint yet"):
-        train_autoencoder.train_autoencoder(AutoencoderData(make_clouds(2)), config, tmp_path)
+        train(AutoencoderTrainer, AutoencoderData(make_clouds(2)), config, tmp_path)
     assert not (tmp_path / checkpoint.FILE_NAME).exists()
 
 
@@ -34,7 +36,7 @@ def test_codes_of_a_frozen_encoder_are_whitened(tmp_path):
     given = seeded(0, lambda: Encoder(TINY)).eval()
     before = copy.deepcopy(given.state_dict())
     config = GanConfig(model=TINY, steps=1, batch=2)
-    state, _, _ = checkpoint.load(train_gan.train_gan(data, given, config, tmp_path), "gan")
+    state, _, _ = checkpoint.load(train(GanTrainer, (data, given), config, tmp_path), "gan")
     assert all(torch.equal(value, before[key]) for key, value in given.state_dict().items())
     encoder = Encoder(TINY)
     encoder.load_state_dict(checkpoint.sub_state(state, "average.encoder"))
@@ -82,7 +84,7 @@ def test_few_points_and_bad_configurations_are_refused(gan_data, tmp_path):
     with pytest.raises(BadInput, match="acgan-paper, acgan-code"):
         GanConfig(objective="wgan")
     with pytest.raises(BadInput, match="same width and latent_dim"):
-        train_gan.train_gan(gan_data, Encoder(TINY), GanConfig(), tmp_path)
+        train(GanTrainer, (gan_data, Encoder(TINY)), GanConfig(), tmp_path)
     with pytest.raises(BadInput, match="warm_up 5: objective acgan-code has no reconstruction"):
         GanConfig(warm_up=5)
 
@@ -90,7 +92,7 @@ def test_few_points_and_bad_configurations_are_refused(gan_data, tmp_path):
 def paired_trainer(data, **changes):
     encoder = seeded(0, lambda: build_encoder(PAIRED))
     config = GanConfig(**{"model": PAIRED, "objective": "paired", "batch": 2} | changes)
-    return _GanTrainer(data, encoder, config, torch.device("cpu"))
+    return GanTrainer((data, encoder), config)
 
 
 def test_warming_up_leaves_the_discriminator_out_at_a_higher_rate(gan_data):
@@ -126,7 +128,7 @@ def test_paired_trains_the_encoder_and_exports_its_average(tmp_path):
 
 def started_trainer(data, start, **changes):
     config = GanConfig(model=TINY, objective="acgan-paper", batch=2, start=start.sha256, **changes)
-    return _GanTrainer(data, start.encoder, config, torch.device("cpu"), start=start)
+    return GanTrainer((data, start.encoder), config, start=start)
 
 
 def test_a_training_starts_from_weights_with_codes_whitened_anew(weights_file):

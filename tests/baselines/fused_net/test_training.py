@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import torch
 
+from baselines.fused_net.config import FusedNetConfig
 from baselines.fused_net.data import decode, mirror
-from baselines.fused_net.train import FusedNetConfig, _FusedNetTrainer
+from baselines.fused_net.train import FusedNetTrainer
 from baselines.fused_net.weights import KIND, load_weights
 from baselines.splat_net.projection import cameras, project
 from baselines.splat_net.start import read_start
@@ -23,10 +24,10 @@ from tests.learning.trainings import CADENCE, SMALL, SMALL_FUSED, TRAININGS, mak
 def build(data, network_of_start=None, **changes):
     defaults = {"network": SMALL_FUSED, "batch": 8, "cadence": CADENCE, "cool_down": 2}
     config = FusedNetConfig(**defaults | changes)
-    return _FusedNetTrainer(data, config, torch.device("cpu"), start=network_of_start)
+    return FusedNetTrainer(data, config, start=network_of_start)
 
 
-class Batches(_FusedNetTrainer):
+class Batches(FusedNetTrainer):
     """A trainer whose batches are clouds, and objects, instead of channels and truth."""
 
     def _scene(self, points, objects, views, mirrored):
@@ -36,7 +37,7 @@ class Batches(_FusedNetTrainer):
 def test_clouds_of_a_batch_have_the_same_number_of_points():
     data = make_fused(objects=6)
     data.counts[1] = 512
-    trainer = Batches(data, build(data).config, torch.device("cpu"))
+    trainer = Batches(data, build(data).config)
     seen = set()
     for _ in range(30):
         points, objects, noise = trainer._draw_batch()

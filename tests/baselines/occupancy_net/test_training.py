@@ -3,17 +3,16 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from baselines.occupancy_net.train import OccupancyNetConfig, _OccupancyTrainer
+from baselines.occupancy_net.config import OccupancyNetConfig
+from baselines.occupancy_net.train import OccupancyNetTrainer
 from data_prep.datasets.occupancy_set import OccupancySet
 from learning.clouds import MAX_NOISE, POINTS_SEEN
 from tests.learning.trainings import CADENCE, SMALL_OCCUPANCY, make_occupancy
 
-CPU = torch.device("cpu")
-
 
 def build(data, **changes):
     defaults = {"network": SMALL_OCCUPANCY, "batch": 20, "cool_down": 2, "cadence": CADENCE}
-    return _OccupancyTrainer(data, OccupancyNetConfig(**{**defaults, **changes}), CPU)
+    return OccupancyNetTrainer(data, OccupancyNetConfig(**{**defaults, **changes}))
 
 
 def test_batches_are_mirrored_together_and_degraded_as_splat_net_s():

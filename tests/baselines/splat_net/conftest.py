@@ -5,9 +5,11 @@ import pytest
 import torch
 from torch import nn
 
+from baselines.splat_net.config import SplatNetConfig
 from baselines.splat_net.network import SplatNet
-from baselines.splat_net.train import SplatNetConfig, train_splat_net
-from learning.training_loop import Cadence
+from baselines.splat_net.train import SplatNetTrainer
+from learning.configuration import Cadence
+from learning.training_loop import train
 from tests.learning.trainings import SMALL, make_surfaces
 from tests.pc2pix.networks import live_in
 
@@ -36,4 +38,4 @@ def data():
 def trained(data, tmp_path_factory):
     """The checkpoint of two steps."""
     config = SplatNetConfig(network=SMALL, steps=2, batch=4, cadence=Cadence(1, 2, 2))
-    return train_splat_net(data, config, tmp_path_factory.mktemp("trained"))
+    return train(SplatNetTrainer, data, config, tmp_path_factory.mktemp("trained"))

@@ -8,14 +8,16 @@ import numpy as np
 import pytest
 import torch
 
+from baselines.splat_net.config import SplatNetConfig
 from baselines.splat_net.network import POINTS2PIX, composite
 from baselines.splat_net.points2pix import PointNetCode, Points2Pix, build
 from baselines.splat_net.projection import Projection, cameras
 from baselines.splat_net.renderer import SplatNetRenderer
 from baselines.splat_net.surfels import find_surfels, stack
-from baselines.splat_net.train import SplatNetConfig, train_splat_net
+from baselines.splat_net.train import SplatNetTrainer
 from baselines.splat_net.weights import SplatNetWeights, export, load_weights
 from data_prep.scene import PointCloud, View
+from learning.training_loop import train
 
 VIEWS = [View(20, 10), View(-100, -5)]
 GREY_ALONE = dataclasses.replace(POINTS2PIX, heads=("grey",))
@@ -101,7 +103,7 @@ def test_other_sizes_and_precisions_are_refused(wrong):
 
 def test_it_is_trained_and_stored_like_splat_net(data, tmp_path):
     config = SplatNetConfig(network=POINTS2PIX, objective="pix2pix", steps=2, cool_down=1, batch=4)
-    path = train_splat_net(data, config, tmp_path / "run")
+    path = train(SplatNetTrainer, data, config, tmp_path / "run")
     export(path, tmp_path / "weights.safetensors", "grey")
     weights = load_weights(tmp_path / "weights.safetensors")
     assert isinstance(weights.network, Points2Pix)

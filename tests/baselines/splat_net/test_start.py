@@ -5,6 +5,7 @@ import dataclasses
 import pytest
 import torch
 
+from baselines.splat_net.config import SplatNetConfig
 from baselines.splat_net.network import (
     COLOUR_HEADS,
     DEFAULT,
@@ -14,11 +15,12 @@ from baselines.splat_net.network import (
 from baselines.splat_net.projection import ALL_INPUTS, Inputs, cameras, project
 from baselines.splat_net.start import read_start
 from baselines.splat_net.surfels import find_surfels, stack
-from baselines.splat_net.train import KIND, SplatNetConfig, train_splat_net
+from baselines.splat_net.train import KIND, SplatNetTrainer
 from baselines.splat_net.weights import BUNDLED, export, find_weights, read_file
 from data_prep.failures import BadInput
 from data_prep.scene import View
 from learning import checkpoint
+from learning.training_loop import train
 from learning.weights import file_sha256
 from tests.learning.trainings import SMALL, TRAININGS
 
@@ -74,7 +76,7 @@ def _seen(inputs: Inputs) -> torch.Tensor:
 def test_training_goes_on_from_it(data, files, tmp_path) -> None:
     start = read_start(str(files), SMALL)
     config = SplatNetConfig(network=SMALL, steps=1, cool_down=1, batch=4, start=start.sha256)
-    path = train_splat_net(data, config, tmp_path / "on", start=start.network)
+    path = train(SplatNetTrainer, data, config, tmp_path / "on", start=start.network)
     before, (after, _, trained) = start.network.state_dict(), checkpoint.load(path, KIND)
     assert trained["start"] == start.sha256
     moved = checkpoint.sub_state(after, "network")
@@ -86,7 +88,7 @@ def test_training_goes_on_from_it(data, files, tmp_path) -> None:
     assert torch.equal(moved["first.norm.running_var"], before["first.norm.running_var"])
     other = dataclasses.replace(config, start=None)
     with pytest.raises(BadInput, match=r"trained with start = .*, asked for None"):
-        train_splat_net(data, other, tmp_path / "on")
+        train(SplatNetTrainer, data, other, tmp_path / "on")
 
 
 @pytest.mark.parametrize(("heads", "known"), [("pixel", 4), ("image", 1)])

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 
+from baselines.splat_net.config import VIEWS_TOGETHER, SplatNetConfig
 from baselines.splat_net.losses import (
     COVERAGE_WEIGHT,
     GREY_WEIGHT,
@@ -18,11 +19,7 @@ from baselines.splat_net.losses import (
 from baselines.splat_net.network import COLOUR_HEADS, NetworkConfig, composite
 from baselines.splat_net.projection import cameras, project
 from baselines.splat_net.surfels import find_surfels, stack
-from baselines.splat_net.train import (
-    VIEWS_TOGETHER,
-    SplatNetConfig,
-    SplatNetTrainer,
-)
+from baselines.splat_net.train import SplatNetTrainer
 from data_prep.failures import BadInput
 from data_prep.scene import View
 from learning.clouds import MAX_NOISE, POINTS_SEEN
@@ -38,7 +35,7 @@ def configure(**changes):
 
 
 def build(data, kind=SplatNetTrainer, features=None, **changes):
-    return kind(data, configure(**changes), torch.device("cpu"), features=features)
+    return kind(data, configure(**changes), features=features)
 
 
 def test_in_the_warm_up_the_judge_learns_and_the_objective_is_l1(data):

@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import MISSING, fields
 from pathlib import Path
 
 import pytest
 import torch
 import trimesh
 
-from baselines.fused_net.train import FusedNetConfig
-from baselines.occupancy_net.train import OccupancyNetConfig
-from baselines.splat_net.train import SplatNetConfig
 from baselines.splat_net.weights import load_weights
 from bench.catalogue.methods import find_method
 from bench.commands.train import TRAIN_OPTIONS, print_once
-from bench.training import options as training_options
 from bench.training.networks import training_objects
+from bench.training.options import TrainingOptions
 from learning.weights import file_sha256
-from pc2pix.train_autoencoder import AutoencoderConfig
-from pc2pix.train_decoder import DecoderConfig
-from pc2pix.train_gan import GanConfig
 from pc2pix.weights import load_weights as load_gan_weights
 
 
@@ -44,27 +37,6 @@ def test_only_the_first_process_prints_the_file_of_a_training(capsys, monkeypatc
 
 
 @pytest.mark.parametrize(
-    ("kind", "config"),
-    [
-        (training_options.AutoencoderOptions, AutoencoderConfig),
-        (training_options.GanOptions, GanConfig),
-        (training_options.SplatNetOptions, SplatNetConfig),
-        (training_options.FusedNetOptions, FusedNetConfig),
-        (training_options.OccupancyNetOptions, OccupancyNetConfig),
-        (training_options.DecoderOptions, DecoderConfig),
-    ],
-)
-def test_defaults_are_those_of_the_configuration(kind, config):
-    """A training by its command is the training by its function."""
-    defaults = {field.name: field.default for field in fields(kind)}
-    shared = [f for f in fields(config) if f.name in defaults and f.default is not MISSING]
-    assert len(shared) >= 4
-    for field in shared:
-        if field.name not in ("network", "objects"):
-            assert defaults[field.name] == field.default, field.name
-
-
-@pytest.mark.parametrize(
     ("text", "found"), [("b", "b0 b1"), ("b,a", "b0 b1 a0 a1"), ("all", "a0 a1 b0 b1")]
 )
 def test_objects_of_each_class_are_taken(tmp_path, text, found):
@@ -72,8 +44,8 @@ def test_objects_of_each_class_are_taken(tmp_path, text, found):
         (tmp_path / place).parent.mkdir(exist_ok=True)
         (tmp_path / place).touch()
     classes = TRAIN_OPTIONS["classes"].convert(text)
-    options = training_options.TrainingOptions(
-        dataset=f"folder:{tmp_path}", classes=classes, objects=2, steps=1, out=tmp_path
+    options = TrainingOptions(
+        dataset=f"folder:{tmp_path}", classes=classes, objects=2, out=tmp_path
     )
     objects = training_objects(options)
     assert [o.class_name + o.object_id.removesuffix(".ply") for o in objects] == found.split()

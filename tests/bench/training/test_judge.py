@@ -15,7 +15,7 @@ from bench.training.judge import (
     JudgeConfig,
     JudgeScores,
     JudgeSizes,
-    _JudgeTrainer,
+    JudgeTrainer,
     augment,
     blur,
     blurred,
@@ -59,7 +59,7 @@ def test_the_best_validation_is_what_is_kept(data):
     values = [(50, 0.1), (20, 0.1), (20, 0.2), (20, 0.1), (math.nan, 0.9), (90, 0.9)]
     scores = (JudgeScores(azimuth, 0.0, share) for azimuth, share in values)
     config = JudgeConfig(steps=6, seed=0)
-    training = _JudgeTrainer(data, data, config, objects=4, score=lambda *_: next(scores))
+    training = JudgeTrainer(data, config, data, objects=4, score=lambda *_: next(scores))
     kept = []
     for _ in range(6):
         training.take_step()
@@ -70,7 +70,7 @@ def test_the_best_validation_is_what_is_kept(data):
 
 
 def test_the_rate_rises_before_it_falls(data):
-    trainer = _JudgeTrainer(data, data, JudgeConfig(steps=200, seed=0))
+    trainer = JudgeTrainer(data, JudgeConfig(steps=200, seed=0), data)
     rates = [trainer.rate(done) for done in range(200)]
     top = round(WARM_UP * 200)
     risen = LEARNING_RATE * np.arange(1, top + 1) / top

@@ -98,7 +98,8 @@ def test_a_short_training(two_classes, tmp_path, capsys, monkeypatch):
 
 
 def test_the_rates_fall_along_half_a_cosine():
-    trainer = training._ViewsTrainer(labels(), torch.zeros(1), {}, training.JudgeConfig(50, seed=0))
+    learned = np.zeros((1, 1, 1, 1, 3), np.uint8), {}
+    trainer = training.ViewsTrainer(learned, training.JudgeConfig(50, seed=0), labels())
     found = [trainer.rate(done) for done in range(50)]
     expected = training.LEARNING_RATE * (1 + np.cos(np.pi * np.arange(50) / 50)) / 2
     np.testing.assert_allclose(found, expected, rtol=1e-12)
