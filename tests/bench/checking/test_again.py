@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import bench.checking.again
 from bench.checking.again import check_again, draw_jobs
 from bench.records.job import JobName
 from bench.records.run_folder import open_folder, read_manifest, read_store
@@ -114,7 +115,10 @@ def test_what_was_altered_is_named(copied, again, name, change, line):
     assert again(copied).differing == (line,)
 
 
-def test_a_job_that_differs_ends_the_command_with_1(copied, same_machine, command):
+def test_a_job_that_differs_ends_the_command_with_1(copied, same_machine, command, monkeypatch):
+    monkeypatch.setattr(
+        bench.checking.again, "JobPool", lambda count, workers, limits: InProcess(count)
+    )
     rewrite(copied, key_of(copied, SPLAT), one_pixel)
     status, out, _ = command("check", copied, "--again", "1")
     assert status == 1

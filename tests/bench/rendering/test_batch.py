@@ -74,26 +74,6 @@ def test_clouds_that_fail_are_listed_and_the_others_drawn(command, plugins, clou
     assert {p.name for p in out.rglob("*")} == {"a.png", "more"}
 
 
-def test_several_methods_make_a_sheet_of_each_cloud(command, plugins, clouds, tmp_path):
-    """A method that fails on one is named, and is no error where another draws the cloud."""
-    out = tmp_path / "images"
-    (clouds / "more" / "a.npy").unlink()
-    np.save(clouds / "b.npy", np.eye(4, 3) * [1, 2, 1])
-    methods = "fake-several-views,fake-left-and-right"
-    status, _, err = command("render", clouds, "--method", methods, "-o", out)
-    failures = [line for line in err.splitlines() if line.startswith("bench: ")]
-    assert (status, failures) == (
-        0,
-        [
-            f"bench: {clouds}/a.ply: fake-left-and-right: weigh: 2 points left and 1 right",
-            f"bench: {clouds}/b.npy: fake-left-and-right: weigh: 3 points left and 1 right",
-        ],
-    )
-    for name in ("a.png", "b.png"):
-        with Image.open(out / name) as sheet:
-            assert sheet.size == (3 * 262 + 6, 280 + 6)
-
-
 def test_a_note_that_files_share_is_one_line(command, plugins, tmp_path):
     for name, columns in (("a.xyz", 6), ("b.xyz", 6), ("c.xyz", 4)):
         np.savetxt(tmp_path / name, np.eye(4, columns))

@@ -81,6 +81,7 @@ def test_colours_are_drawn_without_the_hint_at_a_budget_which_excludes_them(comm
     assert (status, err) == (0, f"drawn by {RECOMMENDED_IN_COLOUR}; 'bench list' has others\n")
 
 
+@pytest.mark.slow
 def test_points_in_grey_or_in_colour(points):
     grey, coloured = bench.draw_cloud(points), bench.draw_cloud(points, colour=True)
     assert (grey == grey[..., :1]).all()

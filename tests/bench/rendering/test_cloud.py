@@ -10,7 +10,7 @@ from PIL import Image, ImageSequence
 
 import bench
 import bench.rendering.cloud
-from bench.catalogue.suites import SUITES, Limits
+from bench.catalogue.suites import Limits
 from bench.commands.render import with_remedy
 from bench.rendering.cloud import CloudFile, Drawing, Failed, draw_cloud, draw_file
 from bench.rendering.sheet import LABEL_HEIGHT, MARGIN, PROBLEM_GROUND
@@ -53,16 +53,6 @@ def test_an_image_of_a_cloud(command, plugins, cloud, tmp_path):
     said = "drawn by fake-healthy; 'bench list' has others\n"
     assert done == (0, f"{tmp_path / 'cloud.png'}\n", said)
     assert message(tmp_path / "cloud.png") == [30, 20, 3, 10]
-
-
-def test_views_and_some_points_as_they_are(command, plugins, cloud, tmp_path):
-    out = tmp_path / "out.png"
-    chosen = ("--azimuth", "170", "--elevation", "90", "--as-is", "--points", "2", "-o", out)
-    assert command("render", cloud, "--method", "fake-healthy", *chosen)[0] == 0
-    points = CloudFile(cloud, as_is=True, most=2).load().points
-    radius = np.linalg.norm(points, axis=1).max()
-    assert radius >= 2  # not brought to the unit sphere
-    assert message(out) == [170, 90, 2, 10 * radius]
 
 
 def test_the_image_is_that_of_the_method_and_of_the_clouds_axes(command, tmp_path):
@@ -247,6 +237,7 @@ def test_as_is_keeps_what_float32_can_hold(tmp_path):
     ]
 
 
+@pytest.mark.slow
 def test_another_package_is_found_by_the_command_itself(cloud, tmp_path):
     """PYTHONPATH as a user has it; the method's crash is one line."""
     plugin_methods.announce(tmp_path, {"fake-segfault": "plugin_methods:fake_segfault"})
@@ -317,19 +308,6 @@ def test_a_sheet_shows_the_cloud_and_every_method(command, plugins, cloud, tmp_p
     assert [tuple(tile[0, 0]) for tile in failed] == [PROBLEM_GROUND] * 2
 
 
-def test_where_all_fail_nothing_is_written(command, plugins, cloud, tmp_path):
-    out = tmp_path / "sheet.png"
-    out.write_bytes(b"old")
-    methods = "fake-exception,fake-blank,fake-exception"
-    status, printed, err = command("render", cloud, "--method", methods, "-o", out)
-    assert (status, printed) == (1, "")
-    *_, first, second = err.splitlines()
-    assert first.startswith("bench: fake-exception: ValueError: ")
-    assert second == "bench: fake-blank: draw: 1 of 1 images are blank; 3 points are too few"
-    assert out.read_bytes() == b"old"
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["cloud.ply", "sheet.png"]
-
-
 def test_a_turntable_of_several_methods_goes_round(command, plugins, cloud, tmp_path):
     """Images of fake-round tell half the azimuth and 90; a loop does not repeat its first."""
     out = tmp_path / "turn.gif"
@@ -373,10 +351,6 @@ def test_a_method_that_fails_has_a_reason(plugins, cloud, method, reason):
     limits = Limits(8.0 if method == "fake-hang" else 120.0, 1.0)
     drawing = Drawing(method, (View(30.0, 20.0),))
     assert draw_file(CloudFile(cloud, as_is=False), drawing, limits) == Failed(reason)
-
-
-def test_the_limits_are_those_of_the_paper_suite():
-    assert SUITES[0].limits == bench.rendering.cloud.LIMITS
 
 
 def test_what_cannot_be_used_is_the_users_to_fix(refused, plugins, cloud, tmp_path):

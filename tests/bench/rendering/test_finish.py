@@ -54,15 +54,6 @@ def test_the_opacity_is_the_share_of_a_pixel_that_the_object_covers(chair):
     assert np.abs(opacity - covered)[edge].mean() < 0.1  # 0.5 were each edge opaque
 
 
-def test_light_parts_within_the_object_stay_opaque():
-    image = np.full((1, 128, 128, 3), 255, np.uint8)
-    image[0, 30:90, 30:90] = 100
-    image[0, 50:60, 50:60] = 240
-    opacity = without_background(image, 128)[0, ..., 3]
-    assert (opacity[30:90, 30:90] == 255).all()
-    assert opacity.sum() == 255 * 60 * 60
-
-
 def test_a_resized_image_keeps_its_frames_and_areas_of_one_colour():
     frames = np.full((2, 128, 128, 3), 255, np.uint8)
     frames[1, :64] = (200, 0, 10)
