@@ -31,7 +31,7 @@ COMMANDS = {  # name: module and name in it, first line of its help
     "table": ("results:table", "Make the tables of a run again, from its records."),
     "check": ("results:check", "Compare a run with golden values or itself; exit 1 if not equal."),
     "report": ("results:report", "Make an HTML page of a run, and an index over several."),
-    "compare": ("compare:compare", "Compare two runs, or two methods of one, object by object."),
+    "compare": ("results:compare", "Compare two runs, or two methods of one, object by object."),
     "recommend": ("results:recommend", "Recommend a method for a budget, or for a quality."),
     "score": ("score:score_run", "Measure a finished run with metrics of other packages."),
     "render": ("render:render_clouds", "Draw the point clouds of files."),
@@ -39,7 +39,7 @@ COMMANDS = {  # name: module and name in it, first line of its help
     "data": ("data:app", "Inspect, verify and export datasets."),
     "new": ("new:new", "Write a package to start from: a method, metric or dataset."),
     "test": ("contract:test", "Test a method, metric, dataset or condition of your own."),
-    "add": ("add:add", "Add a method to a finished run; compare it with the best there."),
+    "add": ("contract:add", "Add a method to a finished run; compare it with the best there."),
     "doctor": ("doctor:doctor", "Check that everything that a run needs is installed."),
 }
 PACKAGE = "pc2pix-bench"

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from bench.catalogue.method import ALLOWED
-from bench.commands.add import is_own, options_of
+from bench.commands.contract import is_own, options_of
 from bench.records.run_folder import write_manifest
 
 from ..builders import make_manifest

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from bench.catalogue.method import ALLOWED, allow_modules, module_method, source_sha256
-from bench.commands.add import options_of
+from bench.commands.contract import options_of
 from bench.commands.publish import merge_shards, publish, run_suite
 from bench.commands.terminal import Terminal
 from bench.records.frames import read_records
