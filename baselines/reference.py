@@ -1,17 +1,26 @@
-"""The ceiling and the floor: methods that show both ends of every metric's scale."""
+"""The ceiling and the floors: methods that show both ends of every metric's scale.
+
+`Constant` is a second floor, higher than white: the one image with the highest mean SSIM. A method
+that scores below it has not shown that it looked at the cloud. The image is fitted to the training
+set by `bench train constant` and kept as `constant.png`.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from data_prep.datasets.objects import grey
-from data_prep.failures import StageFailure
+from data_prep.failures import BadInput, StageFailure
 from data_prep.rendering.images import blank, to_float
 from data_prep.rendering.opengl import render
-from data_prep.scene import Images, Mesh, PointCloud, View
+from data_prep.scene import IMAGE_SIZE, Images, Mesh, PointCloud, View
+
+CONSTANT_IMAGE = Path(__file__).with_name("constant.png")
 
 
 @dataclass(frozen=True)
@@ -42,9 +51,11 @@ class TrueMesh:
         return to_float(render(state, views))
 
 
-@dataclass(frozen=True)
-class Blank:
-    """A method that draws white images for any cloud."""
+@dataclass(frozen=True, eq=False)
+class Constant:
+    """A method that draws `image`, uint8 [IMAGE_SIZE, IMAGE_SIZE, 3], for any cloud."""
+
+    image: NDArray[np.uint8]
 
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> None:
         """Do nothing: the image does not depend on the cloud."""
@@ -53,6 +64,34 @@ class Blank:
     def draw(
         self, state: None, views: Sequence[View], rng: np.random.Generator | None = None
     ) -> Images:
-        """Return a white image for each view."""
+        """Return the image once for each view, float32 [V, IMAGE_SIZE, IMAGE_SIZE, 3]."""
         del state, rng
-        return to_float(blank(len(views)))
+        return np.repeat(to_float(self.image)[None], len(views), axis=0)
+
+
+class Blank(Constant):
+    """A method that draws white images for any cloud."""
+
+    def __init__(self) -> None:
+        super().__init__(blank(1)[0])
+
+
+def read_image(path: Path = CONSTANT_IMAGE) -> NDArray[np.uint8]:
+    """Return the image of a PNG file, uint8 [IMAGE_SIZE, IMAGE_SIZE, 3].
+
+    Raises BadInput where there is none, or one of another size.
+    """
+    from PIL import Image
+
+    remedy = "reinstall, or make it again with 'bench train constant'"
+    try:
+        with Image.open(path) as file:
+            image = np.array(file.convert("RGB"))
+    except OSError as error:
+        raise BadInput(f"{path}: no readable image ({error}); {remedy}") from error
+    if image.shape != (IMAGE_SIZE, IMAGE_SIZE, 3):
+        height, width, _ = image.shape
+        raise BadInput(
+            f"{path}: {width} x {height}, expected {IMAGE_SIZE} x {IMAGE_SIZE}; {remedy}"
+        )
+    return image

@@ -16,7 +16,7 @@ Outline  The pixels that a disc beside the points cannot reach, likewise (an alp
          image), eroded by somewhat less, for the last points lie within the outline. Its edge is a
          pixel wide.
 
-Noisy points, by the estimate of `baselines.reconstruction.noise`, are first moved onto planes of
+Noisy points, by the estimate of `baselines.reconstruction.denoised`, are first moved onto planes of
 their neighbourhoods, and the sparsest left out. How the constants were chosen:
 docs/reconstruction-constants.md at commit d75c6426.
 """
@@ -36,9 +36,10 @@ from baselines.reconstruction.denoised import (
     LEFT_OUT,
     MOST_LEFT_OUT,
     NOISY,
+    dense_part,
+    even_sample,
+    noise_scale,
 )
-from baselines.reconstruction.noise import even_sample, noise_scale
-from baselines.reconstruction.smoothing import dense_part
 from baselines.reconstruction.stages import check_points, spacing
 from data_prep.arrays import Floats
 from data_prep.rendering.camera import CAMERA_DISTANCE, FOCAL_PX, camera_to_world, project
@@ -107,12 +108,12 @@ def _paint(state: _OrientedPoints, view: View) -> Floats:
     if not np.isfinite(depth).any():
         return np.ones(depth.shape)
     between = state.spacing * FOCAL_PX / CAMERA_DISTANCE
-    coverage = outline(np.isfinite(depth), _CLOSING * between, MARGIN * between)
-    shown = visible(depth, _COVERING * between, BEHIND * state.spacing)
+    coverage = _outline(np.isfinite(depth), _CLOSING * between, MARGIN * between)
+    shown = _visible(depth, _COVERING * between, BEHIND * state.spacing)
     # Obliquely a patch covers few pixels, and most oblique normals are wrong ones, of edges. Never
     # nothing: an image of oblique points alone has to be filled too.
     weight = np.where(shown, np.maximum(SHARE * cosine, LEAST_SHARE), 0.0)
-    filled = pull_push(NEUTRAL_GREY[0] / 255 * cosine ** (1 / GAMMA), weight)
+    filled = _pull_push(NEUTRAL_GREY[0] / 255 * cosine ** (1 / GAMMA), weight)
     return 1 - coverage + coverage * filled
 
 
@@ -142,7 +143,7 @@ def _nearest(state: _OrientedPoints, view: View) -> tuple[Floats, Floats]:
     return depths, cosines
 
 
-def outline(occupied: NDArray[np.bool_], radius: float, margin: float) -> Floats:
+def _outline(occupied: NDArray[np.bool_], radius: float, margin: float) -> Floats:
     """Return how much of each pixel [S, S] lies within the outline of the occupied ones, 0..1.
 
     The outline is `margin` beyond what a disc of `radius`, both in pixels, cannot reach.
@@ -156,7 +157,7 @@ def outline(occupied: NDArray[np.bool_], radius: float, margin: float) -> Floats
     return np.clip(depth - (radius - margin), 0.0, 1.0)
 
 
-def visible(depth: Floats, reach: float, tolerance: float) -> NDArray[np.bool_]:
+def _visible(depth: Floats, reach: float, tolerance: float) -> NDArray[np.bool_]:
     """Return where the points of a depth image [S, S] (inf: none) are not hidden by nearer ones.
 
     Hidden is a point that lies `tolerance` behind what nearer points close when they are dilated
@@ -169,7 +170,7 @@ def visible(depth: Floats, reach: float, tolerance: float) -> NDArray[np.bool_]:
     return np.isfinite(depth) & (depth <= closed[border:-border, border:-border] + tolerance)
 
 
-def pull_push(values: Floats, weights: Floats) -> Floats:
+def _pull_push(values: Floats, weights: Floats) -> Floats:
     """Return an image [S, S] that keeps values of weight 1 and fills the others from coarser ones.
 
     S is a power of two; weights are in 0..1, and one of them at least is above 0. What a weight

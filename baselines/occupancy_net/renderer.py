@@ -9,8 +9,7 @@ from torch import Tensor
 from baselines.occupancy_net.level_set import level_set, sample_grid
 from baselines.occupancy_net.network import HALF_EXTENT
 from baselines.occupancy_net.weights import OccupancyWeights
-from baselines.reconstruction.stages import DrawsReconstruction, Reconstruction
-from baselines.reconstruction.subset import used_points
+from baselines.reconstruction.stages import DrawsReconstruction, Reconstruction, used_points
 from data_prep.scene import PointCloud
 from learning.exact import exact_inference
 

@@ -18,10 +18,15 @@ import numpy as np
 
 from baselines.reconstruction.denoised import MOST_POINTS, cleaned
 from baselines.reconstruction.meshlab import MeshLab
-from baselines.reconstruction.stages import DrawsReconstruction, Reconstruction, run, spacing
-from baselines.reconstruction.subset import used_points
+from baselines.reconstruction.stages import (
+    FOOTPRINT,
+    DrawsReconstruction,
+    Reconstruction,
+    run,
+    spacing,
+    used_points,
+)
 from baselines.reconstruction.surface import NORMAL_NEIGHBOURS, reconstruction
-from baselines.reconstruction.surface_fit import FOOTPRINT
 from data_prep.arrays import Floats
 from data_prep.scene import PointCloud, Points
 

@@ -1,10 +1,36 @@
-"""The smoothing of noisy clouds before they are meshed: as much as their estimated noise asks for.
+"""Noisy clouds before they are meshed: their noise is estimated, and smoothed as it asks for.
 
 Noise below 0.55 spacings of the points that it is estimated from leaves the cloud as it is: clean
 clouds lose nothing. Above, points are projected three times onto height fields over as many
-neighbours as lie within three standard deviations of the noise
-(`baselines.reconstruction.smoothing`). Points that noise moved along the surface blur its outline:
-the sparsest are left out, a share that grows with the noise.
+neighbours as lie within three standard deviations of the noise. Points that noise moved along the
+surface blur its outline: the sparsest are left out, a share that grows with the noise.
+
+Smoothing is moving least squares by iterated projection (Alexa et al., Computing and rendering
+point set surfaces, IEEE TVCG 9(1), 2003): each point moves along the normal of its neighbourhood
+onto a height field of degree 2 over the neighbourhood's plane, fitted by weighted least squares (a
+jet: Cazals and Pouget, Estimating differential quantities using polynomial fitting of osculating
+jets, CAGD 22(2), 2005).
+
+The noise is estimated from the cloud alone. The k nearest points of each point have heights above
+their common plane, with a variance m2 and a
+kurtosis q. A thin plate of half thickness a, both sides of it sampled, with normal noise of
+standard deviation s has m2 = a^2 + s^2 and q = 3 - 2 (a^2 / m2)^2, which gives
+
+    s^2 = m2 (1 - sqrt((3 - q) / 2))
+
+so that a chair's clean back, which is a plate and no plane, does not count as noise: without noise
+q is 1, without thickness 3. q is the median over all patches, m2 a lower quantile, for rods and
+edges are no plates. Three facts about patches decide the rest:
+
+Few   Of 24 to 192 heights about their own plane, in a ball, the kurtosis of normal noise is 2.5 in
+      the median: this takes the place of 3.
+Cut   A patch is a ball of radius r and cuts the noise off. The variance of a normal distribution in
+      such a ball is an integral; `_SEEN` inverts it, as long as r is well above s.
+Size  On a curved surface the residual grows with the patch; under noise it does not. The smallest
+      of the patches (k = 24, 48, 96, 192) whose estimate is at most 0.27 of its radius is taken, or
+      the largest; under strong noise that is a large one, on a clean cloud the smallest.
+
+The patches are those of at most 2,048 points.
 
 How the constants were chosen: docs/reconstruction-constants.md at commit d75c6426.
 """
@@ -16,21 +42,30 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from baselines.reconstruction.noise import even_sample, noise_scale
-from baselines.reconstruction.smoothing import dense_part, smoothed
-from baselines.reconstruction.stages import spacing
-from baselines.reconstruction.subset import used_points
+from baselines.reconstruction.stages import check_finite, spacing, used_points
 from baselines.reconstruction.surface import NORMAL_NEIGHBOURS
+from data_prep.arrays import Floats
 from data_prep.scene import PointCloud, Points
 
 MOST_POINTS = 8192
 NOISY = 0.55  # spacings of the points that the noise is estimated from
 _PATCH = 3.0  # radius of the neighbourhood, in standard deviations of the noise
-FEWEST, MOST = 48, 256  # neighbours: six numbers are fitted to them
-ROUNDS = 3
+_FEWEST, _MOST = 48, 256  # neighbours: six numbers are fitted to them
+_ROUNDS = 3
 DENSITY_NEIGHBOURS = 24
 LEFT_OUT = 2.0  # share of the points for each unit of noise
 MOST_LEFT_OUT = 0.3
+_SHARPNESS = 2.0  # a neighbour's weight is exp(-SHARPNESS (distance / that of the farthest)^2)
+_TERMS = 6  # of a polynomial of degree 2 in two variables
+_RIDGE = 1e-9  # keeps fits defined that the points do not determine: a line, few points
+_LEAST_POINTS = 30
+_SAMPLE = 2048
+_PATCHES = (24, 48, 96, 192)
+_LARGEST_SHARE = 8  # a patch is at most this part of the cloud, or the smallest
+_WIDE = 0.27  # the estimate over the radius of a patch that is wide enough
+_FLAT = 0.3  # the quantile of the patches' variances that is taken
+_NOISE_KURTOSIS, _PLATE_KURTOSIS = 2.5, 1.0
+_PLANE_FREEDOMS = 3  # of a fitted plane: so many of the residuals are not free
 
 
 @dataclass(frozen=True)
@@ -46,14 +81,14 @@ class _Cleaned:
     notes: tuple[str, ...]
 
 
-def cleaned(cloud: PointCloud, strength: float, most: int = MOST_POINTS) -> _Cleaned:
-    """Return at most `most` points of a cloud, smoothed where they are noisy.
+def cleaned(cloud: PointCloud, strength: float) -> _Cleaned:
+    """Return at most 8,192 points of a cloud, smoothed where they are noisy.
 
     `strength` is a factor on the estimated noise; 0 smooths nothing.
 
     Raises StageFailure("input", ...) where too few are different, finite and in sight.
     """
-    points, notes = used_points(cloud, NORMAL_NEIGHBOURS + 1, most, "surfaces")
+    points, notes = used_points(cloud, NORMAL_NEIGHBOURS + 1, MOST_POINTS, "surfaces")
     estimate = noise_scale(points)
     notes = (f"noise: {estimate:.3f}", *notes)
     between = spacing(points)
@@ -62,8 +97,123 @@ def cleaned(cloud: PointCloud, strength: float, most: int = MOST_POINTS) -> _Cle
         return _Cleaned(points, 0.0, between, notes)
     exact = points.astype(np.float64)
     patches = cKDTree(exact).query_ball_point(exact, _PATCH * noise, return_length=True)
-    neighbours = int(np.clip(np.median(patches), FEWEST, MOST))
-    smooth = smoothed(exact, neighbours, ROUNDS)
+    neighbours = int(np.clip(np.median(patches), _FEWEST, _MOST))
+    smooth = smoothed(exact, neighbours, _ROUNDS)
     kept = dense_part(smooth, 1 - min(LEFT_OUT * noise, MOST_LEFT_OUT), DENSITY_NEIGHBOURS)
-    done = f"smoothed: {ROUNDS} times over {neighbours} points, {len(kept)} of {len(points)} kept"
+    done = f"smoothed: {_ROUNDS} times over {neighbours} points, {len(kept)} of {len(points)} kept"
     return _Cleaned(kept.astype(np.float32), noise, between, (*notes, done))
+
+
+def smoothed(points: Floats, neighbours: int, rounds: int) -> Floats:
+    """Return points [N, 3] projected `rounds` times onto height fields of their neighbours.
+
+    A height field is fitted to the `neighbours` nearest points.
+
+    Planes and paraboloids stay as they are, to rounding; 0 rounds change nothing. Of fewer points
+    than `neighbours` all are neighbours.
+    """
+    for _ in range(rounds):
+        points = _projected(points, min(neighbours, len(points)))
+    return points
+
+
+def _projected(points: Floats, neighbours: int) -> Floats:
+    distance, index = map(np.asarray, cKDTree(points).query(points, k=neighbours))
+    farthest = np.maximum(distance[:, -1:], np.finfo(np.float64).tiny)
+    weight = np.exp(-_SHARPNESS * (distance / farthest) ** 2)[..., None]
+    near = points[index]
+    centre = (weight * near).sum(axis=1, keepdims=True) / weight.sum(axis=1, keepdims=True)
+    offset = near - centre
+    _, axes = np.linalg.eigh(np.swapaxes(weight * offset, 1, 2) @ offset)
+    height, a, b = np.moveaxis((near - points[:, None]) @ axes, 2, 0) / farthest
+    terms = np.stack([np.ones_like(a), a, b, a * a, a * b, b * b], axis=2)
+    weighted = np.swapaxes(weight * terms, 1, 2)
+    matrix = weighted @ terms + _RIDGE * weight.sum(axis=1)[..., None] * np.eye(_TERMS)
+    fit = np.linalg.solve(matrix, weighted @ height[..., None])[:, 0]
+    return points + fit * farthest * axes[:, :, 0]
+
+
+def dense_part(points: Floats, share: float, neighbours: int) -> Floats:
+    """Return the densest `share` (0..1) of points [N, 3], in their order.
+
+    A point is the denser the nearer the point `neighbours` away is; of equally dense ones the first
+    are taken.
+    """
+    kept = round(share * len(points))
+    if kept >= len(points):
+        return points
+    distance, _ = cKDTree(points).query(points, k=[min(neighbours, len(points))])
+    return points[np.sort(np.argsort(np.ravel(distance), kind="stable")[:kept])]
+
+
+def noise_scale(points: Points) -> float:
+    """Return the standard deviation of the noise of points [N, 3] along the surface's normal, >= 0.
+
+    In the units of the points; it scales with them and does not depend on their order. Of more than
+    2,048 points every nth is taken, in the order of their coordinates; equal points count once. 0
+    for fewer than 30 different points, which say nothing about it.
+
+    Raises StageFailure("input", ...) where a point is not finite.
+    """
+    check_finite(points)
+    used = even_sample(np.unique(points, axis=0)).astype(np.float64)
+    if len(used) < _LEAST_POINTS:
+        return 0.0
+    sizes = [k for k in _PATCHES if k == _PATCHES[0] or k <= len(used) // _LARGEST_SHARE]
+    distance, index = map(np.asarray, cKDTree(used).query(used, k=sizes[-1]))
+    estimate = 0.0
+    for k in sizes:
+        estimate, share = _estimate(used[index[:, :k]], distance[:, k - 1])
+        if share <= _WIDE:
+            break
+    return estimate
+
+
+def _estimate(patches: Floats, radius: Floats) -> tuple[float, float]:
+    """Return the noise of patches [P, k, 3] of radii [P] > 0, and its share of their radius."""
+    variance, kurtosis = moments(patches)
+    spread = float(np.quantile(variance / radius**2, _FLAT))
+    seen = noise_share(float(np.median(kurtosis))) * spread
+    share = float(np.interp(np.sqrt(seen), _SEEN, _SHARES))
+    return share * float(np.median(radius)), share
+
+
+def even_sample(points: Points) -> Points:
+    """Return every nth of points [N, 3] sorted by coordinates, at most 2,048."""
+    return points[:: max(-(-len(points) // _SAMPLE), 1)]
+
+
+def moments(patches: Floats) -> tuple[Floats, Floats]:
+    """Return variance and kurtosis [P] of patches' [P, k, 3] heights above their planes.
+
+    The kurtosis is that of a plate where all heights are 0.
+    """
+    k = patches.shape[1]
+    offset = patches - patches.mean(axis=1, keepdims=True)
+    _, axes = np.linalg.eigh(np.swapaxes(offset, 1, 2) @ offset)
+    squares = (offset @ axes[:, :, :1])[:, :, 0] ** 2
+    second, fourth = squares.mean(axis=1), (squares**2).mean(axis=1)
+    kurtosis = np.full(len(patches), _PLATE_KURTOSIS)
+    np.divide(fourth, second**2, out=kurtosis, where=second**2 > 0)
+    return second * k / (k - _PLANE_FREEDOMS), kurtosis
+
+
+def noise_share(kurtosis: float) -> float:
+    """Return the share of noise in the variance of a noisy plate's heights, 0..1."""
+    below = (_NOISE_KURTOSIS - kurtosis) / (_NOISE_KURTOSIS - _PLATE_KURTOSIS)
+    return 1 - float(np.sqrt(np.clip(below, 0, 1)))
+
+
+def _cut_by_a_ball() -> tuple[Floats, Floats]:
+    """Return standard deviations of noise in a ball of radius 1: observed, and true.
+
+    In the ball the plane z has the area pi (1 - z^2).
+    """
+    shares = np.linspace(0, 1, 201)[1:]
+    z = (np.arange(1000) + 0.5) / 1000
+    weight = np.exp(-((z / shares[:, None]) ** 2) / 2) * (1 - z**2)
+    seen = np.sqrt((weight * z**2).sum(axis=1) / weight.sum(axis=1))
+    return np.append(0, seen), np.append(0, shares)
+
+
+_SEEN, _SHARES = _cut_by_a_ball()

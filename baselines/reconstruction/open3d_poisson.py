@@ -20,8 +20,8 @@ from baselines.reconstruction.stages import (
     Reconstruction,
     finite_part,
     in_grey,
+    used_points,
 )
-from baselines.reconstruction.subset import used_points
 from data_prep.failures import MissingDependency, StageFailure
 from data_prep.scene import PointCloud
 

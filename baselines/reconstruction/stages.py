@@ -1,4 +1,4 @@
-"""Checks between the stages of reconstructions, and the type of their result."""
+"""The points that reconstructions start from, checks between stages, and their result."""
 
 from __future__ import annotations
 
@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from data_prep.failures import StageFailure
+from data_prep.rendering.camera import CAMERA_DISTANCE, FOCAL_PX
 from data_prep.rendering.images import to_float
 from data_prep.rendering.mesh import draw_mesh
-from data_prep.scene import NEUTRAL_GREY, Images, Mesh, Points, View
+from data_prep.scene import NEUTRAL_GREY, Images, Mesh, PointCloud, Points, View
 
+FOOTPRINT = CAMERA_DISTANCE / FOCAL_PX  # what a pixel covers at the origin
 _SPACING_NEIGHBOURS = 16
 
 
@@ -57,6 +59,43 @@ def check_finite(points: Points) -> None:
     bad = int((~np.isfinite(points)).any(axis=1).sum())
     if bad:
         raise StageFailure("input", f"{bad} of {len(points)} points are not finite")
+
+
+def in_sight(points: Points) -> Points:
+    """Return the points [M, 3] of [N, 3] that lie nearer to the origin than the camera."""
+    return points[np.linalg.norm(points.astype(np.float64), axis=1) < CAMERA_DISTANCE]
+
+
+def used_points(
+    cloud: PointCloud, least: int, most: int, what: str
+) -> tuple[Points, tuple[str, ...]]:
+    """Return the different points [M, 3] in sight, sorted by coordinates, and notes.
+
+    The notes say which points were left out.
+
+    Points as far away as the camera or farther are out of sight. Of more than `most` points every
+    nth is taken. Neither the order of the points nor repeated ones change the result.
+
+    Raises StageFailure("input", ...) where fewer than `least`, which `what` need, are left, and
+    where a point is not finite.
+    """
+    check_points(cloud.points, least, what)
+    seen = in_sight(cloud.points)
+    different = np.unique(seen, axis=0)
+    if len(different) < least:
+        raise StageFailure(
+            "input",
+            f"{len(different)} of {len(cloud)} points are different and nearer than the camera; "
+            f"{what} need at least {least}",
+        )
+    used = different[:: -(-len(different) // most)]
+    notes = []
+    if len(seen) < len(cloud):
+        far = len(cloud) - len(seen)
+        notes.append(f"input: {far} of {len(cloud)} points left out, they lie beyond the camera")
+    if len(used) < len(different):
+        notes.append(f"input: {len(used)} of {len(different)} points used")
+    return used, tuple(notes)
 
 
 def run(stage: str, step: Callable[[], None]) -> None:

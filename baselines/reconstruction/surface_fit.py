@@ -32,7 +32,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from baselines.reconstruction.meshlab import GRID_MARGIN
-from baselines.reconstruction.stages import DrawsReconstruction, Reconstruction, check_points, run
+from baselines.reconstruction.stages import (
+    FOOTPRINT,
+    DrawsReconstruction,
+    Reconstruction,
+    check_points,
+    in_sight,
+    run,
+)
 from baselines.reconstruction.surface import (
     NORMAL_NEIGHBOURS,
     RESOLUTION,
@@ -40,10 +47,7 @@ from baselines.reconstruction.surface import (
     reconstruction,
 )
 from data_prep.failures import StageFailure
-from data_prep.rendering.camera import CAMERA_DISTANCE, FOCAL_PX
 from data_prep.scene import PointCloud, Points
-
-FOOTPRINT = CAMERA_DISTANCE / FOCAL_PX
 
 
 @dataclass(frozen=True)
@@ -84,11 +88,6 @@ class SurfaceFit(DrawsReconstruction):
         far = len(cloud) - len(near)
         note = f"input: {far} of {len(cloud)} points left out, they lie beyond the camera"
         return Reconstruction(result.mesh, ((note,) if far else ()) + result.notes)
-
-
-def in_sight(points: Points) -> Points:
-    """Return the points [M, 3] of [N, 3] that lie nearer to the origin than the camera."""
-    return points[np.linalg.norm(points.astype(np.float64), axis=1) < CAMERA_DISTANCE]
 
 
 def thinned(points: Points, side: float) -> Points:

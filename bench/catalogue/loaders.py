@@ -133,14 +133,14 @@ def renderer(class_path: str, device: str, **fields: float) -> Renderer:
 def constant(device: str) -> Renderer:
     """Return the renderer of the bundled image."""
     del device
-    from baselines.constant import Constant, read_image
+    from baselines.reference import Constant, read_image
 
     return Constant(read_image())
 
 
 def constant_identity() -> str:
     """Return the checksum of the bundled image."""
-    from baselines.constant import read_image
+    from baselines.reference import read_image
 
     # Of its pixels, not of its file, which another PNG writer may pack differently.
     return f"picture {sha256(read_image().tobytes()).hexdigest()}"

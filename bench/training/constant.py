@@ -1,4 +1,4 @@
-"""The fit of the best constant image (see `baselines.constant`): gradient ascent on SSIM."""
+"""The fit of the best constant image (see `baselines.reference`): gradient ascent on SSIM."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 from PIL import Image
 
-from baselines.constant import CONSTANT_IMAGE
+from baselines.reference import CONSTANT_IMAGE
 from bench.metrics.structural_similarity import ssim_per_image
 from data_prep.datasets.registry import ProceduralObject, Split
 from data_prep.datasets.training_set import training_set

@@ -32,7 +32,34 @@ ORDERLESS = (
     *("surface-fit", "alpha-wrap", "denoised-wrap"),
     *("splat-net@tiny", "splat", "splat-fill", "occupancy-net", "fused-net"),
 )
+# `features` of the images of a clean cloud and, for some, of a noisy one.
+VALUES: dict[str, list[tuple[float, float]]] = {
+    "surface-apss": [(0.926755, 0.014446)],
+    "surface-fit": [(0.936266, 0.012420), (0.874128, 0.017982)],
+    "surface-bpa": [(0.958528, 0.011360)],
+    "poisson": [(0.960928, 0.011426)],
+    "alpha-wrap": [(0.948896, 0.010081), (0.887121, 0.010762)],
+    "denoised-wrap": [(0.948896, 0.010081), (0.944222, 0.006308)],
+    "pc2pix": [(0.896597, 0.013476)],
+    "pc2pix@acgan": [(0.924630, 0.018089)],
+    "splat-net@chair": [(0.917226, 0.014813)],
+    "splat-net": [(0.945244, 0.008798)],
+    "splat-net@tiny": [(0.933296, 0.008535), (0.917644, 0.012620)],
+    "points2pix": [(0.931353, 0.010579)],
+    "occupancy-net": [(0.947588, 0.009339), (0.943953, 0.011252)],
+    "fused-net": [(0.944496, 0.009058), (0.942882, 0.007734)],
+    "splat": [(0.946857, 0.014528), (0.879335, 0.012321)],
+    "splat-fill": [(0.948743, 0.007210), (0.948035, 0.004531)],
+    "true-mesh": [(0.918969, 0.011765)],
+    "constant": [(0.928061, 0.000498)],
+    "blank": [(1.000000, 0.000000)],
+}
 VIEWS = [View(10, 20), View(370, 20), View(-100, -40), View(0, 90), View(30, -90)]
+
+
+def features(images: np.ndarray) -> tuple[float, float]:
+    """The mean of images, and of how much neighbours in a row differ."""
+    return float(images.mean()), float(np.abs(np.diff(images, axis=2)).mean())
 
 
 @pytest.fixture(scope="module")
@@ -63,29 +90,25 @@ def test_images_of_any_views(cloud: PointCloud, name: str) -> None:
     np.testing.assert_array_equal(cloud.points, before)
     if name in SURFACES:
         np.testing.assert_array_equal(images, to_float(draw_mesh(state.mesh, VIEWS)))
+    # `surface-apss` reads unwritten memory in a process that is no worker: see tests/upstream
+    if name not in ("true-mesh", "surface-apss"):  # the mesh behind the cloud is not looked at
+        bare = method.prepare(PointCloud(cloud.points), rng)
+        np.testing.assert_array_equal(method.draw(bare, VIEWS, rng), images)
+    # networks sum in another order on another processor; elsewhere a pixel may flip
+    assert features(images) == pytest.approx(VALUES[name][0], abs=5e-5)
 
 
-@pytest.mark.parametrize("name", [name for name in METHODS if name != "true-mesh"])
-def test_the_mesh_behind_the_cloud_is_not_looked_at(cloud: PointCloud, name: str) -> None:
-    if name == "surface-apss":
-        pytest.skip("reads unwritten memory in a process that is no worker: see tests/upstream")
-    method, rng = find_method(name).load("cpu"), np.random.default_rng(5)
-    bare = PointCloud(cloud.points)
-    known, unknown = (method.draw(method.prepare(c, rng), VIEWS[:1], rng) for c in (cloud, bare))
-    np.testing.assert_array_equal(known, unknown)
-
-
-@pytest.mark.parametrize("noise", [0.0, 0.1])
 @pytest.mark.parametrize("name", ORDERLESS)
-def test_neither_order_nor_repeated_points_matter(name: str, noise: float) -> None:
+def test_neither_order_nor_repeated_points_matter(name: str) -> None:
     rng = np.random.default_rng(0)
     points = chair_cloud(512).points
-    points = (points + rng.normal(scale=noise, size=points.shape)).astype(np.float32)
+    points = (points + rng.normal(scale=0.1, size=points.shape)).astype(np.float32)
     changed = rng.permutation(points if name == "splat" else np.repeat(points, 2, axis=0))
     method = find_method(name).load("cpu")
     states = [method.prepare(PointCloud(some), rng) for some in (points, changed)]
     images, others = (method.draw(state, VIEWS, rng) for state in states)
     np.testing.assert_array_equal(images, others)
+    assert features(images) == pytest.approx(VALUES[name][1], abs=5e-5)
     if name in SURFACES:
         first, second = states
         np.testing.assert_array_equal(first.mesh.vertices, second.mesh.vertices)
@@ -121,11 +144,13 @@ FEW = "where the camera looks, a cube each; normals need at least 11"
         ("denoised-wrap", TEN_PLACES, "input", f"10 of 50 {FEW_DIFFERENT}"),
         ("denoised-wrap", AWAY, "input", f"0 of 50 {FEW_DIFFERENT}"),
         ("denoised-wrap", np.full((50, 3), 0.3), "input", f"1 of 50 {FEW_DIFFERENT}"),
+        ("occupancy-net", np.full((5, 3), 9.0), "input", "0 of 5 points are different"),
         ("poisson", LINE, "ball-pivoting", "no faces"),
         ("poisson", np.full((50, 3), 0.3), "poisson", ""),
         ("surface-apss", np.full((50, 3), 0.3), "apss", "no faces"),
         ("surface-apss", LINE, "ball-pivoting", "no faces"),
-        ("surface-bpa", np.zeros((10, 3)), "input", "10 points"),
+        ("surface-apss", np.zeros((10, 3)), "input", "10 points; normals need at least 11"),
+        ("surface-apss", [[np.inf, 0, np.nan], *LINE], "input", "1 of 501 points are not finite"),
         ("surface-bpa", LINE, "ball-pivoting", "no faces"),
         ("surface-fit", np.zeros((10, 3)), "input", "10 points; normals need at least 11"),
         ("surface-fit", TEN_PLACES, "input", f"10 of 50 points are left {FEW}"),

@@ -1,13 +1,17 @@
 from __future__ import annotations
 
+import hashlib
+
 import numpy as np
 import pytest
+from PIL import Image
 
-from baselines.reference import Blank, TrueMesh
+from baselines.reference import Blank, Constant, TrueMesh, read_image
+from bench.catalogue.methods import find_method
 from data_prep.clouds.conditions import CONDITIONS
 from data_prep.datasets.objects import grey
-from data_prep.failures import StageFailure
-from data_prep.rendering.images import blank, to_uint8
+from data_prep.failures import BadInput, StageFailure
+from data_prep.rendering.images import to_uint8
 from data_prep.rendering.opengl import render
 from data_prep.scene import PointCloud, View
 
@@ -17,35 +21,49 @@ CLOUD = chair_cloud()
 VIEWS = [View(0, 0), View(100, -40), View(-180, 90)]
 
 
-def test_the_ceiling_is_the_ground_truth_bit_for_bit() -> None:
-    images = TrueMesh().draw(TrueMesh().prepare(CLOUD), VIEWS)
-    assert images.dtype == np.float32
-    truth = render(CLOUD.source, VIEWS)
-    assert (truth < 255).any(axis=(1, 2, 3)).all()
-    np.testing.assert_array_equal(to_uint8(images), truth)
-
-
-def test_the_ceiling_without_colour_is_the_unpainted_mesh() -> None:
-    method = TrueMesh(coloured=False)
+@pytest.mark.parametrize(
+    ("coloured", "mesh"), [(True, CLOUD.source), (False, grey(CLOUD.source))], ids=["own", "grey"]
+)
+def test_the_ceiling_is_the_ground_truth_bit_for_bit(coloured: bool, mesh) -> None:
+    method = TrueMesh(coloured=coloured)
     actual = to_uint8(method.draw(method.prepare(CLOUD), VIEWS))
-    np.testing.assert_array_equal(actual, render(grey(CLOUD.source), VIEWS))
-    assert (actual == actual[..., :1]).all()
+    np.testing.assert_array_equal(actual, render(mesh, VIEWS))
+    assert (actual < 255).any(axis=(1, 2, 3)).all()
+    assert (actual == actual[..., :1]).all() != coloured
 
 
 def test_the_ceiling_sees_through_every_condition_and_needs_the_mesh() -> None:
     for condition in CONDITIONS:
         perturbed = condition.perturbation.apply(CLOUD, np.random.default_rng(1))
         assert TrueMesh().prepare(perturbed) is CLOUD.source, condition.id
-    with pytest.raises(StageFailure, match="mesh is not known") as failure:
+    with pytest.raises(StageFailure, match="input: the cloud's mesh is not known"):
         TrueMesh().prepare(PointCloud(CLOUD.points))
-    assert failure.value.stage == "input"
 
 
 @pytest.mark.parametrize("points", [np.zeros((0, 3)), np.full((5, 3), np.nan)])
-def test_the_floor_is_white_whatever_the_cloud(points: np.ndarray) -> None:
-    state = Blank().prepare(PointCloud(points))
-    images = Blank().draw(state, VIEWS)
-    assert images.shape == (3, 128, 128, 3)
-    assert images.dtype == np.float32
-    assert (images == 1.0).all()
-    np.testing.assert_array_equal(to_uint8(images), blank(3))
+def test_floors_draw_the_same_image_whatever_the_cloud(points: np.ndarray) -> None:
+    image = np.random.default_rng(0).integers(0, 256, (128, 128, 3), np.uint8)
+    for method, expected in ((Constant(image), image), (Blank(), np.full_like(image, 255))):
+        images = method.draw(method.prepare(PointCloud(points)), VIEWS)
+        assert images.dtype == np.float32
+        np.testing.assert_array_equal(to_uint8(images), np.stack([expected] * 3))
+
+
+def test_the_bundled_image() -> None:
+    image = read_image()
+    method = find_method("constant")
+    assert method.identity() == f"picture {hashlib.sha256(image.tobytes()).hexdigest()}"
+    drawn = method.load("cpu").draw(None, VIEWS[:1], np.random.default_rng(0))
+    np.testing.assert_array_equal(to_uint8(drawn)[0], image)
+    assert image.min() > 200  # SSIM punishes any contrast in the wrong place
+
+
+def test_images_that_cannot_be_used(tmp_path) -> None:
+    path = tmp_path / "constant.png"
+    for _ in ("missing", "damaged"):
+        with pytest.raises(BadInput, match=r"no readable image .* 'bench train constant'"):
+            read_image(path)
+        path.write_bytes(b"nothing")
+    Image.new("RGB", (64, 128)).save(path)
+    with pytest.raises(BadInput, match="64 x 128, expected 128 x 128; reinstall"):
+        read_image(path)

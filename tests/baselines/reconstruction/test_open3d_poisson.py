@@ -12,7 +12,7 @@ from bench.catalogue.methods import find_method
 from data_prep.clouds.sampling import face_areas
 from data_prep.failures import MissingDependency, StageFailure
 from data_prep.scene import PointCloud
-from tests.baselines.clouds import RADIUS, chair_cloud, lattice_sphere
+from tests.baselines.clouds import RADIUS, lattice_sphere
 
 needs_open3d = pytest.mark.skipif(
     find_spec("open3d") is None, reason="Open3D is not installed (extra [open3d])"
@@ -32,26 +32,17 @@ def test_a_run_without_open3d_is_refused_before_any_work() -> None:
 
 
 @needs_open3d
-def test_a_sphere() -> None:
-    cloud = PointCloud(lattice_sphere())
-    state = Open3dPoisson(depth=6).prepare(cloud)
+def test_a_sphere_and_outliers() -> None:
+    points = np.append(lattice_sphere(), [[3, 0, 0], [0, 3, 0]], axis=0)
+    first, again = (Open3dPoisson(depth=6).prepare(PointCloud(points)) for _ in range(2))
+    assert first.notes[0] == "outliers: 2 of 2050 points removed"
     # As of baselines.reconstruction.poisson; up to a twentieth of the vertices is trimmed, with
     # their faces.
-    error = np.linalg.norm(state.mesh.vertices.astype(np.float64), axis=1) - RADIUS
+    error = np.linalg.norm(first.mesh.vertices.astype(np.float64), axis=1) - RADIUS
     assert np.abs(error).max() < 0.02
-    area = face_areas(state.mesh).sum() / (4 * math.pi * RADIUS**2)
-    assert 0.85 < area < 1.0
-    assert state.notes[0].startswith("outliers: ")
-    again = Open3dPoisson(depth=6).prepare(cloud)
-    assert state.mesh.vertices.tobytes() == again.mesh.vertices.tobytes()
-    assert state.mesh.faces.tobytes() == again.mesh.faces.tobytes()
-
-
-@needs_open3d
-def test_outliers_are_removed() -> None:
-    points = np.append(lattice_sphere(), [[3, 0, 0], [0, 3, 0]], axis=0)
-    state = Open3dPoisson(depth=6).prepare(PointCloud(points))
-    assert state.notes[0] == "outliers: 2 of 2050 points removed"
+    assert 0.85 < face_areas(first.mesh).sum() / (4 * math.pi * RADIUS**2) < 1.0
+    assert first.mesh.vertices.tobytes() == again.mesh.vertices.tobytes()
+    assert first.mesh.faces.tobytes() == again.mesh.faces.tobytes()
 
 
 @needs_open3d
@@ -67,8 +58,3 @@ def test_degenerate_clouds_fail_by_name(points, stage: str) -> None:
     with pytest.raises(StageFailure) as failure:
         Open3dPoisson().prepare(PointCloud(points))
     assert failure.value.stage == stage
-
-
-@needs_open3d
-def test_a_chair() -> None:
-    assert len(Open3dPoisson().prepare(chair_cloud()).mesh.faces) > 1000
