@@ -1,4 +1,7 @@
-"""Progress on stderr: a live bar in a terminal, plain lines elsewhere."""
+"""Progress on stderr: a live bar in a terminal, plain lines elsewhere.
+
+`progress` counts pieces of work; `step_progress` shows what each step says of itself.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +9,13 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:  # a progress that is not live needs no rich
     from rich.progress import Progress
 
 PLAIN_EVERY_S = 15.0
+_STEPS_EVERY_S = 30.0
 
 
 def log(line: str) -> None:
@@ -40,6 +44,52 @@ def progress(
             yield lambda failed: shown.update(task, advance=1, failed=failed)
     else:
         yield _plain(title, total)
+
+
+class Step(Protocol):
+    """A step of `steps`; its text says what there is to say of it."""
+
+    @property
+    def step(self) -> int:
+        """The steps that are done."""
+        ...
+
+    @property
+    def steps(self) -> int:
+        """The steps in all."""
+        ...
+
+
+@contextmanager
+def step_progress(title: str, *, quiet: bool = False) -> Iterator[Callable[[Step], None]]:
+    """Yield a function to be called with a step of long work.
+
+    Where stderr is no terminal: a line at the first call, then at most one every 30 seconds, and
+    one at the last step. `quiet` shows nothing.
+    """
+    if quiet:
+        yield lambda step: None
+    elif is_live():
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn
+
+        columns = TextColumn("{task.description}"), BarColumn(30), TextColumn("{task.fields[text]}")
+        with Progress(*columns, console=Console(stderr=True)) as shown:
+            task = shown.add_task(title, text="")
+            yield lambda step: shown.update(
+                task, completed=step.step, total=step.steps, text=str(step)
+            )
+    else:
+        last = float("-inf")
+
+        def show(step: Step) -> None:
+            nonlocal last
+            now = time.monotonic()
+            if step.step == step.steps or now - last >= _STEPS_EVERY_S:
+                last = now
+                log(f"{title}: {step}")
+
+        yield show
 
 
 def is_live() -> bool:

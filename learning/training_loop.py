@@ -55,6 +55,17 @@ class StepReport:
     images_per_s: float | None
     seconds_left: float | None
 
+    def __str__(self) -> str:
+        """Return the report as "step 120/2000, chamfer 0.0312, 98.1 images/s, 0:10:12 left"."""
+        parts = [f"step {self.step}/{self.steps}"]
+        parts += [f"{name} {value:.4g}" for name, value in self.losses.items()]
+        if self.images_per_s is not None and self.seconds_left is not None:
+            minutes, seconds = divmod(round(self.seconds_left), 60)
+            hours, minutes = divmod(minutes, 60)
+            parts.append(f"{self.images_per_s:.1f} images/s")
+            parts.append(f"{hours}:{minutes:02}:{seconds:02} left")
+        return ", ".join(parts)
+
 
 OnProgress = Callable[[StepReport], None]
 

@@ -7,7 +7,6 @@ for it.
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import contextmanager
@@ -16,6 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from data_prep.failures import BadInput
 from data_prep.files.atomic_write import atomic_write
+from data_prep.files.checksums import MOST_BYTES, file_sha256
 from data_prep.files.safe_read import is_regular_file, open_file
 
 if TYPE_CHECKING:
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 _NetworkT = TypeVar("_NetworkT", bound="nn.Module")
 
-MOST_BYTES = 2**32  # of weights or a checkpoint; pc2pix at the paper's width has one of 1.2 GB
 MOST_HEADER_BYTES = 2**24
 _MOST_OBJECTIVE_LENGTH = 100
 _MOST_REASON = 120  # characters of a library's complaint
@@ -63,15 +62,6 @@ def find_file(
             f"{path}: sha256 {actual} is not the expected {bundled[name]}; reinstall the package"
         )
     return path
-
-
-def file_sha256(path: Path) -> str:
-    """Return the checksum of a file.
-
-    Raises BadInput where it cannot be read, or is too large.
-    """
-    with open_file(path, MOST_BYTES) as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def objective_of(path: Path) -> str:

@@ -19,11 +19,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from data_prep.failures import BadInput
+from data_prep.files.checksums import file_sha256
 from data_prep.files.safe_read import is_regular_file
 from learning.weights import (
     check_tensors,
     expected_shapes,
-    file_sha256,
     fill_network,
     find_file,
     halved,

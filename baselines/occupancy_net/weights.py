@@ -13,9 +13,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from data_prep.files.checksums import file_sha256
 from learning.weights import (
     checked_network,
-    file_sha256,
     find_file,
     halved,
     read_weights,

@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from data_prep.failures import BadInput
+from data_prep.files.checksums import file_sha256
 from learning.weights import (
     checked_network,
-    file_sha256,
     find_file,
     halved,
     read_weights,

@@ -12,9 +12,9 @@ import torch
 from numpy.typing import NDArray
 
 from bench.judges.answers import ELEVATION_UNIT_DEG
+from data_prep.progress import step_progress
 from learning.configuration import DEFAULT_CADENCE, Cadence
 from learning.processes import connect, is_first
-from learning.progress import training_progress
 from learning.trainer import CPU, NetworkTrainer
 from learning.training_loop import run
 
@@ -60,7 +60,7 @@ class CosineTrainer(NetworkTrainer):
 
         Raises as `learning.training_loop.run`.
         """
-        with training_progress(self.kind, quiet=not is_first()) as show:
+        with step_progress(self.kind, quiet=not is_first()) as show:
             run(self, folder, show)
 
 

@@ -37,10 +37,9 @@ from data_prep.datasets.training_set import (
     training_set,
 )
 from data_prep.failures import BadInput
-from data_prep.progress import progress
+from data_prep.progress import progress, step_progress
 from learning import training_loop
 from learning.processes import is_first
-from learning.progress import training_progress
 from learning.trainer import NetworkTrainer
 from pc2pix.model import LITE, PAPER
 from pc2pix.train_autoencoder import AutoencoderTrainer, load_encoder
@@ -169,7 +168,7 @@ def _train(
     kind: type[NetworkTrainer], learned: Any, config: Any, options: Any, **further: Any
 ) -> Path:
     """Train and return the checkpoint; show progress on stderr."""
-    with training_progress(kind.kind, quiet=not is_first()) as show:
+    with step_progress(kind.kind, quiet=not is_first()) as show:
         return training_loop.train(
             kind,
             learned,

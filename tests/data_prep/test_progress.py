@@ -1,6 +1,7 @@
 from __future__ import annotations
 
-from data_prep.progress import PLAIN_EVERY_S, progress
+from data_prep.progress import PLAIN_EVERY_S, progress, step_progress
+from learning.training_loop import StepReport
 
 
 def test_plain_lines_now_and_then_and_at_the_end(clock, capsys):
@@ -34,3 +35,14 @@ def test_a_live_bar_in_a_terminal(monkeypatch, capsys):
     assert "items" in err
     assert "3/3" in err
     assert "2 failed" in err
+
+
+def test_a_training_says_its_first_and_last_step(capsys):
+    with step_progress("autoencoder") as show:
+        for step in (1, 2, 3, 100):
+            show(StepReport(step, 100, {"chamfer": 0.03125}, 98.06 if step > 1 else None, 3671.6))
+    assert capsys.readouterr() == (
+        "",
+        "autoencoder: step 1/100, chamfer 0.03125\n"
+        "autoencoder: step 100/100, chamfer 0.03125, 98.1 images/s, 1:01:12 left\n",
+    )
