@@ -218,10 +218,8 @@ def compared_features(
 
 
 def _surfaces(objects: Sequence[SceneObject], views: int) -> SurfaceSet:
-    """Return clouds and images of objects; show progress on stderr."""
-    seen = training_set(objects, views, quiet=not is_first())
-    with progress("silhouettes", len(objects), quiet=not is_first()) as advance:
-        return add_surfaces(seen, objects, lambda: advance(0))
+    quiet = not is_first()
+    return add_surfaces(training_set(objects, views, quiet=quiet), objects, quiet=quiet)
 
 
 def _exported(checkpoint: Path, weights: Path, write: Callable[[Path, Path], str]) -> Path:

@@ -123,18 +123,11 @@ class DatasetReader:
 
 @dataclass
 class DatasetListing:
-    """The objects that a reader collects, class by class, before they become a Dataset.
+    """The objects on the disk that a reader collects, class by class, and what is odd about them.
 
-    Attributes
-    ----------
-    objects : list of SceneObject
-        Objects on the disk.
-    splits : dict of str to list of SceneObject
-        Objects of each split. Where a source has a split list, the list decides: an object that it
-        names and the disk does not have fails, so that nothing is dropped in silence, and an object
-        that it does not name is left out.
-    irregular : list of str
-        Missing and odd parts of the source, a line each.
+    Where a source has a split list, the list decides: an object that it names and the disk does not
+    have fails, so that nothing is dropped in silence, and an object that it does not name is left
+    out.
     """
 
     objects: list[SceneObject] = field(default_factory=list)
@@ -148,18 +141,9 @@ class DatasetListing:
         named: Mapping[Split, Sequence[str]],
         absent: Callable[[str], SceneObject],
     ) -> None:
-        """Add the objects of a class, divided by a split list.
+        """Add the objects of a class by their ids, divided by the ids that a split list names.
 
-        Parameters
-        ----------
-        class_name : str
-            Name of the class, for `irregular`.
-        on_disk : mapping of str to SceneObject
-            Objects by their ids.
-        named : mapping of str to sequence of str
-            Ids of each split.
-        absent : callable
-            Function from an id that is not on the disk to an object that fails.
+        `absent` returns an object that fails, of an id that is not on the disk.
         """
         self.objects += on_disk.values()
         self.irregular += [f"{class_name}: {line}" for line in differences(named, list(on_disk))]

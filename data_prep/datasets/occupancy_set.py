@@ -7,7 +7,7 @@ above zero; solids may overlap. A mesh with sheets or faces that look inwards ha
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,15 +49,7 @@ class OccupancySet:
 def occupancy_set(
     objects: Sequence[SceneObject], queries: int = _QUERIES, *, quiet: bool = False
 ) -> OccupancySet:
-    """Return `make_occupancy_set`; show progress on stderr."""
-    with progress("labelling", len(objects), quiet=quiet) as advance:
-        return make_occupancy_set(objects, queries, lambda: advance(0))
-
-
-def make_occupancy_set(
-    objects: Sequence[SceneObject], queries: int, on_progress: Callable[[], object] = lambda: None
-) -> OccupancySet:
-    """Return clouds and labels of objects; call `on_progress` after each.
+    """Return clouds and labels of objects; show progress on stderr.
 
     The clouds are those of `data_prep.datasets.training_set.training_set`. Raises BadInput for an
     object that cannot be loaded.
@@ -66,13 +58,14 @@ def make_occupancy_set(
     clouds = np.empty((count, CLOUD_SIZE, 3), np.float32)
     places = np.empty((count, queries, 3), np.float32)
     inside = np.empty((count, queries), np.bool_)
-    for i, obj in enumerate(objects):
-        mesh = obj.load()
-        key = (DATA_SEED, obj.class_name, obj.object_id)
-        clouds[i] = sample_surface(mesh, generator("training cloud", *key)).points
-        places[i] = draw_queries(mesh, queries, generator("training queries", *key))
-        inside[i] = labels(mesh, places[i], f"{obj.class_name}/{obj.object_id}")
-        on_progress()
+    with progress("labelling", count, quiet=quiet) as advance:
+        for i, obj in enumerate(objects):
+            mesh = obj.load()
+            key = (DATA_SEED, obj.class_name, obj.object_id)
+            clouds[i] = sample_surface(mesh, generator("training cloud", *key)).points
+            places[i] = draw_queries(mesh, queries, generator("training queries", *key))
+            inside[i] = labels(mesh, places[i], f"{obj.class_name}/{obj.object_id}")
+            advance(0)
     return OccupancySet(clouds, places, inside)
 
 

@@ -14,7 +14,7 @@ import csv
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -58,14 +58,6 @@ V1 = _Version("v1", ("model.obj",), SHAPENET_V1)
 V2 = _Version("v2", ("models", "model_normalized.obj"), SHAPENET_V2)
 
 
-@dataclass
-class _Synset:
-    """The contents of a synset: versions by id of the object, and folders without a model."""
-
-    versions: dict[str, _Version] = field(default_factory=dict)
-    empty: list[str] = field(default_factory=list)
-
-
 def is_shapenet(root: Path) -> bool:
     """Return whether a folder looks like ShapeNetCore: a synset with a model in it."""
     return any(map(is_synset, folders_in(root)))
@@ -88,15 +80,19 @@ def shapenet_dataset(spec: str, root: Path) -> Dataset:
 
     Raises BadInput where no synset holds a model, and for lists that cannot be read.
     """
-    synsets = {s.name: _contents(s) for s in folders_in(root) if _SYNSET.fullmatch(s.name)}
-    synsets = {synset: contents for synset, contents in synsets.items() if contents.versions}
+    folders = {s.name: folders_in(s) for s in folders_in(root) if _SYNSET.fullmatch(s.name)}
+    synsets = {  # the version of each object, None without a model
+        synset: {folder.name: _version_of(folder) for folder in inner}
+        for synset, inner in folders.items()
+    }
+    synsets = {synset: found for synset, found in synsets.items() if any(found.values())}
     if not synsets:
         raise BadInput(
             f"{root}: no ShapeNetCore here; expected <synset>/<id>/{'/'.join(V1.path)} (v1) or "
             f"<synset>/<id>/{'/'.join(V2.path)} (v2)"
         )
     listing = DatasetListing()
-    versions = sorted({v.name for s in synsets.values() for v in s.versions.values()})
+    versions = sorted({v.name for s in synsets.values() for v in s.values() if v})
     if len(versions) > 1:
         listing.irregular.append(
             "objects of v1 and v2 side by side; each is turned as its own path says"
@@ -106,11 +102,11 @@ def shapenet_dataset(spec: str, root: Path) -> Dataset:
     lists = _split_lists(root, listing.irregular)
     for synset, contents in sorted(synsets.items(), key=lambda item: names[item[0]]):
         name, folder = names[synset], root / synset
-        if contents.empty:
+        if empty := [object_id for object_id, version in contents.items() if version is None]:
             listing.irregular.append(
-                f"{name}: {len(contents.empty)} folders without a model: {listed(contents.empty)}"
+                f"{name}: {len(empty)} folders without a model: {listed(empty)}"
             )
-        objects = {i: v.place(name, folder / i) for i, v in sorted(contents.versions.items())}
+        objects = {i: v.place(name, folder / i) for i, v in sorted(contents.items()) if v}
         if lists is None:
             listing.objects += objects.values()
         else:
@@ -131,26 +127,17 @@ def _absent(version: _Version, class_name: str, folder: Path, object_id: str) ->
     return version.place(class_name, folder / object_id)
 
 
-def _contents(synset: Path) -> _Synset:
-    contents = _Synset()
-    for folder in folders_in(synset):
-        version = _version_of(folder)
-        if version is None:
-            contents.empty.append(folder.name)
-        else:
-            contents.versions[folder.name] = version
-    return contents
-
-
 def _version_of(folder: Path) -> _Version | None:
     return next((v for v in (V2, V1) if is_regular_file(folder.joinpath(*v.path))), None)
 
 
-def _shared_ids(synsets: Mapping[str, _Synset], names: Mapping[str, str]) -> list[str]:
+def _shared_ids(
+    synsets: Mapping[str, Mapping[str, _Version | None]], names: Mapping[str, str]
+) -> list[str]:
     """Return a line about ids in several classes: ShapeNet has some models under two synsets."""
     classes: dict[str, list[str]] = {}
     for synset, contents in synsets.items():
-        for object_id in contents.versions:
+        for object_id in (object_id for object_id, version in contents.items() if version):
             classes.setdefault(object_id, []).append(names[synset])
     twice = [f"{i} ({', '.join(sorted(c))})" for i, c in sorted(classes.items()) if len(c) > 1]
     return [f"{len(twice)} ids are in several classes: {listed(twice)}"] if twice else []

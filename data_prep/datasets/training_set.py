@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from data_prep.datasets.objects import SceneObject
 from data_prep.failures import BadInput
 from data_prep.progress import progress
 from data_prep.randomness import generator
-from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE, NEUTRAL_GREY, View
+from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE, NEUTRAL_GREY, View, in_one_colour
 
 BLACK = (0, 0, 0)
 _CLOUD_POINTS = 4096  # twice what the encoder reads: each step takes another half
@@ -50,37 +50,30 @@ class SurfaceSet:
 
 
 def add_surfaces(
-    seen: TrainingSet,
-    objects: Sequence[SceneObject],
-    on_progress: Callable[[], object] = lambda: None,
+    seen: TrainingSet, objects: Sequence[SceneObject], *, quiet: bool = False
 ) -> SurfaceSet:
-    """Render coverage and grey images of the objects of a set; call `on_progress` after each.
+    """Render coverage and grey images of the objects of a set; show progress on stderr.
 
     Raises BadInput for an object without a mesh.
     """
     from data_prep.rendering.opengl import render
 
     shape = seen.images.shape[:-1]
-    coverage, grey = np.empty(shape, np.uint8), np.empty(shape, np.uint8)
-    for i, obj in enumerate(objects):
-        mesh = obj.load()
-        views = [
-            View(*angles) for angles in zip(seen.azimuth_deg[i], seen.elevation_deg[i], strict=True)
-        ]
-        for colour, images in ((BLACK, coverage), (NEUTRAL_GREY, grey)):
-            colours = np.broadcast_to(np.array(colour, np.uint8), mesh.face_colors.shape)
-            images[i] = render(replace(mesh, face_colors=colours), views)[..., 0]
-        on_progress()
-    return SurfaceSet(seen, 255 - coverage, grey)
+    coverage, grey_images = np.empty(shape, np.uint8), np.empty(shape, np.uint8)
+    with progress("silhouettes", len(objects), quiet=quiet) as advance:
+        for i, obj in enumerate(objects):
+            mesh = obj.load()
+            views = list(map(View, seen.azimuth_deg[i], seen.elevation_deg[i]))
+            for colour, images in ((BLACK, coverage), (NEUTRAL_GREY, grey_images)):
+                images[i] = render(in_one_colour(mesh, colour), views)[..., 0]
+            advance(0)
+    return SurfaceSet(seen, 255 - coverage, grey_images)
 
 
-def make_training_set(
-    objects: Sequence[SceneObject],
-    views: int,
-    seed: int,
-    on_progress: Callable[[], object] = lambda: None,
+def training_set(
+    objects: Sequence[SceneObject], views: int, *, seed: int = DATA_SEED, quiet: bool = False
 ) -> TrainingSet:
-    """Return clouds and images of objects; call `on_progress` after each.
+    """Return clouds and images of objects; show progress on stderr.
 
     The same arguments give the same arrays on the same driver, so nothing needs to be kept between
     runs: 1,500 chairs of 8 views take about half a minute and 0.6 GB. Raises BadInput for an object
@@ -90,20 +83,15 @@ def make_training_set(
     images = np.empty((count, views, IMAGE_SIZE, IMAGE_SIZE, 3), np.uint8)
     angles = np.empty((2, count, views))
     clouds = np.empty((count, CLOUD_SIZE, 3), np.float32)
-    for i, obj in enumerate(objects):
-        key = (seed, obj.class_name, obj.object_id)
-        cameras = obj.views(views, generator("training views", *key))
-        cloud, images[i] = obj.cloud_and_truth(generator("training cloud", *key), cameras)
-        clouds[i] = cloud.points
-        angles[:, i] = np.array([(v.azimuth_deg, v.elevation_deg) for v in cameras]).T
-        on_progress()
+    with progress("rendering", count, quiet=quiet) as advance:
+        for i, obj in enumerate(objects):
+            key = (seed, obj.class_name, obj.object_id)
+            cameras = obj.views(views, generator("training views", *key))
+            cloud, images[i] = obj.cloud_and_truth(generator("training cloud", *key), cameras)
+            clouds[i] = cloud.points
+            angles[:, i] = np.array([(v.azimuth_deg, v.elevation_deg) for v in cameras]).T
+            advance(0)
     return TrainingSet(images, angles[0], angles[1], clouds)
-
-
-def training_set(objects: Sequence[SceneObject], views: int, *, quiet: bool = False) -> TrainingSet:
-    """Return `make_training_set` with the seed of all trainings; show progress on stderr."""
-    with progress("rendering", len(objects), quiet=quiet) as advance:
-        return make_training_set(objects, views, DATA_SEED, lambda: advance(0))
 
 
 def training_clouds(objects: Sequence[SceneObject], *, quiet: bool = False) -> NDArray[np.float32]:

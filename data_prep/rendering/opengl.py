@@ -19,9 +19,9 @@ import threading
 import types
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -127,8 +127,7 @@ def _projection() -> NDArray[np.float64]:
     return matrix
 
 
-@dataclass(frozen=True)
-class _Buffers:
+class _Buffers(NamedTuple):
     """The frame buffers for images of a size."""
 
     size: int
@@ -144,7 +143,7 @@ class _Context:
     egl: Any
     platform: Any
     view_matrix: int  # uniform
-    buffers_by_size: dict[int, _Buffers]
+    buffers_by_size: dict[int, _Buffers] = field(default_factory=dict)
 
     def buffers(self, size: int) -> _Buffers:
         """Return the buffers for images of a size, and set the viewport to it."""
@@ -270,27 +269,22 @@ def _set_up(gl: Any, egl: Any, shaders: Any, platform: Any) -> _Context:
     gl.glUniformMatrix4fv(projection, 1, gl.GL_TRUE, _projection().astype(np.float32))
 
     view_matrix = gl.glGetUniformLocation(program, "world_to_camera")
-    return _Context(gl, egl, platform, view_matrix, {})
+    return _Context(gl, egl, platform, view_matrix)
 
 
 def _make_buffers(gl: Any, size: int) -> _Buffers:
-    multisampled = gl.glGenFramebuffers(1)
-    gl.glBindFramebuffer(gl.GL_FRAMEBUFFER, multisampled)
-    for attachment, pixel in (
-        (gl.GL_COLOR_ATTACHMENT0, gl.GL_RGBA8),
-        (gl.GL_DEPTH_ATTACHMENT, gl.GL_DEPTH_COMPONENT24),
-    ):
-        _attach(gl, attachment)
-        gl.glRenderbufferStorageMultisample(gl.GL_RENDERBUFFER, SAMPLES, pixel, size, size)
-    sheet = gl.glGenFramebuffers(1)
-    gl.glBindFramebuffer(gl.GL_FRAMEBUFFER, sheet)
-    _attach(gl, gl.GL_COLOR_ATTACHMENT0)
-    gl.glRenderbufferStorage(gl.GL_RENDERBUFFER, gl.GL_RGBA8, size, size * SHEET_VIEWS)
-    return _Buffers(size, multisampled, sheet)
+    def make(samples: int, height: int, *attachments: tuple[int, int]) -> int:
+        buffer = gl.glGenFramebuffers(1)
+        gl.glBindFramebuffer(gl.GL_FRAMEBUFFER, buffer)
+        for attachment, pixel in attachments:
+            pixels = gl.glGenRenderbuffers(1)
+            gl.glBindRenderbuffer(gl.GL_RENDERBUFFER, pixels)
+            gl.glFramebufferRenderbuffer(gl.GL_FRAMEBUFFER, attachment, gl.GL_RENDERBUFFER, pixels)
+            store = gl.glRenderbufferStorageMultisample
+            store(gl.GL_RENDERBUFFER, samples, pixel, size, height)
+        return buffer
 
-
-def _attach(gl: Any, attachment: int) -> None:
-    """Attach a new render buffer to the bound frame buffer and leave it bound, for its storage."""
-    buffer = gl.glGenRenderbuffers(1)
-    gl.glBindRenderbuffer(gl.GL_RENDERBUFFER, buffer)
-    gl.glFramebufferRenderbuffer(gl.GL_FRAMEBUFFER, attachment, gl.GL_RENDERBUFFER, buffer)
+    colour = gl.GL_COLOR_ATTACHMENT0, gl.GL_RGBA8
+    depth = gl.GL_DEPTH_ATTACHMENT, gl.GL_DEPTH_COMPONENT24
+    multisampled = make(SAMPLES, size, colour, depth)
+    return _Buffers(size, multisampled, make(0, size * SHEET_VIEWS, colour))

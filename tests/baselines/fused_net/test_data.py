@@ -10,7 +10,7 @@ from baselines.fused_net import data as fused_data
 from baselines.fused_net.data import decode, encode, fused_set, mirror, occupancy_weights
 from baselines.occupancy_net.weights import find_weights
 from data_prep.datasets.registry import ProceduralObject
-from data_prep.datasets.training_set import SurfaceSet, make_training_set
+from data_prep.datasets.training_set import SurfaceSet, training_set
 from data_prep.failures import BadInput
 from data_prep.rendering.raycast import surface_maps
 from data_prep.scene import Mesh, View
@@ -25,7 +25,7 @@ MESHES = ("denoised-wrap", "occupancy-net")
 
 @pytest.fixture(scope="module")
 def surfaces():
-    seen = make_training_set(OBJECTS, 2, 0)
+    seen = training_set(OBJECTS, 2, quiet=True)
     return SurfaceSet(seen, *np.zeros((2, 5, 2, 128, 128), np.uint8))
 
 

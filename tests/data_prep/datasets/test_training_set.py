@@ -7,7 +7,7 @@ import pytest
 
 from data_prep.datasets.folder import BareCloud
 from data_prep.datasets.registry import MeshFile, ProceduralObject
-from data_prep.datasets.training_set import TrainingSet, add_surfaces, make_training_set
+from data_prep.datasets.training_set import TrainingSet, add_surfaces, training_set
 from data_prep.failures import BadInput
 from data_prep.randomness import generator
 from data_prep.rendering.camera import FOCAL_PX
@@ -22,7 +22,7 @@ SEED = 4
 
 @pytest.fixture(scope="module")
 def made() -> TrainingSet:
-    return make_training_set(OBJECTS, views=2, seed=SEED)
+    return training_set(OBJECTS, 2, seed=SEED, quiet=True)
 
 
 def test_cloud_and_images_are_those_that_an_object_gives_apart(made: TrainingSet) -> None:
@@ -34,7 +34,7 @@ def test_cloud_and_images_are_those_that_an_object_gives_apart(made: TrainingSet
         assert made.clouds[i].tobytes() == cloud.points.tobytes()
 
 
-def test_a_mesh_is_loaded_once_and_progress_is_reported_after_it() -> None:
+def test_a_mesh_is_loaded_once_and_the_seed_decides(capsys) -> None:
     calls = []
 
     class Counted(ProceduralObject):
@@ -43,11 +43,13 @@ def test_a_mesh_is_loaded_once_and_progress_is_reported_after_it() -> None:
             return super().load()
 
     objects = [Counted("chair", "train", i) for i in range(2)]
-    made = make_training_set(objects, 2, SEED + 1, on_progress=lambda: calls.append("done"))
-    assert calls == ["train-0000", "done", "train-0001", "done"]
-    same_seed = make_training_set(objects[:1], 2, SEED)
-    assert not (same_seed.clouds[0] == made.clouds[0]).all(axis=1).any()
-    assert not set(same_seed.azimuth_deg[0]) & set(made.azimuth_deg[0])
+    made = training_set(objects, 2, seed=SEED + 1)
+    assert calls == ["train-0000", "train-0001"]
+    assert "rendering" in capsys.readouterr().err
+    same = training_set(objects[:1], 2, seed=SEED, quiet=True)
+    assert capsys.readouterr().err == ""
+    assert not (same.clouds[0] == made.clouds[0]).all(axis=1).any()
+    assert not set(same.azimuth_deg[0]) & set(made.azimuth_deg[0])
 
 
 class Square(ProceduralObject):
@@ -68,7 +70,9 @@ def test_coverage_of_a_square_across_the_view() -> None:
     side = round(FOCAL_PX / 4)
     assert side == 58  # even: its edges are edges of pixels
     for azimuth in (0.0, 180.0):  # from behind as from the front
-        surfaces = add_surfaces(seen_from((azimuth, 0.0)), [Square("chair", "train", 0)])
+        surfaces = add_surfaces(
+            seen_from((azimuth, 0.0)), [Square("chair", "train", 0)], quiet=True
+        )
         expected = np.zeros((128, 128), np.uint8)
         expected[64 - side // 2 : 64 + side // 2, 64 - side // 2 : 64 + side // 2] = 255
         np.testing.assert_array_equal(surfaces.coverage[0, 0], expected)
@@ -78,7 +82,7 @@ def test_coverage_of_a_square_across_the_view() -> None:
 
 
 def test_grey_is_the_object_in_neutral_grey(made: TrainingSet) -> None:
-    surfaces = add_surfaces(made, OBJECTS)
+    surfaces = add_surfaces(made, OBJECTS, quiet=True)
     assert surfaces.seen is made
     assert surfaces.coverage.shape == surfaces.grey.shape == (3, 2, 128, 128)
     assert surfaces.coverage.dtype == surfaces.grey.dtype == np.uint8
@@ -100,6 +104,6 @@ def test_what_has_no_mesh(tmp_path: Path) -> None:
     bare = BareCloud("chair", "cloud.ply", tmp_path / "cloud.ply")
     for obj, problem in ((gone, "no such file"), (bare, "a bare cloud has no mesh; give a mesh")):
         with pytest.raises(BadInput, match=rf"{obj.object_id}: {problem}"):
-            add_surfaces(seen_from((0.0, 0.0)), [obj])
+            add_surfaces(seen_from((0.0, 0.0)), [obj], quiet=True)
     with pytest.raises(BadInput, match=r"gone\.ply: no such file"):
-        make_training_set([gone], views=1, seed=SEED)
+        training_set([gone], 1, quiet=True)
