@@ -10,7 +10,7 @@ from data_prep.clouds.sampling import face_areas, random_views, sample_surface
 from data_prep.failures import BadInput
 from data_prep.scene import CLOUD_SIZE, Mesh
 
-COUNT = 40_000
+COUNT = 20_000
 # All seeds are fixed. Were they not, each statistical test would fail once in ten thousand runs.
 RARE = 1e-4
 SIGMAS = stats.norm.isf(RARE / 2)  # 3.9
