@@ -85,7 +85,7 @@ def shapenet_dataset(spec: str, root: Path) -> Dataset:
         synset: {folder.name: _version_of(folder) for folder in inner}
         for synset, inner in folders.items()
     }
-    synsets = {synset: found for synset, found in synsets.items() if any(found.values())}
+    synsets = {synset: objects for synset, objects in synsets.items() if any(objects.values())}
     if not synsets:
         raise BadInput(
             f"{root}: no ShapeNetCore here; expected <synset>/<id>/{'/'.join(V1.path)} (v1) or "
