@@ -96,6 +96,7 @@ def test_the_examples_keep_their_contracts(bench, meshes, name, ending):
 def test_their_own_tests_pass():
     tests = [*EXAMPLES.glob("*/test_*.py")]
     assert len(tests) == 3
-    command = (sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *map(str, tests))
+    options = ("-q", "-p", "no:cacheprovider", "--import-mode=prepend")
+    command = (sys.executable, "-m", "pytest", *options, *map(str, tests))
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout
