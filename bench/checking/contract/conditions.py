@@ -15,7 +15,7 @@ from bench.checking.contract.findings import ContractViolation, checked_identity
 from bench.checking.contract.session import CheckStep, Passed
 from bench.checking.contract.targets import find_target
 from data_prep.clouds.conditions import Condition, Perturbation
-from data_prep.clouds.extremes import Count, Equal, Flattened
+from data_prep.clouds.extremes import extreme
 from data_prep.datasets.registry import ProceduralObject
 from data_prep.failures import BadInput, StageFailure
 from data_prep.randomness import generator
@@ -25,11 +25,11 @@ OBJECTS = 3  # whose clouds are checked
 FAR = 2.0  # the camera stands at 4, and noise of 20 % of the radius keeps points within 2
 # Clouds of files and of other datasets, which a condition meets as well.
 OTHERS: Mapping[str, Perturbation] = {
-    "one point": Count(1),
-    "three points": Count(3),
-    "equal points": Equal(),
-    "points in a plane": Flattened(2),
-    "20,000 points": Count(20_000),
+    "one point": extreme("Count", 1),
+    "three points": extreme("Count", 3),
+    "equal points": extreme("Equal"),
+    "points in a plane": extreme("Flattened", 2),
+    "20,000 points": extreme("Count", 20_000),
 }
 
 

@@ -19,7 +19,7 @@ from bench.checking.contract.session import CheckStep, Passed
 from bench.checking.contract.targets import find_target
 from bench.running.work import checked_images, draw, reason_of, seen_by
 from data_prep.clouds.conditions import Perturbation
-from data_prep.clouds.extremes import Count, Equal, FirstPoint, Flattened, Kept, Scaled
+from data_prep.clouds.extremes import extreme
 from data_prep.datasets.registry import ProceduralObject
 from data_prep.failures import BadInput, StageFailure
 from data_prep.randomness import generator
@@ -30,19 +30,19 @@ VIEWS = (View(30.0, 20.0), View(-60.0, -10.0), View(120.0, 35.0))
 TURN = tuple(View(18.0 * i - 180, (-30.0, 0.0, 30.0)[i % 3]) for i in range(20))  # as in a run
 BATCHES = (1, 3)  # views a call, beside all 20
 _EXTREMES: dict[str, Perturbation] = {
-    "no points": Count(0),
-    "one point": Count(1),
-    "three points": Count(3),
-    "equal points": Equal(),
-    "points on a line": Flattened(1),
-    "points in a plane": Flattened(2),
-    "20,000 points": Count(20_000),
-    "a far point": FirstPoint(1e30),
-    "a tiny cloud": Scaled(1e-30),
+    "no points": extreme("Count", 0),
+    "one point": extreme("Count", 1),
+    "three points": extreme("Count", 3),
+    "equal points": extreme("Equal"),
+    "points on a line": extreme("Flattened", 1),
+    "points in a plane": extreme("Flattened", 2),
+    "20,000 points": extreme("Count", 20_000),
+    "a far point": extreme("FirstPoint", 1e30),
+    "a tiny cloud": extreme("Scaled", 1e-30),
 }
 NOT_FINITE: dict[str, Perturbation] = {  # a run gives no method such points
-    "a point at NaN": FirstPoint(float("nan")),
-    "a point at infinity": FirstPoint(float("inf")),
+    "a point at NaN": extreme("FirstPoint", float("nan")),
+    "a point at infinity": extreme("FirstPoint", float("inf")),
 }
 # Code that copies or shows a whole cloud reads all its fields.
 _COPYING = ("dataclasses", "data_prep.scene", "copy")
@@ -193,7 +193,7 @@ def check_inputs(name: str) -> Passed:
     """Check that images depend on the cloud, or do not, as `sees_cloud` says."""
     sees_cloud, cloud = _method(name).sees_cloud, _cloud()
     images = _images(name, cloud)
-    fewer = _images(name, Kept(0.25).apply(cloud, generator("contract", "fewer")))
+    fewer = _images(name, extreme("Kept", 0.25).apply(cloud, generator("contract", "fewer")))
     if not sees_cloud:
         if not np.array_equal(images, fewer):
             raise ContractViolation(

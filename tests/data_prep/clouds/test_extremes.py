@@ -3,25 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from data_prep.clouds.extremes import (
-    Cast,
-    Count,
-    Equal,
-    FirstPoint,
-    Flattened,
-    Half,
-    Kept,
-    LastBit,
-    Normalised,
-    Repeated,
-    Scaled,
-    Shifted,
-    Shuffled,
-    Strided,
-    Turned,
-    TwoClusters,
-    UnitBox,
-)
+from data_prep.clouds.extremes import extreme
 from data_prep.clouds.sampling import face_areas
 from data_prep.rendering.camera import project
 from data_prep.scene import Mesh, PointCloud, View
@@ -40,11 +22,15 @@ def cloud(rng):
     return PointCloud(points, source=SOURCE)
 
 
-EVERY = (
-    *(Count(0), Count(5000), Equal(), Flattened(2), TwoClusters(), FirstPoint(np.nan)),
-    *(Scaled(1e-30), Shifted(1e6), Cast("int64"), Strided(), Repeated(4), LastBit(), Shuffled()),
-    *(Kept(0.01), Half(), Normalised()),
-)
+EVERY = [
+    extreme(*case)
+    for case in (
+        *(("Count", 0), ("Count", 5000), ("Equal",), ("Flattened", 2), ("TwoClusters",)),
+        *(("FirstPoint", np.nan), ("Scaled", 1e-30), ("Shifted", 1e6), ("Cast", "int64")),
+        *(("Strided",), ("Repeated", 4), ("LastBit",), ("Shuffled",), ("Kept", 0.01), ("Half",)),
+        ("Normalised", 1.0, 0.0, False),
+    )
+]
 
 
 @pytest.mark.parametrize("perturbation", EVERY, ids=str)
@@ -58,52 +44,54 @@ def test_every_perturbation_gives_a_cloud_of_the_same_source(perturbation, cloud
 
 
 def test_counts(cloud, rng):
-    assert np.array_equal(Count(16).apply(cloud, rng).points, cloud.points[:16])
-    assert np.array_equal(Count(2048).apply(cloud, rng).points, cloud.points)
-    assert len(Count(0).apply(cloud, rng)) == 0
-    more = Count(5000).apply(cloud, rng).points
+    assert np.array_equal(extreme("Count", 16).apply(cloud, rng).points, cloud.points[:16])
+    assert np.array_equal(extreme("Count", 2048).apply(cloud, rng).points, cloud.points)
+    assert len(extreme("Count", 0).apply(cloud, rng)) == 0
+    more = extreme("Count", 5000).apply(cloud, rng).points
     assert more.shape == (5000, 3)
     assert (more[:, 2] == 0).all()  # on the source
     with pytest.raises(ValueError, match="not known"):
-        Count(5000).apply(PointCloud(cloud.points), rng)
+        extreme("Count", 5000).apply(PointCloud(cloud.points), rng)
 
 
 def test_degenerate_clouds(cloud, rng):
-    assert (Equal().apply(cloud, rng).points == cloud.points[0]).all()
+    assert (extreme("Equal").apply(cloud, rng).points == cloud.points[0]).all()
     for axes in (1, 2):
-        flat = Flattened(axes).apply(cloud, rng).points
+        flat = extreme("Flattened", axes).apply(cloud, rng).points
         assert np.array_equal(flat[:, :axes], cloud.points[:, :axes])
         assert not flat[:, axes:].any()
     for value in (1e30, np.nan):
         expected = cloud.points.copy()
         expected[0, 0] = value
-        np.testing.assert_array_equal(FirstPoint(value).apply(cloud, rng).points, expected)
-    apart = TwoClusters().apply(cloud, rng).points
+        np.testing.assert_array_equal(
+            extreme("FirstPoint", value).apply(cloud, rng).points, expected
+        )
+    apart = extreme("TwoClusters").apply(cloud, rng).points
     # coordinates of +-0.5, shrunk to a tenth
     assert np.abs(apart[:1024] - (-0.9, 0, 0)).max() <= 0.05 + 1e-6
     assert np.abs(apart[1024:] - (0.9, 0, 0)).max() <= 0.05 + 1e-6
 
 
 def test_scale_shift_and_types(cloud, rng):
-    scaled = Scaled(1e30).apply(cloud, rng).points.astype(float)
+    scaled = extreme("Scaled", 1e30).apply(cloud, rng).points.astype(float)
     np.testing.assert_allclose(scaled, cloud.points * 1e30, rtol=2**-23)
-    shifted = Shifted(1e6).apply(cloud, rng).points
+    shifted = extreme("Shifted", 1e6).apply(cloud, rng).points
     # float32 has 24 bits: its grid at 1e6 is 1/16
     assert np.abs(shifted[:, 0] - 1e6 - cloud.points[:, 0]).max() <= 1 / 32
     assert np.array_equal(shifted[:, 1:], cloud.points[:, 1:])
-    assert np.array_equal(Cast("float64").apply(cloud, rng).points, cloud.points)
-    assert np.array_equal(Strided().apply(cloud, rng).points, cloud.points)
-    half = Cast("float16").apply(cloud, rng).points
+    assert np.array_equal(extreme("Cast", "float64").apply(cloud, rng).points, cloud.points)
+    assert np.array_equal(extreme("Strided").apply(cloud, rng).points, cloud.points)
+    half = extreme("Cast", "float16").apply(cloud, rng).points
     # 11 bits, hence half of 2^-11 in the octave below 0.5
     assert 0 < np.abs(half - cloud.points).max() <= 2**-13
-    assert not Cast("int64").apply(cloud, rng).points.any()  # all within +-0.5
-    points = Repeated(4).apply(cloud, rng).points.reshape(512, 4, 3)
+    assert not extreme("Cast", "int64").apply(cloud, rng).points.any()  # all within +-0.5
+    points = extreme("Repeated", 4).apply(cloud, rng).points.reshape(512, 4, 3)
     assert (points == cloud.points[::4, None]).all()
 
 
 def test_last_bits(rng):
     points = np.array([[0.0, 1.0, -1.0], [np.float32(1e-45), 0.3, -2.5]] * 1000, np.float32)
-    moved = LastBit().apply(PointCloud(points), rng).points
+    moved = extreme("LastBit").apply(PointCloud(points), rng).points
     up, down = (np.nextafter(points, np.float32(goal)) for goal in (np.inf, -np.inf))
     shares = [(moved == kind).mean() for kind in (down, points, up)]
     assert ((moved == down) | (moved == points) | (moved == up)).all()
@@ -112,20 +100,20 @@ def test_last_bits(rng):
 
 
 def test_subsets(cloud, rng):
-    shuffled = Shuffled().apply(cloud, rng).points
+    shuffled = extreme("Shuffled").apply(cloud, rng).points
     assert not np.array_equal(shuffled, cloud.points)
     assert np.array_equal(*(np.sort(p, axis=0) for p in (shuffled, cloud.points)))
-    kept = Kept(0.01).apply(cloud, rng).points
+    kept = extreme("Kept", 0.01).apply(cloud, rng).points
     rows = [np.flatnonzero((cloud.points == point).all(axis=1))[0] for point in kept]
     assert len(rows) == 20
     assert rows == sorted(rows)
-    assert len(Kept(1e-9).apply(cloud, rng)) == 1
-    half = Half().apply(cloud, rng).points
+    assert len(extreme("Kept", 1e-9).apply(cloud, rng)) == 1
+    half = extreme("Half").apply(cloud, rng).points
     assert np.array_equal(half, cloud.points[cloud.points[:, 0] < 0])
 
 
 def test_the_box_is_a_cube_in_the_unit_sphere(cloud, rng):
-    made = UnitBox().apply(cloud, rng)
+    made = extreme("UnitBox").apply(cloud, rng)
     half_side = 1 / np.sqrt(3)
     assert len(made) == 2048
     np.testing.assert_allclose(np.abs(made.points).max(axis=1), half_side, atol=1e-6)
@@ -134,7 +122,11 @@ def test_the_box_is_a_cube_in_the_unit_sphere(cloud, rng):
 
 
 def test_a_turned_cloud_is_seen_the_same_by_a_turned_camera(cloud, rng):
-    turned, before, after = Turned(75.0).apply(cloud, rng), View(30.0, 20.0), View(105.0, 20.0)
+    turned, before, after = (
+        extreme("Turned", 75.0).apply(cloud, rng),
+        View(30.0, 20.0),
+        View(105.0, 20.0),
+    )
     for here, there in ((cloud.points, turned.points), (SOURCE.vertices, turned.source.vertices)):
         (pixels, depth), (seen, seen_depth) = project(here, before), project(there, after)
         # float32 coordinates up to 1, 58 px a unit at distance 3 and more
@@ -143,13 +135,13 @@ def test_a_turned_cloud_is_seen_the_same_by_a_turned_camera(cloud, rng):
 
 
 def test_place_and_size_are_nothing_once_normalised(cloud, rng):
-    plain = Normalised().apply(cloud, rng).points
+    plain = extreme("Normalised", 1.0, 0.0, False).apply(cloud, rng).points
     for factor, distance in ((1e-30, 0), (1e30, 0), (1.0, 1e6), (1e3, 5.0)):
-        far = Normalised(factor, distance).apply(cloud, rng).points
+        far = extreme("Normalised", factor, distance, False).apply(cloud, rng).points
         # float64 at 1e6 has a grid of 1e-10; float32 rounds by 6e-8
         np.testing.assert_allclose(far, plain, atol=1.2e-7)
     assert np.linalg.norm(plain, axis=1).max() == pytest.approx(1.0, abs=1e-6)
-    rounded = Normalised(1000.0, whole=True).apply(cloud, rng).points
+    rounded = extreme("Normalised", 1000.0, 0.0, True).apply(cloud, rng).points
     # half a millimetre, of the point and of the centre, in a cloud of radius above 0.5; and as
     # much again by the radius
     assert 1e-5 < np.abs(rounded - plain).max() < 4 * 0.0005 / 0.5
