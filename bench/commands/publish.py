@@ -16,7 +16,7 @@ from bench.catalogue.suites import Suite
 from bench.commands.options import Format
 from bench.commands.score import score_run_of
 from bench.commands.terminal import LiveTable, Terminal, shown
-from bench.records.job import JobName
+from bench.records.job import JobName, timed
 from bench.records.run_folder import read_finished, read_manifest
 from bench.records.stored_artifacts import Artifact, StoredArtifacts
 from bench.report.build import REPORT, write_report
@@ -29,7 +29,7 @@ from bench.report.run_figures import (
 )
 from bench.running.merge import Merged, merge
 from bench.running.options import Options, device_of
-from bench.running.run import RunResult, run, timed
+from bench.running.run import RunResult, run
 from bench.tables.build import Outputs, paper_values, write_outputs
 from bench.tables.markdown import visible
 from bench.tables.table import TABLES, Table

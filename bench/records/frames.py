@@ -33,29 +33,27 @@ def image_frames(
     The condition is that of the name: one job stands for every condition where its method does not
     see the cloud.
     """
-    names: list[JobName] = []
-    results: list[Result] = []
+    part: list[tuple[JobName, Result]] = []
     count = 0
     for name, result in jobs:
-        names.append(name)
-        results.append(result)
+        part.append((name, result))
         count += len(result.views) // (8 * len(OF_VIEWS))
         if count >= most:
-            yield _image_frame(names, results)
-            names, results, count = [], [], 0
-    if names:
-        yield _image_frame(names, results)
+            yield _image_frame(part)
+            part, count = [], 0
+    if part:
+        yield _image_frame(part)
 
 
-def _image_frame(names: Sequence[JobName], results: Sequence[Result]) -> pd.DataFrame:
+def _image_frame(jobs: Sequence[tuple[JobName, Result]]) -> pd.DataFrame:
+    names, results = zip(*jobs, strict=True)
     values = np.frombuffer(b"".join(result.views for result in results), "<f8")
     counts = [len(result.views) // (8 * len(OF_VIEWS)) for result in results]
     of_jobs = {
         "suite": [result.suite for result in results],
         **dict(zip(JOB, zip(*names, strict=True), strict=True)),
         "outcome": ["ok" if result.has_images else "failed" for result in results],
-        **{name: [getattr(result, name) for result in results] for name in ("reason", "notes")},
-        **{name: [getattr(result, name) for result in results] for name in TIMES},
+        **{n: [getattr(result, n) for result in results] for n in ("reason", "notes", *TIMES)},
     }
     columns: dict[str, Any] = {
         name: np.repeat(np.array(of_job, TYPES.get(name, object)), counts)
@@ -67,11 +65,6 @@ def _image_frame(names: Sequence[JobName], results: Sequence[Result]) -> pd.Data
 
 
 def _read_batches(directory: Path, **only: str) -> Iterator[pd.DataFrame]:
-    """Yield the records of a run part by part, sorted by name and view.
-
-    `only` gives values of the columns that name a job, as `method="blank"`. Raises BadInput where
-    the run is not finished, and where its store cannot be read or has changed.
-    """
     with open_store(directory) as store:
         if store.is_empty:
             raise BadInput(
@@ -81,9 +74,10 @@ def _read_batches(directory: Path, **only: str) -> Iterator[pd.DataFrame]:
 
 
 def read_records(directory: Path, columns: Sequence[str] = COLUMNS, **only: str) -> pd.DataFrame:
-    """Return the records of a run, or some columns of them, in one frame.
+    """Return the records of a run, or some columns of them, sorted by name and view.
 
-    `only` and BadInput are as in `_read_batches`.
+    `only` gives values of the columns that name a job, as `method="blank"`. Raises BadInput where
+    the run is not finished, and where its store cannot be read or has changed.
     """
     parts = [part[list(columns)] for part in _read_batches(directory, **only)]
     frame = pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=list(columns))
@@ -106,19 +100,9 @@ def write_records(directory: Path, store: Store, most: int = _IMAGES_AT_ONCE) ->
 
 
 def read_job_sums(directory: Path) -> pd.DataFrame:
-    """Return the jobs of a finished run, a row each, with the sums of their scores.
+    """Return the jobs of a finished run as `sum_views`, sorted by name. Raises as `read_records`.
 
     Ground truths are no rows, and memory does not grow with the number of views.
-
-    Returns
-    -------
-    DataFrame
-        As `sum_views`, sorted by method, condition, class and object.
-
-    Raises
-    ------
-    BadInput
-        As `read_records`.
     """
     none = sum_views(pd.DataFrame(columns=COLUMNS))
     parts = [sum_views(part) for part in _read_batches(directory)]
@@ -128,14 +112,9 @@ def read_job_sums(directory: Path) -> pd.DataFrame:
 def sum_views(records: pd.DataFrame) -> pd.DataFrame:
     """Return the jobs of some records, in whose order the images of a job follow each other.
 
-    Returns
-    -------
-    DataFrame
-        The text columns `method`, `condition`, `class`, `object`, `reason` and `notes`; `planned`
-        and `drawn`, the views of the job and those with images, which are all or none; `prepare_s`
-        and `draw_s` as in the records; and for each column of scores, as `ssim`, and of times, as
-        `draw_s`, `ssim_sum` and `ssim_count`: the sum and the number of the values that are no NaN,
-        added one view after the other.
+    Of each: JOB, `reason` and `notes`; `planned` and `drawn`, its views and those with images,
+    which are all or none; its times; and for each column of scores and times, as `ssim`,
+    `ssim_sum` and `ssim_count`: the sum and the number of the values that are no NaN.
     """
     names = records[JOB].astype(object)
     begins = (names != names.shift()).any(axis=1).to_numpy()
@@ -176,10 +155,7 @@ class _StoredFeatures:
         self._directory, self._extractor = directory, extractor
 
     def images(self, method: str, condition: str, class_name: str) -> list[ImageKey]:
-        """Return all images that have features, sorted; an empty list where none have.
-
-        Raises BadInput for a store that cannot be read.
-        """
+        """Return all images that have features, sorted."""
         with open_store(self._directory) as store:
             objects = store.images_with(self._extractor, method, condition, class_name)
         return [(obj, view) for obj, views in objects for view in range(views)]
@@ -187,10 +163,7 @@ class _StoredFeatures:
     def of(
         self, method: str, condition: str, class_name: str, images: Sequence[ImageKey]
     ) -> Floats32:
-        """Return the features of `images`, [n, d].
-
-        Raises BadInput for a store that cannot be read, or lacks one of them or its values.
-        """
+        """Return the features of `images`, [n, d]. Raises BadInput where the store lacks one."""
         rows: dict[str, list[tuple[int, int]]] = {}  # of each object: view, row
         for row, (obj, view) in enumerate(images):
             rows.setdefault(obj, []).append((view, row))
@@ -220,10 +193,7 @@ class _StoredFeatures:
 
 
 def read_features(directory: Path, extractor: str) -> _StoredFeatures | None:
-    """Return the features of one extractor; None where they were not taken.
-
-    Raises BadInput for a store that cannot be read.
-    """
+    """Return the features of one extractor; None where they were not taken."""
     with open_store(directory) as store:
         return _StoredFeatures(directory, extractor) if store.has_features(extractor) else None
 

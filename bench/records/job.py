@@ -5,9 +5,9 @@ from __future__ import annotations
 import io
 import time
 import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, MutableMapping, Sequence
 from contextlib import contextmanager
-from dataclasses import astuple, dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,10 +26,7 @@ MOST_BYTES = 512 * MIB  # of an array: ten thousand images
 
 
 class JobName(NamedTuple):
-    """The name of a job in tables and reports: one method on one cloud.
-
-    The method of a ground truth is GROUND_TRUTH; it has no condition.
-    """
+    """The name of a job in tables and reports; that of a ground truth has no condition."""
 
     method: str
     condition: str
@@ -47,33 +44,6 @@ class JobName(NamedTuple):
         return self.class_name, self.object_id
 
 
-@dataclass(frozen=True)
-class JobTiming:
-    """Wall time of a worker on one job, in seconds, by what it went into.
-
-    Attributes
-    ----------
-    methods : float
-        Loading, preparing and drawing.
-    metrics : float
-        Scores and features.
-    rendering : float
-        The ground truth.
-    harness : float
-        The rest: clouds and artifacts.
-    """
-
-    methods: float = 0.0
-    metrics: float = 0.0
-    rendering: float = 0.0
-    harness: float = 0.0
-
-    def __add__(self, other: JobTiming) -> JobTiming:
-        pairs = zip(astuple(self), astuple(other), strict=True)
-        return JobTiming(*(sum(pair) for pair in pairs))
-
-
-NOTHING = JobTiming()
 MOST_TEXT = 10_000  # characters of a reason, or of notes
 
 
@@ -83,77 +53,50 @@ def stored_text(text: str) -> str:
     return kept.encode("utf-8", "backslashreplace").decode()
 
 
-class Stopwatch:
-    """Seconds by the fields of `JobTiming`, since the creation of the stopwatch."""
-
-    def __init__(self, clock: Callable[[], float] | None = None) -> None:
-        self._clock = clock or time.perf_counter
-        self._start = self._clock()
-        self._seconds: dict[str, float] = {}
-
-    @contextmanager
-    def on(self, part: str) -> Iterator[None]:
-        """Count the time of the block for `part`, also where an exception ends it."""
-        start = self._clock()
-        try:
-            yield
-        finally:
-            taken = self._clock() - start
-            self._seconds[part] = self._seconds.get(part, 0.0) + taken
-
-    def timing(self) -> JobTiming:
-        """Return the times so far. Time not counted for a named part is that of the harness."""
-        total = self._clock() - self._start
-        return JobTiming(**self._seconds, harness=total - sum(self._seconds.values()))
+@contextmanager
+def timed(part: str, seconds: MutableMapping[str, float]) -> Iterator[None]:
+    """Add the time of the block to `seconds[part]`, also where an exception ends it."""
+    start = time.perf_counter()
+    try:
+        yield
+    finally:
+        seconds[part] = seconds.get(part, 0.0) + time.perf_counter() - start
 
 
-def shares(timing: JobTiming, available_s: float) -> dict[str, float]:
-    """Return the parts of `available_s`, the time of all workers together, by `JobTiming`'s fields.
+def tenths(seconds: Mapping[str, float]) -> dict[str, float]:
+    """Return the seconds of stages as manifests have them."""
+    return {stage: round(taken, 1) for stage, taken in seconds.items()}
 
-    `timing` is the sum over all jobs. Time that no method, metric or rendering has used counts as
-    harness: workers that start, wait or idle while the tables are made.
+
+def shares(seconds: Mapping[str, float], available_s: float) -> dict[str, float]:
+    """Return the parts of `available_s`, the time of all workers together.
+
+    `seconds` are those of all jobs. Time that no method, metric or rendering has used counts as
+    harness: clouds, and workers that start, wait or idle while the tables are made.
     """
-    named = {
-        part: getattr(timing, part) / available_s for part in ("methods", "metrics", "rendering")
-    }
+    parts = ("methods", "metrics", "rendering")
+    named = {part: seconds.get(part, 0.0) / available_s for part in parts}
     return named | {"harness": 1.0 - sum(named.values())}
 
 
 @dataclass(frozen=True)
 class Job:
-    """One method on one cloud with all its views; or the ground truth (method GROUND_TRUTH).
+    """One method on one cloud with all its views; or the ground truth (method GROUND_TRUTH)."""
 
-    Attributes
-    ----------
-    key : str
-        A digest of everything that the result depends on.
-    perturbation : Perturbation
-        The change of the cloud that `condition` is the name of.
-    reference_key : str or None
-        The key of the ground truth; None where nothing is scored.
-    features : tuple of (str, str)
-        Id and weights file of each extractor to run.
-    address : str
-        The text by which the method is found; "" where that is its id.
-    batch : int or None
-        Views drawn in one call; None for all of them.
-    reference : bytes or None
-        The packed images of the ground truth; they are there when the job is handed to a worker.
-    """
-
-    key: str
+    key: str  # a digest of everything that the result depends on
     suite: str
     method: str
     condition: str
-    perturbation: Perturbation
+    perturbation: Perturbation  # the change of the cloud that `condition` is the name of
     object: SceneObject
     views: tuple[View, ...]
     seed: int
     device: str
-    features: tuple[tuple[str, str], ...]
-    reference_key: str | None
-    address: str = ""
-    batch: int | None = None
+    features: tuple[tuple[str, str], ...]  # id and weights file of each extractor to run
+    reference_key: str | None  # of the ground truth; None where nothing is scored
+    address: str = ""  # by which the method is found; "" where that is its id
+    batch: int | None = None  # views drawn in one call; None for all of them
+    # The packed images of the ground truth, there when the job is handed to a worker.
     reference: bytes | None = field(default=None, repr=False, compare=False)
 
     @property
@@ -164,40 +107,24 @@ class Job:
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """The result of a job.
+    """The result of a job."""
 
-    Attributes
-    ----------
-    key : str
-        The key of the job.
-    suite : str
-    reason : str
-        Why there are no images; empty where there are.
-    notes : str
-    prepare_s, draw_s : float or None
-        As in the records.
-    views : bytes
-        Directions and scores of its views, by `pack_views`; empty where they are left in the store
-        (`without_contents`).
-    arrays : mapping
-        Packed images and features by name, on their way from the worker to the store.
-    unusable : str or None
-        Why going on with other jobs of this kind makes no sense (a library or weights file is
-        missing); the run ends with this message.
-    timing : JobTiming
-        Zeros for a job of an earlier start, and for one whose worker died.
-    """
-
-    key: str
+    key: str  # of the job
     suite: str = ""
-    reason: str = ""
+    reason: str = ""  # why there are no images; empty where there are
     notes: str = ""
-    prepare_s: float | None = None
+    prepare_s: float | None = None  # as in the records
     draw_s: float | None = None
+    # Directions and scores of the views, by `pack_views`, and packed images and features by name;
+    # empty where they are left in the store.
     views: bytes = field(default=b"", repr=False)
     arrays: Mapping[str, bytes] = field(default_factory=dict, repr=False)
+    # Why going on with other jobs of this kind makes no sense (a library or weights file is
+    # missing); the run ends with this message.
     unusable: str | None = None
-    timing: JobTiming = NOTHING
+    # Seconds of a worker for methods (loading, preparing, drawing), metrics and the rendering of
+    # the ground truth; empty for a job of an earlier start, and for one whose worker died.
+    timing: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def has_images(self) -> bool:
@@ -209,10 +136,6 @@ class Result:
         """Return the values [V] of the views by the names in OF_VIEWS; NaN where there is none."""
         values = np.frombuffer(self.views, "<f8").reshape(-1, len(OF_VIEWS))
         return dict(zip(OF_VIEWS, values.T, strict=True))
-
-    def without_contents(self) -> Result:
-        """Return the result without views and arrays, which are left in the store."""
-        return replace(self, views=b"", arrays={})
 
 
 def failed(job: Job, reason: str, taken_s: float | None = None) -> Result:

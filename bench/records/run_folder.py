@@ -11,14 +11,14 @@ from __future__ import annotations
 import fcntl
 import json
 import os
+import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from bench.records.manifest_schema import misfit
 from bench.records.record import SCHEMA_VERSION
-from bench.records.store import STORE, Store, open_store
+from bench.records.store import MOST_VIEWS, STORE, Store, open_store
 from data_prep.datasets.protocol_version import refuse_other_version
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.files.atomic_write import write_whole
@@ -33,34 +33,61 @@ TRUTH = "truth"  # likewise; there only where it is not COLOURED
 CONDITION_IDENTITIES = "condition_identities"  # there only for conditions of other packages
 COLOURED = "coloured"  # the truth without --truth
 
+_OBJECT = re.compile(r"[^/]+/.+", re.DOTALL)  # class and name
+_FACTS = {str: str}
+_MOST_SHOWN = 40  # characters of a value in a message
+# A type is that of a value, [A] a list of A, [A, B] a list of two, {str: A} a mapping to A; a
+# mapping of names has entries of which each may be missing; of several in a tuple one has to fit.
+_SCHEMA: Mapping[str, Any] = {
+    **dict.fromkeys(("suite", "dataset", "device", "truth", "started", "code"), str),
+    **dict.fromkeys(("schema_version", "protocol", "views", "seed", "workers", "planned"), int),
+    **{name: [str] for name in ("methods", "conditions", "pairs", "triples", "cases", "command")},
+    **dict.fromkeys(("objectives", "condition_identities", "skipped_metrics"), _FACTS),
+    **dict.fromkeys(("feature_identity", "environment", "versions"), _FACTS),
+    **{name: {str: (int, float)} for name in ("stage_seconds", "worker_shares")},
+    **dict.fromkeys(("shard", "finished"), (None, str)),
+    "identities": {str: [int, str, str]},
+    "entered": {str: {"tree": str, "name": str}},
+    "objects": [_OBJECT],
+    "threads": [int],
+    "weights": {str: _FACTS},
+    "machine": {"cpu": str, "platform": str, "instructions": str, "cores": int}
+    | {"memory_gib": (int, float)},
+    "git": {"commit": str, "clean": bool},
+    "cluster": (None, dict.fromkeys(("address", "version"), str)),
+    "merged": [{"shard": str, "started": (None, str), "machine": {"cpu": str}}],
+    "request": {
+        **dict.fromkeys(("suite", "dataset", "device", "truth", "inception_weights"), str),
+        **{name: [str] for name in ("methods", "conditions", "metrics")},
+        **dict.fromkeys(("limit", "views", "seed"), int),
+    },
+}
+# Entries that every run has from its start; all others of `_SCHEMA` may be missing.
+_NEEDED = (
+    *("schema_version", "protocol", "request", "suite", "dataset", "views", "seed", "device"),
+    *("methods", "environment", "command", "started", "finished", "versions", "machine"),
+)
+_OF_JOBS = (
+    *("shard", "identities", "objectives", "conditions", "objects", "skipped_metrics"),
+    *("feature_identity", "planned"),
+)
+# Suites with a procedure of their own measure other things.
+_OF_PROCEDURES = {"latent": (), "stability": ("objects",), "speed": ("conditions", "objects")}
+_NAMES = {str: "text", int: "whole number", float: "number", bool: "truth value", None: "null"}
+
 
 @contextmanager
 def open_folder(directory: Path) -> Iterator[Store]:
     """Yield the store of a run's folder, to one process at a time.
 
-    Raises
-    ------
-    BadInput
-        Where another run holds the folder, on a file system without locks, and as
-        `bench.records.store.open_store`.
-    CannotWrite
-        Where the folder cannot be written.
+    Raises BadInput where another run holds the folder, on a file system without locks, and as
+    `bench.records.store.open_store`; CannotWrite where the folder cannot be written.
     """
     try:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise _not_writable(directory, error) from error
     with _locked(directory), open_store(directory, write=True) as store:
-        yield store
-
-
-@contextmanager
-def read_store(directory: Path) -> Iterator[Store]:
-    """Yield the store of a run's folder, to be read only; an empty one for a folder without one.
-
-    Raises BadInput as `bench.records.store.open_store`.
-    """
-    with open_store(directory) as store:
         yield store
 
 
@@ -90,22 +117,23 @@ def _not_writable(directory: Path, error: OSError) -> CannotWrite:
 
 
 def check_directory(directory: Path, manifest: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the manifest of the run in a folder; an empty one where there is none.
-
-    Raises BadInput where a run described by `manifest` must not be written there.
-    """
+    """Return the manifest of the run in a folder, {} for none; refuse one of something else."""
     if not _holds_run(directory):
         return {}
     stored = read_manifest(directory)
     for name in (*FIXED, _SHARD, TRUTH):
-        default = COLOURED if name == TRUTH else None
-        present, wanted = stored.get(name, default), manifest.get(name, default)
+        present, wanted = entry(stored, name), entry(manifest, name)
         if present != wanted:
             raise BadInput(
                 f"{directory}: holds a run of {name} {present!r}, not {wanted!r}; "
                 "give another --out, or --fresh to start over"
             )
     return stored
+
+
+def entry(manifest: Mapping[str, Any], name: str) -> Any:
+    """Return an entry of a manifest, None where it has none; the truth has a default."""
+    return manifest.get(name, COLOURED if name == TRUTH else None)
 
 
 def _holds_run(directory: Path) -> bool:
@@ -125,11 +153,7 @@ def _holds_run(directory: Path) -> bool:
 
 
 def read_finished(directory: Path, older: bool = False) -> dict[str, Any]:
-    """Return the manifest of a finished run.
-
-    Raises BadInput as `read_manifest`, and where the run is not finished: its records may then be
-    those of another run.
-    """
+    """Return the manifest of a finished run: the records of others may be those of another run."""
     manifest = read_manifest(directory, older)
     if manifest.get("finished") is None:
         raise BadInput(f"{directory}: the run is not finished; start it again with its command")
@@ -139,15 +163,15 @@ def read_finished(directory: Path, older: bool = False) -> dict[str, Any]:
 def read_manifest(directory: Path, older: bool = False) -> dict[str, Any]:
     """Return the manifest of a run.
 
-    Raises BadInput where there is no run, for one with links that lead out of it or with pipes or
-    devices, and for one that is damaged, of version 1.0.0, of a newer schema or of another version
-    of the protocol, but for an earlier one with `older`.
+    Raises BadInput where there is no run, for links that lead out of it, pipes and devices, and as
+    `load_manifest`.
     """
     if not directory.exists():
         raise BadInput(f"{directory}: no such folder; give a run's folder")
     for path in directory.iterdir() if directory.is_dir() else ():
         # A command would wait for a pipe for ever, and write tables where a link leads.
-        if path.is_symlink() and not _is_below(path, directory):
+        below = Path(os.path.realpath(path)).is_relative_to(os.path.realpath(directory))
+        if path.is_symlink() and not below:
             raise BadInput(f"{path}: a link that leads out of the run's folder; put a copy there")
         if path.exists() and not (path.is_file() or path.is_dir()):
             raise BadInput(f"{path}: no regular file but a pipe or device; remove it")
@@ -156,17 +180,14 @@ def read_manifest(directory: Path, older: bool = False) -> dict[str, Any]:
     return load_manifest(directory / MANIFEST, directory, older=older)
 
 
-def _is_below(path: Path, directory: Path) -> bool:
-    return Path(os.path.realpath(path)).is_relative_to(os.path.realpath(directory))
-
-
 def load_manifest(
     path: Path, where: Path | None = None, remedy: str = "", older: bool = False
 ) -> dict[str, Any]:
-    """Return the manifest in a file, whose entries have the types of `SCHEMA`.
+    """Return the manifest in a file, whose entries have the types of `_SCHEMA`.
 
-    Raises BadInput as `read_manifest`; messages about versions name `where`, by default the
-    file. `remedy` is another one than to run again.
+    Raises BadInput for one that is damaged, of version 1.0.0, of a newer schema or of another
+    version of the protocol, but for an earlier one with `older`. Messages about versions name
+    `where`, by default the file; `remedy` is another one than to run again.
     """
     where = where or path
     instead = remedy or "move it away and run again"
@@ -193,7 +214,7 @@ def load_manifest(
         )
     again = remedy or "run again with another --out or --fresh"
     refuse_other_version(where, manifest[PROTOCOL], again, older)
-    if problem := misfit(manifest):
+    if problem := _misfit_of(manifest):
         raise BadInput(f"{path}: not a manifest ({problem}); {instead}")
     return manifest
 
@@ -205,10 +226,7 @@ def write_manifest(directory: Path, manifest: Mapping[str, Any]) -> None:
 
 
 def set_aside(directory: Path) -> Path | None:
-    """Rename an old run out of the way (`--fresh`) and return its new place; None without a run.
-
-    Raises BadInput where the directory is no run, and where another process is writing the run.
-    """
+    """Rename an old run out of the way (`--fresh`); return its new place, or None without a run."""
     if not _holds_run(directory):
         return None
     number = 1
@@ -219,3 +237,58 @@ def set_aside(directory: Path) -> Path | None:
             return directory.rename(target)
         except OSError as error:
             raise _not_writable(directory.parent, error) from error
+
+
+def _misfit_of(manifest: Mapping[str, Any]) -> str:
+    """Return what a manifest lacks, or the first entry of another type; "" where it fits."""
+    needed = (*_NEEDED, *_OF_PROCEDURES.get(str(manifest.get("suite")), _OF_JOBS))
+    if lacking := [name for name in needed if name not in manifest]:
+        return f"no {', '.join(lacking)}"
+    if problem := _misfit(manifest, _SCHEMA, ""):
+        return problem
+    if not 1 <= manifest["views"] <= MOST_VIEWS:
+        return f"views is {manifest['views']}, not 1 to {MOST_VIEWS}"
+    for name in ("methods", "conditions", "objects"):
+        names = manifest.get(name, [])
+        if len(names) > len({*names}):
+            return f"{name} has {next(n for n in names if names.count(n) > 1)!r} twice"
+    return ""
+
+
+def _misfit(value: Any, wanted: Any, place: str) -> str:
+    """Return the first place where a value has another type; "" where there is none."""
+    if isinstance(wanted, tuple):
+        problems = [_misfit(value, kind, place) for kind in wanted]
+        return "" if "" in problems else problems[-1]
+    if isinstance(wanted, list):
+        if not isinstance(value, list) or len(wanted) not in (1, len(value)):
+            return _other(place, value, "list" + f" of {len(wanted)}" * (len(wanted) > 1))
+        inner = [(f"[{i}]", v, wanted[i % len(wanted)]) for i, v in enumerate(value)]
+    elif isinstance(wanted, dict):
+        if not isinstance(value, dict):
+            return _other(place, value, "object")
+        inner = [
+            (f".{name}", v, wanted.get(name, wanted.get(str, object))) for name, v in value.items()
+        ]
+    else:
+        return (
+            "" if _fits(value, wanted) else _other(place, value, _NAMES.get(wanted, "class/name"))
+        )
+    problems = (_misfit(v, kind, f"{place}{at}".removeprefix(".")) for at, v, kind in inner)
+    return next(filter(None, problems), "")
+
+
+def _other(place: str, value: Any, kind: str) -> str:
+    text = repr(value)
+    text = text if len(text) <= _MOST_SHOWN else f"{text[:_MOST_SHOWN]}..."
+    return f"{place} is {text}, no {kind}"
+
+
+def _fits(value: Any, wanted: Any) -> bool:
+    if isinstance(wanted, re.Pattern):
+        return isinstance(value, str) and wanted.fullmatch(value) is not None
+    if wanted is None:
+        return value is None
+    if wanted is int:
+        return type(value) is int and abs(value) < 2**63
+    return wanted is object or (type(value) is wanted and value == value)  # NaN is no number

@@ -19,7 +19,7 @@ import sqlite3
 import zlib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -75,20 +75,12 @@ CREATE TABLE IF NOT EXISTS score (
 TABLES = SCHEMA.count("CREATE TABLE")
 _JOB = "job.key, suite, reason, notes, prepare_s, draw_s, views, blobs, sha256"
 _NAME = ", ".join(JOB)
-_IS_NAME = " AND ".join(f"{name} = ?" for name in JOB)
-_IS_CELL = " AND ".join(f"{name} = ?" for name in JOB[:3])
+_IS_CELL = "method = ? AND condition = ? AND class = ?"
 _ARRAYS = "JOIN job USING (key) JOIN blob ON blob.job = job.id AND blob.name = ?"
 
 
 class DamagedJob(BadInput):
-    """A job whose images, features or records are not what was stored.
-
-    Attributes
-    ----------
-    path : Path
-        The file of the store.
-    key : str
-    """
+    """A job whose images, features or records are not what was stored."""
 
     def __init__(self, path: Path, key: str, what: str = "images") -> None:
         named = key if key.isprintable() else repr(key)  # it may be damaged, too
@@ -109,24 +101,13 @@ class JobRow(NamedTuple):
 
 @dataclass(frozen=True)
 class ScoredMetric:
-    """An image metric that a run was scored by.
-
-    Attributes
-    ----------
-    id : str
-    version : int
-    about : str
-        One line for people.
-    higher_is_better : bool
-    decimals : int
-        Digits after the point that its values are printed with.
-    """
+    """An image metric that a run was scored by."""
 
     id: str
     version: int
-    about: str
+    about: str  # one line for people
     higher_is_better: bool
-    decimals: int
+    decimals: int  # digits after the point that its values are printed with
 
 
 class Store:
@@ -139,7 +120,7 @@ class Store:
 
     @property
     def is_empty(self) -> bool:
-        """Return whether no job is finished."""
+        """Whether no job is finished."""
         return not self._rows("SELECT 1 FROM job LIMIT 1")
 
     def find(self, keys: Collection[str]) -> dict[str, Result]:
@@ -152,17 +133,13 @@ class Store:
         return {row[0]: Result(*row) for row in rows}
 
     def result(self, key: str) -> Result:
-        """Return the result of a job with its views, without arrays.
-
-        Raises KeyError for one that is not finished, and DamagedJob where it has changed.
-        """
+        """Return a job's result with its views, without arrays. Raises KeyError and DamagedJob."""
         return self._result(self._row(key))
 
     def _row(self, key: str) -> tuple[Any, ...]:
-        rows = self._rows(f"SELECT {_JOB} FROM job WHERE key = ?", key)
-        if not rows:
-            raise KeyError(key)
-        return rows[0]
+        for row in self._rows(f"SELECT {_JOB} FROM job WHERE key = ?", key):
+            return row
+        raise KeyError(key)
 
     def _result(self, row: tuple[Any, ...]) -> Result:
         """Return the result in a row, which may come from anywhere. Raises DamagedJob."""
@@ -185,21 +162,17 @@ class Store:
 
         Raises KeyError for a job without, and DamagedJob where they are missing or have changed.
         """
-        rows = self._rows(
-            "SELECT blobs, data FROM job LEFT JOIN blob ON blob.job = job.id AND blob.name = ? "
-            "WHERE key = ?",
-            *(name, key),
-        )
-        if not rows or name not in self._names(key, rows[0][0]):
-            raise KeyError(f"{name} of job {key}")
-        return self._checked(key, name, *rows[0])
+        joined = "job LEFT JOIN blob ON blob.job = job.id AND blob.name = ?"
+        for row in self._rows(f"SELECT blobs, data FROM {joined} WHERE key = ?", name, key):
+            if name in self._names(key, row[0]):
+                return self._checked(key, name, *row)
+        raise KeyError(f"{name} of job {key}")
 
     def arrays(self, key: str) -> dict[str, bytes]:
-        """Return the packed images and features of a job by name. Raises as `array`."""
+        """Return the packed images and features of a job by name, as `array`."""
         return {name: self.array(key, name) for name in self._names(key, self._row(key)[7])}
 
     def _names(self, key: str, blobs: object) -> dict[str, str]:
-        """Return the checksums of the arrays of a job by name."""
         with suppress(ValueError, TypeError, RecursionError):
             names = json.loads(blobs)  # type: ignore[arg-type]  # of any type in a foreign file
             if isinstance(names, dict):
@@ -253,7 +226,7 @@ class Store:
         self.appended += 1
 
     def verify(self) -> None:
-        """Compare all jobs of the complete run to their checksums. Raises DamagedJob."""
+        """Raise DamagedJob where a job of the complete run is not as its checksums."""
         for (key,) in self._each("SELECT DISTINCT key FROM listed"):
             try:
                 self.result(key)
@@ -281,10 +254,7 @@ class Store:
                 yield number
 
     def list_jobs(self, jobs: Iterable[tuple[str, JobName]]) -> None:
-        """Note keys and names of the jobs of a complete run, in place of those of the run before.
-
-        `jobs` are in the order of the plan.
-        """
+        """Note keys and names of a complete run's jobs, in its order, in place of those before."""
         with self._transaction() as execute:
             execute("DELETE FROM listed")
             for key, name in jobs:
@@ -306,10 +276,7 @@ class Store:
             yield key, JobName(*name), tuple(row[5:])
 
     def listed(self, *obj: str) -> Iterator[JobRow]:
-        """Yield the jobs of the complete run, or of an object (class, name) of it.
-
-        They are in the order of its plan.
-        """
+        """Yield the jobs of the complete run, or of an object (class, name), in its order."""
         where = "WHERE class = ? AND object = ?" if obj else ""
         rest = f"LEFT JOIN job USING (key) {where} ORDER BY place"
         rows = self._listed("reason = ''", rest, *obj)
@@ -317,14 +284,13 @@ class Store:
 
     def key_of(self, name: JobName) -> str | None:
         """Return the key of a job of the complete run; None for one without images."""
-        rest = f"JOIN job USING (key) WHERE {_IS_NAME} AND reason = ''"
+        rest = f"JOIN job USING (key) WHERE {' = ? AND '.join(JOB)} = ? AND reason = ''"
         return next((key for key, *_ in self._listed("1", rest, *name)), None)
 
     def results(self, **only: str) -> Iterator[tuple[JobName, Result]]:
         """Yield the complete run's jobs with their views, sorted by name, but for ground truths.
 
-        `only` gives values of the columns in JOB. Raises DamagedJob for a job that is missing or
-        has changed.
+        `only` gives values of the columns in JOB. Raises DamagedJob where one is missing, too.
         """
         where = "".join(f" AND {JOB[JOB.index(name)]} = ?" for name in only)
         rest = f"LEFT JOIN job USING (key) WHERE method != '{GROUND_TRUTH}'{where} ORDER BY {_NAME}"
@@ -342,10 +308,9 @@ class Store:
     def features(
         self, extractor: str, *cell: str, first: str = "", last: str = ""
     ) -> Iterator[tuple[str, NDArray[Any]]]:
-        """Yield object and features [V, d] of the jobs of a cell (method, condition, class).
+        """Yield object and features [V, d] of a cell (method, condition, class), by object.
 
-        They are sorted by object, from the first to the last one. Raises DamagedJob for features
-        that are not what was stored.
+        `first` and `last` are the objects to begin and to end with. Raises DamagedJob.
         """
         rest = f"{_ARRAYS} WHERE {_IS_CELL} AND object BETWEEN ? AND ? ORDER BY object"
         values = (extractor, *cell, first, last)
@@ -353,7 +318,7 @@ class Store:
             yield name.object_id, unpack(self._checked(key, extractor, blobs, data))
 
     def images_with(self, extractor: str, *cell: str) -> list[tuple[str, int]]:
-        """Return the objects of a cell that have features, sorted, with their numbers of views."""
+        """Return a cell's objects that have features, sorted, with their numbers of views."""
         rest = f"{_ARRAYS} WHERE {_IS_CELL} ORDER BY object"
         rows = self._listed("length(views)", rest, extractor, *cell)
         return [(name.object_id, size // (8 * len(OF_VIEWS))) for _, name, (size,) in rows]
@@ -361,8 +326,7 @@ class Store:
     def put_scores(self, metric: ScoredMetric, scores: Mapping[str, Floats]) -> None:
         """Store the scores [V] by a metric by the keys of jobs, in place of earlier ones."""
         with self._transaction() as execute:
-            row = (metric.id, metric.version, metric.about, int(metric.higher_is_better))
-            row = (*row, metric.decimals)
+            row = [int(v) if isinstance(v, bool) else v for v in astuple(metric)]
             execute("REPLACE INTO metric VALUES (?, ?, ?, ?, ?, ?)", (*row, _crc(row)))
             execute("DELETE FROM score WHERE metric = ?", (metric.id,))
             for key, values in scores.items():
@@ -374,14 +338,12 @@ class Store:
 
     def metrics(self) -> dict[str, ScoredMetric]:
         """Return the metrics that jobs were scored by, by id; none that cannot be used."""
-        rows = self._rows("SELECT id, version, about, higher_is_better, decimals, crc FROM metric")
         usable = {}
-        for *row, crc in rows:
+        for *row, crc in self._rows("SELECT * FROM metric"):
             fits = [*map(type, row)] == [str, int, str, int, int] and 0 <= row[4] <= _MOST_DECIMALS
             if fits and crc == _crc(row):
-                metric_id, version, about, higher, digits = row
-                usable[metric_id] = ScoredMetric(metric_id, version, about, bool(higher), digits)
-        return dict(sorted(usable.items()))
+                usable[row[0]] = ScoredMetric(row[0], row[1], row[2], bool(row[3]), row[4])
+        return dict(sorted(usable.items()))  # an index may be damaged
 
     def scores(self, metric: str) -> Iterator[tuple[JobName, Floats | None]]:
         """Yield the scores [V] of the complete run's jobs that have images, sorted by name.
@@ -428,8 +390,7 @@ class Store:
                 raise
 
 
-def _stored_time(seconds: float | None) -> float | None:
-    """Return a time as the column keeps it; an author may claim anything."""
+def _stored_time(seconds: float | None) -> float | None:  # an author may claim anything
     return None if seconds is None or not abs(seconds) < _MOST_NUMBER else float(seconds)
 
 
@@ -445,7 +406,6 @@ def _score_checksum(metric: str, key: str, data: bytes) -> str:
 
 
 def _crc(row: Iterable[object]) -> int:
-    """Return a checksum of a short row."""
     return zlib.crc32(repr([*row]).encode("utf-8", "replace"))
 
 
@@ -460,14 +420,8 @@ def _forget(execute: Callable[..., sqlite3.Cursor], where: str, value: object) -
 def open_store(directory: Path, *, write: bool = False) -> Iterator[Store]:
     """Yield the store of a run's folder; an empty one where it has none and is only read.
 
-    To write, the process holds the folder's lock (`bench.records.run_folder`).
-
-    Raises
-    ------
-    BadInput
-        For a file that is no store, is damaged, or of another version.
-    CannotWrite
-        Where the file cannot be written.
+    To write, the process holds the folder's lock (`bench.records.run_folder`). Raises BadInput for
+    a file that is no store, is damaged, or of another version, and CannotWrite.
     """
     path = directory / STORE
     for end in ("", "-wal", "-shm", "-journal"):  # a pipe is opened for ever, a link leads out
@@ -531,7 +485,11 @@ def _is_store(path: Path, connection: sqlite3.Connection) -> bool:
         kinds = connection.execute("SELECT type, name, sql FROM sqlite_schema").fetchall()
         tables = [name for kind, name, _ in kinds if kind == "table"]
         # A view, a trigger or a virtual table may execute anything, and without end.
-        others = [name for kind, name, sql in kinds if _is_code(kind, sql)]
+        others = [
+            name
+            for kind, name, sql in kinds
+            if kind in ("view", "trigger") or (sql or "").upper().startswith("CREATE VIRTUAL")
+        ]
         if others or (tables and application != _APPLICATION_ID):
             raise BadInput(f"{path}: a database, but not the store of a run; move it away")
         if version > _STORE_VERSION:
@@ -550,8 +508,14 @@ def _is_store(path: Path, connection: sqlite3.Connection) -> bool:
     return len(tables) >= TABLES
 
 
-def _is_code(kind: str, sql: str | None) -> bool:
-    return kind in ("view", "trigger") or (sql or "").upper().startswith("CREATE VIRTUAL")
+_NO_FOLDER = "{}; its folder cannot be written: copy it, or give --out"
+_DAMAGED = "", BadInput, "damaged ({}); bring back a copy, or start over with --fresh"
+_ERRORS = (  # of SQLite, the refusal, and its text with {} for the message
+    ("FULL IOERR", CannotWrite, "cannot be written ({}); make room and run again"),
+    ("READONLY CANTOPEN PERM", CannotWrite, _NO_FOLDER),
+    ("BUSY LOCKED PROTOCOL", BadInput, "{}; another process uses it: wait, or give --out"),
+    ("NOTADB", BadInput, "not a store of a run ({}); move it away"),
+)
 
 
 @contextmanager
@@ -562,20 +526,7 @@ def _named(path: Path) -> Iterator[None]:
     except (sqlite3.Error, UnicodeDecodeError) as error:  # its message may quote damaged names
         kind = getattr(error, "sqlite_errorname", "")
         text = "".join(c if c.isprintable() else "?" for c in str(error))
-        if kind.startswith(("SQLITE_FULL", "SQLITE_IOERR")):
-            raise CannotWrite(
-                f"{path}: cannot be written ({text}); make room and run again"
-            ) from error
-        if kind.startswith(("SQLITE_READONLY", "SQLITE_CANTOPEN", "SQLITE_PERM")):
-            raise CannotWrite(
-                f"{path}: {text}; its folder cannot be written: copy it, or give --out"
-            ) from error
-        if kind.startswith(("SQLITE_BUSY", "SQLITE_LOCKED", "SQLITE_PROTOCOL")):
-            raise BadInput(
-                f"{path}: {text}; another process uses it: wait, or give --out"
-            ) from error
-        if kind == "SQLITE_NOTADB":
-            raise BadInput(f"{path}: not a store of a run ({text}); move it away") from error
-        raise BadInput(
-            f"{path}: damaged ({text}); bring back a copy, or start over with --fresh"
-        ) from error
+        kind = kind.removeprefix("SQLITE_").partition("_")[0]
+        fitting = (row for row in _ERRORS if kind in row[0].split())
+        _, refusal, why = next(fitting, _DAMAGED)
+        raise refusal(f"{path}: {why.format(text)}") from error

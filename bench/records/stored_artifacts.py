@@ -24,10 +24,7 @@ class Artifact:
     key: str
 
     def read(self, name: str = IMAGES) -> NDArray[Any]:
-        """Return the images [V, H, W, 3], or the features [V, d] of an extractor.
-
-        Raises KeyError where the job has none, and BadInput where they are missing or altered.
-        """
+        """Return images [V, H, W, 3], or features [V, d]. Raises KeyError without, and BadInput."""
         with open_store(self.directory) as store:
             return unpack(store.array(self.key, name))
 
@@ -39,10 +36,7 @@ class Artifact:
 
 
 class StoredArtifacts(Mapping[JobName, Artifact]):
-    """The artifacts of the complete run in a folder by the names of its jobs, in its order.
-
-    Nothing is held in memory; a folder without a store has none.
-    """
+    """The artifacts of the complete run in a folder by the names of its jobs, in its order."""
 
     def __init__(self, directory: Path) -> None:
         self._directory = directory

@@ -24,7 +24,7 @@ from bench.catalogue.conditions import condition_words
 from bench.catalogue.methods import role
 from bench.catalogue.metrics import is_mean
 from bench.catalogue.suites import TRUTHS
-from bench.records.run_folder import FIXED, PROTOCOL, TRUTH, read_store
+from bench.records.run_folder import FIXED, PROTOCOL, TRUTH, open_store
 from bench.report.board import (
     HEADLINE,
     BoardCell,
@@ -134,7 +134,7 @@ def _refuse_copies(runs: Sequence[Run]) -> None:
     first: dict[tuple[Any, ...], Path] = {}
     for run in runs:
         request = (run.manifest.get(name) for name in (*FIXED, TRUTH))
-        with read_store(run.directory) as store:
+        with open_store(run.directory) as store:
             key = (*request, store.digest())
         other = first.setdefault(key, run.directory)
         if other != run.directory:

@@ -146,4 +146,4 @@ def do_and_store(
             if result.unusable:
                 raise MissingDependency(result.unusable)
             store.append(result)
-            yield result.without_contents()
+            yield replace(result, views=b"", arrays={})

@@ -8,24 +8,22 @@ merge that was stopped goes on where it was.
 from __future__ import annotations
 
 import sys
-from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
-from itertools import chain
 from pathlib import Path
-from typing import Any, Generic
+from typing import Any, Generic, NamedTuple
 
+from bench.records.job import tenths
 from bench.records.run_folder import (
-    COLOURED,
     CONDITION_IDENTITIES,
     FIXED,
     TRUTH,
+    entry,
     read_finished,
-    read_store,
 )
-from bench.records.store import JobRow, Store
-from bench.running.options import Element, Shard, read_shard
+from bench.records.store import JobRow, Store, open_store
+from bench.running.options import Element, read_shard
 from bench.running.protocol import WHOLE
 from bench.running.run import Outputs, Publish, open_run, write_export
 from data_prep.failures import BadInput
@@ -41,8 +39,7 @@ Part = tuple[Path, Mapping[str, Any]]  # the folder of a shard, and its manifest
 EACH = ("shard", "started", "finished", "machine", "git")  # entries kept for each shard
 
 
-@dataclass(frozen=True)
-class Merged(Generic[Outputs]):
+class Merged(NamedTuple, Generic[Outputs]):
     """The outputs of a complete run, and how many jobs it has and were copied."""
 
     outputs: Outputs
@@ -53,9 +50,8 @@ class Merged(Generic[Outputs]):
 def merge(directories: Sequence[Path], out: Path, publish: Publish[Outputs]) -> Merged[Outputs]:
     """Put the shards of a run together in `out`; `publish` is as in `bench.running.run.run`.
 
-    Raises BadInput, which names the directory, where one is no finished shard, is missing, given
-    twice or of another run, or where images of it are missing or altered; and where `out` holds
-    another run, or one with more methods, conditions or objects. The shards stay as they are.
+    Raises BadInput, which names the folder, where one is no finished shard, is missing, given
+    twice, of another run or damaged; and as `open_run`. The shards stay as they are.
     """
     parts = _in_order([(directory, _read_part(directory)) for directory in directories])
     manifest = _describe([manifest for _, manifest in parts])
@@ -64,7 +60,7 @@ def merge(directories: Sequence[Path], out: Path, publish: Publish[Outputs]) -> 
         seconds: dict[str, float] = {}
         write_export(out, store, seconds)
         outputs = publish(out, seconds)
-        manifest["stage_seconds"] = _added([manifest["stage_seconds"], seconds])
+        manifest["stage_seconds"] = _added(manifest, {"stage_seconds": seconds})
     return Merged(outputs, jobs, store.appended)
 
 
@@ -82,14 +78,13 @@ def _read_part(directory: Path) -> dict[str, Any]:
 
 
 def _in_order(parts: Sequence[Part]) -> list[Part]:
-    """Return shards 1 to N. Raises BadInput where they are not the shards of one run, each once."""
+    """Return shards 1 to N; refuse others than those of one run, each once."""
     first, manifest = parts[0]
     count = read_shard(manifest["shard"]).count
     by_number: dict[int, Part] = {}
     for directory, other in parts:
         for name in ALIKE:
-            default = COLOURED if name == TRUTH else None
-            if differing := _differing(*(m.get(name, default) for m in (other, manifest))):
+            if differing := _differing(entry(other, name), entry(manifest, name)):
                 raise BadInput(
                     f"{directory}: not of one run with {first}: its {name} is {differing}; make "
                     "both with the same command, packages and drivers"
@@ -111,7 +106,7 @@ def _in_order(parts: Sequence[Part]) -> list[Part]:
 
 
 def _differing(value: object, other: object) -> str:
-    """Return two values of a manifest as text, of mappings what differs; "" for equal ones."""
+    """Return two values as text, of mappings what differs; "" for equal ones."""
     if value == other:
         return ""
     if isinstance(value, Mapping) and isinstance(other, Mapping):
@@ -123,27 +118,25 @@ def _differing(value: object, other: object) -> str:
 def interleave(shards: Sequence[Sequence[Element]]) -> list[Element]:
     """Return the elements of shards 1 to N in the order they had before `Shard.select`.
 
-    Raises ValueError where `Shard.select` cannot give such lengths: each shard has as many elements
-    as the one before, or, once, one less.
+    Raises ValueError for lengths that `Shard.select` cannot give.
     """
-    total = sum(map(len, shards))
-    positions = [Shard(k, len(shards)).select(range(total)) for k in range(1, len(shards) + 1)]
-    if [*map(len, shards)] != [*map(len, positions)]:
-        raise ValueError(f"{[*map(len, shards)]} elements are not interleaved")
-    by_position = dict(zip(chain(*positions), chain(*shards), strict=True))
-    return [by_position[position] for position in range(total)]
+    lengths = [*map(len, shards)]
+    if max(lengths) - min(lengths) > 1 or lengths != sorted(lengths, reverse=True):
+        raise ValueError(f"{lengths} elements are not interleaved")
+    return [shard[i] for i in range(lengths[0]) for shard in shards if i < len(shard)]
 
 
-def _added(times: Iterable[Mapping[str, float]]) -> dict[str, float]:
-    """Return the sum of seconds by stage, to tenths."""
-    total: dict[str, float] = {}
-    for stage, seconds in chain.from_iterable(map(dict.items, map(dict, times))):
-        total[stage] = round(total.get(stage, 0.0) + seconds, 1)
-    return total
+def _added(*parts: Mapping[str, Any]) -> dict[str, float]:
+    """Return the sum of the seconds by stage of several manifests."""
+    total = defaultdict[str, float](float)
+    for part in parts:
+        for stage, seconds in part.get("stage_seconds", {}).items():
+            total[stage] += seconds
+    return tenths(total)
 
 
 def _describe(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return the manifest of the whole run. Raises BadInput for missing and repeated objects."""
+    """Return the manifest of the whole run; refuse missing and repeated objects."""
     try:
         objects = interleave([list(part["objects"]) for part in parts])
     except ValueError as error:
@@ -163,7 +156,7 @@ def _describe(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "merged": [{name: part.get(name) for name in EACH} for part in parts],
         "machine": first.get("machine", {}) | {"cpu": "; ".join(processors)},
         "workers": max(int(part.get("workers", 1)) for part in parts),
-        "stage_seconds": _added(part.get("stage_seconds", {}) for part in parts),
+        "stage_seconds": _added(*parts),
         "command": sys.argv,
         "finished": None,
     }
@@ -177,7 +170,7 @@ def _collect(parts: Sequence[Part], objects: Sequence[str], store: Store) -> int
     with ExitStack() as opened:
         sources: dict[str, Store] = {}
         for directory, part in parts:
-            source = opened.enter_context(read_store(directory))
+            source = opened.enter_context(open_store(directory))
             sources |= dict.fromkeys(part["objects"], source)
 
         def jobs_of(name: str) -> list[JobRow]:

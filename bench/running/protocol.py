@@ -39,7 +39,7 @@ from bench.catalogue.suites import (
 )
 from bench.metrics.inception_weights import DOWNLOAD, WEIGHTS_SHA256
 from bench.records.record import SCHEMA_VERSION
-from bench.records.run_folder import CONDITION_IDENTITIES, check_directory, read_store
+from bench.records.run_folder import CONDITION_IDENTITIES, check_directory, open_store
 from bench.records.run_folder import PROTOCOL as PROTOCOL_ENTRY
 from bench.records.store import STORE
 from bench.running.environment import environment, machine_info
@@ -428,7 +428,7 @@ def _with_folder(asked: Protocol, directory: Path, same_objects: bool) -> Protoc
     With `same_objects` the objects are those alone. Raises BadInput as `from_options`.
     """
     before = check_directory(directory, asked.fixed)
-    with read_store(directory) as store:
+    with open_store(directory) as store:
         if not before.get("finished") and next(store.listed(), None) is None:
             return replace(asked, before=before)  # it was stopped before it had tables
         is_emptied = store.is_empty

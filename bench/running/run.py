@@ -6,7 +6,7 @@ import math
 import time
 import typing
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import AbstractContextManager, closing, contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -18,14 +18,13 @@ import pandas as pd
 from bench.catalogue.chosen import MeasuredMethod, cost_of
 from bench.catalogue.method import is_module_name
 from bench.records.frames import image_frames, write_records
-from bench.records.job import shares
+from bench.records.job import shares, tenths, timed
 from bench.records.record import GROUND_TRUTH
 from bench.records.run_folder import (
     MANIFEST,
     check_directory,
     open_folder,
-    read_manifest,
-    read_store,
+    open_store,
     set_aside,
     write_manifest,
 )
@@ -79,11 +78,9 @@ class ProgressReporter(typing.Protocol):
 
     def on_jobs_done(self, ended: int, failed: int) -> None:
         """Report that `ended` more jobs have ended, and that `failed` of the run have failed."""
-        ...
 
     def on_object_done(self, snapshot: Callable[[], PartialRun]) -> None:
         """Report that an object is complete. `snapshot` takes the longer the more there are."""
-        ...
 
 
 # Takes title and number of the jobs to be done.
@@ -92,19 +89,15 @@ _Watch = Callable[[str, int], AbstractContextManager[ProgressReporter]]
 
 @dataclass(frozen=True)
 class RunResult(Generic[Outputs]):
-    """A run of which all objects are complete, or some.
-
-    A job that is the same under every condition counts once, as in progress.
-    """
+    """A run of which all objects are complete, or some."""
 
     directory: Path
-    # Of the complete objects; None where the folder keeps those of the run before, because these
-    # would be of fewer objects.
+    # Of the complete objects; None where the folder keeps those of more objects of the run before.
     outputs: Outputs | None
     objects: int  # that are complete
     planned: int  # objects of the whole run
     interrupted: bool  # by Ctrl-C
-    done: int  # jobs of this start
+    done: int  # jobs of this start; one that is the same under every condition counts once
     reused: int  # jobs of earlier ones
     failed: int  # jobs without images; with a failed ground truth all of its object
     hopeless: tuple[str, ...]  # methods without a single image, though there is something to draw
@@ -124,23 +117,10 @@ def run(
     ends it, it is a run of the objects that are complete, unless the folder has outputs of more;
     the same options go on with the others.
 
-    Parameters
-    ----------
-    options : Options
-    publish : callable
-        Makes the outputs of a folder whose Parquet files are written and which is still locked; the
-        run counts as finished after it.
-    watch : callable
-        Gives the reporter of progress.
-    make_budget : callable
-        Makes the budget from `--budget`, in seconds from now.
-
-    Raises
-    ------
-    BadInput
-        For anything the user has to fix.
-    KeyboardInterrupt
-        Where no object is complete; what was done until then is kept.
+    `publish` makes the outputs of a folder which is still locked; the run counts as finished after
+    it. `watch` gives the reporter of progress, `make_budget` makes the budget from `--budget`, in
+    seconds from now. Raises BadInput for anything the user has to fix, and KeyboardInterrupt where
+    no object is complete; what was done until then is kept.
     """
     begun, budget, directory = time.perf_counter(), make_budget(options.budget), options.directory
     protocol = Protocol.from_options(options)
@@ -180,9 +160,9 @@ def run(
                 outputs = publish(directory, seconds)
             of_workers = shares(schedule.timing, workers * (time.perf_counter() - begun))
             if not keeps_tables:
-                rounded = {name: round(share, 4) for name, share in of_workers.items()}
-                ending = {"stage_seconds": seconds, "worker_shares": rounded, "finished": now()}
-                write_manifest(directory, manifest | ending)
+                manifest["stage_seconds"] = tenths(seconds)
+                manifest["worker_shares"] = {n: round(share, 4) for n, share in of_workers.items()}
+                write_manifest(directory, manifest | {"finished": now()})
     return RunResult(
         directory,
         outputs,
@@ -204,9 +184,7 @@ def executors_for(
 ) -> Iterator[tuple[Callable[[int], Executor], int, dict[str, Any] | None]]:
     """Yield what gives an executor for a number of jobs, its workers, and the manifest's cluster.
 
-    The executors are worker processes of this machine, without a cluster, or those of a Ray
-    cluster, which is connected within the block. Raises BadInput for options that have no meaning,
-    and as `bench.running.ray.connected`.
+    These are processes of this machine, or a Ray cluster, which is connected within the block.
     """
     suite = protocol.suite
     workers = workers_of(suite, options)
@@ -229,15 +207,12 @@ def executors_for(
 
 
 def _refuse_start(options: Options, planned: Plan, budget: Budget) -> None:
-    """Raise BadInput where the budget is too short for an object, and none is complete.
-
-    Also where a method has jobs left and its module is not named by the command.
-    """
+    """Refuse a budget too short for the first object, and jobs of modules that are not named."""
     if options.fresh:
         budget.check()
         return
     lost = {m.id for m in planned.protocol.methods.values() if m.source == NOT_LOADED}
-    with read_store(options.directory) as store:
+    with open_store(options.directory) as store:
         for obj in planned if lost else ():
             done = settled(obj, store)
             if left := sorted(lost.intersection(j.method for j in obj.jobs if j.key not in done)):
@@ -251,7 +226,7 @@ def _refuse_start(options: Options, planned: Plan, budget: Budget) -> None:
 
 
 def _refuse_nothing(schedule: Schedule, budget: Budget, interrupted: bool) -> None:
-    """Raise BadInput where no object is complete, or none of those that are can be drawn."""
+    """Refuse a run with no object that is complete, or with none that can be drawn."""
     if not schedule.complete and not interrupted:
         raise BadInput(
             f"--budget {budget.seconds:g}s: used up before one object was complete; "
@@ -267,15 +242,12 @@ def _refuse_nothing(schedule: Schedule, budget: Budget, interrupted: bool) -> No
 
 
 def _do_jobs(
-    jobs: typing.Generator[Any, None, None],
+    jobs: Generator[Any, None, None],
     schedule: Schedule,
     snapshot: Callable[[], PartialRun],
     watch: _Watch,
 ) -> bool:
-    """Do the jobs that are left, and return whether Ctrl-C came in between.
-
-    Raises KeyboardInterrupt where no object is complete by then.
-    """
+    """Do the jobs that are left; return whether Ctrl-C came when an object was complete."""
     if not schedule.left:
         return False
     title, shown = schedule.plan.protocol.suite.id, schedule.plan.protocol.shown
@@ -303,30 +275,23 @@ def open_run(directory: Path, manifest: dict[str, Any], fresh: bool = False) -> 
 
     The manifest is written first, and again where the block ends without an error, with the time
     and what the block has added to it. `fresh` renames an old run first. Raises BadInput where the
-    directory holds something else, or more than this run would have, or another process writes
-    there.
+    directory holds something else, or more than this run would have.
     """
 
     def check() -> None:
-        if not fresh and (directory / MANIFEST).is_file():
-            _refuse_narrowing(directory, manifest)
-        check_directory(directory, manifest)
+        before = check_directory(directory, manifest)
+        for kind in ("methods", "conditions", "objects", "pairs", "triples"):
+            names = manifest.get(kind, ())
+            if lacking := [name for name in before.get(kind, ()) if name not in names]:
+                raise BadInput(
+                    f"{directory}: holds a run with {counted(len(lacking), kind)}, {lacking[0]} "
+                    "among them; give a new --out"
+                )
 
     with _open_checked(directory, check, fresh) as store:
         write_manifest(directory, manifest)
         yield store
         write_manifest(directory, manifest | {"finished": now()})
-
-
-def _refuse_narrowing(directory: Path, manifest: Mapping[str, Any]) -> None:
-    """Raise BadInput where a run with this manifest would have less than the one in the folder."""
-    before = read_manifest(directory)
-    for kind in ("methods", "conditions", "objects", "pairs", "triples"):
-        if lacking := [name for name in before.get(kind, ()) if name not in manifest.get(kind, ())]:
-            raise BadInput(
-                f"{directory}: holds a run with {counted(len(lacking), kind)}, {lacking[0]} among "
-                "them; give a new --out"
-            )
 
 
 @contextmanager
@@ -349,21 +314,10 @@ def _open_checked(directory: Path, check: Callable[[], None], fresh: bool) -> It
 
 
 def write_export(directory: Path, store: Store, seconds: dict[str, float]) -> None:
-    """Compare the jobs that the store lists to their checksums, and write their records.
-
-    The time is added to `seconds`.
-    """
+    """Compare the jobs that the store lists to their checksums, and write their records."""
     with timed("tables", seconds):
         store.verify()
         write_records(directory, store)
-
-
-@contextmanager
-def timed(stage: str, seconds: dict[str, float]) -> Iterator[None]:
-    """Add the time of the block to `seconds[stage]`, rounded to tenths."""
-    start = time.perf_counter()
-    yield
-    seconds[stage] = round(seconds.get(stage, 0.0) + time.perf_counter() - start, 1)
 
 
 @dataclass(frozen=True)
@@ -378,17 +332,17 @@ class RunStatus:
 
     @property
     def jobs(self) -> int:
-        """Return the number of jobs that are left."""
+        """Jobs that are left."""
         return sum(self.left.values())
 
     @property
     def done(self) -> int:
-        """Return the number of jobs that are done."""
+        """Jobs that are done."""
         return len(self.plan) * self.plan.jobs_per_object - self.jobs
 
     @property
     def size_b(self) -> float:
-        """Return the bytes of disk that the jobs left are expected to take."""
+        """Bytes of disk that the jobs left are expected to take."""
         views = self.plan.protocol.views
         return self.jobs * (self.stored_b / self.done if self.done else IMAGE_B * views)
 
@@ -399,7 +353,7 @@ class RunStatus:
     def seconds(self, costs: Mapping[str, MeasuredMethod]) -> float:
         """Return the time that the jobs left are expected to take, tables and figures included.
 
-        `costs` are those of the table that `bench list` shows. Methods without one are left out.
+        Methods without a cost are left out.
         """
         of_cores = sum(jobs * (self._job_s(m, costs) or 0.0) for m, jobs in self.left.items())
         busy = max(1, min(self.workers, self.jobs))
@@ -415,17 +369,14 @@ class RunStatus:
 
 
 def run_status(options: Options) -> RunStatus:
-    """Return what `bench run` would do; nothing is written.
-
-    Raises BadInput as `run` before it does its first job.
-    """
+    """Return what `bench run` would do; nothing is written. Raises BadInput as `run`."""
     directory = options.directory
     protocol = Protocol.from_options(options, fetches=False)
     workers, planned = workers_of(protocol.suite, options), plan(protocol)
     first = Counter(job.method for job in planned[0].jobs)
     left, stored_b = {method: jobs * len(planned) for method, jobs in first.items()}, 0
     if not options.fresh:
-        with read_store(directory) as store:
+        with open_store(directory) as store:
             for obj in () if store.is_empty else planned:
                 done = settled(obj, store)
                 for job in obj.jobs:

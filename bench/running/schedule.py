@@ -9,12 +9,12 @@ from __future__ import annotations
 import math
 import re
 import time
-from collections import Counter, deque
+from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 
-from bench.records.job import NOTHING, Job, Result, failed
+from bench.records.job import Job, Result, failed
 from bench.records.record import GROUND_TRUTH
 from bench.records.store import Store
 from bench.running.plan import ObjectJobs, Plan
@@ -176,7 +176,7 @@ class Schedule:
         self.failures = 0  # jobs that have ended without images
         self.undrawn = ""  # why the first ground truth that failed could not be drawn
         self.working: set[str] = set()  # the methods with an image, and GROUND_TRUTH
-        self.timing = NOTHING  # sum over the jobs of this start
+        self.timing = defaultdict[str, float](float)  # seconds of the jobs of this start
         # Jobs of the run, and jobs to be done, if there were no budget.
         self.total = self.left = len(planned) * planned.jobs_per_object
         for obj in () if store.is_empty else map(planned.jobs_of, order):
@@ -224,7 +224,8 @@ class Schedule:
 
     def take(self, result: Result) -> bool:
         """Note the result of a job, and return whether its object is complete by it."""
-        self.timing += result.timing
+        for part, seconds in result.timing.items():
+            self.timing[part] += seconds
         state = self._object_of.pop(result.key)
         obj, ended = state.jobs, {result.key: result}
         if result.key == obj.truth.key:

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import functools
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -29,15 +29,13 @@ from bench.catalogue.metrics import (
 from bench.metrics.image_scores import scores
 from bench.records.job import (
     IMAGES,
-    NOTHING,
     Job,
-    JobTiming,
     Result,
-    Stopwatch,
     failed,
     pack,
     pack_views,
     stored_text,
+    timed,
     unpack,
 )
 from bench.records.record import CLAIMED, GROUND_TRUTH
@@ -61,7 +59,7 @@ class RenderedViews:
     notes: str = ""
     prepare_s: float | None = None
     draw_s: float | None = None
-    timing: JobTiming = NOTHING
+    timing: Mapping[str, float] = field(default_factory=dict)
 
 
 def run_job(job: Job) -> Result:
@@ -72,26 +70,26 @@ def run_job(job: Job) -> Result:
 
 def draw_job(job: Job) -> RenderedViews | Result:
     """Draw the images of a job; the result of one that fails."""
-    watch = Stopwatch()
+    seconds = dict[str, float]()
     try:
         if job.method != GROUND_TRUTH:
-            drawn = _draw(job, watch)
+            drawn = _draw(job, seconds)
         else:
-            with watch.on("rendering"):
+            with timed("rendering", seconds):
                 drawn = RenderedViews(job.object.truth(job.views))
     except BaseException as error:  # a method may call exit(), or raise KeyboardInterrupt
         drawn = _failed(job, error)
-    return replace(drawn, timing=watch.timing())
+    return replace(drawn, timing=seconds)
 
 
 def score_job(job: Job, drawn: RenderedViews) -> Result:
     """Return the result of a job whose images are drawn."""
-    watch = Stopwatch()
+    seconds = dict(drawn.timing)
     try:
-        result = _scored(job, drawn, watch)
+        result = _scored(job, drawn, seconds)
     except BaseException as error:
         result = _failed(job, error)
-    return replace(result, timing=drawn.timing + watch.timing())
+    return replace(result, timing=seconds)
 
 
 def foreign_code(job: Job) -> str:
@@ -137,11 +135,11 @@ def reason_of(error: BaseException) -> str:
         return f"{name}: its message cannot be shown"
 
 
-def _draw(job: Job, watch: Stopwatch) -> RenderedViews | Result:
+def _draw(job: Job, seconds: dict[str, float]) -> RenderedViews | Result:
     address = job.address or job.method
     method = find_run_method(address)
     try:
-        with watch.on("methods"):
+        with timed("methods", seconds):
             renderer = load_renderer(address, job.device)
     except BadInput as error:  # unusable weights fail every job alike
         result = failed(job, str(error))
@@ -153,7 +151,7 @@ def _draw(job: Job, watch: Stopwatch) -> RenderedViews | Result:
     cloud, rng = replace(cloud_of(seen), origin=_origin(job)), rng_of(seen)
     begun = time.perf_counter()
     try:
-        with watch.on("methods"):
+        with timed("methods", seconds):
             drawn = draw(method, renderer, cloud, job.views, rng, job.batch, truth)
     except MissingDependency:
         raise
@@ -165,10 +163,10 @@ def _draw(job: Job, watch: Stopwatch) -> RenderedViews | Result:
     return replace(drawn, notes="; ".join(filter(None, (drawn.notes, scale))))
 
 
-def _scored(job: Job, drawn: RenderedViews, watch: Stopwatch) -> Result:
+def _scored(job: Job, drawn: RenderedViews, seconds: dict[str, float]) -> Result:
     scored: dict[str, NDArray[np.float64]] = {}
     arrays = {IMAGES: pack(drawn.images)}
-    with watch.on("metrics"):
+    with timed("metrics", seconds):
         if job.reference is not None:
             truth = unpack(job.reference)
             scored = scores(truth, drawn.images) | _learned(job, truth, drawn.images)

@@ -44,7 +44,7 @@ from bench.catalogue.suites import Limits
 from bench.commands.terminal import LiveTable, Terminal
 from bench.judges import views as _loaded_before_forks  # noqa: F401
 from bench.records.job import Job, Result
-from bench.records.run_folder import open_folder, read_manifest, read_store
+from bench.records.run_folder import open_folder, open_store, read_manifest
 from bench.records.store import STORE, Store
 from bench.running.environment import environment
 from bench.running.options import Options
@@ -239,7 +239,7 @@ def tables(out: Path) -> dict[str, bytes]:
 
 def recorded(out: Path) -> set[str]:
     """Return the keys in the store of a run."""
-    with read_store(out) as store:
+    with open_store(out) as store:
         return {row.key for row in store.listed()}
 
 

@@ -19,7 +19,7 @@ import pytest
 
 from bench.catalogue.suites import Limits
 from bench.records.frames import read_features, read_records, read_scores
-from bench.records.run_folder import open_folder, read_store
+from bench.records.run_folder import open_folder, open_store
 from bench.records.store import STORE, ScoredMetric
 from bench.running.isolation import WorkerFailure, run_tasks
 from data_prep.failures import BadInput
@@ -51,7 +51,7 @@ def make_store(folder: Path) -> None:
 
 def read_contents(folder: Path) -> object:
     """Return everything that the readers of a store give."""
-    with read_store(folder) as store:
+    with open_store(folder) as store:
         store.verify()
         jobs = [(row, store.arrays(row.key)) for row in store.listed()]
     records = read_records(folder)

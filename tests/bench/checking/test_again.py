@@ -13,7 +13,7 @@ import pytest
 import bench.checking.again
 from bench.checking.again import check_again, draw_jobs
 from bench.records.job import JobName
-from bench.records.run_folder import open_folder, read_manifest, read_store
+from bench.records.run_folder import open_folder, open_store, read_manifest
 from bench.running.isolation import library_threads
 from bench.running.plan import plan
 from bench.running.protocol import Protocol
@@ -62,7 +62,7 @@ def tree(folder: Path) -> dict[str, tuple[int, bytes]]:
 
 
 def key_of(folder, name):
-    with read_store(folder) as store:
+    with open_store(folder) as store:
         return store.key_of(name)
 
 

@@ -20,7 +20,7 @@ from bench.checking.golden import bless, check
 from bench.checking.objects import environment_of, golden_thumbnails, read_objects
 from bench.checking.thumbnails import ACROSS, SIDE, read_png, thumbnail, to_png
 from bench.checking.tolerances import PRINTED, object_tolerance
-from bench.records.run_folder import read_manifest, read_store, write_manifest
+from bench.records.run_folder import open_store, read_manifest, write_manifest
 from bench.records.stored_artifacts import StoredArtifacts, read_jobs
 from bench.rendering.sheet import LABEL_HEIGHT, MARGIN, PROBLEM_GROUND
 from bench.tables.build import write_outputs
@@ -303,7 +303,7 @@ def test_the_objects_that_moved_most_beside_their_golden_images(run, golden_resu
 
 
 def key_of(run, obj) -> Any:
-    with read_store(run) as store:
+    with open_store(run) as store:
         return store.key_of(item_of(run, obj))
 
 

@@ -13,7 +13,7 @@ from bench.catalogue import chosen
 from bench.catalogue.chosen import MeasuredMethod
 from bench.records.job import failed
 from bench.records.record import GROUND_TRUTH
-from bench.records.run_folder import open_folder, read_store, write_manifest
+from bench.records.run_folder import open_folder, open_store, write_manifest
 from bench.records.store import STORE
 from bench.running.options import Options
 from bench.running.plan import plan
@@ -63,7 +63,7 @@ def test_dry_run_of_a_new_run_prints_all_and_writes_nothing(
 def test_dry_run_counts_what_is_left_takes_the_disk_of_the_folder_and_leaves_it(
     copied, command, arguments
 ):
-    with read_store(copied) as store:
+    with open_store(copied) as store:
         jobs = [job for job in store.listed() if job.name.method == "splat"]  # 3 objects x 2
     with closing(sqlite3.connect(copied / STORE)) as connection, connection:
         connection.executemany("DELETE FROM job WHERE key = ?", [(job.key,) for job in jobs[:3]])

@@ -15,7 +15,7 @@ from bench.records.frames import (
     write_records,
 )
 from bench.records.record import COLUMNS, RECORDS_VERSION
-from bench.records.run_folder import open_folder, read_store
+from bench.records.run_folder import open_folder, open_store
 from data_prep.failures import BadInput
 
 from ..builders import (
@@ -67,7 +67,7 @@ def test_what_is_read_and_written_some_at_a_time_is_in_one_order(tmp_path, size)
     assert (failed["outcome"], failed["reason"]) == ("failed", "apss: no faces")
     assert found["ssim"].isna().sum() == found["prepare_s"].isna().sum() == 1
     (tmp_path / "records.parquet").unlink()
-    with read_store(tmp_path) as store:
+    with open_store(tmp_path) as store:
         parts = list(image_frames(store.results(), size))
         write_records(tmp_path, store, size)
     assert [len(part) for part in parts] == {1: [2] * 8 + [1], 3: [4] * 4 + [1], 1000: [17]}[size]
@@ -99,7 +99,7 @@ def test_interrupted_records_leave_the_old_ones(tmp_path, monkeypatch):
     def stopped(*_):
         raise KeyboardInterrupt
 
-    with read_store(tmp_path) as store:
+    with open_store(tmp_path) as store:
         monkeypatch.setattr(pq.ParquetWriter, "write_table", stopped)
         with pytest.raises(KeyboardInterrupt):
             write_records(tmp_path, store, 1)

@@ -15,7 +15,7 @@ import pytest
 
 from bench.records.job import MOST_TEXT, failed, pack, pack_views, unpack
 from bench.records.record import OF_VIEWS
-from bench.records.run_folder import open_folder, read_store
+from bench.records.run_folder import open_folder, open_store
 from bench.records.store import MOST_VIEWS, STORE, DamagedJob, row_checksum
 from bench.records.stored_artifacts import Artifact, StoredArtifacts, read_jobs
 from data_prep.failures import BadInput, CannotWrite
@@ -54,7 +54,7 @@ def test_a_stored_result_is_read_back_whole(tmp_path):
         store.append(done)
         store.append(lost)
         assert store.appended == 2
-    for opened in (open_folder, read_store):
+    for opened in (open_folder, open_store):
         with opened(tmp_path) as store:
             assert not store.is_empty
             found = store.find([job.key, "unknown", broken.key])
@@ -142,7 +142,7 @@ def _interrupted():
 
 
 def test_a_folder_without_a_store_has_no_jobs(tmp_path):
-    with read_store(tmp_path) as store:
+    with open_store(tmp_path) as store:
         assert store.is_empty
     assert (read_jobs(tmp_path), dict(StoredArtifacts(tmp_path))) == ([], {})
     assert list(tmp_path.iterdir()) == []
@@ -224,7 +224,7 @@ def test_a_listed_job_that_is_gone_is_named(tmp_path):
     job, _ = fill(tmp_path, "splat", "blank")
     with closing(sqlite3.connect(tmp_path / STORE)) as database, database:
         database.execute("DELETE FROM job WHERE key = ?", [job.key])
-    with read_store(tmp_path) as store:
+    with open_store(tmp_path) as store:
         for read in (lambda: [*store.results()], store.verify):
             assert f"the records of job {job.key} are missing" in refusal(read)
 
@@ -351,19 +351,19 @@ def harm_array(directory, key, harm, name="images"):
 def test_jobs_are_copied_from_another_store_once(tmp_path):
     jobs = fill(tmp_path / "a", "splat", "blank")
     keys = [job.key for job in jobs]
-    with open_folder(tmp_path / "b") as store, read_store(tmp_path / "a") as source:
+    with open_folder(tmp_path / "b") as store, open_store(tmp_path / "a") as source:
         assert store.copy([*keys, "unknown"], source) == {*keys}
         assert store.copy(keys, source) == {*keys}
         assert store.appended == 2
         assert [store.arrays(key) for key in keys] == [source.arrays(key) for key in keys]
         assert store.result(keys[0]) == source.result(keys[0])
     fill(tmp_path / "a", "splat", seed=1)
-    with open_folder(tmp_path / "b") as store, read_store(tmp_path / "a") as source:
+    with open_folder(tmp_path / "b") as store, open_store(tmp_path / "a") as source:
         store.copy(keys, source)
         assert store.appended == 1
         assert store.arrays(keys[0]) == finish(jobs[0], 1).arrays
     harm_array(tmp_path / "a", keys[0], "altered")
-    with open_folder(tmp_path / "c") as store, read_store(tmp_path / "a") as source:
+    with open_folder(tmp_path / "c") as store, open_store(tmp_path / "a") as source:
         assert f"{tmp_path / 'a' / STORE}: the images" in refusal(store.copy, keys, source)
 
 
@@ -487,7 +487,7 @@ def test_files_of_others_and_of_later_versions_are_refused_unread(tmp_path, make
     path = tmp_path / STORE
     make(path)
     before = path.read_bytes()
-    for opened in (open_folder, read_store):
+    for opened in (open_folder, open_store):
         assert refusal(opened(tmp_path).__enter__).startswith(f"{path}: {message}")
     assert path.read_bytes() == before
     assert {file.name for file in tmp_path.iterdir()} == {STORE, "lock"}
@@ -500,7 +500,7 @@ def test_a_damaged_page_is_named_with_the_remedy(tmp_path):
     data[4096 : 3 * 4096] = b"\xff" * 2 * 4096  # the tables of jobs
     path.write_bytes(data)
     message = r"run\.sqlite: damaged \(.*\); bring back a copy, or start"
-    with pytest.raises(BadInput, match=message), read_store(tmp_path) as store:
+    with pytest.raises(BadInput, match=message), open_store(tmp_path) as store:
         store.find([job.key])
 
 
@@ -509,7 +509,7 @@ def test_a_folder_that_cannot_be_written_is_read(tmp_path):
     (job,) = fill(tmp_path, "splat")
     tmp_path.chmod(0o500)
     try:
-        with read_store(tmp_path) as store:
+        with open_store(tmp_path) as store:
             assert store.result(job.key).views == finish(job).views
         assert "cannot be written" in refusal(open_folder(tmp_path).__enter__)
     finally:
@@ -520,7 +520,7 @@ def test_a_reader_sees_what_is_stored_while_a_run_goes_on(tmp_path):
     job = make_job()
     with open_folder(tmp_path) as store:
         store.append(finish(job))
-        with read_store(tmp_path) as reader:
+        with open_store(tmp_path) as reader:
             assert reader.find([job.key]).keys() == {job.key}
         store.append(failed(make_job(method="blank"), "crash: gone"))
 

@@ -16,8 +16,8 @@ from bench.analysis.scored_run import read_run
 from bench.commands.publish import merge_shards, run_suite
 from bench.records.run_folder import (
     open_folder,
+    open_store,
     read_manifest,
-    read_store,
     write_manifest,
 )
 from bench.records.store import STORE
@@ -94,7 +94,7 @@ def test_merged_shards_are_the_run_in_one_piece(finished, made, tmp_path, comman
     assert_equal_runs(whole, finished[0])
     assert file_bytes(whole / "figures") == file_bytes(finished[0] / "figures")
     assert read_jobs(whole) == read_jobs(finished[0])
-    with read_store(whole) as merged, read_store(finished[0]) as in_one_piece:
+    with open_store(whole) as merged, open_store(finished[0]) as in_one_piece:
         for job in read_jobs(whole):
             assert merged.result(job.key) == in_one_piece.result(job.key)
             assert merged.arrays(job.key) == in_one_piece.arrays(job.key)

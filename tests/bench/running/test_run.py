@@ -28,7 +28,7 @@ from bench.catalogue.suites import SUITES
 from bench.commands.publish import publish, run_suite
 from bench.commands.terminal import Terminal
 from bench.records.record import GROUND_TRUTH
-from bench.records.run_folder import read_manifest, read_store
+from bench.records.run_folder import open_store, read_manifest
 from bench.records.store import STORE
 from bench.records.stored_artifacts import read_jobs
 from bench.running.options import Options, Shard
@@ -58,7 +58,7 @@ def records(directory):
 
 def contents(directory):
     """The results of a run with their arrays, by key."""
-    with read_store(directory) as store:
+    with open_store(directory) as store:
         keys = {row.key for row in store.listed()}
         return {key: (store.result(key), store.arrays(key)) for key in keys}
 
@@ -429,7 +429,7 @@ def test_bad_meshes_among_good_ones(same_machine, no_networks, tmp_path, capsys)
     row = rows_of(tables(read_run(out))[0])[0]
     assert (row.method, row.value, row.n_ok, row.n) == ("true-mesh", 1.0, 4, 10)
     assert f"2 x input: {folder / 'text.ply'}: not a readable mesh" in row.note
-    with read_store(out) as store:  # without a ground truth nothing is tried
+    with open_store(out) as store:  # without a ground truth nothing is tried
         results = store.find(stored_keys(out)).values()
     assert [sum(result.has_images for result in results), len(results)] == [2 + 2 * 2, 15]
     again = counted_run(options)

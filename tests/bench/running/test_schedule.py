@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 import pytest
 from harness_objects import Tetrahedron
 
-from bench.records.job import JobTiming, Result, failed
+from bench.records.job import Result, failed
 from bench.records.record import GROUND_TRUTH
 from bench.records.store import open_store
 from bench.running.isolation import submit_all
@@ -104,7 +104,7 @@ def test_what_is_there_is_not_done_again(schedule_of):
     assert carried_out(third) == []
     assert (third.left, third.scored, third.failures) == (0, 2, 0)
     assert third.working == {GROUND_TRUTH, "splat", "blank"}
-    assert third.timing == JobTiming()  # of this start
+    assert third.timing == {}  # of this start
 
 
 def test_an_object_without_a_ground_truth_is_complete_with_it(schedule_of):
