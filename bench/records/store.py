@@ -120,7 +120,7 @@ class Store:
 
     @property
     def is_empty(self) -> bool:
-        """Whether no job is finished."""
+        """Return whether no job is finished."""
         return not self._rows("SELECT 1 FROM job LIMIT 1")
 
     def find(self, keys: Collection[str]) -> dict[str, Result]:

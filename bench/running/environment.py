@@ -26,17 +26,8 @@ ROOT = Path(__file__).resolve().parents[2]
 CODE = ("data_prep", "learning", "baselines", "pc2pix", "bench")  # all packages of the project
 SUFFIXES = (".py", ".vert", ".frag")  # of code
 PACKAGES = (
-    "pc2pix-bench",
-    "torch",
-    "pymeshlab",
-    "pyrender",
-    "PyOpenGL",
-    "embreex",
-    "trimesh",
-    "numpy",
-    "scipy",
-    "pandas",
-    "pyarrow",
+    *("pc2pix-bench", "torch", "pymeshlab", "pyrender", "PyOpenGL", "embreex", "trimesh"),
+    *("numpy", "scipy", "pandas", "pyarrow"),
 )
 _TIMEOUT_S = 120
 _VECTOR = ("sse4", "avx", "fma", "amx", "asimd", "sve")  # begin the names of such instructions
@@ -68,7 +59,7 @@ def machine_info() -> dict[str, Any]:
 
 
 def _first_processor() -> dict[str, str]:
-    """Return the entries of Linux on the first processor; none where it has none."""
+    """Return the entries of Linux on the first processor."""
     try:
         text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
     except OSError:
@@ -99,10 +90,7 @@ def versions() -> dict[str, str]:
 
 
 def _git() -> dict[str, Any]:
-    """Return commit and cleanliness of the checkout; empty for installed packages.
-
-    These may lie in a checkout of something else.
-    """
+    """Return commit and cleanliness of the checkout; installed packages may lie in another's."""
 
     def ask(*command: str) -> str:
         line = ["git", "-C", str(ROOT), *command]
@@ -122,8 +110,8 @@ def environment(
 ) -> dict[str, str]:
     """Return the libraries and the driver that images depend on beside this project's code.
 
-    `execute` runs another process, as `subprocess.run` does. Raises MissingDependency where nothing
-    can be rendered on this machine; the message says which Debian packages to install.
+    `execute` stands in for `subprocess.run`. Raises MissingDependency where nothing can be
+    rendered on this machine, with the Debian packages to install.
     """
     from data_prep.rendering.opengl import REMEDY
 
@@ -168,16 +156,13 @@ def main(find_renderer: Callable[[], str] | None = None) -> None:
 
 def code_sha256(names: Iterable[str], root: Path = ROOT) -> str:
     """Return a checksum of all code, names included, in these folders and files below `root`."""
-    files = [
+    files = sorted(
         path
         for name in names
-        for path in ((root / name).rglob("*") if (root / name).is_dir() else [root / name])
+        for path in (root / name, *(root / name).rglob("*"))
         if path.suffix in SUFFIXES
-    ]
-    lines = (
-        f"{path.relative_to(root)} {sha256(path.read_bytes()).hexdigest()}"
-        for path in sorted(files)
     )
+    lines = (f"{f.relative_to(root)} {sha256(f.read_bytes()).hexdigest()}" for f in files)
     return sha256("\n".join(lines).encode()).hexdigest()
 
 

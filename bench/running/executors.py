@@ -69,13 +69,10 @@ class JobPool:
         self._pool.submit(_Step(job, foreign_code(job)))
 
     def wait_any(self, timeout_s: float | None = None) -> Iterator[Result]:
-        """Wait until jobs have ended, and yield the result of each; nothing after `timeout_s`.
-
-        Yield nothing, either, where a job goes on by another step.
-        """
+        """Wait until jobs have ended, and yield the result of each; nothing after `timeout_s`."""
         for step, result in self._pool.wait_any(timeout_s):
             is_late = isinstance(result, WorkerFailure) and result.kind == "timeout"
-            if isinstance(result, RenderedViews):
+            if isinstance(result, RenderedViews):  # it goes on by another step
                 self._pool.submit(_Step(of_images_only(step.job), "", result))
             elif is_late and step.job.key not in self._late:
                 self._late.add(step.job.key)  # the machine may have been busy
@@ -98,9 +95,7 @@ def run_jobs(
 ) -> dict[str, Result]:
     """Do the jobs that the store does not have yet, and return the results of all, by key.
 
-    Records and artifacts are in the store, and nowhere else: memory does not grow with the images.
-    `start` gives the executor for a number of jobs; it is closed here. Raises MissingDependency
-    where going on makes no sense.
+    Raises as `do_and_store`.
     """
     done = store.find([job.key for job in jobs])
     missing = [job for job in jobs if job.key not in done]
@@ -129,18 +124,15 @@ def do_and_store(
 ) -> Generator[Result, None, None]:
     """Do jobs, at most `count`, and yield each result, without contents, when the store has it.
 
-    `jobs` and `left_s` are as in `submit_all`, `start` as in `run_jobs`. Raises MissingDependency
-    where going on makes no sense, and BadInput where a ground truth has changed since it was drawn.
+    `jobs` and `left_s` are as in `submit_all`, `start` gives the executor for a number of jobs; it
+    is closed here. Raises MissingDependency where going on makes no sense, and BadInput where a
+    ground truth has changed since it was drawn.
     """
     read = lru_cache(_REFERENCES_KEPT)(store.array)
-
-    def with_reference(job: Job | None) -> Job | None:
-        """Return a job with the true images that it is scored against."""
-        if job is None or job.reference_key is None:
-            return job
-        return replace(job, reference=read(job.reference_key))
-
-    ready = map(with_reference, jobs)
+    ready = (
+        replace(job, reference=read(job.reference_key)) if job and job.reference_key else job
+        for job in jobs
+    )
     with closing(start(count)) as executor, closing(submit_all(ready, executor, left_s)) as stream:
         for result in stream:
             if result.unusable:

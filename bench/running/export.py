@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -56,12 +56,8 @@ _ABOUT = {
     VIEWS: "True images, 128 x 128 RGB on white, with azimuth and elevation in degrees.",
 }
 _TYPES = {
-    "protocol": "sc:Integer",
-    "seed": "sc:Integer",
-    "points": "sc:Integer",
-    "view": "sc:Integer",
-    "azimuth_deg": "sc:Float",
-    "elevation_deg": "sc:Float",
+    **dict.fromkeys(("protocol", "seed", "points", "view"), "sc:Integer"),
+    **dict.fromkeys(("azimuth_deg", "elevation_deg"), "sc:Float"),
 }
 Task = tuple[Path, str, ObjectJobs]  # the folder, the object's name in it, and its jobs
 Rows = dict[str, list[tuple[Any, ...]]]  # by list, without class and object
@@ -71,8 +67,7 @@ def export(options: Options, out: Path) -> int:
     """Write the inputs of a run into a new folder, whole or not at all; return how many objects.
 
     The conditions are those of the options (default: of the suite; ("all",): all of ours), and
-    the unperturbed cloud in any case. Raises BadInput for an existing folder, as `Protocol` and
-    `plan` do, and for an object that cannot be drawn; CannotWrite where the disk refuses.
+    the unperturbed cloud in any case. Raises BadInput and CannotWrite.
     """
     if out.exists():
         raise BadInput(f"{out}: is there already; give a new folder with --out")
@@ -110,9 +105,7 @@ def _fill(folder: Path, protocol: Protocol, objects: Iterable[ObjectJobs], worke
         for _, place, obj in tasks:
             writer.writerows((*obj.truth.name.object, *run, *row) for row in rows_of[place][name])
         write_whole(folder / name, text.getvalue().encode())
-    lists = {name: file_sha256(folder / name) for name in COLUMNS}
-    described = metadata(protocol, lists, checksum_of(folder), datetime.now(UTC).date().isoformat())
-    text = json.dumps(described, indent=2, ensure_ascii=False) + "\n"
+    text = json.dumps(_metadata(folder, protocol), indent=2, ensure_ascii=False) + "\n"
     write_whole(folder / METADATA, text.encode())
 
 
@@ -162,14 +155,9 @@ def _png(image: UInt8Images) -> bytes:
     return buffer.getvalue()
 
 
-def metadata(
-    protocol: Protocol, lists: Mapping[str, str], checksum: str, published: str
-) -> dict[str, Any]:
-    """Return the JSON-LD of an export.
-
-    `lists` are its CSV files with their checksums, `checksum` is that of what methods see of it
-    (`data_prep.datasets.exported.checksum_of`), `published` the date as in 2026-01-31.
-    """
+def _metadata(folder: Path, protocol: Protocol) -> dict[str, Any]:
+    """Return the JSON-LD of an export whose other files are there."""
+    lists = {name: file_sha256(folder / name) for name in COLUMNS}
     suite = protocol.suite.id + f"-truth-{protocol.suite.truth}" * (
         protocol.suite.truth != COLOURED
     )
@@ -186,8 +174,8 @@ def metadata(
         ),
         "conformsTo": "http://mlcommons.org/croissant/1.0",
         "version": f"{PROTOCOL_VERSION}.0.0",
-        "identifier": checksum,
-        "datePublished": published,
+        "identifier": checksum_of(folder),
+        "datePublished": datetime.now(UTC).date().isoformat(),
         "url": PAPER,
         "citeAs": "The pc2pix-bench developers: pc2pix-bench (CITATION.cff)",
     }

@@ -59,11 +59,8 @@ _MOST_RESTING = 4  # workers, beyond those at work, that wait for further tasks 
 
 def thread_counts(threads: int) -> dict[str, str]:
     """Return the environment in which libraries, when they are loaded, take so many threads."""
-    names = (
-        *("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS"),
-        "LP_NUM_THREADS",  # Mesa's software rasteriser
-    )
-    return dict.fromkeys(names, str(threads))
+    libraries = ("OMP", "OPENBLAS", "MKL", "NUMEXPR", "LP")  # the last is Mesa's rasteriser
+    return {f"{library}_NUM_THREADS": str(threads) for library in libraries}
 
 
 # One thread a worker, so that no result depends on the number of workers: sums are taken in the
@@ -87,7 +84,6 @@ class Executor(Protocol):
 
     def submit(self, task: Any, /) -> None:
         """Start a task."""
-        ...
 
     def wait_any(self, timeout_s: float | None, /) -> Iterator[Any]:
         """Wait until tasks have ended, and yield their results; perhaps none, after `timeout_s`."""
@@ -95,7 +91,6 @@ class Executor(Protocol):
 
     def close(self) -> None:
         """Stop all tasks at once, and let go of all workers."""
-        ...
 
 
 def submit_all(
@@ -191,8 +186,8 @@ class TaskPool(Generic[Task, Result]):
     ) -> Iterator[tuple[Task, Result | WorkerFailure]]:
         """Wait until tasks have ended, and yield each with its result or its worker's failure.
 
-        Yield nothing where none has ended within `timeout_s`. An exception of `work` is raised
-        here, and BrokenProcessPool where one worker after another is lost before it is ready.
+        An exception of `work` is raised here, and BrokenProcessPool where one worker after another
+        is lost before it is ready.
         """
         end = time.monotonic() + (float("inf") if timeout_s is None else timeout_s)
         while not self._ended and (self._queue or any(w.under_way for w in self._workers)):
@@ -241,11 +236,8 @@ class TaskPool(Generic[Task, Result]):
 
     def _wait(self, most_s: float) -> None:
         """Wait until a worker has something to say or has ended; at most for a tick."""
-        handles = [
-            handle
-            for worker in self._workers
-            for handle in (worker.process.connection, worker.process.sentinel)
-        ]
+        processes = [worker.process for worker in self._workers]
+        handles = [handle for p in processes for handle in (p.connection, p.sentinel)]
         first_s = min(worker.deadline for worker in self._workers) - self._clock()
         connection.wait(handles, max(0.0, min(first_s, most_s, TICK_S)))
 
@@ -318,9 +310,8 @@ class TaskPool(Generic[Task, Result]):
     def _exit_reason(self, process: WorkerProcess) -> WorkerFailure:
         code = process.exit_code()
         if process.pid in self._over_limit:
-            return WorkerFailure(
-                "memory", f"the worker used more than {self._limits.memory_gib:g} GiB"
-            )
+            most = f"{self._limits.memory_gib:g} GiB"
+            return WorkerFailure("memory", f"the worker used more than {most}")
         try:
             ending = signal.Signals(-code).name if code < 0 else f"exit code {code}"
         except ValueError:
@@ -330,11 +321,9 @@ class TaskPool(Generic[Task, Result]):
     def close(self) -> None:
         """Stop all workers at once; idle workers end by themselves."""
         for worker in tuple(self._workers):
-            if not worker.under_way:
-                self._let_go(worker)
-            else:
-                worker.process.stop()
-                self._remove(worker)
+            end = worker.process.stop if worker.under_way else worker.process.let_go
+            end()
+            self._remove(worker)
         for process in self._leaving:
             process.join()
         self._around.close()
@@ -351,8 +340,7 @@ def run_tasks(
 ) -> Generator[tuple[Task, Result | WorkerFailure], None, None]:
     """Yield each task with its result or its worker's failure, as they come (see `TaskPool`).
 
-    Closing the iterator stops all workers at once. Tasks are taken from their iterable as workers
-    get free.
+    Closing the iterator stops all workers at once.
     """
     with closing(TaskPool(work, workers, limits, environment, tasks_per_worker)) as pool:
         yield from submit_all(tasks, pool)

@@ -85,16 +85,10 @@ class Options:
 
     @property
     def request(self) -> dict[str, Any]:
-        """Return the options that say what is measured, as `bench run --config` reads them.
-
-        Options that are None are left out.
-        """
+        """Return the given options that say what is measured, as `--config` reads them."""
         given = {name: getattr(self, name) for name in REPEATED}
-        return {
-            name: list(value) if isinstance(value, tuple) else value
-            for name, value in given.items()
-            if value is not None
-        }
+        given = {name: value for name, value in given.items() if value is not None}
+        return {k: list(v) if isinstance(v, tuple) else v for k, v in given.items()}
 
     @property
     def directory(self) -> Path:
@@ -104,10 +98,7 @@ class Options:
 
 
 def refuse(suite: str, options: Iterable[tuple[str, object, str]]) -> None:
-    """Raise BadInput for the first of the options that was given.
-
-    `options` are names, values and the reasons why these options have no meaning for the suite.
-    """
+    """Refuse the first of these options that was given; each has a name, a value and a reason."""
     for name, value, why in options:
         if value is not None:
             option = name.replace("_", "-")
@@ -115,10 +106,7 @@ def refuse(suite: str, options: Iterable[tuple[str, object, str]]) -> None:
 
 
 def refuse_values(options: Options) -> None:
-    """Raise BadInput for fewer than one object or view, or more than a run can hold.
-
-    Also for `--device cuda` where this machine, which is to draw, has no GPU.
-    """
+    """Refuse no or too many objects and views, and `--device cuda` without a GPU here."""
     for name, value, most, remedy in (
         ("limit", options.limit, _MOST_OBJECTS, ", or leave it for all objects of a folder"),
         ("views", options.views, MOST_VIEWS, ""),
@@ -134,9 +122,8 @@ def refuse_values(options: Options) -> None:
 def device_of(options: Options, find_device: Callable[[str], str] | None = None) -> str:
     """Return the device of a run: "cuda" for "auto" where this machine draws and has a GPU.
 
-    Elsewhere "auto" stays: on a machine without a GPU, and for a cluster, whose nodes decide where
-    methods draw. `find_device` returns PyTorch's name of a device (default:
-    `bench.catalogue.loaders.chosen_device`, which is asked where there is a driver).
+    For a cluster "auto" stays, whose nodes decide where methods draw. `find_device` stands in for
+    `bench.catalogue.loaders.chosen_device`, which is asked where there is a driver.
     """
     if options.device != "auto" or options.ray not in (None, LOCAL):
         return options.device
@@ -161,10 +148,7 @@ def seed_of(dataset: Dataset, options: Options) -> int:
 
 
 def workers_of(suite: Suite, options: Options) -> int:
-    """Return the number of worker processes: as requested, else one for each core.
-
-    A suite that compares times has one. Raises BadInput where another number was requested for it.
-    """
+    """Return how many worker processes: as requested, else a core each; one to compare times."""
     if suite.timed:
         more = options.workers if options.workers != 1 else None
         refuse(suite.id, [("workers", more, "whose times are taken with nothing beside them")])
@@ -175,7 +159,7 @@ def workers_of(suite: Suite, options: Options) -> int:
 def _default_name(
     suite: str, dataset: str, shard: Shard | None = None, truth: Truth | None = None
 ) -> str:
-    """Return the name of a run's folder, made of suite, dataset, truth and shard."""
+    """Return the name of a run's folder."""
     kind, _, location = dataset.partition(":")
     parts = [suite, kind, Path(location).resolve().name] if location else [suite, kind]
     if truth is not None:
@@ -186,11 +170,7 @@ def _default_name(
 
 
 def file_name(*parts: str) -> str:
-    """Join the parts to one file name; a hyphen stands for each run of unsuitable characters.
-
-    Letters, digits and marks of any script are suitable, and so are full stops, underscores and
-    hyphens.
-    """
+    """Join the parts to one file name; a hyphen stands for each run of unsuitable characters."""
     kept = (
         char if char.isalnum() or char in "._-" or category(char).startswith("M") else "/"
         for char in normalize("NFC", "-".join(parts))

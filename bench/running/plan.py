@@ -27,7 +27,7 @@ SCORES_VERSION = 2  # raise when a change alters a score
 
 @dataclass(frozen=True)
 class ObjectJobs:
-    """The jobs of an object: the ground truth, which the others need, and those of the methods.
+    """The jobs of an object: the ground truth, and those of the methods, one for each condition.
 
     Jobs that are the same under every condition share a key: the first stands for all of them.
     """
@@ -120,12 +120,14 @@ class Plan:
             if not method.sees_cloud:  # nothing that its key does not name may decide
                 cloud, change, named = UNPERTURBED, Unchanged(), repr(Unchanged())
             version = protocol.identities[method.id]
-            images = _stored_images(method, condition, obj, len(views))
+            depends = [suite, method.id, cloud, identity, version, named, SCORES_VERSION]
+            if method.images is not None and isinstance(obj, ExportedObject):
+                claims = method.images.claims
+                checksum = method.images.checksum(condition.id, obj, len(views))
+                depends += [checksum, claims.prepare_s, claims.draw_s]
             return replace(
                 truth,
-                key=digest(
-                    [suite, method.id, cloud, identity, version, named, SCORES_VERSION, *images]
-                ),
+                key=digest(depends),
                 method=method.id,
                 address=method.address,
                 condition=condition.id,
@@ -143,14 +145,17 @@ def views_of(obj: SceneObject, count: int, seed: int) -> tuple[View, ...]:
 
 
 def plan(protocol: Protocol) -> Plan:
-    """Return all jobs of a run, object by object.
+    """Return all jobs of a run, object by object; in grey where the truth of the suite is grey.
 
-    Where the truth of the suite is grey, jobs have the objects in grey. Raises BadInput for unknown
-    conditions and unusable weights, for bare clouds, which cannot be scored, for more views than
-    objects have images, for objects without a mesh where they are to be grey, and for images of a
-    method that are not of this run.
+    Raises BadInput for unknown conditions, for unusable weights, for objects that cannot be scored,
+    or not in grey, and for images of a method that are not of this run.
     """
-    _refuse_bare_clouds(protocol)
+    if bare := [obj for obj in protocol.objects if not obj.has_truth]:
+        raise BadInput(
+            f"{protocol.dataset}: {name_of(bare[0])} is a bare cloud ({len(bare)} of "
+            f"{len(protocol.objects)} are), without mesh or images to score against; draw it with "
+            "'bench render'"
+        )
     exported = [obj for obj in protocol.objects if isinstance(obj, ExportedObject)]
     for obj in exported:
         obj.views(protocol.views, generator(protocol.seed))
@@ -168,33 +173,21 @@ def plan(protocol: Protocol) -> Plan:
     )
 
 
-def _refuse_bare_clouds(protocol: Protocol) -> None:
-    bare = [obj for obj in protocol.objects if not obj.has_truth]
-    if bare:
-        raise BadInput(
-            f"{protocol.dataset}: {name_of(bare[0])} is a bare cloud ({len(bare)} of "
-            f"{len(protocol.objects)} are), without mesh or images to score against; draw it with "
-            "'bench render'"
-        )
-
-
 def _in_grey(protocol: Protocol) -> Iterator[SceneObject]:
     suite = f"{protocol.suite.id} --truth grey"
     for obj in protocol.objects:
-        if isinstance(obj, ExportedObject):  # its images are as they were exported
-            if not obj.in_grey:
-                raise BadInput(
-                    f"{protocol.dataset}: {name_of(obj)} was exported in colour; export it again "
-                    f"with --suite {suite}"
-                )
-            yield obj
-            continue
-        if not isinstance(obj, MeshObject):
+        what = f"{protocol.dataset}: {name_of(obj)}"
+        if isinstance(obj, MeshObject) and not isinstance(obj, ExportedObject):
+            yield GreyObject(obj)
+        elif not isinstance(obj, ExportedObject):
             raise BadInput(
-                f"{protocol.dataset}: {name_of(obj)} has images but no mesh, and "
-                f"{suite} draws meshes in grey; take a dataset of meshes"
+                f"{what} has images but no mesh, and {suite} draws meshes in grey; take a dataset "
+                "of meshes"
             )
-        yield GreyObject(obj)
+        elif not obj.in_grey:
+            raise BadInput(f"{what} was exported in colour; export it again with --suite {suite}")
+        else:
+            yield obj  # its images are as they were exported
 
 
 def _object_identity(protocol: Protocol, obj: SceneObject, views: Sequence[View]) -> list[Any]:
@@ -210,15 +203,6 @@ def _object_identity(protocol: Protocol, obj: SceneObject, views: Sequence[View]
         sorted(protocol.feature_identity.items()),
         sorted(protocol.environment.items()),
     ]
-
-
-def _stored_images(method: Method, condition: Condition, obj: SceneObject, views: int) -> list[Any]:
-    """Return the rest of the identity of a job: the images and times of a method that has some."""
-    if method.images is None or not isinstance(obj, ExportedObject):
-        return []
-    claims = method.images.claims
-    checksum = method.images.checksum(condition.id, obj, views)
-    return [checksum, claims.prepare_s, claims.draw_s]
 
 
 def digest(identity: Sequence[Any]) -> str:

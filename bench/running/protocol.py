@@ -95,7 +95,7 @@ class Protocol:
 
     @cached_property
     def identities(self) -> dict[str, list[Any]]:
-        """Return the identities of the methods by id. Raises BadInput for unusable weights."""
+        """Return the identities of the methods by id; unusable weights are refused."""
         return {id_: method_identity(m, self.device) for id_, m in self.methods.items()}
 
     @property
@@ -113,10 +113,9 @@ class Protocol:
         """Return the protocol of a run: what the options ask for, and what its folder has.
 
         Lines on stderr name what is left out, and what the folder has beside. Nothing is written.
-        `probe` finds out the environment (default: `bench.running.environment.environment`).
-        Without `fetches`, weights that the run would download count as present. Raises BadInput for
-        options that cannot be met, for a folder with something else or with a run of which a part
-        is not known here, and MissingDependency where nothing can be drawn.
+        `probe` finds out the environment. Without `fetches`, weights that the run would download
+        count as present. Raises BadInput for options that cannot be met, and for a folder with
+        something else or with a part that is not known here, and MissingDependency.
         """
         suite = _suite_of(options)
         methods = find_methods(with_floor(options.methods or suite.methods))
@@ -171,9 +170,8 @@ class Protocol:
         """Return the protocol of a stored run or of a part of it, to plan its jobs again.
 
         Clouds, views and random numbers of these jobs are those of the run. Their keys are not, for
-        the protocol has neither features nor environment. `objects` are classes and names; those
-        that the dataset no longer has are left out. Raises BadInput where the suite, the dataset, a
-        class or a method is not known here.
+        the protocol has neither features nor environment. Objects ("class/name") that the dataset
+        no longer has are left out; other unknown names are refused.
         """
         names = manifest["methods"] if methods is None else methods
         suite, dataset = stored_suite(manifest), open_dataset(manifest["dataset"])
@@ -195,14 +193,8 @@ class Protocol:
 
     def to_manifest(self, workers: int, cluster: Mapping[str, Any] | None = None) -> dict[str, Any]:
         """Return the manifest that the run has when all its objects are complete."""
-        trees = {
-            id_: (m.images.root, m.images.claims) for id_, m in self.methods.items() if m.images
-        }
-        others = {
-            name: find_condition(name).key
-            for name in self.conditions
-            if name in announced("condition")
-        }
+        trees = {k: (m.images.root, m.images.claims) for k, m in self.methods.items() if m.images}
+        others = {n: find_condition(n).key for n in self.conditions if n in announced("condition")}
         return manifest_of(
             self,
             self.suite.id,
@@ -286,10 +278,7 @@ def name_of(obj: SceneObject) -> str:
 
 
 def find_methods(addresses: Iterable[str]) -> dict[str, Method]:
-    """Return methods by id, in order.
-
-    Raises BadInput as `bench.catalogue.methods.find_run_method`, and for two methods of one id.
-    """
+    """Return methods by id, in order. Raises BadInput, also for two methods of one id."""
     methods: dict[str, Method] = {}
     for address in addresses:
         method = find_run_method(address)
@@ -309,10 +298,7 @@ def with_floor(methods: Sequence[str]) -> tuple[str, ...]:
 
 
 def method_identity(method: Method, device: str) -> list[Any]:
-    """Return everything that the images of a method depend on beside the cloud and the views.
-
-    Raises BadInput for weights that cannot be used.
-    """
+    """Return everything that the images of a method depend on beside the cloud and the views."""
     return [method.version, method.identity(), device]
 
 
@@ -350,7 +336,7 @@ def _log_all(lines: Iterable[str | None]) -> None:
 def extractors_of(
     metrics: Iterable[str], inception_weights: str | None, device: str, fetches: bool = True
 ) -> tuple[tuple[tuple[str, str], ...], dict[str, str], dict[str, str]]:
-    """Return features and identities as a protocol has them, and the reasons of those without."""
+    """Return features and identities as a protocol has them, and why some are skipped."""
     on_gpu = f" {GPU}" * (metrics_device(device) == GPU)
     features: list[tuple[str, str]] = []
     identity: dict[str, str] = {}
@@ -372,25 +358,17 @@ def extractors_of(
 
 
 def objects_of(suite: Suite, dataset: Dataset, options: Options) -> tuple[SceneObject, ...]:
-    """Return the objects of a run or of a shard, class by class.
-
-    Raises BadInput for a class that the dataset does not have, where the suite compares classes and
-    the dataset does not tell them apart, and for a shard without objects.
-    """
+    """Return the objects of a run or of a shard, class by class; refuse a dataset without."""
     classes = suite.classes
-    if len(classes) > 1:
-        if not dataset.classes:
-            raise BadInput(
-                f"{dataset.id}: {suite.id} compares classes, and this dataset has none; give a "
-                "folder whose sub-folders are classes"
-            )
-        # The dataset refuses the first one, with what it has.
+    if len(classes) > 1 and not dataset.classes:
+        raise BadInput(
+            f"{dataset.id}: {suite.id} compares classes, and this dataset has none; give a "
+            "folder whose sub-folders are classes"
+        )
+    if len(classes) > 1:  # the dataset refuses the first one, with what it has
         classes = tuple(name for name in classes if name in dataset.classes) or classes[:1]
-    objects = tuple(
-        obj
-        for class_name in classes
-        for obj in dataset.objects(class_name, options.limit, suite.endless_limit)
-    )
+    limits = options.limit, suite.endless_limit
+    objects = tuple(obj for name in classes for obj in dataset.objects(name, *limits))
     if options.shard is None:
         return objects
     if not (selected := options.shard.select(objects)):
@@ -425,7 +403,7 @@ def _find_objects(
 def _with_folder(asked: Protocol, directory: Path, same_objects: bool) -> Protocol:
     """Return a protocol with the methods, conditions and objects of the tables in a folder.
 
-    With `same_objects` the objects are those alone. Raises BadInput as `from_options`.
+    With `same_objects` the objects are those alone.
     """
     before = check_directory(directory, asked.fixed)
     with open_store(directory) as store:
@@ -434,13 +412,11 @@ def _with_folder(asked: Protocol, directory: Path, same_objects: bool) -> Protoc
         is_emptied = store.is_empty
     suite, shown = asked.suite, frozenset(before["objects"])
     methods = {**asked.methods, **methods_there(directory, asked.device, before, asked.methods)}
+    order = joined(tuple(asked.methods), before["methods"], suite.methods)
     wanted = shown if same_objects else shown.union(asked.names)
     wide = replace(
         asked,
-        methods={
-            name: methods[name]
-            for name in joined(tuple(asked.methods), before["methods"], suite.methods)
-        },
+        methods={name: methods[name] for name in order},
         conditions=joined(asked.conditions, before["conditions"], suite.conditions),
         objects=_objects_there(asked, directory, before, wanted),
         before=before,
@@ -462,7 +438,7 @@ def _with_folder(asked: Protocol, directory: Path, same_objects: bool) -> Protoc
 def _objects_there(
     asked: Protocol, directory: Path, before: Mapping[str, Any], wanted: Collection[str]
 ) -> tuple[SceneObject, ...]:
-    """Return the wanted objects, as the dataset orders them. Raises BadInput where one is gone."""
+    """Return the wanted objects, as the dataset orders them; refuse where one is gone."""
     if {*asked.names} == wanted:
         return asked.objects
     if asked.shard is not None:
@@ -510,15 +486,22 @@ def methods_there(
     """Return the methods of the run in a folder beside those that are asked for, by id.
 
     A method MODULE:NAME is known by its identity alone, where the manifest has `identities`: its
-    finished jobs stay, and nothing is executed because a manifest names it. Raises BadInput for a
-    method that cannot be used here, and for an unknown condition.
+    finished jobs stay, and nothing is executed because a manifest names it. What is not known or
+    cannot be used here is refused.
     """
     methods: dict[str, Method] = {}
     try:
         for name in sorted({*before["methods"]} - {*asked}):
             identity = before.get("identities", {}).get(name)
             if identity is not None and is_module_name(name):
-                methods[name] = _unloaded(name, identity)
+                version, text, _ = identity
+                methods[name] = Method(
+                    name,
+                    load=lambda device, name=name: find_method(name).load(device),  # refuses it
+                    identity=lambda text=text: str(text),
+                    version=int(version),
+                    source=NOT_LOADED,
+                )
                 continue
             methods[name] = find_run_method(address_of(before, name))
             method_identity(methods[name], device)
@@ -531,15 +514,3 @@ def methods_there(
             f"{directory}: its run cannot be kept here: {reason}; install what is missing, {APART}"
         ) from error
     return methods
-
-
-def _unloaded(method_id: str, identity: Sequence[Any]) -> Method:
-    """Return a method of a module that is not loaded; it can draw nothing."""
-    version, text, _ = identity
-    return Method(
-        method_id,
-        load=lambda device: find_method(method_id).load(device),  # which refuses it
-        identity=lambda: str(text),
-        version=int(version),
-        source=NOT_LOADED,
-    )

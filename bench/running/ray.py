@@ -61,7 +61,6 @@ def connected(address: str, workers: int) -> Iterator[Cluster]:
     """Yield a connection to the cluster at `address` ("host:port", "auto", "ray://host:port").
 
     For LOCAL it is a new cluster on this machine with so many workers, which ends with the block.
-    Raises MissingDependency without Ray, and BadInput where no cluster answers.
     """
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nobody was asked
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
@@ -99,9 +98,9 @@ def connected(address: str, workers: int) -> Iterator[Cluster]:
 class RayPool:
     """An executor of jobs on the nodes of a cluster, within `connected`.
 
-    A job is a task, and takes a CPU. Where the cluster has GPUs, it takes a share of one as well,
-    if the device is "cuda", which is that of the networks of metrics, too, or if the job is of a
-    network and the device is not "cpu". `api` stands in for `ray`.
+    A job takes a CPU. Where the cluster has GPUs, it takes a share of one as well, if the device is
+    "cuda", which is that of the networks of metrics, too, or if it is of a network and the device
+    is not "cpu". `api` stands in for `ray`.
     """
 
     def __init__(self, cluster: Cluster, protocol: Protocol, api: Any = None) -> None:
@@ -190,10 +189,7 @@ def requirements(protocol: Protocol) -> _NodeRequirements:
 def mismatch(
     required: _NodeRequirements, probe: Callable[[], Mapping[str, str]] = environment
 ) -> str:
-    """Return how this machine fails the requirements, with the remedy; empty where it does not.
-
-    `probe` finds out the environment.
-    """
+    """Return how this machine fails the requirements, with the remedy; empty where it does not."""
     wanted = required.values
     try:
         here = _properties(probe(), wanted["methods"], wanted["weights"], required.device)
@@ -247,11 +243,9 @@ class Node:
         self._pool = JobPool(1, 1, limits)
 
     def run_job(self, job: Job, fingerprint: str) -> Result:
-        """Do a job and return its result.
+        """Do a job and return its result, which is `unusable` on a node that must not do it.
 
-        `fingerprint` is that of the object on the machine of the run. The result of a node that
-        does not meet the requirements, or whose copy of the object differs, is `unusable` and says
-        why.
+        `fingerprint` is that of the object on the machine of the run.
         """
         problem = self._mismatch
         if not problem and (present := _fingerprint(job.object)) != fingerprint:
@@ -274,11 +268,7 @@ _node: Node | None = None  # of this process, where it is one of Ray's
 def _do_on_node(
     message: tuple[_NodeRequirements, Limits], job: Job, fingerprint: str, reference: bytes | None
 ) -> Result:
-    """Do a job on the node that this process is; Ray calls this for each task.
-
-    `fingerprint` is that of its object. `reference` are the true images, which Ray sends once for
-    the jobs of an object.
-    """
+    """Do a job on this node, with the true images, which Ray sends once for an object."""
     global _node
     if _node is None:
         _node = Node(*message)

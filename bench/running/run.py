@@ -332,17 +332,17 @@ class RunStatus:
 
     @property
     def jobs(self) -> int:
-        """Jobs that are left."""
+        """Return how many jobs are left."""
         return sum(self.left.values())
 
     @property
     def done(self) -> int:
-        """Jobs that are done."""
+        """Return how many jobs are done."""
         return len(self.plan) * self.plan.jobs_per_object - self.jobs
 
     @property
     def size_b(self) -> float:
-        """Bytes of disk that the jobs left are expected to take."""
+        """Return the bytes of disk that the jobs left are expected to take."""
         views = self.plan.protocol.views
         return self.jobs * (self.stored_b / self.done if self.done else IMAGE_B * views)
 

@@ -9,10 +9,10 @@ from __future__ import annotations
 import math
 import re
 import time
-from collections import Counter, defaultdict, deque
+from collections import defaultdict, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import islice
+from itertools import islice, zip_longest
 
 from bench.records.job import Job, Result, failed
 from bench.records.record import GROUND_TRUTH
@@ -30,10 +30,7 @@ _JOB_S = 0.6  # of a worker for a job, in the mean of the default suite
 
 
 def seconds_of(text: str, option: str = "--budget") -> float:
-    """Return the seconds of a time like "90s", "2m" or "1.5h".
-
-    Raises BadInput for any other text, and for zero.
-    """
+    """Return the seconds of a time like "90s", "2m" or "1.5h". Raises BadInput for other texts."""
     match = re.fullmatch(r"([0-9]{1,9}(?:\.[0-9]{1,9})?)([smh])", text.strip())
     seconds = float(match[1]) * _UNITS_S[match[2]] if match else 0.0
     if not seconds:
@@ -42,7 +39,7 @@ def seconds_of(text: str, option: str = "--budget") -> float:
 
 
 def guess_s(jobs: int, workers: int) -> float:
-    """Return the seconds that an object of so many jobs is expected to take, before any is done."""
+    """Return the seconds that an object of so many jobs is expected to take."""
     return jobs * _JOB_S / workers
 
 
@@ -58,26 +55,20 @@ def seeded_turns(names: Iterable[str], seed: int) -> list[str]:
     it says nothing about results, and neither more objects nor an earlier start change the order of
     the others. Classes keep their order.
     """
-    names = list(names)
-    classes = {name: name.partition("/")[0] for name in names}
-    rank = {name: i for i, name in enumerate(dict.fromkeys(classes.values()))}
-    keys = {name: generator(seed, "order of objects", name).random() for name in names}
-    turns: Counter[str] = Counter()
-    order = []
-    for name in sorted(names, key=keys.__getitem__):
-        turns[classes[name]] += 1
-        order.append((turns[classes[name]], rank[classes[name]], name))
-    return [name for _, _, name in sorted(order)]
+    by_class: dict[str, list[str]] = {}
+    for name in names:
+        by_class.setdefault(name.partition("/")[0], []).append(name)
+    for members in by_class.values():
+        members.sort(key=lambda name: generator(seed, "order of objects", name).random())
+    turns = zip_longest(*by_class.values())
+    return [name for turn in turns for name in turn if name is not None]
 
 
 @dataclass
 class Budget:
-    """A time limit of a run, which decides whether to begin another object, and ends those begun.
+    """A time limit of a run, from now: whether to begin another object, when to end those begun."""
 
-    The time counts from the creation of the budget.
-    """
-
-    seconds: float | None = None  # of the whole run, its end included; None for no limit
+    seconds: float | None = None  # of the whole run, tables included; None for no limit
     guess_s: float = 0.0  # for an object, as long as none has been done
     clock: Callable[[], float] = time.monotonic
     _costs: list[float] = field(default_factory=list)
@@ -106,28 +97,24 @@ class Budget:
 
     def allows(self, complete: int, under_way: float) -> bool:
         """Return whether to begin another object, with so many complete and so many under way."""
+        if self.seconds is None:
+            return True
         cost = max(self._costs, default=self.guess_s)
-        end = end_s(complete + math.ceil(under_way) + 1)
-        return self._fits((under_way + 1) * cost + end)
+        needed = (under_way + 1) * cost + end_s(complete + math.ceil(under_way) + 1)
+        return self.clock() - self._begun + needed <= self.seconds
 
     def left_s(self, complete: int) -> float | None:
-        """Return how long jobs may go on, if so many objects are complete; None without a limit.
-
-        With the first object ends the time for tables: without one there are none.
-        """
+        """Return how long jobs may go on, with so many objects complete; None without a limit."""
         if self.seconds is None:
             return None
-        end = end_s(complete) if complete else 0.0
+        end = end_s(complete) if complete else 0.0  # else there are no tables
         return self._begun + self.seconds - end - self.clock()
-
-    def _fits(self, seconds: float) -> bool:
-        return self.seconds is None or self.clock() - self._begun + seconds <= self.seconds
 
 
 def settled(obj: ObjectJobs, store: Store) -> dict[str, Result]:
     """Return the results of an object's jobs that need not be done any more, by key.
 
-    Where its ground truth has failed, that is all of them; those that are new still have records.
+    Where its ground truth has failed, that is all of them.
     """
     results = store.find([job.key for job in obj.jobs])
     truth = results.get(obj.truth.key)
@@ -145,11 +132,6 @@ class _UnderWay:
     has_truth: bool
     truth_sent: bool = False
 
-    @property
-    def share(self) -> float:
-        """Return the part of the jobs that is open."""
-        return len(self.open) / len(self.jobs.jobs)
-
 
 class Schedule:
     """The jobs of a run in the order of their start, and how far the run has come.
@@ -161,12 +143,8 @@ class Schedule:
     def __init__(
         self, planned: Plan, store: Store, budget: Budget, order: Sequence[str], ahead: int = 1
     ) -> None:
-        """Note what the store has of the plan.
-
-        `order` has the names of its objects in the order of their start, `ahead` is how many
-        objects have their ground truths drawn before their jobs are due: those that idle workers
-        could begin.
-        """
+        # `order` has the names of the objects in the order of their start. So many objects have
+        # their ground truths drawn `ahead` of their jobs: those that idle workers could begin.
         self.plan, self._store, self._budget = planned, store, budget
         self._order, self._ahead = order, ahead
         self._under_way: dict[str, _UnderWay] = {}
@@ -201,7 +179,8 @@ class Schedule:
         while coming:
             obj = coming.popleft()
             begun = [name for name in begun if name in self._under_way]
-            under_way = sum(self._under_way[name].share for name in begun)
+            states = [self._under_way[name] for name in begun]
+            under_way = sum(len(state.open) / len(state.jobs.jobs) for state in states)
             allowed = self._budget.allows(len(self.complete), under_way)
             if (self.complete or begun) and not allowed:
                 return

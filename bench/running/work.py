@@ -1,8 +1,4 @@
-"""The work of a worker: draw the ground truth of an object, or one cloud with one method.
-
-A job returns scores, images and features; whether they count is decided by the process that keeps
-the store of the run.
-"""
+"""The work of a worker: draw the ground truth of an object, or one cloud with one method."""
 
 from __future__ import annotations
 
@@ -50,15 +46,13 @@ from data_prep.scene import IMAGE_SIZE, CloudOrigin, PointCloud, Renderer, UInt8
 
 @dataclass(frozen=True, eq=False)
 class RenderedViews:
-    """Images of a cloud, notes on the method's repairs, and its times as in a record.
-
-    `timing` is that of the job so far; the ground truth has no other times.
-    """
+    """Images of a cloud, notes on the method's repairs, and its times as in a record."""
 
     images: UInt8Images
     notes: str = ""
     prepare_s: float | None = None
     draw_s: float | None = None
+    # Of the job so far.
     timing: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -117,7 +111,11 @@ def _failed(job: Job, error: BaseException) -> Result:
     reason = reason_of(error)
     if not isinstance(error, MissingDependency):
         return failed(job, reason)
-    result = failed(job, reason.partition(": ")[2])
+    return _unusable(job, reason.partition(": ")[2])
+
+
+def _unusable(job: Job, reason: str) -> Result:
+    result = failed(job, reason)
     return replace(result, unusable=result.reason)
 
 
@@ -142,8 +140,7 @@ def _draw(job: Job, seconds: dict[str, float]) -> RenderedViews | Result:
         with timed("methods", seconds):
             renderer = load_renderer(address, job.device)
     except BadInput as error:  # unusable weights fail every job alike
-        result = failed(job, str(error))
-        return replace(result, unusable=result.reason)
+        return _unusable(job, str(error))
     truth = None if job.reference is None else unpack(job.reference)
     seen = job
     if not method.sees_cloud and job.perturbation == Unchanged():  # one job for every condition
@@ -165,32 +162,19 @@ def _draw(job: Job, seconds: dict[str, float]) -> RenderedViews | Result:
 
 def _scored(job: Job, drawn: RenderedViews, seconds: dict[str, float]) -> Result:
     scored: dict[str, NDArray[np.float64]] = {}
-    arrays = {IMAGES: pack(drawn.images)}
+    arrays, device = {IMAGES: pack(drawn.images)}, metrics_device(job.device)
     with timed("metrics", seconds):
         if job.reference is not None:
             truth = unpack(job.reference)
-            scored = scores(truth, drawn.images) | _learned(job, truth, drawn.images)
+            scored |= scores(truth, drawn.images)
+            if weights := dict(job.features).get(extractor_of("lpips")):
+                network = lpips_network(weights, device)
+                codes = map(network.encode, (truth, drawn.images))
+                scored["lpips"] = network.distance(*codes)
         for extractor, weights in job.features:
-            features = _extractor(extractor, weights, metrics_device(job.device))(drawn.images)
-            arrays[extractor] = pack(features)
-    return Result(
-        job.key,
-        job.suite,
-        notes=stored_text(drawn.notes),
-        prepare_s=drawn.prepare_s,
-        draw_s=drawn.draw_s,
-        views=pack_views(job.views, scored),
-        arrays=arrays,
-    )
-
-
-def _learned(job: Job, truth: UInt8Images, images: UInt8Images) -> dict[str, NDArray[np.float64]]:
-    """Return scores [V] by the networks among the job's extractors, by their names in a record."""
-    weights = dict(job.features).get(extractor_of("lpips"))
-    if weights is None:
-        return {}
-    network = lpips_network(weights, metrics_device(job.device))
-    return {"lpips": network.distance(network.encode(truth), network.encode(images))}
+            arrays[extractor] = pack(_extractor(extractor, weights, device)(drawn.images))
+    notes, views = stored_text(drawn.notes), pack_views(job.views, scored)
+    return Result(job.key, job.suite, "", notes, drawn.prepare_s, drawn.draw_s, views, arrays)
 
 
 def draw(
@@ -204,8 +188,7 @@ def draw(
 ) -> RenderedViews:
     """Draw a cloud, `batch` views a call (None: all of them), and check the images.
 
-    Raises whatever the method raises, and StageFailure for anything but images, and for blank
-    images, unless the true image is blank too or the method is a floor, which draws no object.
+    Raises whatever the method raises, and StageFailure for anything but images, and for blank ones.
     """
     cloud = seen_by(method, cloud)
     start = time.perf_counter()
@@ -227,14 +210,10 @@ def draw(
 
 
 def seen_by(method: Method, cloud: PointCloud) -> PointCloud:
-    """Return the cloud as the method gets it.
-
-    The mesh is there for methods that are to look at it, the origin for those entered by images.
-    """
+    """Return the cloud as the method gets it: without mesh or origin where it is not to look."""
+    source, origin = method.sees_mesh, method.images
     return PointCloud(
-        cloud.points,
-        cloud.source if method.sees_mesh else None,
-        cloud.origin if method.images else None,
+        cloud.points, cloud.source if source else None, cloud.origin if origin else None
     )
 
 
@@ -252,13 +231,10 @@ def _refuse_blank(images: UInt8Images, truth: UInt8Images | None, points: int) -
 
 
 def cloud_of(job: Job) -> PointCloud:
-    """Return the perturbed cloud, which depends on seed, object and condition only.
-
-    An exported dataset has it as a file, unless it was made without that condition.
-    """
+    """Return the perturbed cloud, which depends on seed, object and condition only."""
     condition = job.condition
     stored = job.object.perturbed(condition) if isinstance(job.object, ExportedObject) else None
-    if stored is not None:
+    if stored is not None:  # in a file, unless the dataset was made without that condition
         return stored
     sampled = job.object.cloud(generator(job.seed, "cloud", *job.name.object))
     return job.perturbation.apply(sampled, generator(job.seed, condition, *job.name.object))
@@ -296,10 +272,7 @@ def checked_images(images: NDArray[np.float32], count: int) -> UInt8Images:
 
 @functools.cache
 def load_renderer(address: str, device: str) -> Renderer:
-    """Return the renderer of the method with this address, loaded once a process.
-
-    Raises BadInput where its weights are unusable.
-    """
+    """Return the renderer of a method, loaded once a process; unusable weights are refused."""
     return find_run_method(address).load(device)
 
 

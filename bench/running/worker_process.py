@@ -43,18 +43,15 @@ PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36  # linux/prctl.h
 
 
 def own_python(*arguments: str) -> list[str]:
-    """Return the command of another process of this interpreter.
-
-    The current folder is not on its path: a `random.py` there is not ours to run.
-    """
-    return [sys.executable, "-P", *arguments]
+    """Return the command of another process of this interpreter."""
+    return [sys.executable, "-P", *arguments]  # a `random.py` in this folder is not ours to run
 
 
 class RunningTime:
-    """A clock that stands still while this process is stopped, and its workers with it.
+    """A clock, read every `TICK_S`, that stands still while this process is stopped.
 
-    It has to be read every `TICK_S`. What lies beyond `_LONGEST_TICK_S` between two readings counts
-    for nothing: a closed lid, SIGSTOP, a frozen container.
+    What lies beyond `_LONGEST_TICK_S` between two readings counts for nothing: a closed lid,
+    SIGSTOP, a frozen container.
     """
 
     def __init__(self) -> None:
@@ -175,8 +172,7 @@ def _end_like(code: int) -> None:
 def _serve(connection: Connection, memory_gib: float) -> None:
     """Do one task after another, until the pool closes its end of the connection."""
     _bind(memory_gib)
-    # A method that starts Python gets it as usual.
-    os.environ.pop(SAFE_PATH, None)
+    os.environ.pop(SAFE_PATH, None)  # a method that starts Python gets it as usual
     worker = os.getpid()
     with suppress(EOFError, BrokenPipeError, ConnectionResetError):  # the pool is gone
         work = connection.recv()
@@ -201,10 +197,7 @@ def _answer(work: Callable[[Any], Any], task: object) -> tuple[bool, Any]:
 
 
 def _bind(memory_gib: float) -> None:
-    """Tie this process to its keeper, and have the kernel bound its memory.
-
-    Allocations beyond the limit and _RESERVED_GIB are refused: a MemoryError in Python.
-    """
+    """Tie this process to its keeper, and have the kernel bound its memory (MemoryError)."""
     os.dup2(2, 1)  # stdout is for the results of a command: what a method prints goes to stderr
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     _control(PR_SET_PDEATHSIG, signal.SIGKILL)
@@ -237,10 +230,10 @@ def _end_children() -> None:
 def watched_memory(keepers: Callable[[], Iterable[int]], limit_gib: float) -> Iterator[set[int]]:
     """Kill workers that outgrow the limit, with all their processes, as long as the block lasts.
 
-    `keepers` returns the process ids of the workers' keepers, children of this process; those whose
-    workers were killed are yielded as a set. The limit is the resident memory of one worker and its
-    processes together. RLIMIT_DATA alone (`_bind`) is not enough: a library whose allocation fails
-    does anything from raising an exception to giving a wrong result.
+    `keepers` returns the process ids of the workers' keepers; those whose workers were killed are
+    yielded as a set. The limit is the resident memory of one worker and its processes together.
+    RLIMIT_DATA alone (`_bind`) is not enough: a library whose allocation fails does anything from
+    raising an exception to giving a wrong result.
     """
     import psutil
 
