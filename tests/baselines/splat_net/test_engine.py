@@ -35,12 +35,11 @@ def network(request):
     return lived_in(request.param)
 
 
-@pytest.mark.parametrize("size", [16, 128])
-def test_float32_draws_what_the_network_draws_and_leaves_it_as_it_is(network, size):
+def test_float32_draws_what_the_network_draws_and_leaves_it_as_it_is(network):
     before = {key: value.clone() for key, value in network.state_dict().items()}
-    given = inputs(network.config, 3, size)
-    actual = FoldedSplatNet(network, size=size)(given)
-    assert actual.shape == (3, size, size, 3)
+    given = inputs(network.config, 3)
+    actual = FoldedSplatNet(network)(given)
+    assert actual.shape == (3, 128, 128, 3)
     assert actual.dtype == torch.float32
     assert all(torch.equal(value, before[key]) for key, value in network.state_dict().items())
     expected = drawn(network, given)
@@ -50,7 +49,7 @@ def test_float32_draws_what_the_network_draws_and_leaves_it_as_it_is(network, si
 
 # from one channel, whose layout in memory is ambiguous, to all; and layers one channel wide
 @pytest.mark.parametrize("width", [1, 2])
-@pytest.mark.parametrize("flags", [(False,) * 4, (True, False) * 2, (False, True) * 2, (True,) * 4])
+@pytest.mark.parametrize("flags", [(False,) * 4, (True, False) * 2, (True,) * 4])
 def test_some_or_all_of_the_channels(flags, width):
     config = NetworkConfig(Inputs((3,), *flags), (width,) * 5, ("grey",))
     network = lived_in(config)
