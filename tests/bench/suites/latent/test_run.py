@@ -12,7 +12,6 @@ import pytest
 import torch
 from PIL import Image
 
-import bench.suites.latent.run
 from bench.judges import VIEWS_WEIGHTS
 from bench.judges.views import load_views_network
 from bench.metrics.structural_similarity import ssim
@@ -189,21 +188,17 @@ def test_the_same_seed_gives_the_same_bytes(measured, untrained, tmp_path):
     assert other.tables[0].frame["n"][0] == 2
 
 
-def test_a_rerun_starts_over(measured, untrained, tmp_path):
-    directory = shutil.copytree(measured.directory, tmp_path / "run")
-    (directory / "figures" / "interpolation-2.png").touch()
-    (directory / "tables" / FILES[0]).write_text("old")
-    run_small(stated(untrained, directory))
-    assert (directory / "tables" / FILES[0]).read_text() != "old"
-    assert len(list((directory / "figures").iterdir())) == 2
-
-
-def test_a_smaller_limit_keeps_the_run_of_the_folder(measured, untrained, tmp_path):
+def test_a_rerun_starts_over_and_a_smaller_limit_keeps_the_run(measured, untrained, tmp_path):
     directory = shutil.copytree(measured.directory, tmp_path / "run")
     before = {path: path.read_bytes() for path in directory.rglob("*") if path.is_file()}
     with pytest.raises(BadInput, match=r"run: holds a run with 2 more pairs, .* give a new --out"):
         run(stated(untrained, directory, limit=1), SMALL)
     assert {path: path.read_bytes() for path in directory.rglob("*") if path.is_file()} == before
+    (directory / "figures" / "interpolation-2.png").touch()
+    (directory / "tables" / FILES[0]).write_text("old")
+    run_small(stated(untrained, directory))
+    assert (directory / "tables" / FILES[0]).read_bytes() == before[directory / "tables" / FILES[0]]
+    assert len(list((directory / "figures").iterdir())) == 2
 
 
 def test_weights_without_their_decoder(untrained, tmp_path):
@@ -212,18 +207,6 @@ def test_weights_without_their_decoder(untrained, tmp_path):
     with pytest.raises(BadInput, match="there is no decoder for these weights"):
         run_small(stated(bare, out))
     assert not out.exists()
-
-
-def test_from_the_command_line(command, untrained, monkeypatch, tmp_path):
-    monkeypatch.setattr(bench.suites.latent.run.run, "__defaults__", (SMALL, dict))
-    methods, out = f"pc2pix@{untrained}", tmp_path / "run"
-    chosen = ("--suite", "latent", "--methods", methods, "--limit", 1, "--out", out)
-    status, printed, err = command("run", *chosen)
-    assert status == 0, err
-    for name in ("latent_interpolation", "latent_arithmetic"):
-        assert (out / "tables" / f"{name}.md").read_text() in printed
-    assert f"paths, {methods}: 1/1 done, 0 failed" in err
-    assert err.endswith(f" s\nresults in {out}\n")
 
 
 def test_the_decoder_command(command, untrained, tmp_path):

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field, replace
 
 import pytest
 
-import bench.suites.speed.run
 from bench.analysis.scored_run import read_run
 from bench.catalogue.suites import Limits
 from bench.records.run_folder import read_manifest
@@ -114,25 +113,10 @@ def test_times_taken_while_something_else_ran_are_counted(tmp_path):
     assert [unit[1:] for unit in fake.taken] == settings * 2
     counted = "8 measurements taken, 0 from before, 0 with failures, 4 while something else ran; "
     assert finished.summary.startswith(counted)
+    assert sorted(p.name for p in (finished.directory / "tables").iterdir()) == FILES
     fake = Fake(cores=1)
     fake.run(tmp_path / "one core")
     assert fake.taken == [("splat", "2048", 1), ("blank", "2048", 1)]
-
-
-def test_the_command_line_tells_what_was_done(tmp_path, command, monkeypatch):
-    fake = Fake()
-    monkeypatch.setattr(bench.suites.speed.run.run, "__defaults__", fake.arguments())
-    chosen = ("--methods", "blank,blank", "--limit", "1", "--views", "5", "--device", "cpu")
-    status, out, err = command("run", "--suite", "speed", *chosen, "--out", tmp_path / "run")
-    assert status == 0
-    assert out.startswith("# Speed: what an image costs\n")
-    assert "# What an image costs, by the number of views of a cloud\n" in out
-    message = "2 measurements taken, 0 from before, 0 with failures, 2 while something else ran; "
-    assert message in err
-    assert err.endswith(f"\nresults in {tmp_path / 'run'}\n")
-    assert fake.taken == [("blank", "2048", 1), ("blank", "2048", 2)]
-    manifest = read_manifest(tmp_path / "run")
-    assert (manifest["views"], manifest["objects"]) == (5, ["chair/test-0000"])
 
 
 def test_what_was_measured_is_kept(tmp_path, capsys):
@@ -162,7 +146,7 @@ def test_what_was_measured_is_kept(tmp_path, capsys):
     assert len(list((tmp_path / "run.old-1" / "measurements").iterdir())) == 4
 
 
-def test_a_run_that_was_stopped_goes_on(tmp_path):
+def test_a_run_that_was_stopped_goes_on_and_another_driver_is_measured_again(tmp_path):
     out, stopped, fake = tmp_path / "run", Fake(most=2), Fake()
     with pytest.raises(KeyboardInterrupt):
         stopped.run(out)
@@ -170,12 +154,7 @@ def test_a_run_that_was_stopped_goes_on(tmp_path):
     assert fake.run(out).summary.startswith("2 measurements taken, 2 from before, ")
     units = [(method, "2048", count) for method in ("splat", "blank") for count in (1, 2)]
     assert stopped.taken + fake.taken == units
-
-
-def test_another_driver_is_measured_again(tmp_path):
-    fake = Fake()
-    fake.run(tmp_path / "run")
-    assert ", 0 from before, " in fake.run(tmp_path / "run", gl="other").summary
+    assert ", 0 from before, " in fake.run(out, gl="other").summary
 
 
 def threads_here(name):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from dataclasses import replace
 
@@ -103,7 +101,6 @@ def test_calls_are_as_measured_and_grow_evenly_between():
 def test_one_view_a_call_has_no_second_batch():
     single = measurement(views=1)
     values = summarise(replace(single, samples=tuple(s for s in single.samples if s.views < 2)))
-    assert not [name for name in values if "4" in name]
     assert costs(values, "ms", 1, [1, 2, 10]) * [1, 2, 10] == pytest.approx([1200, 1400, 3000])
 
 
@@ -126,22 +123,13 @@ def test_speedups_are_of_the_rival_over_the_method():
     assert not speed_rows(ALL, of_lost, MACHINE, PAPER)["metric"].str.endswith("speedup").any()
 
 
-def read(table):
-    return list(csv.DictReader(io.StringIO(table.to_csv())))
-
-
-def test_rows_say_all_that_they_were_taken_under():
-    rows = read(speed_table(ALL, SUITE, MACHINE, PAPER))
-    by = {(row["method"], row["metric"]): row for row in rows}
-    assert by["slow", "picture-of-1-speedup"]["value"] == "1"
-    assert {key: row["paper"] for key, row in by.items() if row["paper"]} == {
-        ("slow", "picture-of-4-ms"): "180",
-        ("quick", "picture-of-4-ms"): "20",
-        ("quick", "picture-of-4-speedup"): "9",
+def test_papers_numbers_stand_beside_an_image_among_all_views():
+    rows = speed_rows(ALL, SUITE, MACHINE, PAPER).dropna(subset="paper")
+    assert {(row["method"], row["metric"]): row["paper"] for _, row in rows.iterrows()} == {
+        ("slow", "picture-of-4-ms"): 180,
+        ("quick", "picture-of-4-ms"): 20,
+        ("quick", "picture-of-4-speedup"): 9,
     }
-    lost = {(r["n"], r["n_ok"], r["value"], r["reason"]) for r in rows if r["method"] == "lost"}
-    assert lost == {("0", "0", "", "timeout: too long")}
-    assert by["lost", "prepare-ms"]["elsewhere_cores"] == ""
 
 
 def test_only_what_was_taken_alike_is_compared():

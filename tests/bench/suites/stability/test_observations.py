@@ -38,14 +38,6 @@ def plain(store):
     return job, images
 
 
-def test_images(store, plain):
-    (seen,) = observe([plain[0]], store)
-    assert (seen.case, seen.method, seen.reason, seen.notes) == ("plain", "splat", "", "repaired")
-    assert seen.shown == 0.5
-    assert (seen.mean_change, seen.most_change) == (None, None)  # it is like no other
-    assert (seen.prepare_s, seen.draw_s) == (0.25, 0.125)
-
-
 def beside_plain(store, plain, other, images):
     """Return the observation of a job with these images, with the plain case beside it."""
     append(store, other, images)
@@ -71,8 +63,12 @@ def test_more_views_than_the_other_case_go_through_it_again(store, plain):
     assert beside_plain(store, plain, other, twice).most_change == 1
 
 
-def test_no_images(store, plain):
+def test_alone_and_without_images(store, plain):
     job, images = plain
+    (seen,) = observe([job], store)
+    assert (seen.case, seen.method, seen.reason, seen.notes) == ("plain", "splat", "", "repaired")
+    assert (seen.shown, seen.prepare_s, seen.draw_s) == (0.5, 0.25, 0.125)
+    assert (seen.mean_change, seen.most_change) == (None, None)  # it is like no other
     broken, like = job_of("normalised"), job_of("millimetres")
     store.append(failed(broken, "apss: no faces"))
     append(store, like, images)

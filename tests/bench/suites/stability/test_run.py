@@ -5,7 +5,6 @@ import sqlite3
 from contextlib import closing
 from dataclasses import replace
 
-import numpy as np
 import pandas as pd
 import pytest
 
@@ -15,7 +14,7 @@ from bench.records.run_folder import read_manifest
 from bench.running.options import Options
 from bench.suites.stability.cases import CASES
 from bench.suites.stability.outcomes import COLUMNS, matrix, read_outcomes, unexpected
-from bench.suites.stability.run import ACROSS, MISSING, run, sheet
+from bench.suites.stability.run import run
 from bench.tables.build import tables
 from data_prep.failures import BadInput
 
@@ -84,13 +83,3 @@ def test_other_files_are_no_matrices(tmp_path, text):
         read_outcomes(tmp_path)
     with pytest.raises(BadInput, match="no tables of the suite"):
         read_outcomes(tmp_path / "elsewhere")
-
-
-def test_a_sheet_has_every_image_in_its_place():
-    red = np.full((128, 128, 3), (255, 0, 0), np.uint8)
-    pixels = sheet([[None, red], [red, None]])
-    assert pixels.shape == (256, 128 * ACROSS, 3)
-    assert (pixels[:128, :128] == MISSING).all()
-    for place in (pixels[:128, 128:256], pixels[128:, :128]):
-        assert (place == red).all()
-    assert (pixels[:, 256:] == 255).all()
