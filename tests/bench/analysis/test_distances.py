@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 import pytest
 
@@ -63,27 +61,6 @@ def test_many_objects_are_read_in_parts_and_failed_images_are_blank_ones():
     assert distance.value == pytest.approx(expected, rel=0, abs=close)
     assert len(distance.leave_one_out) == 22  # three of 65 objects together, or two
     assert distance.leave_one_out == pytest.approx(left_out_distances(*sets), rel=0, abs=close)
-
-
-def test_kernel_distances_take_the_true_images_once():
-    images = [(obj, view) for obj in "abc" for view in range(4)]
-    lost = ("b", 2)
-    values = {
-        GROUND_TRUTH: values_of(0, 1.0, images),
-        "splat": values_of(1, 1.5, [image for image in images if image != lost]),
-        "blank": values_of(2, 0.1, images),
-    }
-    features = CountedFeatures(values)
-    distances = FeatureDistances(features)
-    objects = np.array([obj for obj, _ in images])
-    true = np.array([values[GROUND_TRUTH][image] for image in images])
-    for method, condition in itertools.product(("splat", "blank"), ("2048", "512", "2048")):
-        distance = distances.kernel_distance((method, condition, "chair"), images)
-        drawn = np.array([(values["blank"] | values[method])[image] for image in images])
-        value, leave_one_out = left_out_kernel_distances(drawn, true, objects, objects)
-        assert distance.value == value  # by the same operations
-        assert distance.leave_one_out.tolist() == leave_one_out.tolist()
-    assert features.asked.count((GROUND_TRUTH, "")) == 1
 
 
 def test_kernel_distances_of_other_images_take_other_true_ones():

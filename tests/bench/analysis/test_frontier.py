@@ -1,12 +1,10 @@
 from __future__ import annotations
 
-import numpy as np
 import pandas as pd
 import pytest
 
 from bench.analysis import frontier
 from bench.analysis.frontier import thinned
-from bench.analysis.intervals import mean_interval
 from bench.analysis.paired import Verdicts
 
 from .comparisons import comparison, row_of
@@ -122,22 +120,6 @@ def test_one_object_shows_nothing_clearly():
     found = {verdict for verdict, _ in verdicts(places(comparison(alone), 20)).values()}
     assert "dominated" not in found
     assert "tied" in found
-
-
-def test_what_fewer_points_lose_and_save():
-    full = comparison({"splat": FIELD["splat"], "blank": FIELD["blank"]})
-    fewer = {"splat": (0.5, 0.5, (0.4, 0.3, 0.5, 0.6)), "blank": FIELD["blank"]}
-    few = comparison(fewer, condition="512")
-    noisy = comparison(FIELD, condition="noise-0.05")
-    less, whole = thinned(pd.concat([few, noisy, full]), 20).to_dict("records")
-    ends = ("lost", "lost_ci_low", "lost_ci_high")
-    assert (whole["condition"], whole["points"]) == ("2048", 2048)
-    assert [whole[name] for name in ends] == [0, 0, 0]
-    assert (less["method"], less["points"]) == ("splat", 512)
-    assert less["cost_ms"] == pytest.approx(0.5 + 20 * 0.5, rel=1e-12)
-    assert less["lost"] == pytest.approx((0.1 + 0.3 + 0.2 + 0.0) / 4, abs=1e-15)
-    expected = mean_interval(np.array(FIELD["splat"][2]) - np.array(fewer["splat"][2]))
-    assert (less["lost_ci_low"], less["lost_ci_high"]) == expected
 
 
 def test_a_claimed_cost_has_no_part_in_the_frontier():

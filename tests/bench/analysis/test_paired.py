@@ -214,22 +214,6 @@ def test_what_cannot_be_asked(command, tmp_path, monkeypatch, arguments, message
     assert err.startswith(f"bench: {message}")
 
 
-def test_two_methods_of_a_run(command, two_runs, tmp_path):
-    first, out = two_runs[0], tmp_path / "here"
-    write_manifest(first, read_manifest(first) | {"truth": "grey"})
-    chosen = ("--methods", "splat,blank", "--metric", "ssim", "--out", str(out))
-    status, printed, _ = command("compare", str(first), *chosen)
-    assert status == 0
-    assert printed.startswith("# blank against splat, scored against the true mesh in grey\n")
-    rows = rows_of(out)
-    assert {(row["method_a"], row["method_b"]) for row in rows} == {("splat", "blank")}
-    records = pd.read_parquet(first / "records.parquet")
-    mean = records.groupby(["method", "condition"])["ssim"].mean()
-    for row in rows:
-        expected = mean["blank", row["condition"]] - mean["splat", row["condition"]]
-        assert float(row["difference"]) == pytest.approx(expected, abs=2e-6)
-
-
 TRUTHS = (
     "different truths: first is scored against the true mesh in its colours, second against the "
     "true mesh in grey; give both the same --truth\n"

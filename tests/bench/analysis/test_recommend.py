@@ -1,16 +1,14 @@
 from __future__ import annotations
 
-import numpy as np
 import pandas as pd
 import pytest
 
 from bench.analysis import recommend as analysis
-from bench.analysis.intervals import mean_interval
 from bench.analysis.paired import Verdicts
 from bench.analysis.recommend import BEST, ENOUGH, NEXT, NO_BEST, NOT_ENOUGH, SURE, Requirements
 from data_prep.failures import BadInput
 
-from .comparisons import comparison, row_of
+from .comparisons import comparison
 
 pytestmark = pytest.mark.usefixtures("few_objects")
 
@@ -65,20 +63,6 @@ def test_where_nothing_is_affordable_the_cheapest_is_named():
     floors = comparison({name: FIELD[name] for name in ("true-mesh", "constant", "blank")})
     nothing = [(NO_BEST, "-"), (NOT_ENOUGH, "-")]
     assert chosen(Requirements(20, 5, 0.9), floors) == (nothing, False)
-
-
-def test_choices_carry_their_numbers():
-    choices, _ = recommend(Requirements(20, 250))
-    best, poisson = (row_of(choices, method=method) for method in ("pc2pix", "poisson"))
-    scores = np.array(FIELD["pc2pix"][2])
-    assert best["cost_ms"] == pytest.approx(10 + 20 * 10, rel=1e-12)
-    assert best["value"] == pytest.approx(0.75, abs=1e-15)
-    assert (best["ci_low"], best["ci_high"]) == mean_interval(scores)
-    difference = scores - np.array(FIELD["poisson"][2])
-    assert poisson["lead"] == pytest.approx(0.15, abs=1e-15)
-    assert (poisson["lead_low"], poisson["lead_high"]) == mean_interval(difference)
-    assert best["undecided"] == ["poisson"]
-    assert chosen(Requirements(20, best["cost_ms"]))[0][0] == (BEST, "pc2pix")
 
 
 def test_of_methods_that_print_equal_the_cheapest_is_named():

@@ -13,14 +13,12 @@ from bench.analysis.intervals import StandardError
 from bench.catalogue.suites import LATENT, SPEED, SUITES
 from bench.checking.checklist import (
     ClaimResult,
-    RunEvidence,
     check_claims,
     judge,
     read_evidence,
     to_markdown,
 )
 from bench.checking.claim_findings import ClaimFinding, Requirement
-from bench.checking.claim_rules import QualityEvidence
 from bench.checking.claims import RULES, claims
 from bench.tables.published import published
 from data_prep.failures import BadInput
@@ -203,21 +201,3 @@ def test_the_command(command, refused, tmp_path):
     assert (run / "claims.md").read_text() == out.removesuffix("\n")
     said = refused("check", run, again)
     assert "2 folders: give one, or several with --claims" in said
-
-
-def test_findings_are_those_of_the_rule():
-    asked = []
-
-    def rule(evidence):
-        asked.append(evidence)
-        return [FOUND, replace(FOUND, subject="pc2pix@acgan")]
-
-    claim = replace(CLAIMS[0], rule=rule)
-    evidence = QualityEvidence(pd.DataFrame())
-    runs = [RunEvidence("one", claim.suite, evidence), RunEvidence("two", "speed", pd.DataFrame())]
-    results = judge([claim], runs)
-    assert [(entry.run, entry.finding.subject) for entry in results] == [
-        ("one", "pc2pix"),
-        ("one", "pc2pix@acgan"),
-    ]
-    assert asked == [evidence]

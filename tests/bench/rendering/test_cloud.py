@@ -6,7 +6,7 @@ import subprocess
 import numpy as np
 import plugin_methods
 import pytest
-from PIL import Image, ImageSequence
+from PIL import Image
 
 import bench
 import bench.rendering.cloud
@@ -306,23 +306,6 @@ def test_a_sheet_shows_the_cloud_and_every_method(command, plugins, cloud, tmp_p
     assert not isinstance(alone, Failed)
     assert np.array_equal(splat, alone[0])
     assert [tuple(tile[0, 0]) for tile in failed] == [PROBLEM_GROUND] * 2
-
-
-def test_a_turntable_of_several_methods_goes_round(command, plugins, cloud, tmp_path):
-    """Images of fake-round tell half the azimuth and 90; a loop does not repeat its first."""
-    out = tmp_path / "turn.gif"
-    turn = ("--frames", "5", "--azimuth", "-10", "--elevation", "15", "-o", out)
-    assert command("render", cloud, "--method", "fake-round,splat", *turn)[:2] == (0, f"{out}\n")
-    with Image.open(out) as film:
-        assert len(list(ImageSequence.Iterator(film))) == 5
-    points = CloudFile(cloud, as_is=False).load()
-    views = tuple(View(-10.0 + 72 * i, 15.0) for i in range(5))
-    splats = draw_cloud(points, Drawing("splat", views))
-    assert not isinstance(splats, Failed)
-    for i, expected in enumerate(splats):  # grey on white: few colours, and the GIF has them all
-        _, told, splat = sheet_tiles(out, i)
-        assert told[0, :2, 0].tolist() == [85 + 72 * i // 2, 15]
-        assert np.array_equal(splat, expected)
 
 
 def test_the_remedy_is_named_where_points_may_be_too_many(cloud):

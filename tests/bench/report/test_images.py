@@ -1,11 +1,9 @@
 from __future__ import annotations
 
-from itertools import product
-
 import pytest
 from builders import make_failed, make_record, to_frame
 
-from bench.report.images import EACH, MOST_CASES, extremes
+from bench.report.images import extremes
 
 
 def frame(scores, method="splat", condition="2048", class_name="chair", metric="ssim"):
@@ -60,17 +58,3 @@ def test_each_class_has_its_own_extremes_while_there_is_room():
     chosen = extremes(to_frame([*frame(scores), *frame(scores, class_name="lamp")]), "ssim")
     found = set(zip(chosen["class"], chosen["kind"], chosen["object"], strict=True))
     assert found >= {("chair", "worst", "a"), ("lamp", "worst", "a")}
-
-
-@pytest.mark.parametrize(("methods", "classes"), [(4, 1), (30, 1), (6, 13), (30, 13)])
-def test_their_number_is_bounded(methods, classes):
-    scores = {(obj, 0): 0.1 * i for i, obj in enumerate("abcdef")}
-    records = [
-        record
-        for m, c in product(range(methods), range(classes))
-        for condition in ("2048", "1024", "512")
-        for record in frame(scores, f"plugin-{m}", condition, f"class-{c}")
-    ]
-    chosen = extremes(to_frame(records), "ssim")
-    assert 2 * methods * 3 <= len(chosen) <= max(MOST_CASES, 2 * EACH * methods * 3)
-    assert len(chosen) <= MOST_CASES

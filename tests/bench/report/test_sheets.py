@@ -145,20 +145,3 @@ def test_the_best_by_the_headline_has_a_column(drawn):
     shown = ("surface-apss", "splat-net", "points2pix", "splat-net@chair", "splat")
     assert titles == ["truth", *shown]
     assert sheet.get_supxlabel().endswith("splat-net by ssim-object, points2pix by lpips")
-
-
-def test_sr_against_the_network_by_class(drawn):
-    figure = figures_of_classes(drawn, ROWS, make_jobs())["table5.svg"]
-    ours, paper = figure.axes
-    assert ours.get_title() == "here: fd-views (lower is better)"
-    assert [text.get_text() for text in ours.get_yticklabels()] == ["car", "average"]
-    for axis, of_sr, of_network in ((ours, [20, 12], [5, 6]), (paper, [203.1, 114.4], [40, 57.2])):
-        dots = {line.get_label(): [*line.get_xdata()] for line in axis.lines}
-        assert dots["surface-apss"] == of_sr
-        assert dots["pc2pix@all"] == of_network
-        low, high = axis.get_xlim()
-        assert low > high == 0  # better is to the right
-    segments = [s.tolist() for bars in ours.collections for s in bars.get_segments()]
-    assert [[x for x, _ in s] for s in segments if len(s) == 2] == [[15.0, 30.0]]
-    figure = figures_of_classes(drawn, [*ROWS, row("fid", "pc2pix@all", "car", 40.0)], make_jobs())
-    assert figure["table5.svg"].axes[0].get_title() == "here: fid (lower is better)"

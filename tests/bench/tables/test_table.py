@@ -48,21 +48,6 @@ def made():
     )
 
 
-def test_a_pivot_of_a_frame():
-    grid = made()
-    assert grid.columns == ("class", "2048", "512")
-    assert [(line.name, line.about) for line in grid.lines] == [
-        ("a|b", "1 rows"),
-        ("splat", "2 rows"),
-    ]
-    assert document([grid]) == (
-        "Of two\\_.\n\n| method | class | 2048 | 512 |\n|---|---|---|---|\n"
-        "| a\\|b | chair | - | 0.50 [0.25, 0.75] 2/2 |\n"
-        "| splat | chair | 0.33 [0.25, 0.75] 1/2 | - 0/2 |\n\n"
-        "* why \\*not\\*\n"
-    )
-
-
 def test_csv_and_rows_of_a_frame():
     table = Table("t", "T", FRAME, digits=".3g", hidden=("aside",))
     assert table.to_csv() == (
