@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from bench.catalogue.method import allow_modules
 from bench.commands.options import OptionSpec, options_from_dataclass, path_argument
-from bench.rendering.batch import image_of_cloud, images_of_clouds
 from bench.rendering.cloud import (
     CloudFile,
     Dots,
@@ -26,10 +25,9 @@ from bench.rendering.cloud import (
     Wanted,
     draw_each,
 )
-from bench.rendering.files import write_images
-from bench.rendering.finish import resized, without_background
+from bench.rendering.files import image_of_cloud, images_of_clouds, write_images
+from bench.rendering.finish import Tile, columns_of, draw_sheet, resized, without_background
 from bench.rendering.request import RenderOptions, check, cloud_file, notes_on, views_of
-from bench.rendering.sheet import Tile, columns_of, draw_sheet
 from bench.running.environment import cores
 from bench.tables.markdown import visible
 from data_prep.failures import BadInput

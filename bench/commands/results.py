@@ -192,7 +192,7 @@ def _write_deviations(directory: Path, moved: Sequence[GoldenDeviation]) -> Path
     from bench.checking.objects import number as rounded
     from bench.checking.thumbnails import SIDE
     from bench.rendering.files import write_images
-    from bench.rendering.sheet import Tile, draw_sheet
+    from bench.rendering.finish import Tile, draw_sheet
     from bench.report.figure import FIGURES
     from bench.tables.published import golden_name
 

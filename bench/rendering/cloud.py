@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from bench.catalogue.methods import Method, find_method
 from bench.catalogue.suites import Limits
 from bench.rendering.drawing_thread import on_drawing_thread, one_pool
-from bench.rendering.orientation_hint import looks_like_a_line, looks_lying
 from bench.running.isolation import WorkerFailure, run_tasks
-from bench.running.work import RenderedViews, draw, load_renderer, reason_of
+from bench.running.work import draw, load_renderer, reason_of
 from data_prep.clouds.coarse_steps import note_on_steps
 from data_prep.clouds.far_points import far_points, note_on_far
 from data_prep.clouds.normalise import normalise_points
@@ -35,6 +34,12 @@ _WHERE_COLOURS = (
     "a PLY has red, green and blue, a text six columns or r, g and b in its first line, an array "
     "[N, 6]; or draw without --colour file"
 )
+_FEWEST_HINTED, _MOST_HINTED = 256, 2048  # points
+# Chosen on 107 real meshes and 390 procedural shapes with y up. Clean, sparse (512 points) or with
+# noise of 5 or 10 % of the radius, at most 1 % get a false hint. Turned to z up, 27 % of the real
+# ones are recognised with the front at -y and 57 % with the front at x; with noise 3 to 17 %.
+_SYMMETRIC, _ASYMMETRIC = 1.2, 3.0
+_LINE = 1e-3  # thickness by length
 LIMITS = Limits(time_s=120.0, memory_gib=4.0)
 Notes = tuple[str, ...]  # a line for each part of a file that is left out
 
@@ -83,7 +88,7 @@ class CloudFile:
         data_prep.failures.BadInput
             For a file without a cloud, and for a cloud that cannot be brought to the unit sphere.
         """
-        return self.load_with_notes()[0]
+        return self.load_all().cloud
 
     def load_with_notes(self) -> tuple[PointCloud, Notes]:
         """Return the cloud as `load` does, and a note on each part of the file that is left out."""
@@ -172,6 +177,43 @@ def places(points: NDArray[np.float64], drop: bool, option: str) -> tuple[NDArra
     elif far.any():
         notes = [f"{note_on_far(points, far)}; {option} leaves them out", *notes]
     return far, tuple(filter(None, notes))
+
+
+def _finite(cloud: PointCloud) -> NDArray[np.float64]:
+    return cloud.points[np.isfinite(cloud.points).all(axis=1)].astype(np.float64)
+
+
+def looks_like_a_line(cloud: PointCloud) -> bool:
+    """Return whether the points lie on a line, as where a count or a time is read as x."""
+    points = _finite(cloud)
+    if len(points) < 3:
+        return False
+    along, across, _ = np.linalg.eigvalsh(np.cov(points.T))[::-1]
+    return across <= _LINE**2 * along
+
+
+def looks_lying(cloud: PointCloud) -> bool:
+    """Return whether a cloud looks as if its z axis pointed up.
+
+    Most objects have a mirror image from left to right, and many from front to back, but hardly any
+    from top to bottom: where the halves along y are alike and along z they are not, z is up.
+    """
+    from scipy.spatial import cKDTree
+
+    points = _finite(cloud)
+    if len(points) < _FEWEST_HINTED:
+        return False
+    if len(points) > _MOST_HINTED:
+        chosen = generator("orientation").choice(len(points), _MOST_HINTED, replace=False)
+        points = points[chosen]
+    tree = cKDTree(points)
+    spacing = float(np.median(tree.query(points, k=[2])[0]))  # the first is the point itself
+    asymmetry = []  # mean distance of mirrored points to the points
+    for axis in (1, 2):
+        mirrored = points.copy()
+        mirrored[:, axis] = points[:, axis].min() + points[:, axis].max() - points[:, axis]
+        asymmetry.append(float(np.mean(tree.query(mirrored)[0])))
+    return asymmetry[0] < _SYMMETRIC * spacing and asymmetry[1] > _ASYMMETRIC * spacing
 
 
 @dataclass(frozen=True, eq=False)
@@ -335,13 +377,10 @@ def draw_cloud(
     data_prep.failures.BadInput
         For an unknown method, for one that cannot be loaded, and for colours that it does not draw.
     """
-    drawn = on_drawing_thread(partial(_draw, cloud, drawing, colors))
-    return drawn if isinstance(drawn, Failed) else drawn.images
+    return on_drawing_thread(partial(_draw, cloud, drawing, colors))
 
 
-def _draw(
-    cloud: PointCloud, drawing: Drawing, colors: PointColors | None
-) -> RenderedViews | Failed:
+def _draw(cloud: PointCloud, drawing: Drawing, colors: PointColors | None) -> UInt8Images | Failed:
     if colors is not None:
         check_draws_colours(drawing.method)
     renderer: Renderer | None = None
@@ -353,7 +392,7 @@ def _draw(
 
             renderer = Splat(colors=colors)
         method = find_method(drawing.method)
-        return draw(method, renderer, cloud, drawing.views, rng, drawing.batch)
+        return draw(method, renderer, cloud, drawing.views, rng, drawing.batch).images
     except MissingDependency:
         raise
     except (Exception, SystemExit) as error:
@@ -379,7 +418,4 @@ def _load_and_draw(task: tuple[CloudFile, Wanted]) -> tuple[Drawn, Notes]:
         return error, ()
     if isinstance(wanted, Dots):
         return draw_dots(loaded.cloud.points, wanted.views), loaded.notes
-    drawn = _draw(loaded.cloud, wanted, loaded.colors)
-    if isinstance(drawn, Failed):
-        return drawn, loaded.notes
-    return drawn.images, loaded.notes
+    return _draw(loaded.cloud, wanted, loaded.colors), loaded.notes

@@ -1,26 +1,102 @@
-"""Files of images: PNG, and turntables as GIF, WebP or APNG, by the suffix of the name."""
+"""Files of images: their names, and PNG or turntables as GIF, WebP or APNG, by the suffix."""
 
 from __future__ import annotations
 
 import io
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from data_prep.datasets.dataset import listed
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.files.atomic_write import write_whole
+from data_prep.files.clouds import CLOUD_SUFFIXES, check_cloud_name, clouds_below
 
 if TYPE_CHECKING:
     from PIL.Image import Image
 
 STILL = ".png"
 MOVING = (".gif", ".webp", ".apng")
-_TURN_MS = 3600
+_TURN_MS = 3600  # about, of a turntable
 _LEAST_MS = 40  # 25 frames a second
 _GIF_MS = 10  # a GIF counts in hundredths of a second
 _KMEANS_STEPS = 4  # turntable of one chair: 4.8 grey levels off (rms) in place of 5.4
+
+
+def image_of_cloud(cloud: Path, out: Path | None) -> Path:
+    """Return the image of a cloud alone: `out`, or beside it, with its name and .png.
+
+    Raises BadInput for a file that cannot be one, and for an existing image that `out` does not
+    name.
+    """
+    # The cloud's name is checked before it becomes that of the image.
+    _check_file(cloud)
+    image = out or cloud.with_suffix(STILL)
+    if out is None and image.exists():
+        raise BadInput(f"{image}: exists already; -o {image} replaces it, -o NAME keeps both")
+    moves(image)  # raises BadInput for the name of another kind of file
+    if image.is_dir():
+        raise BadInput(f"{image}: a folder; give another -o")
+    _check_parent(image)
+    return image
+
+
+def images_of_clouds(
+    paths: Sequence[Path], folder: Path
+) -> tuple[Mapping[Path, Path], tuple[str, ...]]:
+    """Return the image of each cloud, `folder` / its name and .png, and notes on other files.
+
+    All clouds below a folder are taken, and keep their sub-folders. `folder` need not exist. Raises
+    BadInput for a path without clouds, for clouds that would have the same image, and where
+    `folder` cannot be the folder.
+    """
+    if folder.suffix.lower() in (STILL, *MOVING) and not folder.is_dir():
+        raise BadInput(f"{folder}: one name for several clouds; give the folder of their images")
+    if folder.exists() and not folder.is_dir():
+        raise BadInput(f"{folder}: a file; give the folder of the images")
+    _check_parent(folder)
+    images: dict[Path, Path] = {}
+    clouds: dict[Path, Path] = {}
+    notes = []
+    for path in paths:
+        root = path if path.is_dir() else path.parent
+        if path.is_dir():
+            named, others = clouds_below(path)
+            if not named:
+                kinds = ", ".join(CLOUD_SUFFIXES)
+                has = f" (it has {listed(others)})" if others else ""
+                raise BadInput(f"{path}: no clouds in this folder{has}; give one with {kinds}")
+            if others:
+                notes.append(
+                    f"{path}: left out, no clouds by their names or contents: {listed(others)}"
+                )
+        else:
+            _check_file(path)
+            named = (path,)
+        for cloud in named:
+            if cloud in images:  # named twice
+                continue
+            image = images[cloud] = folder / cloud.relative_to(root).with_suffix(STILL)
+            if clouds.setdefault(image, cloud) != cloud:
+                raise BadInput(
+                    f"{clouds[image]} and {cloud} would both be drawn as {image}; rename one, or "
+                    "draw them into two folders"
+                )
+    return images, tuple(notes)
+
+
+def _check_file(cloud: Path) -> None:
+    check_cloud_name(cloud)
+    if not cloud.exists():
+        raise BadInput(f"{cloud}: no such file; check its name")
+
+
+def _check_parent(path: Path) -> None:
+    if not path.absolute().parent.is_dir():
+        raise BadInput(f"{path}: no such folder, {path.parent}; make it, or give another -o")
 
 
 def moves(path: Path) -> bool:
@@ -35,17 +111,12 @@ def moves(path: Path) -> bool:
 
 
 def check_opacity(path: Path) -> None:
-    """Raise BadInput for the name of a file whose format has no opacity of its pixels."""
-    if path.suffix.lower() not in (STILL, *MOVING) or path.suffix.lower() == ".gif":
+    """Raise BadInput for the name of a file, of those that `moves` lets pass, without opacity."""
+    if path.suffix.lower() == ".gif":
         raise BadInput(
-            f"{path}: a {path.suffix[1:].upper()} has no opacity of its pixels; give a name that "
+            f"{path}: a GIF has no opacity of its pixels; give a name that "
             "ends in .png, .apng or .webp"
         )
-
-
-def _frame_ms(frames: int) -> int:
-    """Return the milliseconds of a frame, at least _LEAST_MS: a turn takes about _TURN_MS."""
-    return max(_LEAST_MS, round(_TURN_MS / frames / _GIF_MS) * _GIF_MS)
 
 
 def write_images(frames: NDArray[np.uint8], path: Path) -> None:
@@ -70,21 +141,14 @@ def write_images(frames: NDArray[np.uint8], path: Path) -> None:
     """
     from PIL import Image
 
+    turns, form = moves(path), {".gif": "GIF", ".webp": "WEBP"}.get(path.suffix.lower(), "PNG")
     if frames.shape[-1] == 4:
         check_opacity(path)
-    images = [Image.fromarray(frame) for frame in frames]
-    film: dict[str, Any] = {}
-    if moves(path):
-        film = {"save_all": True, "duration": _frame_ms(len(frames)), "loop": 0}
-    match path.suffix.lower():
-        case ".gif":
-            images, form = in_one_palette(frames), "GIF"
-        case ".webp":
-            form, film["lossless"] = "WEBP", True
-        case _:
-            form = "PNG"
-    if film:
-        film["append_images"] = images[1:]
+    images = in_one_palette(frames) if form == "GIF" else list(map(Image.fromarray, frames))
+    film: dict[str, Any] = {"lossless": True} if form == "WEBP" else {}
+    if turns:
+        frame_ms = max(_LEAST_MS, round(_TURN_MS / len(frames) / _GIF_MS) * _GIF_MS)
+        film |= {"save_all": True, "duration": frame_ms, "loop": 0, "append_images": images[1:]}
     buffer = io.BytesIO()
     images[0].save(buffer, form, **film)
     try:

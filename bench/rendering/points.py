@@ -11,9 +11,9 @@ from typing import Any, TypedDict, Unpack, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bench.rendering.choice import methods_to_draw, note_on_budget, note_on_chairs
 from bench.rendering.cloud import find_drawer, places
 from bench.rendering.drawing_thread import on_drawing_thread
+from bench.rendering.request import methods_to_draw, notes_on_methods
 from bench.running.work import draw, load_renderer
 from data_prep.clouds.normalise import cloud_of_points, real_points
 from data_prep.failures import BadInput
@@ -84,7 +84,7 @@ class DrawRequest:
         far, notes = places(values, self.drop_far, "drop_far=True")
         cloud = cloud_of_points(values[~far] if self.drop_far else values, self.up, self.front)
         renderer = load_renderer(method_id, self.device)
-        for note in (*notes, note_on_budget(self.budget_ms), note_on_chairs((method_id,))):
+        for note in (*notes, *notes_on_methods((method_id,), self.budget_ms)):
             _note_once(note)
         return draw(method, renderer, cloud, views, generator("render")).images
 
@@ -175,6 +175,5 @@ def _request(caller: str, first: str, options: DrawOptions) -> DrawRequest:
 
 
 @cache
-def _note_once(note: str | None) -> None:
-    if note:
-        print(f"note: {note}", file=sys.stderr)
+def _note_once(note: str) -> None:
+    print(f"note: {note}", file=sys.stderr)

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
-from bench.catalogue.chosen import budget_ms_of
-from bench.catalogue.methods import RECOMMENDED
-from bench.rendering.choice import methods_to_draw, note_on_budget, note_on_chairs
+from bench.catalogue.chosen import best_within, budget_ms_of
+from bench.catalogue.methods import RECOMMENDED, RECOMMENDED_IN_COLOUR, find_method
 from bench.rendering.cloud import CloudFile, Notes, check_draws_colours, make_view
 from bench.rendering.files import MOVING, check_opacity, moves
 from bench.rendering.finish import LEAST_SIZE, MOST_SIZE
@@ -168,15 +168,63 @@ def cloud_file(cloud: Path, options: RenderOptions) -> CloudFile:
 
 
 def notes_on(options: RenderOptions) -> Notes:
-    """Return notes on the budget's method, methods that know chairs only, and a size not drawn."""
-    notes = []
-    if of_budget := note_on_budget(options.budget):
-        notes.append(of_budget)
-    if options.size not in (None, IMAGE_SIZE):
-        notes.append(
-            f"methods draw {IMAGE_SIZE} x {IMAGE_SIZE} pixels; resampled to {options.size} x "
-            f"{options.size} (Lanczos), which adds no detail"
+    """Return notes on the methods and on a size that is not drawn."""
+    notes = notes_on_methods(options.methods, options.budget)
+    if options.size in (None, IMAGE_SIZE):
+        return notes
+    return (
+        *notes,
+        f"methods draw {IMAGE_SIZE} x {IMAGE_SIZE} pixels; resampled to {options.size} x "
+        f"{options.size} (Lanczos), which adds no detail",
+    )
+
+
+def methods_to_draw(
+    methods: Sequence[str], in_colour: bool = False, budget_ms: float | None = None
+) -> tuple[str, ...]:
+    """Return the methods, each once, or the one that is meant where none is named.
+
+    That is one within the budget, or the recommended one for an unknown object, in colours that a
+    network makes up or in grey. Raises BadInput for wishes that exclude each other, and for a
+    budget that no method meets.
+    """
+    if methods and budget_ms is not None:
+        raise BadInput(
+            f"budget {budget_ms:g}ms: it chooses the method, and {', '.join(methods)} is named; "
+            "leave out one of the two"
         )
-    if of_chairs := note_on_chairs(options.methods):
-        notes.append(of_chairs)
+    if in_colour and budget_ms is not None:
+        raise BadInput(
+            f"budget {budget_ms:g}ms: the methods that it chooses from draw in grey; leave out "
+            "the colour or the budget"
+        )
+    for method_id in methods if in_colour else ():
+        if find_method(method_id).color == "none":
+            raise BadInput(
+                f"method '{method_id}' draws in grey; leave out the colour, or the method: then "
+                f"{RECOMMENDED_IN_COLOUR} draws"
+            )
+    if methods:
+        return tuple(dict.fromkeys(methods))
+    if budget_ms is not None:
+        return (best_within(budget_ms).method,)
+    return (RECOMMENDED_IN_COLOUR if in_colour else RECOMMENDED,)
+
+
+def notes_on_methods(methods: Sequence[str], budget_ms: float | None = None) -> Notes:
+    """Return a line on the method that a budget chose, and one on those that know chairs only."""
+    notes = []
+    if budget_ms is not None:
+        chosen = best_within(budget_ms)
+        notes.append(
+            f"budget {budget_ms:g}ms: {chosen.method}, of the measured methods within it the best "
+            f"on real meshes (score {chosen.score:.3f}); {chosen.one_view_ms:.3g} ms for one image "
+            "of 2,048 points, where it was measured"
+        )
+    if chairs := [name for name in methods if find_method(name).trained_on == "chairs"]:
+        were = "was" if len(chairs) == 1 else "were"
+        notes.append(
+            f"{', '.join(chairs)} {were} trained on chairs and may draw a chair whatever the cloud "
+            "is; for other objects leave out the method"
+        )
     return tuple(notes)

@@ -22,7 +22,7 @@ from bench.checking.thumbnails import ACROSS, SIDE, read_png, thumbnail, to_png
 from bench.checking.tolerances import PRINTED, object_tolerance
 from bench.records.run_folder import open_store, read_manifest, write_manifest
 from bench.records.stored_artifacts import StoredArtifacts, read_jobs
-from bench.rendering.sheet import LABEL_HEIGHT, MARGIN, PROBLEM_GROUND
+from bench.rendering.finish import LABEL_HEIGHT, MARGIN, PROBLEM_GROUND
 from bench.tables.build import write_outputs
 from bench.tables.published import golden, golden_name
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION

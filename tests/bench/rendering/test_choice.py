@@ -7,7 +7,7 @@ import pytest
 
 import bench
 from bench.catalogue.methods import RECOMMENDED, RECOMMENDED_IN_COLOUR
-from bench.rendering.choice import methods_to_draw, note_on_chairs
+from bench.rendering.request import methods_to_draw, notes_on_methods
 from data_prep.failures import BadInput
 from data_prep.files.clouds import save_ply
 from data_prep.randomness import generator
@@ -90,11 +90,10 @@ def test_points_in_grey_or_in_colour(points):
 
 
 def test_a_method_of_chairs_says_so_once(points, capsys):
-    assert note_on_chairs(("splat", RECOMMENDED)) is None
+    assert notes_on_methods(("splat", RECOMMENDED)) == ()
     line = "was trained on chairs and may draw a chair whatever the cloud is; for other objects "
-    assert note_on_chairs(("splat", "pc2pix")) == f"pc2pix {line}leave out the method"
-    both = note_on_chairs(("pc2pix", "pc2pix@acgan"))
-    assert both is not None
+    assert notes_on_methods(("splat", "pc2pix")) == (f"pc2pix {line}leave out the method",)
+    (both,) = notes_on_methods(("pc2pix", "pc2pix@acgan"))
     assert both.startswith("pc2pix, pc2pix@acgan were trained on chairs and may ")
     for _ in range(2):
         bench.draw_cloud(points, method="pc2pix@acgan")

@@ -13,7 +13,7 @@ import bench.rendering.cloud
 from bench.catalogue.suites import Limits
 from bench.commands.render import with_remedy
 from bench.rendering.cloud import CloudFile, Drawing, Failed, draw_cloud, draw_file
-from bench.rendering.sheet import LABEL_HEIGHT, MARGIN, PROBLEM_GROUND
+from bench.rendering.finish import LABEL_HEIGHT, MARGIN, PROBLEM_GROUND
 from data_prep.clouds.normalise import normalise_points
 from data_prep.failures import BadInput
 from data_prep.files.clouds import save_ply

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bench.rendering.sheet import (
+from bench.rendering.finish import (
     INK,
     LABEL_HEIGHT,
     MARGIN,
