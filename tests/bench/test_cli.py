@@ -15,6 +15,8 @@ import pandas as pd
 import pytest
 
 from bench.cli import _interrupt_handler
+from data_prep.failures import BadInput
+from learning.divergence import TrainingDiverged
 
 from .builders import drop_features
 from .conftest import BENCH
@@ -138,9 +140,23 @@ def test_an_impatient_user_interrupts_once():
         handle(signal.SIGINT, None)
 
 
-def test_code_of_a_package_that_calls_exit_does_not_pass(command, monkeypatch):
-    monkeypatch.setattr("bench.commands.listing.announced", sys.exit)
-    status, _, err = command("list")
-    assert status == 1
-    assert err.startswith("bench: an installed package has called exit(")
-    assert err.count("\n") == 1
+@pytest.mark.parametrize(
+    ("error", "status", "says"),
+    [
+        (SystemExit(0), 1, "an installed package has called exit(0); 'bench test NAME' with its "),
+        (OSError(28, "No space left"), 2, "[Errno 28] No space left; fix this, and the same com"),
+        (TrainingDiverged("step 3: nan"), 1, "step 3: nan; a lower learning rate may help"),
+        (BadInput("a\x1b[2J: wrong"), 2, "a\\x1b[2J: wrong"),
+        (KeyboardInterrupt(), 130, "interrupted"),
+    ],
+)
+def test_an_error_in_a_command_is_one_line_and_an_exit_status(
+    command, monkeypatch, error, status, says
+):
+    def fail(kind):
+        raise error
+
+    monkeypatch.setattr("bench.commands.listing.announced", fail)
+    ended, _, err = command("list", "conditions")
+    assert (ended, err.count("\n")) == (status, 1)
+    assert err.startswith(f"bench: {says}")

@@ -55,6 +55,7 @@ def test_nothing_is_executed_that_no_command_has_named(folder):
     assert known_method("unnamed:METHOD") is None
     assert not (folder / "executed").exists()
     allow_modules(["unnamed:METHOD"])
+    assert sys.path[-1] == str(folder)  # no file of it hides an installed module
     method = find_method("unnamed:METHOD")
     assert (folder / "executed").exists()
     assert (method.id, method.version, method.source) == ("unnamed:METHOD", 7, "what it says")

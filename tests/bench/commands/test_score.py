@@ -12,15 +12,11 @@ from functools import partial
 import numpy as np
 import pytest
 
+from bench.analysis.further_metrics import checked_features, checked_scores, digits_of
 from bench.analysis.scored_run import read_run
 from bench.catalogue.plugins import ImageMetric, SetMetric
 from bench.commands.config import read_config
-from bench.commands.score import (
-    checked_features,
-    checked_scores,
-    digits_of,
-    score,
-)
+from bench.commands.score import score
 from bench.metrics.frechet import frechet_distance
 from bench.metrics.inception_weights import WeightsUnavailable
 from bench.metrics.kernel_distance import kernel_distance
