@@ -13,6 +13,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.metrics.structural_similarity import require_images
+
 PEAK = 255.0
 
 
@@ -38,11 +40,7 @@ def psnr(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> NDArray[np.float64]:
         Where an array is not uint8 or not [N, H, W, C], where the shapes differ, and where there is
         nothing to compare (a dimension of 0).
     """
-    if a.dtype != np.uint8 or b.dtype != np.uint8 or a.ndim != 4 or a.shape != b.shape:
-        shapes = f"{a.dtype} {list(a.shape)} and {b.dtype} {list(b.shape)}"
-        raise ValueError(f"images must be uint8 [N, H, W, C] of the same shape, got {shapes}")
-    if a.size == 0:
-        raise ValueError(f"nothing to compare, got {list(a.shape)}")
+    require_images(a, b)
     squares = np.empty(len(a))
     apart = np.empty(a.shape[1:])
     for i in range(len(a)):

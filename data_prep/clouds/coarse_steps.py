@@ -11,16 +11,11 @@ FEWEST_POINTS, FEWEST_LEVELS = 64, 3  # the faces of a box have two
 
 
 def note_on_steps(points: NDArray[np.float64]) -> str | None:
-    """Return a sentence on the steps of the coordinates where they can be seen, else None.
+    """Return a sentence on the steps of coordinates [N, 3] where they can be seen, else None.
 
     Steps are those of float32 at the place of the cloud, on any axis, if all its coordinates are
     float32; or those of a grid on two axes, or on one in a power of two, as float32 that was
-    shifted afterwards has.
-
-    Parameters
-    ----------
-    points : array [N, 3]
-        Real numbers in any units; points that are not finite do not count.
+    shifted afterwards has. Points that are not finite do not count.
     """
     points = points[np.isfinite(points).all(axis=1)]
     if len(points) < FEWEST_POINTS:

@@ -24,16 +24,11 @@ _LEAST_FILLED = 0.15
 
 
 def far_points(points: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which points [N] lie so far from the rest that it fills little of their space.
+    """Return which points [N, 3] lie so far from the rest that it fills little of their space.
 
     The rest is what hangs together, without gaps of more than an eighth of the whole length, and
     further parts that have points and size enough to be parts of an object. It is looked at again
     on its own, finer scale. Points that are not finite are not far.
-
-    Parameters
-    ----------
-    points : array [N, 3]
-        Real numbers in any units.
     """
     far = np.zeros(len(points), bool)
     kept = np.flatnonzero(np.isfinite(points).all(axis=1))

@@ -16,29 +16,14 @@ NEAR = 16  # times the radius of a mesh: so close to the origin float32 has digi
 
 
 def normalise(mesh: Mesh, unrounded: NDArray[np.float64] | None = None) -> Mesh:
-    """Centre a mesh and scale it to the unit sphere.
+    """Centre a mesh in any units and scale it to the unit sphere; return it with faces and colours.
 
     Afterwards the bounding box of the vertices that faces use is centred at the origin, and the
     farthest of these vertices lies at radius 1 (float64 arithmetic, rounded to float32 once).
-    Vertices that no face uses move along but do not count.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        Mesh in any units.
-    unrounded : float64 array [V, 3] or None
-        Vertices of the mesh before they were rounded to float32, taken where the mesh is far from
-        the origin: there neighbours would fall together.
-
-    Returns
-    -------
-    Mesh
-        The same faces and colours.
-
-    Raises
-    ------
-    BadInput
-        If the mesh has no faces, a vertex is not finite, or all used vertices coincide.
+    Vertices that no face uses move along but do not count. `unrounded` are the vertices float64
+    [V, 3] before they were rounded to float32, taken where the mesh is far from the origin: there
+    neighbours would fall together. Raises BadInput if the mesh has no faces, a vertex is not
+    finite, or all used vertices coincide.
     """
     if len(mesh.faces) == 0:
         raise BadInput("the mesh has no faces (0); give a surface, not a bare cloud of points")
@@ -72,28 +57,12 @@ def _sphere(used: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
 
 
 def cloud_of_points(points: ArrayLike, up: str = "y", front: str | None = None) -> PointCloud:
-    """Turn points upright and scale them to the unit sphere.
+    """Turn points [N, 3] upright and scale them to the unit sphere; return a cloud without source.
 
-    Parameters
-    ----------
-    points : array [N, 3]
-        Real numbers in any units and axes. Rows with masked values are left out, with a warning.
-    up : str
-        Axis of the points that points up: "x", "-x", "y", "-y", "z" or "-z".
-    front : str or None
-        Axis that points to the front; see `data_prep.clouds.orientations.upright`.
-
-    Returns
-    -------
-    PointCloud
-        Cloud in the unit sphere, without source.
-
-    Raises
-    ------
-    ValueError
-        If the points are no real numbers of shape [N, 3].
-    BadInput
-        If an axis is unknown, or as `normalise_points`.
+    The points are real numbers in any units; rows with masked values are left out, with a warning.
+    `up` and `front` are as in `data_prep.clouds.orientations.upright`. Raises ValueError if the
+    points are no real numbers of shape [N, 3], and BadInput if an axis is unknown, or as
+    `normalise_points`.
     """
     return normalise_points(upright(real_points(points), up, front))
 

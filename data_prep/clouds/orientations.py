@@ -17,35 +17,28 @@ from data_prep.failures import BadInput
 
 @dataclass(frozen=True)
 class Orientation:
-    """The axes of a file that point up and to the front; they become +Y and -Z.
-
-    Attributes
-    ----------
-    up, front : str
-        Two of "+X", "-X", "+Y", "-Y", "+Z", "-Z", not along the same axis.
-    source : str
-        Origin of this knowledge.
-    """
+    """The axes of a file that point up and to the front, such as "+X" or "-Z"; and whence known."""
 
     up: str
     front: str
     source: str
 
     @property
-    def columns(self) -> tuple[int, int, int]:
+    def columns(self) -> tuple[int, ...]:
         """Return the axes (0..2) of the file that become our x, y and z, times `signs`."""
-        x, y, z = np.abs(self._rotation()).argmax(axis=1).tolist()
-        return x, y, z
+        return tuple(np.abs(self._rotation()).argmax(axis=1).tolist())
 
     @property
-    def signs(self) -> tuple[int, int, int]:
+    def signs(self) -> tuple[int, ...]:
         """Return 1 or -1 for our x, y and z."""
-        x, y, z = self._rotation().sum(axis=1).tolist()
-        return x, y, z
+        return tuple(self._rotation().sum(axis=1).tolist())
 
     def _rotation(self) -> NDArray[np.int64]:
         """Return a matrix [3, 3] whose rows are our axes in the axes of the file."""
-        top, ahead = _unit(self.up), _unit(self.front)
+        top, ahead = (
+            np.eye(3, dtype=np.int64)["XYZ".index(axis[1])] * int(f"{axis[0]}1")
+            for axis in (self.up, self.front)
+        )
         return np.stack([np.cross(ahead, top), top, -ahead])
 
     def to_ours(self, points: NDArray[Any]) -> NDArray[Any]:
@@ -63,13 +56,6 @@ class Orientation:
             for column, sign in zip(self.columns, self.signs, strict=True)
         )
         return f"{self.up} up, front {self.front}: (x, y, z) becomes ({axes})"
-
-
-def _unit(axis: str) -> NDArray[np.int64]:
-    """Return the unit vector [3] of "+X" ... "-Z"."""
-    vector = np.zeros(3, np.int64)
-    vector["XYZ".index(axis[1])] = {"+": 1, "-": -1}[axis[0]]
-    return vector
 
 
 OURS = Orientation("+Y", "-Z", "the convention of this project")

@@ -24,16 +24,8 @@ def refuse_other_version(
 ) -> None:
     """Raise BadInput where something is of another version of the protocol than this code.
 
-    Parameters
-    ----------
-    where : object
-        The folder or file, as the message names it.
-    version : object
-        Its version, as it was read.
-    instead : str
-        The remedy beside the use of the release that fits.
-    older : bool
-        Whether a version before that of this code is allowed.
+    The message names `where`, a folder or file, and `instead`, the remedy beside the use of the
+    release that fits; `older` allows versions before that of this code.
     """
     number = isinstance(version, int)
     if version == PROTOCOL_VERSION or (older and number and version < PROTOCOL_VERSION):

@@ -46,20 +46,10 @@ class MeshFile(MeshObject):
 
 @dataclass(frozen=True)
 class PlacedMesh(MeshObject):
-    """A mesh of a dataset whose axes have to be turned.
+    """A mesh of a dataset whose axes have to be turned, with an id that is unique within its class.
 
-    Attributes
-    ----------
-    class_name : str
-        Class of the object.
-    object_id : str
-        Id, unique within the class.
-    path : Path
-        File of the mesh.
-    folder : Path
-        Folder of the object: materials and textures are read from nowhere else.
-    orientation : Orientation
-        Axes of the file that point up and to the front.
+    folder       of the object: materials and textures are read from nowhere else
+    orientation  the axes of the file that point up and to the front
     """
 
     class_name: str
