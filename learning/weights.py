@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -29,39 +30,169 @@ _MOST_REASON = 120  # characters of a library's complaint
 _COUNTER = "num_batches_tracked"  # of BatchNorm; drawing does without
 
 
-def find_file(
-    name_or_path: str | Path,
-    folder: Path,
-    bundled: Mapping[str, str],
-    files: Mapping[str, str] | None = None,
-) -> Path:
-    """Return the file of a bundled name, its checksum verified, or the path itself.
+@dataclass(frozen=True, eq=False)
+class NetworkWeights:
+    """A network in float32 and evaluation mode, on the CPU, and its origin.
 
-    bundled  sha256 by name
-    files    by name, the file's where that is another
-
-    Raises BadInput, naming file, value and remedy, where a name is unknown, a file is missing, or a
-    bundled file differs from its checksum.
+    card    how it was trained: objective, steps, learning rates, seed, ...
+    sha256  of the file
     """
-    name = str(name_or_path)
-    if name not in bundled:
-        path = Path(name_or_path)
+
+    network: Any
+    card: Mapping[str, Any]
+    sha256: str
+
+
+@dataclass(frozen=True)
+class WeightFiles:
+    """The files of weights of one package.
+
+    kind     of the checkpoints that they are exported from
+    format   in their headers
+    folder   of those that are bundled
+    bundled  by name, the sha256 of the file
+    files    by name, whose file it is where that is another's
+    remedy   against a file that is none
+    """
+
+    kind: str
+    format: str
+    folder: Path
+    bundled: Mapping[str, str]
+    files: Mapping[str, str] = field(default_factory=dict)
+    remedy: str = ""
+
+    def find(self, name_or_path: str | Path) -> Path:
+        """Return the file of a bundled name, its checksum verified, or the path itself.
+
+        Raises BadInput, naming file, value and remedy, where a name is unknown, a file is missing,
+        or a bundled file differs from its checksum.
+        """
+        name = str(name_or_path)
+        if name not in self.bundled:
+            path = Path(name_or_path)
+            if not is_regular_file(path):
+                known = ", ".join(self.bundled) or "none"
+                raise BadInput(
+                    f"weights: {name!r} is neither a bundled name ({known}) nor a file; "
+                    "give one of these names or the path of exported weights"
+                )
+            return path
+        path = self.folder / f"{self.files.get(name, name)}.safetensors"
         if not is_regular_file(path):
-            known = ", ".join(bundled) or "none"
-            raise BadInput(
-                f"weights: {name!r} is neither a bundled name ({known}) nor a file; "
-                "give one of these names or the path of exported weights"
-            )
+            raise BadInput(f"{path}: the bundled weights are missing; reinstall the package")
+        check_sha256(path, self.bundled[name], "reinstall the package")
         return path
-    path = folder / f"{(files or {}).get(name, name)}.safetensors"
-    if not is_regular_file(path):
-        raise BadInput(f"{path}: the bundled weights are missing; reinstall the package")
+
+    def export(
+        self,
+        checkpoint_path: Path,
+        path: Path,
+        select: Callable[[dict[str, Tensor], dict[str, Any]], tuple[dict[str, Tensor], Any]],
+        remedy: str = "export an earlier checkpoint",
+    ) -> str:
+        """Write weights of a checkpoint, atomically, and return the sha256.
+
+        Kernels become float16, everything of one dimension stays as it is; counters are left out.
+
+        select  returns the tensors, and what the header has apart from the training, of the state
+                and the configuration
+
+        Raises BadInput where the checkpoint is of something else, or a weight does not fit float16.
+        """
+        from learning import checkpoint
+
+        state, step, config = checkpoint.load(checkpoint_path, self.kind)
+        tensors, apart = select(state, config)
+        stored = halved(without_counters(tensors), checkpoint_path, remedy)
+        texts = {k: v if isinstance(v, str) else json.dumps(v) for k, v in apart.items()}
+        header = {"format": self.format, **texts, "training": training_header(config, step, apart)}
+        write_atomically(path, stored, header)
+        return file_sha256(path)
+
+    def load(
+        self,
+        path: Path,
+        configure: Callable[[Any, dict[str, Tensor]], Any],
+        build: Callable[[Any], nn.Module],
+    ) -> NetworkWeights:
+        """Return the network of a file.
+
+        configure  returns its configuration, of that in the header, and may take tensors away
+        build      returns the network of a configuration
+
+        Raises BadInput where the file is no safetensors file or of another format, or tensors are
+        missing, superfluous, of the wrong shape or not finite.
+        """
+        tensors, header = read_weights(path, self.format, self.remedy)
+        with understanding_header(path, self.remedy):
+            config = configure(json.loads(header["network"]), tensors)
+            card = {"network": asdict(config), **json.loads(header["training"])}
+        network = checked_network(path, tensors, lambda: build(config), self.remedy)
+        return NetworkWeights(network, card, file_sha256(path))
+
+
+def _files(
+    package: str,
+    kind: str,
+    file_format: str,
+    bundled: Mapping[str, str],
+    in_grey: Iterable[str] = (),
+) -> WeightFiles:
+    folder = Path(__file__).parents[1].joinpath(*package.split("."), "weights")
+    files = {f"{name}-grey": name for name in in_grey}
+    bundled = {**bundled, **{grey: bundled[name] for grey, name in files.items()}}
+    remedy = f"write the file again with {package}.weights.export"
+    return WeightFiles(kind, file_format, folder, bundled, files, remedy)
+
+
+# The bundled weights of each package; a file with colours has the grey network in it.
+FILES: dict[str, WeightFiles] = {
+    "pc2pix": _files(
+        "pc2pix",
+        "gan",
+        "pc2pix-weights-1",
+        {
+            "chair": "594e13a882832836421086630690853a4ba0c714867c5eaf772fdf4eec8be0d4",
+            "chair-acgan": "05ee175aa1dc413d92687fd1447671d85888a36459c1a7bde8f37a0c4daf8d26",
+            "all": "e874f6a798e4c66100ef83304d0829e61336ebbbcd69590d2e27092656ae54f3",
+        },
+    ),
+    # of the first format, networks had a code of the whole cloud
+    "baselines.splat_net": _files(
+        "baselines.splat_net",
+        "splat-net",
+        "splat-net-weights-2",
+        {
+            "all": "6331efaaab8aadc111f7607c5a19b5396e0dfeb114491bc5ea09a236538a6a12",
+            "all-tiny": "43900479f408df098f21ac91efb43c9d3689b04c0a24176db579ae83f8462e5f",
+            "chair": "4fd59c7c06567f4c19360be9c1954f8c2b0a16c017614dd8dfb93f59131a677c",
+            "points2pix": "f8efac2fc45c43ec3f550d1e5167c459e63f4e354f4737685e086192a253da96",
+        },
+        in_grey=("all", "all-tiny"),
+    ),
+    "baselines.fused_net": _files(
+        "baselines.fused_net",
+        "fused-net",
+        "splat-net-weights-2",
+        {"all": "e5be7a567f234de205fa6ac03598604c5f51b0fb19e1cf56082234adba13bb33"},
+        in_grey=("all",),
+    ),
+    "baselines.occupancy_net": _files(
+        "baselines.occupancy_net",
+        "occupancy-net",
+        "occupancy-net-weights-1",
+        {"all": "4050b55af22160f2296d15ea2e249b0adc2818d20eb4cb6d660d51d776e3ddb9"},
+    ),
+}
+
+
+def check_sha256(path: Path, expected: str, remedy: str) -> str:
+    """Return the checksum of a file. Raises BadInput, with the `remedy`, where it is another."""
     actual = file_sha256(path)
-    if actual != bundled[name]:
-        raise BadInput(
-            f"{path}: sha256 {actual} is not the expected {bundled[name]}; reinstall the package"
-        )
-    return path
+    if actual != expected:
+        raise BadInput(f"{path}: sha256 {actual} is not the expected {expected}; {remedy}")
+    return actual
 
 
 def objective_of(path: Path) -> str:

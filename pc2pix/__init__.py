@@ -43,7 +43,7 @@ def load(
     Parameters
     ----------
     name_or_path : str or Path
-        A bundled name (`pc2pix.weights.BUNDLED`) or the path of an exported file.
+        A bundled name (`learning.weights.FILES`) or the path of an exported file.
     z : {"zero", "uniform"}
         The generator's noise, see `pc2pix.renderer.Pc2pixRenderer`.
     device : str

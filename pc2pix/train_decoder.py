@@ -27,14 +27,13 @@ from pc2pix.training_configs import DecoderConfig
 from pc2pix.training_data import AutoencoderData
 from pc2pix.weights import DECODER, Weights
 
-KIND = DECODER
 _DECAY_STEPS = 500
 
 
 class DecoderTrainer(NetworkTrainer):
     """The trainer of a decoder of `weights`, on `AutoencoderData`."""
 
-    kind = KIND
+    kind = DECODER
     parts = ("decoder", "adam", "random")
     config: DecoderConfig
 

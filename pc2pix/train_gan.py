@@ -58,9 +58,8 @@ from pc2pix.model import (
 )
 from pc2pix.training_configs import GanConfig
 from pc2pix.training_data import GanData
-from pc2pix.weights import GAN, Weights
+from pc2pix.weights import Weights
 
-KIND = GAN
 _SHEET_IMAGES = 8
 _ENCODE_BATCH = 32
 _WARM_UP_RATE = 4.0  # times the learning rate: a regression bears more than a game of two
@@ -88,7 +87,7 @@ class GanTrainer(NetworkTrainer):
     Raises BadInput where encoder and configuration do not go together.
     """
 
-    kind = KIND
+    kind = "gan"
     parts = (
         "drawing", "discriminator", "average", "generator_adam", "discriminator_adam", "random",
     )  # fmt: skip

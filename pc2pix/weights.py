@@ -1,8 +1,7 @@
-"""Trained weights as files: what is bundled, how a file is written, and how it is checked.
+"""Trained weights as files: how a file is written, and how it is checked.
 
 A file holds what drawing needs and nothing else: the encoder, the averaged generator, and mean and
-standard deviation of the code. Kernels are float16, everything of one dimension (biases, BatchNorm,
-code statistics) is float32. The safetensors header says how it was made.
+standard deviation of the code. What is bundled stands in `learning.weights.FILES`.
 
 A decoder has a file of its own beside the weights it belongs to, because drawing never needs it.
 Its header names the weights by their sha256, for codes of other weights mean nothing to a decoder.
@@ -14,7 +13,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,17 +21,14 @@ from data_prep.failures import BadInput
 from data_prep.files.checksums import file_sha256
 from data_prep.files.safe_read import is_regular_file
 from learning.weights import (
+    FILES,
+    check_sha256,
     check_tensors,
     expected_shapes,
     fill_network,
-    find_file,
-    halved,
     read_weights,
     sub_state,
-    training_header,
     understanding_header,
-    without_counters,
-    write_atomically,
 )
 
 if TYPE_CHECKING:
@@ -40,23 +36,14 @@ if TYPE_CHECKING:
 
     from pc2pix.model import Decoder, Encoder, Generator, ModelConfig, PointNet
 
-FOLDER = Path(__file__).parent / "weights"
-
-BUNDLED = {  # name -> sha256 of weights/<name>.safetensors
-    "chair": "594e13a882832836421086630690853a4ba0c714867c5eaf772fdf4eec8be0d4",
-    "chair-acgan": "05ee175aa1dc413d92687fd1447671d85888a36459c1a7bde8f37a0c4daf8d26",
-    "all": "e874f6a798e4c66100ef83304d0829e61336ebbbcd69590d2e27092656ae54f3",
-}
+PACKAGE = "pc2pix"
 BUNDLED_DECODERS = {  # name -> sha256 of weights/<name>-decoder.safetensors
     "chair": "f5b7f4233c03c155535049dd17928a1b4cdc89fe10cce72b9ce2ec83dd9d68a6",
 }
-GAN = "gan"  # the kinds of the checkpoints of the two trainings
-DECODER = "decoder"
-FORMAT = "pc2pix-weights-1"
+DECODER = "decoder"  # the kind of the checkpoints of its training
 DECODER_FORMAT = "pc2pix-decoder-1"
 # `pc2pix.model.Encoder` and `PointNet`; a renamed or changed encoder gets a new name
 ENCODER_NAMES = {"paper": "dilated-conv-k5", "pointnet": "pointnet-max-mean"}
-REMEDY = "write the file again with pc2pix.weights.export"
 MOST_WIDTH = 4.0  # four times the paper's
 _MOST_LATENT_DIM = 4096  # eight times the paper's largest
 
@@ -78,66 +65,50 @@ class Weights:
     sha256: str
 
 
-def find_weights(name_or_path: str | Path) -> Path:
-    """Return the file of a bundled name, its checksum verified, or the path itself.
-
-    Raises BadInput, naming file, value and remedy, where a name is unknown, a file is missing, or a
-    bundled file differs from its checksum.
-    """
-    return find_file(name_or_path, FOLDER, BUNDLED)
-
-
 def export(checkpoint_path: Path, path: Path) -> str:
-    """Write the weights of a GAN checkpoint to `path`, atomically, and return the sha256.
+    """Write encoder, averaged generator and code statistics of a GAN checkpoint.
 
-    Raises BadInput where the checkpoint is not one of a GAN, or a weight does not fit float16.
+    Returns the sha256. Raises BadInput as `learning.weights.WeightFiles.export`.
     """
-    from learning import checkpoint
 
-    state, step, config = checkpoint.load(checkpoint_path, GAN)
-    tensors = {"code_mean": state["code_mean"], "code_std": state["code_std"]}
-    for name in ("encoder", "generator"):
-        part = sub_state(state, f"average.{name}")
-        tensors |= {f"{name}.{k}": v for k, v in without_counters(part).items()}
-    stored = halved(tensors, checkpoint_path, "export an earlier checkpoint")
-    header = {
-        "format": FORMAT,
-        "encoder": ENCODER_NAMES[config["model"]["encoder"]],
-        "model": json.dumps(config["model"]),
-        "training": training_header(config, step, ["model"]),
-    }
-    write_atomically(path, stored, header)
-    return file_sha256(path)
+    def select(
+        state: dict[str, Tensor], config: dict[str, Any]
+    ) -> tuple[dict[str, Tensor], dict[str, Any]]:
+        tensors = {"code_mean": state["code_mean"], "code_std": state["code_std"]}
+        tensors |= sub_state(state, "average")
+        model = config["model"]
+        return tensors, {"encoder": ENCODER_NAMES[model["encoder"]], "model": model}
+
+    return FILES[PACKAGE].export(checkpoint_path, path, select)
 
 
 def load_weights(name_or_path: str | Path = "chair") -> Weights:
     """Return the weights of a bundled name or a path.
 
-    Raises BadInput, naming file, value and remedy, where a name is unknown, a bundled file differs
-    from its checksum, the file is no safetensors file or of another format, or tensors are missing,
-    superfluous, of the wrong shape or not finite.
+    Raises BadInput as `learning.weights.WeightFiles.find` and `load`.
     """
     import torch
 
     from pc2pix.model import Generator, ModelConfig, build_encoder
 
-    path = find_weights(name_or_path)
-    tensors, header = read_weights(path, FORMAT, REMEDY)
-    with understanding_header(path, REMEDY):
+    files = FILES[PACKAGE]
+    path, remedy = files.find(name_or_path), files.remedy
+    tensors, header = read_weights(path, files.format, remedy)
+    with understanding_header(path, remedy):
         model, training = json.loads(header["model"]), json.loads(header["training"])
         config = _sane(ModelConfig(**model))
         card = {"model": model, **training}
     if header.get("encoder") != ENCODER_NAMES[config.encoder]:
         raise BadInput(
             f"{path}: expected encoder {ENCODER_NAMES[config.encoder]!r} in the header, found "
-            f"{header.get('encoder')!r}; {REMEDY}"
+            f"{header.get('encoder')!r}; {remedy}"
         )
     expected = {"code_mean": (config.latent_dim,), "code_std": (config.latent_dim,)}
     with torch.device("meta"):  # shapes without memory: the file has yet to prove its size
         outlines = {"encoder": build_encoder(config), "generator": Generator(config)}
     for prefix, network in outlines.items():
         expected |= expected_shapes(network, f"{prefix}.")
-    check_tensors(path, tensors, expected, REMEDY)
+    check_tensors(path, tensors, expected, remedy)
     encoder, generator = build_encoder(config), Generator(config)
     fill_network(encoder, sub_state(tensors, "encoder"))
     fill_network(generator, sub_state(tensors, "generator"))
@@ -166,7 +137,9 @@ def _sane(config: ModelConfig) -> ModelConfig:
 def decoder_path(name_or_path: str | Path) -> Path:
     """Return the place of these weights' decoder, beside them, whether it exists or not."""
     name = str(name_or_path)
-    weights = FOLDER / f"{name}.safetensors" if name in BUNDLED else Path(name_or_path)
+    files = FILES[PACKAGE]
+    bundled = files.folder / f"{name}.safetensors"
+    weights = bundled if name in files.bundled else Path(name_or_path)
     return weights.with_name(f"{weights.stem}-decoder.safetensors")
 
 
@@ -186,34 +159,27 @@ def _find_decoder(name_or_path: str | Path) -> Path:
             f"{path}: there is no decoder for these weights; "
             f"make it with '{_training_command(name_or_path)}'"
         )
-    expected = BUNDLED_DECODERS.get(str(name_or_path))
-    actual = file_sha256(path)
-    if expected not in (None, actual):
-        raise BadInput(
-            f"{path}: sha256 {actual} is not the expected {expected}; reinstall the package, or "
-            f"name the new one in {Path(__file__).name}"
-        )
+    if expected := BUNDLED_DECODERS.get(str(name_or_path)):
+        remedy = f"reinstall the package, or name the new one in {Path(__file__).name}"
+        check_sha256(path, expected, remedy)
     return path
 
 
 def export_decoder(checkpoint_path: Path, path: Path) -> str:
-    """Write the decoder of a checkpoint to `path`, atomically, and return the sha256.
+    """Write the decoder of a checkpoint, and return the sha256.
 
-    Raises BadInput where the checkpoint is not one of a decoder, or a weight does not fit float16.
+    Raises BadInput as `learning.weights.WeightFiles.export`.
     """
-    from learning import checkpoint
-
-    state, step, config = checkpoint.load(checkpoint_path, DECODER)
-    tensors = sub_state(state, "decoder")
-    stored = halved(tensors, checkpoint_path, "train again with other settings")
-    header = {
-        "format": DECODER_FORMAT,
-        "weights": config["weights"],
-        "model": json.dumps(config["model"]),
-        "training": training_header(config, step, ["model", "weights"]),
-    }
-    write_atomically(path, stored, header)
-    return file_sha256(path)
+    files = replace(FILES[PACKAGE], kind=DECODER, format=DECODER_FORMAT)
+    return files.export(
+        checkpoint_path,
+        path,
+        lambda state, config: (
+            sub_state(state, "decoder"),
+            {"weights": config["weights"], "model": config["model"]},
+        ),
+        "train again with other settings",
+    )
 
 
 def load_decoder(name_or_path: str | Path, weights: Weights) -> tuple[Decoder, str]:

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from baselines.fused_net.meshes import OCCUPANCY, maps_of, reconstruct, reconstructors
-from baselines.occupancy_net.weights import BUNDLED as OCCUPANCY_WEIGHTS
 from data_prep.datasets.objects import SceneObject
 from data_prep.datasets.training_set import DATA_SEED, SurfaceSet, TrainingSet
 from data_prep.failures import BadInput
@@ -25,7 +24,7 @@ from data_prep.randomness import generator
 from data_prep.rendering.raycast import MAPS, MOST_NEARNESS
 from data_prep.scene import IMAGE_SIZE, PointCloud, View
 from learning.clouds import degrade
-from learning.weights import read_safetensors, write_atomically
+from learning.weights import FILES, read_safetensors, write_atomically
 
 FORMAT = "fused-net-maps-1"
 FOLDER = "maps"
@@ -86,7 +85,7 @@ def fused_set(
 
 def occupancy_weights(meshes: Sequence[str]) -> str:
     """Return the checksum of the weights of occupancy-net, "" if its mesh is not among these."""
-    return OCCUPANCY_WEIGHTS[OCCUPANCY] if "occupancy-net" in meshes else ""
+    return FILES["baselines.occupancy_net"].bundled[OCCUPANCY] if "occupancy-net" in meshes else ""
 
 
 def encode(maps: NDArray[np.float32]) -> NDArray[np.uint8]:

@@ -13,8 +13,8 @@ from baselines.splat_net.engine import Precision
 from baselines.splat_net.projection import Projection, cameras
 from baselines.splat_net.renderer import SplatNetRenderer, views_at_once
 from baselines.splat_net.surfels import Surfels
-from baselines.splat_net.weights import SplatNetWeights
 from data_prep.scene import IMAGE_SIZE, Images, Mesh, PointCloud, View
+from learning.weights import NetworkWeights
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +34,7 @@ class FusedNetRenderer:
 
     Parameters
     ----------
-    weights : SplatNetWeights
+    weights : NetworkWeights
         Trained network of `baselines.fused_net.weights.load_weights`; moved to `device`.
     device : str
         PyTorch's name of the device.
@@ -51,7 +51,7 @@ class FusedNetRenderer:
 
     def __init__(
         self,
-        weights: SplatNetWeights,
+        weights: NetworkWeights,
         *,
         device: str = "cpu",
         precision: Precision = "float32",

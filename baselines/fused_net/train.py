@@ -15,7 +15,6 @@ from torch import Tensor
 
 from baselines.fused_net.config import FusedNetConfig
 from baselines.fused_net.data import FusedSet, decode, mirror
-from baselines.fused_net.weights import KIND
 from baselines.splat_net.losses import Truth
 from baselines.splat_net.train import (
     VIEWS_TOGETHER,
@@ -28,7 +27,7 @@ from data_prep.datasets.training_set import SurfaceSet
 class FusedNetTrainer(SplatNetTrainer):
     """The trainer of fused-net, on a `FusedSet`."""
 
-    kind = KIND
+    kind = "fused-net"
 
     def __init__(self, learned: FusedSet, config: FusedNetConfig, *place: Any, **more: Any) -> None:
         super().__init__(learned, config, *place, **more)

@@ -21,7 +21,7 @@ def load(name_or_path: str | Path = "all", *, device: str = "cpu") -> OccupancyN
     Parameters
     ----------
     name_or_path : str or Path
-        A bundled name (`baselines.occupancy_net.weights.BUNDLED`) or the path of an exported file.
+        A bundled name (`learning.weights.FILES`) or the path of an exported file.
     device : str
         PyTorch's name of the device, "cpu" or "cuda" for example.
 

@@ -8,10 +8,10 @@ from torch import Tensor
 
 from baselines.occupancy_net.level_set import level_set, sample_grid
 from baselines.occupancy_net.network import HALF_EXTENT
-from baselines.occupancy_net.weights import OccupancyWeights
 from baselines.reconstruction.stages import DrawsReconstruction, Reconstruction, used_points
 from data_prep.scene import PointCloud
 from learning.exact import exact_inference
+from learning.weights import NetworkWeights
 
 MOST_POINTS = 2048  # as many as it was shown in training
 _PLACES_TOGETHER = 2**15  # a bound on memory
@@ -23,7 +23,7 @@ class OccupancyNetRenderer(DrawsReconstruction):
 
     Parameters
     ----------
-    weights : OccupancyWeights
+    weights : NetworkWeights
         Trained network of `baselines.occupancy_net.weights.load_weights`; moved to `device`.
     device : str
         PyTorch's name of the device.
@@ -32,7 +32,7 @@ class OccupancyNetRenderer(DrawsReconstruction):
     """
 
     def __init__(
-        self, weights: OccupancyWeights, *, device: str = "cpu", level: float = LEVEL
+        self, weights: NetworkWeights, *, device: str = "cpu", level: float = LEVEL
     ) -> None:
         self.weights = weights
         self.device = torch.device(device)

@@ -19,7 +19,6 @@ from baselines.occupancy_net.network import (
     HALF_EXTENT,
     OccupancyNet,
 )
-from baselines.occupancy_net.weights import KIND
 from data_prep.datasets.occupancy_set import OccupancySet
 from learning import training_loop
 from learning.clouds import degrade
@@ -32,7 +31,7 @@ SHEET_CLOUDS, SHEET_CELLS = 8, 64
 class OccupancyNetTrainer(CooledTrainer):
     """The trainer of occupancy-net, on an `OccupancySet`."""
 
-    kind = KIND
+    kind = "occupancy-net"
     parts = ("network", "average", "adam", "random")
     config: OccupancyNetConfig
 

@@ -28,7 +28,7 @@ def load(
     Parameters
     ----------
     name_or_path : str or Path
-        A bundled name (`baselines.splat_net.weights.BUNDLED`) or the path of an exported file.
+        A bundled name (`learning.weights.FILES`) or the path of an exported file.
         The default is the network for objects of any kind.
     device : str
         PyTorch's name of the device, "cpu" or "cuda" for example.

@@ -12,10 +12,10 @@ from baselines.splat_net.network import SMALLEST
 from baselines.splat_net.points2pix import Points2Pix, Points2PixEngine
 from baselines.splat_net.projection import Projection, cameras
 from baselines.splat_net.surfels import Surfels, find_surfels, stack
-from baselines.splat_net.weights import SplatNetWeights
 from data_prep.failures import StageFailure
 from data_prep.scene import IMAGE_SIZE, Images, PointCloud, View
 from learning.exact import exact_inference
+from learning.weights import NetworkWeights
 
 VIEWS_TOGETHER = 20
 _POINTS_TOGETHER = 2**19  # of all these views: a bound on memory for large clouds
@@ -29,7 +29,7 @@ class SplatNetRenderer:
 
     Parameters
     ----------
-    weights : SplatNetWeights
+    weights : NetworkWeights
         Trained network of `baselines.splat_net.weights.load_weights`; moved to `device`.
     device : str
         PyTorch's name of the device.
@@ -47,7 +47,7 @@ class SplatNetRenderer:
 
     def __init__(
         self,
-        weights: SplatNetWeights,
+        weights: NetworkWeights,
         *,
         device: str = "cpu",
         precision: Precision = "float32",

@@ -17,9 +17,10 @@ from torch import Tensor
 
 from baselines.splat_net.network import COLOUR_HEADS, NetworkConfig, SplatNet
 from baselines.splat_net.projection import Inputs
-from baselines.splat_net.weights import BUNDLED, SplatNetWeights, find_weights, read_file
+from baselines.splat_net.weights import PACKAGE, read_file
 from data_prep.failures import BadInput
 from learning import training_loop
+from learning.weights import FILES, NetworkWeights
 
 GREY = "-grey"  # stands at the end of the name of the file with that head
 HEAD = ("last.weight", "last.bias")
@@ -42,22 +43,23 @@ def read_start(name_or_path: str, config: NetworkConfig, seed: int = 0) -> Start
     name_or_path  a bundled name, or "FILE.safetensors" for it and "FILE-grey.safetensors"
     seed          of what `config` has and the files have not
 
-    Raises BadInput as `find_weights` and `read_file`; where the two are not of one training; and
-    where the network is of other widths than `config`.
+    Raises BadInput as `learning.weights.WeightFiles.find` and `read_file`; where the two are not of
+    one training; and where the network is of other widths than `config`.
     """
-    colour = read_file(find_weights(name_or_path))
+    files = FILES[PACKAGE]
+    colour = read_file(files.find(name_or_path))
     if colour.network.config.heads == COLOUR_HEADS["image"]:
         state, sha256 = colour.network.state_dict(), colour.sha256
         if "colour" in config.heads:
             raise BadInput(
                 f"--start {name_or_path}: has one colour for the image; leave --colours out"
             )
-    elif name_or_path in BUNDLED:
+    elif name_or_path in files.bundled:
         state, sha256 = colour.network.state_dict(), colour.sha256
         if "colour" not in config.heads:  # what is left is alpha
             state |= {key: state[key][:1] for key in HEAD}
     else:
-        grey = read_file(find_weights(grey_beside(Path(name_or_path))))
+        grey = read_file(files.find(grey_beside(Path(name_or_path))))
         state, sha256 = _both(name_or_path, colour, grey), f"{colour.sha256} {grey.sha256}"
         if "colour" not in config.heads:
             state |= {key: state[key][_GREY_ROWS] for key in HEAD}
@@ -78,7 +80,7 @@ def read_start(name_or_path: str, config: NetworkConfig, seed: int = 0) -> Start
     return Start(network.eval().requires_grad_(False), sha256)
 
 
-def _both(name_or_path: str, colour: SplatNetWeights, grey: SplatNetWeights) -> dict[str, Tensor]:
+def _both(name_or_path: str, colour: NetworkWeights, grey: NetworkWeights) -> dict[str, Tensor]:
     """Return the state with both heads. Raises BadInput where they are not of one training."""
     if (colour.network.config.heads, grey.network.config.heads) != (("colour",), ("grey",)):
         raise _not_one_training(name_or_path, "the heads are not colour and grey")

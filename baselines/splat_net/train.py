@@ -35,7 +35,6 @@ from baselines.splat_net.network import COLOUR_HEADS, composite
 from baselines.splat_net.points2pix import Network, build
 from baselines.splat_net.projection import Projection, cameras
 from baselines.splat_net.surfels import find_surfels, stack
-from baselines.splat_net.weights import KIND
 from data_prep.datasets.training_set import SurfaceSet
 from data_prep.failures import BadInput
 from data_prep.scene import View
@@ -57,7 +56,7 @@ class SplatNetTrainer(CooledTrainer):
     Raises BadInput where objects have fewer than VIEWS_TOGETHER views.
     """
 
-    kind = KIND
+    kind = "splat-net"
     parts = ("network", "judge", "average", "adam", "judge_adam", "random")
     config: SplatNetConfig
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import importlib
 from dataclasses import dataclass, replace
 from hashlib import sha256
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from data_prep.failures import MissingDependency
 
@@ -53,11 +53,13 @@ class _NetworkPackage:
 
     def file(self, weights: str) -> Path:
         """Return the file of a bundled name, its checksum verified."""
-        return self._weights().find_weights(weights)
+        from learning.weights import FILES
+
+        return FILES[self.package].find(weights)
 
     def identity(self, weights: str) -> str:
         """Return the versions of the libraries, and the checksum of bundled weights."""
-        from learning.weights import file_sha256
+        from data_prep.files.checksums import file_sha256
 
         sha256 = file_sha256(self.file(weights))
         kept = _GREY_FILES.get(sha256[:12], sha256) if weights.endswith("-grey") else sha256
@@ -66,7 +68,8 @@ class _NetworkPackage:
     def file_identity(self, path: str) -> str:
         """Return the same for a file of weights. Raises BadInput for a file that is none."""
         # Loaded in full: a bad file is to be refused before the run, not in each of its jobs.
-        return self._identity(self._weights().load_weights(path).sha256)
+        weights = importlib.import_module(f"{self.package}.weights")
+        return self._identity(weights.load_weights(path).sha256)
 
     def _identity(self, sha256: str) -> str:
         text = f"{versions(*self.libraries)}, weights {sha256}"
@@ -74,9 +77,6 @@ class _NetworkPackage:
             name = other.package.rpartition(".")[2].replace("_", "-")
             text += f"; {name} {other.version}: {other.identity('all')}"
         return text
-
-    def _weights(self) -> Any:
-        return importlib.import_module(f"{self.package}.weights")
 
 
 PC2PIX = _NetworkPackage("pc2pix", ("torch",), 4, "bench train gan")

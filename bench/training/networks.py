@@ -15,6 +15,7 @@ import torch
 from baselines.fused_net.config import FusedNetConfig
 from baselines.fused_net.data import FOLDER, fused_set, occupancy_weights
 from baselines.fused_net.train import FusedNetTrainer
+from baselines.fused_net.weights import PACKAGE as FUSED_NET
 from baselines.fused_net.weights import check_meshes
 from baselines.occupancy_net import weights as occupancy_net_weights
 from baselines.occupancy_net.config import OccupancyNetConfig
@@ -98,7 +99,7 @@ def _splat_net(options: Any) -> Path:
     data = _surfaces(training_objects(options), options.views)
     more = {"start": start.network if start else None, "features": features}
     checkpoint = _train(SplatNetTrainer, data, config, options, **more)
-    return _export_both(checkpoint, options.out, network, SplatNetTrainer.kind)
+    return _export_both(checkpoint, options.out, network, splat_net_weights.PACKAGE)
 
 
 def _fused_net(options: Any) -> Path:
@@ -130,7 +131,7 @@ def _fused_net(options: Any) -> Path:
         return options.out / FOLDER
     more = {"start": start.network if start else None, "features": features}
     checkpoint = _train(FusedNetTrainer, data, config, options, **more)
-    return _export_both(checkpoint, options.out, network, FusedNetTrainer.kind)
+    return _export_both(checkpoint, options.out, network, FUSED_NET)
 
 
 def _occupancy_net(options: Any) -> Path:
@@ -228,13 +229,13 @@ def _exported(checkpoint: Path, weights: Path, write: Callable[[Path, Path], str
     return weights
 
 
-def _export_both(checkpoint: Path, out: Path, network: NetworkConfig, kind: str) -> Path:
+def _export_both(checkpoint: Path, out: Path, network: NetworkConfig, package: str) -> Path:
     """Write the weights in colour, and in grey beside them; return the file in colour."""
     weights = out / "weights.safetensors"
     if is_first():
         colour: Material = "albedo" if "albedo" in network.heads else "colour"
-        splat_net_weights.export(checkpoint, weights, colour, kind)
-        splat_net_weights.export(checkpoint, grey_beside(weights), "grey", kind)
+        splat_net_weights.export(checkpoint, weights, colour, package)
+        splat_net_weights.export(checkpoint, grey_beside(weights), "grey", package)
     return weights
 
 

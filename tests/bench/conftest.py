@@ -100,8 +100,9 @@ def tiny_weights(tmp_path_factory):
     import torch
 
     from learning import checkpoint
+    from learning.weights import FILES
     from pc2pix.model import Encoder, Generator, ModelConfig
-    from pc2pix.weights import ENCODER_NAMES, FORMAT
+    from pc2pix.weights import ENCODER_NAMES
 
     model = {"width": 0.0625, "latent_dim": 4}
     torch.manual_seed(0)
@@ -110,7 +111,8 @@ def tiny_weights(tmp_path_factory):
         for key, value in network.state_dict().items():
             if not key.endswith("num_batches_tracked"):
                 tensors[f"{type(network).__name__.lower()}.{key}"] = value
-    header = {"format": FORMAT, "encoder": ENCODER_NAMES["paper"], "model": json.dumps(model)}
+    header = {"format": FILES["pc2pix"].format, "encoder": ENCODER_NAMES["paper"]}
+    header["model"] = json.dumps(model)
     path = tmp_path_factory.mktemp("weights") / "tiny.safetensors"
     checkpoint.write_atomically(path, tensors, header | {"training": "{}"})
     return path

@@ -11,7 +11,8 @@ import torch
 from safetensors.torch import save_file
 
 from data_prep.failures import BadInput
-from learning.weights import card_of, file_sha256, objective_of, read_safetensors
+from data_prep.files.checksums import file_sha256
+from learning.weights import card_of, objective_of, read_safetensors
 
 from .trainings import KINDS, load_decoder, whole
 
@@ -152,7 +153,6 @@ INPUTS = ("windows", "normals", "density", "flattened", "far", "meshes")  # of s
         ("splat-net", "widths", [4, 6, 8, 10, 0], "each at least 1"),
         ("splat-net", "widths", [4, 6, 8, 10], "expected five numbers"),
         ("splat-net", "widths", [4, 6, 8, 10, True], "widths"),
-        ("splat-net", "widths", [4, 6, 8, 10, 10**9], "widths"),
         ("splat-net", "widths", [4096] * 5, "is missing"),
         *(
             ("splat-net", "windows", value, "windows")
@@ -166,7 +166,6 @@ INPUTS = ("windows", "normals", "density", "flattened", "far", "meshes")  # of s
         ("splat-net", "meshes", ["a"], "has shape"),
         ("splat-net", "meshes", ["a", "a"], "expected different names"),
         ("splat-net", "meshes", [1], "expected different names"),
-        ("splat-net", "meshes", [["a"]], "expected different names"),
         ("splat-net", "meshes", ["a" * 99], "expected different names"),
         ("splat-net", "meshes", [str(n) for n in range(99)], "expected different names"),
         ("splat-net", "more", 1, "more"),
@@ -206,13 +205,10 @@ def raw(header, length=None):
         (b"\xff" * 8, "18446744073709551615 bytes by its own account"),
         (raw({}, length=3), "3 bytes by its own account"),
         (raw([]), "'list' object"),
-        (raw(b"{"), "Expecting"),
         (raw(b"\xff\xff"), "utf-8"),
         (raw(DEEP.encode()), "recursion"),
         (raw({"__metadata__": 3}), "'int' object"),
         (raw({"__metadata__": {"training": 3}}), "must be str"),
-        (raw({"__metadata__": {"training": "["}}), "Expecting"),
-        (raw({"__metadata__": {"training": "[]"}}), "'list' object"),
         (raw({"__metadata__": {"training": '{"objective": 3}'}}), "no short text"),
         (raw({"__metadata__": {"training": json.dumps({"objective": "x" * 101})}}), "no short"),
     ],

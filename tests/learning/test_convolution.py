@@ -9,6 +9,7 @@ from torch import nn
 from torch.nn import functional
 
 from learning.convolution import Convolution, fold_normalisation
+from tests.pc2pix.networks import live_in
 
 
 @pytest.mark.filterwarnings("ignore:TF32 acceleration")  # of the context manager
@@ -38,14 +39,7 @@ def test_a_normalisation_behind_a_convolution_becomes_part_of_it():
     torch.manual_seed(0)
     inner = nn.Sequential(nn.Conv2d(4, 6, 3, bias=False), nn.BatchNorm2d(6), nn.ReLU())
     # the first and the last one follow no convolution
-    network = nn.Sequential(nn.BatchNorm2d(4), inner, nn.BatchNorm2d(6))
-    for layer in network.modules():
-        if isinstance(layer, nn.BatchNorm2d):
-            layer.weight.data.uniform_(0.5, 2)
-            layer.bias.data.normal_()
-            layer.running_mean.normal_()
-            layer.running_var.uniform_(0.5, 2)
-    network.eval()
+    network = live_in(nn.Sequential(nn.BatchNorm2d(4), inner, nn.BatchNorm2d(6)))
     x = torch.randn(2, 4, 8, 8)
     expected = copy.deepcopy(network).double()(x.double())
     fold_normalisation(network)

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+import importlib
 import json
+from dataclasses import replace
 
 import pytest
 import torch
 
-from baselines.fused_net import weights as fused_net
-from baselines.occupancy_net import weights as occupancy_net
-from baselines.splat_net import weights as splat_net
 from data_prep.failures import BadInput
+from data_prep.files.checksums import file_sha256
 from learning import checkpoint
-from learning.weights import file_sha256, find_file, objective_of, read_safetensors
+from learning.weights import FILES, objective_of, read_safetensors
 from pc2pix import weights as pc2pix
 from pc2pix.train_autoencoder import load_encoder
 
@@ -20,8 +20,6 @@ from .trainings import KINDS, TINY, trained, whole
 
 EXPORTED = {name: kind for name, kind in KINDS.items() if kind.training}
 OBJECTIVES = {"pc2pix": "acgan-code", "splat-net": "l1-patch", "fused-net": "l1"}
-OF = {"pc2pix": pc2pix, "splat-net": splat_net, "fused-net": fused_net,
-      "occupancy-net": occupancy_net}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", EXPORTED)
@@ -88,25 +86,26 @@ def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("kind", "name"), [(kind, name) for kind, module in OF.items() for name in module.BUNDLED]
+    ("package", "name"), [(package, name) for package in FILES for name in FILES[package].bundled]
 )
-def test_bundled_weights_load_and_have_their_checksums(kind, name):
-    module = OF[kind]
-    path = module.find_weights(name)
-    assert module.load_weights(name).sha256 == file_sha256(path)
-    assert path.stat().st_size < (10e6 if kind == "pc2pix" else 4e6)
-    titles = [card.read_text().splitlines()[0] for card in module.FOLDER.glob("*.md")]
+def test_bundled_weights_load_and_have_their_checksums(package, name):
+    files = FILES[package]
+    path = files.find(name)
+    load_weights = importlib.import_module(f"{package}.weights").load_weights
+    assert load_weights(name).sha256 == file_sha256(path)
+    assert path.stat().st_size < (10e6 if package == "pc2pix" else 4e6)
+    titles = [card.read_text().splitlines()[0] for card in files.folder.glob("*.md")]
     assert sum(f"`{name}`" in title for title in titles) == 1
+    with pytest.raises(BadInput, match=f"'no-such-weights' is neither a bundled name .*{name}"):
+        load_weights("no-such-weights")
 
 
 def test_names_and_checksums(tmp_path):
-    path = tmp_path / "x.safetensors"
-    for module in OF.values():
-        with pytest.raises(BadInput, match="'no-such-weights' is neither a bundled name"):
-            module.load_weights("no-such-weights")
+    files = replace(FILES["pc2pix"], folder=tmp_path, bundled={"x": "0" * 64})
     with pytest.raises(BadInput, match=r"x\.safetensors: the bundled weights are missing"):
-        find_file("x", tmp_path, {"x": "0" * 64})
+        files.find("x")
+    path = tmp_path / "x.safetensors"
     path.write_bytes(whole("pc2pix"))
     with pytest.raises(BadInput, match="is not the expected 000"):
-        find_file("x", tmp_path, {"x": "0" * 64})
-    assert find_file("x", tmp_path, {"x": file_sha256(path)}) == path
+        files.find("x")
+    assert replace(files, bundled={"x": file_sha256(path)}).find("x") == path

@@ -253,7 +253,7 @@ KINDS = {
         "network",
     ),
     "fused-net": Kind(
-        "fused-net", partial(splat_net.export, head="colour", kind="fused-net"),
+        "fused-net", partial(splat_net.export, head="colour", package="baselines.fused_net"),
         fused_net.load_weights, "last.bias", "network",
     ),
     "occupancy-net": Kind(

@@ -78,12 +78,11 @@ def main(folder):
     gan(folder / "whole", 4, lambda report: reports.append(report.step))
     gan(folder / "cut", 2)
     gan(folder / "cut", 4)
-    TRAININGS["autoencoder"](folder / "autoencoder", 2)
     if team.rank == 0:
         export(folder / "whole" / "checkpoint.safetensors", folder / "weights.safetensors")
     team.average({"exported": 1.0})
     replaced = start_decoder(folder)
-    said = {"rank": int(os.environ["RANK"]), "first": processes.is_first(), "reports": reports}
+    said = {"first": processes.is_first(), "reports": reports}
     (folder / f"said-{team.rank}.json").write_text(json.dumps(said | {"replaced": replaced}))
 
 

@@ -23,12 +23,7 @@ def gan_data():
 
 
 @pytest.fixture(scope="session")
-def gan_checkpoint(tmp_path_factory):
-    return TRAININGS["gan"](tmp_path_factory.mktemp("gan"), 2, augment=False)
-
-
-@pytest.fixture(scope="session")
-def weights_file(gan_checkpoint, tmp_path_factory):
-    path = tmp_path_factory.mktemp("weights") / "tiny.safetensors"
-    export(gan_checkpoint, path)
-    return path
+def weights_file(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("gan")
+    export(TRAININGS["gan"](folder / "run", 1, augment=False), folder / "tiny.safetensors")
+    return folder / "tiny.safetensors"

@@ -40,8 +40,8 @@ from data_prep.datasets.paper import read_split, read_views
 from data_prep.failures import BadInput
 from data_prep.files.clouds import load_points
 from data_prep.files.meshes import load_mesh
-from learning.weights import objective_of
-from pc2pix.weights import find_weights, load_weights
+from learning.weights import FILES, objective_of
+from pc2pix.weights import load_weights
 from tests.data_prep.dataset_trees import gltf_binary
 
 CANARY = "canary"  # begins the name of whatever an executed file would leave behind
@@ -280,7 +280,7 @@ def _read_cloud(path: Path) -> None:
 
 
 def _read_weights(path: Path) -> None:
-    find_weights(path)
+    FILES["pc2pix"].find(path)
     try:
         objective_of(path)
     finally:  # one may refuse what the other takes; neither may fail otherwise

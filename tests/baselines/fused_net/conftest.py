@@ -7,9 +7,9 @@ import pytest
 
 from baselines.fused_net.renderer import FusedNetRenderer
 from baselines.reconstruction.stages import Reconstruction
-from baselines.splat_net.weights import SplatNetWeights
 from data_prep.datasets.registry import ProceduralObject
 from data_prep.failures import StageFailure
+from learning.weights import NetworkWeights
 from tests.baselines.splat_net.conftest import lived_in
 from tests.learning.trainings import SMALL
 
@@ -37,7 +37,7 @@ def network(meshes, seed=0):
 
 def fused(net, methods, **options):
     """A renderer of a network by these methods in place of its own."""
-    renderer = FusedNetRenderer(SplatNetWeights(net.eval(), {}, ""), **options)
+    renderer = FusedNetRenderer(NetworkWeights(net.eval(), {}, ""), **options)
     assert tuple(renderer.methods) == tuple(methods)
     renderer.methods = dict(methods)
     return renderer

@@ -8,14 +8,14 @@ import torch
 
 from baselines.fused_net import data as fused_data
 from baselines.fused_net.data import decode, encode, fused_set, mirror, occupancy_weights
-from baselines.occupancy_net.weights import find_weights
 from data_prep.datasets.registry import ProceduralObject
 from data_prep.datasets.training_set import SurfaceSet, training_set
 from data_prep.failures import BadInput
+from data_prep.files.checksums import file_sha256
 from data_prep.rendering.raycast import surface_maps
 from data_prep.scene import Mesh, View
 from learning.clouds import POINTS_SEEN
-from learning.weights import file_sha256
+from learning.weights import FILES
 
 from .conftest import Failing, Truth
 
@@ -107,7 +107,7 @@ def test_maps_are_kept_and_those_of_others_refused(surfaces, truth, tmp_path, mo
     ):
         with refused:
             fused_set(others, OBJECTS, meshes, tmp_path, augment=augment)
-    assert occupancy_weights(MESHES) == file_sha256(find_weights("all"))
+    assert occupancy_weights(MESHES) == file_sha256(FILES["baselines.occupancy_net"].find("all"))
     monkeypatch.setattr(fused_data, "occupancy_weights", lambda meshes: "other")
     with refused:
         fused_set(surfaces, OBJECTS, MESHES, tmp_path)

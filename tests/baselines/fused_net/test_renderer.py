@@ -11,9 +11,9 @@ from baselines.splat_net.network import SplatNet
 from baselines.splat_net.projection import Projection, cameras
 from baselines.splat_net.renderer import SplatNetRenderer
 from baselines.splat_net.surfels import find_surfels, stack
-from baselines.splat_net.weights import SplatNetWeights
 from data_prep.rendering.raycast import surface_maps
 from data_prep.scene import PointCloud, View
+from learning.weights import NetworkWeights
 
 from .conftest import Failing, Truth, fused, network
 
@@ -27,7 +27,7 @@ def without_meshes(net):
     state = net.state_dict()
     state["first.conv.weight"] = state["first.conv.weight"][:, : inputs.channels]
     plain.load_state_dict(state)
-    return SplatNetRenderer(SplatNetWeights(plain.eval(), {}, ""))
+    return SplatNetRenderer(NetworkWeights(plain.eval(), {}, ""))
 
 
 def draw(renderer, cloud, views=VIEWS):
@@ -66,7 +66,7 @@ def test_a_mesh_that_fails_is_noted(cloud):
 
 def test_the_real_methods_fail_on_a_point_and_it_is_drawn():
     renderer = fused(net := network(("denoised-wrap",)), {"denoised-wrap": Truth()})
-    renderer = type(renderer)(SplatNetWeights(net, {}, ""))
+    renderer = type(renderer)(NetworkWeights(net, {}, ""))
     point = PointCloud([[0.1, 0.0, 0.0]])
     state = renderer.prepare(point)
     assert state.notes == ("denoised-wrap: no mesh, input: 1 points; surfaces need at least 11",)

@@ -9,15 +9,15 @@ import torch
 from baselines.fused_net.config import FusedNetConfig
 from baselines.fused_net.data import decode, mirror
 from baselines.fused_net.train import FusedNetTrainer
-from baselines.fused_net.weights import KIND, load_weights
+from baselines.fused_net.weights import PACKAGE, load_weights
 from baselines.splat_net.projection import cameras, project
 from baselines.splat_net.start import read_start
 from baselines.splat_net.surfels import find_surfels, stack
 from baselines.splat_net.weights import export
-from baselines.splat_net.weights import find_weights as find_splat_net
 from baselines.splat_net.weights import load_weights as load_splat_net
 from data_prep.failures import BadInput
 from data_prep.scene import View
+from learning.weights import FILES
 from tests.learning.trainings import CADENCE, SMALL, SMALL_FUSED, TRAININGS, make_fused
 
 
@@ -88,13 +88,13 @@ def test_it_starts_as_splat_net_draws_and_learns_from_the_meshes():
 
 
 def test_files_of_weights_know_their_meshes(tmp_path):
-    export(TRAININGS["fused-net"](tmp_path / "x", 1), tmp_path / "w.safetensors", "grey", KIND)
+    export(TRAININGS["fused-net"](tmp_path / "x", 1), tmp_path / "w.safetensors", "grey", PACKAGE)
     weights = load_weights(tmp_path / "w.safetensors")
     assert weights.network.config.inputs.meshes == ("denoised-wrap",)
     with pytest.raises(BadInput, match=r"w\.safetensors: the network sees meshes; use it as fused"):
         load_splat_net(tmp_path / "w.safetensors")
     with pytest.raises(BadInput, match=r"all\.safetensors: the network sees no meshes; use it as"):
-        load_weights(find_splat_net("all"))
+        load_weights(FILES["baselines.splat_net"].find("all"))
 
 
 @pytest.mark.parametrize("meshes", [(), ("poisson",), ("denoised-wrap", "denoised-wrap")])

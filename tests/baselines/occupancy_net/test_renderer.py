@@ -6,9 +6,9 @@ import torch
 
 from baselines.occupancy_net.network import OccupancyConfig, OccupancyNet
 from baselines.occupancy_net.renderer import MOST_POINTS, OccupancyNetRenderer
-from baselines.occupancy_net.weights import OccupancyWeights
 from data_prep.failures import StageFailure
 from data_prep.scene import PointCloud
+from learning.weights import NetworkWeights
 
 SMALL = OccupancyConfig(resolution=8, widths=(4, 6), hidden=5, blocks=1)
 
@@ -26,7 +26,7 @@ class Ball(OccupancyNet):
 
 def ball(level=0.5, network=None):
     made = network or Ball(SMALL)
-    return OccupancyNetRenderer(OccupancyWeights(made, {}, ""), level=level)
+    return OccupancyNetRenderer(NetworkWeights(made, {}, ""), level=level)
 
 
 def test_the_surface_lies_at_the_level_in_grey():

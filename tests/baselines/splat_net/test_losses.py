@@ -61,15 +61,6 @@ def test_coverage_error_by_hand():
     assert coverage_error(sure, torch.ones_like(sure)).item() == 0
 
 
-def test_gradients_are_those_of_finite_differences():
-    random = torch.Generator().manual_seed(0)
-    real = torch.rand(1, 1, 13, 13, generator=random, dtype=torch.float64)
-    drawn = torch.rand(1, 1, 13, 13, generator=random, dtype=torch.float64).requires_grad_()
-    coverage = (torch.rand(1, 1, 13, 13, generator=random) < 0.5).double()
-    assert torch.autograd.gradcheck(lambda x: image_error(x, real, coverage), drawn)
-    assert torch.autograd.gradcheck(lambda x: coverage_error(x, coverage), drawn)
-
-
 def test_judges_are_held_to_margins_of_one():
     real, drawn = torch.tensor([2.0, 0.5, -1.0]), torch.tensor([-2.0, 0.0, 1.0])
     # max(0, 1 - r) is 0, 0.5, 2; max(0, 1 + d) is 0, 1, 2
@@ -104,17 +95,6 @@ def test_patches_of_a_judge():
     assert torch.equal(judge(images)[:, :, 0], actual[:, :, 0])
 
 
-def test_a_judge_is_bounded():
-    """Spectral normalisation: no layer of the first three stretches by more than its norm, 1."""
-    torch.manual_seed(0)
-    judge = PatchJudge(4)
-    for _ in range(30):  # the power iteration needs some rounds
-        judge(torch.rand(1, 4, 32, 32))
-    for place in (0, 2, 4):
-        kernel = judge.eval()[place].weight.flatten(1)
-        assert torch.linalg.matrix_norm(kernel, 2).item() == pytest.approx(1, abs=0.02)
-
-
 def shaded(tilt_deg: float) -> float:
     """Return the grey of a face tilted away from the view."""
     return NEUTRAL * math.cos(math.radians(tilt_deg)) ** (1 / 2.2)
@@ -147,7 +127,6 @@ def test_tilts_are_compared_in_pixels_that_are_covered_whole():
     true, drawn = coverage * shaded(10), coverage * shaded(10)
     drawn[..., 2:] = 0.1
     assert tilt_error(drawn, true, coverage) == 0
-    assert tilt_error(drawn, true, torch.zeros_like(coverage)) == 0
 
 
 def test_features_are_compared_by_their_directions():

@@ -15,9 +15,10 @@ from baselines.splat_net.projection import Projection, cameras
 from baselines.splat_net.renderer import SplatNetRenderer
 from baselines.splat_net.surfels import find_surfels, stack
 from baselines.splat_net.train import SplatNetTrainer
-from baselines.splat_net.weights import SplatNetWeights, export, load_weights
+from baselines.splat_net.weights import export, load_weights
 from data_prep.scene import PointCloud, View
 from learning.training_loop import train
+from learning.weights import NetworkWeights
 
 VIEWS = [View(20, 10), View(-100, -5)]
 GREY_ALONE = dataclasses.replace(POINTS2PIX, heads=("grey",))
@@ -83,7 +84,7 @@ def test_points_are_seen_about_the_middle_of_the_object(network):
 def test_the_renderer_draws_what_the_network_draws(heads):
     torch.manual_seed(2)
     result = build(dataclasses.replace(POINTS2PIX, heads=heads)).eval().requires_grad_(False)
-    renderer = SplatNetRenderer(SplatNetWeights(result, {}, ""))
+    renderer = SplatNetRenderer(NetworkWeights(result, {}, ""))
     state = renderer.prepare(PointCloud(cloud()))
     images = renderer.draw(state, VIEWS)
     _, (expected,) = composite(result(*seen(cloud())), heads)
@@ -95,7 +96,7 @@ def test_the_renderer_draws_what_the_network_draws(heads):
 @pytest.mark.parametrize("wrong", [{"size": 256}, {"precision": "bfloat16"}])
 def test_other_sizes_and_precisions_are_refused(wrong):
     with pytest.raises(ValueError, match="points2pix draws 128 pixels in float32"):
-        SplatNetRenderer(SplatNetWeights(build(GREY_ALONE), {}, ""), **wrong)
+        SplatNetRenderer(NetworkWeights(build(GREY_ALONE), {}, ""), **wrong)
 
 
 def test_it_is_trained_and_stored_like_splat_net(data, tmp_path):

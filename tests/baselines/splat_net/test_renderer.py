@@ -9,10 +9,10 @@ from baselines.splat_net.network import NetworkConfig, composite
 from baselines.splat_net.projection import ALL_INPUTS, Inputs, cameras, project
 from baselines.splat_net.renderer import SplatNetRenderer, views_at_once
 from baselines.splat_net.surfels import HOPS, find_surfels, stack
-from baselines.splat_net.weights import SplatNetWeights
 from data_prep.failures import StageFailure
 from data_prep.rendering.images import to_uint8
 from data_prep.scene import PointCloud, View
+from learning.weights import NetworkWeights
 from tests.baselines.clouds import chair_cloud
 
 from .conftest import lived_in, make_cloud
@@ -25,7 +25,7 @@ CLOSE = 1e-5
 
 def build(inputs=ALL_INPUTS, **options):
     config = NetworkConfig(inputs, CONFIG.widths, CONFIG.heads)
-    return SplatNetRenderer(SplatNetWeights(lived_in(config), {}, "0" * 64), **options)
+    return SplatNetRenderer(NetworkWeights(lived_in(config), {}, "0" * 64), **options)
 
 
 @pytest.fixture(scope="module")

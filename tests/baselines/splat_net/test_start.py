@@ -15,17 +15,18 @@ from baselines.splat_net.network import (
 from baselines.splat_net.projection import ALL_INPUTS, Inputs, cameras, project
 from baselines.splat_net.start import read_start
 from baselines.splat_net.surfels import find_surfels, stack
-from baselines.splat_net.train import KIND, SplatNetTrainer
-from baselines.splat_net.weights import BUNDLED, export, find_weights, read_file
+from baselines.splat_net.train import SplatNetTrainer
+from baselines.splat_net.weights import export, read_file
 from data_prep.failures import BadInput
+from data_prep.files.checksums import file_sha256
 from data_prep.scene import View
-from learning import checkpoint
+from learning import checkpoint, weights
 from learning.training_loop import train
-from learning.weights import file_sha256
 from tests.learning.trainings import SMALL, TRAININGS
 
 from .conftest import make_cloud
 
+FILES = weights.FILES["baselines.splat_net"]
 VIEWS = [View(30.0, 10.0), View(-100.0, -20.0)]
 
 
@@ -38,7 +39,7 @@ def files(trained, tmp_path):
 
 def test_both_heads_come_back_as_they_were_trained(trained, files) -> None:
     start = read_start(str(files), SMALL)
-    trained_state = checkpoint.sub_state(checkpoint.load(trained, KIND)[0], "average")
+    trained_state = checkpoint.sub_state(checkpoint.load(trained, "splat-net")[0], "average")
     for key, value in start.network.state_dict().items():
         if not key.endswith("num_batches_tracked"):  # which files do not keep
             kept = trained_state[key].half() if value.dim() > 1 else trained_state[key]
@@ -54,7 +55,7 @@ def test_a_network_without_an_input_draws_as_one_that_ignores_it(part) -> None:
     cut = read_start("all", few).network
     assert cut.config == few
     start = read_start("all", config)
-    assert start.sha256 == BUNDLED["all"]
+    assert start.sha256 == FILES.bundled["all"]
     whole = start.network
     gone = [i for i, name in enumerate(ALL_INPUTS.names) if name not in few.inputs.names]
     assert len(gone) == DEFAULT.inputs.channels - few.inputs.channels > 0
@@ -77,7 +78,7 @@ def test_training_goes_on_from_it(data, files, tmp_path) -> None:
     start = read_start(str(files), SMALL)
     config = SplatNetConfig(network=SMALL, steps=1, cool_down=1, batch=4, start=start.sha256)
     path = train(SplatNetTrainer, data, config, tmp_path / "on", start=start.network)
-    before, (after, _, trained) = start.network.state_dict(), checkpoint.load(path, KIND)
+    before, (after, _, trained) = start.network.state_dict(), checkpoint.load(path, "splat-net")
     assert trained["start"] == start.sha256
     moved = checkpoint.sub_state(after, "network")
     # Adam's first step is one of the learning rate, whatever the gradient
@@ -95,10 +96,10 @@ def test_training_goes_on_from_it(data, files, tmp_path) -> None:
 def test_what_the_colours_of_chair_lack_is_random_by_seed(heads, known) -> None:
     config = dataclasses.replace(DEFAULT, heads=COLOUR_HEADS[heads])
     start, again, other = (read_start("chair", config, seed) for seed in (0, 0, 1))
-    assert start.sha256 == BUNDLED["chair"]
+    assert start.sha256 == FILES.bundled["chair"]
     last, same, another = (s.network.last.weight for s in (start, again, other))
     assert torch.equal(last, same)
-    assert torch.equal(last[:known], read_file(find_weights("chair")).network.last.weight[:known])
+    assert torch.equal(last[:known], read_file(FILES.find("chair")).network.last.weight[:known])
     assert torch.equal(last[:known], another[:known])
     assert not torch.equal(last[known:], another[known:])
 
@@ -161,7 +162,7 @@ def test_a_file_with_one_colour_comes_back(tmp_path) -> None:
     export(trained, path, "albedo")
     start = read_start(str(path), config)
     assert start.sha256 == file_sha256(path)
-    state = checkpoint.sub_state(checkpoint.load(trained, KIND)[0], "average")
+    state = checkpoint.sub_state(checkpoint.load(trained, "splat-net")[0], "average")
     for name in ("last.weight", "albedo.weight"):
         assert torch.equal(start.network.state_dict()[name], state[name].half().float())
     assert read_start(str(path), dataclasses.replace(SMALL, heads=("grey",))).network

@@ -6,7 +6,7 @@ import torch
 
 from baselines import fused_net, splat_net
 from baselines.splat_net.network import SplatNet, composite
-from baselines.splat_net.weights import KIND, export, load_weights
+from baselines.splat_net.weights import export, load_weights
 from data_prep.failures import BadInput
 from data_prep.rendering.images import to_uint8
 from data_prep.scene import PointCloud, View
@@ -16,7 +16,7 @@ from tests.learning.trainings import SMALL
 
 
 def test_a_file_of_one_head_draws_what_the_trained_network_draws_with_it(trained, tmp_path):
-    state, _, _ = checkpoint.load(trained, KIND)
+    state, _, _ = checkpoint.load(trained, "splat-net")
     both = SplatNet(SMALL).eval().requires_grad_(False)
     both.load_state_dict(checkpoint.sub_state(state, "average"))
     for value in both.parameters():

@@ -21,7 +21,7 @@ from bench.catalogue.methods import (
     role,
 )
 from data_prep.failures import BadInput
-from learning.weights import file_sha256
+from data_prep.files.checksums import file_sha256
 
 
 def test_every_method_says_what_it_was_trained_on():

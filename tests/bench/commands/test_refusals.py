@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
+from dataclasses import replace
 
 import pytest
 import torch
@@ -13,8 +14,8 @@ from bench.metrics import inception_weights
 from bench.records.run_folder import set_aside, write_manifest
 from bench.running.options import Options
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
-from learning.weights import file_sha256
-from pc2pix import weights as weight_files
+from data_prep.files.checksums import file_sha256
+from learning.weights import FILES as WEIGHTS
 
 from ..builders import make_manifest, write_run
 
@@ -317,8 +318,8 @@ def test_one_line_says_why_and_nothing_is_written(refused_here, line, says):
 
 
 def test_bundled_weights_that_were_altered(refused_here, folder, monkeypatch):
-    monkeypatch.setattr(weight_files, "FOLDER", folder)
-    monkeypatch.setitem(weight_files.BUNDLED, "chair", "0" * 64)
+    files = replace(WEIGHTS["pc2pix"], folder=folder, bundled={"chair": "0" * 64})
+    monkeypatch.setitem(WEIGHTS, "pc2pix", files)
     path = folder / "chair.safetensors"
     expected = f"{path}: sha256 {file_sha256(path)} is not the expected 00"
     assert refused_here(f"{ROBUSTNESS} --methods pc2pix").startswith(expected)

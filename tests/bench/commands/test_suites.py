@@ -24,7 +24,7 @@ from bench.tables.build import make_outputs
 from data_prep.failures import BadInput
 from data_prep.randomness import generator
 from data_prep.shapes.catalogue import CLASSES
-from pc2pix import weights as weight_files
+from learning.weights import FILES
 
 from ..builders import drop_features, read_all, write_all, write_run
 
@@ -132,7 +132,9 @@ def test_what_is_left_out_is_named_and_what_cannot_be_run_is_refused(
         f"folder:{folder}: no airplane, bench, cabinet, car, display, lamp, loudspeaker, rifle, "
         "sofa, telephone, vessel; left out\n"
     )
-    monkeypatch.setattr(weight_files, "FOLDER", tmp_path)  # without weights
+    monkeypatch.setitem(
+        FILES, "pc2pix", replace(FILES["pc2pix"], folder=tmp_path)
+    )  # without weights
     for dataset, method, message in (
         (spoons, "splat", r"no class 'airplane' .*found spoon"),
         (spoons / "spoon", "splat", "thirteen-classes compares classes, and this dataset has none"),

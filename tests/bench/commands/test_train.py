@@ -13,7 +13,7 @@ from bench.catalogue.methods import find_method
 from bench.commands.train import TRAIN_OPTIONS, print_once
 from bench.training.networks import training_objects
 from bench.training.options import TrainingOptions
-from learning.weights import file_sha256
+from data_prep.files.checksums import file_sha256
 from pc2pix.weights import load_weights as load_gan_weights
 
 

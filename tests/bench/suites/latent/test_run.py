@@ -29,10 +29,10 @@ from bench.suites.latent.codes import (
 )
 from bench.suites.latent.run import LATENT, run
 from data_prep.failures import BadInput
+from data_prep.files.checksums import file_sha256
 from data_prep.rendering.opengl import render
 from data_prep.scene import View
 from learning import checkpoint
-from learning.weights import file_sha256
 from pc2pix.weights import decoder_path, load_weights
 from tests.learning.trainings import whole
 
