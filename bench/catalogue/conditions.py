@@ -43,12 +43,8 @@ MOST_POINTS = 100_000  # about 50 times the cloud of the protocol; methods take 
 class PluginPerturbation:
     """The change of a condition of another package, found again by its id in each worker.
 
-    Attributes
-    ----------
-    condition : str
-        The id, by which a worker loads the perturbation.
-    key : str
-        Everything that the clouds depend on (`Condition.key`), for the key of finished work.
+    condition  the id, by which a worker loads the perturbation
+    key        all that the clouds depend on (`Condition.key`), for the key of finished work
     """
 
     condition: str
@@ -183,24 +179,22 @@ def condition_name(condition_id: str) -> _ConditionName:
 
     match next((c.perturbation for c in CONDITIONS if c.id == condition_id), None):
         case Unchanged():
-            return _ConditionName("points", f"{CLOUD_SIZE:,}", f"{CLOUD_SIZE:,} points")
+            name = ("points", f"{CLOUD_SIZE:,}", f"{CLOUD_SIZE:,} points")
         case Stride(step):
             count = f"{-(-CLOUD_SIZE // step):,}"
-            return _ConditionName("points", count, f"{count} of {CLOUD_SIZE:,} points")
+            name = ("points", count, f"{count} of {CLOUD_SIZE:,} points")
         case GaussianNoise(sigma):
-            return _ConditionName(
-                "noise", _percent(sigma), f"noise {_percent(sigma)} of the radius"
-            )
+            name = ("noise", _percent(sigma), f"noise {_percent(sigma)} of the radius")
         case Outliers(share):
-            return _ConditionName("outliers", _percent(share), f"{_percent(share)} outliers")
+            name = ("outliers", _percent(share), f"{_percent(share)} outliers")
         case Missing(share):
-            words = f"{_percent(share)} missing on one side"
-            return _ConditionName("missing", _percent(share), words)
+            name = ("missing", _percent(share), f"{_percent(share)} missing on one side")
         case UnevenDensity(ratio):
             words = f"{CLOUD_SIZE // 2:,} points, {ratio:g} times as dense at one end"
-            return _ConditionName("density", f"{ratio:g} : 1", words)
+            name = ("density", f"{ratio:g} : 1", words)
         case _:
-            return _ConditionName("", condition_id, condition_id)
+            name = ("", condition_id, condition_id)
+    return _ConditionName(*name)
 
 
 def _percent(share: float) -> str:
