@@ -16,7 +16,7 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import torch
 from torch import Tensor, nn
@@ -30,55 +30,35 @@ if TYPE_CHECKING:
 Name = TypeVar("Name")
 
 
-class Processes(Protocol):
-    """The processes of a training; every method but `random` waits until all have called it."""
+class Processes:
+    """The processes of a training: this one alone, where nothing is averaged.
 
-    rank: int
-    count: int
-
-    def random(self, seed: int) -> torch.Generator:
-        """Return this process's random stream; that of process 0 is PyTorch's for `seed`."""
-        ...
-
-    def average_gradients(self, parameters: Iterable[nn.Parameter]) -> None:
-        """Replace each gradient by its mean over the processes, in place."""
-        ...
-
-    def average(self, values: Mapping[Name, float]) -> dict[Name, float]:
-        """Return the mean of each value over the processes; NaN where a value is NaN."""
-        ...
-
-    def gather(self, tensor: Tensor) -> list[Tensor]:
-        """Return the tensors of all processes, by rank, on the CPU. Shapes must agree."""
-        ...
-
-
-class _OneProcess:
-    """A training in this process alone, where nothing is averaged."""
+    Of several, every method but `random` waits until all have called it.
+    """
 
     rank = 0
     count = 1
 
     def random(self, seed: int) -> torch.Generator:
-        """Return PyTorch's generator for `seed`."""
+        """Return this process's random stream; that of process 0 is PyTorch's for `seed`."""
         return torch.Generator().manual_seed(seed)
 
     def average_gradients(self, parameters: Iterable[nn.Parameter]) -> None:
-        """Leave the gradients as they are."""
+        """Replace each gradient by its mean over the processes, in place."""
 
     def average(self, values: Mapping[Name, float]) -> dict[Name, float]:
-        """Return the values as they are."""
+        """Return the mean of each value over the processes; NaN where a value is NaN."""
         return dict(values)
 
     def gather(self, tensor: Tensor) -> list[Tensor]:
-        """Return the tensor alone."""
+        """Return the tensors of all processes, by rank, on the CPU. Shapes must agree."""
         return [tensor]
 
 
-ONE = _OneProcess()
+ONE = Processes()
 
 
-class _FabricProcesses:
+class _FabricProcesses(Processes):
     """A group of processes connected by Fabric: gloo between CPUs, NCCL between GPUs."""
 
     def __init__(self, fabric: Fabric) -> None:
@@ -86,7 +66,6 @@ class _FabricProcesses:
         self.rank, self.count = fabric.global_rank, fabric.world_size
 
     def random(self, seed: int) -> torch.Generator:
-        """Return a stream that depends on seed and rank alone."""
         if self.rank == 0:
             return ONE.random(seed)
         stream_seed = generator("training process", seed, self.rank).integers(2**63)

@@ -14,7 +14,7 @@ arithmetic:
 
   The middle form is 2x2 products a position for each phase, 16 in all for the 36 written down in
   Table 1; the form on the right is nine, at the price of differences before and sums behind.
-  `Phases` and `NineProducts` are the two, `Rows` is the former for few channels; which is fastest
+  `_Phases` and `_NineProducts` are the two, `_Rows` the former for few channels; which is fastest
   depends on the number of channels (`_upsampled`).
 - The 3x3 convolution to three channels draws 2x2 pixels at once: a 4x4 convolution of stride 2 to
   twelve channels fills the registers that three leave empty.
@@ -29,7 +29,6 @@ from __future__ import annotations
 import copy
 import functools
 from collections.abc import Sequence
-from typing import Protocol
 
 import torch
 from torch import Tensor, nn
@@ -53,33 +52,30 @@ _PHASE_ROWS = torch.tensor(
 _PRODUCT_ROWS = torch.tensor([[-1.0, 0, 0], [1, 1, 1], [0, 0, 1]], dtype=torch.float64)
 
 
-class _Upsampled(Protocol):
-    """The protocol of nearest x2, a 3x3 convolution, and a shortcut that is up-sampled too."""
+class _Upsampled:
+    """Nearest x2, a 3x3 convolution without a bias, and a shortcut that is up-sampled, too.
 
-    shortcuts: int  # how many times over the channels of the shortcut are wanted
+    Maps [B, c, H, W] and shortcuts [B, shortcuts * c, H, W] to [B, c, 2H, 2W].
+    """
+
+    shortcuts = 1  # how many times over the channels of the shortcut are wanted
 
     def __call__(self, y: Tensor, shortcut: Tensor) -> Tensor:
-        """Map [B, c, H, W] and shortcuts [B, shortcuts * c, H, W] to [B, c, 2H, 2W]."""
-        ...
+        raise NotImplementedError
 
 
 def _upsampled(kernel: Tensor, like: Sequence[int], dtype: torch.dtype) -> _Upsampled:
     """Return the fastest form for a float64 kernel [c, c, 3, 3] and inputs [B, c, H, W]."""
     channels = like[1]
     if channels >= _NINE_PRODUCTS_FROM:
-        return NineProducts(kernel, like, dtype)
+        return _NineProducts(kernel, like, dtype)
     if channels * dtype.itemsize < _VECTOR_BYTES:
-        return Rows(kernel, like, dtype)
-    return Phases(kernel, like, dtype)
+        return _Rows(kernel, like, dtype)
+    return _Phases(kernel, like, dtype)
 
 
-class Phases:
-    """An `_Upsampled` by four 2x2 convolutions.
-
-    `kernel` is [c, c, 3, 3], float64; no bias.
-    """
-
-    shortcuts = 1
+class _Phases(_Upsampled):
+    """Four 2x2 convolutions."""
 
     def __init__(self, kernel: Tensor, like: Sequence[int], dtype: torch.dtype) -> None:
         rows = _PHASE_ROWS.to(kernel.device)
@@ -91,7 +87,6 @@ class Phases:
         ]
 
     def __call__(self, y: Tensor, shortcut: Tensor) -> Tensor:
-        """Map two tensors [B, c, H, W] to [B, c, 2H, 2W]."""
         h, w = y.shape[2:]
         out = _doubled(y)
         for p, q, conv in self.phases:
@@ -100,12 +95,11 @@ class Phases:
         return out
 
 
-class Rows:
-    """An `_Upsampled` by two 2x3 convolutions, for even and for odd rows of the result.
+class _Rows(_Upsampled):
+    """Two 2x3 convolutions, for even and for odd rows of the result.
 
     Each gives the pixels of two columns side by side, so that what is left to do is to interleave
     whole rows. Of its six taps a column needs four; where channels are few that is the lesser evil.
-    `kernel` is [c, c, 3, 3], float64; no bias.
     """
 
     shortcuts = 2
@@ -118,7 +112,6 @@ class Rows:
         self.rows = [Convolution(k, None, like, dtype, padding=1) for k in kernels]
 
     def __call__(self, y: Tensor, shortcut: Tensor) -> Tensor:
-        """Map [B, c, H, W] and [B, 2 c, H, W] to [B, c, 2H, 2W]."""
         b, c, h, w = y.shape
         out = y.new_empty((b, h, 2, w, 2 * c))
         shortcut = shortcut.permute(0, 2, 3, 1)
@@ -128,13 +121,8 @@ class Rows:
         return out.view(b, 2 * h, 2 * w, c).permute(0, 3, 1, 2)
 
 
-class NineProducts:
-    """An `_Upsampled` by differences of neighbours.
-
-    `kernel` is [c, c, 3, 3], float64; no bias.
-    """
-
-    shortcuts = 1
+class _NineProducts(_Upsampled):
+    """Products with differences of neighbours."""
 
     def __init__(self, kernel: Tensor, like: Sequence[int], dtype: torch.dtype) -> None:
         rows = _PRODUCT_ROWS.to(kernel.device)
@@ -150,7 +138,6 @@ class NineProducts:
         self.both = products([m[0, 0], m[0, 2], m[2, 0], m[2, 2]], h + 1, w + 1)
 
     def __call__(self, y: Tensor, shortcut: Tensor) -> Tensor:
-        """Map two tensors [B, c, H, W] to [B, c, 2H, 2W]."""
         h, w = y.shape[2:]
         wide = functional.pad(y, (1, 1, 1, 1))
         steps = wide[:, :, 1:] - wide[:, :, :-1]  # [B, c, H + 1, W + 2], down
@@ -197,7 +184,6 @@ class _FoldedBlock:
         self.shortcut = Convolution(kernel, bias.repeat(copies), like, dtype)
 
     def __call__(self, x: Tensor) -> Tensor:
-        """Map [B, cin, H, W] to [B, cout, 2H, 2W]."""
         y = self.conv1(self.norm(x)).relu_()
         return self.conv2(y, self.shortcut(x))
 
@@ -210,7 +196,6 @@ class _Norm:
         self.arguments = torch.zeros_like(scale), torch.ones_like(scale), scale, shift
 
     def __call__(self, x: Tensor) -> Tensor:
-        """Return a new tensor of the same shape [B, c, H, W]."""
         # Some versions of PyTorch refuse 0; a variance of 1 is 1 in float32 with this one, too.
         return functional.batch_norm(x, *self.arguments, eps=2.0**-64).relu_()
 
@@ -229,7 +214,6 @@ class _LastLayers:
         self.conv = Convolution(kernel.flatten(0, 2), bias, like, dtype, stride=2, padding=1)
 
     def __call__(self, x: Tensor) -> Tensor:
-        """Map [B, c, H, W] to float32 [B, H, W, 3]."""
         x = self.conv(self.norm(x)).permute(0, 2, 3, 1)  # [B, H / 2, W / 2, 12]
         x = x.unflatten(3, (2, 2, 3)).permute(0, 1, 3, 2, 4, 5)  # [B, H / 2, 2, W / 2, 2, 3]
         x = x.flatten(3, 4).flatten(1, 2).float()
@@ -273,12 +257,20 @@ class _Stack:
 
 
 class FoldedGenerator:
-    """The generator for inference, see `fold`."""
+    """A generator in evaluation mode, for inference, on the device that it is on.
+
+    The weights are copied: what happens to `generator` afterwards changes nothing. float32 draws
+    what the generator draws, up to rounding (some 1e-6 of the range); bfloat16 keeps weights and
+    everything between the layers in 8 binary digits, sums and BatchNorm in float32. On a CPU
+    without bfloat16 that is right, but slow. Raises ValueError for another precision.
+    """
 
     def __init__(
-        self, generator: Generator, precision: Precision, group_bytes: int = _GROUP_BYTES
+        self,
+        generator: Generator,
+        precision: Precision = "float32",
+        group_bytes: int = _GROUP_BYTES,
     ) -> None:
-        self.precision: Precision = precision
         self.dtype = dtype_of(precision)
         self.generator = copy.deepcopy(generator)
         self.config = generator.config
@@ -290,10 +282,7 @@ class FoldedGenerator:
 
     @functools.cached_property
     def for_one(self) -> _Stack:
-        """Return the layers with kernels laid out for a single image.
-
-        Kernels laid out for a group of 32 images are slow with one.
-        """
+        """Return the layers for a single image: kernels laid out for 32 are slow with one."""
         return _Stack(self.generator, self.dtype, 1)
 
     @exact_inference()
@@ -315,17 +304,6 @@ class FoldedGenerator:
         out = x.new_empty((len(x), IMAGE_SIZE, IMAGE_SIZE, 3), dtype=torch.float32)
         (self.for_one if len(x) == 1 else self.for_many).draw(x, out)
         return out
-
-
-def fold(generator: Generator, precision: Precision = "float32") -> FoldedGenerator:
-    """Return the generator in evaluation mode, for inference, on the device that it is on.
-
-    The weights are copied: what happens to `generator` afterwards changes nothing. float32 draws
-    what the generator draws, up to rounding (some 1e-6 of the range); bfloat16 keeps weights and
-    everything between the layers in 8 binary digits, sums and BatchNorm in float32. On a CPU
-    without bfloat16 that is right, but slow. Raises ValueError for another precision.
-    """
-    return FoldedGenerator(generator, precision)
 
 
 def _bias(conv: nn.Conv2d) -> Tensor:

@@ -15,7 +15,7 @@ from data_prep.failures import StageFailure
 from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE, Images, PointCloud, View
 from learning.exact import exact_inference
 from pc2pix.augment import PLAIN_POINTS
-from pc2pix.engine import Precision, fold
+from pc2pix.engine import FoldedGenerator, Precision
 from pc2pix.model import NOISE_DIM
 from pc2pix.weights import Weights
 
@@ -44,8 +44,8 @@ class Pc2pixRenderer:
     device : str
         PyTorch's name of the device.
     precision : {"float32", "bfloat16"}
-        Precision of the generator (`pc2pix.engine.fold`); the encoder always computes in float32.
-        "bfloat16" is twice as fast where the processor has it.
+        Precision of the generator (`pc2pix.engine.FoldedGenerator`); the encoder always computes in
+        float32. "bfloat16" is twice as fast where the processor has it.
 
     Raises
     ------
@@ -65,7 +65,7 @@ class Pc2pixRenderer:
         self.z: NoisePolicy = z
         self.device = torch.device(device)
         self.encoder = weights.encoder.to(self.device)
-        self.generator = fold(weights.generator.to(self.device), precision)
+        self.generator = FoldedGenerator(weights.generator.to(self.device), precision)
         self.code_mean = weights.code_mean.to(self.device)
         self.code_std = weights.code_std.to(self.device)
 

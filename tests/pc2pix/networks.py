@@ -24,7 +24,7 @@ def live_in(network):
 
 
 def drawn(generator, code, elevation01, azimuth01, noise=None):
-    """Return the images of the generator as it was trained, as `pc2pix.engine.fold` gives them."""
+    """Return the images of the generator as it was trained, as `pc2pix.engine` gives them."""
     count = len(elevation01)
     noise = torch.zeros(count, 128) if noise is None else noise
     with torch.no_grad():

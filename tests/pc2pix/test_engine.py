@@ -5,7 +5,7 @@ import copy
 import pytest
 import torch
 
-from pc2pix.engine import FoldedGenerator, fold
+from pc2pix.engine import FoldedGenerator
 from pc2pix.model import Generator, ModelConfig
 
 from .networks import drawn, live_in
@@ -36,7 +36,7 @@ def generator(request):
 def test_float32_draws_what_the_generator_draws(generator, noisy):
     code, elevation01, azimuth01, noise = inputs(generator.config, 5)
     given = code, elevation01, azimuth01, noise if noisy else None
-    actual = fold(generator)(*given)
+    actual = FoldedGenerator(generator)(*given)
     assert actual.shape == (5, 128, 128, 3)
     assert actual.dtype == torch.float32
     assert actual.is_contiguous()
@@ -49,7 +49,7 @@ def test_float32_draws_what_the_generator_draws(generator, noisy):
 def test_bfloat16_is_bfloat16(generator):
     given = inputs(generator.config, 3)
     expected = drawn(generator, *given)
-    actual = fold(generator, "bfloat16")(*given)
+    actual = FoldedGenerator(generator, "bfloat16")(*given)
     assert actual.dtype == torch.float32
     apart = (actual - expected).abs()
     # half a unit of 8 digits is 2e-3 of a value; fifteen roundings in a row, added as errors do
@@ -72,4 +72,4 @@ def test_groups_are_whole_and_in_order():
 def test_what_is_not_finite_stays_so():
     broken = copy.deepcopy(lived_in(SMALL))
     broken.blocks[1].conv1.bias[0] = torch.nan
-    assert fold(broken)(*inputs(SMALL, 1)).isnan().any()
+    assert FoldedGenerator(broken)(*inputs(SMALL, 1)).isnan().any()
