@@ -26,13 +26,13 @@ from bench.records.record import GROUND_TRUTH
 from bench.records.run_folder import read_finished
 from bench.records.store import Store, open_store
 from bench.running.environment import cores, environment, machine_info
-from bench.running.executors import JobPool, run_jobs
 from bench.running.isolation import Executor
 from bench.running.plan import ObjectJobs, Plan, plan
 from bench.running.protocol import (
     Protocol,
     extractors_of,
 )
+from bench.running.work import JobPool, run_jobs
 from data_prep.arrays import Floats
 from data_prep.failures import BadInput
 from data_prep.progress import log

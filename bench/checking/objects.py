@@ -31,8 +31,8 @@ from bench.analysis.scored_run import Run, in_order
 from bench.catalogue.methods import known_method
 from bench.checking.thumbnails import NO_IMAGE, read_png, thumbnail, to_png
 from bench.checking.tolerances import object_tolerance
+from bench.records.frames import stored_artifacts
 from bench.records.job import JobName
-from bench.records.stored_artifacts import StoredArtifacts
 from bench.tables.published import golden_name, golden_path
 from data_prep.failures import BadInput
 from data_prep.files.atomic_write import write_whole
@@ -84,7 +84,7 @@ class StoredImages:
     """The images of a run's jobs, each read on demand."""
 
     def __init__(self, directory: Path) -> None:
-        self._artifacts = StoredArtifacts(directory)
+        self._artifacts = stored_artifacts(directory)
 
     def __contains__(self, job: JobName) -> bool:
         """Return whether a job has images, even altered ones; failed jobs have none."""

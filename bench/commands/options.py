@@ -224,9 +224,9 @@ def _shard(text: str | None) -> Any:
 
 
 def _seconds(text: str | None) -> float | None:
-    from bench.running.schedule import seconds_of
+    from bench.running.plan import seconds_of
 
-    return None if text is None else seconds_of(text, "--budget")
+    return None if text is None else seconds_of(text)
 
 
 def expand_file(text: str | None) -> str | None:

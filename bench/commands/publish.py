@@ -16,9 +16,9 @@ from bench.catalogue.suites import Suite
 from bench.commands.options import Format
 from bench.commands.score import score_run_of
 from bench.commands.terminal import LiveTable, Terminal, shown
+from bench.records.frames import Artifact, stored_artifacts
 from bench.records.job import JobName, timed
 from bench.records.run_folder import read_finished, read_manifest
-from bench.records.stored_artifacts import Artifact, StoredArtifacts
 from bench.report.build import REPORT, write_report
 from bench.report.figure import FIGURES
 from bench.report.run_figures import (
@@ -78,7 +78,7 @@ def publish(
         before = (table for table in outputs.tables if table.name not in again)
         outputs = replace(outputs, tables=(*before, *tables))
     with timed("figures", seconds):
-        _write_figures(directory, outputs.run.suite, outputs, StoredArtifacts(directory))
+        _write_figures(directory, outputs.run.suite, outputs, stored_artifacts(directory))
     return outputs
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -12,9 +14,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from bench.records.job import JobName, Result
+from bench.records.job import IMAGES, JobName, Result, unpack
 from bench.records.record import COLUMNS, JOB, OF_VIEWS, RECORDS_VERSION, SCORES, TIMES, TYPES
-from bench.records.store import STORE, ScoredMetric, Store, open_store
+from bench.records.store import STORE, JobRow, ScoredMetric, Store, open_store
 from data_prep.arrays import Floats32
 from data_prep.failures import BadInput
 from data_prep.files.atomic_write import atomic_write
@@ -221,3 +223,34 @@ def read_scores(directory: Path, metric_id: str) -> tuple[ScoredMetric, pd.DataF
             raise BadInput(f"{directory}: was scored by {metric_id} before it was changed; {again}")
         named += [(*name, view, value) for view, value in enumerate(values.tolist())]
     return metric, pd.DataFrame(named, columns=[*JOB, "view", "value"])
+
+
+@dataclass(frozen=True)
+class Artifact:
+    """The images and features of a job in the store of a folder, read when they are asked for."""
+
+    directory: Path
+    key: str
+
+    def read(self, name: str = IMAGES) -> NDArray[Any]:
+        """Return images [V, H, W, 3], or features [V, d]. Raises KeyError without, and BadInput."""
+        with open_store(self.directory) as store:
+            return unpack(store.array(self.key, name))
+
+    def read_images(self) -> NDArray[np.uint8] | None:
+        """Return the images [V, H, W, 3]; None where they are missing, altered or unreadable."""
+        with suppress(BadInput, KeyError):
+            return self.read()
+        return None
+
+
+def stored_artifacts(directory: Path) -> dict[JobName, Artifact]:
+    """Return the artifacts of a complete run by the names of its jobs, in the order of its plan."""
+    jobs = read_jobs(directory)
+    return {job.name: Artifact(directory, job.key) for job in jobs if job.has_images}
+
+
+def read_jobs(directory: Path) -> list[JobRow]:
+    """Return the jobs of the complete run in a folder, in the order of its plan."""
+    with open_store(directory) as store:
+        return [*store.listed()]

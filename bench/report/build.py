@@ -26,9 +26,9 @@ from bench.catalogue.metrics import (
     declared_metric,
 )
 from bench.catalogue.suites import TRUTHS, Suite, Truth
+from bench.records.frames import read_jobs
 from bench.records.job import JobName
 from bench.records.record import TIMES
-from bench.records.stored_artifacts import read_jobs
 from bench.report.headline import compact_table
 from bench.report.images import cases, extremes, grids, shown_objects
 from bench.report.inline import inline

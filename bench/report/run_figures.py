@@ -17,9 +17,9 @@ from bench.analysis.run_pairs import Differences
 from bench.catalogue.conditions import Family, condition_name, condition_words, places
 from bench.catalogue.methods import COST_VARIANTS, find_setting, role
 from bench.catalogue.metrics import FURTHER_METRICS, IMAGE_METRICS, higher_is_better, is_mean
+from bench.records.frames import Artifact
 from bench.records.job import JobName
 from bench.records.record import GROUND_TRUTH
-from bench.records.stored_artifacts import Artifact
 from bench.report.figure import FIGURES, TEXT, save
 from bench.report.plots import (
     Styles,

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.catalogue.methods import FLOOR
+from bench.records.frames import Artifact, stored_artifacts
 from bench.records.job import Job, JobName
-from bench.records.stored_artifacts import Artifact, StoredArtifacts
 from bench.running.plan import plan
 from bench.running.protocol import Protocol
 from bench.running.work import cloud_under
@@ -55,7 +55,7 @@ def open_sources(directory: Path, manifest: Mapping[str, Any], shown: Sequence[J
 
     Raises BadInput where its store cannot be read.
     """
-    artifacts = StoredArtifacts(directory)
+    artifacts = stored_artifacts(directory)
     try:
         return Sources(artifacts, _cloud_jobs(manifest, shown), "")
     except BadInput as error:

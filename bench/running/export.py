@@ -44,12 +44,7 @@ from data_prep.files.clouds import save_ply
 from data_prep.progress import progress
 from data_prep.scene import Mesh, UInt8Images
 
-PAPER = (
-    "https://openaccess.thecvf.com/content_CVPRW_2019/papers/3D-WidDGET/"
-    "Atienza_A_Conditional_Generative_Adversarial_Network_for_Rendering_Point_Clouds_"
-    "CVPRW_2019_paper.pdf"
-)
-_CONTEXT = Path(__file__).with_name("croissant_context.json")  # of the specification
+_CROISSANT = Path(__file__).with_name("croissant.json")  # what all exports have; null is filled in
 _ABOUT = {
     OBJECTS: "The objects and their meshes.",
     CLOUDS: "The clouds that methods get: float32 coordinates in the unit sphere, +Y up, front -Z.",
@@ -161,9 +156,7 @@ def _metadata(folder: Path, protocol: Protocol) -> dict[str, Any]:
     suite = protocol.suite.id + f"-truth-{protocol.suite.truth}" * (
         protocol.suite.truth != COLOURED
     )
-    described = {
-        "@context": json.loads(_CONTEXT.read_text(encoding="utf-8")),
-        "@type": "sc:Dataset",
+    described = json.loads(_CROISSANT.read_text(encoding="utf-8")) | {
         "name": f"pc2pix-bench-{suite}",
         "description": (
             f"Inputs of the benchmark pc2pix-bench, suite {protocol.suite.id} with images of "
@@ -172,12 +165,9 @@ def _metadata(folder: Path, protocol: Protocol) -> dict[str, Any]:
             f"{protocol.views} views each, conditions {', '.join(protocol.conditions)}. Paths and "
             "checksums of all files are in the lists."
         ),
-        "conformsTo": "http://mlcommons.org/croissant/1.0",
         "version": f"{PROTOCOL_VERSION}.0.0",
         "identifier": checksum_of(folder),
         "datePublished": datetime.now(UTC).date().isoformat(),
-        "url": PAPER,
-        "citeAs": "The pc2pix-bench developers: pc2pix-bench (CITATION.cff)",
     }
     if protocol.dataset.startswith("procedural"):
         described["license"] = "https://spdx.org/licenses/MIT.html"

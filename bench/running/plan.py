@@ -1,18 +1,27 @@
-"""The plan of a run: all its jobs, with the key of each. Nothing is run."""
+"""The plan of a run: all its jobs with the key of each, and their order, within a budget.
+
+All methods and conditions of an object come before the next object, so that a run that is stopped
+has complete objects.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import product, starmap
+import math
+import re
+import time
+from collections import defaultdict, deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import islice, product, starmap, zip_longest
 from typing import Any
 
 from bench.catalogue.conditions import find_condition
 from bench.catalogue.methods import Method
-from bench.records.job import Job
+from bench.records.job import Job, Result, failed
 from bench.records.record import GROUND_TRUTH, RECORDS_VERSION
+from bench.records.store import Store
 from bench.running.protocol import Protocol, name_of
 from data_prep.clouds.conditions import Condition, Unchanged
 from data_prep.datasets.exported import UNPERTURBED, ExportedObject
@@ -23,6 +32,12 @@ from data_prep.randomness import generator
 from data_prep.scene import View
 
 SCORES_VERSION = 2  # raise when a change alters a score
+_UNITS_S = {"s": 1, "m": 60, "h": 3600}
+# Seconds that a run takes beside its jobs: to start the workers and load the weights, and for
+# tables, figures and report at its end, which grow with the objects. From the default suite on two
+# cores, and rather too much than too little.
+START_S, END_S, END_OF_OBJECT_S = 8.0, 12.0, 1.2
+_JOB_S = 0.6  # of a worker for a job, in the mean of the default suite
 
 
 @dataclass(frozen=True)
@@ -208,3 +223,221 @@ def _object_identity(protocol: Protocol, obj: SceneObject, views: Sequence[View]
 def digest(identity: Sequence[Any]) -> str:
     """Return a key that names everything in `identity`."""
     return hashlib.sha256(json.dumps(identity).encode()).hexdigest()
+
+
+def seconds_of(text: str) -> float:
+    """Return the seconds of a time like "90s", "2m" or "1.5h". Raises BadInput for other texts."""
+    match = re.fullmatch(r"([0-9]{1,9}(?:\.[0-9]{1,9})?)([smh])", text.strip())
+    seconds = float(match[1]) * _UNITS_S[match[2]] if match else 0.0
+    if not seconds:
+        raise BadInput(f"--budget {text}: give a time over 0 with its unit, as in 90s, 2m or 1.5h")
+    return seconds
+
+
+def guess_s(jobs: int, workers: int) -> float:
+    """Return the seconds that an object of so many jobs is expected to take."""
+    return jobs * _JOB_S / workers
+
+
+def end_s(objects: int) -> float:
+    """Return the seconds for the tables, figures and report of so many objects."""
+    return END_S + END_OF_OBJECT_S * objects
+
+
+def seeded_turns(names: Iterable[str], seed: int) -> list[str]:
+    """Return objects "class/name" in turns: one of each class, another of each...
+
+    Within a class they come in an order that depends on the seed and on their names alone, so that
+    it says nothing about results, and neither more objects nor an earlier start change the order of
+    the others. Classes keep their order.
+    """
+    by_class: dict[str, list[str]] = {}
+    for name in names:
+        by_class.setdefault(name.partition("/")[0], []).append(name)
+    for members in by_class.values():
+        members.sort(key=lambda name: generator(seed, "order of objects", name).random())
+    turns = zip_longest(*by_class.values())
+    return [name for turn in turns for name in turn if name is not None]
+
+
+@dataclass
+class Budget:
+    """A time limit of a run, from now: whether to begin another object, when to end those begun."""
+
+    seconds: float | None = None  # of the whole run, tables included; None for no limit
+    guess_s: float = 0.0  # for an object, as long as none has been done
+    clock: Callable[[], float] = time.monotonic
+    _costs: list[float] = field(default_factory=list)
+    _last: float | None = None  # when an object was complete, at first when a job was
+
+    def __post_init__(self) -> None:
+        self._begun = self.clock()
+
+    def check(self) -> None:
+        """Raise BadInput where not even one object would fit."""
+        shortest = math.ceil(START_S + self.guess_s + end_s(1))
+        if self.seconds is not None and self.seconds < shortest:
+            raise BadInput(
+                f"--budget {self.seconds:g}s: too short for one object with all methods and "
+                f"conditions; give at least {shortest}s, or fewer of them"
+            )
+
+    def note(self, complete: bool) -> None:
+        """Note that a job has ended, and with it an object if `complete`."""
+        now = self.clock()
+        if self._last is None:
+            self._last = now
+        if complete:
+            self._costs.append(now - self._last)
+            self._last = now
+
+    def allows(self, complete: int, under_way: float) -> bool:
+        """Return whether to begin another object, with so many complete and so many under way."""
+        if self.seconds is None:
+            return True
+        cost = max(self._costs, default=self.guess_s)
+        needed = (under_way + 1) * cost + end_s(complete + math.ceil(under_way) + 1)
+        return self.clock() - self._begun + needed <= self.seconds
+
+    def left_s(self, complete: int) -> float | None:
+        """Return how long jobs may go on, with so many objects complete; None without a limit."""
+        if self.seconds is None:
+            return None
+        end = end_s(complete) if complete else 0.0  # else there are no tables
+        return self._begun + self.seconds - end - self.clock()
+
+
+def settled(obj: ObjectJobs, store: Store) -> dict[str, Result]:
+    """Return the results of an object's jobs that need not be done any more, by key.
+
+    Where its ground truth has failed, that is all of them.
+    """
+    results = store.find([job.key for job in obj.jobs])
+    truth = results.get(obj.truth.key)
+    if truth is not None and not truth.has_images:
+        return {job.key: results.get(job.key) or failed(job, truth.reason) for job in obj.jobs}
+    return results
+
+
+@dataclass
+class _UnderWay:
+    """An object whose jobs are being done, and those that have not ended, by key."""
+
+    jobs: ObjectJobs
+    open: dict[str, Job]
+    has_truth: bool
+    truth_sent: bool = False
+
+
+class Schedule:
+    """The jobs of a run in the order of their start, and how far the run has come.
+
+    In memory are the objects under way and the names of those that are complete. An object whose
+    ground truth has failed is complete: there is nothing to score, and all its jobs have failed.
+    """
+
+    def __init__(
+        self, planned: Plan, store: Store, budget: Budget, order: Sequence[str], ahead: int = 1
+    ) -> None:
+        # `order` has the names of the objects in the order of their start. So many objects have
+        # their ground truths drawn `ahead` of their jobs: those that idle workers could begin.
+        self.plan, self._store, self._budget = planned, store, budget
+        self._order, self._ahead = order, ahead
+        self._under_way: dict[str, _UnderWay] = {}
+        self._object_of: dict[str, _UnderWay] = {}  # by the keys of the open jobs
+        # The objects whose jobs have all ended, by name: whether they have a ground truth.
+        self.complete: dict[str, bool] = {}
+        self.failures = 0  # jobs that have ended without images
+        self.undrawn = ""  # why the first ground truth that failed could not be drawn
+        self.working: set[str] = set()  # the methods with an image, and GROUND_TRUTH
+        self.timing = defaultdict[str, float](float)  # seconds of the jobs of this start
+        # Jobs of the run, and jobs to be done, if there were no budget.
+        self.total = self.left = len(planned) * planned.jobs_per_object
+        for obj in () if store.is_empty else map(planned.jobs_of, order):
+            results = settled(obj, store)
+            self._note(obj, results)
+            if len(results) == len(obj.jobs):
+                self.complete[obj.name] = results[obj.truth.key].has_images
+
+    @property
+    def scored(self) -> int:
+        """Return how many complete objects have a ground truth."""
+        return sum(self.complete.values())
+
+    def jobs(self) -> Iterator[Job | None]:
+        """Yield the jobs to be done; None where the next job waits for a ground truth.
+
+        They end where the budget does not allow another object. The first object is always begun.
+        """
+        rest = (self.plan.jobs_of(name) for name in self._order if name not in self.complete)
+        coming = deque(islice(rest, 1))
+        begun: list[str] = []
+        while coming:
+            obj = coming.popleft()
+            begun = [name for name in begun if name in self._under_way]
+            states = [self._under_way[name] for name in begun]
+            under_way = sum(len(state.open) / len(state.jobs.jobs) for state in states)
+            allowed = self._budget.allows(len(self.complete), under_way)
+            if (self.complete or begun) and not allowed:
+                return
+            begun.append(obj.name)
+            coming.extend(islice(rest, self._ahead - len(coming)))
+            # Ground truths are drawn ahead: nothing waits for one but at the start.
+            states = [self._begin(some) for some in (obj, *coming)]
+            for state in states:
+                if not state.truth_sent and state.jobs.truth.key in state.open:
+                    state.truth_sent = True
+                    yield state.jobs.truth
+            is_open = states[0].open
+            while obj.truth.key in is_open:
+                yield None
+            yield from [job for job in obj.jobs if job.key in is_open]
+
+    def left_s(self) -> float | None:
+        """Return the seconds until what is under way is to be stopped; None without a budget."""
+        return self._budget.left_s(len(self.complete))
+
+    def take(self, result: Result) -> bool:
+        """Note the result of a job, and return whether its object is complete by it."""
+        for part, seconds in result.timing.items():
+            self.timing[part] += seconds
+        state = self._object_of.pop(result.key)
+        obj, ended = state.jobs, {result.key: result}
+        if result.key == obj.truth.key:
+            state.has_truth = result.has_images
+            if not result.has_images:
+                ended |= {k: failed(job, result.reason) for k, job in state.open.items()} | ended
+        self._note(obj, ended)
+        for key in ended:
+            del state.open[key]
+            self._object_of.pop(key, None)
+        if not state.open:
+            del self._under_way[obj.name]
+            self.complete[obj.name] = state.has_truth
+        self._budget.note(not state.open)
+        return not state.open
+
+    def _begin(self, obj: ObjectJobs) -> _UnderWay:
+        if obj.name not in self._under_way:
+            done = self._store.find([job.key for job in obj.jobs])
+            jobs = {job.key: job for job in obj.jobs if job.key not in done}
+            # A ground truth that has failed would have completed the object.
+            state = _UnderWay(obj, jobs, obj.truth.key in done)
+            self._under_way[obj.name] = state
+            self._object_of |= dict.fromkeys(jobs, state)
+        return self._under_way[obj.name]
+
+    def _note(self, obj: ObjectJobs, results: Mapping[str, Result]) -> None:
+        """Count results, and store those of jobs that have failed for want of a ground truth."""
+        for job in obj.jobs:
+            if (result := results.get(job.key)) is None:
+                continue
+            self.left -= 1
+            if result.has_images:
+                self.working.add(job.method)
+                continue
+            self.failures += 1
+            if job.method == GROUND_TRUTH:
+                self.undrawn = self.undrawn or result.reason
+            if result.views:
+                self._store.append(result)

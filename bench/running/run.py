@@ -30,21 +30,22 @@ from bench.records.run_folder import (
 )
 from bench.records.store import STORE, DamagedJob, Store
 from bench.running.environment import now
-from bench.running.executors import JobPool, do_and_store
 from bench.running.isolation import QUEUED, Executor
 from bench.running.options import LOCAL, Options, workers_of
-from bench.running.plan import Plan, plan
-from bench.running.protocol import APART, NOT_LOADED, Protocol, counted
-from bench.running.ray import RayPool, connected
-from bench.running.schedule import (
+from bench.running.plan import (
     START_S,
     Budget,
+    Plan,
     Schedule,
     end_s,
     guess_s,
+    plan,
     seeded_turns,
     settled,
 )
+from bench.running.protocol import APART, NOT_LOADED, Protocol, counted
+from bench.running.ray import RayPool, connected
+from bench.running.work import JobPool, do_and_store
 from data_prep.failures import BadInput
 from data_prep.progress import log
 

@@ -31,12 +31,11 @@ from bench.metrics.frechet import (
     object_blocks,
 )
 from bench.metrics.kernel_distance import KernelSet, kernel_distances
-from bench.records.frames import read_records, sum_views, write_records
+from bench.records.frames import Artifact, read_records, sum_views, write_records
 from bench.records.job import Job, JobName, Result, pack, pack_views, unpack
 from bench.records.record import COLUMNS, GROUND_TRUTH, SCHEMA_VERSION, TYPES
 from bench.records.run_folder import open_folder, write_manifest
 from bench.records.store import STORE
-from bench.records.stored_artifacts import Artifact
 from bench.running.options import Options
 from bench.running.protocol import Protocol, find_methods
 from bench.tables.build import write_outputs

@@ -23,10 +23,10 @@ from bench.records.record import RECORDS_VERSION
 from bench.records.store import Store
 from bench.report.figure import drawing, panels
 from bench.running.environment import cores, environment
-from bench.running.executors import JobPool, run_jobs
 from bench.running.options import Options
 from bench.running.plan import digest
 from bench.running.protocol import method_identity
+from bench.running.work import JobPool, run_jobs
 from bench.suites.procedure import SuiteRun, methods_of, run_suite, suite_manifest
 from bench.suites.stability.cases import CASES, TURN_DEG, VIEWS
 from bench.suites.stability.expectations import EXPECTED, KINDS

@@ -20,8 +20,8 @@ from bench.checking.golden import bless, check
 from bench.checking.objects import environment_of, golden_thumbnails, read_objects
 from bench.checking.thumbnails import ACROSS, SIDE, read_png, thumbnail, to_png
 from bench.checking.tolerances import PRINTED, object_tolerance
+from bench.records.frames import read_jobs, stored_artifacts
 from bench.records.run_folder import open_store, read_manifest, write_manifest
-from bench.records.stored_artifacts import StoredArtifacts, read_jobs
 from bench.rendering.finish import LABEL_HEIGHT, MARGIN, PROBLEM_GROUND
 from bench.tables.build import write_outputs
 from bench.tables.published import golden, golden_name
@@ -251,7 +251,7 @@ def halves(left, right):
 def paint(run):
     """Every artifact gets an image of two colours of its own; all by item."""
     painted = {}
-    for number, (name, artifact) in enumerate([*StoredArtifacts(run).items()]):
+    for number, (name, artifact) in enumerate([*stored_artifacts(run).items()]):
         painted[name] = halves((number, 255 - number, 0), (0, number, 255 - number))
         redraw(run, artifact.key, painted[name])
     return painted

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pandas as pd
 
+from bench.records.frames import read_jobs
 from bench.records.run_folder import open_folder, read_manifest
-from bench.records.stored_artifacts import read_jobs
 
 from ..builders import as_failed
 

@@ -13,11 +13,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bench.records.frames import Artifact, read_jobs, stored_artifacts
 from bench.records.job import MOST_TEXT, failed, pack, pack_views, unpack
 from bench.records.record import OF_VIEWS
 from bench.records.run_folder import open_folder, open_store
 from bench.records.store import MOST_VIEWS, STORE, DamagedJob, row_checksum
-from bench.records.stored_artifacts import Artifact, StoredArtifacts, read_jobs
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.scene import View
 from tests.robustness.failing_writes import cut_everywhere
@@ -128,7 +128,7 @@ def test_jobs_of_a_complete_run_keep_the_order_of_its_plan(tmp_path):
             store.list_jobs(_interrupted())
         assert [row.key for row in store.listed()] == [key for key, _ in named]
     assert [row.key for row in read_jobs(tmp_path)] == [key for key, _ in named]
-    artifacts = StoredArtifacts(tmp_path)
+    artifacts = stored_artifacts(tmp_path)
     assert list(artifacts) == [name for key, name in named if key != lost.key]
     assert len(artifacts) == 3
     assert lost.name not in artifacts
@@ -144,7 +144,7 @@ def _interrupted():
 def test_a_folder_without_a_store_has_no_jobs(tmp_path):
     with open_store(tmp_path) as store:
         assert store.is_empty
-    assert (read_jobs(tmp_path), dict(StoredArtifacts(tmp_path))) == ([], {})
+    assert (read_jobs(tmp_path), dict(stored_artifacts(tmp_path))) == ([], {})
     assert list(tmp_path.iterdir()) == []
 
 
@@ -153,7 +153,7 @@ def test_a_folder_without_a_store_has_no_jobs(tmp_path):
 def test_an_array_that_has_changed_is_refused_and_its_job_forgotten(tmp_path, harm, name):
     job, other = fill(tmp_path, "splat", "blank")
     harm_array(tmp_path, job.key, harm, name)
-    artifact = StoredArtifacts(tmp_path)[job.name]
+    artifact = stored_artifacts(tmp_path)[job.name]
     assert (artifact.read_images() is None) == (name == "images")
     what = name if name == "images" else "features (judge)"
     assert refusal(artifact.read, name).startswith(

@@ -4,8 +4,8 @@ import pytest
 
 import bench.report.run_figures
 import bench.report.sheets
+from bench.records.frames import Artifact
 from bench.records.run_folder import open_folder
-from bench.records.stored_artifacts import Artifact
 from bench.report.figure import save
 
 from ..builders import make_result

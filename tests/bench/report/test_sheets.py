@@ -10,8 +10,8 @@ from harness_objects import Tetrahedron
 from bench.analysis.paper import AVERAGE
 from bench.catalogue.suites import TableSpec
 from bench.metrics.structural_similarity import ssim_per_image
+from bench.records.frames import Artifact
 from bench.records.record import GROUND_TRUTH
-from bench.records.stored_artifacts import Artifact
 from bench.report.run_figures import write_class_figures, write_figures
 from bench.report.sheets import THIN_TINT
 from bench.tables.published import published

@@ -22,9 +22,8 @@ from harness_objects import (
 
 from bench.catalogue.metrics import find_extractor
 from bench.catalogue.suites import Limits
-from bench.running.executors import JobPool
 from bench.running.isolation import WORKER_ENVIRONMENT, submit_all
-from bench.running.work import run_job
+from bench.running.work import JobPool, run_job
 
 from .. import plugin_methods
 from ..builders import make_job, make_truth, true_images, views_of

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from bench.analysis.scored_run import read_run
 from bench.commands.publish import merge_shards, run_suite
+from bench.records.frames import read_jobs
 from bench.records.run_folder import (
     open_folder,
     open_store,
@@ -21,7 +22,6 @@ from bench.records.run_folder import (
     write_manifest,
 )
 from bench.records.store import STORE
-from bench.records.stored_artifacts import read_jobs
 from bench.running.merge import interleave
 from bench.running.options import Shard, read_shard
 from bench.running.protocol import objects_to_search

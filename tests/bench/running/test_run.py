@@ -27,14 +27,14 @@ from bench.analysis.scored_run import read_run
 from bench.catalogue.suites import SUITES
 from bench.commands.publish import publish, run_suite
 from bench.commands.terminal import Terminal
+from bench.records.frames import read_jobs
 from bench.records.record import GROUND_TRUTH
 from bench.records.run_folder import open_store, read_manifest
 from bench.records.store import STORE
-from bench.records.stored_artifacts import read_jobs
 from bench.running.options import Options, Shard
+from bench.running.plan import Budget
 from bench.running.protocol import Protocol
 from bench.running.run import run, run_status
-from bench.running.schedule import Budget
 from bench.tables.build import tables
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from data_prep.failures import BadInput, MissingDependency

@@ -12,8 +12,7 @@ from bench.records.job import Result, failed
 from bench.records.record import GROUND_TRUTH
 from bench.records.store import open_store
 from bench.running.isolation import submit_all
-from bench.running.plan import plan
-from bench.running.schedule import Budget, Schedule, end_s, seconds_of, seeded_turns
+from bench.running.plan import Budget, Schedule, end_s, plan, seconds_of, seeded_turns
 from data_prep.failures import BadInput
 
 from ..builders import make_protocol
