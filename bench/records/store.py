@@ -239,19 +239,16 @@ class Store:
 
         `known` is the key of one that is.
         """
-        damaged = {*self._damaged()}
-        damaged |= {number for (number,) in self._rows("SELECT id FROM job WHERE key = ?", known)}
-        with self._transaction() as execute:
-            for number in damaged:
-                _forget(execute, "id = ?", number)
-        return len(damaged)
-
-    def _damaged(self) -> Iterator[int]:
+        damaged = {number for (number,) in self._rows("SELECT id FROM job WHERE key = ?", known)}
         for number, *row in self._each(f"SELECT id, {_JOB} FROM job"):
             try:
                 self.arrays(self._result(tuple(row)).key)
             except (DamagedJob, KeyError):  # an index that is damaged does not find it
-                yield number
+                damaged.add(number)
+        with self._transaction() as execute:
+            for number in damaged:
+                _forget(execute, "id = ?", number)
+        return len(damaged)
 
     def list_jobs(self, jobs: Iterable[tuple[str, JobName]]) -> None:
         """Note keys and names of a complete run's jobs, in its order, in place of those before."""
@@ -281,11 +278,6 @@ class Store:
         rest = f"LEFT JOIN job USING (key) {where} ORDER BY place"
         rows = self._listed("reason = ''", rest, *obj)
         return (JobRow(key, name, bool(drawn)) for key, name, (drawn,) in rows)
-
-    def key_of(self, name: JobName) -> str | None:
-        """Return the key of a job of the complete run; None for one without images."""
-        rest = f"JOIN job USING (key) WHERE {' = ? AND '.join(JOB)} = ? AND reason = ''"
-        return next((key for key, *_ in self._listed("1", rest, *name)), None)
 
     def results(self, **only: str) -> Iterator[tuple[JobName, Result]]:
         """Yield the complete run's jobs with their views, sorted by name, but for ground truths.

@@ -15,13 +15,7 @@ from pathlib import Path
 from typing import Any, Generic, NamedTuple
 
 from bench.records.job import tenths
-from bench.records.run_folder import (
-    CONDITION_IDENTITIES,
-    FIXED,
-    TRUTH,
-    entry,
-    read_finished,
-)
+from bench.records.run_folder import CONDITION_IDENTITIES, FIXED, TRUTH, entry, read_finished
 from bench.records.store import JobRow, Store, open_store
 from bench.running.options import Element, read_shard
 from bench.running.protocol import WHOLE

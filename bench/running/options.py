@@ -22,7 +22,7 @@ LOCAL = "local"  # address of a Ray cluster that a run starts on this machine
 # have no end, and the plan of an object takes 3 ms and 70 kB.
 _MOST_OBJECTS = 10_000
 # A job draws all views of an object at once; so many in float32 are half of what a worker may have.
-MOST_VIEWS = 10_000
+_MOST_VIEWS = 10_000
 RUNS = Path("results/runs")
 # Options that say what is measured, and not how or where.
 REPEATED = (
@@ -109,7 +109,7 @@ def refuse_values(options: Options) -> None:
     """Refuse no or too many objects and views, and `--device cuda` without a GPU here."""
     for name, value, most, remedy in (
         ("limit", options.limit, _MOST_OBJECTS, ", or leave it for all objects of a folder"),
-        ("views", options.views, MOST_VIEWS, ""),
+        ("views", options.views, _MOST_VIEWS, ""),
     ):
         if value is not None and value < 1:
             raise BadInput(f"--{name} {value}: must be at least 1")

@@ -39,9 +39,9 @@ from bench.catalogue.suites import (
 )
 from bench.metrics.inception_weights import DOWNLOAD, WEIGHTS_SHA256
 from bench.records.record import SCHEMA_VERSION
-from bench.records.run_folder import CONDITION_IDENTITIES, check_directory, open_store
+from bench.records.run_folder import CONDITION_IDENTITIES, FIXED, check_directory
 from bench.records.run_folder import PROTOCOL as PROTOCOL_ENTRY
-from bench.records.store import STORE
+from bench.records.store import STORE, open_store
 from bench.running.environment import environment, machine_info
 from bench.running.options import (
     REPEATED,
@@ -218,15 +218,9 @@ class Protocol:
     @property
     def fixed(self) -> dict[str, Any]:
         """Return the entries of the manifest that all runs of one folder share."""
-        return {
-            "suite": self.suite.id,
-            "dataset": self.dataset,
-            "views": self.views,
-            "seed": self.seed,
-            "device": self.device,
-            "shard": str(self.shard) if self.shard else WHOLE,
-            **truth_entry(self.suite),
-        }
+        named = {name: getattr(self, name) for name in FIXED}
+        named |= {"suite": self.suite.id, "shard": str(self.shard) if self.shard else WHOLE}
+        return named | truth_entry(self.suite)
 
     @property
     def request(self) -> dict[str, Any]:

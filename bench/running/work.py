@@ -39,13 +39,7 @@ from bench.records.job import (
 )
 from bench.records.record import CLAIMED, GROUND_TRUTH
 from bench.records.store import Store
-from bench.running.isolation import (
-    TASKS_PER_WORKER,
-    Executor,
-    TaskPool,
-    WorkerFailure,
-    submit_all,
-)
+from bench.running.isolation import TASKS_PER_WORKER, Executor, TaskPool, WorkerFailure, submit_all
 from data_prep.clouds.conditions import Unchanged
 from data_prep.clouds.far_points import note_on_scale
 from data_prep.datasets.exported import UNPERTURBED, ExportedObject
@@ -355,10 +349,7 @@ def run_jobs(
     title: str,
     start: Callable[[int], Executor],
 ) -> dict[str, Result]:
-    """Do the jobs that the store does not have yet, and return the results of all, by key.
-
-    Raises as `do_and_store`.
-    """
+    """Do the jobs that the store does not have yet, and return the results of all, by key."""
     done = store.find([job.key for job in jobs])
     missing = [job for job in jobs if job.key not in done]
     if not missing:

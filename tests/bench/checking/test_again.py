@@ -63,7 +63,7 @@ def tree(folder: Path) -> dict[str, tuple[int, bytes]]:
 
 def key_of(folder, name):
     with open_store(folder) as store:
-        return store.key_of(name)
+        return next(job.key for job in store.listed() if job.name == name)
 
 
 def alter_manifest(folder, **entries):

@@ -304,7 +304,7 @@ def test_the_objects_that_moved_most_beside_their_golden_images(run, golden_resu
 
 def key_of(run, obj) -> Any:
     with open_store(run) as store:
-        return store.key_of(item_of(run, obj))
+        return next(job.key for job in store.listed() if job.name == item_of(run, obj))
 
 
 def tiles_of(sheet, count):
