@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import shutil
 from dataclasses import dataclass, replace
 
@@ -12,11 +13,12 @@ import pytest
 import torch
 from PIL import Image
 
+from bench.analysis.intervals import mean_interval
 from bench.judges import VIEWS_WEIGHTS
 from bench.judges.views import load_views_network
 from bench.metrics.structural_similarity import ssim
 from bench.running.options import Options
-from bench.suites.latent.chairs import choose_pairs, choose_triples, specified_chairs
+from bench.suites.latent.chairs import ALL, choose_pairs, choose_triples, specified_chairs
 from bench.suites.latent.codes import (
     ANSWER,
     NOTHING,
@@ -24,10 +26,14 @@ from bench.suites.latent.codes import (
     TRAIN,
     add_up,
     cloud_of,
+    cosine,
+    family_confidence,
+    image_steps,
     load_network,
+    unevenness,
     walk,
 )
-from bench.suites.latent.run import LATENT, run
+from bench.suites.latent.run import LATENT, VALUES, means, run
 from data_prep.failures import BadInput
 from data_prep.files.checksums import file_sha256
 from data_prep.rendering.opengl import render
@@ -222,3 +228,52 @@ def test_the_decoder_command(command, untrained, tmp_path):
     assert json.loads(header["training"])["steps"] == 2
     status, _, err = command(*arguments[:-1], 0, "--out", tmp_path / "training")
     assert (status, err) == (2, "bench: --steps 0: must be at least 1\n")
+
+
+def flat(*levels):
+    return np.stack([np.full((128, 128, 3), level, np.uint8) for level in levels])
+
+
+def test_unevenness_is_the_largest_step_over_the_mean():
+    steps = image_steps(flat(0, 51, 102, 153))
+    np.testing.assert_allclose(steps, [0.2, 0.2, 0.2], rtol=1e-15)
+    assert unevenness(steps) == pytest.approx(1, rel=1e-15)
+    # steps 1, 1, 2: the largest over the mean of 4/3
+    assert unevenness(image_steps(flat(10, 20, 30, 50))) == pytest.approx(1.5, rel=1e-12)
+    assert unevenness(image_steps(flat(7, 7, 7, 200, 200))) == pytest.approx(4)  # one jump
+    assert math.isnan(unevenness(image_steps(flat(9, 9, 9))))
+
+
+def test_vectors_of_no_length_have_no_cosine():
+    assert math.isnan(cosine(np.zeros(2), np.ones(2)))
+
+
+def test_family_confidence():
+    network = load_views_network(VIEWS_WEIGHTS)
+    images = np.random.default_rng(2).integers(0, 256, (3, 128, 128, 3), dtype=np.uint8)
+    with torch.no_grad():
+        head = network.heads["family"]
+        head.weight.zero_()
+        head.bias.zero_()
+        families = len(network.labels.families)  # all equally likely
+        equal = np.full(3, 1 / families)
+        np.testing.assert_allclose(family_confidence(network, images), equal, rtol=1e-12)
+        head.bias[2] = math.log(families - 1)  # as likely as all others together
+        np.testing.assert_allclose(family_confidence(network, images), [0.5] * 3, rtol=1e-6)
+
+
+def values_of(numbers, what="code", kind=ALL, metric="step"):
+    rows = [("pc2pix", what, kind, f"{kind} {i}", metric, x) for i, x in enumerate(numbers)]
+    return pd.DataFrame(rows, columns=VALUES)
+
+
+@pytest.mark.usefixtures("few_objects")
+def test_means_and_intervals():
+    """Missing values are counted; a kind has rows of its own after those of all."""
+    (row,) = means("latent", values_of([1.0, 2.0, np.nan, 6.0])).itertuples()
+    assert (row.kind, row.value, row.n_ok, row.n) == (ALL, 3, 3, 4)
+    assert (row.ci_low, row.ci_high) == mean_interval(np.array([1.0, 2.0, 6.0]))
+    kinds = [values_of([1.0, 3.0], kind="arms"), values_of([8.0], kind="slats")]
+    rows = means("latent", pd.concat(kinds)).itertuples()
+    expected = [(ALL, 4, 3), ("arms", 2, 2), ("slats", 8, 1)]
+    assert [(row.kind, row.value, row.n) for row in rows] == expected
