@@ -16,7 +16,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from baselines.fused_net.meshes import OCCUPANCY, maps_of, reconstruct, reconstructors
+from baselines.fused_net.renderer import OCCUPANCY, maps_of, reconstruct, reconstructors
 from data_prep.datasets.objects import SceneObject
 from data_prep.datasets.training_set import DATA_SEED, SurfaceSet, TrainingSet
 from data_prep.failures import BadInput

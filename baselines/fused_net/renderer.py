@@ -1,20 +1,30 @@
-"""fused-net as a method of the benchmark: surfels and meshes once per cloud, views in groups."""
+"""fused-net as a method of the benchmark: surfels and meshes once per cloud, and their maps."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
-from baselines.fused_net.meshes import maps_of, reconstruct, reconstructors
+from baselines.occupancy_net.renderer import OccupancyNetRenderer
+from baselines.occupancy_net.weights import load_weights
+from baselines.reconstruction.alpha_wrap import DenoisedWrap
+from baselines.reconstruction.stages import Reconstruction, in_grey
 from baselines.splat_net.engine import Precision
 from baselines.splat_net.projection import Projection, cameras
 from baselines.splat_net.renderer import SplatNetRenderer, views_at_once
 from baselines.splat_net.surfels import Surfels
+from data_prep.failures import StageFailure
+from data_prep.rendering.raycast import surface_maps
 from data_prep.scene import IMAGE_SIZE, Images, Mesh, PointCloud, View
 from learning.weights import NetworkWeights
+
+OCCUPANCY = "all"  # the bundled weights of occupancy-net
+NOTHING = in_grey(np.empty((0, 3)), np.empty((0, 3), int))
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,21 +42,7 @@ class _FusedState:
 class FusedNetRenderer:
     """A `data_prep.scene.Renderer` by `SplatNetRenderer`, to which the meshes are shown as well.
 
-    Parameters
-    ----------
-    weights : NetworkWeights
-        Trained network of `baselines.fused_net.weights.load_weights`; moved to `device`.
-    device : str
-        PyTorch's name of the device.
-    precision : {"float32", "bfloat16"}
-        Precision of the network that draws; all before it is float32.
-    size : int
-        Side of the images in pixels, a multiple of 16. The network was trained for 128.
-
-    Raises
-    ------
-    ValueError
-        For another precision or size.
+    It takes what that takes, and weights of `baselines.fused_net.weights.load_weights`.
     """
 
     def __init__(
@@ -88,3 +84,46 @@ class FusedNetRenderer:
             return Projection(state.surfels, at, splats.inputs, splats.size, maps)
 
         return splats.draw_projected(project, views, views_at_once(len(state.surfels)))
+
+
+class _Reconstructor(Protocol):
+    """A method that makes a mesh of a cloud."""
+
+    def prepare(self, cloud: PointCloud) -> Reconstruction: ...
+
+
+def reconstructors(names: Sequence[str], device: str = "cpu") -> dict[str, _Reconstructor]:
+    """Return the methods of `baselines.fused_net.weights.MESHES` with these names."""
+    return {
+        name: OccupancyNetRenderer(load_weights(OCCUPANCY), device=device)
+        if name == "occupancy-net"
+        else DenoisedWrap()
+        for name in names
+    }
+
+
+def reconstruct(
+    cloud: PointCloud, methods: Mapping[str, _Reconstructor]
+) -> tuple[tuple[Mesh, ...], tuple[str, ...]]:
+    """Return the mesh of each method, and notes.
+
+    Where a method fails its mesh has no faces, and a note says why: the points are still there.
+    """
+    meshes, notes = [], []
+    for name, method in methods.items():
+        try:
+            result = method.prepare(cloud)
+        except StageFailure as failure:
+            meshes.append(NOTHING)
+            notes.append(f"{name}: no mesh, {failure}")
+        else:
+            meshes.append(result.mesh)
+            notes += [f"{name}: {note}" for note in result.notes]
+    return tuple(meshes), tuple(notes)
+
+
+def maps_of(
+    meshes: Sequence[Mesh], views: Sequence[View], size: int = IMAGE_SIZE
+) -> NDArray[np.float32]:
+    """Return the maps of meshes from views, one mesh after the other, [V, 5 * meshes, S, S]."""
+    return np.concatenate([surface_maps(mesh, views, size) for mesh in meshes], axis=1)

@@ -31,8 +31,6 @@ class MeshLab:
     def __init__(
         self,
         points: Points | Floats,
-        *,
-        normals: Points | Floats | None = None,
         faces: NDArray[np.integer] | None = None,
     ) -> None:
         try:
@@ -43,8 +41,6 @@ class MeshLab:
         self._types: Any = pymeshlab  # its names come from a compiled module
         self._meshes = self._types.MeshSet(verbose=False)
         arrays: dict[str, NDArray[Any]] = {"vertex_matrix": points.astype(np.float64)}
-        if normals is not None:
-            arrays["v_normals_matrix"] = normals.astype(np.float64)
         if faces is not None:
             arrays["face_matrix"] = faces.astype(np.int32)
         self._meshes.add_mesh(self._types.Mesh(**arrays))
@@ -76,18 +72,17 @@ class MeshLab:
             deletefaces=False,
         )
 
-    def close_holes(self, max_edges: int, intersecting: bool = False) -> None:
-        """Fill holes of fewer than `max_edges` edges.
+    def close_holes(self, max_edges: int) -> None:
+        """Fill holes of fewer than `max_edges` edges, avoiding triangles that intersect others.
 
-        Unless `intersecting`, triangles that intersect others are avoided. A rounding error may
-        decide about that: see `docs/noise-floor.md`.
+        A rounding error may decide about that: see `docs/noise-floor.md`.
         """
         self._apply(
             "meshing_close_holes",
             maxholesize=max_edges,
             selected=False,
             newfaceselected=True,
-            selfintersection=not intersecting,
+            selfintersection=True,
         )
 
     def marching_cubes_apss(

@@ -89,13 +89,15 @@ def used_points(
             f"{what} need at least {least}",
         )
     used = different[:: -(-len(different) // most)]
-    notes = []
-    if len(seen) < len(cloud):
-        far = len(cloud) - len(seen)
-        notes.append(f"input: {far} of {len(cloud)} points left out, they lie beyond the camera")
-    if len(used) < len(different):
-        notes.append(f"input: {len(used)} of {len(different)} points used")
-    return used, tuple(notes)
+    fewer = f"input: {len(used)} of {len(different)} points used"
+    return used, (*left_out(seen, cloud), *([fewer] if len(used) < len(different) else []))
+
+
+def left_out(seen: Points, cloud: PointCloud) -> tuple[str, ...]:
+    """Return a note of the points that are not seen, if any."""
+    far = len(cloud) - len(seen)
+    note = f"input: {far} of {len(cloud)} points left out, they lie beyond the camera"
+    return (note,) if far else ()
 
 
 def run(stage: str, step: Callable[[], None]) -> None:

@@ -38,6 +38,7 @@ from baselines.reconstruction.stages import (
     Reconstruction,
     check_points,
     in_sight,
+    left_out,
     run,
 )
 from baselines.reconstruction.surface import (
@@ -85,9 +86,7 @@ class SurfaceFit(DrawsReconstruction):
         cells = resolution(points, cell)
         run("apss", lambda: meshlab.marching_cubes_apss(cells, 0.0, accurate_normals=False))
         result = reconstruction("apss", meshlab)
-        far = len(cloud) - len(near)
-        note = f"input: {far} of {len(cloud)} points left out, they lie beyond the camera"
-        return Reconstruction(result.mesh, ((note,) if far else ()) + result.notes)
+        return Reconstruction(result.mesh, (*left_out(near, cloud), *result.notes))
 
 
 def thinned(points: Points, side: float) -> Points:

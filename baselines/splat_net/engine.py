@@ -31,10 +31,7 @@ class FoldedSplatNet:
 
     @functools.cached_property
     def for_one(self) -> _Layers:
-        """Return the layers with kernels laid out for a single image.
-
-        Kernels laid out for a group are slow with one image.
-        """
+        """Return the layers for a single image, with which kernels for a group are slow."""
         return _Layers(self.network, self.dtype, self.size, 1)
 
     def __call__(self, channels: Tensor, points: Tensor | None = None) -> Tensor:
@@ -88,10 +85,7 @@ class _Layers:
             self.albedo = network.albedo if "albedo" in network.config.heads else None
 
     def __call__(self, channels: Tensor) -> tuple[Tensor, Tensor | None]:
-        """Return the planes of images, and the albedo [P, 3] of a network that has one.
-
-        Both are before the sigmoid; covers are negated, see `_last`.
-        """
+        """Return planes and any albedo [P, 3] before the sigmoid; covers negated, see `_last`."""
         x = self.first(channels)
         passed = []
         for halving, block in self.down:
@@ -108,10 +102,8 @@ class _Layers:
 
 
 def _with_doubled(y: Tensor, x: Tensor) -> Tensor:
-    """Return y [B, c, 2H, 2W] with x, nearest up-sampled, added in place.
-
-    x [B, 2 c, H, W] has each pixel's channels twice, so that what is added to a row is one run.
-    """
+    """Return y [B, c, 2H, 2W] with x [B, 2 c, H, W], nearest up-sampled, added in place."""
+    # x has each pixel's channels twice, so that what is added to a row is one run.
     # On the CPU both are channels last already; other devices lay results out as they like.
     y, x = (some.contiguous(memory_format=torch.channels_last) for some in (y, x))
     b, c, h, w = y.shape
@@ -129,10 +121,7 @@ def _folded(block: nn.Module, like: list[int], dtype: torch.dtype) -> Convolutio
 
 
 def _last(network: SplatNet, like: list[int], dtype: torch.dtype) -> Convolution:
-    """Return the convolution to alpha and to the first head, which is negated.
-
-    1 - s(x) = s(-x) is wanted, s the sigmoid.
-    """
+    """Return the convolution to alpha and the negated first head: 1 - s(x) = s(-x) is wanted."""
     conv = network.last
     assert conv.bias is not None
     count = 1 + PLANES[network.config.heads[0]]

@@ -114,10 +114,7 @@ class SplatNet(nn.Module):
     def forward(self, channels: Tensor, points: Tensor | None = None) -> Tensor:
         """Return alpha and the heads' planes [P, planes, S, S], before the sigmoid.
 
-        Planes of the albedo have one value an image.
-
-        channels  [P, C, S, S] of `project`
-        points    not used: all that is known of them is projected
+        Planes of the albedo have one value an image. `points` are not used.
         """
         x = self.first(channels)
         passed = []

@@ -95,10 +95,7 @@ class Points2PixEngine:
         self.network = network
 
     def __call__(self, channels: Tensor, points: Tensor) -> Tensor:
-        """Return images float32 [P, 128, 128, 3] in 0..1 by the first head.
-
-        points  [P, 3, N], in the camera's frame
-        """
+        """Return images float32 [P, 128, 128, 3] in 0..1 by the first head."""
         output = self.network(channels, points)
         _, (image, *_) = composite(output, self.network.config.heads)
         return image.expand(-1, 3, -1, -1).permute(0, 2, 3, 1)

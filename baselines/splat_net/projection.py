@@ -203,10 +203,7 @@ def _to_camera(points: Tensor, cameras: Tensor) -> Tensor:
 
 
 class _Pixels:
-    """The pixels in which points [P, 3, N] fall: a table of S * S pixels for each image.
-
-    The points are in the camera's frame.
-    """
+    """The pixels in which points [P, 3, N], in the camera's frame, fall."""
 
     def __init__(self, points: Tensor, size: int) -> None:
         self.size = size
@@ -224,11 +221,8 @@ class _Pixels:
         self.depth = torch.where(self.seen, depth, EMPTY)
 
     def nearest(self) -> Tensor:
-        """Return the nearest point of each pixel, int64 [P, S, S]: depth bits above its number.
-
-        Positive floats are ordered like their bits, so that one minimum finds depth and point.
-        Where there is none, EMPTY and the number N.
-        """
+        """Return the nearest point of each pixel, int64 [P, S, S]: depth bits above its number."""
+        # Positive floats are ordered like their bits, so that one minimum finds depth and point.
         number = self.depth.shape[1]
         key = self.depth.view(torch.int32).long() << 32
         key |= torch.arange(number, device=key.device)
@@ -236,11 +230,9 @@ class _Pixels:
         return self._table(key, nothing, "amin")
 
     def nearest_depth(self) -> Tensor:
-        """Return the depth of each pixel's nearest point [P, S, S]; EMPTY where there is none."""
         return self._table(self.depth, EMPTY, "amin")
 
     def farthest(self) -> Tensor:
-        """Return the depth of each pixel's farthest point [P, S, S]; -EMPTY where there is none."""
         return self._table(self.depth, -EMPTY, "amax")
 
     def _table(self, values: Tensor, nothing: float, reduce: str) -> Tensor:
@@ -274,12 +266,9 @@ class _Pixels:
 def _spread(plane: Tensor, window: int, combine: Callable[[Tensor, Tensor], Tensor]) -> Tensor:
     """Return `combine` (minimum, maximum or add) over `window` x `window` pixels around each.
 
-    plane [P, h, w] -> [P, h, w]; beyond the edge there is nothing. Rows first, then columns, each
-    from parts of 1, 2, 4, ... pixels, so that 9 pixels take four steps.
+    Rows first, then columns, each from parts of 1, 2, 4, ... pixels, so that 9 take four steps.
     """
-    for dim in (2, 1):
-        plane = _spread_along(plane, dim, window, combine)
-    return plane
+    return _spread_along(_spread_along(plane, 2, window, combine), 1, window, combine)
 
 
 def _spread_along(
@@ -288,7 +277,7 @@ def _spread_along(
     size, half = plane.shape[dim], window // 2
     shape = list(plane.shape)
     shape[dim] = half
-    edge = torch.full(shape, _nothing(plane, combine), dtype=plane.dtype, device=plane.device)
+    edge = plane.new_full(shape, _nothing(plane, combine))  # beyond it there is nothing
     part, span = torch.cat([edge, plane, edge], dim=dim), 1  # of pixels i .. i + span - 1
     whole, covered = None, 0
     while True:
@@ -323,10 +312,7 @@ def _nearness(depth: Tensor, out: Tensor) -> None:
 def _attributes(surfels: Surfels, cameras: Tensor, points: Tensor) -> tuple[Tensor, Tensor]:
     """Return normals towards the camera, and variation, of the first scale and of the others.
 
-    Their shapes are [P, N + 1, 4] and [P, N + 1, 4 (scales - 1)]. points [P, 3, N] are in the
-    camera's frame.
-
-    A row of zeros stands behind each cloud, for pixels without a point.
+    [P, N + 1, 4] and [P, N + 1, 4 (scales - 1)]: the last row is zeros, for pixels without a point.
     """
     scales = surfels.normals.shape[-2]
     turned = cameras[:, :, :3] @ surfels.normals.permute(0, 3, 2, 1).flatten(2)
