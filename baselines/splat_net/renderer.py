@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import torch
 
-from baselines.reconstruction.stages import check_finite
 from baselines.splat_net.engine import GROUP, FoldedSplatNet, Precision
 from baselines.splat_net.network import SMALLEST
 from baselines.splat_net.points2pix import Points2Pix, Points2PixEngine
@@ -95,7 +94,9 @@ class SplatNetRenderer:
         del rng
         if not len(cloud):
             raise StageFailure("input", "no points")
-        check_finite(cloud.points)
+        bad = int((~np.isfinite(cloud.points)).any(axis=1).sum())
+        if bad:
+            raise StageFailure("input", f"{bad} of {len(cloud)} points are not finite")
         workers = torch.get_num_threads()
         surfels = stack([find_surfels(cloud.points, workers, surfaces=self.inputs.surfaces)])
         return Surfels(*(value.to(self.device) for value in vars(surfels).values()))
