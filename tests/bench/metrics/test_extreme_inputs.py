@@ -125,6 +125,11 @@ DISTANCES = ("lpips", "lpips in float64", "lpips of vgg", "dists", "dists in flo
 VALUES = [  # metrics, images, value, tolerance
     *((m, (x, x), 1.0, 0.0) for m in SSIM for x in (noise(1), LEG, WHITE, BLACK)),
     *(("ssim-object", (x, x), 1.0, 0.0) for x in (noise(1), LEG, BLACK)),
+    *(  # flat against one pixel, which is in 121 windows of SSIM, or in one
+        ("structure", (flat(p), painted(q, at, at, p)), 1.0, 0.0)
+        for p, q in ((255, 254), (255, 0), (128, 127), (0, 255))
+        for at in (0, 64)
+    ),
     *((m, (WHITE, WHITE), math.nan, 0.0) for m in ("ssim-object", *THIN)),
     *((m, (LEG, LEG), 1.0, 0.0) for m in THIN),
     ("thin-recall", (LEG, WHITE), 0.0, 0.0),

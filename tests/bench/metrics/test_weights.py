@@ -109,6 +109,7 @@ def saved(content):
         (ALEXNET, b"", "Ran out of input"),
         (ALEXNET, b"not a pickle", "not a checkpoint"),
     ],
+    ids=range(8),
 )
 def test_arrays_and_nothing_else_are_made(file, content, problem, tmp_path, monkeypatch):
     """Even with the right checksum."""
@@ -198,6 +199,7 @@ def test_fetches_once_then_reads_the_cache_and_asks_the_network_on_request_only(
         (b"<html>Please log in</html>", "26 bytes"),
         (SMALL, "cannot be kept"),
     ],
+    ids=["no net", "a page", "no folder"],
 )
 def test_keeps_nothing_of_a_download_that_fails(published, answer, message):
     if answer == SMALL:

@@ -460,7 +460,7 @@ REFUSED = [  # the dataset of a folder {}, its files, a pattern of what is said,
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("case", REFUSED, ids=str)
+@pytest.mark.parametrize("case", REFUSED, ids=[case[2] for case in REFUSED])
 def test_a_dataset_is_refused_with_the_cause(tmp_path: Path, case: tuple) -> None:
     spec, files, says, *asked = case
     plant(tmp_path, *files)
