@@ -49,6 +49,8 @@ def test_objects_of_each_class_are_taken(tmp_path, text, found):
     )
     objects = training_objects(options)
     assert [o.class_name + o.object_id.removesuffix(".ply") for o in objects] == found.split()
+    (chair,) = training_objects(TrainingOptions(objects=1, out=tmp_path))
+    assert chair.split == "train"
 
 
 def trained(command, tmp_path, name, *options):
