@@ -51,25 +51,9 @@ class StageFailure(RuntimeError):
 def unknown(
     wanted: str, names: Sequence[str], kind: str, near: str = "", see: str = "bench list"
 ) -> BadInput:
-    """Return an error about an unknown name.
+    """Return the refusal of a name that is none of `names`, of which it has the first.
 
-    Parameters
-    ----------
-    wanted : str
-        The unknown name.
-    names : sequence of str
-        Known names; the message has the first of them.
-    kind : str
-        Kind of the name, such as "method".
-    near : str
-        Suggestion; "" for the most similar of `names`, if any.
-    see : str
-        Command that prints all names.
-
-    Returns
-    -------
-    BadInput
-        Error to be raised by the caller.
+    `near` is a suggestion, "" for the most similar of them; `see` is a command that prints all.
     """
     import difflib
 

@@ -89,20 +89,7 @@ class Mesh:
 
 
 def in_one_colour(mesh: Mesh, color: tuple[int, int, int]) -> Mesh:
-    """Return a mesh with all faces in one colour.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        Mesh of any colours.
-    color : tuple of int
-        Red, green and blue, 0..255.
-
-    Returns
-    -------
-    Mesh
-        The same vertices and faces.
-    """
+    """Return the mesh with all faces in one colour, red, green and blue of 0..255."""
     colors = np.broadcast_to(np.array(color, np.uint8), mesh.face_colors.shape)
     return Mesh(mesh.vertices, mesh.faces, colors)
 
@@ -136,13 +123,7 @@ class View:
 
 @dataclass(frozen=True)
 class CloudOrigin:
-    """The place of a cloud in a run: the object, the condition and all views that are drawn of it.
-
-    Attributes
-    ----------
-    condition, class_name, object_id : str
-    views : tuple of View
-    """
+    """The place of a cloud in a run: the object, the condition and all views drawn of it."""
 
     condition: str
     class_name: str

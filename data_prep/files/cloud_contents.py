@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,6 +77,15 @@ class CloudContents:
         return (
             faces is not None and len(faces) > 0 and 2 * len(np.unique(faces)) >= len(self.points)
         )
+
+
+def contents_of(
+    table: NDArray[Any], has_colors: bool, whole: bool = False, **others: Any
+) -> CloudContents:
+    """Return the contents of a table [N, 3], or [N, 6] where colours are asked for."""
+    colors = colors_of(table[:, 3:], whole) if table.shape[1] > 3 else None
+    points = np.asarray(table[:, :3], np.float64)
+    return CloudContents(points, has_colors=has_colors, colors=colors, **others)
 
 
 class NotACloud(Exception):

@@ -19,7 +19,7 @@ from data_prep.files.cloud_contents import (
     NotACloud,
     axis_columns,
     color_columns,
-    colors_of,
+    contents_of,
 )
 from data_prep.files.safe_read import MIB, shown
 
@@ -95,11 +95,8 @@ def read_text(
     table = np.array(values, np.float64).reshape(-1, len(columns))
     if layout.unsure:
         _check_first_column(table, layout.width > 3)
-    colors = colors_of(table[:, 3:]) if len(columns) > 3 else None
     notes = (_COMMAS,) * layout.decimal_comma
-    return CloudContents(
-        table[:, :3], layout.unused, lines, bool(layout.colours), colors, notes=notes
-    )
+    return contents_of(table, bool(layout.colours), unused=layout.unused, lines=lines, notes=notes)
 
 
 def _layout_of(

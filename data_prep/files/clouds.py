@@ -1,8 +1,18 @@
 """Point clouds from and to files.
 
 Formats: PLY (x, y and z of the vertices), NPY, text in columns (XYZ, TXT, CSV, PTS), and the
-formats of scanners (`files.scans`). Except for scanners, memory is taken for the values in the
-file, never for the sizes that it claims.
+formats of scanners. Except for scanners, memory is taken for the values in the file, never for the
+sizes that it claims.
+
+Scans are read by the libraries of the extra `clouds`:
+
+    LAS, LAZ  laspy with lazrs, piece by piece
+    E57       pye57; all scans, each placed by its pose, without points marked as invalid
+    PCD       pypcd4; without points of three NaN, which an organised cloud has for no return
+
+Scans of more than two million points are thinned to every k-th, with the smallest k that suffices.
+The libraries are not written for untrusted files: they belong into a worker with limits, as in
+`bench render`.
 """
 
 from __future__ import annotations
@@ -10,32 +20,41 @@ from __future__ import annotations
 import io
 import json
 import math
+import os
 import re
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any, BinaryIO
 
 import numpy as np
+from numpy.typing import NDArray
 
-from data_prep.failures import BadInput, CannotWrite
+from data_prep.failures import BadInput, CannotWrite, MissingDependency
 from data_prep.files.atomic_write import write_whole
 from data_prep.files.cloud_contents import (
+    COLOURS,
     CloudContents,
     CloudPoints,
     NotACloud,
     axis_columns,
     color_columns,
-    colors_of,
+    contents_of,
 )
 from data_prep.files.cloud_ply import read_ply
 from data_prep.files.cloud_text import PTS_COLOURS, is_number, read_text
 from data_prep.files.meshes import SUFFIXES as MESH_SUFFIXES
-from data_prep.files.safe_read import MIB, files_below, open_file, read_file, shown
-from data_prep.files.scans import SCAN_SUFFIXES, read_scan
+from data_prep.files.safe_read import MIB, files_below, open_file, read_file, reason_of, shown
 from data_prep.scene import Points
 
 MOST_BYTES = 256 * MIB  # 22 million points, which take 1.3 GiB of memory and some seconds
+_MOST_SCAN_BYTES = 2048 * MIB  # of LAS and LAZ, which are read piece by piece
+_MOST_BYTES_AT_ONCE = 512 * MIB  # of E57 and PCD
+_RECORD_HEADER_BYTES = 54  # of a variable-length record in LAS
+_Scan = tuple[NDArray[np.float64], bool]  # [N, 3], or [N, 6] with colours; whether there are any
 
 _PROSE = (".txt", ".csv", ".tsv")  # more often than the others something to read
 
@@ -49,7 +68,7 @@ def load_points(path: Path) -> CloudPoints:
            first three; separated by white space, commas, semicolons, tabs or bars; # begins a
            comment, // and % do at the start of a line; XYZ, TXT, CSV, TSV, ASC, XYZN and XYZRGB
     PTS    as text; lines of a single whole number, the counts of its parts, are ignored
-    LAS, LAZ, E57, PCD  see `data_prep.files.scans`; large ones are thinned out
+    LAS, LAZ, E57, PCD  those of scanners; large ones are thinned out
 
     Parameters
     ----------
@@ -80,7 +99,7 @@ def read_cloud(path: Path, with_colors: bool = False) -> CloudContents:
     """
     check_cloud_name(path)
     try:
-        if path.suffix.lower() in SCAN_SUFFIXES:
+        if path.suffix.lower() in _SCANS:
             return read_scan(path, with_colors=with_colors)
         return _READERS[path.suffix.lower()](read_file(path, MOST_BYTES), with_colors)
     except NotACloud as problem:
@@ -199,12 +218,137 @@ def _read_npy(data: bytes, with_colors: bool = False) -> CloudContents:
     columns, has_colors = len(names) or shape[1], rows.shape[1] == 6
     unused = (f"{columns - 3} of its {columns} columns",) if columns > 3 else ()
     whole = set(kinds[-3:]) <= set("iu")
-    colors = colors_of(rows[:, 3:], whole) if has_colors and with_colors else None
-    return CloudContents(
-        np.array(rows[:, :3], np.float64), unused, has_colors=has_colors, colors=colors
-    )
+    table = np.array(rows if with_colors else rows[:, :3])  # no part of the file's bytes
+    return contents_of(table, has_colors, whole, unused=unused)
 
 
+@dataclass(frozen=True)
+class ScanLimits:
+    """Limits of what is read of a scan: points kept, claimed by a file, and read at a time."""
+
+    kept: int = 2**21  # splats, the fastest, take seconds for as many
+    claimed: int = 2**26  # by an E57 or PCD: 1.5 GiB of coordinates
+    piece: int = 2**20
+
+    def stride(self, count: int) -> int:
+        """Return the step at which so many points are thinned."""
+        return max(1, math.ceil(count / self.kept))
+
+
+def read_scan(
+    path: Path, limits: ScanLimits = ScanLimits(), with_colors: bool = False
+) -> CloudContents:
+    """Return the points in the file's order and units, and their colours if asked for.
+
+    Raises BadInput, naming the file: missing, no regular file, too large, not readable; and
+    MissingDependency, naming the extra, where the library is not installed.
+    """
+    most_bytes, read = _SCANS[path.suffix.lower()]
+    try:
+        with open_file(path, most_bytes) as file:
+            table, has_colors = read(file, path, limits, with_colors)
+    except ImportError as error:
+        raise MissingDependency(
+            f"{path}: reading {path.suffix.lower()} needs {error.name}; "
+            "install it with: pip install 'pc2pix-bench[clouds]'"
+        ) from error
+    except BadInput:
+        raise
+    except Exception as error:  # the libraries let through any error of their parsers
+        kind = path.suffix[1:].upper()
+        raise BadInput(
+            f"{path}: not a readable {kind} file ({reason_of(error)}); fetch it again"
+        ) from error
+    return contents_of(table, has_colors, whole=True, unused=(COLOURS,) if has_colors else ())
+
+
+def _read_las(file: BinaryIO, path: Path, limits: ScanLimits, with_colors: bool) -> _Scan:
+    import laspy
+
+    # laspy takes memory for as many variable-length records as the header says.
+    claimed = int.from_bytes(file.read(104)[100:], "little")
+    size = os.fstat(file.fileno()).st_size
+    if claimed * _RECORD_HEADER_BYTES > size:
+        raise ValueError(f"{claimed} records in {size} bytes")
+    file.seek(0)
+    with laspy.LasReader(file, closefd=False, read_evlrs=False) as las:
+        has_colors = "red" in las.header.point_format.dimension_names
+        columns = [*"xyz", *(("red", "green", "blue") if with_colors and has_colors else ())]
+        step, seen = limits.stride(las.header.point_count), 0
+        kept = [np.empty((0, len(columns)))]
+        for piece in las.chunk_iterator(limits.piece):
+            points = np.stack([np.asarray(piece[name]) for name in columns], axis=1)
+            kept.append(points[-seen % step :: step])
+            seen += len(points)
+    _check_count(path, las.header.point_count, seen)
+    return np.concatenate(kept), has_colors
+
+
+def _read_e57(file: BinaryIO, path: Path, limits: ScanLimits, with_colors: bool) -> _Scan:
+    import pye57
+
+    axes = "cartesianX", "cartesianY", "cartesianZ"
+    channels = "colorRed", "colorGreen", "colorBlue"
+    with closing(pye57.E57(str(path))) as e57:
+        headers = [e57.get_header(i) for i in range(e57.scan_count)]
+        _check_claim(path, sum(header.point_count for header in headers), limits)
+        has_colors = any(channels[0] in header.point_fields for header in headers)
+        columns = (*axes, *(channels if with_colors and has_colors else ()))
+        scans = [
+            e57.read_scan(i, colors=len(columns) > 3, ignore_missing_fields=True)
+            for i in range(e57.scan_count)
+        ]
+    parts = [  # a scan without colours beside others is black
+        np.stack([scan.get(name, np.zeros(len(scan[axes[0]]))) for name in columns], axis=1)
+        for scan in scans
+    ]
+    points = np.concatenate([np.empty((0, len(columns))), *parts])
+    return points[:: limits.stride(len(points))], has_colors
+
+
+def _read_pcd(file: BinaryIO, path: Path, limits: ScanLimits, with_colors: bool) -> _Scan:
+    from pypcd4.pypcd4 import PointCloud
+
+    claimed = 0
+    for line in file:
+        if line.startswith(b"POINTS"):
+            claimed = int(line.split()[1])
+            _check_claim(path, claimed, limits)
+        if line.startswith(b"DATA"):
+            break
+    file.seek(0)
+    cloud = PointCloud.from_fileobj(file)
+    _check_count(path, claimed, len(cloud.pc_data))  # a binary file is read as far as it goes
+    points = cloud.numpy(("x", "y", "z")).astype(np.float64)
+    packed = next((name for name in ("rgb", "rgba") if name in cloud.fields), None)
+    if packed and with_colors:  # three bytes in the bits of a number of four
+        bits = np.ascontiguousarray(cloud.pc_data[packed]).view(np.uint32).reshape(-1)
+        channels = (bits[:, None] >> np.array([16, 8, 0], np.uint32)) & 255
+        points = np.concatenate([points, channels.astype(np.float64)], axis=1)
+    points = points[~np.isnan(points[:, :3]).all(axis=1)]
+    return points[:: limits.stride(len(points))], packed is not None
+
+
+def _check_claim(path: Path, count: int, limits: ScanLimits) -> None:
+    """Raise BadInput where a file claims too many points, or fewer than none."""
+    if not 0 <= count <= limits.claimed:
+        raise BadInput(f"{path}: {count} points, at most {limits.claimed} are read; thin it out")
+
+
+def _check_count(path: Path, claimed: int, count: int) -> None:
+    if count != claimed:
+        raise BadInput(
+            f"{path}: {claimed} points in the header, {count} in the file; it is cut short, fetch "
+            "it again"
+        )
+
+
+_SCANS: Mapping[str, tuple[int, Callable[[BinaryIO, Path, ScanLimits, bool], Any]]] = {
+    ".las": (_MOST_SCAN_BYTES, _read_las),
+    ".laz": (_MOST_SCAN_BYTES, _read_las),
+    ".e57": (_MOST_BYTES_AT_ONCE, _read_e57),
+    ".pcd": (_MOST_BYTES_AT_ONCE, _read_pcd),
+}
 _READERS: Mapping[str, Callable[[bytes, bool], CloudContents]] = {
     ".ply": read_ply,
     ".npy": _read_npy,
@@ -212,4 +356,4 @@ _READERS: Mapping[str, Callable[[bytes, bool], CloudContents]] = {
     ".xyzn": partial(read_text, unnamed={}),  # normals
     ".pts": partial(read_text, unnamed=PTS_COLOURS, parts=True),
 }
-CLOUD_SUFFIXES = (*_READERS, *SCAN_SUFFIXES)
+CLOUD_SUFFIXES = (*_READERS, *_SCANS)

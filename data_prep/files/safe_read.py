@@ -67,20 +67,7 @@ def read_file(path: Path, most_bytes: int) -> bytes:
 
 
 def read_text(path: Path, most_bytes: int) -> str:
-    """Return the UTF-8 text of a file, without its byte order mark.
-
-    Parameters
-    ----------
-    path : Path
-        File to read.
-    most_bytes : int
-        Largest accepted size.
-
-    Raises
-    ------
-    BadInput
-        If the file cannot be read, is no regular file, is larger, or has another encoding.
-    """
+    """Return the UTF-8 text of a file, without its byte order mark. Raises as `read_file`."""
     try:
         return read_file(path, most_bytes).decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -156,8 +143,7 @@ def files_below(root: Path, suffixes: Sequence[str]) -> tuple[tuple[Path, ...], 
                 )
             if is_folder:
                 waiting.append(path)
-            elif path.suffix.lower() in suffixes and is_regular_file(path):
-                check_name(path, root)
+            elif _is_file(path, suffixes, root):
                 files.append(path)
             else:
                 name = str(path.relative_to(root))
@@ -170,12 +156,10 @@ def files_in(folder: Path, suffixes: Sequence[str]) -> tuple[Path, ...]:
 
     Raises BadInput as `files_below`.
     """
-    files = []
-    for path, is_folder in _entries(folder):
-        if not is_folder and path.suffix.lower() in suffixes and is_regular_file(path):
-            check_name(path, folder)
-            files.append(path)
-    return tuple(sorted(files))
+    entries = _entries(folder)
+    return tuple(
+        sorted(p for p, is_folder in entries if not is_folder and _is_file(p, suffixes, folder))
+    )
 
 
 def folders_in(folder: Path) -> tuple[Path, ...]:
@@ -186,13 +170,20 @@ def folders_in(folder: Path) -> tuple[Path, ...]:
     folders = []
     for path, is_folder in _entries(folder):
         if is_folder or os.path.isdir(path):  # noqa: PTH112
-            check_name(path, folder)
+            _check_name(path, folder)
             folders.append(path)
     return tuple(sorted(folders))
 
 
-def check_name(path: Path, root: Path) -> None:
-    """Raise BadInput where the name of `path` below `root` is not UTF-8."""
+def _is_file(path: Path, suffixes: Sequence[str], root: Path) -> bool:
+    """Return whether a path is that of a wanted file. Raises BadInput where it is not UTF-8."""
+    wanted = path.suffix.lower() in suffixes and is_regular_file(path)
+    if wanted:
+        _check_name(path, root)
+    return wanted
+
+
+def _check_name(path: Path, root: Path) -> None:
     try:
         str(path.relative_to(root)).encode()
     except UnicodeEncodeError:

@@ -8,8 +8,7 @@ import pytest
 
 from data_prep.failures import BadInput, MissingDependency
 from data_prep.files.cloud_contents import COLOURS
-from data_prep.files.clouds import load_points, read_cloud
-from data_prep.files.scans import ScanLimits, read_scan
+from data_prep.files.clouds import ScanLimits, load_points, read_cloud, read_scan
 
 laspy = pytest.importorskip("laspy", reason="the extra 'clouds' is not installed")
 pye57 = pytest.importorskip("pye57", reason="the extra 'clouds' is not installed")
