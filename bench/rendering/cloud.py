@@ -287,14 +287,6 @@ class Failed:
 Drawn = UInt8Images | Failed | BadInput
 
 
-def make_view(azimuth_deg: float, elevation_deg: float) -> View:
-    """Return the view of these angles. Raises BadInput for angles out of their range."""
-    try:
-        return View(azimuth_deg, elevation_deg)
-    except ValueError as error:
-        raise BadInput(f"no such view: {error}; see 'bench render --help'") from error
-
-
 def find_drawer(method_id: str) -> Method:
     """Return the method. Raises BadInput as `find_method`, and for one that draws meshes alone."""
     method = find_method(method_id)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_prep.datasets.dataset import listed
-from data_prep.failures import BadInput, CannotWrite
+from data_prep.failures import BadInput
 from data_prep.files.atomic_write import write_whole
 from data_prep.files.clouds import CLOUD_SUFFIXES, check_cloud_name, clouds_below
 
@@ -151,12 +151,7 @@ def write_images(frames: NDArray[np.uint8], path: Path) -> None:
         film |= {"save_all": True, "duration": frame_ms, "loop": 0, "append_images": images[1:]}
     buffer = io.BytesIO()
     images[0].save(buffer, form, **film)
-    try:
-        write_whole(path, buffer.getvalue())
-    except OSError as error:
-        raise CannotWrite(
-            f"{path}: cannot be written ({error.strerror}); make room, or give another -o"
-        ) from error
+    write_whole(path, buffer.getvalue(), remedy="make room, or give another -o")
 
 
 def in_one_palette(frames: NDArray[np.uint8]) -> list[Image]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from bench.catalogue.chosen import best_within, budget_ms_of
 from bench.catalogue.methods import RECOMMENDED, RECOMMENDED_IN_COLOUR, find_method
-from bench.rendering.cloud import CloudFile, Notes, check_draws_colours, make_view
+from bench.rendering.cloud import CloudFile, Notes, check_draws_colours
 from bench.rendering.files import MOVING, check_opacity, moves
 from bench.rendering.finish import LEAST_SIZE, MOST_SIZE
 from data_prep.clouds.orientations import upright
@@ -143,13 +143,12 @@ def check(options: RenderOptions, out: Path) -> None:
 
 def views_of(options: RenderOptions, out: Path) -> tuple[View, ...]:
     """Return the view, or all of a turntable. Raises BadInput for an angle out of its range."""
-    first = make_view(options.azimuth, options.elevation)
-    if not moves(out):
-        return (first,)
-    frames = options.frames or _FRAMES
-    return tuple(
-        View(first.azimuth_deg + 360 * i / frames, first.elevation_deg) for i in range(frames)
-    )
+    frames = (options.frames or _FRAMES) if moves(out) else 1
+    turned = (options.azimuth + 360 * i / frames for i in range(frames))
+    try:
+        return tuple(View(azimuth, options.elevation) for azimuth in turned)
+    except ValueError as error:
+        raise BadInput(f"no such view: {error}; see 'bench render --help'") from error
 
 
 def cloud_file(cloud: Path, options: RenderOptions) -> CloudFile:

@@ -50,7 +50,7 @@ from bench.tables.build import Outputs, how_timed
 from bench.tables.frontier import cost_grid
 from bench.tables.table import Table
 from data_prep.clouds.conditions import CONDITIONS
-from data_prep.failures import BadInput, CannotWrite
+from data_prep.failures import BadInput
 from data_prep.files.atomic_write import write_whole
 
 REPORT = "report.html"
@@ -70,10 +70,7 @@ def write_report(
     """
     path = out or made.run.directory / REPORT
     text = rendered("report.html.jinja", **read_page(made))
-    try:
-        write_whole(path, text.encode())
-    except OSError as error:
-        raise CannotWrite(f"{path}: cannot be written ({error.strerror}); {remedy}") from error
+    write_whole(path, text.encode(), remedy=remedy)
     return path
 
 

@@ -41,7 +41,7 @@ from bench.report.page import rendered
 from bench.tables.build import make_outputs
 from bench.tables.differences import too_few
 from bench.tables.grid import records
-from data_prep.failures import BadInput, CannotWrite
+from data_prep.failures import BadInput
 from data_prep.files.atomic_write import write_whole
 from data_prep.progress import progress
 
@@ -103,13 +103,7 @@ def write_index(directories: Sequence[Path], out: Path | None = None) -> Path:
         NamedRun(name, run, quote(os.path.relpath(folder / REPORT, page.parent)))
         for name, run, folder in zip(names, runs, folders, strict=True)
     ]
-    try:
-        page.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(page, index_html(named).encode())
-    except OSError as error:
-        raise CannotWrite(
-            f"{page}: cannot be written ({error.strerror}); give another --out"
-        ) from error
+    write_whole(page, index_html(named).encode(), remedy="give another --out")
     return page
 
 

@@ -13,6 +13,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from data_prep.failures import CannotWrite
+
 
 @contextmanager
 def atomic_write(path: Path, *, synced: bool = True) -> Iterator[Path]:
@@ -48,10 +50,15 @@ def atomic_write(path: Path, *, synced: bool = True) -> Iterator[Path]:
         sync_folder(path.parent)
 
 
-def write_whole(path: Path, data: bytes, *, synced: bool = True) -> None:
-    """Write `data` by way of `atomic_write`."""
-    with atomic_write(path, synced=synced) as new:
-        new.write_bytes(data)
+def write_whole(path: Path, data: bytes, *, synced: bool = True, remedy: str = "") -> None:
+    """Write `data` by way of `atomic_write`; with a `remedy`, CannotWrite names file and reason."""
+    try:
+        with atomic_write(path, synced=synced) as new:
+            new.write_bytes(data)
+    except OSError as error:
+        if not remedy:
+            raise
+        raise CannotWrite(f"{path}: cannot be written ({error.strerror}); {remedy}") from error
 
 
 @contextmanager

@@ -28,12 +28,12 @@ from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from data_prep.failures import BadInput, CannotWrite, MissingDependency
+from data_prep.failures import BadInput, MissingDependency
 from data_prep.files.atomic_write import write_whole
 from data_prep.files.cloud_contents import (
     COLOURS,
@@ -170,12 +170,8 @@ def save_ply(points: Points, path: Path) -> None:
         f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n"
         "property float x\nproperty float y\nproperty float z\nend_header\n"
     )
-    try:
-        write_whole(path, header.encode() + points.astype("<f4").tobytes())
-    except OSError as error:
-        raise CannotWrite(
-            f"{path}: cannot be written ({error.strerror}); make room, or give another path"
-        ) from error
+    data = header.encode() + points.astype("<f4").tobytes()
+    write_whole(path, data, remedy="make room, or give another path")
 
 
 def _read_npy(data: bytes, with_colors: bool = False) -> CloudContents:
@@ -262,7 +258,7 @@ def read_scan(
     return contents_of(table, has_colors, whole=True, unused=(COLOURS,) if has_colors else ())
 
 
-def _read_las(file: BinaryIO, path: Path, limits: ScanLimits, with_colors: bool) -> _Scan:
+def _read_las(file: io.BufferedReader, path: Path, limits: ScanLimits, with_colors: bool) -> _Scan:
     import laspy
 
     # laspy takes memory for as many variable-length records as the header says.
@@ -284,7 +280,7 @@ def _read_las(file: BinaryIO, path: Path, limits: ScanLimits, with_colors: bool)
     return np.concatenate(kept), has_colors
 
 
-def _read_e57(file: BinaryIO, path: Path, limits: ScanLimits, with_colors: bool) -> _Scan:
+def _read_e57(file: io.BufferedReader, path: Path, limits: ScanLimits, with_colors: bool) -> _Scan:
     import pye57
 
     axes = "cartesianX", "cartesianY", "cartesianZ"
@@ -306,7 +302,7 @@ def _read_e57(file: BinaryIO, path: Path, limits: ScanLimits, with_colors: bool)
     return points[:: limits.stride(len(points))], has_colors
 
 
-def _read_pcd(file: BinaryIO, path: Path, limits: ScanLimits, with_colors: bool) -> _Scan:
+def _read_pcd(file: io.BufferedReader, path: Path, limits: ScanLimits, with_colors: bool) -> _Scan:
     from pypcd4.pypcd4 import PointCloud
 
     claimed = 0
@@ -343,7 +339,7 @@ def _check_count(path: Path, claimed: int, count: int) -> None:
         )
 
 
-_SCANS: Mapping[str, tuple[int, Callable[[BinaryIO, Path, ScanLimits, bool], Any]]] = {
+_SCANS: Mapping[str, tuple[int, Callable[[io.BufferedReader, Path, ScanLimits, bool], Any]]] = {
     ".las": (_MOST_SCAN_BYTES, _read_las),
     ".laz": (_MOST_SCAN_BYTES, _read_las),
     ".e57": (_MOST_BYTES_AT_ONCE, _read_e57),
