@@ -5,6 +5,7 @@ They are tested by their names, as `module:NAME`; `FAULTS` says what has to be f
 
 from __future__ import annotations
 
+import itertools
 import os
 import random
 import sys
@@ -15,8 +16,7 @@ import numpy as np
 from data_prep.clouds.conditions import Condition
 from data_prep.scene import PointCloud
 
-_SEEN = []
-_KEPT = []
+_COUNT = itertools.count()
 
 
 @dataclass(frozen=True)
@@ -31,41 +31,32 @@ class Moved:
         match self.fault:
             case "an array":
                 return points
-            case "no points":
-                points = points[:0]
-            case "many points":
-                points = np.repeat(points, 100, axis=0)
-            case "not finite":
-                points[0, 0] = np.nan
-            case "two columns":
-                points = points[:, :2]
-            case "far":
-                points = points * 1000
-            case "global numbers":
-                points = points + np.random.normal(size=3).astype(np.float32)  # noqa: NPY002
-            case "python's numbers":
-                points = points + np.float32(random.random())
-            case "own numbers":
-                points = points + np.random.default_rng().normal(size=3).astype(np.float32)
+            case "few":
+                return replace(cloud, points=cloud.points[1000:])
             case "input":
                 cloud.points.flags.writeable = True
                 cloud.points[0] += 1
-            case "remembers":
-                _SEEN.append(None)
-                points = points + np.float32(len(_SEEN))
-            case "hash order":
-                points = points + np.float32(hash("a string") % 7)
-            case "leaks":
-                _KEPT.append(np.ones(25 * 2**17))  # 25 MiB
-            case "few":
-                return replace(cloud, points=cloud.points[1000:])
+            case "not finite":
+                points[0, 0] = np.nan
             case "raises":
                 raise ValueError("no room\nat all")
-            case "exits":
-                sys.exit(0)
-            case "leaves":
-                os._exit(0)
-        return PointCloud(points, cloud.source)
+        change = CHANGES.get(self.fault, lambda points: points)
+        return PointCloud(change(points), cloud.source)
+
+
+CHANGES = {
+    "no points": lambda points: points[:0],
+    "many points": lambda points: np.repeat(points, 100, axis=0),
+    "two columns": lambda points: points[:, :2],
+    "far": lambda points: points * 1000,
+    "global numbers": lambda points: points + np.float32(np.random.normal()),  # noqa: NPY002
+    "python's numbers": lambda points: points + np.float32(random.random()),
+    "own numbers": lambda points: points + np.float32(np.random.default_rng().normal()),
+    "remembers": lambda points: points + np.float32(next(_COUNT)),
+    "hash order": lambda points: points + np.float32(hash("a string") % 7),
+    "exits": lambda points: sys.exit(0),
+    "leaves": lambda points: os._exit(0),
+}
 
 
 class Unnamed(Moved):
@@ -75,18 +66,32 @@ class Unnamed(Moved):
         return object.__repr__(self)
 
 
-ODD = (
-    *("an array", "no points", "many points", "not finite", "two columns", "far", "input"),
-    *("global numbers", "python's numbers", "own numbers", "remembers"),
-    *("hash order", "leaks", "few", "raises", "exits", "leaves"),
-)
+OWN = "take all randomness from `rng`"
+# By what is wrong: the finding that tells it, what it says, and whether it blocks a run.
+ODD = {
+    "an array": ("clouds", "gives a ndarray, expected a PointCloud", True),
+    "no points": ("clouds", "gives 0 points, expected 1 to 100,000", True),
+    "many points": ("clouds", "gives 204,800 points, expected 1 to 100,000", True),
+    "not finite": ("clouds", "gives 1 points that are not finite", True),
+    "two columns": ("clouds", "expected shape [N, 3], got [2048, 2]", True),
+    "far": ("place", "; objects are in the unit sphere", False),
+    "input": ("clouds", "changes the cloud that it is given; work on a copy", True),
+    "global numbers": ("clouds", f"uses global random numbers; {OWN}", True),
+    "python's numbers": ("clouds", f"uses global random numbers; {OWN}", True),
+    "own numbers": ("repeatable", f"; {OWN}", True),
+    "remembers": ("repeatable", "other points the second time", True),
+    "hash order": ("another process", "other points in another process", True),
+    "few": ("other clouds", "one point: gives 0 points, expected 1 to 100,000; return at", False),
+    "raises": ("clouds", "no room", True),
+    "exits": ("clouds", "SystemExit", True),
+    "leaves": ("clouds", "crash: os._exit(0) was called", True),
+}
+NAMES = {fault: fault.replace(" ", "-").replace("'", "") for fault in ODD}
 PLUGINS = {
     "GOOD": Condition("good", Moved(), "made up"),
     **{
-        fault.upper().replace(" ", "_").replace("'", ""): Condition(
-            "a-" + fault.replace(" ", "-").replace("'", ""), Moved(fault), "made up"
-        )
-        for fault in ODD
+        name.upper().replace("-", "_"): Condition(f"a-{name}", Moved(fault), "made up")
+        for fault, name in NAMES.items()
     },
     "UNNAMED": Condition("unnamed", Unnamed(), "made up"),
     "NO_CHANGE": Condition("no-change", None, "made up"),
@@ -96,25 +101,8 @@ PLUGINS = {
 }
 globals().update(PLUGINS)
 
-OWN = "take all randomness from `rng`"
-# By name: the finding that tells the fault, what it says, and whether it blocks a run.
 FAULTS = {
-    "AN_ARRAY": ("clouds", "gives a ndarray, expected a PointCloud", True),
-    "NO_POINTS": ("clouds", "gives 0 points, expected 1 to 100,000", True),
-    "MANY_POINTS": ("clouds", "gives 204,800 points, expected 1 to 100,000", True),
-    "NOT_FINITE": ("clouds", "gives 1 points that are not finite", True),
-    "TWO_COLUMNS": ("clouds", "expected shape [N, 3], got [2048, 2]", True),
-    "FAR": ("place", "; objects are in the unit sphere", False),
-    "INPUT": ("clouds", "changes the cloud that it is given; work on a copy", True),
-    "GLOBAL_NUMBERS": ("clouds", f"uses global random numbers; {OWN}", True),
-    "PYTHONS_NUMBERS": ("clouds", f"uses global random numbers; {OWN}", True),
-    "OWN_NUMBERS": ("repeatable", f"; {OWN}", True),
-    "REMEMBERS": ("repeatable", "other points the second time", True),
-    "HASH_ORDER": ("another process", "other points in another process", True),
-    "LEAKS": ("calls", "25 MiB more with every call", True),
-    "FEW": ("other clouds", "one point: gives 0 points, expected 1 to 100,000; return at", False),
-    "RAISES": ("clouds", "no room", True),
-    "LEAVES": ("clouds", "crash: os._exit(0) was called", True),
+    **{NAMES[fault].upper().replace("-", "_"): told for fault, told in ODD.items()},
     "UNNAMED": ("another process", "not the same frozen dataclass of its parameters", True),
     "NO_CHANGE": ("identity", "NoneType has no function apply", True),
     "NO_VERSION": ("identity", "version is '2', expected a whole number", True),

@@ -8,13 +8,9 @@ from __future__ import annotations
 import itertools
 import os
 import signal
-import subprocess
 import sys
-import tempfile
 import time
-from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -82,21 +78,7 @@ class StochasticPrepare(Plain):
         return super().prepare(PointCloud(half), rng)
 
 
-class KeepsAThreadPool(Plain):
-    """Ends the threads that it has started, and copies the cloud in every way."""
-
-    def prepare(self, cloud, rng):
-        from concurrent.futures import ThreadPoolExecutor
-
-        with ThreadPoolExecutor(2) as pool:
-            parts = list(pool.map(lambda rows: replace(cloud, points=rows).points, [cloud.points]))
-        with tempfile.TemporaryDirectory() as folder:
-            (Path(folder) / "cloud.txt").write_text("gone again")
-        subprocess.run([sys.executable, "-S", "-c", ""], check=True)
-        return super().prepare(PointCloud(np.concatenate(parts)), rng)
-
-
-GOOD = ("Plain", "StochasticDraw", "StochasticChildren", "StochasticPrepare", "KeepsAThreadPool")
+GOOD = ("Plain", "StochasticDraw", "StochasticChildren", "StochasticPrepare")
 
 # --- images ---------------------------------------------------------------------------------------
 
@@ -143,13 +125,6 @@ class UnseededBesideSeeded(StochasticDraw):
     def draw(self, state, views, rng):
         images = super().draw(state, views, rng)
         return images * np.float32(np.random.default_rng().random() if len(views) > 8 else 1)
-
-
-class EightAtMost(Plain):
-    def draw(self, state, views, rng):
-        if len(views) > 8:
-            raise ValueError(f"a batch of {len(views)}")
-        return super().draw(state, views, rng)
 
 
 class ChangesState(Plain):
@@ -338,7 +313,6 @@ FAULTS = {
     "UnseededBesideSeeded": ("batches", "take all randomness from `rng`", True),
     "HASH": ("another process", "in another process, on two threads", True),
     "OTHER_VIEWS": ("batches", "an image may not depend on the other views", True),
-    "EightAtMost": ("batches", "ValueError: a batch of 20", True),
     "ChangesState": ("batches", "draw may not change the state", True),
     "IgnoresViews": ("batches", "the same image from 20 views", True),
     "NoViews": ("no views", "ValueError: need at least one array to stack", False),

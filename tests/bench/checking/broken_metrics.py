@@ -12,7 +12,6 @@ import numpy as np
 from bench.catalogue.plugins import ImageMetric, SetMetric
 
 _SEEN = []
-_KEPT = []
 
 
 def difference(truth, drawn):
@@ -35,11 +34,6 @@ def _relative(truth, drawn):
     """To the brightest images so far."""
     _SEEN.append(drawn.mean())
     return difference(truth, drawn) / max(_SEEN)
-
-
-def _leak(truth, drawn):
-    _KEPT.append(np.ones(25 * 2**17))  # 25 MiB
-    return difference(truth, drawn)
 
 
 def _darken(truth, drawn):
@@ -75,7 +69,6 @@ PLUGINS = {
     "HASH_ORDER": image_metric(lambda t, d: difference(t, d) * (1 + hash("a string") % 97)),
     "REMEMBERS": image_metric(_relative),
     "CHANGES_IMAGES": image_metric(_darken),
-    "LEAKS": image_metric(_leak),
     "VERSION_IS_TEXT": image_metric(difference, version="1.0"),
     "NO_FEATURES": set_metric(lambda images: np.empty((len(images), 0))),
     "CONSTANT_FEATURES": set_metric(lambda images: np.ones((len(images), 4))),
@@ -98,7 +91,6 @@ FAULTS = {
     "HASH_ORDER": ("another process", "other values in another process", True),
     "REMEMBERS": ("another process", "in another order", True),
     "CHANGES_IMAGES": ("images", "the images were changed; work on a copy", True),
-    "LEAKS": ("calls", "25 MiB more with every call", True),
     "VERSION_IS_TEXT": ("identity", "version is '1.0', expected a whole number", True),
     "NO_FEATURES": ("images", "gives the shape [3, 0] for 3 images, expected [3, d]", True),
     "CONSTANT_FEATURES": ("features", "the same features for another object", True),
