@@ -158,8 +158,10 @@ def without(name):
         *((text, "") for text in ("", "{", "[]", "{}", "\xff", "[" * 10_000)),
         *((f'{{"schema_version": {version}}}', "") for version in ('"new"', "1e999")),
         *((without(name), f"no {name}); move it away") for name in FIXED),
+        (json.dumps(make_manifest(objects=["chair/a"] * 2)), "objects has 'chair/a' twice"),
+        (json.dumps(make_manifest(views=0)), "views is 0, not 1 to "),
     ],
-    ids=range(13),
+    ids=range(15),
 )
 def test_a_damaged_manifest(tmp_path, text, message):
     path = tmp_path / "manifest.json"
