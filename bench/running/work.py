@@ -66,11 +66,11 @@ class RenderedViews:
 
 def run_job(job: Job) -> Result:
     """Carry out a job. Whatever a method raises becomes failed records with the reason."""
-    drawn = draw_job(job)
-    return score_job(job, drawn) if isinstance(drawn, RenderedViews) else drawn
+    drawn = _draw_job(job)
+    return _score_job(job, drawn) if isinstance(drawn, RenderedViews) else drawn
 
 
-def draw_job(job: Job) -> RenderedViews | Result:
+def _draw_job(job: Job) -> RenderedViews | Result:
     """Draw the images of a job; the result of one that fails."""
     seconds = dict[str, float]()
     try:
@@ -84,17 +84,31 @@ def draw_job(job: Job) -> RenderedViews | Result:
     return replace(drawn, timing=seconds)
 
 
-def score_job(job: Job, drawn: RenderedViews) -> Result:
+def _score_job(job: Job, drawn: RenderedViews) -> Result:
     """Return the result of a job whose images are drawn."""
     seconds = dict(drawn.timing)
+    scored: dict[str, NDArray[np.float64]] = {}
     try:
-        result = _scored(job, drawn, seconds)
+        arrays, device = {IMAGES: pack(drawn.images)}, metrics_device(job.device)
+        with timed("metrics", seconds):
+            if job.reference is not None:
+                truth = unpack(job.reference)
+                scored |= scores(truth, drawn.images)
+                if weights := dict(job.features).get(extractor_of("lpips")):
+                    network = lpips_network(weights, device)
+                    codes = map(network.encode, (truth, drawn.images))
+                    scored["lpips"] = network.distance(*codes)
+            for extractor, weights in job.features:
+                arrays[extractor] = pack(_extractor(extractor, weights, device)(drawn.images))
+        notes, views = stored_text(drawn.notes), pack_views(job.views, scored)
+        times = drawn.prepare_s, drawn.draw_s
+        result = Result(job.key, job.suite, "", notes, *times, views, arrays)
     except BaseException as error:
         result = _failed(job, error)
     return replace(result, timing=seconds)
 
 
-def foreign_code(job: Job) -> str:
+def _foreign_code(job: Job) -> str:
     """Return what a job executes that is of others than this project; "" where that is nothing.
 
     Such code may change its process for all that comes after: it gets workers of its own, and none
@@ -107,12 +121,6 @@ def foreign_code(job: Job) -> str:
     if module.partition(".")[0] not in PROJECT:
         foreign.append(module)
     return " ".join(foreign)
-
-
-def of_images_only(job: Job) -> Job:
-    """Return a job as it is scored: without what executes the code of others."""
-    named: Any = SimpleNamespace(class_name=job.object.class_name, object_id=job.object.object_id)
-    return replace(job, object=named, perturbation=Unchanged())
 
 
 def _failed(job: Job, error: BaseException) -> Result:
@@ -166,23 +174,6 @@ def _draw(job: Job, seconds: dict[str, float]) -> RenderedViews | Result:
         return failed(job, reason_of(error), taken_s)
     scale = note_on_scale(cloud.points) if job.perturbation == Unchanged() else None
     return replace(drawn, notes="; ".join(filter(None, (drawn.notes, scale))))
-
-
-def _scored(job: Job, drawn: RenderedViews, seconds: dict[str, float]) -> Result:
-    scored: dict[str, NDArray[np.float64]] = {}
-    arrays, device = {IMAGES: pack(drawn.images)}, metrics_device(job.device)
-    with timed("metrics", seconds):
-        if job.reference is not None:
-            truth = unpack(job.reference)
-            scored |= scores(truth, drawn.images)
-            if weights := dict(job.features).get(extractor_of("lpips")):
-                network = lpips_network(weights, device)
-                codes = map(network.encode, (truth, drawn.images))
-                scored["lpips"] = network.distance(*codes)
-        for extractor, weights in job.features:
-            arrays[extractor] = pack(_extractor(extractor, weights, device)(drawn.images))
-    notes, views = stored_text(drawn.notes), pack_views(job.views, scored)
-    return Result(job.key, job.suite, "", notes, drawn.prepare_s, drawn.draw_s, views, arrays)
 
 
 def draw(
@@ -299,8 +290,8 @@ class _Step:
 
     def do(self) -> Result | RenderedViews:
         if self.drawn is not None:
-            return score_job(self.job, self.drawn)
-        return draw_job(self.job) if self.company else run_job(self.job)
+            return _score_job(self.job, self.drawn)
+        return _draw_job(self.job) if self.company else run_job(self.job)
 
 
 class JobPool:
@@ -322,14 +313,17 @@ class JobPool:
 
     def submit(self, job: Job) -> None:
         """Start a job; at most `capacity` may be under way."""
-        self._pool.submit(_Step(job, foreign_code(job)))
+        self._pool.submit(_Step(job, _foreign_code(job)))
 
     def wait_any(self, timeout_s: float | None = None) -> Iterator[Result]:
         """Wait until jobs have ended, and yield the result of each; nothing after `timeout_s`."""
         for step, result in self._pool.wait_any(timeout_s):
             is_late = isinstance(result, WorkerFailure) and result.kind == "timeout"
             if isinstance(result, RenderedViews):  # it goes on by another step
-                self._pool.submit(_Step(of_images_only(step.job), "", result))
+                obj = step.job.object  # what executes the code of others is left behind
+                named: Any = SimpleNamespace(class_name=obj.class_name, object_id=obj.object_id)
+                job = replace(step.job, object=named, perturbation=Unchanged())
+                self._pool.submit(_Step(job, "", result))
             elif is_late and step.job.key not in self._late:
                 self._late.add(step.job.key)  # the machine may have been busy
                 self._pool.submit(step)
