@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from baselines.reconstruction.denoised import cleaned, dense_part, moments, noise_scale, smoothed
+from baselines.reconstruction.denoised import cleaned, moments, noise_scale, smoothed
 from data_prep.failures import StageFailure
 from data_prep.scene import PointCloud
 from tests.baselines.clouds import RADIUS, chair_cloud, lattice_sphere
@@ -102,23 +102,6 @@ def test_smooth_surfaces_stay_as_they_are() -> None:
     line = np.linspace(-1, 1, 50)[:, None] * [1.0, 0, 0]
     for odd in (line, np.ones((50, 3)), np.eye(3)):
         np.testing.assert_allclose(smoothed(odd, 12, 3), odd, rtol=0, atol=1e-9)
-
-
-@pytest.mark.parametrize("sigma", [0.02, 0.05])
-def test_noisy_points_come_nearer(sigma: float) -> None:
-    """A fit of 6 numbers to n = 100 points, weighted to some 60: a deviation of sqrt(6 / 60) or a
-    third of the noise is left after a round, and less after three."""
-    left = np.linalg.norm(smoothed(lifted(lattice_sphere(), sigma), 100, 3), axis=1) - RADIUS
-    assert np.sqrt((left**2).mean()) < sigma / 3
-
-
-def test_the_dense_part() -> None:
-    """Points at 0, 1, 4, 9 ... lie the sparser the later; the second nearest to 0 is 1 away."""
-    points = np.zeros((10, 3))
-    points[:, 0] = np.arange(10) ** 2
-    assert dense_part(points, 0.5, 2)[:, 0].tolist() == [0, 1, 4, 9, 16]
-    assert dense_part(points[::-1], 0.5, 2)[:, 0].tolist() == [16, 9, 4, 1, 0]
-    np.testing.assert_array_equal(dense_part(points, 1.0, 2), points)
 
 
 @pytest.mark.parametrize("count", [512, 2048])

@@ -13,7 +13,6 @@ from data_prep.failures import StageFailure
 from data_prep.rendering.images import to_uint8
 from data_prep.scene import PointCloud, View
 from learning.weights import NetworkWeights
-from tests.baselines.clouds import chair_cloud
 
 from .conftest import lived_in, make_cloud
 
@@ -48,23 +47,6 @@ def test_images_are_the_networks(cloud, size):
     _, (expected,) = composite(network(channels), ("colour",))
     actual = renderer.draw(renderer.prepare(cloud), VIEWS)
     np.testing.assert_allclose(actual, expected.permute(0, 2, 3, 1), rtol=0, atol=CLOSE)
-
-
-@pytest.mark.parametrize("weights", ["chair", "all-tiny"])
-@pytest.mark.parametrize("noise", [0.0, 0.1])
-def test_bundled_weights_draw_what_their_network_draws(weights, noise):
-    renderer, rng = load(weights), np.random.default_rng(0)
-    points = chair_cloud(512).points
-    points = points + rng.normal(scale=noise, size=points.shape).astype(np.float32)
-    state = renderer.prepare(PointCloud(points))
-    heads = renderer.network.config.heads
-    with torch.inference_mode():
-        output = renderer.network(project(state, cameras(VIEWS), renderer.inputs))
-        expected = composite(output, heads)[1][-1].permute(0, 2, 3, 1).numpy()
-    actual = renderer.draw(state, VIEWS)
-    levels = np.abs(to_uint8(actual).astype(int) - to_uint8(expected))
-    assert levels.max() <= 1
-    assert expected.min() < 0.5  # something is drawn
 
 
 def test_where_no_point_is_seen_the_image_is_white():

@@ -10,9 +10,8 @@ from dataclasses import dataclass, field, replace
 import pytest
 
 from bench.analysis.scored_run import read_run
-from bench.catalogue.suites import Limits
 from bench.records.run_folder import read_manifest
-from bench.running.isolation import WORKER_ENVIRONMENT, run_tasks, thread_counts
+from bench.running.isolation import run_tasks
 from bench.running.options import Options
 from bench.suites.speed.measure import SPEED, TimingSample, Unit, lost
 from bench.suites.speed.run import measure_alone, run
@@ -157,29 +156,21 @@ def test_a_run_that_was_stopped_goes_on_and_another_driver_is_measured_again(tmp
     assert ", 0 from before, " in fake.run(out, gl="other").summary
 
 
-def threads_here(name):
-    return os.environ.get(name), os.environ.get("GLIBC_TUNABLES")
-
-
-def test_a_worker_gets_as_many_threads_as_it_is_given():
-    names = [*thread_counts(3)]
-    assert {"OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "LP_NUM_THREADS"} <= set(names)
-    limits = Limits(60.0, 4.0)
-    threads = dict(run_tasks(names, threads_here, 1, limits, thread_counts(3)))
-    assert threads == dict.fromkeys(names, ("3", os.environ.get("GLIBC_TUNABLES")))
-    usual = dict(run_tasks(names[:1], threads_here, 1, limits))
-    assert usual == {names[0]: ("1", WORKER_ENVIRONMENT["GLIBC_TUNABLES"])}
+def threads_here(_):
+    return os.environ.get("OMP_NUM_THREADS"), os.environ.get("GLIBC_TUNABLES")
 
 
 def test_each_measurement_has_the_threads_and_limits_of_its_unit():
+    """Its process has as many threads as it is given, and memory that is not filled."""
     asked = []
 
-    def run_tasks(tasks, work, workers, limits, environment):
-        asked.append((workers, limits, environment))
-        yield from ((task, lost(task, "timeout: no result")) for task in tasks)
+    def run_there(tasks, work, workers, limits, environment):
+        asked.append((workers, limits, {*environment} >= {"OPENBLAS_NUM_THREADS"}))
+        yield from run_tasks(tasks, threads_here, workers, limits, environment)
 
-    measure_alone(replace(UNIT, threads=4), run_tasks)
-    assert asked == [(1, SMALL.limits, thread_counts(4))]
+    seen = measure_alone(replace(UNIT, threads=4), run_there)
+    assert seen == ("4", os.environ.get("GLIBC_TUNABLES"))
+    assert asked == [(1, SMALL.limits, True)]
 
 
 def test_a_process_that_dies_is_a_failure_with_a_reason():
