@@ -270,19 +270,48 @@ def take_samples(
     samples: list[TimingSample] = []
     failures: list[CloudFailure] = []
     left = list(subjects)
+
+    def timed(
+        call: Callable[[], _Returned], cloud: str, number: int, stage: _Stage, views: int = 0
+    ) -> _Returned:
+        clock.finish()
+        core, wall = clock.core(), clock.wall()
+        value = call()
+        clock.finish()
+        wall_s, core_s = clock.wall() - wall, clock.core() - core
+        samples.append(TimingSample(cloud, number, stage, views, wall_s, core_s))
+        return value
+
+    def prepare_and_draw(subject: Subject, number: int, calls: Sequence[Sequence[View]]) -> None:
+        rng = subject.rng()
+        cloud = subject.cloud if method.sees_mesh else PointCloud(subject.cloud.points)
+        state = timed(partial(renderer.prepare, cloud, rng), subject.id, number, "prepare")
+        for views in calls:
+            draw_all = partial(renderer.draw, state, views, rng)
+            timed(draw_all, subject.id, number, "draw", len(views))
+
+    @contextmanager
+    def left_out_if_failed(subject: Subject) -> Iterator[None]:
+        try:
+            yield
+        except MissingDependency:
+            raise
+        except (Exception, SystemExit) as error:
+            failures.append(CloudFailure(subject.id, reason_of(error)))
+            left.remove(subject)
+
     try:
-        renderer, sample = _timed(load, clock, "", 0, "load")
+        renderer = timed(load, "", 0, "load")
     except (BadInput, MissingDependency):
         raise
     except (Exception, SystemExit) as error:  # a method may call exit()
         return [], [CloudFailure(subject.id, reason_of(error)) for subject in subjects]
-    samples.append(sample)
     for subject in left[:1]:
-        with _left_out_if_failed(subject, left, failures):
-            _round(method, renderer, subject, 0, [subject.views[:1]], clock, samples)
+        with left_out_if_failed(subject):
+            prepare_and_draw(subject, 0, [subject.views[:1]])
     for _ in range(suite.warm_ups):
         for subject in tuple(left):
-            with _left_out_if_failed(subject, left, failures):
+            with left_out_if_failed(subject):
                 # Blank images would be fast: the check raises for them.
                 draw(method, renderer, subject.cloud, subject.views, subject.rng())
     start, number = clock.wall(), 0
@@ -291,62 +320,11 @@ def take_samples(
             break
         number += 1
         for subject in tuple(left):
-            with _left_out_if_failed(subject, left, failures):
+            with left_out_if_failed(subject):
                 views = subject.views
                 calls = [*([view] for view in views[: suite.singles])]
-                calls += [views] if len(views) > 1 else []
-                _round(method, renderer, subject, number, calls, clock, samples)
+                prepare_and_draw(subject, number, calls + ([views] if len(views) > 1 else []))
     return samples, failures
-
-
-@contextmanager
-def _left_out_if_failed(
-    subject: Subject, left: list[Subject], failures: list[CloudFailure]
-) -> Iterator[None]:
-    try:
-        yield
-    except MissingDependency:
-        raise
-    except (Exception, SystemExit) as error:
-        failures.append(CloudFailure(subject.id, reason_of(error)))
-        left.remove(subject)
-
-
-def _timed(
-    call: Callable[[], _Returned],
-    clock: Clock,
-    cloud: str,
-    number: int,
-    stage: _Stage,
-    views: int = 0,
-) -> tuple[_Returned, TimingSample]:
-    clock.finish()
-    core, wall = clock.core(), clock.wall()
-    value = call()
-    clock.finish()
-    wall_s, core_s = clock.wall() - wall, clock.core() - core
-    return value, TimingSample(cloud, number, stage, views, wall_s, core_s)
-
-
-def _round(
-    method: Method,
-    renderer: Renderer,
-    subject: Subject,
-    number: int,
-    calls: Sequence[Sequence[View]],
-    clock: Clock,
-    samples: list[TimingSample],
-) -> None:
-    """Prepare a cloud and draw it, a call for each element of `calls`, and append all times."""
-    rng = subject.rng()
-    cloud = subject.cloud if method.sees_mesh else PointCloud(subject.cloud.points)
-    prepare = partial(renderer.prepare, cloud, rng)
-    state, sample = _timed(prepare, clock, subject.id, number, "prepare")
-    samples.append(sample)
-    for views in calls:
-        draw_all = partial(renderer.draw, state, views, rng)
-        _, sample = _timed(draw_all, clock, subject.id, number, "draw", len(views))
-        samples.append(sample)
 
 
 def _busy_s() -> float:
