@@ -266,6 +266,23 @@ def test_colours_of_every_format_are_read_where_they_are_asked_for(
     assert (without.colors, without.has_colors, len(without.unused)) == (None, True, 1)
 
 
+@pytest.mark.parametrize(
+    ("name", "content", "colour"),
+    [
+        ("bytes.ply", ply("ascii", f"{XYZ},{RGB}", b"1 2 3 1 0 1\n", 1), [1, 0, 1]),
+        ("bytes.npy", npy(np.array([[1, 2, 3, 1, 0, 1]])), [1, 0, 1]),
+        ("shares.npy", npy(np.array([[1, 2, 3, 1, 0, 1.0]])), [255, 0, 255]),
+    ],
+)
+def test_a_colour_of_ones_is_dark_where_numbers_are_whole(
+    tmp_path: Path, name: str, content: bytes, colour: list[int]
+) -> None:
+    (tmp_path / name).write_bytes(content)
+    colors = read_cloud(tmp_path / name, with_colors=True).colors
+    assert colors is not None
+    assert colors.tolist() == [colour]
+
+
 @pytest.mark.parametrize("name", ["little.ply", "a.npy", "a.xyz", "names.csv"])
 def test_a_file_without_colours_has_none(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_bytes(WHOLE[name])
