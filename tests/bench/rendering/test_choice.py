@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import bench
 from bench.catalogue.methods import RECOMMENDED, RECOMMENDED_IN_COLOUR
-from bench.rendering.request import methods_to_draw, notes_on_methods
+from bench.rendering.request import RenderOptions, methods_to_draw, notes_on_methods, views_of
 from data_prep.failures import BadInput
 from data_prep.files.clouds import save_ply
 from data_prep.randomness import generator
@@ -24,6 +26,14 @@ def cloud(points, tmp_path):
     path = tmp_path / "cloud.ply"
     save_ply(points, path)
     return path
+
+
+def test_a_turntable_goes_round_from_the_azimuth():
+    options = RenderOptions(azimuth=30.0, elevation=-10.0, frames=4)
+    views = views_of(options, Path("turn.gif"))
+    assert [view.azimuth_deg for view in views] == [30, 120, 210, 300]
+    assert {view.elevation_deg for view in views} == {-10}
+    assert views_of(RenderOptions(azimuth=30.0, elevation=-10.0), Path("still.png")) == views[:1]
 
 
 def test_what_draws_where_no_method_is_named():
