@@ -18,16 +18,19 @@ from bench.catalogue.lookup import family_of, unknown
 from bench.catalogue.methods import FLOORS, known_method
 from bench.catalogue.metrics import JUDGE
 from bench.catalogue.suites import TRUTHS
-from bench.checking.claim_findings import VERDICTS, ClaimFinding, Verdict, corrected
 from bench.checking.claim_rules import (
     CHAIR,
     DISTANCES,
     RECOGNISABLE,
+    VERDICTS,
+    ClaimFinding,
     Evidence,
     MissingEvidence,
     QualityEvidence,
     TimingEvidence,
     Training,
+    Verdict,
+    corrected,
 )
 from bench.checking.claims import CHAIRS, CLASSES, LATENT, SPEED, Claim, claims
 from bench.judges.answers import found, why_no_retrieval

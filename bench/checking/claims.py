@@ -17,7 +17,7 @@ import pandas as pd
 from bench.analysis.paper import AVERAGE, SURFACE
 from bench.catalogue.metrics import higher_is_better
 from bench.checking import claim_rules as rules
-from bench.checking.claim_findings import ClaimFinding
+from bench.checking.claim_rules import ClaimFinding
 from bench.tables.published import published_rows
 
 CHAIRS, CLASSES, SPEED, LATENT = "chair-robustness", "thirteen-classes", "speed", "latent"

@@ -4,7 +4,8 @@ They lie beside the golden means of a suite:
 
     SUITE-objects.csv  for each method, condition and object the means of the image metrics over its
                        views, and the checksum of its images
-    SUITE-objects.png  the first view of each line, as a thumbnail, in the order of the lines
+    SUITE-objects.png  the first view of each line, as a thumbnail, in the order of the lines;
+                       for people, as checksums compare the images themselves
     SUITE-objects.json protocol and environment of the run that they are of, and the checksums of
                        the other two
 
@@ -14,10 +15,11 @@ value, and no image.
 
 from __future__ import annotations
 
+import io
 import json
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -29,19 +31,22 @@ from numpy.typing import NDArray
 
 from bench.analysis.scored_run import Run, in_order
 from bench.catalogue.methods import known_method
-from bench.checking.thumbnails import NO_IMAGE, read_png, thumbnail, to_png
 from bench.checking.tolerances import object_tolerance
 from bench.records.frames import stored_artifacts
 from bench.records.job import JobName
 from bench.tables.published import golden_name, golden_path
 from data_prep.failures import BadInput
 from data_prep.files.atomic_write import write_whole
-from data_prep.scene import UInt8Images
+from data_prep.scene import IMAGE_SIZE, UInt8Images
 
 KEY = ["method", "condition", "class", "object"]
 IMAGES = "images"
 _ANY = "any"  # condition of methods that see no cloud
 _WORST = 3  # objects named for each regression
+SIDE = 64  # pixels of a thumbnail: half an image
+ACROSS = 24  # thumbnails in a row of the sheet
+_NO_IMAGE = np.full((SIDE, SIDE, 3), 255, np.uint8)
+_COLOURS = 256  # of the whole sheet: a third of the bytes that all colours take
 _LIBRARIES = ("torch", "pymeshlab", "pyrender", "PyOpenGL", "trimesh", "numpy", "scipy")
 
 
@@ -211,7 +216,7 @@ def write_objects(run: Run, protocol: Mapping[str, Any]) -> list[Path]:
                 f"{'/'.join(item.object)} cannot be read; start the run again with its command"
             )
         lines.append(row | {IMAGES: checksum(images)})
-        thumbnails.append(NO_IMAGE if images is None else thumbnail(images[0]))
+        thumbnails.append(_NO_IMAGE if images is None else thumbnail(images[0]))
     csv, png, about = _paths(golden_name(run.manifest))
     table = pd.DataFrame(lines).to_csv(index=False, lineterminator="\n", float_format="%.6f")
     contents = {csv: table.encode(), png: to_png(thumbnails)}
@@ -327,3 +332,47 @@ def _remark(here: Mapping[str, str], golden: Mapping[str, str]) -> str:
 def number(value: float) -> str:
     """Return a value in digits for people, "nothing" where it is not finite."""
     return f"{value:.6f}" if math.isfinite(value) else "nothing"
+
+
+def thumbnail(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return an image [IMAGE_SIZE, IMAGE_SIZE, 3] as [SIDE, SIDE, 3].
+
+    Pixels are means of blocks, rounded half up.
+    """
+    block = IMAGE_SIZE // SIDE
+    blocks = image.reshape(SIDE, block, SIDE, block, 3).astype(np.float64)
+    return np.floor(blocks.mean(axis=(1, 3)) + 0.5).astype(np.uint8)
+
+
+def to_png(thumbnails: Sequence[NDArray[np.uint8]]) -> bytes:
+    """Return a sheet of thumbnails in their order, ACROSS in a row; the last row ends in white."""
+    from PIL import Image
+
+    rows = -(-len(thumbnails) // ACROSS)
+    tiles = np.full((rows * ACROSS, SIDE, SIDE, 3), 255, np.uint8)
+    tiles[: len(thumbnails)] = thumbnails
+    grid = tiles.reshape(rows, ACROSS, SIDE, SIDE, 3).swapaxes(1, 2)
+    sheet = Image.fromarray(grid.reshape(rows * SIDE, ACROSS * SIDE, 3))
+    buffer = io.BytesIO()
+    sheet.quantize(_COLOURS).save(buffer, "PNG", optimize=True)
+    return buffer.getvalue()
+
+
+def read_png(path: Path) -> UInt8Images:
+    """Return the thumbnails [N, SIDE, SIDE, 3] of a sheet, up to the end of its last row.
+
+    Raises BadInput for a file that is no sheet.
+    """
+    from PIL import Image
+
+    try:
+        with Image.open(path, formats=("PNG",)) as image:
+            sheet = np.asarray(image.convert("RGB"))
+    except OSError as error:
+        raise BadInput(f"{path}: not a readable PNG ({error}); restore it with git") from error
+    rows, width = len(sheet) // SIDE, ACROSS * SIDE
+    if sheet.shape != (rows * SIDE, width, 3):
+        raise BadInput(
+            f"{path}: no sheet of thumbnails, which is {width} pixels wide; restore it with git"
+        )
+    return sheet.reshape(rows, SIDE, ACROSS, SIDE, 3).swapaxes(1, 2).reshape(-1, SIDE, SIDE, 3)

@@ -188,9 +188,8 @@ def _write_deviations(directory: Path, moved: Sequence[GoldenDeviation]) -> Path
     The image is of the first view. Among the metrics of an object with a method at a condition, the
     one that moved most counts. Without any object an old file is removed. Raises CannotWrite.
     """
-    from bench.checking.objects import StoredImages, golden_thumbnails
+    from bench.checking.objects import SIDE, StoredImages, golden_thumbnails
     from bench.checking.objects import number as rounded
-    from bench.checking.thumbnails import SIDE
     from bench.rendering.files import write_images
     from bench.rendering.finish import Tile, draw_sheet
     from bench.report.figure import FIGURES

@@ -31,8 +31,7 @@ from bench.records.job import JobName
 from bench.records.record import TIMES
 from bench.report.headline import compact_table
 from bench.report.images import cases, extremes, grids, shown_objects
-from bench.report.inline import inline
-from bench.report.page import rendered
+from bench.report.page import inline, rendered
 from bench.report.plots import SweepPanel
 from bench.report.run_figures import (
     cost_figures,

@@ -1,17 +1,34 @@
-"""Pages as HTML: templates that escape all text, and forbid what is not in them."""
+"""Pages as HTML, and figures in them: templates escape all text, and forbid what is not there."""
 
 from __future__ import annotations
 
 import base64
 import hashlib
+import io
+import re
 from functools import cache
 from importlib import resources
 from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
 
+from bench.report.figure import drawing
+from bench.report.styles import HUES, INK, PAPER, RULE, SHADE, SOFT
 from bench.tables.markdown import visible
 
 if TYPE_CHECKING:
     from jinja2 import Environment
+    from matplotlib.figure import Figure
+
+_COLOURS = {
+    INK: "currentColor",
+    PAPER: "var(--paper)",
+    SOFT: "var(--soft)",
+    RULE: "var(--rule)",
+    SHADE: "var(--sunk)",
+    **{hue: f"var(--hue-{number})" for number, hue in enumerate(HUES)},
+}
+_REFERENCE = re.compile(r"#([\w.-]+)")
 
 
 def rendered(template: str, **values: Any) -> str:
@@ -60,3 +77,44 @@ def bundled(name: str) -> str:
 def _hash(text: str) -> str:
     """Return the hash by which a Content-Security-Policy names inline text."""
     return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+
+
+def inline(figure: Figure, name: str, description: str) -> str:
+    """Return a figure as an SVG element; `name`, unlike any other, begins its ids.
+
+    Text in it is escaped, and control characters are visible. The page forbids inline styles: they
+    become attributes. `description` has its content in words.
+    """
+    figure.patch.set_visible(False)
+    for axis in figure.axes:
+        axis.patch.set_visible(False)
+    buffer = io.StringIO()
+    with drawing():
+        figure.savefig(buffer, format="svg", metadata={"Date": None})
+    root = ElementTree.fromstring(buffer.getvalue())
+    box = root.attrib["viewBox"]
+    for parent in list(root.iter()):
+        for child in list(parent):
+            if child.tag.endswith(("}metadata", "}style")):
+                parent.remove(child)
+        parent.tag = parent.tag.rpartition("}")[2]
+        attributes = dict(parent.attrib)
+        for declaration in filter(None, attributes.pop("style", "").split("; ")):
+            key, _, value = declaration.partition(": ")
+            attributes[key] = _COLOURS.get(value, value)
+        if not parent.tag.endswith(("path", "Path")):
+            attributes.pop("id", None)  # of groups, which nothing refers to
+        attributes.pop("font-family", None)
+        parent.attrib = {
+            key.rpartition("}")[2]: f"{name}-{value}"
+            if key == "id"
+            else _REFERENCE.sub(rf"#{name}-\1", value)
+            if key.endswith("href") or value.startswith("url(")
+            else value
+            for key, value in attributes.items()
+        }
+    root.attrib = {"viewBox": box, "role": "img", "aria-labelledby": f"{name}-description"}
+    words = Element("desc", id=f"{name}-description")
+    words.text = visible(description)
+    root.insert(0, words)
+    return ElementTree.tostring(root, "unicode")

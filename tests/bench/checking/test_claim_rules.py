@@ -16,12 +16,15 @@ from bench.analysis.intervals import (
     mean_interval,
 )
 from bench.checking import claim_rules as rules
-from bench.checking.claim_findings import ClaimFinding, Requirement, corrected, holm
 from bench.checking.claim_rules import (
+    ClaimFinding,
     MissingEvidence,
     QualityEvidence,
+    Requirement,
     TimingEvidence,
     Training,
+    corrected,
+    holm,
     weighted_sum,
 )
 from bench.checking.claims import claims

@@ -18,7 +18,7 @@ from bench.checking.checklist import (
     read_evidence,
     to_markdown,
 )
-from bench.checking.claim_findings import ClaimFinding, Requirement
+from bench.checking.claim_rules import ClaimFinding, Requirement
 from bench.checking.claims import RULES, claims
 from bench.tables.published import published
 from data_prep.failures import BadInput

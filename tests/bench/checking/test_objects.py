@@ -17,8 +17,16 @@ from bench.analysis.scored_run import read_run
 from bench.catalogue.metrics import IMAGE_METRICS, column
 from bench.catalogue.suites import SUITES, with_truth
 from bench.checking.golden import bless, check
-from bench.checking.objects import environment_of, golden_thumbnails, read_objects
-from bench.checking.thumbnails import ACROSS, SIDE, read_png, thumbnail, to_png
+from bench.checking.objects import (
+    ACROSS,
+    SIDE,
+    environment_of,
+    golden_thumbnails,
+    read_objects,
+    read_png,
+    thumbnail,
+    to_png,
+)
 from bench.checking.tolerances import PRINTED, object_tolerance
 from bench.records.frames import read_jobs, stored_artifacts
 from bench.records.run_folder import open_store, read_manifest, write_manifest

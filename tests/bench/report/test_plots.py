@@ -16,7 +16,7 @@ from bench.analysis.frontier import places
 from bench.analysis.paired import Verdicts
 from bench.catalogue.conditions import FAMILIES
 from bench.catalogue.metrics import higher_is_better
-from bench.report.inline import inline
+from bench.report.page import inline
 from bench.report.run_figures import (
     cost_figures,
     described,
