@@ -34,16 +34,6 @@ def draw(renderer, cloud, views=VIEWS):
     return renderer.draw(renderer.prepare(cloud), views)
 
 
-def test_with_weights_of_zero_for_the_meshes_it_draws_as_splat_net(cloud):
-    net = network(MESHES)
-    with torch.no_grad():
-        net.first.conv.weight[:, net.config.inputs.of_points :] = 0
-    image = draw(fused(net, dict.fromkeys(MESHES, Truth())), cloud)
-    expected = draw(without_meshes(net), cloud)
-    assert expected.std() > 0.03
-    np.testing.assert_allclose(image, expected, rtol=0, atol=1e-5)
-
-
 def test_the_meshes_are_seen_each_in_its_place(cloud):
     """A mesh in the other's place is another image; without any it is splat-net's."""
     net = network(MESHES)

@@ -11,7 +11,7 @@ import pytest
 from baselines.reconstruction.meshlab import MeshLab
 from baselines.reconstruction.poisson import Poisson
 from baselines.reconstruction.stages import FOOTPRINT, finite_part
-from baselines.reconstruction.surface import SurfaceApss, SurfaceBpa, closed_surface
+from baselines.reconstruction.surface import SurfaceApss, SurfaceBpa
 from baselines.reconstruction.surface_fit import SurfaceFit, resolution, thinned
 from data_prep.clouds.sampling import face_areas
 from data_prep.failures import StageFailure
@@ -38,15 +38,6 @@ def test_evenly_sampled_sphere() -> None:
     # A surface crosses a number of cells that grows with the square of the resolution; where the
     # grid begins and ends is a cell or two of a hundred.
     assert len(ball.mesh.faces) / len(coarse.faces) == pytest.approx(4, rel=0.04)
-
-
-def test_surface_bpa_is_the_chain_up_to_its_third_stage() -> None:
-    cloud = chair_cloud()
-    state = SurfaceBpa().prepare(cloud)
-    expected = closed_surface(cloud.points).mesh(NEUTRAL_GREY)
-    np.testing.assert_array_equal(state.mesh.faces, expected.faces)
-    np.testing.assert_array_equal(state.mesh.vertices, cloud.points)  # none is made or moved
-    assert state.notes == ()
 
 
 @pytest.mark.parametrize("side", [0.01, 0.1])
