@@ -3,7 +3,6 @@
     python -m studies.noise_floor [--chairs 24] [--views 10] [--seeds 6] [--condition 2048]
                                      [--out results/noise-floor.md]
     python -m studies.noise_floor chairs [--chairs 24] [--views 20] [--condition 2048,noise-0.10]
-    python -m studies.noise_floor classes [--objects 10] [--views 10]
 
 A cell is the value of one metric for one method, over objects x views of the validation split, as
 in the tables of a run. It is measured again with one thing changed at a time:
@@ -23,12 +22,9 @@ renderer   the true images by rays with the same camera and shading
 rounding   one point in fifty moved by one rounding error, as another processor rounds elsewhere:
            for reconstructions, where it decides about a spike.
 
-`chairs` and `classes` are for golden values by object and of the suite `thirteen-classes`, with a
-turn and with rounding: a mean over 24 chairs moves less than one of them, and classes have other
-metrics and shapes. `chairs` prints for each method and metric, over all chairs and conditions, the
-standard deviation of a chair's move around zero, and the two largest. `classes` prints the largest
-move of a class (at `2048`), that of the mean over classes, and the standard deviation of an
-object's move, largest class, for what is a mean over objects.
+`chairs` is for golden values by object, with a turn and with rounding: a mean over 24 chairs moves
+less than one of them. It prints for each method and metric, over all chairs and conditions, the
+standard deviation of a chair's move around zero, and the two largest.
 
 Up to ten minutes each on one thread; not the place to measure time.
 """
@@ -36,31 +32,22 @@ Up to ten minutes each on one thread; not the place to measure time.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
 import torch
-from numpy.typing import NDArray
 
-from bench.analysis.recognition import read_class_head
 from bench.catalogue.methods import find_method
 from bench.catalogue.metrics import CONTROL_METRICS, IMAGE_METRICS, column
 from bench.checking.tolerances import tolerance
-from bench.judges import VIEWS_WEIGHTS
-from bench.judges.views import load_views_network, view_features
-from bench.metrics.frechet import frechet_distance
-from bench.metrics.image_scores import scores
-from bench.metrics.kernel_distance import kernel_distance
 from data_prep.clouds.sampling import random_views
 from data_prep.randomness import generator
 from data_prep.rendering.images import to_uint8
 from data_prep.rendering.raycast import OPENGL, cast
 from data_prep.scene import PointCloud, UInt8Images
-from data_prep.shapes.catalogue import CLASSES
 from pc2pix.renderer import Pc2pixRenderer
 from pc2pix.weights import load_weights
 from studies.images import (
@@ -254,12 +241,6 @@ _OF_CHAIRS = {
     TURN: ("pc2pix", "pc2pix@acgan", "splat-net@chair", "splat", "constant", "blank"),
     ROUNDING: ("surface-apss",),
 }
-OF_CLASSES = {
-    TURN: ("pc2pix@all", "pc2pix", "splat", "blank"),
-    ROUNDING: ("surface-apss", "surface-fit"),
-}
-_MEANS = ("ssim", "luminance", "contrast", "structure", "silhouette-iou")
-CELL = ["change", "method", "metric"]
 ONE_IN = 50
 
 _Pair = tuple[UInt8Images, UInt8Images]  # true and drawn images [N, V, H, W, 3]
@@ -273,13 +254,23 @@ def nudged(cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
     return replace(cloud, points=points)
 
 
-def changed(
-    scene: SceneSet, rng: np.random.Generator, methods: Mapping[str, Sequence[str]]
-) -> Iterator[tuple[dict[str, Any], _Pair, _Pair]]:
-    """Yield each change and method with the objects as they are, and changed."""
+def means(pair: _Pair) -> pd.DataFrame:
+    """Return means over the views that have a value: objects down, metrics across."""
+    scored = [all_scores(truth, drawn) for truth, drawn in zip(*pair, strict=True)]
+    return pd.DataFrame(
+        [{m: finite_mean(values[column(m)]) for m in IMAGE_METRICS} for values in scored]
+    )
+
+
+def moves_of_chairs(
+    scene: SceneSet, condition: str, methods: Mapping[str, Sequence[str]] = _OF_CHAIRS
+) -> pd.DataFrame:
+    """Return how far the values of each chair move, a row for each change, method and chair."""
+    rng = generator("object noise", "nudge", condition)
     farther = tuple(map(turned, scene.views))
     truth, truth_turned = (render_all(scene.meshes, views) for views in (scene.views, farther))
     others = [nudged(cloud, rng) for cloud in scene.clouds]
+    moves = []
     for change, changed_methods in methods.items():
         for method in changed_methods:
             renderer = find_method(method).load("cpu")
@@ -288,27 +279,8 @@ def changed(
                 after = truth_turned, draw_all(renderer, scene.clouds, farther)
             else:
                 after = truth, draw_all(renderer, others, scene.views)
-            yield {"change": change, "method": method}, before, after
-
-
-def means(pair: _Pair, metrics: Sequence[str] = IMAGE_METRICS) -> pd.DataFrame:
-    """Return means over the views that have a value: objects down, metrics across."""
-    score = all_scores if "lpips" in metrics else scores
-    scored = [score(truth, drawn) for truth, drawn in zip(*pair, strict=True)]
-    return pd.DataFrame([{m: finite_mean(values[column(m)]) for m in metrics} for values in scored])
-
-
-def moves_of_chairs(
-    scene: SceneSet, condition: str, methods: Mapping[str, Sequence[str]] = _OF_CHAIRS
-) -> pd.DataFrame:
-    """Return how far the values of each chair move, a row for each change, method and chair."""
-    rng = generator("object noise", "nudge", condition)
-    return pd.concat(
-        [
-            (means(after) - means(before)).assign(**where)
-            for where, before, after in changed(scene, rng, methods)
-        ]
-    )
+            moves.append((means(after) - means(before)).assign(change=change, method=method))
+    return pd.concat(moves)
 
 
 def _summary_of_chairs(moves: pd.DataFrame) -> str:
@@ -330,77 +302,27 @@ def _summary_of_chairs(moves: pd.DataFrame) -> str:
     return markdown(["change", "method", *IMAGE_METRICS], rows, left=2)
 
 
-def _moves_of_class(class_name: str, objects: int, views: int) -> Iterator[dict[str, object]]:
-    """Yield a row for each method and metric: value, move of the cell, deviation of an object."""
-    network, head = load_views_network(VIEWS_WEIGHTS), read_class_head(VIEWS_WEIGHTS)
-
-    def features(images: UInt8Images) -> NDArray[np.float32]:
-        return view_features(network, images.reshape(-1, *images.shape[2:]))
-
-    def of_objects(pair: _Pair) -> pd.DataFrame:
-        confidence = head.confidence(features(pair[1]), class_name).reshape(objects, views)
-        return means(pair, _MEANS).assign(**{"class-confidence": confidence.mean(axis=1)})
-
-    rng = generator("class noise", "nudge", class_name)
-    scene = make_scene(class_name, objects, views, class_name)
-    for where, before, after in changed(scene, rng, OF_CLASSES):
-        values = of_objects(before)
-        for metric, moved in (of_objects(after) - values).items():
-            cell = {"value": values[metric].mean(), "by": moved.mean(), "deviation": moved.std()}
-            yield where | {"metric": metric, **cell}
-        for metric, distance in (("fd-views", frechet_distance), ("kd-views", kernel_distance)):
-            value, other = (distance(*map(features, pair)) for pair in (before, after))
-            yield where | {"metric": metric, "value": value, "by": other - value}
-
-
-def _summary_of_classes(rows: pd.DataFrame) -> str:
-    """Return the largest move of a class, of the mean over classes, and relative to the cell."""
-    table = rows.assign(size=rows["by"].abs(), share=(rows["by"] / rows["value"]).abs())
-    by = table.groupby(CELL, sort=False)
-    largest = pd.DataFrame(
-        {
-            "largest class": by["size"].max(),
-            "of itself": by["share"].max(),
-            "average": by["by"].mean().abs(),
-            "deviation of an object": by["deviation"].max(),
-        }
-    )
-    lines = [
-        [*names, *(_number(value, 2) or "-" for value in values)]
-        for names, values in zip(largest.index, largest.to_numpy(), strict=True)
-    ]
-    return markdown([*CELL, *largest.columns], lines, left=len(CELL))
-
-
 def main() -> None:
     """Run the study from the command line."""
     parser = argparse.ArgumentParser(description="How far metrics move by what should not matter.")
-    parser.add_argument("of", nargs="?", default="cells", choices=("cells", "chairs", "classes"))
-    parser.add_argument(
-        "--chairs", "--objects", dest="objects", type=int, help="24 chairs, 10 of a class"
-    )
+    parser.add_argument("of", nargs="?", default="cells", choices=("cells", "chairs"))
+    parser.add_argument("--chairs", type=int, default=24)
     parser.add_argument("--views", type=int, help=f"10, 20 of single chairs; at most {BATCH}")
     parser.add_argument("--seeds", type=int, default=6)
     parser.add_argument("--condition", help="2048; of single chairs also noise-0.10")
     parser.add_argument("--out", type=Path, default=Path("results/noise-floor.md"))
     options = parser.parse_args()
     torch.set_num_threads(1)
-    if options.of == "classes":
-        size = options.objects or 10, options.views or 10
-        rows = [row for name in CLASSES for row in _moves_of_class(name, *size)]
-        print(_summary_of_classes(pd.DataFrame(rows)), end="")
-        return
-    objects = options.objects or 24
     if options.of == "chairs":
         moves = [
-            moves_of_chairs(make_scene("chair", objects, options.views or 20, 0, name), name)
+            moves_of_chairs(make_scene("chair", options.chairs, options.views or 20, 0, name), name)
             for name in (options.condition or "2048,noise-0.10").split(",")
         ]
         print(_summary_of_chairs(pd.concat(moves)), end="")
         return
     views, condition = options.views or 10, options.condition or "2048"
-    study = _Study(objects, views, condition)
-    given = {"objects": objects, "views": views, "seeds": options.seeds, "condition": condition}
+    study = _Study(options.chairs, views, condition)
+    given = vars(options) | {"views": views, "condition": condition}
     text = to_markdown(study.cells, study.moves(options.seeds), **given)
     print(text, end="")
     options.out.write_text(text, encoding="utf-8")
@@ -411,10 +333,10 @@ PAGE = """\
 
 How far the metrics of the benchmark move by what should not matter. Made by
 
-    python -m studies.noise_floor --chairs {objects} --views {views} --seeds {seeds} \
+    python -m studies.noise_floor --chairs {chairs} --views {views} --seeds {seeds} \
 --condition {condition}
 
-whose head says what was changed and how: {objects} chairs of the validation split x {views} views,
+whose head says what was changed and how: {chairs} chairs of the validation split x {views} views,
 condition `{condition}`, {seeds} seeds. Each table gives the absolute change of a cell; an empty
 field is a metric without a value (`blank` draws nothing that could be precise).
 """

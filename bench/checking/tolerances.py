@@ -8,7 +8,8 @@ processors. `studies.noise_floor` measures the effects, and `docs/noise-floor.md
   later metrics that is 0.0016 dB (psnr), 0.00036 (lpips), 0.24 or 0.3 % of itself (fd-alexnet) and
   0.0031 or 0.6 % (kd-alexnet). The thirteen classes moved by at most 0.0004 (ssim) and 2 %
   (fd-views), so that the tolerances of chairs hold; class-confidence by 0.0061, and kd-views by
-  2.6 % of itself or 0.03, of which three times is allowed for all methods.
+  2.6 % of itself or 0.03, of which three times is allowed for all methods (commit d2a060a6:
+  `python -m studies.noise_floor classes`).
 * Another processor rounds elsewhere, and APSS is ill-conditioned: where normals disagree, one
   rounding error decides about a spike. Chairs then differ by a standard deviation of 0.0156 (ssim),
   0.0146 (contrast), 0.0043 (structure) and 0.0017 (luminance); psnr by 10.4 dB for 1 of ssim,
