@@ -48,7 +48,7 @@ from data_prep.scene import IMAGE_SIZE, NEUTRAL_GREY, Images, PointCloud, View
 GAMMA = 2.2  # of the scene's shading: data_prep/rendering/mesh.frag
 MOST_POINTS = 8192
 HOPS = 4  # of the neighbourhoods that normals are those of
-ROUNDS = 2  # of smoothing
+_ROUNDS = 2  # of smoothing
 SMOOTHING, FEWEST_HOPS, MOST_HOPS = 4.0, 2, 12  # hops for a noise of one spacing
 _CLOSING = 1.5  # radius of the disc that closes the outline, in spacings of the points
 MARGIN = 0.25  # of the outline about the outermost points, in spacings
@@ -88,7 +88,7 @@ class SplatFill:
         exact = points.astype(np.float64)
         if noise > NOISY * spacing(even_sample(points)):
             exact = _smoothed(exact, noise, between)
-            notes += (f"smoothed: {ROUNDS} times, {len(exact)} of {len(points)} kept",)
+            notes += (f"smoothed: {_ROUNDS} times, {len(exact)} of {len(points)} kept",)
         (planes,) = fit_planes(exact, (HOPS,))
         return _OrientedPoints(exact, planes.normals, between, notes)
 
@@ -119,7 +119,7 @@ def _paint(state: _OrientedPoints, view: View) -> Floats:
 
 def _smoothed(points: Floats, noise: float, between: float) -> Floats:
     hops = int(np.clip(round(SMOOTHING * (noise / between) ** 2), FEWEST_HOPS, MOST_HOPS))
-    for _ in range(ROUNDS):
+    for _ in range(_ROUNDS):
         (planes,) = fit_planes(points, (hops,))
         points = planes.flattened
     return dense_part(points, 1 - min(LEFT_OUT * noise, MOST_LEFT_OUT), DENSITY_NEIGHBOURS)

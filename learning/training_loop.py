@@ -37,7 +37,7 @@ _Built = TypeVar("_Built")
 _RATE_WINDOW_S = 60.0
 _MAY_CHANGE_ON_RESUME = ("steps", "cadence")
 FULL_RATE = "checkpoint-full-rate.safetensors"  # of the last step before the learning rate falls
-RANDOM = "random"  # where a trainer's state holds the state of its random generator
+_RANDOM = "random"  # where a trainer's state holds the state of its random generator
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class StepReport:
         return ", ".join(parts)
 
 
-OnProgress = Callable[[StepReport], None]
+_OnProgress = Callable[[StepReport], None]
 
 
 @contextmanager
@@ -93,7 +93,7 @@ def train(
     out_dir: Path,
     *,
     device: str = "cpu",
-    on_progress: OnProgress = lambda report: None,
+    on_progress: _OnProgress = lambda report: None,
     **further: Any,
 ) -> Path:
     """Train to `config.steps`, continuing a run in `out_dir`, and return the checkpoint's path.
@@ -110,7 +110,7 @@ def train(
     return run(trainer, out_dir, on_progress)
 
 
-def run(trainer: NetworkTrainer, out_dir: Path, on_progress: OnProgress) -> Path:
+def run(trainer: NetworkTrainer, out_dir: Path, on_progress: _OnProgress) -> Path:
     """Train to the steps of the configuration and return the path of the checkpoint.
 
     Continues from a checkpoint in `out_dir`. Where the number of steps has changed, the result is
@@ -246,14 +246,14 @@ def _load(
                 f"{path}: trained with {key} = {config.get(key)!r}, asked for {identity[key]!r}; "
                 "use the same value or another output directory"
             )
-    count = 1 + sum(key.startswith(f"{RANDOM}-") for key in state)
+    count = 1 + sum(key.startswith(f"{_RANDOM}-") for key in state)
     if count != processes.count:
         raise BadInput(
             f"{path}: trained by {count} process(es), this is a run of {processes.count}; start "
             f"as many (torchrun --nproc_per_node {count}) or use another output directory"
         )
     if processes.rank > 0:
-        state[RANDOM] = state[_random_of(processes.rank)]
+        state[_RANDOM] = state[_random_of(processes.rank)]
     with understanding_header(path, "choose another output directory"):
         return state, step, int(config["steps"])
 
@@ -262,13 +262,13 @@ def _whole_state(trainer: NetworkTrainer) -> dict[str, Tensor]:
     """Return the trainer's state and the random states of the other processes."""
     state = trainer.state()
     if trainer.processes.count > 1:
-        _, *others = trainer.processes.gather(state[RANDOM])
+        _, *others = trainer.processes.gather(state[_RANDOM])
         state |= {_random_of(rank): other for rank, other in enumerate(others, start=1)}
     return state
 
 
 def _random_of(rank: int) -> str:
-    return f"{RANDOM}-{rank}"
+    return f"{_RANDOM}-{rank}"
 
 
 def seeded(seed: int, build: Callable[[], _Built]) -> _Built:

@@ -104,9 +104,9 @@ class WeightFiles:
 
         state, step, config = checkpoint.load(checkpoint_path, self.kind)
         tensors, apart = select(state, config)
-        stored = halved(without_counters(tensors), checkpoint_path, remedy)
+        stored = halved(_without_counters(tensors), checkpoint_path, remedy)
         texts = {k: v if isinstance(v, str) else json.dumps(v) for k, v in apart.items()}
-        header = {"format": self.format, **texts, "training": training_header(config, step, apart)}
+        header = {"format": self.format, **texts, "training": _training_header(config, step, apart)}
         write_atomically(path, stored, header)
         return file_sha256(path)
 
@@ -128,7 +128,7 @@ class WeightFiles:
         with understanding_header(path, self.remedy):
             config = configure(json.loads(header["network"]), tensors)
             card = {"network": asdict(config), **json.loads(header["training"])}
-        network = checked_network(path, tensors, lambda: build(config), self.remedy)
+        network = _checked_network(path, tensors, lambda: build(config), self.remedy)
         return NetworkWeights(network, card, file_sha256(path))
 
 
@@ -299,7 +299,7 @@ def understanding_header(path: Path, remedy: str) -> Generator[None]:
         raise BadInput(f"{path}: its header cannot be read ({error!r}); {remedy}") from None
 
 
-def training_header(config: Mapping[str, Any], step: int, apart: Iterable[str]) -> str:
+def _training_header(config: Mapping[str, Any], step: int, apart: Iterable[str]) -> str:
     """Return how weights were trained, as JSON for their file's header.
 
     It has the configuration, the steps that were taken, and their learning rates. The keys `apart`,
@@ -331,14 +331,14 @@ def sub_state(state: Mapping[str, Tensor], name: str) -> dict[str, Tensor]:
     return {key.removeprefix(prefix): v for key, v in state.items() if key.startswith(prefix)}
 
 
-def without_counters(tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
+def _without_counters(tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
     """Return the tensors that are stored: all but counters."""
     return {key: value for key, value in tensors.items() if not key.endswith(_COUNTER)}
 
 
 def expected_shapes(network: nn.Module, prefix: str = "") -> dict[str, tuple[int, ...]]:
     """Return the shapes that a file has to hold for `network`, which may be a meta network."""
-    state = without_counters(network.state_dict())
+    state = _without_counters(network.state_dict())
     return {f"{prefix}{key}": tuple(value.shape) for key, value in state.items()}
 
 
@@ -370,7 +370,7 @@ def check_tensors(
             raise BadInput(f"{path}: {key} is not finite; {remedy}")
 
 
-def checked_network(
+def _checked_network(
     path: Path, tensors: Mapping[str, Tensor], build: Callable[[], _NetworkT], remedy: str
 ) -> _NetworkT:
     """Return the network that `build` makes, with the tensors of a file, in evaluation mode.

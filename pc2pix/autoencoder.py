@@ -130,15 +130,9 @@ class PointNet(nn.Module):
     def forward(self, points: Tensor) -> Tensor:
         """Return the codes of clouds.
 
-        Parameters
-        ----------
-        points : Tensor, [B, N, 3], N > 0
-            Clouds in unit-sphere coordinates.
+        points  Tensor [B, N, 3], N > 0; clouds in unit-sphere coordinates
 
-        Returns
-        -------
-        Tensor, [B, latent_dim]
-            Codes, not whitened.
+        Tensor [B, latent_dim]: codes, not whitened.
         """
         x = points
         for layer in self.points:

@@ -52,15 +52,9 @@ _CODE_HEAD_CHANNELS = (256, 1024, 1024, 1024)  # Table 2
 def sine_cosine(azimuth01: Tensor) -> Tensor:
     """Return the sine and cosine of a normalised azimuth.
 
-    Parameters
-    ----------
-    azimuth01 : Tensor, [B, 1]
-        Azimuth as the generator takes it; 0.5 is the front.
+    azimuth01  Tensor [B, 1]; azimuth as the generator takes it; 0.5 is the front
 
-    Returns
-    -------
-    Tensor, [B, 2]
-        Sine and cosine; (0, 1) for the front.
+    Tensor [B, 2]: sine and cosine; (0, 1) for the front.
     """
     angle = 2 * math.pi * (azimuth01 - 0.5)
     return torch.cat([torch.sin(angle), torch.cos(angle)], dim=1)
@@ -100,20 +94,13 @@ def channels_last(network: nn.Module) -> None:
 # Generator: paper Table 1
 
 
-def upsample_then_conv(x: Tensor, conv: nn.Conv2d) -> Tensor:
+def _upsample_then_conv(x: Tensor, conv: nn.Conv2d) -> Tensor:
     """Return nearest x2, then a 3x3 convolution, as one transposed convolution: 4 taps for 9.
 
-    Parameters
-    ----------
-    x : Tensor, [B, cin, H, W]
-        Input.
-    conv : Conv2d
-        Convolution with a 3x3 kernel, stride 1 and padding 1.
+    x     Tensor [B, cin, H, W]; input
+    conv  convolution with a 3x3 kernel, stride 1 and padding 1
 
-    Returns
-    -------
-    Tensor, [B, cout, 2H, 2W]
-        Convolution of the up-sampled input, to rounding.
+    Tensor [B, cout, 2H, 2W]: convolution of the up-sampled input, to rounding.
     """
     kernel = 4 * functional.avg_pool2d(conv.weight.flip(2, 3), 2, stride=1, padding=1)
     return functional.conv_transpose2d(x, kernel.transpose(0, 1), conv.bias, stride=2, padding=1)
@@ -137,7 +124,7 @@ class UpBlock(nn.Module):
     def forward(self, x: Tensor) -> Tensor:  # [B, cin, H, W]
         """Map [B, cin, H, W] to [B, cout, 2H, 2W]."""
         y = self.conv1(functional.relu(self.bn1(x)))  # [B, cout, H, W]
-        y = upsample_then_conv(functional.relu(self.bn2(y)), self.conv2)  # [B, cout, 2H, 2W]
+        y = _upsample_then_conv(functional.relu(self.bn2(y)), self.conv2)  # [B, cout, 2H, 2W]
         return y + functional.interpolate(self.shortcut(x), scale_factor=2.0)
 
 
@@ -191,12 +178,8 @@ class Generator(nn.Module):
 def take_scaled_codes(generator: Generator, scale: Tensor, shift: Tensor) -> None:
     """Change a generator in place so that of a code y it draws what it drew of scale * y + shift.
 
-    Parameters
-    ----------
-    generator : Generator
-        Generator to change, on the CPU or a GPU.
-    scale, shift : Tensor, [latent_dim]
-        Factors and offsets of the numbers of a code.
+    generator     generator to change, on the CPU or a GPU
+    scale, shift  Tensor [latent_dim]; factors and offsets of the numbers of a code
     """
     kernel = generator.dense.weight[:, NOISE_DIM : NOISE_DIM + generator.config.latent_dim]
     generator.dense.bias.add_(kernel @ shift.to(kernel.device))
@@ -230,7 +213,7 @@ def _unit(vector: Tensor) -> Tensor:
     return vector / (vector.norm() + 1e-12)
 
 
-class SpectralConv2d(nn.Conv2d):
+class _SpectralConv2d(nn.Conv2d):
     """A "same" convolution with spectral normalisation."""
 
     u: Tensor
@@ -275,9 +258,9 @@ class _DownBlock(nn.Module):
 
     def __init__(self, cin: int, cout: int, *, pool: bool = True) -> None:
         super().__init__()
-        self.conv1 = SpectralConv2d(cin, cout, 3)
-        self.conv2 = SpectralConv2d(cout, cout, 3)
-        self.shortcut = SpectralConv2d(cin, cout, 1)
+        self.conv1 = _SpectralConv2d(cin, cout, 3)
+        self.conv2 = _SpectralConv2d(cout, cout, 3)
+        self.shortcut = _SpectralConv2d(cin, cout, 1)
         self.pool = pool
 
     def forward(self, x: Tensor) -> Tensor:

@@ -77,24 +77,14 @@ class Pc2pixRenderer:
         takes all there are; of more than it was trained with, the mean code of several parts of the
         cloud is taken (`parts`).
 
-        Parameters
-        ----------
-        cloud : PointCloud
-            Points [N, 3] in unit-sphere coordinates.
-        rng : numpy.random.Generator, optional
-            Not used.
+        cloud  points [N, 3] in unit-sphere coordinates
+        rng    not used
 
-        Returns
-        -------
-        Tensor, [1, latent_dim]
-            (code - mean) / std over the training set.
+        Tensor [1, latent_dim]: (code - mean) / std over the training set.
 
-        Raises
-        ------
-        StageFailure
-            At the stage "encode", for an empty or non-finite cloud, for a code that is not finite,
-            and for one beyond _LARGEST_CODE, from which the generator draws a saturated pattern
-            whatever the cloud.
+        Raises StageFailure at the stage "encode", for an empty or non-finite cloud, for a code that
+        is not finite, and for one beyond _LARGEST_CODE, from which the generator draws a saturated
+        pattern whatever the cloud.
         """
         if not len(cloud):
             raise StageFailure("encode", "the cloud is empty")
@@ -123,26 +113,14 @@ class Pc2pixRenderer:
     ) -> Images:
         """Return images of a cloud, drawn in one batch of exactly these views.
 
-        Parameters
-        ----------
-        state : Tensor, [1, latent_dim]
-            Code of `prepare`.
-        views : sequence of View
-            V cameras; none give an empty array.
-        rng : numpy.random.Generator, optional
-            Source of z = "uniform"; not used for "zero".
+        state  Tensor [1, latent_dim]; code of `prepare`
+        views  v cameras; none give an empty array
+        rng    source of z = "uniform"; not used for "zero"
 
-        Returns
-        -------
-        float32 array, [V, 128, 128, 3]
-            Images in [0, 1].
+        float32 array [V, 128, 128, 3]: images in [0, 1].
 
-        Raises
-        ------
-        ValueError
-            Where z is "uniform" and `rng` is missing.
-        StageFailure
-            At the stage "generate", where the network gives NaN or infinity.
+        Raises ValueError where z is "uniform" and `rng` is missing. Raises StageFailure at the
+        stage "generate", where the network gives NaN or infinity.
         """
         if not views:
             return np.empty((0, IMAGE_SIZE, IMAGE_SIZE, 3), dtype=np.float32)

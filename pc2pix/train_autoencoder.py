@@ -28,14 +28,14 @@ from pc2pix.model import Decoder, Encoder, ModelConfig, PointNet, build_encoder
 from pc2pix.training_configs import AutoencoderConfig
 from pc2pix.training_data import AutoencoderData
 
-KIND = "autoencoder"
+_KIND = "autoencoder"
 SHEET_CLOUDS = 8
 _SHEET_VIEW = View(azimuth_deg=30.0, elevation_deg=20.0)
 
 
 def load_encoder(path: Path) -> Encoder | PointNet:
     """Return the encoder of an autoencoder checkpoint, in evaluation mode."""
-    state, _, config = checkpoint.load(path, KIND)
+    state, _, config = checkpoint.load(path, _KIND)
     encoder = build_encoder(ModelConfig(**config["model"]))
     encoder.load_state_dict(checkpoint.sub_state(state, "encoder"))
     return encoder.eval()
@@ -44,7 +44,7 @@ def load_encoder(path: Path) -> Encoder | PointNet:
 class AutoencoderTrainer(NetworkTrainer):
     """The trainer of encoder and decoder, on `AutoencoderData`."""
 
-    kind = KIND
+    kind = _KIND
     parts = ("encoder", "decoder", "optimizer", "random")
     kept = ()
     config: AutoencoderConfig

@@ -41,10 +41,10 @@ BUNDLED_DECODERS = {  # name -> sha256 of weights/<name>-decoder.safetensors
     "chair": "f5b7f4233c03c155535049dd17928a1b4cdc89fe10cce72b9ce2ec83dd9d68a6",
 }
 DECODER = "decoder"  # the kind of the checkpoints of its training
-DECODER_FORMAT = "pc2pix-decoder-1"
+_DECODER_FORMAT = "pc2pix-decoder-1"
 # `pc2pix.model.Encoder` and `PointNet`; a renamed or changed encoder gets a new name
 ENCODER_NAMES = {"paper": "dilated-conv-k5", "pointnet": "pointnet-max-mean"}
-MOST_WIDTH = 4.0  # four times the paper's
+_MOST_WIDTH = 4.0  # four times the paper's
 _MOST_LATENT_DIM = 4096  # eight times the paper's largest
 
 
@@ -129,8 +129,8 @@ def _sane(config: ModelConfig) -> ModelConfig:
     """
     if not isinstance(config.latent_dim, int) or config.latent_dim > _MOST_LATENT_DIM:
         raise ValueError(f"latent_dim {config.latent_dim}, expected up to {_MOST_LATENT_DIM}")
-    if config.width > MOST_WIDTH:
-        raise ValueError(f"width {config.width}, expected up to {MOST_WIDTH}")
+    if config.width > _MOST_WIDTH:
+        raise ValueError(f"width {config.width}, expected up to {_MOST_WIDTH}")
     return config
 
 
@@ -170,7 +170,7 @@ def export_decoder(checkpoint_path: Path, path: Path) -> str:
 
     Raises BadInput as `learning.weights.WeightFiles.export`.
     """
-    files = replace(FILES[PACKAGE], kind=DECODER, format=DECODER_FORMAT)
+    files = replace(FILES[PACKAGE], kind=DECODER, format=_DECODER_FORMAT)
     return files.export(
         checkpoint_path,
         path,
@@ -193,7 +193,7 @@ def load_decoder(name_or_path: str | Path, weights: Weights) -> tuple[Decoder, s
 
     path = _find_decoder(name_or_path)
     command = _training_command(name_or_path)
-    tensors, header = read_weights(path, DECODER_FORMAT, f"make it with '{command}'")
+    tensors, header = read_weights(path, _DECODER_FORMAT, f"make it with '{command}'")
     if header.get("weights") != weights.sha256:
         raise BadInput(
             f"{path}: belongs to weights of sha256 {header.get('weights')}, not to these of sha256 "

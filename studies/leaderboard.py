@@ -44,11 +44,8 @@ _MARK = "<!-- leaderboard -->"
 class ResultGroup:
     """Two columns of the leaderboard: the headline metrics on a set of objects.
 
-    Attributes
-    ----------
-    measurement : str
-        The name of the measurement (`studies.measurements`), whose values and comparisons with the
-        best reconstruction are shown.
+    measurement  the name of the measurement (`studies.measurements`), whose values and comparisons
+                 with the best reconstruction are shown
     """
 
     name: str
@@ -162,7 +159,7 @@ def _verdicts(path: Path, group: ResultGroup, metric: str) -> dict[str, str]:
     return {line["method_b"]: VERDICTS[line["ahead"]] for line in lines}
 
 
-def fragment() -> str:
+def _fragment() -> str:
     """Return the leaderboard as HTML that stands in a page of Sphinx, with style and script."""
     return rendered(
         "board-fragment.html.jinja",
@@ -192,7 +189,7 @@ _STYLE = """
 def show(_: Any, page: str, source: list[str]) -> None:
     """Put the leaderboard at its mark in the front page, or above the first section."""
     if page == "index":
-        raw = f"```{{raw}} html\n{fragment()}\n```\n"
+        raw = f"```{{raw}} html\n{_fragment()}\n```\n"
         head, mark, rest = source[0].partition(_MARK)
         if not mark:
             head, mark, rest = source[0].partition("\n## ")
@@ -208,4 +205,4 @@ def setup(app: Any) -> dict[str, bool]:
 
 
 if __name__ == "__main__":
-    print(fragment())
+    print(_fragment())

@@ -85,8 +85,8 @@ SAMPLES = {  # by source
     "renderer, 16 samples": grid(4),
 }
 TURN, ROUNDING = "turn", "rounding"
-DRIVERS = (TURN, *list(SAMPLES)[:2])  # what another driver, asked for 4 samples, may amount to
-HEADINGS = {
+_DRIVERS = (TURN, *list(SAMPLES)[:2])  # what another driver, asked for 4 samples, may amount to
+_HEADINGS = {
     "seed": "Seed of views and clouds: standard deviation over seeds",
     "batch": f"Batch: pc2pix one view at a time, against {BATCH} in a batch",
     "threads": "Threads: pc2pix and the feature networks on 2, against 1",
@@ -196,7 +196,7 @@ class _Study:
 def to_markdown(cells: pd.DataFrame, moves: Mapping[str, pd.DataFrame], **options: object) -> str:
     """Return the whole page."""
     lines = [PAGE.format(**options), "## The cells", "", _table(cells, 4)]
-    for source, heading in HEADINGS.items():
+    for source, heading in _HEADINGS.items():
         lines += [f"## {heading}", "", _table(moves[source], 2)]
     lines += ["## Golden tolerances", "", _BUDGET, "", _budget(cells, moves)]
     return "\n".join(lines)
@@ -215,7 +215,7 @@ def _budget(cells: pd.DataFrame, moves: Mapping[str, pd.DataFrame]) -> str:
     It says by how much it moved, and how much is allowed.
     """
     rows = []
-    by_source = [moves[source].to_dict("index") for source in DRIVERS]
+    by_source = [moves[source].to_dict("index") for source in _DRIVERS]
     for method, row in cells[[*METRICS]].to_dict("index").items():
         for metric, value in row.items():
             allowed = tolerance(str(method), str(metric))
@@ -227,7 +227,7 @@ def _budget(cells: pd.DataFrame, moves: Mapping[str, pd.DataFrame]) -> str:
             moved = [source[method][metric] for source in by_source]
             numbers = [_number(value, 4), *(_number(m, 2) for m in moved), _number(limit, 2)]
             rows.append([str(method), str(metric), *numbers, f"{max(moved) / limit:.2f}"])
-    head = ["method", "metric", "cell", *DRIVERS, "allowed", "largest / allowed"]
+    head = ["method", "metric", "cell", *_DRIVERS, "allowed", "largest / allowed"]
     return markdown(head, rows, left=2)
 
 

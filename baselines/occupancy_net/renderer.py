@@ -21,14 +21,9 @@ LEVEL = 0.4  # probability of being inside; chosen on validation objects
 class OccupancyNetRenderer(DrawsReconstruction):
     """A `data_prep.scene.Renderer` of the surface that the network sees in a cloud.
 
-    Parameters
-    ----------
-    weights : NetworkWeights
-        Trained network of `baselines.occupancy_net.weights.load_weights`; moved to `device`.
-    device : str
-        PyTorch's name of the device.
-    level : float
-        Probability at which the surface lies, between 0 and 1.
+    weights  trained network of `baselines.occupancy_net.weights.load_weights`; moved to `device`
+    device   PyTorch's name of the device
+    level    probability at which the surface lies, between 0 and 1
     """
 
     def __init__(

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from baselines.occupancy_net.network import OccupancyConfig
 
 PACKAGE = "baselines.occupancy_net"
-MOST = 4096  # of any size of a network
+_MOST = 4096  # of any size of a network
 
 
 def export(checkpoint_path: Path, path: Path) -> str:
@@ -51,7 +51,7 @@ def _config(fields: Mapping[str, Any]) -> OccupancyConfig:
 
     config = OccupancyConfig(**{**fields, "widths": tuple(fields["widths"])})
     sizes = (*config.widths, config.resolution, config.rounds, config.hidden, config.blocks)
-    if not all(type(n) is int and 0 < n <= MOST for n in sizes):  # True is an int, too
+    if not all(type(n) is int and 0 < n <= _MOST for n in sizes):  # True is an int, too
         raise ValueError(f"sizes {sizes}")
     if config.resolution % 2 ** (len(config.widths) - 1):
         raise ValueError(f"resolution {config.resolution} with {len(config.widths)} levels")

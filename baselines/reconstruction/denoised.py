@@ -173,7 +173,7 @@ def _estimate(patches: Floats, radius: Floats) -> tuple[float, float]:
     """Return the noise of patches [P, k, 3] of radii [P] > 0, and its share of their radius."""
     variance, kurtosis = moments(patches)
     spread = float(np.quantile(variance / radius**2, _FLAT))
-    seen = noise_share(float(np.median(kurtosis))) * spread
+    seen = _noise_share(float(np.median(kurtosis))) * spread
     share = float(np.interp(np.sqrt(seen), _SEEN, _SHARES))
     return share * float(np.median(radius)), share
 
@@ -198,7 +198,7 @@ def moments(patches: Floats) -> tuple[Floats, Floats]:
     return second * k / (k - _PLANE_FREEDOMS), kurtosis
 
 
-def noise_share(kurtosis: float) -> float:
+def _noise_share(kurtosis: float) -> float:
     """Return the share of noise in the variance of a noisy plate's heights, 0..1."""
     below = (_NOISE_KURTOSIS - kurtosis) / (_NOISE_KURTOSIS - _PLATE_KURTOSIS)
     return 1 - float(np.sqrt(np.clip(below, 0, 1)))

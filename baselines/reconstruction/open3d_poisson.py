@@ -27,7 +27,7 @@ from data_prep.scene import PointCloud
 
 OUTLIER_NEIGHBOURS, OUTLIER_DEVIATIONS = 20, 2.0
 NORMAL_NEIGHBOURS = 30
-LEAST_POINTS = NORMAL_NEIGHBOURS + 1
+_LEAST_POINTS = NORMAL_NEIGHBOURS + 1
 MOST_POINTS = 100_000
 _LOWEST_DENSITY = 0.05
 REMEDY = "install it with \"pip install 'pc2pix-bench[open3d]'\", or leave out open3d-poisson"
@@ -50,7 +50,7 @@ class Open3dPoisson(DrawsReconstruction):
         """
         del rng
         library = open3d()
-        points, notes = used_points(cloud, LEAST_POINTS, MOST_POINTS, "tangent planes")
+        points, notes = used_points(cloud, _LEAST_POINTS, MOST_POINTS, "tangent planes")
         geometry = library.geometry
         whole = geometry.PointCloud(library.utility.Vector3dVector(points.astype(np.float64)))
         inner, _ = whole.remove_statistical_outlier(OUTLIER_NEIGHBOURS, OUTLIER_DEVIATIONS)

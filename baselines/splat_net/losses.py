@@ -19,7 +19,7 @@ GREY_WEIGHT = 0.5
 TILT_WEIGHT = 0.3
 WHOLE = 254.5 / 255  # coverage of a pixel whose samples are all of the object
 # The true grey has 8 bits: at a tilt of 0 the next grey level is a tilt of some 10 degrees.
-FLAT = 0.01
+_FLAT = 0.01
 _NO_LENGTH = 1e-6
 FeatureMaps = Callable[[Tensor], Sequence[Tensor]]  # of images [B, 3, S, S] in 0..255
 
@@ -161,7 +161,7 @@ def _directions(features: Tensor) -> Tensor:
 def _tilt(grey: Tensor) -> Tensor:
     """Return sqrt(1 - cos(t)) of the tilts t that grey pixels 0..1 show."""
     cosine = shading_of(grey).pow(2.2)
-    return (1 - cosine + FLAT).sqrt()
+    return (1 - cosine + _FLAT).sqrt()
 
 
 class PatchJudge(nn.Sequential):

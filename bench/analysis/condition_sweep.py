@@ -34,18 +34,12 @@ LEADS = [
 def condition_curves(compared: pd.DataFrame) -> pd.DataFrame:
     """Return every method along every family of the conditions.
 
-    Parameters
-    ----------
-    compared : DataFrame
-        As `bench.analysis.comparison.compare` returns it.
+    compared  as `bench.analysis.comparison.compare` returns it
 
-    Returns
-    -------
-    DataFrame
-        A row for each class, family, metric, method and condition, in this order, the conditions of
-        a family in that of its axis: `class`, `family` (its id), `metric`, `method`, `condition`,
-        `at` (the condition's value on the axis), `value`, `ci_low` and `ci_high` (the interval over
-        objects; NaN where there is none).
+    It has a row for each class, family, metric, method and condition, in this order, the conditions
+    of a family in that of its axis: `class`, `family` (its id), `metric`, `method`, `condition`,
+    `at` (the condition's value on the axis), `value`, `ci_low` and `ci_high` (the interval over
+    objects; NaN where there is none).
     """
     parts = [compared.assign(family="", at=NAN)[:0]]
     for _, of_class in compared.groupby("class", sort=False):
@@ -59,25 +53,17 @@ def condition_curves(compared: pd.DataFrame) -> pd.DataFrame:
 def condition_leads(curves: pd.DataFrame, verdicts: Verdicts) -> pd.DataFrame:
     """Return the pairs of the methods along every family.
 
-    Parameters
-    ----------
-    curves : DataFrame
-        As `condition_curves` returns them.
-    verdicts : Verdicts
-        Of the same run, by the metrics of the curves.
+    curves    as `condition_curves` returns them
+    verdicts  of the same run, by the metrics of the curves
 
-    Returns
-    -------
-    DataFrame
-        A row for each class, family, metric, pair and condition: `class`, `family`, `metric`,
-        `method`, `rival`, `condition`, `at` (text), `unseen_by` (networks that were not shown such
-        clouds in training), `value` and `rival_value`; `lead` (how much better the method is than
-        its rival, paired over objects) with `ci_low` and `ci_high`, the interval that decides;
-        `ahead` (the better method by an interval without 0, or why none is); `crossing` (the place
-        on the axis where the curves cross, at the condition or before the next; NaN where they do
-        not) with `crossing_low` and `crossing_high`, the places around it as far as the interval
-        of the lead holds 0: an end of the family where it still does there, NaN where a lead has no
-        interval.
+    It has a row for each class, family, metric, pair and condition: `class`, `family`, `metric`,
+    `method`, `rival`, `condition`, `at` (text), `unseen_by` (networks that were not shown such
+    clouds in training), `value` and `rival_value`; `lead` (how much better the method is than its
+    rival, paired over objects) with `ci_low` and `ci_high`, the interval that decides; `ahead` (the
+    better method by an interval without 0, or why none is); `crossing` (the place on the axis where
+    the curves cross, at the condition or before the next; NaN where they do not) with
+    `crossing_low` and `crossing_high`, the places around it as far as the interval of the lead
+    holds 0: an end of the family where it still does there, NaN where a lead has no interval.
     """
     parts = []
     for cell, steps in curves.groupby(CURVES[:3], sort=False):
@@ -86,7 +72,7 @@ def condition_leads(curves: pd.DataFrame, verdicts: Verdicts) -> pd.DataFrame:
         conditions = steps["condition"].unique()
         family = FAMILY[name]
         places = {condition: at for at, condition in family.steps}
-        for method, rival in pairs_among(steps["method"].unique()):
+        for method, rival in _pairs_among(steps["method"].unique()):
             cells = (
                 verdicts.difference(rival, method, metric, condition, class_name)
                 for condition in conditions
@@ -133,7 +119,7 @@ def crossings(
     return columns
 
 
-def pairs_among(methods: Sequence[str]) -> list[tuple[str, str]]:
+def _pairs_among(methods: Sequence[str]) -> list[tuple[str, str]]:
     """Return the pairs of PAIRS that these methods make up."""
     return [
         (method, rival)

@@ -176,14 +176,9 @@ class FeatureDistances:
 class SetDistance(NamedTuple):
     """A kind of distance between images of a cell and the true ones of the same views.
 
-    Attributes
-    ----------
-    between : callable
-        Returns the distance of some images of a cell by features.
-    interval : callable
-        Returns the 95 % interval from the distance and those without each block of objects.
-    debiased : callable
-        Returns the distance as it would be with infinitely many objects, from the same two.
+    between   returns the distance of some images of a cell by features
+    interval  returns the 95 % interval from the distance and those without each block of objects
+    debiased  returns the distance as it would be with infinitely many objects, from the same two
     """
 
     between: Callable[[FeatureDistances, CellKey, Sequence[ImageKey]], Distance]

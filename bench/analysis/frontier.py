@@ -41,23 +41,20 @@ POINTS = [*WHOLE, "condition", "points", "views", *COST, *VALUE, *LOST]
 def places(compared: pd.DataFrame, views: int, verdicts: Verdicts) -> pd.DataFrame:
     """Return the places of all methods of a comparison, for clouds with so many views.
 
-    Returns
-    -------
-    DataFrame
-        A row for each of the comparison: `condition`, `class`, `views`,
-        `metric`, `method`; `cost_ms` (milliseconds for a cloud with its views) with `cost_ci_low`
-        and `cost_ci_high`; `value` with `ci_low` and `ci_high`; `n_ok` and `n` (images that exist,
-        and that should); `rival` (the method that costs no more and decides the verdict: for a
-        dominated method the best that shows it, for a tied one the best, below a white image
-        `blank`; else empty) and `verdict`:
+    It has a row for each of the comparison: `condition`, `class`, `views`,
+    `metric`, `method`; `cost_ms` (milliseconds for a cloud with its views) with `cost_ci_low`
+    and `cost_ci_high`; `value` with `ci_low` and `ci_high`; `n_ok` and `n` (images that exist,
+    and that should); `rival` (the method that costs no more and decides the verdict: for a
+    dominated method the best that shows it, for a tied one the best, below a white image
+    `blank`; else empty) and `verdict`:
 
-        * "frontier": no other candidate is at least as good for at most this cost
-        * "dominated": one that costs no more is shown to be better
-        * "tied": one that costs no more is at least as good, but not shown to be better
-        * "below a white image": it is worse than `blank`, which costs nothing
-        * "reference": no candidate: it sees the mesh, or no cloud
-        * "claimed": no candidate: its author states the cost, on another machine
-        * "no value": it failed on all objects
+    * "frontier": no other candidate is at least as good for at most this cost
+    * "dominated": one that costs no more is shown to be better
+    * "tied": one that costs no more is at least as good, but not shown to be better
+    * "below a white image": it is worse than `blank`, which costs nothing
+    * "reference": no candidate: it sees the mesh, or no cloud
+    * "claimed": no candidate: its author states the cost, on another machine
+    * "no value": it failed on all objects
     """
     rows, decided = with_costs(compared, views), {}
     for _, cell in rows.groupby(["condition", "class", "metric"], sort=False):
@@ -100,13 +97,10 @@ def thinned(compared: pd.DataFrame, views: int) -> pd.DataFrame:
 
     The number of points is a parameter of every method. None for a class without the full cloud.
 
-    Returns
-    -------
-    DataFrame
-        A row for each condition, class, method and metric: `class`, `metric`, `method`,
-        `condition`, `points` (in each cloud), `views`; cost and value as in `places`; `lost`
-        (quality that the full cloud has more, paired; over 0 where points help) with `lost_ci_low`
-        and `lost_ci_high`; `claimed` (whether the cost is as its author states it).
+    It has a row for each condition, class, method and metric: `class`, `metric`, `method`,
+    `condition`, `points` (in each cloud), `views`; cost and value as in `places`; `lost` (quality
+    that the full cloud has more, paired; over 0 where points help) with `lost_ci_low` and
+    `lost_ci_high`; `claimed` (whether the cost is as its author states it).
     """
     steps = pd.DataFrame(FAMILY["points"].steps, columns=["points", "condition"])
     could = compared[compared["method"].isin(candidates(compared["method"]))]

@@ -91,26 +91,20 @@ def better_by(a: Sequence[Row], b: Sequence[Row]) -> QualityChange:
 def paired_differences(pairs: Sequence[tuple[Row, Row]]) -> pd.DataFrame:
     """Return the difference of each pair, in their order, corrected for all of them together.
 
-    Parameters
-    ----------
-    pairs : sequence
-        Rows (a, b) of a comparison, or of two of which each has a `run`, on the same objects.
+    pairs  rows (a, b) of a comparison, or of two of which each has a `run`, on the same objects
 
-    Returns
-    -------
-    DataFrame
-        A row for each pair:
+    It has a row for each pair:
 
-        * `metric`, `condition` and `class`; of both sides, `_a` and `_b`, the `run`, the `method`,
-          the method whose `images_of` they are, and the `value`
-        * `difference`: b - a, with `ci_low` and `ci_high`, the interval that decides, of `level`;
-          NaN where there are too few objects
-        * `p`: of no difference, two-sided; NaN where there are too few objects; `p_corrected`: the
-          same for `cells`, the number of pairs that have one
-        * `ahead`: "a" or "b", the better one by an interval without 0, "tie", or "unknown" where it
-          has none
-        * `objects`: number of those that have a value on both sides; `objects_needed`: how many
-          an interval takes where these are too few, else None
+    * `metric`, `condition` and `class`; of both sides, `_a` and `_b`, the `run`, the `method`,
+      the method whose `images_of` they are, and the `value`
+    * `difference`: b - a, with `ci_low` and `ci_high`, the interval that decides, of `level`;
+      NaN where there are too few objects
+    * `p`: of no difference, two-sided; NaN where there are too few objects; `p_corrected`: the
+      same for `cells`, the number of pairs that have one
+    * `ahead`: "a" or "b", the better one by an interval without 0, "tie", or "unknown" where it
+      has none
+    * `objects`: number of those that have a value on both sides; `objects_needed`: how many
+      an interval takes where these are too few, else None
     """
     rows = _bonferroni_differences(pairs)
     needed = pd.Series([row["objects_needed"] for row in rows], dtype=object)

@@ -51,7 +51,7 @@ SUITES = (CHAIRS, CLASSES, SPEED, LATENT)
 
 
 @dataclass(frozen=True, eq=False)
-class RunEvidence:
+class _RunEvidence:
     """A run as evidence, with its suite and its name for people."""
 
     name: str
@@ -122,7 +122,7 @@ def _refuse_misfits(manifests: Mapping[Path, Mapping[str, Any]]) -> None:
                 )
 
 
-def judge(table: Sequence[Claim], runs: Sequence[RunEvidence]) -> list[ClaimResult]:
+def judge(table: Sequence[Claim], runs: Sequence[_RunEvidence]) -> list[ClaimResult]:
     """Return the results of every claim and run of its suite, with corrected verdicts.
 
     A claim without such a run has one result, which names the remedy.
@@ -212,7 +212,7 @@ def write_checklist(results: Sequence[ClaimResult], directory: Path) -> Path:
 
 def read_evidence(
     directory: Path, manifest: Mapping[str, Any] | None = None, subjects: Sequence[str] = ()
-) -> RunEvidence:
+) -> _RunEvidence:
     """Return a finished run as evidence.
 
     Raises BadInput for a run that is not finished, is damaged, or is of another suite.
@@ -233,7 +233,7 @@ def read_evidence(
         evidence = pd.concat([_read_table(directory, table) for table in names], ignore_index=True)
     else:
         evidence = _quality_evidence(directory, manifest, subjects)
-    return RunEvidence(f"{suite} on {manifest['dataset']}", suite, evidence)
+    return _RunEvidence(f"{suite} on {manifest['dataset']}", suite, evidence)
 
 
 def _quality_evidence(

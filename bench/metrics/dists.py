@@ -37,7 +37,7 @@ from learning.convolution import Convolution
 from learning.exact import exact_inference
 
 BATCH = 10  # images in one call: another number may move a value by rounding (1e-7)
-MOST_KEPT = 40  # images whose activations are kept for the next call, 8 MB each
+_MOST_KEPT = 40  # images whose activations are kept for the next call, 8 MB each
 MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of ImageNet, red to blue
 C1 = C2 = 1e-6  # keep the quotients of empty channels finite
 TINY = 1e-12  # under the root of the pooling, as in the original
@@ -87,12 +87,12 @@ class _Dists:
     def distance(self, a: NDArray[np.uint8], b: NDArray[np.uint8]) -> NDArray[np.float64]:
         """Return DISTS [N] of N pairs of images uint8 [N, H, W, 3], >= 0.
 
-        The activations of up to MOST_KEPT images `a` are kept: `bench score` compares the true
+        The activations of up to _MOST_KEPT images `a` are kept: `bench score` compares the true
         images of an object with those of one method after the other.
         """
         starts = range(0, len(a), BATCH)
         known = self._last is not None and np.array_equal(self._last[0], a)
-        if not known and len(a) <= MOST_KEPT:
+        if not known and len(a) <= _MOST_KEPT:
             self._last = a.copy(), [self._encode(a[i : i + BATCH]) for i in starts]
             known = True
         parts = []

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from bench.metrics.structural_similarity import require_images
 
-PEAK = 255.0
+_PEAK = 255.0
 
 
 def psnr(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> NDArray[np.float64]:
@@ -47,4 +47,4 @@ def psnr(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> NDArray[np.float64]:
         np.subtract(a[i], b[i], out=apart, dtype=np.float64)
         # Sums of whole numbers: exact. A product of BLAS would start threads for it.
         squares[i] = np.einsum("hwc,hwc->", apart, apart)
-    return 10 * np.log10(PEAK**2 * a[0].size / np.maximum(squares, 1.0))
+    return 10 * np.log10(_PEAK**2 * a[0].size / np.maximum(squares, 1.0))

@@ -40,7 +40,7 @@ from numpy.typing import NDArray
 from data_prep.arrays import Floats
 
 WINDOW = 11
-SIGMA = 1.5
+_SIGMA = 1.5
 C1 = (0.01 * 255) ** 2
 C2 = (0.03 * 255) ** 2
 C3 = C2 / 2
@@ -203,7 +203,7 @@ def require_images(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> None:
 
 def window_weights(size: int) -> Floats:
     """Return the 1-d factor of the Gaussian window, sum 1, smallest value first and last."""
-    sigma = size * SIGMA / WINDOW
+    sigma = size * _SIGMA / WINDOW
     x = np.arange(size) - (size - 1) / 2
     weights = np.exp(-(x**2) / (2 * sigma**2))
     return weights / weights.sum()

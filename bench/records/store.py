@@ -40,7 +40,7 @@ PATIENCE_S = 10.0  # for a reader in another process to let go
 _MOST_NUMBER = 1e300  # greater ones overflow in sums
 MOST_VIEWS = 2**16
 _MOST_DECIMALS = 6
-SCHEMA = """
+_SCHEMA = """
 CREATE TABLE IF NOT EXISTS job (
     id INTEGER PRIMARY KEY,
     key TEXT NOT NULL UNIQUE,
@@ -72,7 +72,7 @@ CREATE TABLE IF NOT EXISTS score (
     PRIMARY KEY (metric, job)
 ) WITHOUT ROWID;
 """
-TABLES = SCHEMA.count("CREATE TABLE")
+TABLES = _SCHEMA.count("CREATE TABLE")
 _JOB = "job.key, suite, reason, notes, prepare_s, draw_s, views, blobs, sha256"
 _NAME = ", ".join(JOB)
 _IS_CELL = "method = ? AND condition = ? AND class = ?"
@@ -442,7 +442,7 @@ def _connect(path: Path, *, write: bool) -> sqlite3.Connection:
         if not _is_store(path, connection):
             connection.execute(f"PRAGMA application_id = {_APPLICATION_ID}")
             connection.execute(f"PRAGMA user_version = {_STORE_VERSION}")
-            connection.executescript(SCHEMA)
+            connection.executescript(_SCHEMA)
         connection.execute("PRAGMA journal_mode = WAL")
         connection.execute("PRAGMA synchronous = FULL")
         return connection
@@ -455,7 +455,7 @@ def _connect(path: Path, *, write: bool) -> sqlite3.Connection:
             return connection
         connection.close()
     connection = sqlite3.connect(":memory:", isolation_level=None)
-    connection.executescript(SCHEMA)
+    connection.executescript(_SCHEMA)
     return connection
 
 

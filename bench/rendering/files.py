@@ -18,7 +18,7 @@ from data_prep.files.clouds import CLOUD_SUFFIXES, check_cloud_name, clouds_belo
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-STILL = ".png"
+_STILL = ".png"
 MOVING = (".gif", ".webp", ".apng")
 _TURN_MS = 3600  # about, of a turntable
 _LEAST_MS = 40  # 25 frames a second
@@ -34,7 +34,7 @@ def image_of_cloud(cloud: Path, out: Path | None) -> Path:
     """
     # The cloud's name is checked before it becomes that of the image.
     _check_file(cloud)
-    image = out or cloud.with_suffix(STILL)
+    image = out or cloud.with_suffix(_STILL)
     if out is None and image.exists():
         raise BadInput(f"{image}: exists already; -o {image} replaces it, -o NAME keeps both")
     moves(image)  # raises BadInput for the name of another kind of file
@@ -53,7 +53,7 @@ def images_of_clouds(
     BadInput for a path without clouds, for clouds that would have the same image, and where
     `folder` cannot be the folder.
     """
-    if folder.suffix.lower() in (STILL, *MOVING) and not folder.is_dir():
+    if folder.suffix.lower() in (_STILL, *MOVING) and not folder.is_dir():
         raise BadInput(f"{folder}: one name for several clouds; give the folder of their images")
     if folder.exists() and not folder.is_dir():
         raise BadInput(f"{folder}: a file; give the folder of the images")
@@ -79,7 +79,7 @@ def images_of_clouds(
         for cloud in named:
             if cloud in images:  # named twice
                 continue
-            image = images[cloud] = folder / cloud.relative_to(root).with_suffix(STILL)
+            image = images[cloud] = folder / cloud.relative_to(root).with_suffix(_STILL)
             if clouds.setdefault(image, cloud) != cloud:
                 raise BadInput(
                     f"{clouds[image]} and {cloud} would both be drawn as {image}; rename one, or "
@@ -102,10 +102,10 @@ def _check_parent(path: Path) -> None:
 def moves(path: Path) -> bool:
     """Return whether a name is a turntable's, else an image's. Raises BadInput for any other."""
     suffix = path.suffix.lower()
-    if suffix != STILL and suffix not in MOVING:
+    if suffix != _STILL and suffix not in MOVING:
         raise BadInput(
             f"{path}: images are written as PNG, turntables as GIF, WebP or APNG; give a name "
-            f"that ends in {STILL}, {', '.join(MOVING[:-1])} or {MOVING[-1]}"
+            f"that ends in {_STILL}, {', '.join(MOVING[:-1])} or {MOVING[-1]}"
         )
     return suffix in MOVING
 

@@ -101,24 +101,14 @@ def leaderboard(
 ) -> dict[str, Any]:
     """Return the leaderboard of values, every method in a row of its own.
 
-    Parameters
-    ----------
-    groups : sequence of BoardGroup
-        Values; places are those in their columns of metrics.
-    further : sequence of BoardColumn
-        Columns after the mean places.
-    ids : mapping
-        Ids of the catalogue by the names of all methods.
-    competing : collection of str
-        Names of the methods that have places.
-    notes : sequence of str
-        Follow what the metrics mean.
+    groups     values; places are those in their columns of metrics
+    further    columns after the mean places
+    ids        ids of the catalogue by the names of all methods
+    competing  names of the methods that have places
+    notes      follow what the metrics mean
 
-    Returns
-    -------
-    dict
-        `caption`, `notes`, `groups` as (number of the first column, BoardGroup), and `rows` in the
-        order of the places: place (or None), name, about, whether it is a reference, cells.
+    `caption`, `notes`, `groups` as (number of the first column, BoardGroup), and `rows` in the
+    order of the places: place (or None), name, about, whether it is a reference, cells.
     """
     columns = [column for group in groups for column in group.columns if column.placed]
     values = [

@@ -116,7 +116,7 @@ def read_page(made: Outputs) -> dict[str, Any]:
         "grids": grids(records, sources, headline[0]),
         "cases": cases(chosen, sources, headline[0]),
         "unseen": [sources.unseen] if sources.unseen else [],
-        "failures": failure_groups(records),
+        "failures": _failure_groups(records),
         "failed_images": int((records["outcome"] != "ok").sum()),
         "command": shlex.join(arguments) if arguments[1:] else f"bench run {suite.id}",
         "manifest": json.dumps(manifest, indent=2, ensure_ascii=False).split("\n"),
@@ -269,7 +269,7 @@ def _source(method: str, manifest: Mapping[str, Any]) -> str:
     return f"{known.source}; trained on {known.trained_on or 'unknown objects'}"
 
 
-def failure_groups(records: pd.DataFrame) -> list[dict[str, Any]]:
+def _failure_groups(records: pd.DataFrame) -> list[dict[str, Any]]:
     """Return the images that are not there, by reason, the most frequent first.
 
     Each listed is (one method on one cloud, the views that it lacks); `more` are not listed.

@@ -24,7 +24,7 @@ from data_prep.scene import View
 
 OBJECTS_SHOWN = 4  # of one class; of several the first of each
 _MOST_ACROSS = 8  # methods beside each other; more stand below each other
-MOST_CASES = 240  # images beside truth and cloud: they are most of the file
+_MOST_CASES = 240  # images beside truth and cloud: they are most of the file
 EACH = 2  # worst and best records of a method at a condition, while there is room
 CLOUD = "cloud"
 
@@ -49,8 +49,8 @@ def extremes(records: pd.DataFrame, metric: str) -> pd.DataFrame:
     ok = ok.dropna(subset=[column(metric)])
     keys = ["method", "condition"]
     cells = len(ok[[*keys, "class"]].drop_duplicates())
-    by_class = 2 * cells <= MOST_CASES
-    each = max(1, min(EACH, MOST_CASES // (2 * cells))) if by_class and cells else 1
+    by_class = 2 * cells <= _MOST_CASES
+    each = max(1, min(EACH, _MOST_CASES // (2 * cells))) if by_class and cells else 1
     extremes = []
     for _, group in ok.groupby([*keys, "class"] if by_class else keys, sort=False):
         order = [column(metric), "class", "object", "view"]

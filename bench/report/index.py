@@ -69,21 +69,13 @@ class NamedRun(NamedTuple):
 def write_index(directories: Sequence[Path], out: Path | None = None) -> Path:
     """Write the report of each run, and the index over them into `out`; return the index.
 
-    Parameters
-    ----------
-    directories : sequence of Path
-        Folders of finished runs, two or more.
-    out : Path, optional
-        Folder of the index. Default: the one that all folders are in.
+    directories  folders of finished runs, two or more
+    out          folder of the index. Default: the one that all folders are in.
 
-    Raises
-    ------
-    BadInput
-        As `read_run`; where a folder is given twice or holds a copy of another run; where the
-        folders are not beside each other and `out` is missing; where `out` is a page; and where a
-        page of another origin is in its place.
-    CannotWrite
-        Where a page cannot be written.
+    Raises BadInput as `read_run`; where a folder is given twice or holds a copy of another run;
+    where the folders are not beside each other and `out` is missing; where `out` is a page; and
+    where a page of another origin is in its place. Raises CannotWrite where a page cannot be
+    written.
     """
     folders = [directory.resolve() for directory in directories]
     page = _place(folders, out)
@@ -192,7 +184,7 @@ def _run_board(runs: Sequence[NamedRun]) -> dict[str, Any] | None:
     ids: dict[str, str] = {}
     taught: dict[str, BoardCell] = {}
     groups, notes = [], [_LETTERS]
-    for run, names in zip(runs, method_names([run.run.manifest for run in runs]), strict=True):
+    for run, names in zip(runs, _method_names([run.run.manifest for run in runs]), strict=True):
         metrics = run.run.measured([*dict.fromkeys((*HEADLINE, *run.run.suite.headline))])
         metrics = [metric for metric in metrics if is_mean(metric)]
         with threadpool_limits(1):
@@ -272,7 +264,7 @@ def _missing(run: NamedRun, rankings: _Rankings) -> list[str]:
     return notes
 
 
-def method_names(manifests: Sequence[Mapping[str, Any]]) -> list[dict[str, str]]:
+def _method_names(manifests: Sequence[Mapping[str, Any]]) -> list[dict[str, str]]:
     """Return the names of the methods of each run by their ids.
 
     An id with other weights or of another version is another method: its name has what differs.

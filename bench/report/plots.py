@@ -117,22 +117,13 @@ def sweep_figure(
 ) -> Figure:
     """Return panels of methods along an axis, line by line, under one legend.
 
-    Parameters
-    ----------
-    shown : sequence of SweepPanel
-        One panel or more.
-    styles : mapping
-        Of every method of the panels; one without a marker is a floor, a line alone.
-    columns : int
-        Panels beside each other.
-    width_in, panel_in : float
-        Width of the figure and height of a panel, inches.
-    dodge : float
-        Part of a unit of the axis that the methods at one place take side by side.
-    fontsize : float
-        Of all text, points.
-    **shared
-        `sharex`, `sharey` as of `matplotlib.figure.Figure.subplots`.
+    shown               one panel or more
+    styles              of every method of the panels; one without a marker is a floor, a line alone
+    columns             panels beside each other
+    width_in, panel_in  width of the figure and height of a panel, inches
+    dodge               part of a unit of the axis that the methods at one place take side by side
+    fontsize            of all text, points
+    **shared            `sharex`, `sharey` as of `matplotlib.figure.Figure.subplots`
     """
     columns = min(columns, len(shown))
     rows = math.ceil(len(shown) / columns)
@@ -272,24 +263,15 @@ def frontier_figure(
 ) -> Figure:
     """Return quality against cost, with the frontier as steps, under one legend.
 
-    Parameters
-    ----------
-    points : frame
-        A method in a panel a row: metric, panel (its title), method, cost, cost_low, cost_high,
-        value, low, high, verdict (as of `bench.analysis.frontier.places`). A floor has no
-        cost and is a line. The panels of a metric have the same axes.
-    styles : mapping
-        Of every method.
-    x_label : str
-        What the costs are.
-    columns : int
-        Panels beside each other.
-    named : container of str, optional
-        Methods of the legend, others are small. Default: all but settings of a parameter.
-    panel_in : float
-        Height of a panel, inches.
-    fontsize : float
-        Of all text, points.
+    points    a method in a panel a row: metric, panel (its title), method, cost, cost_low,
+              cost_high, value, low, high, verdict (as of `bench.analysis.frontier.places`). A floor
+              has no cost and is a line. The panels of a metric have the same axes.
+    styles    of every method
+    x_label   what the costs are
+    columns   panels beside each other
+    named     methods of the legend, others are small. Default: all but settings of a parameter.
+    panel_in  height of a panel, inches
+    fontsize  of all text, points
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
@@ -408,18 +390,13 @@ def dots_figure(
 ) -> Figure:
     """Return dots with their intervals in rows, a panel beside the other, under one legend.
 
-    Parameters
-    ----------
-    values : frame
-        A dot a row: panel (its title), turned (whether lower values are better), row (its name),
-        method, value; perhaps low, high and hollow. The row of all classes stands apart.
-    styles : mapping
-        Of every method.
-    zero : bool
-        Whether values are differences: left of 0 is shaded. Else a line joins the dots of a row,
-        and 0 is in sight.
-    fontsize : float
-        Of all text, points.
+    values    a dot a row: panel (its title), turned (whether lower values are better), row (its
+              name), method, value; perhaps low, high and hollow. The row of all classes stands
+              apart.
+    styles    of every method
+    zero      whether values are differences: left of 0 is shaded. Else a line joins the dots of a
+              row, and 0 is in sight.
+    fontsize  of all text, points
     """
     values = values.assign(**{n: v for n, v in OPTIONAL.items() if n not in values})
     rows = {name: float(place) for place, name in enumerate(ordered(values["row"]))}

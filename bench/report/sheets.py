@@ -53,20 +53,12 @@ def image_sheet(
 ) -> Figure:
     """Return images in rows, as large as a page has room for.
 
-    Parameters
-    ----------
-    titles : sequence of str
-        Above the columns; long ones are wrapped.
-    rows : sequence of (str, iterable)
-        The name of a row and an image [H, W, 3] for each title, or words in its place.
-    captions : sequence, optional
-        Words beneath each image, row by row.
-    note : str
-        Below all images.
-    cell_in : float
-        The most that an image is high, inches.
-    interpolation : str, optional
-        As of `matplotlib.axes.Axes.imshow`.
+    titles         above the columns; long ones are wrapped
+    rows           the name of a row and an image [H, W, 3] for each title, or words in its place
+    captions       words beneath each image, row by row
+    note           below all images
+    cell_in        the most that an image is high, inches
+    interpolation  as of `matplotlib.axes.Axes.imshow`
     """
     room_in = CAPTION_IN * bool(captions)
     widest, high = (WIDTH_IN - LABELS_IN) / len(titles), (MOST_HIGH_IN - TITLES_IN) / len(rows)

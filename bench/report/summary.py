@@ -99,19 +99,11 @@ class _Cell:
 def in_short(compared: pd.DataFrame, metrics: Sequence[str], views: int) -> tuple[Statement, ...]:
     """Return the answer of a run, line by line.
 
-    Parameters
-    ----------
-    compared : DataFrame
-        A comparison of one class; of several classes all objects together.
-    metrics : sequence of str
-        Metrics of images that the comparisons have, the most important first.
-    views : int
-        Number of views of a cloud.
+    compared  a comparison of one class; of several classes all objects together
+    metrics   metrics of images that the comparisons have, the most important first
+    views     number of views of a cloud
 
-    Returns
-    -------
-    tuple of Statement
-        A line for each question that the run answers, the paper's first.
+    A line for each question that the run answers, the paper's first.
     """
     verdicts, every = Verdicts(compared), ordered(compared["condition"])
     of_cost = [method.id for method in COST_VARIANTS]

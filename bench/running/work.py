@@ -53,7 +53,7 @@ _REFERENCES_KEPT = 4  # ground truths in memory: the jobs of an object follow ea
 
 
 @dataclass(frozen=True, eq=False)
-class RenderedViews:
+class _RenderedViews:
     """Images of a cloud, notes on the method's repairs, and its times as in a record."""
 
     images: UInt8Images
@@ -67,10 +67,10 @@ class RenderedViews:
 def run_job(job: Job) -> Result:
     """Carry out a job. Whatever a method raises becomes failed records with the reason."""
     drawn = _draw_job(job)
-    return _score_job(job, drawn) if isinstance(drawn, RenderedViews) else drawn
+    return _score_job(job, drawn) if isinstance(drawn, _RenderedViews) else drawn
 
 
-def _draw_job(job: Job) -> RenderedViews | Result:
+def _draw_job(job: Job) -> _RenderedViews | Result:
     """Draw the images of a job; the result of one that fails."""
     seconds = dict[str, float]()
     try:
@@ -78,13 +78,13 @@ def _draw_job(job: Job) -> RenderedViews | Result:
             drawn = _draw(job, seconds)
         else:
             with timed("rendering", seconds):
-                drawn = RenderedViews(job.object.truth(job.views))
+                drawn = _RenderedViews(job.object.truth(job.views))
     except BaseException as error:  # a method may call exit(), or raise KeyboardInterrupt
         drawn = _failed(job, error)
     return replace(drawn, timing=seconds)
 
 
-def _score_job(job: Job, drawn: RenderedViews) -> Result:
+def _score_job(job: Job, drawn: _RenderedViews) -> Result:
     """Return the result of a job whose images are drawn."""
     seconds = dict(drawn.timing)
     scored: dict[str, NDArray[np.float64]] = {}
@@ -149,7 +149,7 @@ def reason_of(error: BaseException) -> str:
         return f"{name}: its message cannot be shown"
 
 
-def _draw(job: Job, seconds: dict[str, float]) -> RenderedViews | Result:
+def _draw(job: Job, seconds: dict[str, float]) -> _RenderedViews | Result:
     address = job.address or job.method
     method = find_run_method(address)
     try:
@@ -184,7 +184,7 @@ def draw(
     rng: np.random.Generator,
     batch: int | None = None,
     truth: UInt8Images | None = None,
-) -> RenderedViews:
+) -> _RenderedViews:
     """Draw a cloud, `batch` views a call (None: all of them), and check the images.
 
     Raises whatever the method raises, and StageFailure for anything but images, and for blank ones.
@@ -203,9 +203,9 @@ def draw(
         _refuse_blank(images, truth, len(cloud.points))
     if method.images is not None:  # reading them tells nothing about the method
         claims = method.images.claims
-        return RenderedViews(images, CLAIMED, claims.prepare_s, claims.draw_s)
+        return _RenderedViews(images, CLAIMED, claims.prepare_s, claims.draw_s)
     notes = "; ".join(getattr(state, "notes", ()))
-    return RenderedViews(images, notes, prepared - start, (done - prepared) / len(views))
+    return _RenderedViews(images, notes, prepared - start, (done - prepared) / len(views))
 
 
 def seen_by(method: Method, cloud: PointCloud) -> PointCloud:
@@ -286,9 +286,9 @@ class _Step:
 
     job: Job
     company: str
-    drawn: RenderedViews | None = None
+    drawn: _RenderedViews | None = None
 
-    def do(self) -> Result | RenderedViews:
+    def do(self) -> Result | _RenderedViews:
         if self.drawn is not None:
             return _score_job(self.job, self.drawn)
         return _draw_job(self.job) if self.company else run_job(self.job)
@@ -319,7 +319,7 @@ class JobPool:
         """Wait until jobs have ended, and yield the result of each; nothing after `timeout_s`."""
         for step, result in self._pool.wait_any(timeout_s):
             is_late = isinstance(result, WorkerFailure) and result.kind == "timeout"
-            if isinstance(result, RenderedViews):  # it goes on by another step
+            if isinstance(result, _RenderedViews):  # it goes on by another step
                 obj = step.job.object  # what executes the code of others is left behind
                 named: Any = SimpleNamespace(class_name=obj.class_name, object_id=obj.object_id)
                 job = replace(step.job, object=named, perturbation=Unchanged())

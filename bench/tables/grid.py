@@ -220,20 +220,14 @@ def pivot(
 ) -> Grid:
     """Return a frame as a grid by two of its columns; functions get its rows as mappings.
 
-    Parameters
-    ----------
-    lines, columns
-        Values of the two columns, in order; by default all, in the order of the rows.
-    line_name, column_name
-        Return the name of a line from its first row, and of a column from the value.
-    before, after
-        Further columns at both sides, from the first row of a line.
-    about
-        Returns what stands in small letters beside a line's name, from its rows.
-    missing
-        Stands where there is no row.
-    more
-        Fields of `Grid`.
+    lines, columns          values of the two columns, in order; by default all, in the order of the
+                            rows
+    line_name, column_name  return the name of a line from its first row, and of a column from the
+                            value
+    before, after           further columns at both sides, from the first row of a line
+    about                   returns what stands in small letters beside a line's name, from its rows
+    missing                 stands where there is no row
+    more                    fields of `Grid`
     """
     rows = records(frame)
     across = ordered(row[column] for row in rows) if columns is None else list(columns)

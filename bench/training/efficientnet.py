@@ -32,7 +32,7 @@ WEIGHTS = PackagedFile(
 OFFSET, SCALE = 127.0, 128.0
 _EPSILON = 1e-3  # of BatchNorm
 STAGES = ((1, 1), (2, 2), (2, 2), (1, 2))  # blocks, stride of the first; those that are compared
-COMPARED = (1, 3, 5)  # blocks whose outputs trainings compare: the first ones of 32, 16 and 8 px
+_COMPARED = (1, 3, 5)  # blocks whose outputs trainings compare: the first ones of 32, 16 and 8 px
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +83,7 @@ class EfficientNet:
         maps = [x]
         for i, layers in enumerate(self._blocks):
             x = _block(layers, x)
-            if i in COMPARED:
+            if i in _COMPARED:
                 maps.append(x)
         return maps
 

@@ -66,21 +66,14 @@ class Dataset:
     ) -> tuple[SceneObject, ...]:
         """Return the first objects of a class, in a fixed order.
 
-        Parameters
-        ----------
-        class_name : str
-            One of `classes`. A source without classes returns all its objects for any class.
-        limit : int or None
-            Number of objects; None for all, or `endless_limit` of an infinite source.
-        endless_limit : int
-            Number of objects of an infinite source where `limit` is None.
-        split : str or None
-            Split of the objects; None for `measured`. A source without splits ignores it.
+        class_name     one of `classes`. A source without classes returns all its objects for any
+                       class.
+        limit          number of objects; None for all, or `endless_limit` of an infinite source
+        endless_limit  number of objects of an infinite source where `limit` is None
+        split          split of the objects; None for `measured`. A source without splits ignores
+                       it.
 
-        Raises
-        ------
-        BadInput
-            If the source does not have the class, or no object of it in the split.
+        Raises BadInput if the source does not have the class, or no object of it in the split.
         """
         split = split or self.measured
         if self.classes and class_name not in self.classes:

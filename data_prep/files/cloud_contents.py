@@ -41,24 +41,15 @@ PointColors = NDArray[np.uint8]  # [N, 3]
 class CloudContents:
     """The points of a file and a description of its other contents.
 
-    Attributes
-    ----------
-    points : float64 array [N, 3]
-        Coordinates in the order and units of the file.
-    unused : tuple of str
-        Other contents of the file, for people: "its colours".
-    lines : sequence of int or None
-        Line of each point in a text file, from 1.
-    has_colors : bool
-        Whether the file has columns that can be read as colours of its points.
-    colors : uint8 array [N, 3] or None
-        Red, green and blue of each point; None where they are not asked for, or not in the file.
-    faces : int64 array [F, 3] or None
-        Triangles of points, of a file that may hold a mesh.
-    face_colors : uint8 array [F, 3] or None
-        Their colours, as `colors`.
-    notes : tuple of str
-        What the reader guessed, for people.
+    points       float64 array [N, 3]; coordinates in the order and units of the file
+    unused       other contents of the file, for people: "its colours"
+    lines        line of each point in a text file, from 1
+    has_colors   whether the file has columns that can be read as colours of its points
+    colors       uint8 array [N, 3] or None; red, green and blue of each point; None where they are
+                 not asked for, or not in the file
+    faces        int64 array [F, 3] or None; triangles of points, of a file that may hold a mesh
+    face_colors  uint8 array [F, 3] or None; their colours, as `colors`
+    notes        what the reader guessed, for people
     """
 
     points: CloudPoints

@@ -22,15 +22,10 @@ FOCAL_PX = IMAGE_SIZE / 2 / math.tan(FIELD_OF_VIEW_RAD / 2)
 def camera_to_world(view: View) -> NDArray[np.float64]:
     """Return the pose of a camera.
 
-    Parameters
-    ----------
-    view : View
-        Camera position.
+    view  camera position
 
-    Returns
-    -------
-    float64 array [4, 4]
-        Pose in OpenGL's convention: the camera looks along its -Z, and its +Y is up.
+    float64 array [4, 4]: pose in OpenGL's convention: the camera looks along its -Z, and its +Y is
+    up.
     """
     azimuth = math.radians(math.remainder(view.azimuth_deg, 360.0))
     elevation = math.radians(view.elevation_deg)

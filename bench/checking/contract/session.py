@@ -26,7 +26,7 @@ from data_prep.failures import BadInput, MissingDependency
 
 _EXIT_STATUS = 86  # of a worker in which the plug-in has called os._exit(0)
 _MOST_DEATHS = 3
-MOST_SHOWN = 60  # characters of an output
+_MOST_SHOWN = 60  # characters of an output
 
 
 class Passed(NamedTuple):
@@ -183,7 +183,7 @@ def captured_output() -> Iterator[list[str]]:
             out.seek(0)
             if written := out.read():
                 first = written.decode(errors="replace").strip().partition("\n")[0]
-                described.append(f"{len(written)} bytes: {first[:MOST_SHOWN]!r}")
+                described.append(f"{len(written)} bytes: {first[:_MOST_SHOWN]!r}")
 
 
 def _flush() -> None:

@@ -218,10 +218,10 @@ def walk(
         CODE: _evenness(classifier, images)
         | _cloud_path(clouds)
         | {
-            "end-cloud": chamfer_distances(clouds[[0, -1]], true_clouds).mean(),
+            "end-cloud": _chamfer_distances(clouds[[0, -1]], true_clouds).mean(),
             "end-ssim": ssim_per_image(true_images, images[[0, -1]]).ssim.mean(),
         },
-        FADE: _evenness(classifier, cross_fade(images[0], images[-1], positions)),
+        FADE: _evenness(classifier, _cross_fade(images[0], images[-1], positions)),
         NOISE: _evenness(classifier, network.draw(random_line))
         | _cloud_path(network.decode(random_line)),
         TRUTH: _confidence(classifier, true_images),
@@ -249,15 +249,15 @@ def _confidence(classifier: ViewsNetwork, images: UInt8Images) -> dict[str, floa
 
 
 def _cloud_path(clouds: Clouds) -> dict[str, float]:
-    steps = chamfer_distances(clouds[:-1], clouds[1:])
+    steps = _chamfer_distances(clouds[:-1], clouds[1:])
     between = clouds[1:-1]
     to_ends = [
-        chamfer_distances(between, np.broadcast_to(end, between.shape)) for end in clouds[[0, -1]]
+        _chamfer_distances(between, np.broadcast_to(end, between.shape)) for end in clouds[[0, -1]]
     ]
     return {
         "cloud-unevenness": unevenness(steps),
         "cloud-step": steps.mean(),
-        "end-to-end": chamfer_distances(clouds[:1], clouds[-1:])[0],
+        "end-to-end": _chamfer_distances(clouds[:1], clouds[-1:])[0],
         "to-nearer-end": np.minimum(*to_ends).mean(),
     }
 
@@ -305,7 +305,7 @@ def add_up(
     clouds, images = network.decode(stacked), network.draw(stacked)
     (answer, true_image), count = sampled[-1], len(codes)
     columns = {
-        "cloud": chamfer_distances(clouds, np.stack([answer.points] * count)),
+        "cloud": _chamfer_distances(clouds, np.stack([answer.points] * count)),
         "ssim": ssim_per_image(np.stack([true_image] * count), images).ssim,
         "code": (stacked - d).square().mean(dim=1).sqrt().cpu().numpy(),
     }
@@ -355,7 +355,7 @@ def image_steps(images: UInt8Images) -> Floats:
     return np.sqrt(np.square(np.diff(values, axis=0)).mean(axis=(1, 2, 3)))
 
 
-def chamfer_distances(a: Clouds, b: Clouds) -> Floats:
+def _chamfer_distances(a: Clouds, b: Clouds) -> Floats:
     """Return the Chamfer distance [N] of each pair of clouds, in squared radii, as in training.
 
     It is the mean squared distance to the nearest neighbour, from a to b plus from b to a.
@@ -364,7 +364,7 @@ def chamfer_distances(a: Clouds, b: Clouds) -> Floats:
     return np.array([float(chamfer(*(torch.tensor(c)[None] for c in pair))) for pair in pairs])
 
 
-def cross_fade(start: NDArray[np.uint8], end: NDArray[np.uint8], positions: int) -> UInt8Images:
+def _cross_fade(start: NDArray[np.uint8], end: NDArray[np.uint8], positions: int) -> UInt8Images:
     """Return rounded weighted means [positions, H, W, 3] of two images [H, W, 3]; exact ends."""
     share = np.linspace(0, 1, positions)[:, None, None, None]
     return np.floor((1 - share) * start + share * end + 0.5).astype(np.uint8)
