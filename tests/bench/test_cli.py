@@ -119,6 +119,7 @@ def test_a_script_without_a_main_guard_is_told_so(tmp_path):
     assert (done.returncode, sorted(done.stdout)) == (0, sorted("(0, 0) (1, 1) (2, 2)\n"))
 
 
+@pytest.mark.slow
 def test_figures_need_no_backend_that_a_notebook_names(copied):
     """`!bench report DIR` in a notebook whose packages are not those of `bench`."""
     (copied / "report.html").unlink()

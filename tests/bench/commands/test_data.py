@@ -177,6 +177,7 @@ def test_the_list_of_real_meshes():
         assert all(row[field] for field in ("repository", "path", "licence"))
 
 
+@pytest.mark.slow
 def test_what_is_far_off_and_sets_the_scale_is_named_by_inspect_and_by_a_run(
     command, tmp_path, no_machine
 ):

@@ -10,6 +10,7 @@ from bench.records.run_folder import open_folder, read_manifest
 from ..builders import as_failed
 
 
+@pytest.mark.slow
 def test_a_method_without_an_image_is_no_success(copied, same_machine, arguments, command):
     """The store has its jobs as failed, and one of another method."""
     jobs = [job for job in read_jobs(copied) if job.name.method == "splat"]

@@ -77,6 +77,7 @@ def test_on_a_terminal_the_table_is_drawn(monkeypatch, capsys, terminal, live):
     assert ("headline table so far" in err) == (not live)
 
 
+@pytest.mark.slow
 def test_no_wider_and_longer_than_the_terminal(monkeypatch):
     rows = [make_row(f"method-{i}", condition=f"c-{j}") for i in range(50) for j in range(3)]
     made = value_table(*rows, spec=TableSpec("images", "headline", "ssim: 1 of 9 objects"))

@@ -61,6 +61,7 @@ def test_the_command_refuses_them_in_one_line(refused, cloud, tmp_path, options,
     assert refused("render", cloud, *options, "-o", tmp_path / "out.png").startswith(problem)
 
 
+@pytest.mark.slow
 def test_the_command_says_which_method_the_budget_chose(command, cloud, tmp_path):
     out, again = tmp_path / "out.png", tmp_path / "again.png"
     status, printed, err = command("render", cloud, "--budget", "50ms", "-o", out)

@@ -220,6 +220,7 @@ def test_names_and_reasons_are_only_shown(tmp_path):
     assert "name\\u202ereversed" in text
 
 
+@pytest.mark.slow
 def test_the_same_run_gives_the_same_bytes(finished, tmp_path):
     first = write_report(make_outputs(read_run(finished[0])), tmp_path / "a.html").read_bytes()
     elsewhere = shutil.copytree(finished[0], tmp_path / "elsewhere")

@@ -169,6 +169,7 @@ def test_the_index_links_to_the_reports_and_loads_nothing(written):
     assert re.findall(r"<dt>seed</dt><dd>([^<]+)</dd>", html) == ["0", "1"]
 
 
+@pytest.mark.slow
 def test_the_index_is_refreshed_and_elsewhere_links_to_where_the_reports_are(written, command):
     index = written[0].parent / "index.html"
     before = index.read_bytes()

@@ -109,6 +109,7 @@ def scored_beside(*methods):
     return {r.key.split()[0]: (r.arrays, r.reason, r.views) for r in run_jobs(jobs, 1, AMPLE)}
 
 
+@pytest.mark.slow
 def test_code_of_others_changes_no_score_and_no_job_of_ours(tmp_path, monkeypatch):
     """Nor that of a third party, which draws the same images as the two that change a library."""
     ours = ("splat", "alpha-wrap")

@@ -199,6 +199,7 @@ def test_harmed_shards_are_refused_and_nothing_counts_as_finished(shards, tmp_pa
     assert read_manifest(tmp_path / "whole")["finished"] is None
 
 
+@pytest.mark.slow
 def test_failed_jobs_and_their_reasons_come_along(shards, tmp_path):
     """A shard in which one job failed: without images, its records say why."""
     jobs = read_jobs(shards[1])

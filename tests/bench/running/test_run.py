@@ -308,6 +308,7 @@ def test_budgets_that_cannot_be_kept_are_refused_before_any_work(
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.slow
 def test_what_hangs_when_the_budget_ends_is_stopped_and_the_rest_is_kept(
     no_networks, no_machine, tmp_path, monkeypatch
 ):

@@ -179,6 +179,7 @@ def test_suites_of_their_own_keep_their_methods(tmp_path, capsys):
         methods_of(options, STABILITY)
 
 
+@pytest.mark.slow
 def test_a_merge_does_not_narrow_a_run(copied, tmp_path, same_machine, tiny_weights):
     shard = tmp_path / "shard"
     cell = {"methods": ("blank",), "conditions": ("2048",), "limit": 1}
