@@ -100,3 +100,8 @@ def test_a_run_without_a_headline_metric_is_judged_by_the_other(tmp_path):
     assert texts
     assert not any("lpips" in text for text in texts)
     assert document.one("section", id="answer")
+
+
+def test_without_a_value_there_is_no_headline():
+    assert table_of() is None
+    assert table_of(row("splat", "lpips", "2048", NAN, note="skipped: weights")) is None

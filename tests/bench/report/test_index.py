@@ -203,3 +203,19 @@ def test_what_is_refused_writes_nothing(written, command, tmp_path):
         assert message in err
         assert sorted(tmp_path.rglob("*")) == before
     assert (tmp_path / "index.html").read_text() == "<p>mine</p>"
+
+
+def test_what_a_run_does_not_have_is_named(tmp_path):
+    run = write_run(tmp_path / "run", **FEW)
+    write_all(run, [replace(record, lpips=None) for record in read_all(run)])
+    failed = write_run(tmp_path / "failed", **FEW)
+    write_all(failed, [make_failed(r.method, r.condition, r.object, r.view) for r in read_all(run)])
+    (group,) = run_groups(named(run, failed))
+    assert [card["name"] for card in group["cards"]] == ["run", "failed"]
+    notes = " ".join(group["board"]["notes"])
+    assert "run has no lpips: " in notes
+    assert "failed has no scored image." in notes
+    assert [g.name for _, g in group["board"]["groups"]] == ["run", ""]
+    assert sorted(filter(None, places(group["board"]).values())) == [1, 2]  # of the run with values
+    assert run_groups(named(failed))[0]["board"] is None
+    assert '<table class="board">' not in index_html(named(failed))

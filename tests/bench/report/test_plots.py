@@ -333,3 +333,9 @@ def test_better_is_to_the_right_on_every_axis(metric, better):
     assert to_screen((better, 0))[0] > to_screen((0, 0))[0] > to_screen((-better, 0))[0]
     drawn = [x for line in axis.lines[:-1] for x in line.get_xdata()]
     assert sorted(drawn) == pytest.approx([-0.1, 0.1])
+
+
+def test_without_times_there_is_no_cost():
+    made = comparison(dict.fromkeys(METHODS, (np.nan, np.nan)), QUALITIES)
+    assert costs_of(made) == {}
+    assert cost_grid(made, "ssim", 2, Verdicts(made)) is None

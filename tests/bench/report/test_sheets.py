@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
+import pytest
 from harness_objects import Tetrahedron
 
 from bench.analysis.paper import AVERAGE
@@ -145,3 +146,20 @@ def test_the_best_by_the_headline_has_a_column(drawn):
     shown = ("surface-apss", "splat-net", "points2pix", "splat-net@chair", "splat")
     assert titles == ["truth", *shown]
     assert sheet.get_supxlabel().endswith("splat-net by ssim-object, points2pix by lpips")
+
+
+@pytest.mark.parametrize(
+    ("tables", "methods", "names"),
+    [([], (), []), (CURVES, ("true-mesh", "blank"), ["robustness.png", "robustness.svg"])],
+)
+def test_without_a_rival_there_is_no_grid(drawn, tmp_path, tables, methods, names):
+    jobs = [make_truth(), *(make_job(method=method) for method in methods)]
+    drawn(write_figures, tables, jobs=jobs)
+    assert sorted(path.name for path in tmp_path.glob("figures/*")) == names
+
+
+def test_what_a_run_lacks_has_no_figure(drawn, tmp_path):
+    jobs = make_jobs(methods=("surface-apss", "splat"))
+    assert figures_of_classes(drawn, ROWS, [job for job in jobs if not job.condition]) == {}
+    assert not (tmp_path / "figures").exists()
+    assert list(figures_of_classes(drawn, ROWS, jobs)) == ["classes.png"]
