@@ -62,7 +62,6 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.slow
 @pytest.mark.opengl
 def test_any_thread_draws_by_any_method_and_the_process_ends_as_it_should(tmp_path):
     script = tmp_path / "script.py"
