@@ -1,4 +1,4 @@
-"""What the configurations of all trainings share; it loads no PyTorch, as command lines need it."""
+"""The part that configurations of all trainings share; command lines load it without PyTorch."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ class SplatNetConfig:
     objective  a key of `baselines.splat_net.losses.OBJECTIVES`
     warm_up    steps in which the judge of patches learns and its verdict does not count
     cool_down  last steps, over which the learning rate falls to nothing, and networks normalise as
-               they will when they draw (`learning.averaging.take_statistics`)
+               they will when they draw (`learning.trainer.take_statistics`)
     batch      images a step, a multiple of VIEWS_TOGETHER
     augment    fewer points and noise; without it every cloud is seen whole and clean
     start      checksums of the weights that training starts from; None where they are random

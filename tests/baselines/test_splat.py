@@ -67,7 +67,7 @@ def test_what_is_behind_the_camera_or_outside_is_not_drawn() -> None:
 
 @pytest.mark.parametrize("repeated", [0, 1, 2, 700])
 def test_radius_is_the_median_distance_to_the_nearest_other_point(repeated: int) -> None:
-    """Of many points repeated ones are counted, not searched: it takes no more time."""
+    """Repeated points among many are counted, not searched: it takes no more time."""
     rows = np.random.default_rng(0).standard_normal((700, 3)).astype(np.float32)
     if repeated:
         rows = rows[::repeated]

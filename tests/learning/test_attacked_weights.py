@@ -100,7 +100,7 @@ def test_tensors_that_do_not_fit(tmp_path, name):
 
 @pytest.mark.parametrize("name", CHECKED)
 def test_another_format(tmp_path, name):
-    """Of the first number of splat-net's, networks had a code that none here understands."""
+    """Networks of the first format of splat-net had a code that none here understands."""
     path = tmp_path / "w.safetensors"
     for found, message in {
         "weights-999": r"expected format '.*found 'weights-999'; ",

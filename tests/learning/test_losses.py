@@ -1,4 +1,4 @@
-"""What all trainings share beside their loop: averages, clouds, losses, and their log."""
+"""The parts that all trainings share beside their loop: averages, clouds, losses, and their log."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the values of `test_conformance` leave open: initial weights, gradients, our variants."""
+"""Properties that `test_conformance` leaves open: initial weights, gradients, our variants."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ def loss(judged, wanted, label):
 
 
 def test_the_losses_and_gradients_are_those_of_a_plain_step():
-    """From the same weights and batch; no weight moves, for the learning rates are 0."""
+    """Weights and batch are the same; no weight moves, for the learning rates are 0."""
     torch.manual_seed(0)
     config = GanConfig(model=TINY, batch=3, generator_lr=0.0, discriminator_lr=0.0)
     encoder = seeded(0, lambda: Encoder(TINY))

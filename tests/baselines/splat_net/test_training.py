@@ -159,7 +159,7 @@ def test_batches_are_augmented_as_stated(data):
 
 
 def test_a_scene_is_what_was_asked_for(data):
-    """Objects 2 and 1 from two views each; of the second a mirrored cloud, projected from the
+    """Two views see each of objects 2 and 1; of the second a mirrored cloud, projected from the
     opposite azimuth: left and right change places."""
     trainer = build(data)
     objects, views = torch.tensor([2, 1]), torch.tensor([[3, 1], [0, 2]])

@@ -147,7 +147,7 @@ def test_scores_are_by_their_definitions_and_those_of_each_metric_by_itself():
 
 @pytest.mark.parametrize("drawing", [chair(3), blank(1)[0]], ids=["moved", "white"])
 def test_white_around_the_object_does_not_count(drawing):
-    """In larger frames ssim of the same object rises, ssim-object stays."""
+    """The ssim of the same object rises in larger frames, ssim-object stays."""
     wide = [
         np.pad(x[None], ((0, 0), (40, 60), (50, 50), (0, 0)), constant_values=255)
         for x in (chair(), drawing)

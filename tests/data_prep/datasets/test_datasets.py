@@ -159,7 +159,7 @@ CONTENTS = {
 
 
 def plant(root: Path, *files: str | tuple[str, str]) -> Path:
-    """Files of these names, or names and contents; those of meshes can be read."""
+    """Write files of these names, or names and contents; those of meshes can be read."""
     for file in files:
         name, text = (file, None) if isinstance(file, str) else file
         path = root / name

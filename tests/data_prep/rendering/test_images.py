@@ -138,7 +138,7 @@ REFUSED = [  # a reader, the file, and what is said
 
 @pytest.mark.parametrize(("read", "data", "says"), REFUSED, ids=[case[2] for case in REFUSED])
 def test_files_that_cannot_be_used(tmp_path: Path, read: Callable, data: bytes, says: str) -> None:
-    """What the header tells is said by both readers of methods' images."""
+    """Both readers of methods' images say what the header tells."""
     path = tmp_path / "a.png"
     if data is not None:
         path.write_bytes(data)

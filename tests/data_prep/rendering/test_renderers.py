@@ -112,7 +112,7 @@ def test_every_level_of_every_face_arrives_at_its_place(draw: Callable) -> None:
 @BOTH
 @pytest.mark.parametrize("tilt", [-70, 10, 45])
 def test_facets_have_their_colour_times_the_cosine(draw: Callable, tilt: float) -> None:
-    """Of both sides, also beside a facet of another colour: colours travel in another way then."""
+    """Both sides have it, also beside another colour, when colours travel in another way."""
     color = (255, 120, 60)
     expected = np.array(color) * math.cos(math.radians(tilt)) ** (1 / 2.2)
     tilted = plate(color=color, tilt_deg=tilt)
@@ -251,9 +251,9 @@ def test_first_hit_faces_agree_with_the_definition() -> None:
 
 @pytest.mark.parametrize("index", range(2))
 def test_both_draw_the_same_chairs(index: int) -> None:
-    """With the same samples, only one that lies within 1/256 px of an edge (OpenGL snaps vertices
-    to that), or facets in one plane, may differ: measured 2e-4 to 3e-4 of the pixels on 20 images.
-    With others every edge does: measured 1.5 to 4 %."""
+    """The same samples differ only within 1/256 px of an edge (OpenGL snaps vertices to that), or
+    where facets lie in one plane: measured 2e-4 to 3e-4 of the pixels on 20 images. Others differ
+    at every edge: measured 1.5 to 4 %."""
     mesh = ProceduralObject("chair", "validation", index).load()
     views = [View(30, 20), View(-130, -15), FRONT]
     for size in (64, 128, 256) if index else (128,):

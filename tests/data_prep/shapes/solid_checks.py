@@ -24,7 +24,7 @@ NOVEL = {f"novel {name}": families for name, families in NOVEL_FAMILIES.items()}
 
 @functools.cache
 def of_each_family(name: str, seed: int = 4, count: int = 2) -> dict[str, list[Drawn]]:
-    """That many objects of each family of a class; read only."""
+    """Return that many objects of each family of a class; read only."""
     rng = np.random.default_rng(seed)
     return {
         family: [Drawn(family, tuple(build(rng))) for _ in range(count)]

@@ -47,7 +47,7 @@ def frustum(sides: int) -> float:
 
 
 def sectors(half_angle: float) -> float:
-    """Of a curved panel of 10 steps, 0.06 thick and 0.7 high, 0.8 wide."""
+    """Return those of a curved panel of 10 steps, 0.06 thick and 0.7 high, 0.8 wide."""
     radius = 0.4 / math.sin(min(half_angle, math.pi / 2))
     outer, inner = radius + 0.03, radius - 0.03
     return 10 * 0.7 * math.sin(2 * half_angle / 10) / 2 * (outer**2 - inner**2)
